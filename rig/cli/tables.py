@@ -246,6 +246,9 @@ def fit_tables(fit: Mapping[str, Any], truth: Mapping[str, float] | None = None)
     return [*_ranking(fit), table, *equation, *_unseen(fit), *_remarks(fit), *_to_try(fit)]
 
 
+REFERENCES = {"mean_cycle": "no model: its own other cycles", "regression": "no model: regression"}
+
+
 def _ranking(fit: Mapping[str, Any]) -> list[Table]:
     """The models compared, best first; none where there is one."""
     scores = fit.get("selection") or ()
@@ -259,6 +262,9 @@ def _ranking(fit: Mapping[str, Any]) -> list[Table]:
         numbers = ("-" if unseen is None else number(unseen, 3), "-" if entry.get("rmse_N") is None else
                    number(entry["rmse_N"], 3), str(entry.get("parameters", "-")))  # fmt: skip
         table.add_row(str(entry["model"]), *numbers, style="yellow" if entry.get("reason") else "")
+    for entry in fit.get("references") or ():
+        unseen, name = entry.get("holdout_nrmse_percent_of_peak"), REFERENCES.get(entry["name"], entry["name"])
+        table.add_row(name, entry.get("reason") if unseen is None else number(unseen, 3), "-", "-", style="dim")
     return [table]
 
 

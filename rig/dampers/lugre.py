@@ -11,18 +11,21 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from rig.dampers.arrays import FloatArray
 from rig.dampers.friction import BACKGROUND, BRISTLE, FRICTION, travel_rates
 from rig.dampers.model import HystereticModel
 from rig.dampers.parameter import Parameter, linear_parameter, shape_parameter
-from rig.dampers.separation import MotionScale, Separation
+from rig.dampers.separation import Motion, MotionScale, Separation
 from rig.dampers.unit_columns import UnitSeparation
 
 if TYPE_CHECKING:
-    from rig.dampers.kernel import Kernel, Motion
+    from rig.dampers.kernel import Kernel
+    from rig.dampers.kernel import Motion as Step
 
 PIECE = 0.25  # of the bristles' travel, 1/rho, that one piece of a step may be long
-MOST_PIECES = 8  # a step; longer ones saturate inside, where a piece's length does not matter
+MOST_PIECES = 6  # a step; longer ones saturate inside, where a piece's length does not matter
 STICTION = (0.1, 1.0)
 STRIBECK = (0.03, 0.3)  # vs, as a share of the greatest speed
 SHORTEST = 0.02  # 1/rho, as a share of the smallest amplitude
@@ -74,7 +77,7 @@ class LuGreModel(HystereticModel):
             return p[8] * slip(p, s0, v), 0.0
 
         @njit()
-        def step(p: FloatArray, state: FloatArray, motion: Motion, current: float, dt: float) -> bool:
+        def step(p: FloatArray, state: FloatArray, motion: Step, current: float, dt: float) -> bool:
             """Exact for a constant speed, in pieces of at most `PIECE` of the bristles' travel."""
             u, v, c1, c2, c3 = motion
             top = max(abs(v), abs(v + dt * (c1 + dt * (c2 + dt * c3))))
@@ -102,4 +105,14 @@ class LuGreModel(HystereticModel):
             "s": (1e-3, 10.0, STICTION),
             "vs": (1e-3 * top, 3.0 * top, [share * top for share in STRIBECK]),
         }
-        return UnitSeparation(self, ("kw", "kd"), shapes)
+        return LuGreSeparation(self, ("kw", "kd"), shapes)
+
+
+class LuGreSeparation(UnitSeparation):
+    """The LuGre model split for projection: both its columns follow from one run of the bristles."""
+
+    def columns(self, source: Motion, shape: FloatArray) -> list[FloatArray]:
+        """See `UnitSeparation.columns`."""
+        w, v = self.column(source, "kw", shape), source.v_m_s
+        static_share = float(shape[1]) * np.exp(-((v / float(shape[2])) ** 2))
+        return [w, v - np.abs(v) * w / (1.0 + static_share)]

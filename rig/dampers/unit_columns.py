@@ -61,7 +61,7 @@ class UnitSeparation:
 
     def yielding(self, source: Motion, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
         """See `Separation.yielding`."""
-        here = [self._column(source, name, shape)[rows] for name in self._bases]
+        here = [column[rows] for column in self.columns(source, shape)]
         if not slope:
             return here
         slopes = []
@@ -69,13 +69,16 @@ class UnitSeparation:
             moved = shape.copy()
             moved[k] = value + DIFFERENCE * (abs(value) + 1e-3)
             step = moved[k] - value
-            slopes += [
-                (self._column(source, name, moved)[rows] - column) / step
-                for name, column in zip(self._bases, here, strict=True)
-            ]
+            there = self.columns(source, moved)
+            slopes += [(column[rows] - at) / step for column, at in zip(there, here, strict=True)]
         return [*here, *slopes]
 
-    def _column(self, source: Motion, name: str, shape: FloatArray) -> FloatArray:
+    def columns(self, source: Motion, shape: FloatArray) -> list[FloatArray]:
+        """The columns of all yield terms at zero current, each (n,)."""
+        return [self.column(source, name, shape) for name in self._bases]
+
+    def column(self, source: Motion, name: str, shape: FloatArray) -> FloatArray:
+        """The force (N per unit of the parameter) with one linear parameter at 1 and the others at 0, shape (n,)."""
         from rig.dampers.kernel import force_series
 
         values = dict.fromkeys(self.model.names, 0.0) | dict(zip(self.shape_names, shape.tolist(), strict=True))

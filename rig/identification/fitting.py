@@ -175,6 +175,10 @@ def _best_fit(
         best = replace(best, solution=replace(best.solution, values=values))
     wanted = replace(wanted, warnings=(*wanted.warnings, *refused))
     fit = judged(best, fitted, held_out, (*ranking, *given_up), wanted)
+    if len(models) > 1:
+        from rig.identification.reference import references
+
+        fit = replace(fit, references=references(fitted, held_out, _groups(fitted)))
     if fit.adequate is False:
         apart = runs_apart(fitted, fit.error.rmse_N, _error_of(best, wanted.method))
         fit = replace(fit, warnings=(*apart, *fit.warnings))

@@ -202,10 +202,19 @@ def _meanings(name: str) -> dict[str, str]:
     return {parameter.name: parameter.meaning for parameter in rig.dampers.model(name).parameters}
 
 
+REFERENCES = {
+    "mean_cycle": "no model: each cycle by the test's others (floor)",
+    "regression": "no model: regression on motion and current",
+}
+
+
 def _selection(fit: JsonObject) -> str:
     entries: Sequence[JsonObject] = fit.get("selection") or ()
     if len(entries) < 2:
         return ""
     rows = [("", [text(entry.get("model")), number(entry.get("holdout_nrmse_percent_of_peak"), 3),
                   number(entry.get("bic"), 6)]) for entry in entries]  # fmt: skip
+    rows += [("", [text(REFERENCES.get(str(entry.get("name")), entry.get("name"))),
+                   number(entry.get("holdout_nrmse_percent_of_peak"), 3),
+                   NOTHING]) for entry in fit.get("references") or ()]  # fmt: skip
     return heading("Models compared", level=3) + table(["Model", "Error on held-out tests %", "BIC"], rows, (1, 2))

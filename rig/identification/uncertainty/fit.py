@@ -13,6 +13,7 @@ from rig.identification.models.measurement import Measurement
 from rig.identification.models.relation import CurrentRelations
 from rig.identification.uncertainty.fit_file import entries_of, read_fit_object, record
 from rig.identification.uncertainty.fit_use import FitUse
+from rig.identification.uncertainty.no_model import Reference
 from rig.identification.uncertainty.residuals import Residual
 
 if TYPE_CHECKING:
@@ -204,6 +205,7 @@ class Fit(FitUse):
         error: on the tests it was fitted to.
         holdout: on the tests it has not seen; None without any.
         selection: the models compared, best first.
+        references: the mean cycle and a regression beside them; none where one model was fitted.
         adequate: whether the model describes the data down to their noise; None where no test has two cycles to tell.
         warnings: everything the reader should know before using the numbers.
         evaluations: evaluations of equation (12) that the solution took; comparing and judging are not counted.
@@ -243,6 +245,7 @@ class Fit(FitUse):
     condition: float
     correlation: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    references: tuple[Reference, ...] = ()
     residuals: tuple[Residual, ...] = ()
     passivity: Passivity | None = None
     profiles: Mapping[str, Profile] = field(default_factory=dict)
@@ -280,6 +283,7 @@ class Fit(FitUse):
                 error=_read_summary(error),
                 holdout=None if holdout is None else _read_summary(holdout),
                 selection=tuple(record(ModelScore, score) for score in content.get("selection") or ()),
+                references=tuple(record(Reference, one) for one in content.get("references") or ()),
                 residuals=tuple(record(Residual, entry) for entry in residuals),
                 passivity=None if passive is None else record(Passivity, passive),
                 profiles={name: record(Profile, entry) for name, entry in (content.get("profiles") or {}).items()},
@@ -332,6 +336,7 @@ class Fit(FitUse):
             "parameters": {name: _estimate(estimate) for name, estimate in self.parameters.items()},
             "error": error,
             "selection": scores,
+            "references": [_plain(reference) for reference in self.references],
             "adequate": self.adequate,
             "warnings": list(self.warnings),
             "evaluations": self.evaluations,

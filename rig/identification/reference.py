@@ -1,0 +1,124 @@
+"""References that are no models: how far the best one is from what tests repeat, and from what a regression learns.
+
+The mean cycle is the floor: each cycle of a test foretold by the mean of its others. The regression is gradient
+boosting (Friedman 2001; scikit-learn) on extension, speed, way since the last reversal and current; it knows no
+physics, so it shows what motion and current tell where it has seen both, and how little of that goes on to motions it
+has not seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.dampers.arrays import FloatArray
+from rig.identification.models.measurement import Measurement, first_cycle, samples_a_cycle, spaced
+from rig.identification.uncertainty.no_model import Reference
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import GradientBoostingRegressor
+
+INSTALL = "not computed: scikit-learn is not installed; pip install 'mr-damper-rig[reference]'"
+MOST_ROWS = 5000  # that the regression learns from
+FEWEST_A_CYCLE = 20
+MOST_FOLDS = 5
+FARTHEST_M = 2e-3  # way since a reversal from which it says nothing more
+TREES, RATE, DEPTH, SHARE, SEED = 60, 0.2, 4, 0.5, 1
+
+
+def references(
+    fitted: Sequence[Measurement], held_out: Sequence[Measurement], groups: Sequence[Sequence[Measurement]]
+) -> tuple[Reference, ...]:
+    """The mean cycle and the regression, scored as the models are.
+
+    Args:
+        fitted: the tests that models were fitted to.
+        held_out: tests they have not seen; without any, each of `groups` is left out in turn.
+        groups: the fitted tests by motion.
+    """
+    return _mean_cycle(fitted, held_out), _regression(fitted, held_out, groups)
+
+
+def _mean_cycle(fitted: Sequence[Measurement], held_out: Sequence[Measurement]) -> Reference:
+    seen, unseen = (_mean([_apart(test) for test in tests]) for tests in (fitted, held_out or fitted))
+    lacking = "" if unseen is not None else "no test has two whole cycles"
+    return Reference("mean_cycle", unseen, seen, lacking)
+
+
+def _apart(test: Measurement) -> float:
+    """Error (% of peak) of each cycle foretold by the mean of the test's others; NaN with a single one."""
+    length = samples_a_cycle(test.u_m)
+    count = int((test.u_m.size - 1) / length + 1e-6) if length > 1.0 else 0
+    if count < 2:
+        return math.nan
+    steps = round(length)
+    places = np.arange(count)[:, None] * length + np.arange(steps) * (length / steps)
+    cycles = np.interp(places, np.arange(test.u_m.size), test.force_N)
+    errors = (cycles - cycles.mean(axis=0)) * count / (count - 1)
+    return 100.0 * float(np.sqrt(np.mean(errors**2))) / test.peak_force_N
+
+
+def _regression(
+    fitted: Sequence[Measurement], held_out: Sequence[Measurement], groups: Sequence[Sequence[Measurement]]
+) -> Reference:
+    try:
+        from sklearn.ensemble import GradientBoostingRegressor  # noqa: F401 - whether it is there
+    except ImportError:
+        return Reference("regression", None, None, INSTALL)
+    most = max(FEWEST_A_CYCLE, MOST_ROWS // len(fitted))
+    whole = _learnt([spaced(first_cycle(test), most) for test in fitted])
+    seen = _mean([_error(whole, spaced(first_cycle(test), most)) for test in fitted])
+    if held_out:
+        unseen = _mean([_error(whole, spaced(first_cycle(test), most)) for test in held_out])
+        return Reference("regression", unseen, seen, "")
+    folds = [[test for group in groups[k::MOST_FOLDS] for test in group] for k in range(min(MOST_FOLDS, len(groups)))]
+    if len(folds) < 2:
+        return Reference("regression", None, seen, "all tests have one motion; none can be left out")
+    errors = []
+    for fold in folds:
+        rest = [test for other in folds if other is not fold for test in other]
+        learnt = _learnt([spaced(first_cycle(test), most) for test in rest])
+        errors += [_error(learnt, spaced(first_cycle(test), most)) for test in fold]
+    return Reference("regression", _mean(errors), seen, "")
+
+
+def _learnt(tests: Sequence[Measurement]) -> GradientBoostingRegressor:
+    """The regression of the force, every test alike in % of its peak."""
+    from sklearn.ensemble import GradientBoostingRegressor
+
+    regressor = GradientBoostingRegressor(
+        n_estimators=TREES, learning_rate=RATE, max_depth=DEPTH, subsample=SHARE, random_state=SEED
+    )
+    weights = [np.full(test.u_m.size, 1.0 / (test.peak_force_N**2 * test.u_m.size)) for test in tests]
+    joined = np.concatenate(weights)
+    regressor.fit(
+        np.vstack([_inputs(test) for test in tests]),
+        np.concatenate([test.force_N for test in tests]),
+        sample_weight=joined / joined.mean(),
+    )
+    return regressor
+
+
+def _inputs(test: Measurement) -> FloatArray:
+    """Extension, speed, current and way since the last reversal, shape (n, 4); the cycle is run once before."""
+    twice = np.concatenate((test.u_m, test.u_m))
+    moves = np.diff(twice, prepend=twice[0])
+    turned = np.flatnonzero(moves[1:] * moves[:-1] < 0.0)
+    last = np.zeros(twice.size, dtype=int)
+    last[turned + 1] = turned
+    way_m = np.minimum(np.abs(twice - twice[np.maximum.accumulate(last)]), FARTHEST_M)[test.u_m.size :]
+    return np.column_stack((test.u_m, test.v_m_s, test.current_A, way_m))
+
+
+def _error(learnt: GradientBoostingRegressor, test: Measurement) -> float:
+    """Error (% of peak) of a test."""
+    difference = learnt.predict(_inputs(test)) - test.force_N
+    return 100.0 * float(np.sqrt(np.mean(difference**2))) / test.peak_force_N
+
+
+def _mean(errors: Sequence[float]) -> float | None:
+    known = [error for error in errors if math.isfinite(error)]
+    return float(np.mean(known)) if known else None
