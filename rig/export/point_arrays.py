@@ -68,7 +68,7 @@ def _netcdf(point: RecordedPoint) -> bytes:
         file.createDimension("sample", next(iter(channels.values())).size if channels else 0)
         for name in LISTED:
             value = getattr(point, name)
-            setattr(file, name, float(value) if isinstance(value, int | float) else str(value))
+            setattr(file, name, np.float64(value) if isinstance(value, int | float) else str(value))
         for name, values in channels.items():
             variable = file.createVariable(name, "f8", ("sample",))
             variable[:] = values

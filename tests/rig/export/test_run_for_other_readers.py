@@ -24,7 +24,7 @@ FORCE = np.where(np.arange(50) == 7, np.nan, 1e3 * np.cos(7.0 * T))
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     point = RecordedPoint.from_arrays(
         time_s=T, displacement_m=X, force_N=FORCE, id="p001", waveform="sine", amplitude_m=0.01,
-        frequency_Hz=1.114, current_A=0.5,
+        frequency_Hz=1.114, current_A=0.5, skew_std_s=1.0 / 3.0,
     )  # fmt: skip
     monkeypatch.setattr(Run, "open", lambda path: Run(path, (point,)))
     return tmp_path
@@ -56,7 +56,8 @@ def test_xarray_reads_the_netcdf_file_with_units_bit_for_bit(folder: Path) -> No
 
     (file,) = export(folder, "netcdf", folder / "out")
     with xarray.open_dataset(file, engine="scipy", decode_times=False) as data:
-        assert (data.attrs["id"], data.attrs["amplitude_m"]) == ("p001", 0.01)
+        assert data.attrs["id"] == "p001"
+        assert float(data.attrs["skew_std_s"]) == 1.0 / 3.0  # all digits of it
         for name, unit, wanted in (("time_s", "s", T), ("displacement_m", "m", X), ("force_N", "N", FORCE)):
             assert data[name].attrs["units"] == unit
             assert np.array_equal(data[name].values, wanted, equal_nan=True)
