@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Sequence
-from types import SimpleNamespace
 
 from simulators.actuator import Actuator
 from simulators.controller_firmware import Command, FaultBit
@@ -33,18 +32,29 @@ class OtherController:
         self.actuator: Actuator = rig.actuator
         self.words: dict[int, int] = {}
         self.polled_s = math.nan
-        self.map = SimpleNamespace(blocks={at: SimpleNamespace(address=at, count=count) for at, count in self.ranges})
         self._sequence = 0
         self._told = (0.0, 0.0)
         self.order(Command.ACQUIRE)
         rig.every_tick.append(self.watch)
 
-    def read(self, address: int, count: int) -> list[int] | None:
+    def blocks(self) -> dict[str, list[tuple[int, int]]]:
+        return {"holding": list(self.ranges)}
+
+    def bits(self, space: str) -> dict[int, int]:
+        del space
+        return {}
+
+    def tick(self) -> None:
+        """Nothing by itself."""
+
+    def read(self, address: int, count: int, space: str) -> list[int] | None:
+        assert space == "holding"
         self.polled_s = self.actuator.served_s
         shown = self.words | self.shown()
         return [shown.get(address + i, 0) for i in range(count)]
 
-    def write(self, address: int, words: Sequence[int]) -> bool | None:
+    def write(self, address: int, words: Sequence[int], space: str) -> bool | None:
+        assert space == "holding"
         self.words |= {address + i: word for i, word in enumerate(words)}
         self.written(address, len(words))
         return True
@@ -140,8 +150,8 @@ class DeltaRmc(OtherController):
 class DeltaRmcHighFirst(DeltaRmc):
     """The same with the words the other way round."""
 
-    def read(self, address: int, count: int) -> list[int] | None:
-        words = super().read(address, count) or []
+    def read(self, address: int, count: int, space: str) -> list[int] | None:
+        words = super().read(address, count, space) or []
         return [words[i ^ 1] for i in range(count)]
 
 

@@ -75,7 +75,8 @@ def lost_by_a_short_stall(rig: subprocess.Popen[str], truth: Path) -> int:
     assert rig.stdout is not None
     bench = tomllib.loads(Path(json.loads(rig.stdout.readline())["bench"]).read_text(encoding="utf-8"))
     decoder, seen = FrameDecoder(), []
-    with serial.serial_for_url(bench["load_cell"]["url"], timeout=5) as port:
+    cell = bench["load_cell"]
+    with serial.serial_for_url(cell["url"], baudrate=cell["baudrate"], timeout=5) as port:
         for stalled_s, samples in ((0.0, 3000), (0.3, 6000)):
             threading.Event().wait(stalled_s)
             while len(seen) < samples:

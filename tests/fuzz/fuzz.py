@@ -21,6 +21,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
+from decimal import Decimal
 from pathlib import Path
 
 import h5py
@@ -84,7 +85,7 @@ def fuzz_lines(source: random.Random) -> None:
     decoder = line_format.LineDecoder(shipped)
     for _, _, value, _, _ in [each for part in chunks(data, source) for each in decoder.feed(part)]:
         if math.isfinite(value):
-            digits = f"{abs(value):.6f}".replace(".", "").strip("0").encode()
+            digits = f"{Decimal(repr(abs(value))):f}".replace(".", "").strip("0").encode()
             assert digits in re.sub(rb"[^0-9]", b"", data), (value, data)
         else:
             assert math.isnan(value)

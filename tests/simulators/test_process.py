@@ -108,8 +108,8 @@ def test_the_first_line_is_a_bench_file_that_loads_and_every_socket_is_open(star
     assert bench.load_cell.delay_s == pytest.approx(0.225e-3, abs=1e-6)
     assert bench.lvdt.calibration.sensitivity == 0.001
     assert len(bench.auxiliary) == 1
-    for url in (bench.load_cell.url, bench.lvdt.url, bench.auxiliary[0].url):
-        with serial.serial_for_url(url, timeout=2) as port:
+    for sensor in (bench.load_cell, bench.lvdt, bench.auxiliary[0]):
+        with serial.serial_for_url(sensor.url, baudrate=sensor.baudrate, timeout=2) as port:
             assert FrameDecoder().feed(port.read(64))
     assert process.status().state == State.OFF
 
