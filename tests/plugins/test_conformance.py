@@ -104,7 +104,7 @@ def test_a_driver_that_repeats_old_values_and_swallows_errors_fails_by_name(inst
     folder = install("bad-lab", {"mr_rig.sensors": {"bad_cell": "bad_lab:Driver"}}, BAD_DRIVER)
     code, failed, said = tried(folder, "--driver", "bad_cell", "-k", "silence or pulled or calibration")
     assert code == 1, said
-    assert failed == {
+    assert failed >= {
         "test_silence_is_an_empty_batch_in_time_and_never_an_old_value", "test_a_pulled_cable_raises",
     }, said
     assert "1 passed" in said
