@@ -13,13 +13,15 @@ class NamedPort:
     Args:
         folder: where the name is put.
         name: the device's serial number.
+        baudrate: at which the device sends (Bd).
 
     Raises:
         OSError: no pty, or the folder cannot be written.
     """
 
-    def __init__(self, folder: Path, name: str) -> None:
+    def __init__(self, folder: Path, name: str, baudrate: int = 0) -> None:
         self.url = str(folder / name)
+        self._baudrate = baudrate
         self._port = self._connect()
         self._dropped_before = self._sent_before = 0
         self._listens = False
@@ -85,7 +87,7 @@ class NamedPort:
         Path(self.url).unlink(missing_ok=True)
 
     def _connect(self) -> SensorPort:
-        port = open_port("pty")
+        port = open_port("pty", self._baudrate)
         fresh = Path(f"{self.url}.new")
         fresh.symlink_to(port.url)
         fresh.replace(self.url)

@@ -315,8 +315,8 @@ class SimulatedRig:
     def _add(self, name: str, options: SensorOptions, column: int, kind: str) -> None:
         clock = DeviceClock.drawn(options.clock_offset_us, options.clock_ppm, next(self._draws))
         sensor = Sensor(options, clock, next(self._draws), self.plant.time_s)
-        by_id = f"{options.serial_number}-{name}"
-        port = NamedPort(self._ports_folder(), by_id) if kind == BY_ID else open_port(kind, options.baudrate)
+        by_id, speed = f"{options.serial_number}-{name}", options.baudrate
+        port = NamedPort(self._ports_folder(), by_id, speed) if kind == BY_ID else open_port(kind, speed)
         self.channels.append(Channel(name, sensor, port, column))
 
     def _ports_folder(self) -> Path:

@@ -93,7 +93,7 @@ class PtyPort:
     """
 
     def __init__(self, baudrate: int = 0) -> None:
-        self._speed = SPEEDS.get(baudrate, UNSET)
+        self._speed = SPEEDS.get(baudrate, UNSET) if baudrate else UNSET  # B0 hangs up
         self._chosen = False
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
