@@ -105,7 +105,7 @@ def wheel_smoke_test() -> int:
             "    folder = Path(package.__file__).parent\n"
             "    assert folder.is_relative_to(site) and (folder / 'py.typed').exists(), folder\n"
             "import rig.cli.main, simulators.__main__\n"
-            "from drivers.devices.controller import controller\n"
+            "from drivers.register_maps.map_file import controller\n"
             "from drivers.devices.source import current_source\n"
             "controller('demo'), current_source('demo')\n"
         )
