@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel, Jump
 from rig.dampers.parameter import LAG, Hysteresis, Parameter, linear_parameter, shape_parameter
+from rig.dampers.separation import OwnNames
 
 if TYPE_CHECKING:
     from rig.dampers.kernel import Kernel
@@ -160,7 +161,7 @@ def general_coefficients(model: AlgebraicModel, names: Sequence[str], candidates
     return general
 
 
-class AlgebraicSeparation:
+class AlgebraicSeparation(OwnNames):
     """An algebraic model split for projection: see `Separation`."""
 
     pointwise = True
@@ -190,22 +191,9 @@ class AlgebraicSeparation:
         rate = 1.0 - yielding**2
         return [yielding, *(rate * change for change in self.model.argument_slopes(values, u, v))]
 
-    def held_here(self, held: frozenset[str]) -> frozenset[str]:
-        """See `Separation.held_here`."""
-        return held
-
-    def values(self, linear: FloatArray, shape: FloatArray) -> dict[str, float]:
-        """See `Separation.values`."""
-        names = (*self.fixed_names, *self.yield_names, *self.shape_names)
-        return {name: float(value) for name, value in zip(names, (*linear, *shape), strict=True)}
-
     def shape_of(self, values: Mapping[str, float]) -> FloatArray:
         """See `Separation.shape_of`."""
         return np.array([values[name] for name in self.shape_names])
-
-    def at_limit(self, met: Mapping[str, float]) -> dict[str, float]:
-        """See `Separation.at_limit`."""
-        return dict(met)
 
 
 class TanhModel(AlgebraicModel):

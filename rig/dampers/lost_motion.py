@@ -26,7 +26,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import HystereticModel
 from rig.dampers.parameter import Parameter, linear_parameter, shape_parameter
-from rig.dampers.separation import Motion, MotionScale, Separation
+from rig.dampers.separation import Motion, MotionScale, OwnNames, Separation
 
 if TYPE_CHECKING:
     from rig.dampers.kernel import Kernel
@@ -121,7 +121,7 @@ class LostMotionModel(HystereticModel):
         return LostMotionSeparation(scale)
 
 
-class LostMotionSeparation:
+class LostMotionSeparation(OwnNames):
     """The model split for projection (see `Separation`): yield shapes h, u h, (1 - |h|) v and asinh(v/vt)."""
 
     pointwise = False
@@ -162,24 +162,6 @@ class LostMotionSeparation:
         opening = ENGAGED * np.abs(w) ** (ENGAGED - 1.0) * by_rho
         by_bend = -v / (bend * np.hypot(bend, v))
         return [*_engaged(w, u, v), thinning, opening, opening * u, -np.sign(w) * opening * v, by_bend]
-
-    def held_here(self, held: frozenset[str]) -> frozenset[str]:
-        """See `Separation.held_here`."""
-        return held
-
-    def values(self, linear: FloatArray, shape: FloatArray) -> dict[str, float]:
-        """See `Separation.values`."""
-        names = (*self.fixed_names, *self.yield_names, *self.shape_names)
-        return {name: float(value) for name, value in zip(names, (*linear, *shape), strict=True)}
-
-    def shape_of(self, values: Mapping[str, float]) -> FloatArray:
-        """See `Separation.shape_of`."""
-        shape = np.array([values[name] for name in self.shape_names])
-        return np.asarray(np.clip(shape, self.limits[:, 0], self.limits[:, 1]))
-
-    def at_limit(self, met: Mapping[str, float]) -> dict[str, float]:
-        """See `Separation.at_limit`."""
-        return dict(met)
 
 
 def _engaged(w: FloatArray, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

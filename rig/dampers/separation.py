@@ -113,6 +113,33 @@ class Separation(Protocol):
         """Shape parameters that lie at a limit, by the model's own names, with the limit in their unit."""
 
 
+class OwnNames:
+    """What a `Separation` says of names and limits where its parameters are the model's own, by their own names."""
+
+    fixed_names: tuple[str, ...]
+    yield_names: tuple[str, ...]
+    shape_names: tuple[str, ...]
+    limits: FloatArray
+
+    def held_here(self, held: frozenset[str]) -> frozenset[str]:
+        """See `Separation.held_here`."""
+        return held
+
+    def values(self, linear: FloatArray, shape: FloatArray) -> dict[str, float]:
+        """See `Separation.values`."""
+        names = (*self.fixed_names, *self.yield_names, *self.shape_names)
+        return {name: float(value) for name, value in zip(names, (*linear, *shape), strict=True)}
+
+    def shape_of(self, values: Mapping[str, float]) -> FloatArray:
+        """See `Separation.shape_of`."""
+        shape = np.array([values[name] for name in self.shape_names])
+        return np.asarray(np.clip(shape, self.limits[:, 0], self.limits[:, 1]))
+
+    def at_limit(self, met: Mapping[str, float]) -> dict[str, float]:
+        """See `Separation.at_limit`."""
+        return dict(met)
+
+
 @dataclass(frozen=True)
 class Unknowns:
     """How a vector of unknowns becomes the parameters of a model that does not split.

@@ -14,13 +14,13 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.integrable import Integrable
-from rig.dampers.separation import Motion
+from rig.dampers.separation import Motion, OwnNames
 
 DIFFERENCE = 1e-4  # share of a shape parameter by which it is moved for its slope
 WITHOUT_SHAPE = ("kx", "kv", "kv_b", "kva", "kva_b", "f0")  # u, v, v I, |v|, |v| I, 1
 
 
-class UnitSeparation:
+class UnitSeparation(OwnNames):
     """A model split for projection (see `Separation`).
 
     Args:
@@ -94,17 +94,3 @@ class UnitSeparation:
                 for start in self.starts:
                     start[k] = 0.0
         return held
-
-    def values(self, linear: FloatArray, shape: FloatArray) -> dict[str, float]:
-        """See `Separation.values`."""
-        names = (*self.fixed_names, *self.yield_names, *self.shape_names)
-        return {name: float(value) for name, value in zip(names, (*linear, *shape), strict=True)}
-
-    def shape_of(self, values: Mapping[str, float]) -> FloatArray:
-        """See `Separation.shape_of`."""
-        shape = np.array([values[name] for name in self.shape_names])
-        return np.asarray(np.clip(shape, self.limits[:, 0], self.limits[:, 1]))
-
-    def at_limit(self, met: Mapping[str, float]) -> dict[str, float]:
-        """See `Separation.at_limit`."""
-        return dict(met)

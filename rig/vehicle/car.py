@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
-from rig.errors import FileProblem
+from rig.vehicle.shipped import found, names_in
 
 FOLDER = Path(__file__).parent / "cars"
 KINDS = ("quarter", "half", "full")
@@ -180,7 +180,7 @@ class Car(Section):
 
 def car_names() -> tuple[str, ...]:
     """Names of the cars that come with the program."""
-    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+    return names_in(FOLDER)
 
 
 def load_car(given: str | Path) -> Car:
@@ -189,8 +189,4 @@ def load_car(given: str | Path) -> Car:
     Raises:
         FileProblem: with every wrong entry of the file, or the names that are known.
     """
-    name = str(given)
-    path = FOLDER / f"{name}.toml" if name in car_names() else Path(given)
-    if not path.exists():
-        raise FileProblem(name, [f"there is no such file, and no car of that name; known: {', '.join(car_names())}"])
-    return load_section(path, Car, "car")[0]
+    return load_section(found(given, FOLDER, "car"), Car, "car")[0]

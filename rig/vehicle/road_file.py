@@ -24,6 +24,7 @@ from rig.vehicle.road import (
     recorded_road,
     sweep_road,
 )
+from rig.vehicle.shipped import found, names_in
 
 FOLDER = Path(__file__).parent / "roads"
 Duration = Annotated[float, Quantity("time", "1 s", "3600 s")]
@@ -176,7 +177,7 @@ def read_heights(path: Path, first: str) -> tuple[FloatArray, FloatArray]:
 
 def road_names() -> tuple[str, ...]:
     """Names of the roads that come with the program."""
-    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+    return names_in(FOLDER)
 
 
 def load_road(given: str | Path) -> Road:
@@ -185,8 +186,5 @@ def load_road(given: str | Path) -> Road:
     Raises:
         FileProblem: with every wrong entry of the file, or the names that are known.
     """
-    name = str(given)
-    path = FOLDER / f"{name}.toml" if name in road_names() else Path(given)
-    if not path.exists():
-        raise FileProblem(name, [f"there is no such file, and no road of that name; known: {', '.join(road_names())}"])
+    path = found(given, FOLDER, "road")
     return load_section(path, RoadFile, "road")[0].road(path.parent)
