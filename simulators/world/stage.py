@@ -119,7 +119,7 @@ class Stage:
         installed.put(rig.campaign.machine_resources, "LOCK_FOLDERS", (memory,))
         installed.put(rig.clock, "datetime", SimpleNamespace(now=lambda zone: machine.now().astimezone(zone)))
         installed.put(simulators.rig, "open_port", lambda *_: device_loop.WirePort(kernel, machine.network))
-        installed.put(simulators.named_port, "open_port", lambda _: device_loop.Tty(machine, self.root / "dev"))
+        installed.put(simulators.named_port, "open_port", lambda *_: device_loop.Tty(machine, self.root / "dev"))
         named = {"serial_for_url": functools.partial(device_loop.serial_for_url, machine)}
         installed.put(drivers.serial_port, "serial", Stand("serial", named, serial, "SerialTimeoutException"))
         installed.put(simulators.slcan_bus, "PeerQueue", device_loop.Queue)
