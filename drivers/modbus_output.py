@@ -1,7 +1,8 @@
 """The coil's current by an analogue output: a module on Modbus whose value commands a current amplifier.
 
-One thread asks and writes, one request at a time. A set-point goes out before anything else, as soon as the answer
-under way has come: whoever asks for it wakes that thread.
+A thread of the driver asks and writes, one request at a time. A set-point goes out before anything else, as soon as the
+answer under way has come: whoever asks for it wakes that thread. It goes on as long as the driver is open: a
+module that comes back is told 0 A, whoever has given it up meanwhile.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from drivers.current_source import (
 )
 from drivers.devices.output import CURRENT, ENABLE, IDENTITY, MEASURED, AnalogueOutput
 from drivers.devices.supply import SupplyConnection, supply_lacks
-from drivers.errors import Busy, DriverError, NoAnswer, RequestRefused, WrongAnswer
+from drivers.errors import Busy, DriverError, LinkLost, NoAnswer, RequestRefused, WrongAnswer
 from drivers.modbus_link import ModbusLink
 from drivers.register_access import RegisterAccess
 from drivers.register_maps.condition import Values
@@ -41,6 +42,8 @@ IN_A_ROW = 3
 OPEN_SHARE = 0.1
 """Less of the wanted current than this is none: the circuit is open, or the amplifier is off."""
 COUNTERS = 1 << 16
+AGAIN_S = 0.1
+"""A module that cannot be reached is tried again so often."""
 _RECORDS_KEPT = 4096
 _CLOSING_S = 0.5
 
@@ -48,8 +51,8 @@ _CLOSING_S = 0.5
 class ModbusOutput:
     """Drives one analogue output; a `drivers.current_source.CurrentSource`.
 
-    `read_batch` belongs to one owner thread; `command` and `send_now` may be called from any thread. Before `start`
-    nothing is written.
+    `read_batch` belongs to one owner; `command` and `send_now` may be called from any thread. Before `start` nothing is
+    written.
 
     Args:
         connection: how to reach it.
@@ -76,7 +79,12 @@ class ModbusOutput:
         self._wanted = (0.0, False)
         self._held_A: float | None = None
         """What the module has taken (A); None before the first write."""
-        self._woken = threading.Event()
+        self._woken, self._leaving = threading.Event(), threading.Event()
+        self._progress = threading.Condition()
+        self._worker: threading.Thread | None = None
+        self._lost: DriverError | None = None
+        self._heard: deque[SourceStatus] = deque(maxlen=_RECORDS_KEPT)
+        self._bad_told = 0
         self._changed_ns = self._due_ns = self._polls = 0
         self._started = self._prepared = False
         self._odd = self._open = self._faults = self._fed = 0
@@ -119,30 +127,28 @@ class ModbusOutput:
         return current_A if enable else 0.0
 
     def open(self) -> None:
-        """Open the connection; the first questions go out with the first `read_batch`.
+        """Open the connection and begin to ask.
 
         Raises:
             PortClosed: it cannot be opened.
         """
-        if not self._link.is_open:
+        if self._worker is None:
             self._link.open()
             self._due_ns, self._who, self._problem = 0, "", ""
-            self._prepared = False
+            self._prepared, self._lost = False, None
+            self._leaving.clear()
+            self._worker = threading.Thread(target=self._work, name="ecu-output", daemon=True)
+            self._worker.start()
 
     def close(self) -> None:
         """0 A, output off and its time-out ended if anything was ever set, connection closed; twice is harmless."""
-        deadline_ns = time.monotonic_ns() + int(_CLOSING_S * 1e9)
+        if self._worker is None:
+            return
         self.command(0.0, enable=False)
-        # A link that is gone takes no farewell.
-        with contextlib.suppress(DriverError):
-            while self._started and self._link.is_open and time.monotonic_ns() < deadline_ns:
-                self._woken.clear()
-                self._set()
-                if not self._woken.is_set():
-                    if self._output.watchdog is not None:
-                        self._write(self._output.watchdog.stop)
-                    break
-        self._started = False
+        self._leaving.set()
+        self._woken.set()
+        self._worker.join(_CLOSING_S + 2.0 * self._connection.timeout_s)
+        self._worker, self._started = None, False
         self._link.close()
 
     def start(self, period_s: float) -> None:
@@ -165,46 +171,81 @@ class ModbusOutput:
         if changed:
             self._changed_ns = time.monotonic_ns()
             self._woken.set()
+            with self._progress:
+                self._heard.clear()
         if clear_faults:
             self._faults = self._open = self._odd = 0
 
     def send_now(self) -> None:
         """Have the set-point written before anything else."""
         self.counters.sent += 1
-        self._records.append(self._command_record(time.monotonic_ns()))
+        with self._progress:
+            self._records.append(self._command_record(time.monotonic_ns()))
         self._woken.set()
 
     def read_batch(self, timeout_s: float) -> SourceBatch:
-        """Write and ask what is due, until the current was told or the time is over.
+        """What was told since the last call, waiting up to `timeout_s` for the first status.
 
         Raises:
             PortClosed: the connection is gone, and there is none to be had.
-            LinkLost: it broke.
             RequestRefused: the module has no such registers.
         """
-        bad_before = self.counters.bad_checks
-        deadline_ns = time.monotonic_ns() + int(timeout_s * 1e9)
-        batch = SourceBatch([], [], [], 0, 0, 0)
-        while True:
-            now_ns = time.monotonic_ns()
-            if not self._link.is_open:
-                # What was to be set is not known to have arrived.
-                self._link.open(self._connection.timeout_s)
-                self._woken.set()
-            if self._woken.is_set() and self._started:
-                self._woken.clear()
-                self._set()
-                self._due_ns = now_ns
-            if now_ns >= self._due_ns:
-                self._poll(now_ns, batch)
-            now_ns = time.monotonic_ns()
-            if batch.statuses or now_ns >= deadline_ns:
-                break
-            self._woken.wait(max(0.0, (min(deadline_ns, self._due_ns) - now_ns) * 1e-9))
-        while self._records:
-            batch.records.append(self._records.popleft())
+        batch = SourceBatch([], [], [], 0, self.counters.bad_checks - self._bad_told, 0)
+        self._bad_told += batch.bad
+        with self._progress:
+            self._progress.wait_for(lambda: self._heard or self._lost is not None, timeout_s)
+            while self._heard:
+                batch.statuses.append(self._heard.popleft())
+            if self._lost is not None and not batch.statuses:
+                raise self._lost
+            while self._records:
+                batch.records.append(self._records.popleft())
         batch.records.sort(key=lambda record: record[0])
-        return batch._replace(bad=self.counters.bad_checks - bad_before, arrival_ns=now_ns)
+        return batch._replace(arrival_ns=time.monotonic_ns())
+
+    # The thread that asks and writes
+
+    def _work(self) -> None:
+        """Write what is wanted and ask what is due, until the end; a lost connection is looked for again and again."""
+        while not self._leaving.is_set():
+            try:
+                self._turn()
+            except LinkLost:
+                self._link.close()
+            except DriverError as error:
+                self._link.close()
+                with self._progress:
+                    self._lost = error
+                    self._progress.notify_all()
+                self._leaving.wait(AGAIN_S)
+        # A link that is gone takes no farewell.
+        with contextlib.suppress(DriverError):
+            self._farewell()
+
+    def _turn(self) -> None:
+        if not self._link.is_open:
+            # What was to be set is not known to have arrived.
+            self._link.open(self._connection.timeout_s)
+            self._woken.set()
+        if self._woken.is_set():
+            self._woken.clear()
+            if self._started:
+                self._set()
+                self._due_ns = 0
+        now_ns = time.monotonic_ns()
+        if now_ns >= self._due_ns:
+            self._poll(now_ns)
+        self._woken.wait(max(0.0, (self._due_ns - time.monotonic_ns()) * 1e-9))
+
+    def _farewell(self) -> None:
+        deadline_ns = time.monotonic_ns() + int(_CLOSING_S * 1e9)
+        while self._started and self._link.is_open and time.monotonic_ns() < deadline_ns:
+            self._woken.clear()
+            self._set()
+            if not self._woken.is_set():
+                if self._output.watchdog is not None:
+                    self._write(self._output.watchdog.stop)
+                return
 
     # Writing
 
@@ -246,7 +287,7 @@ class ModbusOutput:
 
     # Asking
 
-    def _poll(self, now_ns: int, batch: SourceBatch) -> None:
+    def _poll(self, now_ns: int) -> None:
         """Feed its watchdog, ask for what it shows; before that once who it is."""
         period_ns = int(self._connection.poll_s * 1e9)
         # A poll that comes late is not made up for by a burst.
@@ -263,7 +304,7 @@ class ModbusOutput:
         except (NoAnswer, Busy, WrongAnswer) as error:
             self._bad(error)
             return
-        self._take(values, batch)
+        self._take(values)
 
     def _bad(self, error: DriverError) -> None:
         """What came and cannot be an answer counts; silence is noticed by what stays away."""
@@ -287,7 +328,7 @@ class ModbusOutput:
         self._problem = "; ".join(wrong)
         self.identity = SourceIdentity(shown["serial_number"], shown["firmware"], 0)
 
-    def _take(self, values: dict[str, Value], batch: SourceBatch) -> None:
+    def _take(self, values: dict[str, Value]) -> None:
         """What it shows, judged: what it holds, what flows."""
         arrival_ns, counters = time.monotonic_ns(), self.counters
         counters.bad_in_a_row = 0
@@ -302,13 +343,19 @@ class ModbusOutput:
         state = SourceState.OFF if self.commanded_A == 0.0 else SourceState.ENABLED
         status = SourceStatus(SourceState.FAULT if self._faults else state, current_A, self._faults)
         self.status = status
-        batch.statuses.append(status)
-        self._record(batch, arrival_ns, Channel.COIL_CURRENT, current_A)
-        batch.records.append(self._command_record(arrival_ns))
+        told: list[Record] = [
+            self._record(arrival_ns, Channel.COIL_CURRENT, current_A), self._command_record(arrival_ns)
+        ]
         if self._reported != (status.state, status.faults) or self._polls % TOLD_EVERY == 1:
             self._reported = (status.state, status.faults)
-            self._record(batch, arrival_ns, Channel.ECU_STATE, status.state)
-            self._record(batch, arrival_ns, Channel.ECU_FAULTS, status.faults)
+            told.append(self._record(arrival_ns, Channel.ECU_STATE, status.state))
+            told.append(self._record(arrival_ns, Channel.ECU_FAULTS, status.faults))
+        with self._progress:
+            self._records.extend(told)
+            # What was shown before a set-point that waits to be written proves nothing of it.
+            if not self._woken.is_set():
+                self._heard.append(status)
+                self._progress.notify_all()
 
     def _judge_held(self, shown_A: float, values: Values) -> None:
         """A module that does not hold what it took: it restarted, its time-out went by, or somebody else writes."""
@@ -328,9 +375,9 @@ class ModbusOutput:
         if self._open >= IN_A_ROW:
             self._faults |= SourceFault.OPEN
 
-    def _record(self, batch: SourceBatch, arrival_ns: int, channel: Channel, value: float) -> None:
+    def _record(self, arrival_ns: int, channel: Channel, value: float) -> Record:
         number = self.counters.statuses & 0xFFFFFFFF
-        batch.records.append((arrival_ns, NO_DEVICE_TIME, float(value), number, int(channel), int(Quality.GOOD)))
+        return arrival_ns, NO_DEVICE_TIME, float(value), number, int(channel), int(Quality.GOOD)
 
     def _command_record(self, now_ns: int) -> Record:
         return now_ns, NO_DEVICE_TIME, self.commanded_A, self.counters.sent, int(Channel.COMMANDED_CURRENT), 0

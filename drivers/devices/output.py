@@ -86,7 +86,7 @@ def output_lacks(output: AnalogueOutput) -> tuple[tuple[str, bool, str], ...]:
          "actuator's own watchdog"),
         ("measurement", output.measures,
          "nobody measures the coil's current: what is recorded is the set-point that the module took; that another one "
-         "flows (amplifier, scale, a broken coil) is not seen; overcurrent, current-tracking, current-stuck stop nothing"),
+         "flows (amplifier, scale, a broken coil) is not seen; overcurrent, and current-stuck stop nothing"),
         ("read-back", output.current.read,
          "the set-point cannot be read back: that the module holds it, 0 A after a stop too, is not proved but by its "
          "answer to the write"),

@@ -131,7 +131,7 @@ def output_schema() -> Schema:
         "quantities": {"type": "object", "additionalProperties": _ref("quantity"), "required": ["current"]},
         "identity": values, "prepare": values, "faults": _words(SourceFault, _ref("bit")),
         "watchdog": _table({
-            "time_s": {"type": "number", "minimum": 0.1, "maximum": 60}, **dict.fromkeys(("start", "feed", "stop"), values)
+            "time_s": {"type": "number", "minimum": 0.1, "maximum": 60}, "start": values, "feed": values, "stop": values
         }, ("time_s",)),
     }  # fmt: skip
     return _table(properties, ("range", "quantities")) | {"$defs": _definitions()}
