@@ -93,7 +93,7 @@ def _changes(compared: Comparison, index: int, width: int, *, everything: bool) 
     rows: list[tuple[str, ...]] = [("quantity", "tests", "differ", "median %", "largest %", "at")]
     listed: list[tuple[str, ...]] = [("motion", "quantity", "first", "now", "change %", "+-%")]
     for quantity in LOOP_QUANTITIES:
-        known = [(row, found) for row in compared.rows if (found := compared.change(index, quantity.key, row))]
+        known = [(row, one) for row in compared.rows if (one := compared.change(index, quantity.key, row))]
         finite = [(row, one) for row, one in known if math.isfinite(one.percent)]
         if not finite:
             continue
