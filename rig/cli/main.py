@@ -59,7 +59,7 @@ EXIT_CODES = (
     ("5", "finished, but some points are not valid"),
     ("6", "identification failed"),
     ("7", "rig state unknown: go and look"),
-    ("8", "not within the acceptance bands (rig compare --bands)"),
+    ("8", "not within the acceptance bands"),
 )
 
 PACKAGES = ("drivers", "protocols", "simulators")
