@@ -256,14 +256,14 @@ def test_without_a_measurement_the_value_read_back_is_told_and_all_that_is_missi
 @pytest.mark.parametrize(
     ("before", "after", "place", "says"),
     [
-        ("current = {", "curent = {", "quantities", "current is missing"),
+        ("current = {", "amperes = {", "quantities", "current is missing"),
         ('scale = 0.001, unit = "A"', 'scale = 0.001, unit = "mm"', "quantities.current", 'unit = "A"'),
         ('scale = 0.001, unit = "A"', 'offset = 0.5, unit = "A"', "quantities.current", "nearest to 0 A"),
         ("scale = 0.001", "scale = 0.00001", "quantities.current", "cannot hold 2 A"),
         ("[0, 2]", "[2, 0]", "range.current_A", "lowest and the highest"),
         ('{address = 0x64,', '{address = 0x64, access = "r",', "quantities.current", "is written"),
         ("{guard = 500}", "{current = 0}", "watchdog.start", "only a point of the matrix and a stop"),
-        ("{guard = 500}", "{gaurd = 500}", "watchdog.start.gaurd", "did you mean guard"),
+        ("{guard = 500}", "{guarded = 500}", "watchdog.start.guarded", "did you mean guard"),
         ('"$toggle"', '"$current"', "watchdog.feed.alive", "nothing that is known here"),
         ("time_s = 0.5", "time_s = 0", "watchdog.time_s", "0.1 to 60"),
         ("kind = 0x00020001", "kid = 1", "identity.kid", "did you mean kind"),
