@@ -37,10 +37,11 @@ MOST_SHOWN = 200
 def command(
     folder: Path, specimen: str | None, date: str | None, verdict: str | None, model: str | None, as_json: bool
 ) -> int:
-    """List the runs in a folder by name; all filters must hold.
+    r"""List the runs in a folder by name; all filters must hold.
 
     Summaries are kept in .rig-runs.sqlite in that folder. The files alone count: what has changed is read again.
     \f
+
     Raises:
         FileProblem: there is no such folder, or the date cannot be read.
     """
