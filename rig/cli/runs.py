@@ -37,24 +37,28 @@ MOST_SHOWN = 200
 def command(
     folder: Path, specimen: str | None, date: str | None, verdict: str | None, model: str | None, as_json: bool
 ) -> int:
-    r"""List the runs in a folder by name; all filters must hold.
+    """List the runs in a folder by name; all filters must hold.
 
     Summaries are kept in .rig-runs.sqlite in that folder. The files alone count: what has changed is read again.
-    \f
-
-    Raises:
-        FileProblem: there is no such folder, or the date cannot be read.
     """
-    wanted = RunFilter(specimen, date, verdict, model)
-    if not folder.is_dir():
-        raise FileProblem(str(folder), ["there is no such folder; runs are made in logs/ or where --out said"])
-    whole = str(folder.resolve())
-    runs = [{**run, "path": os.path.join(whole, run["id"])} for run in listed(folder, _summary, wanted)]
+    runs = _listed(folder, RunFilter(specimen, date, verdict, model))
     if as_json:
         write_json({"runs": runs})
     else:
         _show(runs, folder)
     return EXIT_DONE
+
+
+def _listed(folder: Path, wanted: RunFilter) -> list[dict[str, Any]]:
+    """One summary a run.
+
+    Raises:
+        FileProblem: there is no such folder.
+    """
+    if not folder.is_dir():
+        raise FileProblem(str(folder), ["there is no such folder; runs are made in logs/ or where --out said"])
+    whole = str(folder.resolve())
+    return [{**run, "path": os.path.join(whole, run["id"])} for run in listed(folder, _summary, wanted)]
 
 
 def _show(runs: list[dict[str, Any]], folder: Path) -> None:

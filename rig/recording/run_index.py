@@ -112,8 +112,8 @@ def listed(folder: Path, summarise: Callable[[Path], Summary], wanted: RunFilter
 def _stamps(folder: Path) -> Iterator[tuple[str, tuple[str, int]]]:
     """Name, stamp and time of the last change (ns) of every run.
 
-    The stamp is made of inode, time of change and size of each of its files: one that is replaced, renamed, written to or
-    copied has another.
+    The stamp is made of inode, time of change and size of each of its files: one that is replaced, renamed, written
+    to or copied has another.
     """
     with os.scandir(folder) as entries:
         names = [entry.name for entry in entries if not entry.is_file(follow_symlinks=False)]
