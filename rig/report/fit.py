@@ -14,6 +14,7 @@ import rig.dampers
 from rig.report.chart import Chart, Trace
 from rig.report.fragment import (
     NOTHING,
+    between,
     block,
     card,
     charts,
@@ -30,6 +31,7 @@ from rig.report.fragment import (
     table,
     text,
 )
+from rig.report.over_current import parameters_over_current
 from rig.report.style import FITTED, MEASURED, RESIDUAL
 from rig.signals.arrays import FloatArray
 
@@ -49,21 +51,43 @@ def parameters(fit: JsonObject) -> str:
         value, unit = number(entry.get("value"), 5), text(entry.get("unit", ""))
         if entry.get("identifiable", True):
             low, high = entry.get("low"), entry.get("high")
-            interval = f"{number(low, 5)} \N{HORIZONTAL ELLIPSIS} {number(high, 5)}"
+            value, interval = between(entry.get("value"), low, high)
             half = _half_percent(entry.get("value"), low, high)
             known.append(("", [text(name), value, interval, half, unit, text(meanings.get(name, ""))]))
         else:
             why = entry.get("reason") or "the data do not determine it"
             unknown.append(("no", [text(name), value, unit, text(meanings.get(name, "")), text(why)]))
-    parts = [heading("Fitted parameters")]
+    parts = [heading("Fitted parameters"), _equation(fit)]
     head = ["Parameter", "Value", "95 % interval", "\N{PLUS-MINUS SIGN} %", "Unit", "Meaning"]
     parts.append(table(head, known, (1, 2, 3)))
     if unknown:
         parts.append(heading("Not identifiable from these data", level=3))
         parts.append(table(["Parameter", "Value used", "Unit", "Meaning", "Why"], unknown, (1,)))
-    parts += [_diagnosis(fit), _next_tests(fit), _profiles(fit), _selection(fit)]
+    parts += [parameters_over_current(fit), _diagnosis(fit), _next_tests(fit), _profiles(fit), _selection(fit)]
     parts += [lead(text(note)) for note in fit.get("notes") or ()]
     return "".join(parts)
+
+
+RANGES = (
+    ("displacement_m", "Displacement about mid-stroke", 1e3, "mm"), ("velocity_m_s", "Velocity", 1.0, "m/s"),
+    ("current_A", "Current", 1.0, "A"), ("temperature_degC", "Coil temperature", 1.0, "\N{DEGREE SIGN}C"),
+)  # fmt: skip
+
+
+def _equation(fit: JsonObject) -> str:
+    """The model's equation, and where the tests let it be used."""
+    told = paragraph(f"<b>{text(fit.get('model', ''))}</b>: {text(fit['equation'])}") if fit.get("equation") else ""
+    tested = fit.get("tested") or {}
+    rows = []
+    for name, title, scale, unit in RANGES:
+        ends = tested.get(name) or (None, None)
+        if all(isinstance(end, (int, float)) for end in ends):
+            low, high = (number(round(scale * end, 3) + 0.0, 4) for end in ends)
+            rows.append(("", [title, low, high, unit]))
+    if not rows:
+        return told
+    note = "Valid where it was tested; beyond these ranges it is an extrapolation, which nothing here supports."
+    return told + table(["Valid for", "from", "to", "Unit"], rows, (1, 2)) + lead(note)
 
 
 def quality(fit: JsonObject) -> str:
