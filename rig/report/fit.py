@@ -80,10 +80,9 @@ def _equation(fit: JsonObject) -> str:
     tested = fit.get("tested") or {}
     rows = []
     for name, title, scale, unit in RANGES:
-        ends = tested.get(name) or (None, None)
-        if all(isinstance(end, (int, float)) for end in ends):
-            low, high = (number(round(scale * end, 3) + 0.0, 4) for end in ends)
-            rows.append(("", [title, low, high, unit]))
+        ends = [end for end in tested.get(name) or () if isinstance(end, (int, float))]
+        if len(ends) == 2:
+            rows.append(("", [title, *(number(round(scale * end, 3) + 0.0, 4) for end in ends), unit]))
     if not rows:
         return told
     note = "Valid where it was tested; beyond these ranges it is an extrapolation, which nothing here supports."
