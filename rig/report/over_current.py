@@ -26,9 +26,9 @@ def parameters_over_current(fit: JsonObject) -> str:
     drawn = parameter_charts(fit)
     if not drawn:
         return ""
-    each = "relations" in (fit.get("current") or {})
-    keys = key("relation" if each else "fitted", MEASURED) + (
-        key("each current's fit, 95 %", FITTED) if each else key("95 %", RESIDUAL)
+    by_current = "relations" in (fit.get("current") or {})
+    keys = key("relation" if by_current else "fitted", MEASURED) + (
+        key("each current's fit, 95 %", FITTED) if by_current else key("95 %", RESIDUAL)
     )
     cards = [card(f"<b>{text(name)}</b>", chart.svg()) for name, chart in drawn.items()]
     return heading("Parameters over current", level=3) + key_line("", keys) + charts(cards)
