@@ -35,6 +35,7 @@ from rig.report.fragment import (
 )
 from rig.report.instruments import calibrations, doubts_of, instruments
 from rig.report.loops import PointView, view_of
+from rig.report.over_current import parameters_over_current
 from rig.report.plugin_sections import brought_sections
 from rig.report.point_tables import achieved_table, conditions, points_table, time_base
 from rig.report.specimen import described_specimen, specimen_of
@@ -68,7 +69,7 @@ def write_report(run_dir: Path) -> Path:
     characteristics = characterise(run, {view.point.id: view.measured for view in views if view.measured is not None})
     parts = [header(run, fit), doubts_of(run), warnings(run, fit), remark, loops.overview(views)]
     if fit is not None:
-        parts.append(fit_part.parameters(fit))
+        parts += [fit_part.parameters(fit), parameters_over_current(fit)]
     parts.append(loops.details(views, fitted=any(_has_fit(view) for view in views)))
     parts.append(time_traces(views))
     if fit is not None:

@@ -31,7 +31,6 @@ from rig.report.fragment import (
     table,
     text,
 )
-from rig.report.over_current import parameters_over_current
 from rig.report.style import FITTED, MEASURED, RESIDUAL
 from rig.signals.arrays import FloatArray
 
@@ -63,7 +62,7 @@ def parameters(fit: JsonObject) -> str:
     if unknown:
         parts.append(heading("Not identifiable from these data", level=3))
         parts.append(table(["Parameter", "Value used", "Unit", "Meaning", "Why"], unknown, (1,)))
-    parts += [parameters_over_current(fit), _diagnosis(fit), _next_tests(fit), _profiles(fit), _selection(fit)]
+    parts += [_diagnosis(fit), _next_tests(fit), _profiles(fit), _selection(fit)]
     parts += [lead(text(note)) for note in fit.get("notes") or ()]
     return "".join(parts)
 

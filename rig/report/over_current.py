@@ -31,7 +31,7 @@ def parameters_over_current(fit: JsonObject) -> str:
         key("each current's fit, 95 %", FITTED) if by_current else key("95 %", RESIDUAL)
     )
     cards = [card(f"<b>{text(name)}</b>", chart.svg()) for name, chart in drawn.items()]
-    return heading("Parameters over current", level=3) + key_line("", keys) + charts(cards)
+    return heading("Parameters over current") + key_line("", keys) + charts(cards)
 
 
 def parameter_charts(fit: JsonObject) -> dict[str, Chart]:
