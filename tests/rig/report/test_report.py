@@ -123,7 +123,7 @@ def test_a_real_fit_shows_quality_profiles_and_the_next_test(run: Path) -> None:
     assert quality.count("p002") == 1
     assert "passive</span>" in quality
     assert "Correlation of the parameters" in quality
-    profiles = page[page.index("Profile likelihoods"):page.index("Loops of every point")]
+    profiles = page[page.index("Profile likelihoods"):page.index("<h2>Parameters over current")]
     assert len(lines(profiles, "m")) == 1
     assert len(lines(profiles, "e")[0]) == 2
     assert "[[point]]" in page[page.index("What to test next"):]
