@@ -101,6 +101,7 @@ def in_code() -> dict[str, str]:
 def known() -> dict[str, str]:
     nothing = Capabilities(watchdog=WatchdogKind.NONE, hydraulics=False, tried=False)
     echoless = Capabilities(watchdog=WatchdogKind.COUNTER, hydraulics=False)
+    output = supply(tomllib.loads(WRITTEN_ONLY))
     lacking = {name for one in (nothing, echoless) for name, _ in one.lacking()}
     return {
         **in_code(),
@@ -109,7 +110,7 @@ def known() -> dict[str, str]:
         **{f"actuator-without-{name}": "drivers/capabilities.py" for name in lacking},
         **{f"ecu-without-{name}": "drivers/hand_source.py" for name, _ in make_hand_source(None).lacking},
         **{f"ecu-without-{name}": "drivers/devices/supply.py" for name, _ in supply_lacks(BARE)},
-        **{f"ecu-without-{name}": "drivers/devices/output.py" for name, _ in supply_lacks(supply(tomllib.loads(WRITTEN_ONLY)))},
+        **{f"ecu-without-{name}": "drivers/devices/output.py" for name, _ in supply_lacks(output)},
         **{f"ecu-without-{name}": "drivers/devices/ecu_lacking.py" for name in WITHOUT},
         "hydraulics": "rig/station/requests.py: await_status",
         "amplitude-scatter": "rig/recording/quality/judgement.py", "force-scatter": "the same",
