@@ -214,12 +214,19 @@ class Identify(Section):
     @classmethod
     def _known_model(cls, value: str) -> str:
         from rig.dampers import MODELS
+        from rig.dampers.current_law import PER_CURRENT, UnknownLaw, current_law
 
+        base, plus, law = value.partition("+")
         known = ["all", *MODELS]
-        if value not in known:
+        if base not in known or (base == "all" and plus):
             raise ValueError(_unknown("model", value, known))
-        for name in MODELS if value == "all" else (value,):
+        for name in MODELS if value == "all" else (base,):
             _usable(MODELS.__getitem__, name)
+        if plus and law != PER_CURRENT:
+            try:
+                current_law(law)
+            except UnknownLaw as error:
+                raise ValueError(str(error)) from error
         return value
 
     @field_validator("method")
