@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from rig.bench.problems import close_match
 from rig.bench.quantity import Quantity, Wording
 from rig.bench.section import Section
-from rig.matrix.methods import DEPENDENCES, METHODS, check_method, method_names
+from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, check_method, method_names
 from rig.plugins import PlugInProblem
 from rig.signals.waveform import SINE, WAVEFORM_NAMES
 from rig.units import show
@@ -209,6 +209,7 @@ class Identify(Section):
     holdout: str | None = Field(default=None, examples=["waveform=triangle", "frequency_Hz=2"])
     series_spring: bool = False
     current: Literal[DEPENDENCES] = "affine"  # type: ignore[valid-type]  # one list serves the schema and the message
+    current_law: Literal[LAWS] = "affine"  # type: ignore[valid-type]  # the same
 
     @field_validator("model")
     @classmethod
