@@ -36,6 +36,12 @@ def _road() -> dict[str, Any]:
     return RoadFile.model_json_schema(by_alias=True)
 
 
+def _bands() -> dict[str, Any]:
+    from rig.comparison.bands import Bands
+
+    return Bands.model_json_schema(by_alias=True)
+
+
 def _register_map() -> dict[str, Any]:
     from drivers.catalogue import register_map_schema
 
@@ -62,7 +68,7 @@ def _sensor_format() -> dict[str, Any]:
 
 SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
     "bench": _bench, "matrix": _matrix, "register-map": _register_map, "ecu-roles": _ecu_roles,
-    "sensor-format": _sensor_format, "supply": _supply, "car": _car, "road": _road,
+    "sensor-format": _sensor_format, "supply": _supply, "car": _car, "road": _road, "bands": _bands,
 }  # fmt: skip
 """Kind of file -> what makes its schema."""
 

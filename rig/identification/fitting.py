@@ -64,7 +64,8 @@ def identify(
         model: a name in `rig.dampers.MODELS`, with a current law or without (`asymmetric+saturating`), or "all" to
             compare them.
         method: "separable", one of the papers' algorithms, or a `Method` with its settings.
-        holdout: tests kept out of the fit and scored apart: a filter such as "waveform=triangle" on `tests`, or others.
+        holdout: tests kept out of the fit and scored apart: a filter such as "waveform=triangle" on `tests`, or others;
+            of motion without cycles also "last 30 %" of the time of each test.
         hysteresis: form of the tanh models' argument.
         declared: scale and position errors to include in the intervals.
         profile: parameters whose profile likelihood is wanted; True: all nonlinear ones.
@@ -119,6 +120,7 @@ def identify(
     if eta_1_s is not None:
         fitted, held_out = ([with_lag(test, eta_1_s) for test in tests] for tests in (fitted, held_out))
     best, fit = _best_fit(models, fitted, held_out, wanted, eta_1_s, on_progress)
+    fit = replace(fit, coil_eta_1_s=eta_1_s)
     if known.lag is not None and "eta" in fit.parameters:
         fit = _with_lag(fit, known.lag)
     if spring is not None:

@@ -119,6 +119,10 @@ WARNINGS = {
         "no series describes the motion of the single cycle that is left without the first and the last; a local "
         "polynomial gives the velocity, and its errors are in no interval"
     ),
+    "whole-record": (
+        "the motion has no cycles: the whole record is used, every {every}. sample; errors of its velocity are in no "
+        "interval"
+    ),
     "command-steps": "no current was measured; eta is found with the commanded one",
     "command-steady": "no current was measured; the commanded {current_A:g} A is used",
     "saturated-force": (
