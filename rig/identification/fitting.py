@@ -14,7 +14,6 @@ from rig.dampers.lawed_model import PLUS, with_law
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.application.tested_range import Ends, tested_range
-from rig.identification.misfit_weights import weighted_by_misfit
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
 from rig.identification.models.law_search import laws_over, named_over
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
@@ -24,7 +23,7 @@ from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.per_current import AFFINE, identify_per_current
 from rig.identification.points.consistency import contradictions, refuse_reversed_signs, runs_apart
 from rig.identification.points.given import given
-from rig.identification.selection import candidates_of, compare, groups_of
+from rig.identification.selection import candidates_of, compare, groups_of, weighted_by_misfit
 from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
 from rig.identification.uncertainty.fit import Cause, Estimate, Fit, SeriesSpring

@@ -1,4 +1,10 @@
-"""Which model: all that the method can fit, compared by what they have not seen, then by information."""
+"""Which model: all that the method can fit, compared by what they have not seen, then by information.
+
+And how tests count where no model describes them to their noise. Least squares with equal weights is right where what
+is left is noise. Where it is misfit, samples of one test say the same again and again, and tests at high current have
+the largest misfit in newtons: the test with the most samples and the greatest force would decide what all others get.
+Then each test counts alike, by its error in % of its peak, which is also how models are ranked.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +18,14 @@ from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
 from rig.identification.models.separable import GivenUp, motion_scale
-from rig.identification.models.solving import GUARD_S, Candidate, Method, solve
+from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.uncertainty.fit import ModelScore
 from rig.identification.uncertainty.scoring import score
 
 RANKING_SAMPLES = 250  # samples of a cycle that rank models
+RELATIVE = "relative"
+MISFIT = 3.0  # times the tests' scatter: what the best model leaves is then misfit for nine tenths of its power
 EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
 
 
@@ -139,3 +147,36 @@ def groups_of(measurements: Sequence[Measurement]) -> list[list[Measurement]]:
         if len(groups) > 1:
             break
     return list(groups.values())
+
+
+def misfit_over_scatter(candidates: Sequence[Candidate], fitted: Sequence[Measurement]) -> float:
+    """Root mean square error of the best candidate over the scatter of the tests (1); NaN where that is not known."""
+    power = [test.noise_N**2 * test.u_m.size for test in fitted]
+    scatter_N = math.sqrt(sum(power) / sum(test.u_m.size for test in fitted))
+    least_N = min(score(candidate.model, candidate.solution.values, fitted).rmse_N for candidate in candidates)
+    return least_N / scatter_N if scatter_N > 0.0 else math.nan
+
+
+def weighted_by_misfit(
+    candidates: Sequence[Candidate], fitted: Sequence[Measurement], method: Method
+) -> tuple[list[Candidate], Method, float]:
+    """The candidates fitted again with relative weights, where even the best one leaves misfit and not noise.
+
+    Args:
+        candidates: models with their solutions.
+        fitted: the tests.
+        method: how they were fitted; a weight that was asked for stays.
+
+    Returns:
+        The candidates and the method, as they were or with relative weights, and the misfit over the scatter.
+    """
+    asked = method.weight is not None or method.name != SEPARABLE or method.loss != SQUARES
+    ratio = math.nan if asked or len(fitted) < 2 else misfit_over_scatter(candidates, fitted)
+    if not MISFIT < ratio < math.inf:
+        return list(candidates), method, ratio
+    weighted, again = replace(method, weight=RELATIVE), []
+    for candidate in candidates:
+        solution = solve(candidate.model, fitted, weighted, candidate.findings, candidate.solution.values)
+        evaluations = candidate.solution.evaluations + solution.evaluations
+        again.append(replace(candidate, solution=replace(solution, evaluations=evaluations)))
+    return again, weighted, ratio

@@ -118,10 +118,10 @@ def solve_lawed(
     starts = model.law.starts(most_A) if near is None else [{name: near[name] for name in model.law.names}]
     starts = [start | zero for start in (starts if free else starts[:1])]
     own = None if near is None else model.of_base(near)
-    short = _LawSquares(model, free, single, weighting, held, inner, own)
+    short = _LawSquares(model, single, weighting, held, inner, own)
     best = min(starts, key=lambda start: short.objective(start))
     theta, _ = descend(short, short.theta(best), Descent(ROUGH, iterations=ITERATIONS if free else 0))
-    full = _LawSquares(model, free, measurements, weighting, held, inner, short.solution.values)
+    full = _LawSquares(model, measurements, weighting, held, inner, short.solution.values)
     full.values = short.values
     theta, _ = descend(full, theta, Descent(FINE, iterations=LAST_ITERATIONS if free else 0))
     law, solution = full.law(theta), full.solution
@@ -152,17 +152,17 @@ class _LawSquares(Squares):
     def __init__(
         self,
         model: LawedModel,
-        free: tuple[str, ...],
         tests: Sequence[Measurement],
         weighting: Weighting,
         held: frozenset[str],
         inner: Inner,
         near: Mapping[str, float] | None,
     ) -> None:
-        self._model, self._free, self._tests, self._weighting, self._inner = model, free, tests, weighting, inner
+        self._model, self._tests, self._weighting, self._inner = model, tests, weighting, inner
         self._held, self._near, self._best = held, near, math.inf
-        ends = [(model.parameter(name).low, model.parameter(name).high) for name in free]
-        self._limits = np.array(ends).reshape(len(free), 2)
+        self._free = tuple(name for name in model.law.names if name not in held)
+        ends = [(model.parameter(name).low, model.parameter(name).high) for name in self._free]
+        self._limits = np.array(ends).reshape(len(self._free), 2)
         self.values: dict[str, float] = {}
         self.evaluations = 0
 
