@@ -135,9 +135,8 @@ def command(
         return EXIT_DONE
     from rig.cli.tables import fit_tables
 
-    shown = console()
     for part in fit_tables(fit.to_json()):
-        shown.print(part)
+        console().print(part)
     if fit.path is not None:
         click.echo(fit.path.resolve())
     return EXIT_DONE
