@@ -31,8 +31,9 @@ from rig.identification.models.tanh_projection import WORTH_COMPILING
 from rig.identification.models.undetermined import examine
 from rig.identification.points.given import given
 from rig.identification.uncertainty.covariance import quantile
-from rig.identification.uncertainty.drawn import PREDICTED, Drawn, drawn_of, intervals_of, predict_with_band
+from rig.identification.uncertainty.drawn import PREDICTED, Drawn, drawn_of, intervals_of
 from rig.identification.uncertainty.fit import Fit
+from rig.identification.uncertainty.prediction_band import predict_with_band
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from rig.identification.application.controller import Controller
     from rig.identification.application.motion_table import Table
-    from rig.identification.uncertainty.fit import Fit
 
 
 class Found(Protocol):
@@ -125,10 +124,10 @@ class FitUse:
             IdentificationFailed: the fit has no value of a parameter, or a band is wanted and it tells no covariance.
         """
         if band:
-            from rig.identification.uncertainty.drawn import known_draws, predict_with_band
+            from rig.identification.uncertainty.prediction_band import known_draws, predict_with_band
 
-            names, draws, widening = known_draws(cast("Fit", self))
-            return predict_with_band(cast("Fit", self), names, draws, widening, table, mid_stroke_m)
+            names, draws, widening = known_draws(self)
+            return predict_with_band(self, names, draws, widening, table, mid_stroke_m)
         from rig.identification.application.prediction import predict
 
         return predict(self.law, self.tested, table, mid_stroke_m)
