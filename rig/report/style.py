@@ -11,6 +11,14 @@ RESIDUAL = "#55606e"
 #: order is seen without colour vision and in grey print.
 SEQUENCE = ("#440154", "#472e7c", "#3a548c", "#2b758e", "#1f958b", "#2fb47c", "#6ece58")
 
+CHIPS = {
+    "valid": ("#d9f2e3", "#0b5d33"), "good": ("#d9f2e3", "#0b5d33"), "suspect": ("#fdf0c4", "#6b4e00"),
+    "fair": ("#fdf0c4", "#6b4e00"), "invalid": ("#fbdcd7", "#8c1d10"), "poor": ("#fbdcd7", "#8c1d10"),
+    "plain": ("#e6ebf2", "#38455a"),
+}  # fmt: skip
+"""Background and letters of labels, by class."""
+_CHIP_RULES = "\n".join(f".{kind} {{ background:{paper}; color:{ink}; }}" for kind, (paper, ink) in CHIPS.items())
+
 STYLE_SHEET = f"""
 :root {{ --ink:#1c2430; --soft:#5b6675; --line:#d8dee6; --paper:#ffffff; --shade:#f4f6f9; }}
 * {{ box-sizing:border-box; }}
@@ -27,8 +35,8 @@ p.lead {{ margin:0 0 14px; color:var(--soft); }}
 .fact span {{ color:var(--soft); font-size:14px; }}
 .fact.good {{ border-left:5px solid #1e8e5a; }} .fact.fair {{ border-left:5px solid #e0a030; }}
 .fact.poor {{ border-left:5px solid #c0392b; }}
-.good {{ background:#d9f2e3; color:#0b5d33; }} .fair {{ background:#fdf0c4; color:#6b4e00; }}
-.poor {{ background:#fbdcd7; color:#8c1d10; }} .fact.good,.fact.fair,.fact.poor {{ background:var(--paper); }}
+{_CHIP_RULES}
+.fact.good,.fact.fair,.fact.poor {{ background:var(--paper); }}
 .heat {{ display:block; padding:0 4px; border-radius:4px; }}
 details {{ margin:8px 0; }} summary {{ cursor:pointer; color:var(--soft); }}
 pre {{ background:var(--shade); padding:8px 12px; margin:6px 0; border-radius:6px; font-size:14px; overflow-x:auto; }}
@@ -42,10 +50,6 @@ td.n,th.n {{ text-align:right; font-variant-numeric:tabular-nums; white-space:no
 tr.no td {{ color:var(--soft); background:#faf7f2; }}
 .remark {{ min-width:320px; }} .remark:empty {{ min-width:0; }}
 .chip {{ display:inline-block; border-radius:5px; padding:0 8px; font-size:14px; font-weight:600; white-space:nowrap; }}
-.valid {{ background:#d9f2e3; color:#0b5d33; }}
-.suspect {{ background:#fdf0c4; color:#6b4e00; }}
-.invalid {{ background:#fbdcd7; color:#8c1d10; }}
-.plain {{ background:#e6ebf2; color:#38455a; }}
 .warn {{ background:#fff8e1; border-left:5px solid #e0a030; padding:8px 14px; margin:8px 0; border-radius:4px; }}
 .bad {{ background:#fdecea; border-left:5px solid #c0392b; padding:8px 14px; margin:8px 0; border-radius:4px; }}
 .cards {{ display:grid; grid-template-columns:repeat(auto-fill,minmax(600px,1fr)); gap:14px; }}
@@ -85,7 +89,7 @@ th,td {{ padding:1px 4px; white-space:normal; }} td.n,th.n {{ white-space:normal
 .card {{ padding:3px 5px; }} .card header b,.card header span {{ font-size:7pt; }}
 .cards {{ grid-template-columns:repeat(2,1fr); gap:5px; }} .charts {{ grid-template-columns:repeat(4,1fr); gap:5px; }}
 .pair {{ grid-template-columns:1fr 1fr; }} dl.data {{ font-size:7pt; padding:2px; gap:0 8px; }}
-pre {{ white-space:pre-wrap; font-size:7pt; }} details:not([open]) {{ display:none; }}
+pre {{ white-space:pre-wrap; font-size:7pt; }} details::details-content {{ content-visibility:visible; display:block; }}
 }}
 """
 
