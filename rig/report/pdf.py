@@ -33,7 +33,7 @@ BOTTOM = 13 * mm
 WIDTH = A4[0] - 2 * MARGIN
 FONTS = {"Sheet": "DejaVuSans.ttf", "Sheet-Bold": "DejaVuSans-Bold.ttf", "Sheet-Mono": "DejaVuSansMono.ttf"}
 INK, SOFT, LINE = HexColor("#1c2430"), HexColor("#5b6675"), HexColor("#d8dee6")
-CARDS = {"traces": 2, "cards": 3, "charts": 4}
+CARDS = {"cards": 3, "charts": 4}
 """Cards side by side."""
 HIGHEST_CARD, FEW_ROWS = 46 * mm, 24 * mm
 """What must fit below a heading, else it begins a page."""
