@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import rig.dampers
+from rig.errors import RigError
 from rig.report.chart import Chart, Trace
 from rig.report.fragment import (
     NOTHING,
@@ -219,9 +220,11 @@ def _heat(value: object) -> str:
 
 
 def _meanings(name: str) -> dict[str, str]:
-    if name not in rig.dampers.MODELS:
+    try:
+        model = rig.dampers.model(name)
+    except RigError:  # a model that is not known here; its parameters stand without their meaning
         return {}
-    return {parameter.name: parameter.meaning for parameter in rig.dampers.model(name).parameters}
+    return {parameter.name: parameter.meaning for parameter in model.parameters}
 
 
 REFERENCES = {
