@@ -19,6 +19,18 @@ CHIPS = {
 """Background and letters of labels, by class."""
 _CHIP_RULES = "\n".join(f".{kind} {{ background:{paper}; color:{ink}; }}" for kind, (paper, ink) in CHIPS.items())
 
+SVG_RULES = f"""
+svg text {{ font:11.5px system-ui,sans-serif; fill:#46515f; }} svg text.l {{ font-size:12.5px; fill:#1c2430; }}
+svg path {{ fill:none; }} svg .g {{ stroke:#e6eaef; stroke-width:1; }}
+svg .f {{ fill:none; stroke:#9aa5b1; stroke-width:1; }}
+svg .m {{ stroke:{MEASURED}; stroke-width:1.8; stroke-linejoin:round; }}
+svg .thin {{ stroke-width:1; }}
+svg .p {{ stroke:{FITTED}; stroke-width:1.6; stroke-dasharray:5 3; }}
+svg .q {{ stroke:{OVERLAID}; stroke-width:1; stroke-dasharray:3 4; }}
+svg .e {{ stroke:{RESIDUAL}; stroke-width:1; }}
+"""
+"""What a chart is drawn with, in the page and as a file of its own."""
+
 STYLE_SHEET = f"""
 :root {{ --ink:#1c2430; --soft:#5b6675; --line:#d8dee6; --paper:#ffffff; --shade:#f4f6f9; }}
 * {{ box-sizing:border-box; }}
@@ -62,15 +74,7 @@ tr.no td {{ color:var(--soft); background:#faf7f2; }}
 .card header .invalid {{ color:#8c1d10; }} .card header .suspect {{ color:#6b4e00; }}
 .pair {{ display:grid; grid-template-columns:1fr 1fr; gap:4px; }}
 svg {{ width:100%; height:auto; display:block; }}
-svg text {{ font:11.5px system-ui,sans-serif; fill:#46515f; }} svg text.l {{ font-size:12.5px; fill:#1c2430; }}
-svg path {{ fill:none; }} svg .g {{ stroke:#e6eaef; stroke-width:1; }}
-svg .f {{ fill:none; stroke:#9aa5b1; stroke-width:1; }}
-svg .m {{ stroke:{MEASURED}; stroke-width:1.8; stroke-linejoin:round; }}
-svg .thin {{ stroke-width:1; }}
-svg .p {{ stroke:{FITTED}; stroke-width:1.6; stroke-dasharray:5 3; }}
-svg .q {{ stroke:{OVERLAID}; stroke-width:1; stroke-dasharray:3 4; }}
-svg .e {{ stroke:{RESIDUAL}; stroke-width:1; }}
-.key i {{ display:inline-block; width:30px; height:0; margin:0 6px 4px 16px; border-top:3px solid; }}
+{SVG_RULES}.key i {{ display:inline-block; width:30px; height:0; margin:0 6px 4px 16px; border-top:3px solid; }}
 .key i.dash {{ border-top-style:dashed; }}
 dl.data {{ display:grid; grid-template-columns:max-content 1fr; gap:2px 18px; margin:0; padding:12px 16px; }}
 dl.data {{ font-size:15px; }}
