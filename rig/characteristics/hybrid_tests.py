@@ -104,9 +104,9 @@ def answer(tests: Sequence[HybridTest]) -> dict[str, Any]:
     entries = [test.to_json() for test in tests]
     led = next((entry for entry in entries if entry["compensation"] != "none"), entries[0] if entries else {})
     names = (
-        "steps", "late_steps", "p99_step_ms", "tracking_nrms", "reference_error", "hop_error", "delay_ms", "criteria",
+        "steps", "late_steps", "p99_step_ms", "tracking_nrms", "reference_error", "hop_error", "delay_ms",
     )
-    return {**{name: led.get(name) for name in names}, "tests": entries}
+    return {**{name: led.get(name) for name in names}, "criteria": led.get("criteria", {}), "tests": entries}
 
 
 def _rows(record: Record) -> Iterator[FloatArray]:
@@ -123,7 +123,9 @@ def _test(
     times = raw["time"]
     if times is None or any(values is None for values in raw.values()):
         return HybridTest(point.id, compensator, verdict, None, None, {})
-    told = _told(lines, int(times["host_ns"][0]), int(times["host_ns"][-1]))
+    told = {
+        **_told(lines, int(times["host_ns"][0]), int(times["host_ns"][-1])), "steps": int(times["sequence"][-1]),
+    }  # fmt: skip
     columns = {name: values for name, values in raw.items() if values is not None}
     record = _record(columns, table, prior)
     found = None if record is None else assess(record)
@@ -165,7 +167,7 @@ def _told(lines: Sequence[Mapping[str, Any]], first_ns: int, last_ns: int) -> di
         if line.get("what") == "hybrid" and first_ns <= at_ns:
             if at_ns > last_ns and line.get("phase") == "probe":
                 break
-            told |= {name: line.get(name) for name in ("steps", "delay_s", "energy_share")}
+            told |= {name: line.get(name) for name in ("delay_s", "energy_share")}
         if line.get("what") == "setpoints":
             if at_ns < first_ns:
                 before = {name: int(line.get(name) or 0) for name in before}

@@ -250,6 +250,7 @@ class HybridMotion:
                 f"{1e3 * most_s:.1f} ms"
             )
             self.problem = Problem(text, delay_s, most_s)
+            return
         self._lead = Lead(self._order.compensator, delay_s, self._part.step_s)
 
     def _test(self, test_s: float, here: Measured) -> Sent:
