@@ -40,7 +40,7 @@ class HybridTest:
         compensator: what led the set-points.
         verdict: of its point.
         record: its course; None where too little was recorded.
-        found: what the record says; None where there is none.
+        numbers: what the record says; None where there is none.
         told: what the station said of it: steps, delay (s), energy share, late set-points.
     """
 
@@ -48,21 +48,21 @@ class HybridTest:
     compensator: str
     verdict: str
     record: Record | None
-    found: Assessment | None
+    numbers: Assessment | None
     told: Mapping[str, Any]
 
     def to_json(self) -> dict[str, Any]:
         """The keys of one entry of `tests` in `hybrid.json` and `rig hybrid --json`."""
-        found, told = self.found, self.told
+        numbers, told = self.numbers, self.told
         delay_s = told.get("delay_s")
         return {
             "id": self.id, "compensation": self.compensator, "verdict": self.verdict,
             "steps": told.get("steps", 0), "late_steps": told.get("late_steps"), "p99_step_ms": told.get("p99_step_ms"),
             "delay_ms": None if delay_s is None else 1e3 * delay_s, "energy_error": told.get("energy_share"),
-            "tracking_nrms": None if found is None else found.tracking_nrms,
-            "reference_error": None if found is None else found.reference_error,
-            "hop_error": None if found is None else found.hop_error,
-            "criteria": {} if found is None else found.criteria,
+            "tracking_nrms": None if numbers is None else numbers.tracking_nrms,
+            "reference_error": None if numbers is None else numbers.reference_error,
+            "hop_error": None if numbers is None else numbers.hop_error,
+            "criteria": {} if numbers is None else numbers.criteria,
         }
 
 
@@ -128,8 +128,8 @@ def _test(
     }  # fmt: skip
     columns = {name: values for name, values in raw.items() if values is not None}
     record = _record(columns, table, prior)
-    found = None if record is None else assess(record)
-    return HybridTest(point.id, compensator, verdict, record, found, told)
+    numbers = None if record is None else assess(record)
+    return HybridTest(point.id, compensator, verdict, record, numbers, told)
 
 
 def _record(raw: Mapping[str, Mapping[str, Any]], table: HybridTable, prior: str) -> Record | None:

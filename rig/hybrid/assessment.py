@@ -75,10 +75,10 @@ def assess(record: Record) -> Assessment | None:
     if len(record.time_s) < FEWEST_STEPS:
         return None
     target = np.column_stack([record.target_m, record.body_m, record.wheel_m])
-    found = criteria(target, record.measured_m, record.reference_m, record.step_s)
+    numbers = criteria(target, record.measured_m, record.reference_m, record.step_s)
     body = _band_error(record.body_m, record.reference_m[:, 1], record.step_s, BODY_BAND_Hz)
     wheel = _band_error(record.wheel_m, record.reference_m[:, 2], record.step_s, HOP_BAND_Hz)
-    return Assessment(0.01 * found["J2"], body, wheel, found)
+    return Assessment(0.01 * numbers["J2"], body, wheel, numbers)
 
 
 def _band_error(seen: FloatArray, wanted: FloatArray, step_s: float, band_Hz: tuple[float, float]) -> float | None:

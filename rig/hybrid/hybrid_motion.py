@@ -16,17 +16,14 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
+from rig.hybrid.delay_probe import DelayMeasurement, Probe
 from rig.hybrid.lead import Lead
+from rig.hybrid.motion_bounds import Bounds, Measured, Problem, Watch
 from rig.hybrid.substructure import Sent, Substructure, Target, dot
 
 PAUSE_S = 0.5
 RETURN_S = 1.0
-PROBE_RAMP_CYCLES = 1.0
 LEAST_DELAY_S = 2e-4
-ENERGY_FLOOR_J = 1.0
-"""Energy errors are judged once the specimen has passed so much work."""
-LEAST_SQUARES_M2 = 1e-6
-"""Sum of squares of the target from which on tracking is a share of it."""
 HELD_STEPS = 2
 """So many steps are computed with the last force where none came; more than that is no test."""
 
@@ -42,49 +39,6 @@ class Phase(StrEnum):
 
 
 @dataclass(frozen=True)
-class Bounds:
-    """What a test must keep to.
-
-    Attributes:
-        extension_m: largest, either way; a multiple of what is forecast, within the machine's travel.
-        speed_m_s, acceleration_m_s2: of the target: the machine's.
-        energy_share: largest energy that following wrongly gives to the computed part, or takes from it, as a share of
-            the work that went through the specimen.
-        delay_s: largest delay of the actuator with which the test is begun.
-    """
-
-    extension_m: float
-    speed_m_s: float
-    acceleration_m_s2: float
-    energy_share: float
-    delay_s: float
-
-
-@dataclass(frozen=True)
-class Probe:
-    """The small motion by which the delay is measured, m and Hz; `cycles` at full amplitude."""
-
-    amplitude_m: float
-    frequency_Hz: float
-    cycles: int = 6
-
-    @property
-    def duration_s(self) -> float:
-        """With ramps, s."""
-        return (self.cycles + 2.0 * PROBE_RAMP_CYCLES) / self.frequency_Hz
-
-    def at(self, t_s: float) -> tuple[float, float, float]:
-        """Position (m), speed (m/s) and share of the full amplitude at a time."""
-        phase = t_s * self.frequency_Hz
-        left = self.cycles + 2.0 * PROBE_RAMP_CYCLES - phase
-        share = max(0.0, min(1.0, phase / PROBE_RAMP_CYCLES, left / PROBE_RAMP_CYCLES))
-        angle, rate = 2.0 * math.pi * phase, 2.0 * math.pi * self.frequency_Hz
-        slope = 0.0 if share == 1.0 else math.copysign(self.frequency_Hz / PROBE_RAMP_CYCLES, left - phase)
-        value = self.amplitude_m * math.sin(angle)
-        return share * value, self.amplitude_m * rate * share * math.cos(angle) + slope * value, share
-
-
-@dataclass(frozen=True)
 class HybridOrder:
     """Everything a test needs to know beforehand.
 
@@ -94,6 +48,7 @@ class HybridOrder:
         probe: how the delay is measured.
         compensator: one of `rig.hybrid.lead.COMPENSATORS`.
         current_A: of the coil, for the assumed damper's force.
+        centre_m: where the specimen's extension is 0, in the rig's coordinate.
     """
 
     part: Substructure
@@ -101,6 +56,7 @@ class HybridOrder:
     probe: Probe
     compensator: str
     current_A: float = 0.0
+    centre_m: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """All of it as plain values."""
@@ -126,25 +82,8 @@ class HybridOrder:
         return self.probe.duration_s + PAUSE_S + self.part.duration_s + RETURN_S
 
 
-class Measured(NamedTuple):
-    """What the sensors say at a step: force (N) and extension (m); NaN where nothing fresh came."""
-
-    force_N: float
-    extension_m: float
-
-
-class Problem(NamedTuple):
-    """Why a test does not go on: in words, with what was found and what is allowed."""
-
-    text: str
-    value: float
-    limit: float
-
-
 class Moment(NamedTuple):
-    """What is recorded of a step of the test: time since the road's beginning (s), and in m the target, where the
-    specimen was seen to be, body and wheel.
-    """
+    """What is recorded of a step: time since the road began (s); target, extension as seen, body and wheel (m)."""
 
     t_s: float
     target_m: float
@@ -174,7 +113,6 @@ class HybridMotion:
 
     Args (construction):
         order: the test.
-        centre_m: where the specimen's extension is 0, in the rig's coordinate.
 
     Attributes:
         phase: where in its course it is.
@@ -183,14 +121,14 @@ class HybridMotion:
         delay_s: of the rod behind its set-points; NaN before it is known.
     """
 
-    def __init__(self, order: HybridOrder, centre_m: float) -> None:
+    def __init__(self, order: HybridOrder) -> None:
         self.phase = Phase.PROBE
         self.problem: Problem | None = None
         self.moment: Moment | None = None
         self.delay_s = math.nan
         self._order = order
         self._part = order.part
-        self._centre_m = centre_m
+        self._centre_m = order.centre_m
         self._begin_s = order.probe.duration_s + PAUSE_S
         self._delay = DelayMeasurement(order.probe)
         self._rest = [0.0, 0.0]
@@ -320,85 +258,3 @@ class HybridMotion:
         position_m = x * (1.0 + s * s * (2.0 * s - 3.0)) + v * s * (1.0 - s) ** 2
         slope = x * 6.0 * s * (s - 1.0) + v * (1.0 - s) * (1.0 - 3.0 * s)
         return Sent(position_m, slope / RETURN_S)
-
-
-class DelayMeasurement:
-    """By how much a sine is behind its set-points: by the phase of its fundamental over the full cycles."""
-
-    def __init__(self, probe: Probe) -> None:
-        self._probe = probe
-        self._sums = [0.0] * 3
-        self._count = 0
-
-    def add(self, t_s: float, extension_m: float, share: float) -> None:
-        """Where the rod was; only what is at full amplitude counts."""
-        if share < 1.0 or not math.isfinite(extension_m):
-            return
-        angle = 2.0 * math.pi * self._probe.frequency_Hz * t_s
-        self._count += 1
-        for place, value in enumerate((extension_m * math.sin(angle), extension_m * math.cos(angle), extension_m)):
-            self._sums[place] += value
-
-    @property
-    def delay_s(self) -> float:
-        """The delay, s; NaN where the rod hardly moved."""
-        in_phase, quadrature, _ = self._sums
-        if self._count == 0 or math.hypot(in_phase, quadrature) * 2.0 / self._count < 0.3 * self._probe.amplitude_m:
-            return math.nan
-        return math.atan2(-quadrature, in_phase) / (2.0 * math.pi * self._probe.frequency_Hz)
-
-
-class Watch:
-    """What is judged at each step: the target against its bounds, the energy that following wrongly brings.
-
-    Energy error: E = sum F (dx - dx*), x where the rod was, x* where it should be; work: sum |F dx*|. Mosqueda,
-    Stojadinovic, Mahin 2007 (Earthquake Engineering and Structural Dynamics 36), as a share of the work passed.
-    """
-
-    def __init__(self, bounds: Bounds) -> None:
-        self.worst_share = 0.0
-        self._bounds = bounds
-        self._last: tuple[float, float, float] | None = None
-        self._error_J = self._work_J = 0.0
-        self._squares = [0.0, 0.0]
-
-    @property
-    def tracking(self) -> float:
-        """RMS of the rod's distance from its target as a share of the target's RMS; 0 before it moves."""
-        apart, asked = self._squares
-        return math.sqrt(apart / asked) if asked > LEAST_SQUARES_M2 else 0.0
-
-    def add(self, now: Target, here: Measured, force_N: float) -> None:
-        """One step."""
-        if not math.isfinite(here.extension_m):
-            return
-        if self._last is not None:
-            was_m, target_m, before_N = self._last
-            mean_N, wanted_m = 0.5 * (force_N + before_N), now.extension_m - target_m
-            self._error_J += mean_N * (here.extension_m - was_m - wanted_m)
-            self._work_J += abs(mean_N * wanted_m)
-        self._last = here.extension_m, now.extension_m, force_N
-        self._squares[0] += (here.extension_m - now.extension_m) ** 2
-        self._squares[1] += now.extension_m**2
-        if self._work_J > ENERGY_FLOOR_J:
-            self.worst_share = max(self.worst_share, abs(self._error_J) / self._work_J)
-
-    def problem(self, now: Target) -> Problem | None:
-        """What speaks against going on."""
-        bounds = self._bounds
-        for name, unit, scale, value, limit in (
-            ("extension", "mm", 1e3, now.extension_m, bounds.extension_m),
-            ("speed", "m/s", 1.0, now.speed_m_s, bounds.speed_m_s),
-            ("acceleration", "m/s^2", 1.0, now.acceleration_m_s2, bounds.acceleration_m_s2),
-        ):
-            if not abs(value) <= limit:
-                text = f"computed {name} {scale * value:.4g} {unit}, allowed +-{scale * limit:.4g} {unit}"
-                return Problem(text, value, limit)
-        if self._work_J > ENERGY_FLOOR_J and not abs(self._error_J) <= bounds.energy_share * self._work_J:
-            share = self._error_J / self._work_J
-            text = (
-                f"following wrongly brought {self._error_J:.3g} J of {self._work_J:.3g} J of work, {100 * share:.1f} %; "
-                f"allowed +-{100 * bounds.energy_share:g} %"
-            )
-            return Problem(text, share, bounds.energy_share)
-        return None

@@ -104,9 +104,9 @@ class Lead:
             for j in range(4):
                 self._sums[i][j] += row[i] * row[j] - old[i] * old[j]
         if len(self._rows) == self._most_rows and self._sums[0][0] > LEAST_RMS_m**2 * self._most_rows:
-            found = _least_squares(self._sums)
+            numbers = _least_squares(self._sums)
             self.coefficients = [
-                min(max(value, low), high) for value, (low, high) in zip(found, BOUNDS, strict=True)
+                min(max(value, low), high) for value, (low, high) in zip(numbers, BOUNDS, strict=True)
             ]
 
 
@@ -124,4 +124,4 @@ def _least_squares(sums: list[list[float]]) -> list[float]:
     out = [0.0, 0.0, 0.0]
     for i in (2, 1, 0):
         out[i] = (rows[i][3] - sum(rows[i][j] * out[j] for j in range(i + 1, 3))) / rows[i][i]
-    return [value / each for value, each in zip(out, scale, strict=True)]
+    return [value / unit for value, unit in zip(out, scale, strict=True)]

@@ -16,8 +16,10 @@ from pydantic import Field, model_validator
 from rig.bench.model import Bench
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
-from rig.hybrid.hybrid_motion import PAUSE_S, RETURN_S, Bounds, HybridOrder, Probe
+from rig.hybrid.delay_probe import Probe
+from rig.hybrid.hybrid_motion import PAUSE_S, RETURN_S, HybridOrder
 from rig.hybrid.lead import COMPENSATORS
+from rig.hybrid.motion_bounds import Bounds
 from rig.matrix.point import Forecast, TestPoint
 from rig.signals.waveform import HOLD
 from rig.vehicle.car import Car
@@ -151,24 +153,25 @@ class HybridTable(Section):
                 "hybrid", "a hybrid test needs an actuator that follows streamed set-points; this bench's controller "
                 "makes its motion itself",
             )]
-        found = []
+        against = []
         if bench.clock.device_rate != 1.0:
-            found.append(("hybrid", f"the bench runs at {bench.clock.device_rate:g} times real time; a hybrid test at 1"))
+            rate = bench.clock.device_rate
+            against.append(("hybrid", f"the bench runs at {rate:g} times real time; a hybrid test runs at 1"))
         critical_s, share = car.critical_delay_s(), 1.0 if point.compensator == "none" else LEFT_SHARE
         acting_s = share * self.largest_delay_s
         if not acting_s * DELAY_MARGIN <= critical_s:
-            found.append((
-                "hybrid-unstable", f"unstable with a force {1e3 * critical_s:.1f} ms late; {1e3 * acting_s:.1f} ms may act "
-                f"({100 * share:g} % of largest_delay {1e3 * self.largest_delay_s:g} ms), and {DELAY_MARGIN:g} times "
-                "that must be stable: a smaller largest_delay, if the actuator keeps it, or a heavier wheel",
+            against.append((
+                "hybrid-unstable", f"unstable with a force {1e3 * critical_s:.1f} ms late; {1e3 * acting_s:.1f} ms may "
+                f"act ({100 * share:g} % of largest_delay {1e3 * self.largest_delay_s:g} ms), and {DELAY_MARGIN:g} "
+                "times that must be stable: a smaller largest_delay, if the actuator keeps it, or a heavier wheel",
             ))
         hop_Hz = car.highest_mode_Hz()
         if hop_Hz * poll_s * FEWEST_STEPS > 1.0:
-            found.append((
-                "sampling", f"{1.0 / (hop_Hz * poll_s):.3g} steps in a period of the wheel ({hop_Hz:.3g} Hz) at a poll of "
-                f"{1e3 * poll_s:g} ms; {FEWEST_STEPS} are needed: a shorter poll, or a softer tyre",
+            against.append((
+                "sampling", f"{1.0 / (hop_Hz * poll_s):.3g} steps in a period of the wheel ({hop_Hz:.3g} Hz) at a poll "
+                f"of {1e3 * poll_s:g} ms; {FEWEST_STEPS} are needed: a shorter poll, or a softer tyre",
             ))
-        return found
+        return against
 
     def order(self, point: TestPoint, prior: str, bench: Bench, room_m: tuple[float, float]) -> HybridOrder:
         """What the station is told.
@@ -192,7 +195,7 @@ class HybridTable(Section):
             limits.acceleration_m_s2, self.largest_energy_error, self.largest_delay_s,
         )
         part = car.part(poll_s, [self.current_A])
-        return HybridOrder(part, bounds, self.probe, point.compensator, self.current_A)
+        return HybridOrder(part, bounds, self.probe, point.compensator, self.current_A, point.centre_m)
 
 
 def _rest_N(table: HybridTable, prior: str) -> float:

@@ -23,9 +23,9 @@ class TestPoint:
 
     `cycles` are at full amplitude; the ramps come beside them. `repeat` counts from 1. `kind` is `loop`, `friction`
     (a slow triangle without current, for gas force and friction) or `current_step`: then `waveform` is `hold`, the
-    amplitude 0, a cycle one step, `steps_A` the currents in turn and `current_A` the largest of them. Or it is `hybrid`:
-    then `waveform` is `hold`, the amplitude the largest extension that is `forecast`, the whole test one cycle, and
-    `compensator` what leads the set-points.
+    amplitude 0, a cycle one step, `steps_A` the currents in turn and `current_A` the largest of them. Or it is
+    `hybrid`: then `waveform` is `hold`, the amplitude the largest extension that is `forecast`, the whole test one
+    cycle, and `compensator` what leads the set-points.
 
     Raises:
         UnknownWaveform: `waveform` is no waveform's name.

@@ -145,7 +145,7 @@ RING_CHANNELS: dict[int, Description] = {
     51: Description("loop_late", "s", "Lateness of the station's loop"),
     60: Description("hybrid_time", "s", "Hybrid test: time since the road's beginning, as computed"),
     61: Description("hybrid_target", "m", "Hybrid test: where the specimen should be, about its centre"),
-    62: Description("hybrid_seen", "m", "Hybrid test: where the specimen was seen to be at that step, about its centre"),
+    62: Description("hybrid_seen", "m", "Hybrid test: where the specimen was seen at that step, about its centre"),
     63: Description("hybrid_body", "m", "Hybrid test: computed height of the body"),
     64: Description("hybrid_wheel", "m", "Hybrid test: computed height of the wheel"),
 }

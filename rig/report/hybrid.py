@@ -28,9 +28,9 @@ HEAD = (
 )
 NOTE = (
     "The damper moves as the computed car moves it. Delay: of the rod behind its set-points, measured before the test. "
-    "Tracking: rod against target, RMS as a share of the target's. Body and wheel: against the whole car computed with "
-    "the assumed damper, in these bands. Where the damper is another one than assumed, the difference is its answer, no "
-    "error of the test."
+    "Tracking: rod against target, RMS as a share of the target's. Body and wheel: against the whole car computed "
+    "with the assumed damper, in these bands. Where the damper is another one than assumed, the difference is its "
+    "answer, no error of the test."
 )
 SHOWN_S = 2.0
 """Of the tracking, about the middle of the test: more is not legible."""

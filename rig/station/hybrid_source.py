@@ -1,4 +1,4 @@
-"""A hybrid test in the station: sensors in, set-points out, what it finds to the supervisor, what it computes to the ring.
+"""A hybrid test in the station: sensors in, set-points out; findings to the supervisor, what it computes to the ring.
 
 The computed part runs here because here the sensors' newest values are and from here the set-points go: no process or
 queue lies between the measured force and the set-point that follows from it. It is pure arithmetic (`rig.hybrid`).
@@ -10,15 +10,22 @@ import math
 from collections.abc import Callable
 
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
+from drivers.roles import state_name
 from drivers.setpoint_generator import Setpoint
 from rig.bench.settings import Limits
 from rig.clock import monotonic_ns
-from rig.hybrid.hybrid_motion import HybridMotion, HybridOrder, Measured, Moment
+from rig.hybrid.hybrid_motion import HybridMotion, HybridOrder, Moment
+from rig.hybrid.motion_bounds import Measured
+from rig.station.command_channel import CommandChannel
 from rig.station.errors import StationRefused
 from rig.station.interlocks.finding import Finding
+from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
+from rig.station.safe_stop import Movement
 from rig.station.supervisor import Supervisor
+from rig.station.threads.devices import Devices
 
 SLUG = "hybrid-unstable"
+Answer = dict[str, object]
 Reading = Callable[[int], float | None]
 """Host time (ns) -> the newest good value, SI; None when it is stale."""
 CHANNELS = (
@@ -86,13 +93,37 @@ def _records(moment: Moment, step: int, now_ns: int) -> list[Record]:
     ]
 
 
-def hybrid_order(given: object, limits: Limits, centre_m: float) -> HybridOrder:
+def start_hybrid(given: object, devices: Devices, supervisor: Supervisor, commands: CommandChannel) -> Answer:
+    """Begin a hybrid test; the answer is that of any motion's start.
+
+    Args:
+        given: `HybridOrder.to_json`.
+        devices: of the rig.
+        supervisor: of the station.
+        commands: to the actuator.
+
+    Raises:
+        StationRefused: it is no test, is wider than the machine's limits, or the actuator does not begin it.
+        DriverError: the actuator cannot be reached.
+    """
+    config = devices.config
+    order = hybrid_order(given, config.limits)
+    source = HybridSource(
+        HybridMotion(order), devices.load_cell.value, devices.lvdt.position_m, supervisor, devices.append
+    )
+    halted_s = config.limits.speed_m_s / config.actuator.halt_deceleration_m_s2
+    supervisor.movement = Movement(halted_s + SPEED_WINDOW_S)
+    devices.actuator.judge.expect_program(order.duration_s, 1.0)
+    status = commands.compute(source)
+    return {"program_id": status.program_id, "state": state_name(status.state)}
+
+
+def hybrid_order(given: object, limits: Limits) -> HybridOrder:
     """The order of a start request, within the machine's limits.
 
     Args:
         given: `HybridOrder.to_json`.
         limits: of the machine.
-        centre_m: of the motion, in the rig's coordinate.
 
     Raises:
         StationRefused: it is none, or its own bounds are wider than the machine's limits.
@@ -103,6 +134,7 @@ def hybrid_order(given: object, limits: Limits, centre_m: float) -> HybridOrder:
         order = HybridOrder.from_json(given)
     except (KeyError, TypeError) as error:
         raise StationRefused("bad-request", f"start: not a hybrid test: {error}") from error
+    centre_m = order.centre_m
     reach_m = max(order.bounds.extension_m, order.probe.amplitude_m)
     wide = [
         f"{what} {value:g} {unit}, allowed {limit:g} {unit}"

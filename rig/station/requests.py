@@ -9,7 +9,7 @@
     move         target_m, speed_m_s
     set_current  current_A
     start        waveform, amplitude_m, frequency_Hz, centre_m, cycles, ramp_in_cycles, ramp_out_cycles[, table];
-                 or a hybrid test: hybrid, centre_m
+                 or hybrid (a hybrid test)
     stop         kind=S2|S1|SO, reason[, detail]
     reset                                            after a stop, at standstill and 0 A, with no fault left
     disarm                                           0 A, hydraulics off, lease given back
@@ -30,11 +30,10 @@ from drivers.roles import ActuatorStatus, Command, Move, Program, State, Wavefor
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.faults.row import StopKind
-from rig.hybrid.hybrid_motion import HybridMotion
 from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.errors import StationRefused
 from rig.station.examination import NOTHING_STOPS_IT, examine
-from rig.station.hybrid_source import HybridSource, hybrid_order
+from rig.station.hybrid_source import start_hybrid
 from rig.station.interlocks.finding import Finding
 from rig.station.interlocks.link_faults import link_slug
 from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
@@ -215,7 +214,7 @@ class Requests:
     def _start(self, arguments: Arguments) -> Answer:
         self._require_motion("start")
         if "hybrid" in arguments:
-            return self._start_hybrid(arguments)
+            return start_hybrid(arguments["hybrid"], self._devices, self._supervisor, self._commands)
         name = str(arguments.get("waveform")).upper()
         if name not in Waveform.__members__:
             raise StationRefused("bad-request", f"start: waveform {arguments.get('waveform')!r} is not known")
@@ -241,19 +240,6 @@ class Requests:
         self._supervisor.movement = Movement(self._config.actuator.fade_out_cycles * period_s, period_s)
         self._devices.actuator.judge.expect_program(program.all_cycles * period_s, program.all_cycles)
         status = self._commands.command(Command.START, program)
-        return {"program_id": status.program_id, "state": state_name(status.state)}
-
-    def _start_hybrid(self, arguments: Arguments) -> Answer:
-        limits = self._config.limits
-        centre_m = _number(arguments, "centre_m", limits.position_min_m, limits.position_max_m)
-        order = hybrid_order(arguments["hybrid"], limits, centre_m)
-        devices, supervisor = self._devices, self._supervisor
-        source = HybridSource(
-            HybridMotion(order, centre_m), devices.load_cell.value, devices.lvdt.position_m, supervisor, devices.append
-        )
-        supervisor.movement = Movement(limits.speed_m_s / self._config.actuator.halt_deceleration_m_s2 + SPEED_WINDOW_S)
-        devices.actuator.judge.expect_program(order.duration_s, 1.0)
-        status = self._commands.compute(source)
         return {"program_id": status.program_id, "state": state_name(status.state)}
 
     def _require_followable(self, program: Program) -> None:

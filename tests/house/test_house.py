@@ -63,7 +63,6 @@ CATALOGUES = {
 }
 """What they import are topics of their own, each of the same kind, that nobody else has to know."""
 ONE_IMPORTER = {
-    "rig.hybrid.criteria": "the criteria of the authors of a benchmark, whatever ran the test",
     "rig.hybrid.delay_margin": "of any linear structure with a specimen, whatever is run with it",
     "rig.hybrid.virtual_test": "compiled: loads numba, and only where tests are run",
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",

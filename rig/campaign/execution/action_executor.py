@@ -241,7 +241,7 @@ class ActionExecutor:
             point.ramp_in_cycles + point.cycles + point.ramp_out_cycles,
         )
         if point.kind == "hybrid":
-            self._requests.ask(Request.START, centre_m=point.centre_m, hybrid=hybrid_order(self.campaign, point))
+            self._requests.ask(Request.START, hybrid=hybrid_order(self.campaign, point))
             return
         self._requests.ask(
             Request.START,

@@ -11,8 +11,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rig import dampers
-from rig.hybrid.hybrid_motion import Bounds, HybridMotion, HybridOrder, Measured, Moment, Phase, Probe
+from rig.hybrid.delay_probe import Probe
+from rig.hybrid.hybrid_motion import HybridMotion, HybridOrder, Moment, Phase
 from rig.hybrid.lead import COMPENSATORS
+from rig.hybrid.motion_bounds import Bounds, Measured
 from rig.hybrid.quarter_car import QuarterCar
 from rig.vehicle.car import Car
 from rig.vehicle.motion import CornerDamper
@@ -52,7 +54,7 @@ def order(car: QuarterCar, compensator: str, step_s: float = 0.01, **bounds: flo
         "extension_m": 0.2, "speed_m_s": 5.0, "acceleration_m_s2": 500.0, "energy_share": 0.3, "delay_s": 0.03,
         **bounds,
     })  # fmt: skip
-    return HybridOrder(car.part(step_s, [0.0]), within, Probe(1e-3, 5.0), compensator)
+    return HybridOrder(car.part(step_s, [0.0]), within, Probe(1e-3, 5.0), compensator, centre_m=0.05)
 
 
 def run(
@@ -60,7 +62,7 @@ def run(
     seen: Callable[[float, float], float] = lambda force_N, _: force_N,
 ) -> tuple[HybridMotion, list[Moment]]:
     """A test whose rod is where it was told to be `delay_s` ago, and whose specimen is linear, with a force at rest."""
-    motion, moments = HybridMotion(asked, 0.05), []
+    motion, moments = HybridMotion(asked), []
     # The newest place is that of the last instant.
     sent, late = (0.05, 0.0, 0.0), round(delay_s / FINE_S) - 1
     places = [0.05] * (late + 2)
@@ -171,9 +173,8 @@ def test_a_specimen_that_pushes_where_it_should_hold_ends_the_test_at_its_bounds
 
 
 def test_a_test_without_fresh_forces_goes_on_for_two_steps_only() -> None:
-    motion, moments = run(
-        order(quarter_car(linear_damper(DAMPING)), "model"), seen=lambda force_N, t_s: math.nan if t_s > 3.5 else force_N
-    )
+    asked = order(quarter_car(linear_damper(DAMPING)), "model")
+    motion, moments = run(asked, seen=lambda force_N, t_s: math.nan if t_s > 3.5 else force_N)
     assert motion.problem is not None
     assert (motion.problem.value, motion.problem.limit) == (3.0, 2.0)
     assert moments
@@ -181,7 +182,7 @@ def test_a_test_without_fresh_forces_goes_on_for_two_steps_only() -> None:
 
 def test_the_rod_returns_to_its_centre_in_the_end() -> None:
     asked = order(quarter_car(linear_damper(DAMPING), 1.0), "model")
-    motion = HybridMotion(asked, 0.05)
+    motion = HybridMotion(asked)
     last, place_m, t_s = None, 0.05, 0.0
     while (sent := motion.at(t_s, Measured(0.0, place_m))) is not None:
         last, place_m, t_s = sent, sent.position_m, t_s + 0.01
