@@ -66,7 +66,6 @@ ONE_IMPORTER = {
     "rig.hybrid.delay_margin": "of any linear structure with a specimen, whatever is run with it",
     "rig.hybrid.virtual_test": "compiled: loads numba, and only where tests are run",
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
-    "rig.cli.run": "a command; the demo runs it",
     "drivers.stamp_clock": "a clock without a bus, beside the port's I/O",
     "simulators.ecu_protection": "the peer of protocols.e2e: what both compute is compared",
     "simulators.testing.rehearsal": "a process of its own; loaded when a fixture is used",
