@@ -27,10 +27,11 @@ COMMANDS = {
     "plan": ("rig.cli.plan", "Check every point of a matrix against the limits of a bench."),
     "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
     "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),
-    "import": ("rig.cli.importing", "Convert CSV test files to a run."),
+    "import": ("rig.cli.importing", "Convert test files (CSV, MATLAB, MDF, TDMS) to a run."),
     "report": ("rig.cli.report", "Write the report of a run as one HTML file."),
+    "compare": ("rig.cli.compare", "Runs side by side: what changed, what is within acceptance bands."),
     "export": ("rig.cli.export", "Write a run or a fit in another program's format."),
-    "hybrid": ("rig.cli.hybrid", "The published benchmark of hybrid tests: a computed building, a moved specimen."),
+    "hybrid": ("rig.cli.hybrid", "Test the damper in a computed car, in real time; or run the published benchmark."),
     "runs": ("rig.cli.runs", "List recorded runs."),
     "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
     "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),
@@ -58,6 +59,7 @@ EXIT_CODES = (
     ("5", "finished, but some points are not valid"),
     ("6", "identification failed"),
     ("7", "rig state unknown: go and look"),
+    ("8", "not within the acceptance bands"),
 )
 
 PACKAGES = ("drivers", "protocols", "simulators")
