@@ -55,14 +55,14 @@ def test_the_example_fits_a_rig_that_follows_set_points(tmp_path: Path) -> None:
 def test_every_wrong_entry_is_named_with_its_line(tmp_path: Path) -> None:
     text = EXAMPLE.replace('mass = "600 kg"', 'mass = "-6 kg"').replace('unsprung_mass = "90 kg"\n', "")
     text = text.replace('last_frequency = "5 Hz"', 'last_frequency = "0.5 Hz"')
-    text = text.replace('compensation = ["model", "none"]', 'compensation = ["modell"]')
+    text = text.replace('compensation = ["model", "none"]', 'compensation = ["modelx"]')
     with pytest.raises(FileProblem) as caught:
         load(tmp_path, text)
     said = "\n".join(caught.value.problems)
     for entry in ("hybrid.car.body.mass", "unsprung_mass", "compensation"):
         assert entry in said
     lines = text.splitlines()
-    assert f"line {lines.index(next(line for line in lines if 'modell' in line)) + 1}" in said
+    assert f"line {lines.index(next(line for line in lines if 'modelx' in line)) + 1}" in said
 
 
 @pytest.mark.parametrize(
