@@ -27,7 +27,7 @@ COMMANDS = {
     "plan": ("rig.cli.plan", "Check every point of a matrix against the limits of a bench."),
     "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
     "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),
-    "import": ("rig.cli.importing", "Convert CSV test files to a run."),
+    "import": ("rig.cli.importing", "Convert test files (CSV, MATLAB, MDF, TDMS) to a run."),
     "report": ("rig.cli.report", "Write the report of a run as one HTML file."),
     "compare": ("rig.cli.compare", "Runs side by side: what changed, what is within acceptance bands."),
     "export": ("rig.cli.export", "Write a run or a fit in another program's format."),

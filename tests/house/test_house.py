@@ -58,6 +58,7 @@ CATALOGUES = {
     "rig.export.exporter": "the one place that names the formats",
     "rig.faults.matrix": "puts together the rows of each device",
     "rig.optimisers.methods": "the one place that names the algorithms",
+    "rig.recording.foreign.formats": "the one place that names the formats that are read",
     "rig.report.document": "puts together the parts of a page",
     "simulators.rig": "puts together the devices",
 }
