@@ -77,9 +77,9 @@ def run_benchmark(
     """
     started_ns = time.monotonic_ns()
     wanted = load_benchmark(path)
-    found = find_all(wanted, path.absolute().parent)
+    sets = find_all(wanted, path.absolute().parent)
     folder.mkdir(parents=True, exist_ok=True)
-    entries = [(one, *pair) for one in found if one.complete for pair in competitors(wanted)]
+    entries = [(one, *pair) for one in sets if one.complete for pair in competitors(wanted)]
     tell = report or (lambda progress: None)
     with ResultsFile(folder / "results.jsonl", wanted.fingerprint) as results:
         todo = [entry for entry in entries if _key(*entry) not in results]
@@ -90,12 +90,12 @@ def run_benchmark(
             done += 1
             tell(StudyProgress(done, len(entries), None, str(line["key"]), "fits"))
         lines = [results.lines[_key(*entry)] for entry in entries]
-    table = benchmark_table(found, lines)
-    lacking = [one.lacking for one in found if not one.complete]
+    table = benchmark_table(sets, lines)
+    lacking = [one.lacking for one in sets if not one.complete]
     facts = {
         "name": wanted.name,
-        "summary": f"{len(entries)} entries; {sum(one.complete for one in found)} of {len(found)} sets of recordings.",
-        "recordings": [_source(one) for one in found],
+        "summary": f"{len(entries)} entries; {sum(one.complete for one in sets)} of {len(sets)} sets of recordings.",
+        "recordings": [_source(one) for one in sets],
         "entries": len(entries),
         "left_out": lacking,
         "wall_s": round((time.monotonic_ns() - started_ns) * 1e-9, 1),
@@ -207,13 +207,13 @@ def _row(model: str, method: str, scored: Sequence[_Scored]) -> dict[str, Any]:
 
 def _reference_rows(folds: Sequence[Fold]) -> list[dict[str, Any]]:
     """The mean cycle and the regression, on the same splits; neither is a model."""
-    found = [references(fold.fitted, fold.unseen, [fold.fitted]) for fold in folds]
+    foretold = [references(fold.fitted, fold.unseen, [fold.fitted]) for fold in folds]
     rows = []
     for place, title in enumerate(("mean cycle of each unseen test (the floor)", "gradient boosting")):
-        errors = [one[place].holdout_nrmse_percent_of_peak for one in found]
+        errors = [one[place].holdout_nrmse_percent_of_peak for one in foretold]
         counts = [len(fold.unseen) for fold in folds]
         known = [(error, count) for error, count in zip(errors, counts, strict=True) if error is not None]
-        row: dict[str, Any] = {"model": title, "method": "no model", "note": found[0][place].reason}
+        row: dict[str, Any] = {"model": title, "method": "no model", "note": foretold[0][place].reason}
         if known:
             row["unseen"] = float(np.average([error for error, _ in known], weights=[count for _, count in known]))
         single = folds[0].unseen[0] if len(folds) == 1 and len(folds[0].unseen) == 1 else None
@@ -235,9 +235,9 @@ def benchmark_table(found: Sequence[Found], lines: Sequence[Mapping[str, Any]]) 
         name = one.recordings.name
         entries = [row for line in lines if line["key"].startswith(f"{name}|") for row in line["rows"]]
         entries += [
-            {"model": "published", "method": each.who, "unseen": each.nrmse_percent, "variance": each.variance_percent,
-             "note": each.note}
-            for each in one.recordings.published
+            {"model": "published", "method": other.who, "unseen": other.nrmse_percent,
+             "variance": other.variance_percent, "note": other.note}
+            for other in one.recordings.published
         ]  # fmt: skip
         entries.sort(key=lambda row: _rank(one, row))
         keys = ("model", "method", "unseen", "variance", "worst", "seen", "evaluations", "cpu_s", "note")

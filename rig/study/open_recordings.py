@@ -76,10 +76,10 @@ def find_all(wanted: BenchmarkFile, base: Path) -> list[Found]:
     Raises:
         FileProblem: none of the recordings is complete; one line for each, with its source.
     """
-    found = [_found(one, base) for one in wanted.recordings]
-    if not any(one.complete for one in found):
-        raise FileProblem("open recordings", [one.lacking for one in found])
-    return found
+    sets = [_found(one, base) for one in wanted.recordings]
+    if not any(one.complete for one in sets):
+        raise FileProblem("open recordings", [one.lacking for one in sets])
+    return sets
 
 
 def _found(one: Recordings, base: Path) -> Found:
