@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rig.dampers.current_law import AFFINE
+from rig.dampers.lawed_model import PLUS
 from rig.identification.application.tested_range import TestedRange
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.relation import CurrentRelations
@@ -197,7 +199,7 @@ class Fit(FitUse):
     """A model fitted to a run.
 
     Attributes:
-        model: name in `rig.dampers.MODELS`.
+        model: name in `rig.dampers.MODELS`, a current law behind it (`asymmetric+saturating`).
         hysteresis: form of the tanh argument.
         method: how it was fitted.
         weight: "1" or "v" (equation 12), or "relative" (each test by its relative error).
@@ -352,6 +354,7 @@ class Fit(FitUse):
             "next_tests": [_plain(proposal) for proposal in self.next_tests],
             "diagnosis": [_plain(cause) for cause in self.diagnosis],
             "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
+            "current_law": self.model.partition(PLUS)[2] or AFFINE,
             "series_spring": None if self.series is None else _plain(self.series),
             "tested": None if self.tested is None else self.tested.to_json(),
             "coil_eta_1_s": _number(self.coil_eta_1_s),
