@@ -20,7 +20,7 @@ from rig.dampers import model as damper_model
 from rig.errors import RigError
 from rig.identification import Measurement, Method, identify
 from rig.identification.models.measurement import first_cycle, spaced, thinned
-from rig.identification.models.solving import known_methods, solve
+from rig.identification.models.solving import THREE_STEPS, known_methods, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.reference import references
 from rig.identification.uncertainty.fit import ErrorSummary
@@ -115,7 +115,10 @@ def _lines(wanted: BenchmarkFile, todo: Sequence[tuple[Found, str, str]], proces
 
 
 def competitors(wanted: BenchmarkFile) -> list[tuple[str, str]]:
-    """Model and method of every entry: all models by separable, the searched ones by every other method."""
+    """Model and method of every entry: all models by separable, the searched ones by every other method.
+
+    The three steps identify the normalised Bouc-Wen model only.
+    """
     from rig.dampers.catalogue import MODELS
 
     chosen = wanted.benchmark
@@ -123,7 +126,12 @@ def competitors(wanted: BenchmarkFile) -> list[tuple[str, str]]:
     methods = known_methods() if chosen.methods == "all" else chosen.methods
     pairs = [(REFERENCE, REFERENCE)]
     pairs += [(name, SEPARABLE) for name in models if SEPARABLE in methods]
-    return pairs + [(name, method) for name in chosen.searched for method in methods if method != SEPARABLE]
+    return pairs + [
+        (name, method)
+        for name in chosen.searched
+        for method in methods
+        if method != SEPARABLE and (method != THREE_STEPS or name == "normalized_bouc_wen")
+    ]
 
 
 def _key(found: Found, model: str, method: str) -> str:
