@@ -168,6 +168,8 @@ def view_of(
     """
     if point.kind == "current_step":
         return PointView(point, None, "the rod stood still; the current was stepped", error or {}, held_out)
+    if point.kind == "hybrid":
+        return PointView(point, None, "a hybrid test: its motion has no cycles", error or {}, held_out)
     try:
         measured = prepare(point, skew)
     except RigError as problem:
