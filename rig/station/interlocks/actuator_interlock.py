@@ -214,7 +214,7 @@ class ActuatorInterlock:
     def _overrun_s(self) -> float:
         """So much longer than ordered a program may seem to run (s).
 
-        Without a clock of the controller's own the host's is taken: the two run apart, and the host sees the begin late.
+        Without a clock of the controller's own the host's is taken: they run apart, and the host sees the begin late.
         """
         return OVERRUN_S if self._own_clock else OVERRUN_S + HOST_CLOCK_SHARE * self._program_s + self.lag_s
 
