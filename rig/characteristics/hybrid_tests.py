@@ -137,10 +137,10 @@ def _record(raw: Mapping[str, Mapping[str, Any]], table: HybridTable, prior: str
     count = min(len(values["value"]) for values in raw.values())
     columns = {name: np.asarray(values["value"], np.float64)[:count] for name, values in raw.items()}
     test_s = columns["time"]
-    if count < 3 or not np.all(np.diff(test_s) > 0.0):
+    known = np.isfinite(columns["seen"])
+    if count < 3 or not np.all(np.diff(test_s) > 0.0) or not known.any():
         return None
     time_s = np.arange(test_s[0], test_s[-1], float(np.median(np.diff(test_s))))
-    known = np.isfinite(columns["seen"])
     reference_step_s, ride = table.quarter_car(prior).reference()
     whole_s = np.arange(len(ride.time_s)) * reference_step_s
     reference = np.column_stack([

@@ -12,6 +12,7 @@ J7, J9   wheel against the reference's, RMS and peak, %
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,14 +58,15 @@ class Assessment:
     """What the record says.
 
     Attributes:
-        tracking_nrms: RMS of the rod's distance from its target, as a share of the target's RMS.
+        tracking_nrms: RMS of the rod's distance from its target, as a share of the target's RMS, both without their
+            mean; None where the target does not move.
         reference_error: of the body's motion from 0.3 to 3 Hz, RMS, as a share of the reference's; None where it
             hardly moves there.
         hop_error: the same of the wheel's from 8 to 15 Hz; None where it hardly moves there.
-        criteria: J1 to J9.
+        criteria: J1 to J9; without those that compare with what does not move.
     """
 
-    tracking_nrms: float
+    tracking_nrms: float | None
     reference_error: float | None
     hop_error: float | None
     criteria: dict[str, float]
@@ -75,10 +77,12 @@ def assess(record: Record) -> Assessment | None:
     if len(record.time_s) < FEWEST_STEPS:
         return None
     target = np.column_stack([record.target_m, record.body_m, record.wheel_m])
-    numbers = criteria(target, record.measured_m, record.reference_m, record.step_s)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = criteria(target, record.measured_m, record.reference_m, record.step_s)
+    numbers = {name: value for name, value in found.items() if math.isfinite(value)}
     body = _band_error(record.body_m, record.reference_m[:, 1], record.step_s, BODY_BAND_Hz)
     wheel = _band_error(record.wheel_m, record.reference_m[:, 2], record.step_s, HOP_BAND_Hz)
-    return Assessment(0.01 * numbers["J2"], body, wheel, numbers)
+    return Assessment(0.01 * numbers["J2"] if "J2" in numbers else None, body, wheel, numbers)
 
 
 def _band_error(seen: FloatArray, wanted: FloatArray, step_s: float, band_Hz: tuple[float, float]) -> float | None:

@@ -5,7 +5,8 @@
     TEST     the road: at each step the measured force goes into the computed part, whose answer is sent, led
     RETURN   back to the centre within a second; then it is over
 
-What is found against going on (`problem`) ends it at once: the caller stops the rig.
+What is found against going on (`problem`) ends it at once: the caller stops the rig. The set-point with which it was
+found is not sent: from the last good one on the rod is braked, so that a halt begins from there.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from rig.hybrid.substructure import Sent, Substructure, Target, dot
 
 PAUSE_S = 0.5
 RETURN_S = 1.0
+RETURN_RATE_1_S = 12.0
+"""Of the way back: like a critically damped spring of this frequency; it leaves a hundred-thousandth of the way."""
 LEAST_DELAY_S = 2e-4
 HELD_STEPS = 2
 """So many steps are computed with the last force where none came; more than that is no test."""
@@ -139,6 +142,7 @@ class HybridMotion:
         self._lead = Lead(order.compensator, 0.0, order.part.step_s)
         self._watch = Watch(order.bounds)
         self._left = Sent(0.0, 0.0)
+        self._good = (0.0, self._left)
 
     @property
     def outcome(self) -> Outcome:
@@ -155,20 +159,35 @@ class HybridMotion:
         self.moment = None
         here = Measured(seen.force_N, seen.extension_m - self._centre_m)
         test_s = t_s - self._begin_s
+        if test_s >= self._part.duration_s + RETURN_S:
+            self.phase = Phase.OVER
+            return None
+        sent = self._goes_on(t_s, test_s, here) if self.problem is None else self._left
+        if self.problem is None:
+            self._good = t_s, sent
+        else:
+            sent = self._braked(t_s)
+        return Sent(self._centre_m + sent.position_m, sent.velocity_m_s)
+
+    def _goes_on(self, t_s: float, test_s: float, here: Measured) -> Sent:
+        """The set-point of a moment, about the centre, whatever it is."""
         if t_s < self._order.probe.duration_s:
             position_m, speed_m_s, share = self._order.probe.at(t_s)
             self._delay.add(t_s, here.extension_m, share)
-            sent = Sent(position_m, speed_m_s)
-        elif test_s < 0.0:
-            sent = self._pause(test_s, here)
-        elif test_s < self._part.duration_s:
-            sent = self._test(test_s, here)
-        elif test_s < self._part.duration_s + RETURN_S:
-            sent = self._return(test_s - self._part.duration_s)
-        else:
-            self.phase = Phase.OVER
-            return None
-        return Sent(self._centre_m + sent.position_m, sent.velocity_m_s)
+            return Sent(position_m, speed_m_s)
+        if test_s < 0.0:
+            return self._pause(test_s, here)
+        if test_s < self._part.duration_s:
+            return self._test(test_s, here)
+        return self._return(test_s - self._part.duration_s)
+
+    def _braked(self, t_s: float) -> Sent:
+        """From the last good set-point to rest."""
+        good_s, (position_m, velocity_m_s) = self._good
+        rate = math.copysign(self._order.bounds.acceleration_m_s2, velocity_m_s)
+        gone_s = min(t_s - good_s, velocity_m_s / rate)
+        left_m_s = velocity_m_s - rate * gone_s
+        return Sent(position_m + 0.5 * (velocity_m_s + left_m_s) * gone_s, left_m_s)
 
     def _pause(self, test_s: float, here: Measured) -> Sent:
         """Stand at the centre; in the second half the force at rest is measured."""
@@ -209,6 +228,7 @@ class HybridMotion:
         self._left = self._lead.command(
             test_s, now, here.extension_m, lambda ahead_s: self._forecast(since_s + ahead_s)
         )
+        self.problem = self.problem or self._watch.problem_of_sent(self._left)
         return self._left
 
     def _heard(self, force_N: float) -> float:
@@ -252,9 +272,9 @@ class HybridMotion:
         self.problem = self.problem or self._watch.problem(now)
 
     def _return(self, since_s: float) -> Sent:
-        """From where the test left the rod to its centre, at rest at the end: a cubic through both."""
+        """From where the test left the rod to its centre, without going far beyond."""
         self.phase = Phase.RETURN
-        s, x, v = since_s / RETURN_S, self._left.position_m, self._left.velocity_m_s * RETURN_S
-        position_m = x * (1.0 + s * s * (2.0 * s - 3.0)) + v * s * (1.0 - s) ** 2
-        slope = x * 6.0 * s * (s - 1.0) + v * (1.0 - s) * (1.0 - 3.0 * s)
-        return Sent(position_m, slope / RETURN_S)
+        rate, position_m = RETURN_RATE_1_S, self._left.position_m
+        slope = self._left.velocity_m_s + rate * position_m
+        share = math.exp(-rate * since_s)
+        return Sent((position_m + slope * since_s) * share, (slope * (1.0 - rate * since_s) - rate * position_m) * share)

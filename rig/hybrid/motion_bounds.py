@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from rig.hybrid.substructure import Target
+from rig.hybrid.substructure import Sent, Target
 
 ENERGY_FLOOR_J = 1.0
 """Energy errors are judged once the specimen has passed so much work."""
@@ -86,14 +86,13 @@ class Watch:
     def problem(self, now: Target) -> Problem | None:
         """What speaks against going on."""
         bounds = self._bounds
-        for name, unit, scale, value, limit in (
-            ("extension", "mm", 1e3, now.extension_m, bounds.extension_m),
-            ("speed", "m/s", 1.0, now.speed_m_s, bounds.speed_m_s),
-            ("acceleration", "m/s^2", 1.0, now.acceleration_m_s2, bounds.acceleration_m_s2),
-        ):
-            if not abs(value) <= limit:
-                text = f"computed {name} {scale * value:.4g} {unit}, allowed +-{scale * limit:.4g} {unit}"
-                return Problem(text, value, limit)
+        beyond = _beyond((
+            ("computed extension", "mm", 1e3, now.extension_m, bounds.extension_m),
+            ("computed speed", "m/s", 1.0, now.speed_m_s, bounds.speed_m_s),
+            ("computed acceleration", "m/s^2", 1.0, now.acceleration_m_s2, bounds.acceleration_m_s2),
+        ))  # fmt: skip
+        if beyond is not None:
+            return beyond
         if self._work_J > ENERGY_FLOOR_J and not abs(self._error_J) <= bounds.energy_share * self._work_J:
             share = self._error_J / self._work_J
             text = (
@@ -102,3 +101,20 @@ class Watch:
             )
             return Problem(text, share, bounds.energy_share)
         return None
+
+    def problem_of_sent(self, sent: Sent) -> Problem | None:
+        """What speaks against sending a set-point, about the centre: a lead may go further than the target does."""
+        bounds = self._bounds
+        return _beyond((
+            ("set-point", "mm", 1e3, sent.position_m, bounds.extension_m),
+            ("speed of the set-point", "m/s", 1.0, sent.velocity_m_s, bounds.speed_m_s),
+        ))  # fmt: skip
+
+
+def _beyond(judged: tuple[tuple[str, str, float, float, float], ...]) -> Problem | None:
+    """The first value that is beyond its limit, or no number: name, unit, units of it in SI, value, limit."""
+    for name, unit, scale, value, limit in judged:
+        if not abs(value) <= limit:
+            text = f"{name} {scale * value:.4g} {unit}, allowed +-{scale * limit:.4g} {unit}"
+            return Problem(text, value, limit)
+    return None

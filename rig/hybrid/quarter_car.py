@@ -70,15 +70,12 @@ class QuarterCar:
         """The computed part in steps of `step_s`, with the assumed damper's force at these currents."""
         state, inputs, ratio = self._matrices()
         transition, before, after = along_a_line(state, inputs, step_s)
-        _, height_m, rate_m_s = self.road.under(self.car, step_s)
-        axle = self.car.front
-        road_N = axle.tyre_stiffness_N_m * height_m[:, 0] + axle.tyre_damping_N_s_m * rate_m_s[:, 0]
         extension = ratio * np.array([1.0, -1.0])
         acceleration, by_input = extension @ state[2:], extension @ inputs[2:]
         return Substructure(
             step_s=step_s, transition=transition.tolist(), force_before=before[:, 0].tolist(),
             force_after=after[:, 0].tolist(), road_before=before[:, 1].tolist(), road_after=after[:, 1].tolist(),
-            road_N=road_N.tolist(), extension=[*extension.tolist(), 0.0, 0.0], speed=[0.0, 0.0, *extension.tolist()],
+            road_N=self._road_N(step_s).tolist(), extension=[*extension.tolist(), 0.0, 0.0], speed=[0.0, 0.0, *extension.tolist()],
             acceleration=acceleration.tolist(), acceleration_force=float(by_input[0]),
             acceleration_road=float(by_input[1]), body=[1.0, 0.0, 0.0, 0.0], wheel=[0.0, 1.0, 0.0, 0.0],
             body_speed=[0.0, 0.0, 1.0, 0.0], wheel_speed=[0.0, 0.0, 0.0, 1.0],
@@ -86,6 +83,19 @@ class QuarterCar:
             force_currents_A=list(currents_A),
             force_N=[steady_force_N(self.damper, current_A).tolist() for current_A in currents_A],
         )
+
+    def road_lost(self, step_s: float) -> float:
+        """What of the road's force steps of this length (s) do not carry, RMS, as a share of it; NaN without any."""
+        whole_N, steps_N = self._road_N(FINE_S), self._road_N(step_s)
+        carried_N = np.interp(np.arange(len(whole_N)) * FINE_S, np.arange(len(steps_N)) * step_s, steps_N)
+        there = float(np.mean(whole_N**2))
+        return math.sqrt(float(np.mean((carried_N - whole_N) ** 2)) / there) if there > 0.0 else math.nan
+
+    def _road_N(self, step_s: float) -> FloatArray:
+        """What the road does to the wheel through the tyre, in steps of `step_s`, N."""
+        _, height_m, rate_m_s = self.road.under(self.car, step_s)
+        axle = self.car.front
+        return axle.tyre_stiffness_N_m * height_m[:, 0] + axle.tyre_damping_N_s_m * rate_m_s[:, 0]
 
     def highest_mode_Hz(self) -> float:
         """The wheel's hop without the damper, Hz."""

@@ -38,6 +38,9 @@ LEFT_SHARE = 0.5
 """Of the delay that a compensator is expected to leave, at worst."""
 FEWEST_STEPS = 8
 """In a period of the wheel's hop: with fewer the computed wheel is not that wheel."""
+ROAD_LOST = 0.25
+"""Of the road's force, RMS: when steps carry less of it than the rest, the test is on another road."""
+LEAST_TRAVEL_M = 1e-4
 LONGEST_S = 120.0
 
 Delay = Annotated[float, Quantity("time", "0.5 ms", "200 ms")]
@@ -171,7 +174,7 @@ class HybridTable(Section):
                 "sampling", f"{1.0 / (hop_Hz * poll_s):.3g} steps in a period of the wheel ({hop_Hz:.3g} Hz) at a poll "
                 f"of {1e3 * poll_s:g} ms; {FEWEST_STEPS} are needed: a shorter poll, or a softer tyre",
             ))
-        return against
+        return against + _of_road(self, prior, poll_s)
 
     def order(self, point: TestPoint, prior: str, bench: Bench, room_m: tuple[float, float]) -> HybridOrder:
         """What the station is told.
@@ -196,6 +199,25 @@ class HybridTable(Section):
         )
         part = car.part(poll_s, [self.current_A])
         return HybridOrder(part, bounds, self.probe, point.compensator, self.current_A, point.centre_m)
+
+
+def _of_road(table: HybridTable, prior: str, poll_s: float) -> list[tuple[str, str]]:
+    """Slug and words of why a road is none for a test: it hardly moves the damper, or is over between two steps."""
+    _, ride = _reference(table, prior)
+    travel_m = float(np.max(np.abs(ride.extension_m)))
+    if not travel_m >= LEAST_TRAVEL_M:
+        return [(
+            "hybrid", f"the road moves the damper by {1e3 * travel_m:.3g} mm; at least {1e3 * LEAST_TRAVEL_M:g} mm: a "
+            "higher road, on the left side, that begins within its duration and is no shorter than "
+            "the way of a few milliseconds",
+        )]
+    lost = table.quarter_car(prior).road_lost(poll_s)
+    if not lost <= ROAD_LOST:
+        return [(
+            "sampling", f"steps of {1e3 * poll_s:g} ms lose {100 * lost:.3g} % of the road's force, RMS; allowed "
+            f"{100 * ROAD_LOST:g} %: a longer bump or edge, a lower speed or last frequency, or a shorter poll",
+        )]
+    return []
 
 
 def _rest_N(table: HybridTable, prior: str) -> float:

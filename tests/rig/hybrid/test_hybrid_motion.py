@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from drivers.roles import State
+from drivers.setpoint_generator import Setpoint, SetpointGenerator
 from rig import dampers
 from rig.hybrid.delay_probe import Probe
 from rig.hybrid.hybrid_motion import HybridMotion, HybridOrder, Moment, Phase
 from rig.hybrid.lead import COMPENSATORS
-from rig.hybrid.motion_bounds import Bounds, Measured
+from rig.hybrid.motion_bounds import Bounds, Measured, Watch
 from rig.hybrid.quarter_car import QuarterCar
+from rig.hybrid.substructure import Sent
 from rig.vehicle.car import Car
 from rig.vehicle.motion import CornerDamper
 from rig.vehicle.road import Sweep, sweep_road
@@ -189,6 +192,68 @@ def test_the_rod_returns_to_its_centre_in_the_end() -> None:
     assert last is not None
     assert last.position_m == pytest.approx(0.05, abs=2e-4)
     assert abs(last.velocity_m_s) < 0.03
+
+
+@pytest.mark.parametrize("compensator", COMPENSATORS)
+@pytest.mark.parametrize("spike_N", [3e4, -3e5])
+def test_no_set_point_of_a_wrong_force_is_sent_and_the_rod_is_braked_within_its_bounds(
+    compensator: str, spike_N: float
+) -> None:
+    """1 m/s at 50 m/s^2 is 10 mm: so much beyond the last good set-point, which is within 60 mm, and no faster."""
+    bounds = {"extension_m": 0.06, "speed_m_s": 1.0, "acceleration_m_s2": 50.0}
+    motion = HybridMotion(order(quarter_car(linear_damper(DAMPING)), compensator, **bounds))
+    generator = SetpointGenerator(0.05)
+    course = Course(motion, lambda t_s, speed_m_s: REST_N + DAMPING * speed_m_s if t_s < 4.0 else spike_N)
+    generator.compute(course, 0.0)
+    sent = [generator.at(0.01 * k) for k in range(403)]
+    assert motion.problem is not None
+    generator.halt(4.03)
+    sent += [generator.at(0.01 * k) for k in range(403, 450)]
+    assert max(abs(place_m - 0.05) for place_m, _ in sent) <= 0.07
+    assert max(abs(speed_m_s) for _, speed_m_s in sent) <= 1.0
+    assert generator.state is State.HOLD
+
+
+class Course:
+    """A test whose rod is where it was told to be, as the generator of set-points sees it."""
+
+    def __init__(self, motion: HybridMotion, force_N: Callable[[float, float], float]) -> None:
+        self.motion, self.force_N = motion, force_N
+        self.last = Setpoint(0.05, 0.0)
+
+    def at(self, elapsed_s: float) -> Setpoint | None:
+        """The next set-point."""
+        sent = self.motion.at(elapsed_s, Measured(self.force_N(elapsed_s, self.last.velocity_m_s), self.last.position_m))
+        if sent is not None:
+            self.last = Setpoint(*sent)
+        return None if sent is None else self.last
+
+
+def test_a_lead_that_goes_further_than_the_bounds_is_not_sent() -> None:
+    """A set-point led by 8 ms and more is beyond the largest speed before the target is: so the test ends there."""
+    asked = order(quarter_car(linear_damper(DAMPING)), "none", speed_m_s=0.3)
+    watch = Watch(asked.bounds)
+    assert watch.problem_of_sent(Sent(0.1, 0.29)) is None
+    for sent in (Sent(0.1, 0.31), Sent(-0.21, 0.0), Sent(math.nan, 0.0), Sent(0.0, -math.inf)):
+        assert watch.problem_of_sent(sent) is not None
+
+
+def test_the_way_back_does_not_go_far_beyond_where_the_road_left_the_rod() -> None:
+    """A critically damped way of 12 1/s goes v / (12 e) further at most; half a metre a second: 15 mm."""
+    motion = HybridMotion(order(quarter_car(linear_damper(DAMPING), 1.0), "none"))
+    course = Course(motion, lambda _, speed_m_s: REST_N + DAMPING * speed_m_s)
+    left, back, t_s = Setpoint(0.05, 0.0), [], 0.0
+    while (sent := course.at(t_s)) is not None:
+        if motion.phase is Phase.RETURN:
+            back.append(sent)
+        else:
+            left = sent
+        t_s += 0.01
+    assert abs(left.velocity_m_s) > 0.05
+    furthest_m = abs(left.position_m - 0.05) + abs(left.velocity_m_s) / (12.0 * math.e)
+    assert max(abs(place_m - 0.05) for place_m, _ in back) <= furthest_m + 1e-9
+    slopes = np.gradient([place_m for place_m, _ in back], 0.01)
+    np.testing.assert_allclose(slopes[1:-1], [speed for _, speed in back[1:-1]], atol=0.01)
 
 
 def steady_after(delay_s: float, damping: float) -> float:

@@ -100,6 +100,26 @@ def test_a_rig_that_cannot_follow_fast_enough_or_far_enough_is_refused(tmp_path:
     assert reasons(tmp_path, EXAMPLE, poll="20 ms")["hybrid-model"] == {"sampling"}
 
 
+SWEEP = EXAMPLE[EXAMPLE.index("[hybrid.road.sweep]") : EXAMPLE.index("[campaign]")]
+
+
+@pytest.mark.parametrize(
+    ("bump", "slug", "said"),
+    [
+        ('length = "2 m"\nsides = "right"', "hybrid", "by 0 mm"),
+        ('length = "2 m"\nstart = "9000 m"', "hybrid", "by 0 mm"),
+        ('length = "20 cm"', "sampling", "steps of 10 ms lose"),
+    ],
+)
+def test_a_road_that_never_comes_or_is_over_between_two_steps_is_refused(
+    bump: str, slug: str, said: str, tmp_path: Path
+) -> None:
+    """20 cm at 20 m/s are 10 ms, one step: the samples stand at the bump's ends, where its height is 0."""
+    text = EXAMPLE.replace(SWEEP, f'[hybrid.road.bump]\nheight = "20 mm"\n{bump}\n')
+    judged = plan(load(tmp_path, text), bench(tmp_path)).points[0]
+    assert [(cause.slug, said in cause.text) for cause in judged.causes if cause.slug == slug] == [(slug, True)]
+
+
 def test_what_is_asked_of_the_station_keeps_to_the_machine(tmp_path: Path) -> None:
     matrix, rig = load(tmp_path, EXAMPLE), bench(tmp_path)
     point = matrix.points()[0]
