@@ -145,7 +145,7 @@ def _row(own: str, points: str, summary: Summary) -> Kept:
 
 
 def _own_stamps(folder: Path) -> Iterator[tuple[str, tuple[str, int]]]:
-    """Name of every run; stamp of its folder of points (which files it has) and its files beside it; last change (ns)."""
+    """Name of every run; stamp of its folder of points and its files beside it, and their last change (ns)."""
     root = os.fspath(folder)
     with os.scandir(folder) as entries:
         names = [entry.name for entry in entries if not entry.is_file(follow_symlinks=False)]
