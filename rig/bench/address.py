@@ -18,9 +18,10 @@ from drivers.catalogue import (
     current_source_timeout_s,
     is_dbc,
     known_current_source_names,
+    own_names,
 )
 from drivers.connection import ActuatorAddress, LinkKind
-from drivers.plugins import BrokenPlugIn
+from drivers.plugins import CURRENT_SOURCES, BrokenPlugIn
 from protocols.errors import ProtocolError
 from rig.bench.quantity import Problem
 
@@ -62,7 +63,7 @@ def serial_url(text: str) -> str:
 
 
 def supply_url(text: str) -> str:
-    """Check a supply's address: a serial port as `serial_url` takes it, or `tcp://host:port`.
+    """Check a supply's address: a serial port as `serial_url` takes it, `tcp://host:port`, or one of Modbus.
 
     Raises:
         ValueError: it is neither.
@@ -70,7 +71,12 @@ def supply_url(text: str) -> str:
     if text.startswith("tcp://"):
         _host_and_port(text, "tcp://192.168.0.20:5025")
         return text
-    return serial_url(text)
+    return modbus_url(text) if is_modbus(text) else serial_url(text)
+
+
+def is_modbus(text: str) -> bool:
+    """Whether an address is one of Modbus."""
+    return ActuatorAddress.parse(text).kind in {LinkKind.MODBUS_TCP, LinkKind.MODBUS_RTU}
 
 
 def modbus_url(text: str) -> str:
@@ -116,7 +122,7 @@ def known_current_source(name: str) -> str:
 def ecu_problems(dbc: str, roles: str | Mapping[str, Any] | None) -> Iterator[Problem]:
     """What a current source's DBC and roles say wrong, each by itself and together."""
     if not is_dbc(dbc):
-        if roles is not None:
+        if roles is not None and (dbc in own_names(CURRENT_SOURCES) or not isinstance(roles, Mapping)):
             yield ("roles",), f'says what the signals of a DBC file mean; "{dbc}" has its own. Take it out'
     elif roles is None:
         yield ("dbc",), (

@@ -13,7 +13,7 @@ import click
 from rig.cli.options import Command, MethodName, json_option, scheduler_option
 from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE
-from rig.matrix.methods import DEPENDENCES
+from rig.matrix.methods import DEPENDENCES, LAWS
 
 if TYPE_CHECKING:
     from rig.dampers import Hysteresis
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         "rig identify SINE_RUN --holdout TRIANGLE_RUN --json",
         "rig identify RUN --model all --holdout frequency_Hz=2",
         "rig identify RUN --model kwok --current per-current-lagrange",
+        "rig identify RUN --model asymmetric --current-law saturating",
     ),
 )
 @click.argument("runs", type=click.Path(path_type=Path), nargs=-1, required=True)
@@ -46,6 +47,10 @@ if TYPE_CHECKING:
 @click.option(
     "--current", "dependence", type=click.Choice(DEPENDENCES), default="affine", show_default=True,
     help="Dependence of the parameters on current: affine in one fit, or one fit per current and a relation of them.",
+)  # fmt: skip
+@click.option(
+    "--current-law", type=click.Choice(LAWS), default="affine", show_default=True,
+    help="What the fluid feels of the current, for any model: the current itself, a law that bends, or all compared.",
 )  # fmt: skip
 @click.option("--series-spring", is_flag=True, help="Add a spring in series: compliant mounts.")
 @click.option("--suspect", is_flag=True, help="Include suspect points; by default only valid points are fitted.")
@@ -68,6 +73,11 @@ if TYPE_CHECKING:
     "--profile-of", multiple=True, metavar="NAME",
     help="Also compute the profile likelihood of this parameter (repeatable).",
 )
+@click.option("--diagnose", is_flag=True, help="Look for what explains the misfit of an adequate fit too.")
+@click.option(
+    "--bootstrap", type=click.IntRange(20), metavar="N",
+    help="Draw the tests N times again (1000 for a publication): intervals that hold where no model fits.",
+)  # fmt: skip
 @scheduler_option
 @json_option
 def command(
@@ -77,6 +87,7 @@ def command(
     holdout: str | None,
     hysteresis: Hysteresis,
     dependence: str,
+    current_law: str,
     series_spring: bool,
     suspect: bool,
     weight: str | None,
@@ -86,6 +97,8 @@ def command(
     seed: int,
     profile: bool,
     profile_of: tuple[str, ...],
+    diagnose: bool,
+    bootstrap: int | None,
     scheduler: str | None,
     as_json: bool,
 ) -> int:
@@ -109,7 +122,10 @@ def command(
             suspect=suspect,
             profile=(*(["nonlinear"] if profile else []), *profile_of),
             current=dependence,
+            current_law=current_law,
             series_spring=series_spring,
+            diagnose=True if diagnose else None,
+            bootstrap=bootstrap or 0,
             on_progress=None if model != "all" else lambda line: click.echo(line, err=True),
         )
     if fit.kept is not None:
@@ -119,9 +135,8 @@ def command(
         return EXIT_DONE
     from rig.cli.tables import fit_tables
 
-    shown = console()
     for part in fit_tables(fit.to_json()):
-        shown.print(part)
+        console().print(part)
     if fit.path is not None:
         click.echo(fit.path.resolve())
     return EXIT_DONE

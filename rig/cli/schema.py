@@ -55,9 +55,14 @@ def _ecu_roles() -> dict[str, Any]:
 
 
 def _supply() -> dict[str, Any]:
+    from drivers.catalogue import analogue_output_schema
     from rig.bench.supply_schema import SUPPLY
 
-    return SUPPLY
+    lines = {key: value for key, value in SUPPLY.items() if key not in {"$schema", "title"}}
+    registers = analogue_output_schema()
+    definitions = registers.pop("$defs")
+    about = {key: SUPPLY[key] for key in ("$schema", "title")}
+    return {**about, "anyOf": [lines, registers], "$defs": definitions}
 
 
 def _sensor_format() -> dict[str, Any]:

@@ -143,6 +143,11 @@ RING_CHANNELS: dict[int, Description] = {
        for n in range(7)},
     50: Description("trip", "1", "Interlock trips"),
     51: Description("loop_late", "s", "Lateness of the station's loop"),
+    60: Description("hybrid_time", "s", "Hybrid test: time since the road's beginning, as computed"),
+    61: Description("hybrid_target", "m", "Hybrid test: where the specimen should be, about its centre"),
+    62: Description("hybrid_seen", "m", "Hybrid test: where the specimen was seen at that step, about its centre"),
+    63: Description("hybrid_body", "m", "Hybrid test: computed height of the body"),
+    64: Description("hybrid_wheel", "m", "Hybrid test: computed height of the wheel"),
 }
 #: Channel name -> number in the ring.
 NUMBER: dict[str, int] = {description.name: number for number, description in RING_CHANNELS.items()}
@@ -162,6 +167,7 @@ def good_values(records: NDArray[Any]) -> FloatArray:
 
 LOOP = "loop"
 CURRENT_STEP = "current_step"
+HYBRID = "hybrid"
 
 
 @dataclass(frozen=True)
@@ -238,6 +244,11 @@ class WantedPoint:
         return self.kind == CURRENT_STEP
 
     @property
+    def cyclic(self) -> bool:
+        """Whether its motion repeats itself, so that its cycles can be counted and compared."""
+        return self.kind not in {CURRENT_STEP, HYBRID}
+
+    @property
     def levels_A(self) -> tuple[float, ...]:
         """Levels of a current that is stepped, in turn; none of any other point."""
         return tuple(map(float, (self.steps_A or "").split())) if self.standing else ()
@@ -268,6 +279,7 @@ class PointContext:
         current_tolerance_A: largest deviation of measured from wanted current in a valid point.
         simulated: True when no real damper was tested.
         current_by_hand: the current is what the operator said to have set; nobody measured it.
+        current_unmeasured: the current is what an analogue output was told; nobody measured it.
         calibration: what is known of the instruments before the point, by attribute of `/entry/quality`: what the bench
             allows them to differ by, and what they showed at rest before the first motion.
         provenance: flat text attributes: software version, bench and matrix names and hashes, device identities,
@@ -283,8 +295,14 @@ class PointContext:
     current_tolerance_A: float = 0.02
     simulated: bool = False
     current_by_hand: bool = False
+    current_unmeasured: bool = False
     calibration: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def current_told_by(self) -> str:
+        """Who says which current flows where nobody measures it: "operator", "set-point"; else empty."""
+        return "operator" if self.current_by_hand else "set-point" if self.current_unmeasured else ""
 
     def to_json(self) -> str:
         """One line of JSON that `from_json` turns back into an equal context."""

@@ -42,11 +42,15 @@ class Devices:
     """All threads of one rig.
 
     Opening is all or nothing: what fails is reported together, and what was open is closed again.
+
+    Attributes:
+        append: takes records into the ring.
     """
 
     def __init__(self, config: StationConfig, owner_id: int, supervisor: Supervisor, append: Append) -> None:
         self.config = config
         self.owner_id = owner_id
+        self.append = append
         self._supervisor = supervisor
         self._connections: dict[str, SensorConnection] = {}
         limits, margins = config.limits, config.margins
@@ -200,7 +204,7 @@ def _current_source(given: EcuConfig) -> CurrentSource:
         ))
     return make_supply(SupplyConnection(
         given.url, described, given.poll_s, given.timeout_s, given.voltage_limit_V, given.baudrate,
-        given.identity or "",
+        given.identity or "", given.device_id,
     ))
 
 
