@@ -114,7 +114,10 @@ class LiveLink:
         """What was asked for since the last call, oldest first; a few at a time, a stop among them first."""
         wishes: list[Wish] = []
         for _ in range(MOST_AT_ONCE):
-            message = received(self._inbox)
+            try:
+                message = received(self._inbox)
+            except OSError:
+                break  # a broken door for pages stops no rig: the terminal is still there
             if message is None:
                 break
             wish = self._understood(message)
@@ -123,7 +126,7 @@ class LiveLink:
         return sorted(wishes, key=lambda wish: wish.do is not Asked.STOP)
 
     def _understood(self, message: Mapping[str, Any]) -> Wish | None:
-        do, by = message.get("do"), asked_by(dict(message))
+        do, by = str(message.get("do")), asked_by(dict(message))
         if do == "words":
             self._keep(message, by)
         elif do in {Asked.STOP, Asked.PAUSE}:

@@ -33,16 +33,10 @@ MOST_CONFIRMED = 100
 
 @dataclass(frozen=True)
 class Client:
-    """Who speaks: what its token allows, its browser's own key, and the name it goes by."""
+    """Who speaks: what its token allows, and its browser's own key."""
 
     role: Role
     key: str
-    name: str = ""
-
-    @property
-    def called(self) -> str:
-        """For journals."""
-        return self.name or str(self.role)
 
 
 class Commands:
@@ -85,12 +79,17 @@ class Commands:
         folder = self._folder()
         if folder is None:
             return _refused("not-running", "stop")
-        message = {"do": "stop", "by": client.called}
+        message = {"do": "stop", "by": self._called(client)}
         station = self._say(folder / STATION_SOCKET, message)
         application = self._say(folder / APPLICATION_SOCKET, message)
         if not (station or application):
             return _refused("not-reached", "stop")
         return {"do": "stop", "ok": True, "station": station, "application": application}
+
+    def _called(self, client: Client) -> str:
+        """For journals: the name typed with the lease, else what the client is."""
+        holder = self._lease.holder
+        return holder.name if holder is not None and holder.key == client.key else str(client.role)
 
     def _hand_over(self, message: dict[str, Any], client: Client) -> dict[str, Any]:
         do = message["do"]
@@ -118,8 +117,7 @@ class Commands:
             return _refused("no-lease", do)
         if folder is None:
             return _refused("not-running", do)
-        holder = self._lease.holder
-        passed: dict[str, Any] = {"do": do, "by": client.called if holder is None else holder.name}
+        passed: dict[str, Any] = {"do": do, "by": self._called(client)}
         if do == "start":
             confirmed = message.get("confirmed", [])
             if not isinstance(confirmed, list) or len(confirmed) > MOST_CONFIRMED:

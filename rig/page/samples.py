@@ -13,6 +13,7 @@ have some; their delays are corrected in the recording, not here.
 from __future__ import annotations
 
 import struct
+from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -31,8 +32,8 @@ MOST_POINTS, MOST_LOOP_POINTS = 40, 240
 """Of one channel in one frame; more are thinned to the lowest and the highest of each group, loops evenly."""
 FEWEST_FITTED, FITTED_S = 5, 0.016
 """Samples, and device seconds, over which the velocity is the displacement's slope."""
-DRIFT = 1e-3
-"""By how much a device's clock may run slow against the host's."""
+REMEMBERED = 6
+"""Frames over which a device's clock is compared with the host's."""
 SHOWN = (
     Channel.FORCE, Channel.DISPLACEMENT, *range(Channel.AUXILIARY_1, Channel.AUXILIARY_7 + 1), Channel.COIL_CURRENT,
     Channel.COIL_TEMPERATURE, Channel.ECU_TEMPERATURE, Channel.COMMANDED_CURRENT, Channel.POSITION, Channel.STATE,
@@ -46,14 +47,15 @@ Floats = NDArray[np.float64]
 class DeviceTime:
     """Device times on the host's clock: what arrived soonest after it was measured says how far the clocks are apart.
 
+    Only the last moments count: a simulated rig on a busy machine falls behind the rate that it was asked for.
+
     Args:
         rate: device seconds in a host second.
     """
 
     def __init__(self, rate: float) -> None:
         self._scale_ns = 1000.0 / rate
-        self._offset_ns: float | None = None
-        self._last_ns = 0
+        self._offsets_ns: deque[float] = deque(maxlen=REMEMBERED)
 
     def host_s(self, records: NDArray[Any]) -> Floats:
         """Times of one channel's records, (n,), s; of a device without a clock the arrivals."""
@@ -62,13 +64,8 @@ class DeviceTime:
             arrivals: Floats = host_ns * 1e-9
             return arrivals
         device_ns = device_us * self._scale_ns
-        nearest = float((host_ns - device_ns).min())
-        known = self._offset_ns
-        if known is not None:
-            known += DRIFT * (int(host_ns[-1]) - self._last_ns)
-        self._offset_ns = nearest if known is None or nearest < known else known
-        self._last_ns = int(host_ns[-1])
-        times: Floats = (device_ns + self._offset_ns) * 1e-9
+        self._offsets_ns.append(float((host_ns - device_ns).min()))
+        times: Floats = (device_ns + min(self._offsets_ns)) * 1e-9
         return times
 
 
@@ -77,15 +74,14 @@ class Loop:
 
     Args:
         rate_Hz: of the displacement sensor, its own clock.
-        device_rate: device seconds in a host second.
     """
 
-    def __init__(self, rate_Hz: float, device_rate: float) -> None:
+    def __init__(self, rate_Hz: float) -> None:
         half = max(FEWEST_FITTED, round(FITTED_S * rate_Hz)) // 2
         self._width = 2 * half + 1
         self._half = half
         self._weights = np.arange(-half, half + 1, dtype=float)
-        self._rate = device_rate
+        self._rate_Hz = rate_Hz
         self._x: tuple[Floats, Floats] = (np.empty(0), np.empty(0))
         self._f: tuple[Floats, Floats] = (np.empty(0), np.empty(0))
 
@@ -109,10 +105,9 @@ class Loop:
             self._cut(max(0, len(time) - 10 * self._width - MOST_LOOP_POINTS))
             return np.empty(0), np.empty(0), np.empty(0), np.empty(0)
         windows = np.lib.stride_tricks.sliding_window_view(x, self._width)[:count]
-        first, last = time[:count], time[self._width - 1 : self._width - 1 + count]
-        step_s = np.maximum(last - first, 1e-9) / (self._width - 1) * self._rate
         centre = slice(self._half, self._half + count)
-        velocity = windows @ self._weights / (step_s * float(self._weights @ self._weights))
+        # By the sensor's own rate: arrivals at the host are no measure of a step of 4 ms.
+        velocity = windows @ self._weights * (self._rate_Hz / float(self._weights @ self._weights))
         shown = time[centre], x[centre], velocity, np.interp(time[centre], *self._f)
         self._cut(count)
         return shown
@@ -135,7 +130,7 @@ class Frames:
 
     def __init__(self, device_rate: float, displacement_Hz: float) -> None:
         self._clocks = {channel: DeviceTime(device_rate) for channel in SENSORS}
-        self._loop = Loop(displacement_Hz, device_rate)
+        self._loop = Loop(displacement_Hz)
 
     def frame(self, records: NDArray[Any], now_s: float) -> bytes:
         """One frame of new records of the ring, (n,) of `RECORD_DTYPE`."""

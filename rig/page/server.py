@@ -73,6 +73,8 @@ class PageServer:
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """A page or a refusal; None: a WebSocket that may begin."""
+        if getattr(request, "method", "GET") != "GET":  # websockets before 16 lets nothing else come this far
+            return _response(405, "refused: only GET\n")
         judged = self._access.judge(request.path, request.headers.get_all("Host"), request.headers.get_all("Origin"))
         if isinstance(judged, Denied):
             return _response(judged.status, f"refused: {judged.slug}\n")

@@ -79,7 +79,7 @@ class PageSettings:
     def _problems(self) -> list[str]:
         host, port = self._parts
         problems = []
-        if host in WILDCARDS or "/" in self.address or (host.count(":") and not host.startswith("[")):
+        if host in WILDCARDS or "/" in self.address or (self.address.count(":") > 1 and not host.startswith("[")):
             problems.append(
                 f"page address {self.address!r}: give the one name or address that browsers open, such as "
                 "rig-pc.lab.example:8443 or [fd00::2]:8443"

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from rig.station.live_folder import bound, received
+from rig.station.live_folder import bound, received, tell
 from rig.station.log import say_error
 
 BREATH_S = 0.005
@@ -34,6 +34,7 @@ class StopSocket:
     """
 
     def __init__(self, path: Path, stop: Callable[[str], None]) -> None:
+        self._path = path
         self._inbox: socket.socket = bound(path)
         self._stop = stop
         self._ending = threading.Event()
@@ -43,6 +44,7 @@ class StopSocket:
     def close(self) -> None:
         """Listen no longer."""
         self._ending.set()
+        tell(self._path, {})  # wakes it
         self._thread.join(timeout=2.0 * LOOK_S)
         self._inbox.close()
 

@@ -173,3 +173,5 @@ class StripChart {
     pen.textAlign = "right"; pen.fillText("now", right, height - 0.2 * size);
   }
 }
+
+function plain(value) { return isFinite(value) ? String(Number(value.toPrecision(4))) : "–"; }

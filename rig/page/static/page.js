@@ -56,7 +56,7 @@ function duration(s) {
   return s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.round(s % 3600 / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${Math.round(s % 60)} s` : `${Math.max(0, Math.round(s))} s`;
 }
 function describe(one) {
-  return `${one.waveform} ${number(1000 * one.amplitude_m)} mm, ${number(one.frequency_Hz)} Hz, ${number(one.current_A)} A`;
+  return `${one.waveform} ${plain(1000 * one.amplitude_m)} mm, ${plain(one.frequency_Hz)} Hz, ${plain(one.current_A)} A`;
 }
 
 function connect() {
@@ -78,7 +78,7 @@ function draw() {
   loop_keep_s = Math.max(1, 2.5 * period_s());
   for (const [chart, limits] of loops) chart.draw(series, period_s(), limits());
   strips.draw(series, now_s()); gauges(); drawn = true;
-  const newest = series.get(1);
+  const newest = series.get(23); // arrivals at the host, whatever the devices' clocks say
   if (newest && clock) { latencies_ms.push(1000 * (clock_s() - newest.last_t)); if (latencies_ms.length > 5000) latencies_ms.shift(); }
 }
 
@@ -212,7 +212,7 @@ function gauges() {
     gauge.track.hidden = !bounded;
     if (bounded) {
       gauge.hand.style.left = `${Math.min(100, Math.max(0, 100 * (value - low) / (high - low)))}%`;
-      gauge.note.textContent = gauge.one ? `limit ${number(high)} ${gauge.unit}` : `limits ${number(low)} to ${number(high)} ${gauge.unit}`;
+      gauge.note.textContent = gauge.one ? `limit ${plain(high)} ${gauge.unit}` : `limits ${plain(low)} to ${plain(high)} ${gauge.unit}`;
       gauge.box.classList.toggle("over", value < low || value > high);
     }
   }
