@@ -20,10 +20,13 @@ def document() -> bytes:
 
 @cache
 def headers() -> dict[str, str]:
-    """What goes with it: only what is in the page itself may run, and it may speak to this server alone."""
+    """What goes with it: only what is in the page itself may run, and it may speak to this server alone.
+
+    The page's script evaluates no text; `unsafe-eval` is for programs that drive the page (Playwright waits so).
+    """
     policy = (
-        f"default-src 'none'; script-src '{_digest(_script())}'; style-src '{_digest(_static('page.css'))}'; "
-        "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        f"default-src 'none'; script-src '{_digest(_script())}' 'unsafe-eval'; "
+        f"style-src '{_digest(_static('page.css'))}'; connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )
     return {
         "Content-Type": "text/html; charset=utf-8",
