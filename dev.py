@@ -2,7 +2,8 @@
 """One entry for a fresh machine: makes .venv, installs the project, runs it. Needs only Python 3.11+.
 
 python3 dev.py demo            the whole story on the simulated rig
-python3 dev.py test            every check this project has
+python3 dev.py test            every check of a change: static ones, tests, a wheel installed elsewhere
+python3 dev.py nightly         all tests: the long searches and every case too, of which `test` runs some
 python3 dev.py test tests/rig  some of the tests only
 python3 dev.py faults          the fault suite: every row of the matrix in virtual time, some on real processes
 python3 dev.py faults --rows   only the rows: exit code, first cause, times, 0 A, standstill and pressure in truth
@@ -122,7 +123,7 @@ def checks(arguments: list[str]) -> int:
         ("import-linter", lambda: run(program("lint-imports"), "--no-cache")),
         ("codespell", lambda: run(program("codespell"), *PACKAGES, "tests", "docs", "examples", "README.md",
                                   "CHANGELOG.md")),
-        ("tests", all_tests),
+        ("tests", partial(all_tests, "--short")),
         *((f"branches of {package} by {tests}", partial(branches_taken, package, tests, least))
           for package, (tests, least) in BRANCHES.items()),
         ("wheel smoke test", wheel_smoke_test),
@@ -138,14 +139,17 @@ def checks(arguments: list[str]) -> int:
     return 0
 
 
-def all_tests() -> int:
+def all_tests(*options: str) -> int:
     """Run what waits for nothing real in several processes, then alone what needs real processes and wires.
 
     The names of all tests that failed are shown at the end. Returns the first exit code that is not 0.
+
+    Args:
+        options: of pytest, `--short` for all but the nightly ones.
     """
     with tempfile.TemporaryDirectory() as name:
         failures = Path(name) / "failures"
-        pytest = [program("python"), "-m", "pytest", "tests", f"--failures={failures}"]
+        pytest = [program("python"), "-m", "pytest", "tests", f"--failures={failures}", *options]
         code = side_by_side([*pytest, "-m", "not wire"])
         print("dev.py: tests on real processes and wires", flush=True)
         code = run(*pytest, "-m", "wire") or code
@@ -213,10 +217,10 @@ def main(arguments: list[str]) -> int:
     if command == "clean":
         shutil.rmtree(VENV, ignore_errors=True)
         return 0
-    if command not in {"demo", "test", "faults", "worlds", "coverage", "rig", "install"}:
+    if command not in {"demo", "test", "nightly", "faults", "worlds", "coverage", "rig", "install"}:
         print(__doc__)
         return 0 if command in {"help", "-h", "--help"} else 2
-    install(peers=command == "test")
+    install(peers=command in {"test", "nightly"})
     if command == "demo":
         return run(program("rig"), "demo", *rest)
     if command == "rig":
@@ -229,6 +233,8 @@ def main(arguments: list[str]) -> int:
         return run(program("python"), script, *rest, PYTHONPATH=str(ROOT / "tests" / "faults"))
     if command == "worlds":
         return run(program("rig"), "worlds", *rest)
+    if command == "nightly":
+        return all_tests()
     if command == "coverage":
         return coverage()
     return checks(rest) if command == "test" else 0

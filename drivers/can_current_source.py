@@ -13,6 +13,7 @@ from drivers.current_source import (
     UNKNOWN_STATE,
     SourceBatch,
     SourceCounters,
+    SourceFault,
     SourceIdentity,
     SourceStatus,
     SourceTemperature,
@@ -106,7 +107,10 @@ class CanCurrentSource:
     def traits(self) -> SourceTraits:
         """What else the rig has to know of it."""
         described = self._description
-        return SourceTraits(own_timeout=described.command_timeout_s is not None, lowest_A=described.low_A)
+        return SourceTraits(
+            own_timeout=described.command_timeout_s is not None, lowest_A=described.low_A,
+            tells_bad_commands=bool(described.told_faults & SourceFault.COMMAND_CHECK),
+        )
 
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:

@@ -33,6 +33,7 @@ __all__ = [
     "SupplyConnection",
     "SupplyDescription",
     "actuator_names",
+    "analogue_output_schema",
     "check_actuator",
     "check_current_source",
     "check_sensor_format",
@@ -121,6 +122,13 @@ def register_map_schema() -> dict[str, Any]:
     from drivers.register_maps.schema import schema
 
     return schema()
+
+
+def analogue_output_schema() -> dict[str, Any]:
+    """The JSON schema of the files by which `supply` may name an analogue output."""
+    from drivers.register_maps.schema import output_schema
+
+    return output_schema()
 
 
 def check_current_source(name: str) -> None:
@@ -233,8 +241,12 @@ def make_current_source(name: str, roles: str | Mapping[str, Any] | None, bus: C
 
 
 def make_supply(connection: SupplyConnection) -> CurrentSource:
-    """The driver of a programmable supply that drives the coil; nothing is opened."""
+    """The driver of a programmable supply, or of an analogue output, that drives the coil; nothing is opened."""
+    from drivers.modbus_output import ModbusOutput
     from drivers.scpi_supply import ScpiSupply
+
+    if connection.description.output is not None:
+        return ModbusOutput(connection, connection.description.output)
 
     return ScpiSupply(connection)
 

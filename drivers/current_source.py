@@ -63,6 +63,7 @@ class SourceTraits(NamedTuple):
         measures: it measures its current; else a status repeats what was asked for.
         settling_s: a new set-point's current is there after so long (s of its clock).
         lowest_A: the most negative current it drives (A); None: as negative as positive.
+        tells_bad_commands: it reports commands that it throws away; else a small current proves that it takes them.
         by_hand: a person sets it: commands are what that person said, and no stop takes it away.
     """
 
@@ -71,6 +72,7 @@ class SourceTraits(NamedTuple):
     settling_s: float = 0.15
     lowest_A: float | None = None
     by_hand: bool = False
+    tells_bad_commands: bool = True
 
 
 class SourceTemperature(NamedTuple):

@@ -58,7 +58,7 @@ class RegisterAccess:
                 one = requests[0] if together and place == 0 else None
                 values |= read.decode(self.words(read, one, retries=0 if once else READ_RETRIES))
         except RemoteProtocolError as error:
-            raise WrongAnswer("actuator", self._link.url, f"{name}: {error}") from error
+            raise WrongAnswer(self._link.device, self._link.url, f"{name}: {error}") from error
         return values
 
     def words(self, read: Read, request: Written | None = None, *, retries: int = READ_RETRIES) -> list[int]:

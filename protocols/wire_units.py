@@ -21,6 +21,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "mbar": ("pressure", 100.0), "psi": ("pressure", POUND_FORCE_N / INCH_M**2),
     "Hz": ("frequency", 1.0), "kHz": ("frequency", 1e3), "mHz": ("frequency", 1e-3), "rpm": ("frequency", 1.0 / 60.0),
     "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6), "min": ("time", 60.0),
+    "A": ("current", 1.0), "mA": ("current", 1e-3),
     "1": ("number", 1.0), "%": ("number", 1e-2), "cycles": ("number", 1.0), "": ("", 1.0),
 }  # fmt: skip
 """Unit -> what it measures, and SI for one of it."""

@@ -85,6 +85,8 @@ def hints(bench: Path, text: str) -> str:
 def _current_source(ecu: dict[str, Any]) -> str:
     """Where the coil's current comes from, and how to look at it."""
     if (url := ecu.get("url", ecu.get("rehearsal"))) is not None:
+        if not url.startswith("tcp:"):
+            return f"output       {url}      mbpoll -m tcp -a 1 -p {url.rpartition(':')[2]} 127.0.0.1"
         host, _, port = url.removeprefix("tcp://").rpartition(":")
         return f"supply       {url}      nc {host} {port}"
     return f"current ECU  slcan {ecu['channel']}      python -m can.viewer -i slcan -c {ecu['channel']} -b 500000"

@@ -41,7 +41,7 @@ class Addresses:
     load_cell_url: str
     lvdt_url: str
     auxiliary_urls: Sequence[str]
-    supply_port: int = 0
+    supply_url: str = ""
 
 
 def bench_text(
@@ -125,20 +125,19 @@ def ecu_lines(
 
 
 def supply_lines(
-    options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any], by_hand: str = ""
+    options: RigOptions, url: str, speed: float, given: str | Mapping[str, Any], by_hand: str = ""
 ) -> list[str]:
     """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often.
 
     Where the current is set by hand (`by_hand`: the pressure meanwhile) the supply is turned in somebody's place.
     """
     if by_hand:
-        url = f"tcp://127.0.0.1:{port}"
         return ["[ecu]", "by_hand = true", f'pressure_while_asked = "{by_hand}"', f'rehearsal = "{url}"']
     described = supply(given)
     name = str(Path(given).absolute()) if isinstance(given, str) and is_file(given) else given
     poll_ms = max(FASTEST_POLL_MS, SUPPLY_POLL_MS / max(1.0, speed))
     lines = [
-        "[ecu]", f'url = "tcp://127.0.0.1:{port}"', f"supply = {toml_text(name)}", f'poll = "{poll_ms:g} ms"',
+        "[ecu]", f'url = "{url}"', f"supply = {toml_text(name)}", f'poll = "{poll_ms:g} ms"',
         'timeout = "500 ms"', f'stale_after = "{RELAXED_STALE_S * 1e3:g} ms"',
     ]
     if described.commands.set_voltage_limit:

@@ -6,16 +6,15 @@ import asyncio
 import logging
 import os
 import tty
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from pymodbus import FramerType
 from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerRTU
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
-
-from simulators.registers import RegisterBank
 
 SPACES = ("coil", "discrete", "holding", "input")
 """In the order that pymodbus has them."""
@@ -31,6 +30,22 @@ STALE_EVERY = 20
 """While the fault `late_answers` is on, its first answer and then one in so many comes late."""
 
 
+class Bank(Protocol):
+    """Registers and coils of one device, as Modbus reads and writes them."""
+
+    def blocks(self) -> dict[str, list[tuple[int, int]]]:
+        """First address and count of what is there, by space."""
+
+    def bits(self, space: str) -> dict[int, int]:
+        """All coils or discrete inputs by address."""
+
+    def read(self, address: int, count: int, space: str = "holding") -> list[int] | None:
+        """Words from `address`; None when one of them is not there."""
+
+    def write(self, address: int, words: Sequence[int], space: str = "holding") -> bool | None:
+        """Take a write; False when its values are refused, None when it cannot be written there."""
+
+
 @dataclass
 class LinkFaults:
     """What is broken on the Modbus link."""
@@ -43,6 +58,8 @@ class LinkFaults:
     wrong_function: bool = False
     late_answers: bool = False
     silent_next: bool = False
+    silent: bool = False
+    """No request is answered."""
     slow: bool = False
     """Every answer comes `SLOW_S` late."""
     damaged: bool = False
@@ -59,7 +76,7 @@ class ModbusServer:
         late_s: wall time by which a late answer comes later than it should.
     """
 
-    def __init__(self, bank: RegisterBank, device_id: int, *, rtu: bool = False, pty: bool = False) -> None:
+    def __init__(self, bank: Bank, device_id: int, *, rtu: bool = False, pty: bool = False) -> None:
         self.faults = LinkFaults()
         self.port = 0
         self.url = ""
@@ -167,6 +184,8 @@ class ModbusServer:
             return packet
         faults = self.faults
         self._answers += 1
+        if faults.silent:
+            return b""
         if faults.reset:
             self._reset_connections()
             return packet[: len(packet) // 2]

@@ -156,8 +156,8 @@ class SimulatedRig:
             self._add(f"auxiliary_{number}", auxiliary, plant_step.DISPLACEMENT, kind)
         self._inject_due()
         urls = [channel.port.url for channel in self.channels]
-        supply_port = 0 if self.supply is None else self.supply.port
-        return Addresses(self.modbus.url, self.bus.port, urls[0], urls[1], urls[2:], supply_port)
+        supply_url = "" if self.supply is None else self.supply.url
+        return Addresses(self.modbus.url, self.bus.port, urls[0], urls[1], urls[2:], supply_url)
 
     def bench(self, addresses: Addresses, real_time: bool) -> str:
         """The text of the bench file.
@@ -181,7 +181,7 @@ class SimulatedRig:
         """The table of the coil's current source."""
         run, number = self.run_options, self.options.coil.serial_number
         if run.supply:
-            return bench.supply_lines(self.options, addresses.supply_port, run.speed, run.supply, run.by_hand)
+            return bench.supply_lines(self.options, addresses.supply_url, run.speed, run.supply, run.by_hand)
         return bench.ecu_lines(addresses, relaxed, number, run.worn_ecu)
 
     async def run(self) -> None:
@@ -207,7 +207,7 @@ class SimulatedRig:
         await self.modbus.close()
         self.bus.close()
         if self.supply is not None:
-            self.supply.close()
+            await self.supply.close()
         for channel in self.channels:
             channel.port.close()
         if self._names is not None:

@@ -19,6 +19,7 @@ from drivers.devices.supply_file import supply
 from protocols.scpi import Command
 from simulators.ecu import Ecu
 from simulators.ecu_firmware import EcuFault
+from simulators.output_module import SimulatedOutput
 
 NO_ERROR = '+0,"No error"'
 UNDEFINED = '-113,"Undefined header"'
@@ -86,11 +87,11 @@ class SimulatedSupply:
         identity: what it says it is.
 
     Attributes:
-        port: TCP port on 127.0.0.1 after `open`.
+        url: where it is on this machine, after `open`.
     """
 
     def __init__(self, ecu: Ecu, described: SupplyDescription, identity: str) -> None:
-        self.port = 0
+        self.url = ""
         self.ecu = ecu
         self.described = described
         self.identity = identity
@@ -116,9 +117,9 @@ class SimulatedSupply:
         """Listen on a free port of the loopback interface."""
         loop = asyncio.get_running_loop()
         self._server = await loop.create_server(lambda: SupplyClient(self), "127.0.0.1", 0)
-        self.port = self._server.sockets[0].getsockname()[1]
+        self.url = f"tcp://127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Stop listening and hang up."""
         if self._server is not None:
             self._server.close()
@@ -281,11 +282,15 @@ class SupplyClient(asyncio.Protocol):
 GARBLED = str.maketrans("0123456789", "#?!*%&/()=")
 
 
-def simulated_supply(ecu: Ecu, given: str | Mapping[str, Any], serial_number: int) -> SimulatedSupply | None:
+def simulated_supply(
+    ecu: Ecu, given: str | Mapping[str, Any], serial_number: int
+) -> SimulatedSupply | SimulatedOutput | None:
     """A supply that says it is of its description's kind; None where nothing is given."""
     if not given:
         return None
     described = supply(given)
+    if described.output is not None:
+        return SimulatedOutput(ecu, described, described.output, serial_number)
     maker, model = described.maker or "SIMULATED", (described.model or described.name).split(",")[0]
     identity = f"{maker},{model},{serial_number},1.0"
     if described.identity and not re.search(described.identity, identity):

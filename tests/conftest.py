@@ -29,13 +29,27 @@ STARTS_PROCESSES = frozenset({"start", "run_wired", "in_motion", "start_brisk", 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--shared", type=Path, help="Folder in which processes say which tests each one takes.")
     parser.addoption("--failures", type=Path, help="File at whose end the names of the tests that failed are written.")
+    parser.addoption("--short", action="store_true", help="Leave to the night what is marked `nightly` or `few`.")
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     for item in items:
         if STARTS_PROCESSES.intersection(getattr(item, "fixturenames", ())):
             item.add_marker("wire")
+    if config.getoption("--short"):
+        short = set(by_day(items))
+        config.hook.pytest_deselected(items=[item for item in items if item not in short])
+        items[:] = [item for item in items if item in short]
+
+
+def by_day(items: list[pytest.Item]) -> Iterator[pytest.Item]:
+    """All tests but the nightly ones; of those marked `few` so many cases, the first and the last with them."""
+    for _, group in groupby(items, lambda item: item.nodeid.partition("[")[0]):
+        cases = [item for item in group if item.get_closest_marker("nightly") is None]
+        few = cases[0].get_closest_marker("few") if cases else None
+        kept = min(few.args[0], len(cases)) if few else len(cases)
+        yield from (cases[round(number * (len(cases) - 1) / max(1, kept - 1))] for number in range(kept))
 
 
 def pytest_collection_finish() -> None:

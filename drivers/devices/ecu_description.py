@@ -122,6 +122,14 @@ class EcuDescription:
         return frozenset(role for message in self.heard.values() for role in message.roles)
 
     @property
+    def told_faults(self) -> int:
+        """The neutral faults that it can tell."""
+        told = 0
+        for fault in (*self.fault_bits.values(), *(signal.fault for signal in self.fault_signals)):
+            told |= fault
+        return told
+
+    @property
     def fd(self) -> bool:
         """CAN FD frames are among those that are sent or heard."""
         return any(frame.fd for frame in self.sent) or any(message.fd for message in self.heard.values())

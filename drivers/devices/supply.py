@@ -9,6 +9,7 @@ import re
 from dataclasses import dataclass
 
 from drivers.current_source import SourceIdentity
+from drivers.devices.output import AnalogueOutput, output_lacks
 from protocols.scpi import Command
 
 UNVERIFIED = "unverified"
@@ -90,6 +91,7 @@ class SupplyDescription:
         current, voltage: where the number stands in an answer; None: it is the answer.
         on: answers that say that the output is on.
         faults: bits of the answer to `read_faults`, and what each means (of `SourceFault`).
+        output: an analogue output on Modbus, in place of commands; None: lines of text.
     """
 
     name: str
@@ -108,6 +110,12 @@ class SupplyDescription:
     voltage: re.Pattern[str] | None = None
     on: tuple[str, ...] = ("1", "ON")
     faults: tuple[tuple[int, int], ...] = ()
+    output: AnalogueOutput | None = None
+
+    @property
+    def measures(self) -> bool:
+        """It tells what flows."""
+        return self.output is None or self.output.measures
 
     @property
     def drives_zero(self) -> bool:
@@ -120,13 +128,14 @@ class SupplyConnection:
     """How to reach a supply.
 
     Attributes:
-        url: a serial port, `socket://host:port` or `tcp://host:port`.
+        url: a serial port, `socket://host:port` or `tcp://host:port`; of a module `modbus-tcp://`, `modbus-rtu:`.
         description: its language.
         poll_s: period of the questions for the current (s).
         timeout_s: longest wait for an answer (s).
         voltage_limit_V: of the output (V); None where it cannot be set.
         baudrate: Bd of a serial line; None: as described.
         identity: text that its identity must hold; empty: any.
+        device_id: Modbus unit number.
     """
 
     url: str
@@ -136,6 +145,7 @@ class SupplyConnection:
     voltage_limit_V: float | None = None
     baudrate: int | None = None
     identity: str = ""
+    device_id: int = 1
 
 
 def identity_of(answer: str) -> SourceIdentity:
@@ -147,6 +157,10 @@ def identity_of(answer: str) -> SourceIdentity:
 
 def supply_lacks(described: SupplyDescription) -> tuple[tuple[str, str], ...]:
     """What a supply cannot do, and what is left without it: a name, and words for people."""
+    untried = f"its description is {described.tried}: written from the maker's manual, tried on no supply"
+    if described.output is not None:
+        own = (*output_lacks(described.output), ("trial", not described.tried, untried))
+        return tuple((name, text) for name, has, text in own if not has)
     without = {
         "timeout": (
             described.watchdog is not None,
@@ -166,9 +180,6 @@ def supply_lacks(described: SupplyDescription) -> tuple[tuple[str, str], ...]:
             bool(described.commands.read_output or not described.commands.output_on),
             "an output that it switches off by itself shows only by its current",
         ),
-        "trial": (
-            not described.tried,
-            f"its description is {described.tried}: written from the maker's manual, tried on no supply",
-        ),
+        "trial": (not described.tried, untried),
     }
     return tuple((name, text) for name, (has, text) in without.items() if not has)

@@ -14,6 +14,7 @@ from typing import Any
 
 from drivers.current_source import SourceFault
 from drivers.devices.description_file import read_description, read_text
+from drivers.devices.output_file import is_output, read_output
 from drivers.devices.supply import (
     PARITIES,
     TERMINATORS,
@@ -53,6 +54,8 @@ _QUERIES = ("identify", "measure_current", "measure_voltage", "read_output", "er
 
 def read_supply(given: Mapping[str, Any], name: str) -> tuple[SupplyDescription | None, Problems]:
     """A supply's description, or None and everything that is wrong with it."""
+    if is_output(given):
+        return read_output(given, name)
     reader = _Reader(given)
     top = reader.table((), given, _TOP)
     link = SupplyLink(**reader.link())

@@ -8,7 +8,7 @@ import re
 import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from drivers.devices.description_file import read_text
 from protocols.errors import LocalProtocolError
@@ -85,10 +85,17 @@ def nearest(name: str, known: Collection[str]) -> str:
     return f"did you mean {match[0]}?" if match else f"known: {', '.join(known) or 'none'}"
 
 
+class Keeper(Protocol):
+    """Who keeps the problems of a file or a table."""
+
+    def add(self, place: Place, message: str) -> None:
+        """Keep a problem of an entry."""
+
+
 class Table:
     """A table of the file; reading an entry that is wrong gives the default, and keeps the problem."""
 
-    def __init__(self, source: Source, place: Place, given: Mapping[str, Any]) -> None:
+    def __init__(self, source: Keeper, place: Place, given: Mapping[str, Any]) -> None:
         self.source = source
         self.place = place
         self.given = given

@@ -1,10 +1,11 @@
-"""The JSON schema of a register map's file, for editors."""
+"""The JSON schemas of a register map's file and of an analogue output's, for editors."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Any
 
+from drivers.current_source import SourceFault
 from drivers.register_maps.condition import COMPARISONS
 from drivers.register_maps.indirect import KEYS as INDIRECT
 from drivers.register_maps.meanings import word
@@ -116,6 +117,24 @@ def schema() -> Schema:
     }  # fmt: skip
     needed = ("quantities", "state")
     return _table(properties, needed) | {"$defs": _definitions()}
+
+
+def output_schema() -> Schema:
+    """The schema of an analogue output's file, draft 2020-12; `$defs` stand beside it."""
+    values: Schema = {"type": "object", "additionalProperties": {"type": ["number", "boolean", "string"]}}
+    ends: Schema = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2}
+    properties: Schema = {
+        "format": {"const": 1}, "maker": TEXT, "model": TEXT, "tried": TEXT,
+        "settling_ms": {"type": "number", "minimum": 1, "maximum": 10_000},
+        "range": _table({"current_A": ends}, ("current_A",)),
+        "link": _table({"baudrate": _whole(300, 12_000_000), "parity": _among(("N", "E", "O"))}), "modbus": _modbus(),
+        "quantities": {"type": "object", "additionalProperties": _ref("quantity"), "required": ["current"]},
+        "identity": values, "prepare": values, "faults": _words(SourceFault, _ref("bit")),
+        "watchdog": _table({
+            "time_s": {"type": "number", "minimum": 0.1, "maximum": 60}, "start": values, "feed": values, "stop": values
+        }, ("time_s",)),
+    }  # fmt: skip
+    return _table(properties, ("range", "quantities")) | {"$defs": _definitions()}
 
 
 def _indirect() -> Schema:

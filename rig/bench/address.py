@@ -62,7 +62,7 @@ def serial_url(text: str) -> str:
 
 
 def supply_url(text: str) -> str:
-    """Check a supply's address: a serial port as `serial_url` takes it, or `tcp://host:port`.
+    """Check a supply's address: a serial port as `serial_url` takes it, `tcp://host:port`, or one of Modbus.
 
     Raises:
         ValueError: it is neither.
@@ -70,7 +70,12 @@ def supply_url(text: str) -> str:
     if text.startswith("tcp://"):
         _host_and_port(text, "tcp://192.168.0.20:5025")
         return text
-    return serial_url(text)
+    return modbus_url(text) if is_modbus(text) else serial_url(text)
+
+
+def is_modbus(text: str) -> bool:
+    """Whether an address is one of Modbus."""
+    return ActuatorAddress.parse(text).kind in {LinkKind.MODBUS_TCP, LinkKind.MODBUS_RTU}
 
 
 def modbus_url(text: str) -> str:

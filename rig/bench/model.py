@@ -156,6 +156,9 @@ class Bench(Section):
             if (owner := owners.get(sensor.url)) is not None:
                 problems.append(((*place, "url"), f"is already the port of {owner}; every sensor has its own"))
             owners.setdefault(sensor.url, str(place[0]))
+        if self.ecu.url is not None and self.ecu.url.startswith("modbus-rtu:") and self.ecu.url == self.actuator.url:
+            text = "is the serial line of [actuator]: two of this program's threads cannot share it; give it its own"
+            problems.append((("ecu", "url"), text))
         return problems
 
     def _shared_names(self) -> list[Problem]:

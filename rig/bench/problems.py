@@ -61,6 +61,10 @@ TABLES = {
     "study": frozenset({"data", "comparison", "symmetry", "sensitivity", "parallel", "per_current"}),
     "car": frozenset({"body", "front", "rear"}),
     "road": frozenset({"sweep", "random", "bump", "pothole", "profile", "drive"}),
+    "bands": frozenset({
+        "rebound_force", "jounce_force", "energy", "damping", "dynamic_range", "friction_force", "gas_force",
+        "parameter",
+    }),
 }
 """Tables by which a file is recognised for what it is; a test compares them with the models."""
 _PLACES = {
@@ -69,6 +73,7 @@ _PLACES = {
     "study": "rig study {path}",
     "car": "rig ride FIT --car {path}",
     "road": "rig ride FIT --road {path}",
+    "bands": "rig compare RUN --bands {path}",
 }
 
 

@@ -31,7 +31,7 @@ from rig.bench.sensor_settings import (
     SensorConfig,
     Timeout,
 )
-from rig.bench.supply_settings import supply_problems_of
+from rig.bench.supply_settings import supply_of, supply_problems_of
 
 ECU_STATUS_Hz = 100.0
 HAND_SILENT_S = 0.5
@@ -246,6 +246,9 @@ class EcuConfig(Settings):
     identity: Name | None = field(
         default=None, metadata=key(description="text that a supply's identity (*IDN?) must hold; another is refused")
     )
+    device_id: int = field(
+        default=1, metadata=key(ge=0, le=255, description="Modbus unit of an analogue output (url modbus-tcp:, -rtu:)")
+    )
     by_hand: bool = field(
         default=False, metadata=key(description="a person sets the current, and is asked for it before it is needed")
     )
@@ -269,6 +272,12 @@ class EcuConfig(Settings):
         return f"{self.channel}" if self.interface == "slcan" else f"{self.interface}:{self.channel}"
 
     @property
+    def measured(self) -> bool:
+        """Somebody measures the current: else it is what a person said, or what an output was told."""
+        described = None if self.by_hand else supply_of(self.supply)
+        return not self.by_hand and (described is None or described.measures)
+
+    @property
     def silent_after_s(self) -> float:
         """Age at which its last value is stale (wall s); a person is not heard, but asked."""
         return HAND_SILENT_S if self.by_hand else self.stale_after_s
@@ -283,7 +292,7 @@ class EcuConfig(Settings):
         """What does not count for `Bench.digest`: addresses, times, what is not stated of a supply or a person."""
         link = (
             "interface", "channel", "bitrate", "interface_options", "command_period_s", "stale_after_s", "url",
-            "baudrate", "poll_s", "timeout_s", "pressure_while_asked", "answer_within_s", "rehearsal",
+            "baudrate", "poll_s", "timeout_s", "pressure_while_asked", "answer_within_s", "rehearsal", "device_id",
         )
         new = ("roles", "supply", "voltage_limit_V", "identity", "by_hand")
         unsaid = (name for name in new if getattr(self, name) in (None, False))

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Protocol
 
 from drivers.catalogue import SupplyDescription, supply, supply_problems
+from drivers.connection import ActuatorAddress, LinkKind
 from protocols.errors import LocalProtocolError
 from rig.bench.quantity import Problem
 
@@ -63,8 +64,19 @@ def supply_problems_of(config: SupplyEntries) -> Iterator[Problem]:
         yield ("supply", *place), text
     described = supply_of(config.supply)
     if described is not None:
+        yield from _link(config.url, described)
         yield from _voltage(config, described)
     yield from _times(config)
+
+
+def _link(url: str | None, described: SupplyDescription) -> Iterator[Problem]:
+    """Registers are reached by Modbus, lines of text by anything else."""
+    modbus = ActuatorAddress.parse(url or "").kind in {LinkKind.MODBUS_TCP, LinkKind.MODBUS_RTU}
+    if url is not None and modbus is not (described.output is not None):
+        yield ("url",), (
+            "lines of text do not travel by Modbus; write tcp://host:port or a serial port" if modbus else
+            "registers ([quantities]) travel by Modbus; write modbus-tcp://host:port or modbus-rtu: and a serial port"
+        )
 
 
 def _voltage(config: SupplyEntries, described: SupplyDescription) -> Iterator[Problem]:

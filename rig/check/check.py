@@ -24,7 +24,7 @@ from rig.campaign.machine_resources import station_in_use
 from rig.campaign.preflight.proof_move import PROOF_M, PROOF_SPEED_M_S, Leg, judge_proof, proof_targets
 from rig.campaign.stop_cause import StopCause
 from rig.check.finding import CheckReport, failed, warning
-from rig.check.judgement import ACTUATOR, LOAD_CELL, LVDT, Reports
+from rig.check.judgement import ACTUATOR, ECU, LOAD_CELL, LVDT, Reports
 from rig.clock import monotonic_ns, utc_now
 from rig.errors import EXIT_DONE, UnknownRigState
 from rig.recording.journal.ring_reader import RingReader
@@ -40,6 +40,12 @@ REQUEST_S = 20.0
 MOVE_S = 10.0
 """Longest time for one way of the move (s of the rig's clock)."""
 HELD_S = 0.3
+OF_THE_COIL = frozenset({"ecu-command", "coil-not-ready", "current-stuck", "supply-not-zero"})
+"""What ends a proof on the part of the current source."""
+FIXES = {
+    "ecu-command": "write under [protection.MESSAGE] of the roles file what the ECU's document says of the message "
+    "that carries the command: profile, data_id, counter, crc; else look at the DBC and at the power of its output",
+}
 FEWEST = 10
 
 Told = Callable[[str], None]
@@ -144,7 +150,8 @@ class _Check:
                 if move:
                     self._move()
         except NotProved as ended:
-            self.reports.add(ACTUATOR, failed(ended.slug, ended.message))
+            owner = ECU if ended.slug in OF_THE_COIL else ACTUATOR
+            self.reports.add(owner, failed(ended.slug, ended.message, FIXES.get(ended.slug, "")))
 
     def _move(self) -> None:
         self._told("moving the rod by 2 mm up and down, at 10 mm/s and 0 A")

@@ -86,8 +86,11 @@ def _combination(wanted: Identify) -> list[str]:
         problems.append(
             f'method = "{THREE_STEPS}": identifies {MODEL_OF_THREE_STEPS} only; set model = "{MODEL_OF_THREE_STEPS}"'
         )
-    if wanted.current != AFFINE and (wanted.model == ALL or wanted.series_spring):
-        problems.append(f'current = "{wanted.current}": goes with one model and without series_spring')
+    bent = wanted.current_law != AFFINE or "+" in wanted.model
+    if wanted.current != AFFINE and (wanted.model == ALL or wanted.series_spring or bent):
+        problems.append(
+            f'current = "{wanted.current}": goes with one model, without series_spring and without a current law'
+        )
     if wanted.series_spring and wanted.model == ALL:
         problems.append('series_spring: goes with one model; name it, such as model = "asymmetric"')
     return problems

@@ -13,7 +13,7 @@ import click
 from rig.cli.options import Command, MethodName, json_option, scheduler_option
 from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE
-from rig.matrix.methods import DEPENDENCES
+from rig.matrix.methods import DEPENDENCES, LAWS
 
 if TYPE_CHECKING:
     from rig.dampers import Hysteresis
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         "rig identify SINE_RUN --holdout TRIANGLE_RUN --json",
         "rig identify RUN --model all --holdout frequency_Hz=2",
         "rig identify RUN --model kwok --current per-current-lagrange",
+        "rig identify RUN --model asymmetric --current-law saturating",
     ),
 )
 @click.argument("runs", type=click.Path(path_type=Path), nargs=-1, required=True)
@@ -46,6 +47,10 @@ if TYPE_CHECKING:
 @click.option(
     "--current", "dependence", type=click.Choice(DEPENDENCES), default="affine", show_default=True,
     help="Dependence of the parameters on current: affine in one fit, or one fit per current and a relation of them.",
+)  # fmt: skip
+@click.option(
+    "--current-law", type=click.Choice(LAWS), default="affine", show_default=True,
+    help="What the fluid feels of the current, for any model: the current itself, a law that bends, or all compared.",
 )  # fmt: skip
 @click.option("--series-spring", is_flag=True, help="Add a spring in series: compliant mounts.")
 @click.option("--suspect", is_flag=True, help="Include suspect points; by default only valid points are fitted.")
@@ -77,6 +82,7 @@ def command(
     holdout: str | None,
     hysteresis: Hysteresis,
     dependence: str,
+    current_law: str,
     series_spring: bool,
     suspect: bool,
     weight: str | None,
@@ -109,6 +115,7 @@ def command(
             suspect=suspect,
             profile=(*(["nonlinear"] if profile else []), *profile_of),
             current=dependence,
+            current_law=current_law,
             series_spring=series_spring,
             on_progress=None if model != "all" else lambda line: click.echo(line, err=True),
         )

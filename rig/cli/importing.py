@@ -29,6 +29,18 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
     return pairs
 
 
+def _separator(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    """One sign, or the words tab and space.
+
+    Raises:
+        BadParameter: anything else.
+    """
+    sign = {"tab": "\t", "\\t": "\t", "space": " "}.get(value or "", value)
+    if sign is not None and (len(sign) != 1 or sign in '."\n\r' or sign.isalnum()):
+        raise click.BadParameter(f"{value!r} is not one sign, tab or space", ctx, param)
+    return sign
+
+
 @click.command(
     name="import",
     cls=Command,
@@ -36,6 +48,9 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
         "rig import tests/*.csv --column time=t_s --column displacement=x_m --column force=force_N \\",
         "    --current-from-name '_(?P<current>[0-9.]+)A'",
         "rig import loop.csv --column time=t:ms --column displacement=x:mm --column force=F:kN --current '0.5 A'",
+        "rig import run7.mf4 --column displacement=Stroke --column force=LoadCell --column current=I_coil",
+        "rig import old.txt --dry-run --separator ';' --decimal , --column time=Zeit --column displacement=Weg \\",
+        "    --column force=Kraft --current '0 A'",
     ),
 )
 @click.argument("files", type=click.Path(path_type=Path), nargs=-1, required=True)
@@ -45,9 +60,22 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
     multiple=True,
     callback=_pairs,
     metavar="QUANTITY=COLUMN",
-    help="Column of time, displacement, force, current (measured) or commanded_current; unit as a suffix (x_mm) or "
-    "after a colon (x:mm).",
+    help="Column of time, displacement, force, current (measured) or commanded_current: its name, #3 for the third, "
+    "GROUP/NAME in MDF and TDMS; unit as the file says, as a suffix (x_mm) or after a colon (x:mm).",
 )
+@click.option(
+    "--rate", type=QuantityOption("frequency"), help="Sample rate, such as '1 kHz', where there is no column of time."
+)
+@click.option("--separator", callback=_separator, metavar="SIGN", help="CSV: between cells: one sign, tab or space.")
+@click.option("--decimal", type=click.Choice([".", ","]), help="CSV: decimal sign.")
+@click.option("--encoding", metavar="NAME", help="CSV: encoding, such as cp1252 or utf-16-le.")
+@click.option("--header-line", type=click.IntRange(0, 2000), help="CSV: line of the names; 0: there are none.")
+@click.option("--units-line", type=click.IntRange(0, 2000), help="CSV: line of the units; 0: there are none.")
+@click.option(
+    "--accept", multiple=True, metavar="SLUG",
+    help="Take sizes as they are that no damper test has: units-time, units-displacement, units-force, sample-rate.",
+)
+@click.option("--dry-run", is_flag=True, help="Read, look at everything and show it; write nothing.")
 @click.option("--current", type=QuantityOption("current"), help="Coil current of all files, such as '0.5 A'.")
 @click.option(
     "--current-from-name", metavar="REGEX",
@@ -63,6 +91,14 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
 def command(
     files: tuple[Path, ...],
     columns: dict[str, str],
+    rate: float | None,
+    separator: str | None,
+    decimal: str | None,
+    encoding: str | None,
+    header_line: int | None,
+    units_line: int | None,
+    accept: tuple[str, ...],
+    dry_run: bool,
     current: float | None,
     current_from_name: str | None,
     waveform: str,
@@ -71,29 +107,41 @@ def command(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Convert CSV FILES to a run, one test per file; if one file is unusable, nothing is written.
+    """Convert FILES of CSV, MATLAB, MDF (MF4) or TDMS to a run, one test per file; all of them or none.
 
-    `rig identify` and `rig report` take the run like a recorded one.
+    How a CSV file is written (separator, decimal sign, encoding, lines of names and units, time stamps) is guessed and
+    shown; options say otherwise. Without --column the file's columns are listed. `rig identify` and `rig report` take
+    the run like a recorded one.
     """
-    from rig.recording.importing import import_tests
+    from rig.recording.foreign.foreign_file import Dialect
+    from rig.recording.foreign_tests import WantedTests, read_tests
+    from rig.recording.importing import Described, write_run
+
+    dialect = Dialect(separator, decimal, encoding, header_line, units_line)
+    tests = read_tests(files, WantedTests(columns, current, current_from_name, rate, dialect, accept))
+    if not as_json:
+        for test in tests:
+            console().print(f"{test.source}: {test.read_as}", markup=False, soft_wrap=True)
+    if dry_run:
+        if as_json:
+            listed = [{"file": test.source, "read_as": test.read_as, "rows": len(test.time_s),
+                       "current_A": test.nominal_current_A} for test in tests]  # fmt: skip
+            write_json({"campaign": None, "points": listed, "total": len(tests)})
+        return EXIT_DONE
+    folder = write_run(tests, out, Described(waveform, specimen, mid_stroke))
+    return _show(folder, as_json)
+
+
+def _show(folder: Path, as_json: bool) -> int:
     from rig.recording.run import Run
 
-    folder = import_tests(
-        files,
-        columns=columns,
-        out=out,
-        current_A=current,
-        current_from_name=current_from_name,
-        waveform=waveform,
-        specimen=specimen,
-        mid_stroke_m=mid_stroke,
-    )
     run = Run.open(folder)
     valid = sum(point.verdict == "valid" for point in run.points)
     if as_json:
         points = [
             {"id": point.id, "file": point.path, "verdict": point.verdict, "reasons": point.reasons,
-             "amplitude_m": point.amplitude_m, "frequency_Hz": point.frequency_Hz, "current_A": point.current_A}
+             "amplitude_m": point.amplitude_m, "frequency_Hz": point.frequency_Hz, "current_A": point.current_A,
+             "read_as": str(point.provenance.get("read_as", ""))}
             for point in run.points
         ]  # fmt: skip
         write_json({"campaign": folder.resolve(), "points": points, "valid": valid, "total": len(points)})

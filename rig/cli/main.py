@@ -28,8 +28,9 @@ COMMANDS = {
     "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
     "page": ("rig.cli.page", "Serve the operator's page of a run."),
     "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),
-    "import": ("rig.cli.importing", "Convert CSV test files to a run."),
+    "import": ("rig.cli.importing", "Convert test files (CSV, MATLAB, MDF, TDMS) to a run."),
     "report": ("rig.cli.report", "Write the report of a run as one HTML file."),
+    "compare": ("rig.cli.compare", "Runs side by side: what changed, what is within acceptance bands."),
     "export": ("rig.cli.export", "Write a run or a fit in another program's format."),
     "hybrid": ("rig.cli.hybrid", "The published benchmark of hybrid tests: a computed building, a moved specimen."),
     "runs": ("rig.cli.runs", "List recorded runs."),
@@ -59,6 +60,7 @@ EXIT_CODES = (
     ("5", "finished, but some points are not valid"),
     ("6", "identification failed"),
     ("7", "rig state unknown: go and look"),
+    ("8", "not within the acceptance bands"),
 )
 
 PACKAGES = ("drivers", "protocols", "simulators")

@@ -36,6 +36,7 @@ def command(names: tuple[str, ...], as_json: bool) -> int:
 
 def _entry(damper: DamperModel) -> dict[str, Any]:
     from rig.dampers.catalogue import set_name
+    from rig.dampers.lawed_model import base_of
 
     return {
         "name": damper.name,
@@ -43,7 +44,7 @@ def _entry(damper: DamperModel) -> dict[str, Any]:
         "energy": damper.energy,
         "states": damper.states,
         "hysteresis": list(damper.forms),
-        "set": set_name(damper.name),
+        "set": set_name(base_of(damper).name),
         "parameters": [_parameter(parameter, damper) for parameter in damper.parameters],
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -10,26 +11,45 @@ import click
 from rig.cli.options import Command, json_option
 from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE, FileProblem
+from rig.recording.run_index import VERDICTS, RunFilter, listed
 from rig.text_file import read_json
 
+MOST_SHOWN = 200
+"""Rows of the table; the last ones."""
 
-@click.command(name="runs", cls=Command, examples=("rig runs", "rig runs --in /data/dampers --json"))
+
+@click.command(
+    name="runs", cls=Command,
+    examples=("rig runs", "rig runs --in /data/dampers --specimen 'MR-0*' --date 2026-11 --verdict valid --json"),
+)
 @click.option(
     "--in", "folder", type=click.Path(path_type=Path), default=Path("logs"), show_default=True,
     help="Folder with the runs.",
 )
+@click.option("--specimen", metavar="TEXT", help="Only of this specimen; a pattern with * and ? for several.")
+@click.option(
+    "--date", metavar="DATE", help="Only begun (UTC) in a year, month or day, 2026-11-23, or from one to another, "
+    "2026-11-01:2026-11-23; either side of the colon may be left out.",
+)
+@click.option("--verdict", type=click.Choice(VERDICTS), help="Only where this is the worst verdict of the points.")
+@click.option("--model", metavar="NAME", help="Only where this model was fitted.")
 @json_option
-def command(folder: Path, as_json: bool) -> int:
-    """List the runs in a folder, oldest first."""
-    listed = _listed(folder)
+def command(
+    folder: Path, specimen: str | None, date: str | None, verdict: str | None, model: str | None, as_json: bool
+) -> int:
+    """List the runs in a folder by name; all filters must hold.
+
+    Summaries are kept in .rig-runs.sqlite in that folder. The files alone count: what has changed is read again.
+    """
+    runs = _listed(folder, RunFilter(specimen, date, verdict, model))
     if as_json:
-        write_json({"runs": listed})
+        write_json({"runs": runs})
     else:
-        _show(listed, folder)
+        _show(runs, folder)
     return EXIT_DONE
 
 
-def _listed(folder: Path) -> list[dict[str, Any]]:
+def _listed(folder: Path, wanted: RunFilter) -> list[dict[str, Any]]:
     """One summary a run.
 
     Raises:
@@ -37,7 +57,8 @@ def _listed(folder: Path) -> list[dict[str, Any]]:
     """
     if not folder.is_dir():
         raise FileProblem(str(folder), ["there is no such folder; runs are made in logs/ or where --out said"])
-    return [_summary(place) for place in sorted(folder.iterdir()) if (place / "points").is_dir()]
+    whole = str(folder.resolve())
+    return [{**run, "path": os.path.join(whole, run["id"])} for run in listed(folder, _summary, wanted)]
 
 
 def _show(runs: list[dict[str, Any]], folder: Path) -> None:
@@ -45,18 +66,22 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
 
     shown = console()
     if not runs:
-        shown.print(f"no runs in {folder}", markup=False)
+        shown.print(f"no such runs in {folder}", markup=False)
         return
     table = Table()
-    for name in ("run", "specimen", "points", "valid", "to recover", "fit: error % of peak", "remark"):
-        table.add_column(name, justify="left" if name in {"run", "specimen", "remark"} else "right", overflow="fold")
-    for run in runs:
+    numbers = ("points", "valid", "to recover", "fit: error % of peak")
+    for name in ("run", "specimen", "started", "verdict", *numbers, "remark"):
+        right = name in numbers
+        table.add_column(name, justify="right" if right else "left", overflow="fold")
+    for run in runs[-MOST_SHOWN:]:
         error = run["nrmse_percent_of_peak"]
         table.add_row(
-            run["id"], run["specimen"], str(run["points"]), str(run["valid"]), str(run["unfinished"]),
-            "-" if error is None else f"{error:.3g}", run["remark"],
+            run["id"], run["specimen"], run["started"][:10], run["verdict"], str(run["points"]), str(run["valid"]),
+            str(run["unfinished"]), "-" if error is None else f"{run['model']} {error:.3g}", run["remark"],
         )  # fmt: skip
     shown.print(table)
+    if len(runs) > MOST_SHOWN:
+        shown.print(f"the last {MOST_SHOWN} of {len(runs)}; filters or --json show others", markup=False)
 
 
 def _summary(place: Path) -> dict[str, Any]:
@@ -65,31 +90,38 @@ def _summary(place: Path) -> dict[str, Any]:
     from rig.recording.run import Run, read_campaign
 
     summary: dict[str, Any] = {
-        "id": place.name, "path": str(place.resolve()), "specimen": "", "points": 0, "valid": 0,
-        "unfinished": len(unfinished(place / "points")), "apart": 0, "nrmse_percent_of_peak": None, "remark": "",
+        "id": place.name, "path": "", "specimen": "", "started": "", "verdict": "", "model": "", "points": 0,
+        "valid": 0, "unfinished": 0, "apart": 0, "nrmse_percent_of_peak": None, "remark": "",
     }  # fmt: skip
     try:
-        summary["specimen"] = str(read_campaign(place).get("specimen", ""))
+        summary["unfinished"] = len(unfinished(place / "points"))
+        campaign = read_campaign(place)
+        summary["specimen"] = str(campaign.get("specimen", ""))
+        summary["started"] = str(campaign.get("started_utc") or campaign.get("created") or "")
         run = Run.open(place)
-        summary |= {"points": len(run.points), "valid": sum(point.verdict == "valid" for point in run.points)}
-        summary["apart"] = len(run.apart)
-        summary["nrmse_percent_of_peak"] = _fit_error(place / "fit.json")
+        verdicts = [point.verdict for point in run.points]
+        summary |= {"points": len(verdicts), "valid": verdicts.count("valid"), "apart": len(run.apart)}
+        summary["verdict"] = next((name for name in reversed(VERDICTS) if name in verdicts), "")
+        summary["nrmse_percent_of_peak"], summary["model"] = _fit_error(place / "fit.json")
     except FileProblem as error:
         name = f"{Path(error.file).name}: " if error.file.endswith(".json") else ""
         summary["remark"] = name + error.problems[0]
+    except OSError as error:
+        summary["remark"] = f"cannot be read: {error.strerror}"
     return summary
 
 
-def _fit_error(path: Path) -> float | None:
-    """The fit's mean error in percent of peak; None when nothing was fitted.
+def _fit_error(path: Path) -> tuple[float | None, str]:
+    """The fit's mean error in percent of peak and its model; None and empty when nothing was fitted.
 
     Raises:
         FileProblem: the file is no fit.
     """
     if not path.is_file():
-        return None
+        return None, ""
     try:
-        error = read_json(path)["error"]["nrmse_percent_of_peak"]
-        return None if error is None else float(error)
+        fit = read_json(path)
+        error = fit["error"]["nrmse_percent_of_peak"]
+        return None if error is None else float(error), str(fit.get("model", ""))
     except (KeyError, TypeError, ValueError) as problem:
         raise FileProblem(str(path), ["not a fit: no error.nrmse_percent_of_peak in it"]) from problem

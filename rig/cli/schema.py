@@ -36,6 +36,12 @@ def _road() -> dict[str, Any]:
     return RoadFile.model_json_schema(by_alias=True)
 
 
+def _bands() -> dict[str, Any]:
+    from rig.comparison.bands import Bands
+
+    return Bands.model_json_schema(by_alias=True)
+
+
 def _register_map() -> dict[str, Any]:
     from drivers.catalogue import register_map_schema
 
@@ -49,9 +55,14 @@ def _ecu_roles() -> dict[str, Any]:
 
 
 def _supply() -> dict[str, Any]:
+    from drivers.catalogue import analogue_output_schema
     from rig.bench.supply_schema import SUPPLY
 
-    return SUPPLY
+    lines = {key: value for key, value in SUPPLY.items() if key not in {"$schema", "title"}}
+    registers = analogue_output_schema()
+    definitions = registers.pop("$defs")
+    about = {key: SUPPLY[key] for key in ("$schema", "title")}
+    return {**about, "anyOf": [lines, registers], "$defs": definitions}
 
 
 def _sensor_format() -> dict[str, Any]:
@@ -62,7 +73,7 @@ def _sensor_format() -> dict[str, Any]:
 
 SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
     "bench": _bench, "matrix": _matrix, "register-map": _register_map, "ecu-roles": _ecu_roles,
-    "sensor-format": _sensor_format, "supply": _supply, "car": _car, "road": _road,
+    "sensor-format": _sensor_format, "supply": _supply, "car": _car, "road": _road, "bands": _bands,
 }  # fmt: skip
 """Kind of file -> what makes its schema."""
 

@@ -15,6 +15,7 @@ from rig.dampers.bilinear import DigressiveBilinearModel, HystereticBiviscousMod
 from rig.dampers.bouc_wen import BoucWenModel, NormalizedBoucWenModel, ThinningBoucWenModel
 from rig.dampers.friction import DahlModel
 from rig.dampers.general_bouc_wen import GeneralizedBoucWenModel
+from rig.dampers.lawed_model import PLUS, with_law
 from rig.dampers.lost_motion import LostMotionModel
 from rig.dampers.lugre import LuGreModel
 from rig.dampers.model import DamperModel
@@ -124,14 +125,18 @@ def model(name: str, hysteresis: Hysteresis = "kwok") -> DamperModel:
     """The damper model called `name`.
 
     Args:
-        name: key of `MODELS`.
+        name: key of `MODELS`; behind it, after a plus, may stand a current law (`rig.dampers.current_law`).
         hysteresis: form of the tanh argument, "kwok" (beta v + delta sgn u) or "printed" (beta (v + lambda sgn u));
             models without that term take only "kwok".
 
     Raises:
         UnknownName: no such model, or the model has no printed form.
+        UnknownLaw: no such current law.
         PlugInProblem: it is a plug-in's, and that cannot be used.
     """
+    if PLUS in name:
+        base, _, law = name.partition(PLUS)
+        return with_law(model(base, hysteresis), law)
     if name not in MODELS:
         raise UnknownName(f"unknown damper model {name!r}; known: {_nearest(name, list(MODELS))}")
     if hysteresis == "kwok":

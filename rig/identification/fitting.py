@@ -1,36 +1,32 @@
-"""From a run to a fit: prepare, examine, solve, judge; one model, or all of them compared.
-
-Models are compared on the same tests: by what they have not seen, then by information.
-"""
+"""From a run to a fit: prepare, examine, solve, judge; one model, or all of them compared (`selection`)."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 import rig.dampers
 from rig.dampers import Hysteresis
+from rig.dampers.lawed_model import PLUS, with_law
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.application.tested_range import Ends, tested_range
-from rig.identification.misfit_weights import weighted_by_misfit
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
+from rig.identification.models.law_search import laws_over, named_over
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
-from rig.identification.models.separable import GivenUp, motion_scale
-from rig.identification.models.solving import GUARD_S, Candidate, Method, solve
+from rig.identification.models.solving import Candidate, Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.per_current import AFFINE, identify_per_current
 from rig.identification.points.consistency import contradictions, refuse_reversed_signs, runs_apart
 from rig.identification.points.given import given
+from rig.identification.selection import candidates_of, compare, groups_of, weighted_by_misfit
 from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
-from rig.identification.uncertainty.fit import Cause, Estimate, Fit, ModelScore, SeriesSpring
+from rig.identification.uncertainty.fit import Cause, Estimate, Fit, SeriesSpring
 from rig.identification.uncertainty.scoring import score
 from rig.identification.words import say
 
@@ -41,8 +37,6 @@ if TYPE_CHECKING:
 
 ALL = "all"
 DRAWN_SAMPLES = 250  # samples of a cycle that figures show
-RANKING_SAMPLES = 250  # samples of a cycle that rank models
-EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
 
 
 def identify(
@@ -55,6 +49,7 @@ def identify(
     declared: DeclaredErrors | None = None,
     profile: bool | Sequence[str] = False,
     current: str = AFFINE,
+    current_law: str = AFFINE,
     series_spring: bool = False,
     allowance: Allowance | None = None,
     campaign: Sequence[RecordedPoint] = (),
@@ -65,14 +60,19 @@ def identify(
 
     Args:
         tests: a run, its points, or measurements already prepared.
-        model: a name in `rig.dampers.MODELS`, or "all" to compare them.
+        model: a name in `rig.dampers.MODELS`, with a current law or without (`asymmetric+saturating`), or "all" to
+            compare them.
         method: "separable", one of the papers' algorithms, or a `Method` with its settings.
-        holdout: tests kept out of the fit and scored apart: a filter such as "waveform=triangle" on `tests`, or others.
+        holdout: tests kept out of the fit and scored apart: a filter such as "waveform=triangle" on `tests`, or others;
+            of motion without cycles also "last 30 %" of the time of each test.
         hysteresis: form of the tanh models' argument.
         declared: scale and position errors to include in the intervals.
         profile: parameters whose profile likelihood is wanted; True: all nonlinear ones.
         current: how parameters depend on the current: "affine", in one fit; or one fit a current with
             "per-current-affine", "per-current-polynomial" (quadratic) or "per-current-lagrange" relations.
+        current_law: what the fluid feels of the current: "affine" (the current itself), "saturating", "polynomial",
+            "per-current" (a table over the tested currents), or "all": those laws of the model, or of the best model,
+            compared as models are.
         series_spring: look for a spring in series with the damper, and fit the damper behind it; held-out tests are
             corrected by their own measured force.
         allowance: what the next test may ask of the machine; by default what a run's own bench and matrix allow, or
@@ -96,26 +96,30 @@ def identify(
     fitted, held_out = known.fitted, known.held_out
     refuse_reversed_signs(fitted)
     warnings = (*known.warnings, *contradictions(fitted), *known.unusable_steps)
-    wanted = Wanted(settings, declared, profile, warnings, started)
+    wanted = Wanted(settings, declared, profile, warnings, started, laws_over(fitted, current_law))
     if current != AFFINE:
-        if model == ALL or profile or series_spring:
+        if model == ALL or profile or series_spring or PLUS in model or current_law != AFFINE:
             raise IdentificationFailed(
-                f"current dependence {current!r} goes with one model, without profiles and without a series spring"
+                f"current dependence {current!r} goes with one model, without profiles, without a series spring, and "
+                "without a current law"
             )
         chosen = _model(model, hysteresis)
         related = identify_per_current(chosen, fitted, held_out, current, wanted, on_progress)
         return _usable(related, fitted, held_out, known.temperature_degC)
+    names = list(rig.dampers.MODELS) if model == ALL else [named_over(model, fitted)]
+    models = [_model(name, hysteresis) for name in names]
+    if len(wanted.laws) == 1 and wanted.laws[0] != AFFINE:
+        models = [with_law(one, wanted.laws[0]) for one in models]
     spring = None
     if series_spring:
         if model == ALL:
             raise IdentificationFailed("a series spring goes with one model: name it, such as `asymmetric`")
-        spring, fitted, held_out = _behind_spring(_model(model, hysteresis), fitted, held_out, settings)
-    names = list(rig.dampers.MODELS) if model == ALL else [model]
-    models = [_model(name, hysteresis) for name in names]
+        spring, fitted, held_out = _behind_spring(models[0], fitted, held_out, settings)
     eta_1_s = _found_lag(models, fitted, settings, on_progress) if needs_lag(fitted) else None
     if eta_1_s is not None:
         fitted, held_out = ([with_lag(test, eta_1_s) for test in tests] for tests in (fitted, held_out))
     best, fit = _best_fit(models, fitted, held_out, wanted, eta_1_s, on_progress)
+    fit = replace(fit, coil_eta_1_s=eta_1_s)
     if known.lag is not None and "eta" in fit.parameters:
         fit = _with_lag(fit, known.lag)
     if spring is not None:
@@ -163,13 +167,19 @@ def _best_fit(
     Raises:
         IdentificationFailed: no model can be fitted.
     """
-    candidates, refused, given_up = _candidates(models, fitted, wanted.method, on_progress)
+    candidates, refused, given_up = candidates_of(models, fitted, wanted.method, on_progress)
     candidates, method, ratio = weighted_by_misfit(candidates, fitted, wanted.method)
     reweighted = [say("relative-weights", ratio=ratio)] if method.weight != wanted.method.weight else []
     wanted = replace(wanted, method=method, warnings=(*wanted.warnings, *reweighted))
     if on_progress is not None and len(candidates) > 1:
         on_progress("comparing the models on what they have not seen")
     ranking, best = compare(candidates, fitted, held_out, wanted.method)
+    if len(wanted.laws) > 1:
+        bent = [with_law(best.model, law) for law in wanted.laws if law != AFFINE]
+        more, failed, _ = candidates_of(bent, fitted, wanted.method, on_progress)
+        by_law, recommended = compare([best, *more], fitted, held_out, wanted.method)
+        ranking = (*by_law, *(one for one in ranking if one.model != best.model.name))
+        best, refused = recommended, [*refused, *failed]
     if eta_1_s is not None and "eta" in best.model.names:
         values = {**best.solution.values, "eta": eta_1_s}
         best = replace(best, solution=replace(best.solution, values=values))
@@ -178,7 +188,7 @@ def _best_fit(
     if len(models) > 1:
         from rig.identification.reference import references
 
-        fit = replace(fit, references=references(fitted, held_out, _groups(fitted)))
+        fit = replace(fit, references=references(fitted, held_out, groups_of(fitted)))
     if fit.adequate is False:
         apart = runs_apart(fitted, fit.error.rmse_N, _error_of(best, wanted.method))
         fit = replace(fit, warnings=(*apart, *fit.warnings))
@@ -207,8 +217,9 @@ def _model(name: str, hysteresis: Hysteresis) -> DamperModel:
 
     Raises:
         UnknownName: no such model, or no such form.
+        UnknownLaw: no such current law.
     """
-    named = rig.dampers.MODELS.get(name)
+    named = rig.dampers.MODELS.get(name.partition(PLUS)[0])
     only_kwok = named is not None and hysteresis == "printed" and hysteresis not in named.forms
     return rig.dampers.model(name, "kwok" if only_kwok else hysteresis)
 
@@ -260,123 +271,3 @@ def _with_lag(fit: Fit, lag: CurrentLag) -> Fit:
     )
     note = f"eta: from {lag.steps} current steps, commanded to measured current; the force model has no part in it"
     return replace(fit, parameters={**fit.parameters, "eta": eta}, notes=(*fit.notes, note))
-
-
-def _candidates(
-    models: Sequence[DamperModel],
-    fitted: Sequence[Measurement],
-    method: Method,
-    on_progress: Callable[[str], None] | None,
-) -> tuple[list[Candidate], list[str], tuple[ModelScore, ...]]:
-    """Every model that the method can fit, a line for each that it cannot, and those given up beside better ones.
-
-    Raises:
-        IdentificationFailed: no model can be fitted.
-    """
-    candidates, refused, given_up = [], [], []
-    rival_N = math.inf
-    scale = motion_scale(fitted)
-    searched_last = sorted(models, key=lambda model: model.separation(scale) is None)
-    for number, model in enumerate(searched_last, 1):
-        if on_progress is not None:
-            on_progress(f"fitting {model.name} ({number} of {len(models)})")
-        findings = examine(model, fitted)
-        try:
-            candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
-            if len(models) > 1:
-                rival_N = min(rival_N, score(model, candidate.solution.values, fitted).rmse_N)
-            candidates.append(candidate)
-        except GivenUp as reason:
-            free = len(findings.free(model.names))
-            given_up.append(ModelScore(model.name, None, math.nan, math.nan, free, method.name, str(reason)))
-        except IdentificationFailed as error:
-            refused.append(str(error))
-    if not candidates:
-        raise IdentificationFailed("; ".join(refused))
-    return candidates, refused, tuple(given_up)
-
-
-def compare(
-    candidates: Sequence[Candidate], fitted: Sequence[Measurement], held_out: Sequence[Measurement], method: Method
-) -> tuple[tuple[ModelScore, ...], Candidate]:
-    """Rank the candidates, best first, and name the recommended one.
-
-    With held-out tests each model's error on them decides. Without, each group of tests of the same waveform, amplitude
-    and frequency is left out in turn (of the same current, if there is only one such group). Models whose errors are
-    equal to 1 % are ranked by the Bayesian information criterion (Schwarz 1978). All are scored on the same samples:
-    those where one of them jumps, and a fit of it does not look, count for none.
-    """
-    if len(candidates) > 1:
-        models = [candidate.model for candidate in candidates]
-        fitted = [_away_from_jumps(test, models) for test in fitted]
-        held_out = [_away_from_jumps(test, models) for test in held_out]
-    scores = [_score(candidate, fitted, held_out, method, alone=len(candidates) == 1) for candidate in candidates]
-    errors = [score.holdout_nrmse_percent_of_peak for score in scores]
-    known = [value for value in errors if value is not None and math.isfinite(value)]
-    limit = min(known) * (1.0 + EQUIVALENT) if known else math.inf
-
-    def rank(pair: tuple[ModelScore, Candidate]) -> tuple[float, float]:
-        error = pair[0].holdout_nrmse_percent_of_peak
-        held = math.inf if error is None else error
-        return (0.0 if held <= limit or not known else held, pair[0].bic)
-
-    ordered = sorted(zip(scores, candidates, strict=True), key=rank)
-    return tuple(score for score, _ in ordered), ordered[0][1]
-
-
-def _away_from_jumps(test: Measurement, models: Sequence[DamperModel]) -> Measurement:
-    """The measurement without the samples so close to a jump of a model that their side of it is unsure."""
-    kept = test.scored.copy()
-    jumps = {model.jumps_at for model in models}
-    if "mid-stroke" in jumps:
-        kept &= np.abs(test.u_m) >= GUARD_S * np.abs(test.v_m_s)
-    if "reversal" in jumps:
-        kept &= np.abs(test.v_m_s) >= GUARD_S * np.abs(test.a_m_s2)
-    return replace(test, usable=kept)
-
-
-def _score(
-    candidate: Candidate, fitted: Sequence[Measurement], held_out: Sequence[Measurement], method: Method, *, alone: bool
-) -> ModelScore:
-    model, values = candidate.model, candidate.solution.values
-    error = score(model, values, fitted)
-    if held_out:
-        unseen: float | None = score(model, values, held_out).nrmse_percent_of_peak
-    else:
-        unseen = None if alone else cross_validated_nrmse(model, fitted, method, values)
-    samples = sum(test.samples for test in error.per_test)
-    free = len(candidate.findings.free(values))
-    bic = samples * math.log(max(error.rmse_N, 1e-300) ** 2) + free * math.log(samples)
-    return ModelScore(model.name, unseen, bic, error.rmse_N, free, method.name)
-
-
-def cross_validated_nrmse(
-    model: DamperModel, measurements: Sequence[Measurement], method: Method, near: Mapping[str, float] | None = None
-) -> float | None:
-    """Mean relative error (% of peak) over groups of tests, each predicted from the others; None with one group.
-
-    One cycle of each test is used, and each fit starts from `near`, the values fitted to all tests, where the method
-    can make use of a start: this ranks models, nothing else.
-    """
-    measurements = [spaced(first_cycle(test), RANKING_SAMPLES) for test in measurements]
-    groups = _groups(measurements)
-    if len(groups) < 2:
-        return None
-    errors = []
-    for group in groups:
-        rest = [test for test in measurements if not any(test is other for other in group)]
-        solution = solve(model, rest, method, examine(model, rest), near)
-        errors += [test.nrmse_percent_of_peak for test in score(model, solution.values, group).per_test]
-    return sum(errors) / len(errors)
-
-
-def _groups(measurements: Sequence[Measurement]) -> list[list[Measurement]]:
-    """Tests of the same motion; of the same current where all share one motion."""
-    for key in ("motion", "current"):
-        groups: dict[object, list[Measurement]] = {}
-        for test in measurements:
-            motion = (test.waveform, round(test.amplitude_m, 6), round(test.frequency_Hz, 4))
-            groups.setdefault(motion if key == "motion" else round(test.nominal_current_A, 3), []).append(test)
-        if len(groups) > 1:
-            break
-    return list(groups.values())

@@ -3,7 +3,7 @@
 The mean cycle is the floor: each cycle of a test foretold by the mean of its others. The regression is gradient
 boosting (Friedman 2001; scikit-learn) on extension, speed, way since the last reversal and current; it knows no
 physics, so it shows what motion and current tell where it has seen both, and how little of that goes on to motions it
-has not seen.
+has not seen. In motion without cycles it also gets speed and current at some times before, never a force.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
-from rig.identification.models.measurement import Measurement, first_cycle, samples_a_cycle, spaced
+from rig.identification.models.measurement import Measurement, first_cycle, samples_a_cycle, spaced, thinned
 from rig.identification.uncertainty.no_model import Reference
+from rig.signals.waveform import WAVEFORMS
 
 if TYPE_CHECKING:
     from sklearn.ensemble import GradientBoostingRegressor
@@ -27,6 +28,8 @@ FEWEST_A_CYCLE = 20
 MOST_FOLDS = 5
 FARTHEST_M = 2e-3  # way since a reversal from which it says nothing more
 TREES, RATE, DEPTH, SHARE, SEED = 60, 0.2, 4, 0.5, 1
+LAGS_S = (0.002, 0.004, 0.008, 0.016, 0.032)  # before, at which motion without cycles is looked at too
+MOST_FREE_ROWS = 20_000  # of a test without cycles
 
 
 def references(
@@ -50,6 +53,8 @@ def _mean_cycle(fitted: Sequence[Measurement], held_out: Sequence[Measurement]) 
 
 def _apart(test: Measurement) -> float:
     """Error (% of peak) of each cycle foretold by the mean of the test's others; NaN with a single one."""
+    if test.waveform not in WAVEFORMS:
+        return math.nan
     length = samples_a_cycle(test.u_m)
     count = int((test.u_m.size - 1) / length + 1e-6) if length > 1.0 else 0
     if count < 2:
@@ -68,11 +73,13 @@ def _regression(
         from sklearn.ensemble import GradientBoostingRegressor  # noqa: F401 - whether it is there
     except ImportError:
         return Reference("regression", None, None, INSTALL)
+    if len({test.waveform in WAVEFORMS for test in (*fitted, *held_out)}) > 1:
+        return Reference("regression", None, None, "tests with cycles and without are not learnt together")
     most = max(FEWEST_A_CYCLE, MOST_ROWS // len(fitted))
-    whole = _learnt([spaced(first_cycle(test), most) for test in fitted])
-    seen = _mean([_error(whole, spaced(first_cycle(test), most)) for test in fitted])
+    whole = _learnt([_spaced(test, most) for test in fitted])
+    seen = _mean([_error(whole, _spaced(test, most)) for test in fitted])
     if held_out:
-        unseen = _mean([_error(whole, spaced(first_cycle(test), most)) for test in held_out])
+        unseen = _mean([_error(whole, _spaced(test, most)) for test in held_out])
         return Reference("regression", unseen, seen, "")
     folds = [[test for group in groups[k::MOST_FOLDS] for test in group] for k in range(min(MOST_FOLDS, len(groups)))]
     if len(folds) < 2:
@@ -80,9 +87,16 @@ def _regression(
     errors = []
     for fold in folds:
         rest = [test for other in folds if other is not fold for test in other]
-        learnt = _learnt([spaced(first_cycle(test), most) for test in rest])
-        errors += [_error(learnt, spaced(first_cycle(test), most)) for test in fold]
+        learnt = _learnt([_spaced(test, most) for test in rest])
+        errors += [_error(learnt, _spaced(test, most)) for test in fold]
     return Reference("regression", _mean(errors), seen, "")
+
+
+def _spaced(test: Measurement, most: int) -> Measurement:
+    """One cycle of so few samples; of motion without cycles all of the test."""
+    if test.waveform in WAVEFORMS:
+        return spaced(first_cycle(test), most)
+    return thinned(test, max(1, test.u_m.size // MOST_FREE_ROWS))
 
 
 def _learnt(tests: Sequence[Measurement]) -> GradientBoostingRegressor:
@@ -92,30 +106,51 @@ def _learnt(tests: Sequence[Measurement]) -> GradientBoostingRegressor:
     regressor = GradientBoostingRegressor(
         n_estimators=TREES, learning_rate=RATE, max_depth=DEPTH, subsample=SHARE, random_state=SEED
     )
-    weights = [np.full(test.u_m.size, 1.0 / (test.peak_force_N**2 * test.u_m.size)) for test in tests]
+    scored = [test.scored for test in tests]
+    weights = [
+        np.full(np.count_nonzero(some), 1.0 / (test.peak_force_N**2 * np.count_nonzero(some)))
+        for test, some in zip(tests, scored, strict=True)
+    ]
     joined = np.concatenate(weights)
     regressor.fit(
-        np.vstack([_inputs(test) for test in tests]),
-        np.concatenate([test.force_N for test in tests]),
+        np.vstack([_inputs(test)[some] for test, some in zip(tests, scored, strict=True)]),
+        np.concatenate([test.force_N[some] for test, some in zip(tests, scored, strict=True)]),
         sample_weight=joined / joined.mean(),
     )
     return regressor
 
 
 def _inputs(test: Measurement) -> FloatArray:
-    """Extension, speed, current and way since the last reversal, shape (n, 4); the cycle is run once before."""
-    twice = np.concatenate((test.u_m, test.u_m))
-    moves = np.diff(twice, prepend=twice[0])
-    turned = np.flatnonzero(moves[1:] * moves[:-1] < 0.0)
-    last = np.zeros(twice.size, dtype=int)
-    last[turned + 1] = turned
-    way_m = np.minimum(np.abs(twice - twice[np.maximum.accumulate(last)]), FARTHEST_M)[test.u_m.size :]
+    """Extension, speed, current and way since the last reversal, shape (n, 4); the cycle is run once before.
+
+    Without cycles nothing is run before, and speed and current at `LAGS_S` before are there too.
+    """
+    if test.waveform not in WAVEFORMS:
+        return _free_inputs(test)
+    way_m = _way_m(np.concatenate((test.u_m, test.u_m)))[test.u_m.size :]
     return np.column_stack((test.u_m, test.v_m_s, test.current_A, way_m))
+
+
+def _free_inputs(test: Measurement) -> FloatArray:
+    columns = [test.u_m, test.v_m_s, test.current_A, _way_m(test.u_m)]
+    for lag_s in LAGS_S:
+        earlier = np.maximum(np.arange(test.u_m.size) - max(1, round(lag_s / test.dt_s)), 0)
+        columns += [test.v_m_s[earlier], test.current_A[earlier]]
+    return np.column_stack(columns)
+
+
+def _way_m(u_m: FloatArray) -> FloatArray:
+    """Way (m) since the last reversal, (n,), at most `FARTHEST_M`."""
+    moves = np.diff(u_m, prepend=u_m[0])
+    turned = np.flatnonzero(moves[1:] * moves[:-1] < 0.0)
+    last = np.zeros(u_m.size, dtype=int)
+    last[turned + 1] = turned
+    return np.asarray(np.minimum(np.abs(u_m - u_m[np.maximum.accumulate(last)]), FARTHEST_M))
 
 
 def _error(learnt: GradientBoostingRegressor, test: Measurement) -> float:
     """Error (% of peak) of a test."""
-    difference = learnt.predict(_inputs(test)) - test.force_N
+    difference = (learnt.predict(_inputs(test)) - test.force_N)[test.scored]
     return 100.0 * float(np.sqrt(np.mean(difference**2))) / test.peak_force_N
 
 

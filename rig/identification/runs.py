@@ -33,6 +33,7 @@ def identify_run(
     suspect: bool = False,
     profile: bool | Sequence[str] = False,
     current: str = AFFINE,
+    current_law: str = AFFINE,
     series_spring: bool = False,
     on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
@@ -47,6 +48,7 @@ def identify_run(
         suspect: take suspect points too, not only valid ones.
         profile: as in `identify`.
         current: as in `identify`.
+        current_law: as in `identify`.
         series_spring: as in `identify`.
         on_progress: as in `identify`.
 
@@ -82,6 +84,7 @@ def identify_run(
         declared=declared,
         profile=profile,
         current=current,
+        current_law=current_law,
         series_spring=series_spring,
         allowance=bench_of(runs[0].path),
         campaign=[point for run in tested for point in run.usable],

@@ -119,6 +119,10 @@ WARNINGS = {
         "no series describes the motion of the single cycle that is left without the first and the last; a local "
         "polynomial gives the velocity, and its errors are in no interval"
     ),
+    "whole-record": (
+        "the motion has no cycles: the whole record is used, every {every}. sample; errors of its velocity are in no "
+        "interval"
+    ),
     "command-steps": "no current was measured; eta is found with the commanded one",
     "command-steady": "no current was measured; the commanded {current_A:g} A is used",
     "saturated-force": (
@@ -269,7 +273,7 @@ NEXT = {
     "next-outliers": "fit with --loss huber; look for interference or lost bits in the force channel",
     "next-clipping": "use a larger range of the force channel, or less speed and current",
     "next-series-compliance": "fit with --series-spring; measure the displacement at the damper itself",
-    "next-current-law": "fit with --current per-current-polynomial, or a model whose current law saturates",
+    "next-current-law": "fit with --current-law saturating, or compare the laws with --current-law all",
     "next-current-law-two": "measure at 0 A and at one current between",
     "next-missing-hysteresis": (
         "fit with --model all; measure slow triangles of several amplitudes, which show the path after a reversal"

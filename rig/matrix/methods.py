@@ -15,6 +15,9 @@ METHODS = (
 DEPENDENCES = ("affine", "per-current-affine", "per-current-polynomial", "per-current-lagrange")
 """How parameters may depend on the current."""
 
+LAWS = ("affine", "saturating", "polynomial", "per-current", "all")
+"""What the fluid may feel of the current; `all`: these compared."""
+
 
 def method_names() -> tuple[str, ...]:
     """Every method: this program's, then those of plug-ins, of which nothing is loaded."""

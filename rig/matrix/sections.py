@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from rig.bench.problems import close_match
 from rig.bench.quantity import Quantity, Wording
 from rig.bench.section import Section
-from rig.matrix.methods import DEPENDENCES, METHODS, check_method, method_names
+from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, check_method, method_names
 from rig.plugins import PlugInProblem
 from rig.signals.waveform import SINE, WAVEFORM_NAMES
 from rig.units import show
@@ -209,17 +209,25 @@ class Identify(Section):
     holdout: str | None = Field(default=None, examples=["waveform=triangle", "frequency_Hz=2"])
     series_spring: bool = False
     current: Literal[DEPENDENCES] = "affine"  # type: ignore[valid-type]  # one list serves the schema and the message
+    current_law: Literal[LAWS] = "affine"  # type: ignore[valid-type]  # the same
 
     @field_validator("model")
     @classmethod
     def _known_model(cls, value: str) -> str:
         from rig.dampers import MODELS
+        from rig.dampers.current_law import PER_CURRENT, UnknownLaw, current_law
 
+        base, plus, law = value.partition("+")
         known = ["all", *MODELS]
-        if value not in known:
+        if base not in known or (base == "all" and plus):
             raise ValueError(_unknown("model", value, known))
-        for name in MODELS if value == "all" else (value,):
+        for name in MODELS if value == "all" else (base,):
             _usable(MODELS.__getitem__, name)
+        if plus and law != PER_CURRENT:
+            try:
+                current_law(law)
+            except UnknownLaw as error:
+                raise ValueError(str(error)) from error
         return value
 
     @field_validator("method")

@@ -1,4 +1,4 @@
-"""Foreign tests as a run of ours: CSV files with named columns and units become points in the same format.
+"""Foreign tests as a run of ours: files with named columns and units become points in the same format.
 
 Nothing is filtered or resampled; ramps and rests at both ends stay. What is not in the files is said to be unknown.
 """
@@ -21,7 +21,8 @@ from protocols.quality import Quality
 from rig.clock import utc_now
 from rig.errors import FileProblem
 from rig.recording.atomic_write import write_text_durably
-from rig.recording.csv_columns import ColumnChoice, parse_columns, read_table
+from rig.recording.foreign.foreign_file import Dialect
+from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
@@ -36,49 +37,46 @@ from rig.signals.loop_shape import standing
 FEWEST_CYCLES = 3
 REVERSED = -0.1
 """Share of all work done that a force must put in, in sum, to be one of a wrong sign."""
-#: Largest value of each quantity, and of displacement the largest span, that a test can have; as in bench files.
-LARGEST = {"displacement": (2.0, "m"), "force": (200e3, "N"), "current": (20.0, "A"), "commanded_current": (20.0, "A")}
-#: The unit of such numbers, probably, as a column's name is given it.
-LIKELY = {
-    "displacement": "mm (NAME:mm)", "force": "N, not kN (NAME:N)", "current": "mA (NAME:mA)",
-    "commanded_current": "mA (NAME:mA)",
-}
 SOFTWARE = f"mr-damper-rig {rig.__version__}"
 NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 @dataclass(frozen=True)
-class ImportedTest:
-    """One foreign test in SI on its own time: arrays (n,), NaN where the file has no number."""
+class Described:
+    """What the user says of all tests.
 
-    source: Path
-    sha256: str
-    time_s: FloatArray
-    displacement_m: FloatArray
-    force_N: FloatArray
-    current_A: FloatArray
-    nominal_current_A: float
-    current_measured: bool
-    commanded_A: FloatArray | None = None
+    Attributes:
+        waveform: `sine` or `triangle`.
+        specimen: serial number of the damper; becomes part of the directory's name.
+        mid_stroke_m: mid-stroke in the coordinate of the displacement column; None: unknown.
+    """
+
+    waveform: str = "sine"
+    specimen: str = "imported"
+    mid_stroke_m: float | None = None
 
 
 def import_tests(
     files: Sequence[Path], *, columns: Mapping[str, str], out: Path, current_A: float | None = None,
     current_from_name: str | None = None, waveform: str = "sine", specimen: str = "imported",
-    mid_stroke_m: float | None = None,
+    mid_stroke_m: float | None = None, rate_Hz: float | None = None, dialect: Dialect | None = None,
+    accept: Sequence[str] = (),
 ) -> Path:
-    """Make a run from CSV files, one point a file, all or none.
+    """Make a run from files of CSV, MATLAB, MDF or TDMS, one point a file, all or none.
 
     Args:
         files: the tests.
-        columns: `time`, `displacement`, `force` and, if known, `current` (measured) and `commanded_current` -> column
-            with its unit, as a suffix (`x_mm`) or after a colon (`x:mm`).
+        columns: `displacement`, `force` and, if known, `time`, `current` (measured) and `commanded_current` -> column
+            with its unit: after a colon (`x:mm`), as the file says it, or as a suffix of the name (`x_mm`).
         out: folder in which the run's directory is made.
         current_A: coil current of all tests, where the files have no column of it.
         current_from_name: regular expression with a group `current` (in A) to be found in each file's name.
         waveform: `sine` or `triangle`.
         specimen: serial number of the damper; becomes part of the directory's name.
         mid_stroke_m: mid-stroke in the coordinate of the displacement column; None: unknown.
+        rate_Hz: sample rate, where neither a column nor the format has a time.
+        dialect: how CSV files are written, where the guess is wrong.
+        accept: slugs of doubts (`units-force`, ...) about sizes that are right all the same.
 
     Returns:
         The run's directory.
@@ -86,32 +84,32 @@ def import_tests(
     Raises:
         FileProblem: one line for each thing that does not fit: file, line, column, value. Nothing is written then.
     """
-    choices = parse_columns(columns)
-    pattern = _current_pattern(current_from_name)
-    tests, problems = [], []
-    for file in files:
-        try:
-            tests.append(_read_test(Path(file), choices, current_A, pattern))
-        except FileProblem as error:
-            problems += [f"{error.file}: {problem}" for problem in error.problems]
-    if not files:
-        problems.append("no files given")
-    if problems:
-        raise FileProblem("import", problems)
-    folder = out / f"{utc_now():%Y%m%dT%H%M%SZ}-{NOT_IN_A_NAME.sub('-', specimen)}-{secrets.token_hex(2)}"
+    wanted = WantedTests(columns, current_A, current_from_name, rate_Hz, dialect or Dialect(), tuple(accept))
+    return write_run(read_tests(files, wanted), out, Described(waveform, specimen, mid_stroke_m))
+
+
+def write_run(tests: Sequence[ImportedTest], out: Path, said: Described) -> Path:
+    """Write tests as a run: all or nothing.
+
+    Args:
+        tests: as `rig.recording.foreign_tests.read_tests` gives them.
+        out: folder in which the run's directory is made.
+        said: of all tests.
+
+    Raises:
+        FileProblem: the folder cannot be written.
+    """
+    folder = out / f"{utc_now():%Y%m%dT%H%M%SZ}-{NOT_IN_A_NAME.sub('-', said.specimen)}-{secrets.token_hex(2)}"
     try:
         (folder / "points").mkdir(parents=True)
-        _write_run(folder, tests, choices, waveform, specimen, mid_stroke_m)
+        _write_run(folder, tests, said)
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)  # made here, a moment ago, by this very function
         raise FileProblem(str(folder), [f"cannot be written: {error}; nothing was imported"]) from error
     return folder
 
 
-def _write_run(
-    folder: Path, tests: Sequence[ImportedTest], choices: Mapping[str, ColumnChoice], waveform: str, specimen: str,
-    mid_stroke_m: float | None,
-) -> None:
+def _write_run(folder: Path, tests: Sequence[ImportedTest], said: Described) -> None:
     """Write one file a test and the run's description.
 
     Raises:
@@ -119,100 +117,14 @@ def _write_run(
     """
     entries = []
     for name, test in zip(_names(tests), tests, strict=True):
-        write_file(folder / "points" / f"{name}.h5", _point_file(name, test, choices, waveform, mid_stroke_m))
-        entries.append({"id": name, "source": test.source.name, "sha256": test.sha256})
+        write_file(folder / "points" / f"{name}.h5", _point_file(name, test, said))
+        entries.append({"id": name, "source": test.source.name, "sha256": test.sha256, "read_as": test.read_as})
     description = {
-        "id": folder.name, "imported": True, "specimen": specimen, "created": utc_now().isoformat(timespec="seconds"),
-        "software": SOFTWARE, "columns": {key: choice.text for key, choice in choices.items()},
-        "points": entries,
+        "id": folder.name, "imported": True, "specimen": said.specimen,
+        "created": utc_now().isoformat(timespec="seconds"), "software": SOFTWARE,
+        "columns": {key: choice.text for key, choice in tests[0].choices.items()}, "points": entries,
     }
     write_text_durably(folder / "campaign.json", json.dumps(description, indent=1) + "\n")
-
-
-def _current_pattern(text: str | None) -> re.Pattern[str] | None:
-    if text is None:
-        return None
-    try:
-        pattern = re.compile(text)
-    except re.error as error:
-        raise FileProblem("--current-from-name", [f"{text!r} is not a regular expression: {error}"]) from error
-    if "current" not in pattern.groupindex:
-        raise FileProblem("--current-from-name", [f"{text!r} has no group (?P<current>...)"])
-    return pattern
-
-
-def _read_test(
-    file: Path, choices: Mapping[str, ColumnChoice], current_A: float | None, pattern: re.Pattern[str] | None,
-) -> ImportedTest:
-    table, sha256 = read_table(file, choices)
-    time_s = table["time"]
-    _check_time(file, time_s)
-    _check_sizes(file, table, choices)
-    measured, commanded = "current" in table, table.get("commanded_current")
-    known = "current" if measured else "commanded_current"
-    if known in table and not np.any(np.isfinite(table[known])):
-        raise FileProblem(str(file), [f"column {choices[known].column!r} has no number in it"])
-    nominal_A = float(np.nanmedian(table[known])) if known in table else _nominal_current(file, current_A, pattern)
-    assumed_A = nominal_A if commanded is None else np.nan
-    current = table["current"] if measured else np.full(len(time_s), assumed_A)
-    return ImportedTest(
-        file, sha256, time_s - time_s[0], table["displacement"], table["force"], current, nominal_A, measured,
-        commanded,
-    )
-
-
-def _nominal_current(file: Path, current_A: float | None, pattern: re.Pattern[str] | None) -> float:
-    if pattern is None and current_A is None:
-        raise FileProblem(str(file), [
-            "the coil current is not known: name a column (--column current=i_A), a value (--current '0.5 A') or where "
-            "the file's name says it (--current-from-name '_(?P<current>[0-9.]+)A')",
-        ])
-    if pattern is None:
-        return float(current_A or 0.0)
-    named = pattern.search(file.name)
-    if named is None:
-        raise FileProblem(str(file), [f"the name does not match {pattern.pattern!r}: no current in it"])
-    try:
-        return float(named["current"])
-    except ValueError as error:
-        raise FileProblem(str(file), [f"current {named['current']!r} in the name is not a number (A)"]) from error
-
-
-def _check_time(file: Path, time_s: FloatArray) -> None:
-    if len(time_s) < 16:
-        raise FileProblem(str(file), [f"{len(time_s)} rows; a test needs at least 16"])
-    steps = np.diff(time_s)
-    wrong = np.flatnonzero(~(steps > 0.0))
-    if len(wrong):
-        first = int(wrong[0])
-        raise FileProblem(str(file), [
-            f"line {first + 3}: time {time_s[first + 1]!r} s does not come after {time_s[first]!r} s "
-            f"({len(wrong)} such line(s)); times must increase",
-        ])
-
-
-def _check_sizes(file: Path, table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice]) -> None:
-    """Refuse values that no damper test has: a wrong unit or a wrong column.
-
-    Raises:
-        FileProblem: one line for each such column.
-    """
-    problems = []
-    for quantity, (limit, unit) in LARGEST.items():
-        values = table.get(quantity)
-        if values is None or not np.any(np.isfinite(values)):
-            continue
-        spans = quantity == "displacement"
-        verb = "spans" if spans else "reaches"
-        size = float(np.nanmax(values) - np.nanmin(values) if spans else np.nanmax(np.abs(values)))
-        if size > limit:
-            problems.append(
-                f"column {choices[quantity].text!r}, as {quantity}, {verb} {size:.4g} {unit}; "
-                f"a test has at most {limit:g} {unit}: is its unit right, and is it the {quantity}? The numbers are "
-                f"probably in {LIKELY[quantity]}",
-            )
-    if problems:
-        raise FileProblem(str(file), problems)
 
 
 def _names(tests: Sequence[ImportedTest]) -> list[str]:
@@ -226,9 +138,8 @@ def _names(tests: Sequence[ImportedTest]) -> list[str]:
     return names
 
 
-def _point_file(
-    name: str, test: ImportedTest, choices: Mapping[str, ColumnChoice], waveform: str, mid_stroke_m: float | None,
-) -> PointFile:
+def _point_file(name: str, test: ImportedTest, said: Described) -> PointFile:
+    choices = test.choices
     period_s = float(np.median(np.diff(test.time_s)))
     flags, lost = _flags(test, period_s)
     motion = measured_motion(test.time_s, test.displacement_m)
@@ -257,16 +168,17 @@ def _point_file(
     return PointFile(
         time_s=test.time_s, sample_rate_hz=1.0 / period_s, channels=channels, flags=flags,
         test={
-            "id": name, "waveform": waveform, "amplitude_m": 0.0 if motion is None else two_digits(motion.amplitude_m),
+            "id": name, "waveform": said.waveform,
+            "amplitude_m": 0.0 if motion is None else two_digits(motion.amplitude_m),
             "frequency_Hz": 0.0 if motion is None else two_digits(motion.frequency_Hz),
             "current_A": test.nominal_current_A, "cycles": 0 if motion is None else motion.cycles,
-            "mid_stroke_m": mid_stroke_m, "imported": True,
+            "mid_stroke_m": said.mid_stroke_m, "imported": True,
         },
         quality=quality.attributes,
         provenance={
             "software": SOFTWARE, "source_file": test.source.name, "source_sha256": test.sha256,
             "imported_utc": utc_now().isoformat(timespec="seconds"),
-            "current": _current_source(test),
+            "current": _current_source(test), "read_as": test.read_as,
         },
         title=f"Imported test {name}",
     )

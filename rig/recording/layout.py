@@ -268,6 +268,7 @@ class PointContext:
         current_tolerance_A: largest deviation of measured from wanted current in a valid point.
         simulated: True when no real damper was tested.
         current_by_hand: the current is what the operator said to have set; nobody measured it.
+        current_unmeasured: the current is what an analogue output was told; nobody measured it.
         calibration: what is known of the instruments before the point, by attribute of `/entry/quality`: what the bench
             allows them to differ by, and what they showed at rest before the first motion.
         provenance: flat text attributes: software version, bench and matrix names and hashes, device identities,
@@ -283,8 +284,14 @@ class PointContext:
     current_tolerance_A: float = 0.02
     simulated: bool = False
     current_by_hand: bool = False
+    current_unmeasured: bool = False
     calibration: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def current_told_by(self) -> str:
+        """Who says which current flows where nobody measures it: "operator", "set-point"; else empty."""
+        return "operator" if self.current_by_hand else "set-point" if self.current_unmeasured else ""
 
     def to_json(self) -> str:
         """One line of JSON that `from_json` turns back into an equal context."""

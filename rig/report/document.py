@@ -18,6 +18,7 @@ from rig.recording.run import Run
 from rig.report import fit as fit_part
 from rig.report import loops, standard
 from rig.report.budget import budget
+from rig.report.events import events
 from rig.report.fragment import (
     NOTHING,
     block,
@@ -34,8 +35,11 @@ from rig.report.fragment import (
 )
 from rig.report.instruments import calibrations, doubts_of, instruments
 from rig.report.loops import PointView, view_of
+from rig.report.over_current import parameters_over_current
 from rig.report.plugin_sections import brought_sections
 from rig.report.point_tables import achieved_table, conditions, points_table, time_base
+from rig.report.specimen import described_specimen, specimen_of
+from rig.report.traces import time_traces
 from rig.text_file import read_json
 
 JsonObject = Mapping[str, Any]
@@ -65,14 +69,16 @@ def write_report(run_dir: Path) -> Path:
     characteristics = characterise(run, {view.point.id: view.measured for view in views if view.measured is not None})
     parts = [header(run, fit), doubts_of(run), warnings(run, fit), remark, loops.overview(views)]
     if fit is not None:
-        parts.append(fit_part.parameters(fit))
+        parts += [fit_part.parameters(fit), parameters_over_current(fit)]
     parts.append(loops.details(views, fitted=any(_has_fit(view) for view in views)))
+    parts.append(time_traces(views))
     if fit is not None:
         parts.append(fit_part.quality(fit))
     parts += [
         standard.standard_tests(characteristics), points_table(views), achieved_table(run.points),
         conditions(run), instruments(run), time_base(run), budget(views, characteristics.loops),
-        calibrations(run), lacking(run), *brought_sections(run, fit), provenance(run, fit),
+        calibrations(run), lacking(run), events(run), *brought_sections(run, fit), described_specimen(run),
+        provenance(run, fit),
     ]
     numbers = json.dumps(characteristics.to_json(), indent=1, allow_nan=False)
     write_text_durably(run.path / "characteristics.json", numbers + "\n")
@@ -153,7 +159,7 @@ def header(run: Run, fit: JsonObject | None) -> str:
         facts.append(fact(f"{number(error.get('rmse_N'), 3)} N", "RMS error"))
         if (apart := error.get("holdout")) is not None:
             facts.append(fact(f"{number(apart.get('nrmse_percent_of_peak'), 3)} %", "error on held-out tests"))
-    name = _specimen(run) or run.path.name
+    name = specimen_of(run) or run.path.name
     title = heading(f"Damper test report: {text(name)}", described, 1)
     return title + block("facts", "".join(facts))
 
@@ -243,13 +249,6 @@ def provenance(run: Run, fit: JsonObject | None) -> str:
         "Each point's file holds its raw samples, calibrations and clock models: "
         "<code>points/*.h5</code> (HDF5; h5dump, xarray, MATLAB, Octave)."
     )
-
-
-def _specimen(run: Run) -> str:
-    specimen = run.campaign.get("specimen") or _first(run, "specimen")
-    if isinstance(specimen, Mapping):
-        specimen = specimen.get("serial_number", "")
-    return str(specimen or "")
 
 
 def _first(run: Run, name: str) -> str:

@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 import rig.dampers
+from rig.errors import RigError
 from rig.report.chart import Chart, Trace
 from rig.report.fragment import (
     NOTHING,
+    between,
     block,
     card,
     charts,
@@ -49,13 +51,13 @@ def parameters(fit: JsonObject) -> str:
         value, unit = number(entry.get("value"), 5), text(entry.get("unit", ""))
         if entry.get("identifiable", True):
             low, high = entry.get("low"), entry.get("high")
-            interval = f"{number(low, 5)} \N{HORIZONTAL ELLIPSIS} {number(high, 5)}"
+            value, interval = between(entry.get("value"), low, high)
             half = _half_percent(entry.get("value"), low, high)
             known.append(("", [text(name), value, interval, half, unit, text(meanings.get(name, ""))]))
         else:
             why = entry.get("reason") or "the data do not determine it"
             unknown.append(("no", [text(name), value, unit, text(meanings.get(name, "")), text(why)]))
-    parts = [heading("Fitted parameters")]
+    parts = [heading("Fitted parameters"), _equation(fit)]
     head = ["Parameter", "Value", "95 % interval", "\N{PLUS-MINUS SIGN} %", "Unit", "Meaning"]
     parts.append(table(head, known, (1, 2, 3)))
     if unknown:
@@ -64,6 +66,27 @@ def parameters(fit: JsonObject) -> str:
     parts += [_diagnosis(fit), _next_tests(fit), _profiles(fit), _selection(fit)]
     parts += [lead(text(note)) for note in fit.get("notes") or ()]
     return "".join(parts)
+
+
+RANGES = (
+    ("displacement_m", "Displacement about mid-stroke", 1e3, "mm"), ("velocity_m_s", "Velocity", 1.0, "m/s"),
+    ("current_A", "Current", 1.0, "A"), ("temperature_degC", "Coil temperature", 1.0, "\N{DEGREE SIGN}C"),
+)  # fmt: skip
+
+
+def _equation(fit: JsonObject) -> str:
+    """The model's equation, and where the tests let it be used."""
+    told = paragraph(f"<b>{text(fit.get('model', ''))}</b>: {text(fit['equation'])}") if fit.get("equation") else ""
+    tested = fit.get("tested") or {}
+    rows = []
+    for name, title, scale, unit in RANGES:
+        ends = [end for end in tested.get(name) or () if isinstance(end, (int, float))]
+        if len(ends) == 2:
+            rows.append(("", [title, *(number(round(scale * end, 3) + 0.0, 4) for end in ends), unit]))
+    if not rows:
+        return told
+    note = "Valid where it was tested; beyond these ranges it is an extrapolation, which nothing here supports."
+    return told + table(["Valid for", "from", "to", "Unit"], rows, (1, 2)) + lead(note)
 
 
 def quality(fit: JsonObject) -> str:
@@ -197,9 +220,11 @@ def _heat(value: object) -> str:
 
 
 def _meanings(name: str) -> dict[str, str]:
-    if name not in rig.dampers.MODELS:
+    try:
+        model = rig.dampers.model(name)
+    except RigError:  # a model that is not known here; its parameters stand without their meaning
         return {}
-    return {parameter.name: parameter.meaning for parameter in rig.dampers.model(name).parameters}
+    return {parameter.name: parameter.meaning for parameter in model.parameters}
 
 
 REFERENCES = {

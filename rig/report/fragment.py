@@ -11,6 +11,7 @@ from rig.signals.estimate import Estimate
 
 MINUS = "\N{MINUS SIGN}"
 NOTHING = "\N{EN DASH}"
+ELLIPSIS = "\N{HORIZONTAL ELLIPSIS}"
 PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
 CONFIDENCE = 1.96
 """Standard deviations of a 95 % interval."""
@@ -29,6 +30,18 @@ def number(value: object, digits: int = 4) -> str:
     if "e" in shown and 1e-4 <= abs(value) < 1e7:
         shown = f"{value:.0f}"
     return signed(shown)
+
+
+def between(value: object, low: object, high: object) -> tuple[str, str]:
+    """A value and its interval with as many digits as the interval lets be known: two of its half width."""
+    ends = [end for end in (low, high) if isinstance(end, (int, float)) and math.isfinite(end)]
+    if not isinstance(value, (int, float)) or not math.isfinite(value) or len(ends) < 2 or ends[0] == ends[1]:
+        return number(value, 5), f"{number(low, 5)} {ELLIPSIS} {number(high, 5)}"
+    decimals = 1 - math.floor(math.log10(abs(ends[1] - ends[0]) / 2.0))
+    if not 0 <= decimals <= 9:
+        return number(value, 5), f"{number(low, 5)} {ELLIPSIS} {number(high, 5)}"
+    shown = [signed(f"{one:.{decimals}f}") for one in (value, *ends)]
+    return shown[0], f"{shown[1]} {ELLIPSIS} {shown[2]}"
 
 
 def plus_minus(value: Estimate) -> str:
@@ -68,7 +81,8 @@ def table(head: Sequence[str], rows: Sequence[tuple[str, Sequence[str]]], numeri
 def data_list(pairs: Mapping[str, object]) -> str:
     """Names and values, one a line; values that are empty are left out."""
     lines = "".join(
-        f"<dt>{text(name)}</dt><dd>{text(value)}</dd>" for name, value in pairs.items() if value not in {None, ""}
+        f"<dt>{text(name)}</dt><dd>{number(value) if isinstance(value, float) else text(value)}</dd>"
+        for name, value in pairs.items() if value not in {None, ""}
     )
     return f'<div class="wide"><dl class="data">{lines}</dl></div>'
 

@@ -37,7 +37,7 @@ def overview(views: Sequence[PointView]) -> str:
         view.loop is not None and view.loop.fitted_N is not None for view in drawn
     ) else ""
     cards = []
-    for motion, group in _grouped(drawn, _motion):
+    for motion, group in _grouped(drawn, motion_of):
         traces = [
             Trace(view.loop.velocity_m_s, view.loop.force_N, "m", f"{view.point.current_A:g} A, {view.point.id}",
                   colours[view.point.current_A])
@@ -76,7 +76,7 @@ def _card(view: PointView, force: Range, residual: Range) -> str:
     point = view.point
     error = view.error.get("nrmse_percent_of_peak")
     title = [
-        f"<b>{text(point.id)}</b>", chip(point.verdict, point.verdict), f"<span>{text(_motion(view))}</span>",
+        f"<b>{text(point.id)}</b>", chip(point.verdict, point.verdict), f"<span>{text(motion_of(view))}</span>",
     ]
     if isinstance(error, (int, float)):
         title.append(f"<span>error {number(error, 3)} % of peak</span>")
@@ -102,7 +102,8 @@ def _residual(loop: Loop) -> FloatArray:
     return loop.force_N if loop.fitted_N is None else loop.force_N - loop.fitted_N
 
 
-def _motion(view: PointView) -> str:
+def motion_of(view: PointView) -> str:
+    """A point's motion as people say it: "sine, 50 mm, 1 Hz"."""
     point = view.point
     return f"{point.waveform}, {1e3 * point.amplitude_m:.4g} mm, {point.frequency_Hz:.4g} Hz"
 

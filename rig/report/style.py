@@ -7,8 +7,9 @@ FITTED = "#D55E00"
 OVERLAID = "#111111"
 RESIDUAL = "#55606e"
 
-#: From low to high current: dark to light, distinguishable without colour vision.
-SEQUENCE = ("#2d2e83", "#3b6fb6", "#2a9d8f", "#8ab17d", "#e0a030", "#e76f51", "#b5179e")
+#: From low to high current: viridis up to where it is still dark enough on white. Its lightness rises evenly, so the
+#: order is seen without colour vision and in grey print.
+SEQUENCE = ("#440154", "#472e7c", "#3a548c", "#2b758e", "#1f958b", "#2fb47c", "#6ece58")
 
 STYLE_SHEET = f"""
 :root {{ --ink:#1c2430; --soft:#5b6675; --line:#d8dee6; --paper:#ffffff; --shade:#f4f6f9; }}
@@ -61,6 +62,7 @@ svg text {{ font:11.5px system-ui,sans-serif; fill:#46515f; }} svg text.l {{ fon
 svg path {{ fill:none; }} svg .g {{ stroke:#e6eaef; stroke-width:1; }}
 svg .f {{ fill:none; stroke:#9aa5b1; stroke-width:1; }}
 svg .m {{ stroke:{MEASURED}; stroke-width:1.8; stroke-linejoin:round; }}
+svg .thin {{ stroke-width:1; }}
 svg .p {{ stroke:{FITTED}; stroke-width:1.6; stroke-dasharray:5 3; }}
 svg .q {{ stroke:{OVERLAID}; stroke-width:1; stroke-dasharray:3 4; }}
 svg .e {{ stroke:{RESIDUAL}; stroke-width:1; }}
@@ -70,7 +72,21 @@ dl.data {{ display:grid; grid-template-columns:max-content 1fr; gap:2px 18px; ma
 dl.data {{ font-size:15px; }}
 dl.data dt {{ color:var(--soft); }} dl.data dd {{ margin:0; overflow-wrap:anywhere; }}
 @media (max-width:700px) {{ .cards,.charts {{ grid-template-columns:1fr; }} .pair {{ grid-template-columns:1fr; }} }}
-@media print {{ body {{ background:#fff; font-size:12px; }} main {{ max-width:none; padding:0; }} }}
+@page {{ size:A4; margin:12mm 11mm 14mm; }}
+@page {{ @bottom-right {{ content:counter(page) " / " counter(pages); font-size:8pt; }} }}
+@media print {{
+body {{ background:#fff; font-size:8pt; line-height:1.3; print-color-adjust:exact; -webkit-print-color-adjust:exact; }}
+main {{ max-width:none; padding:0; }} h1 {{ font-size:15pt; }} h2 {{ font-size:11pt; margin:10px 0 4px; }}
+h3 {{ font-size:9pt; margin:6px 0 3px; }} h1,h2,h3,header {{ break-after:avoid; }} p.lead {{ margin:0 0 4px; }}
+.wide {{ overflow:visible; border:0; }} table {{ font-size:6.5pt; }} thead {{ display:table-header-group; }}
+th,td {{ padding:1px 4px; white-space:normal; }} td.n,th.n {{ white-space:normal; }} tr {{ break-inside:avoid; }}
+.remark {{ min-width:0; }} .chip {{ font-size:6.5pt; padding:0 3px; white-space:normal; }}
+.fact {{ padding:3px 8px; min-width:0; }} .fact b {{ font-size:11pt; }} .fact span {{ font-size:7pt; }}
+.card {{ padding:3px 5px; }} .card header b,.card header span {{ font-size:7pt; }}
+.cards {{ grid-template-columns:repeat(2,1fr); gap:5px; }} .charts {{ grid-template-columns:repeat(4,1fr); gap:5px; }}
+.pair {{ grid-template-columns:1fr 1fr; }} dl.data {{ font-size:7pt; padding:2px; gap:0 8px; }}
+pre {{ white-space:pre-wrap; font-size:7pt; }} details:not([open]) {{ display:none; }}
+}}
 """
 
 

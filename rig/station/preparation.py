@@ -22,6 +22,8 @@ LEASE_WAIT_S = 3.0
 FIRST_DATA_S = 3.0
 RATE_SAMPLES = 25
 READ_BACK_SHARE = 1e-6
+PROBE_A = 0.2
+"""Four times what counts as no current; a coil may have it at rest."""
 
 
 class Preparation:
@@ -214,6 +216,27 @@ class Preparation:
             slug = "current-stuck" if self._devices.config.ecu.url is None else "supply-not-zero"
             raise StationRefused(slug, f"arm: measured current {current_A} A at 0 A commanded")
         return current_A
+
+    def prove_commands(self) -> None:
+        """A small current comes and goes, where the source does not report commands that it throws away.
+
+        Raises:
+            StationRefused: the measured current does not follow, or does not go away again.
+        """
+        coil = self._devices.coil
+        if coil.tells_bad_commands:
+            return
+        asked_A = min(PROBE_A, self._config.limits.current_A)
+        measured_A, current_A = coil.try_current(asked_A), coil.fresh_current_A
+        if measured_A <= 0.5 * asked_A:
+            raise StationRefused(
+                "ecu-command",
+                f"arm: ECU {coil.describe()}: {asked_A:g} A commanded at rest, its measured current does not follow "
+                f"({measured_A:.3f} A): it throws the commands away, or its output stage "
+                "has no power; check the protection of the command message: profile, E2E data id, counter, and the DBC",
+            )
+        if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
+            raise StationRefused("current-stuck", f"arm: measured current {current_A} A after {asked_A:g} A was proved")
 
     def starve_watchdog(self) -> float | None:
         """Stop feeding, see the controller trip, reset it: proves that a dead host stops the rig.

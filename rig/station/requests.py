@@ -155,6 +155,7 @@ class Requests:
             raise StationRefused("tripped", f"arm: {self._supervisor.trip.slug} is latched; reset first")
         limits = self._preparation.prepare_controller()
         current_A = self._preparation.prepare_coil()
+        self._preparation.prove_commands()
         self._supervisor.arm()
         if self._devices.actuator.capabilities.echo and self._devices.actuator.wait_fed(ACK_TIMEOUT_S) is None:
             self._supervisor.disarm()

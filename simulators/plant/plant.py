@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rig import dampers
 from rig.dampers import DamperModel
+from rig.dampers.lawed_model import LawedModel
 from simulators.controller_input import ControllerInput
 from simulators.options import DamperOptions, RigOptions
 from simulators.plant.records import COMMAND, CONSTANTS, EVENT_CAPACITY, MODE_OFF, STATE
@@ -150,21 +151,24 @@ class Plant:
 def specimen_model(options: DamperOptions) -> tuple[DamperModel, dict[str, float]]:
     """Model and complete parameter values that the options name.
 
-    A model named without a set of its own takes the set `demo-<model>`, or `demo` for the asymmetric model.
+    A model named without a set of its own takes the set `demo-<model>`, or `demo` for the asymmetric model; a current
+    law behind its name (`asymmetric+saturating`) has plausible values, which `values` may replace.
 
     Raises:
         rig.dampers.UnknownName: no such model or set.
         KeyError: a replaced value's name is not one of the model's.
         ValueError: model and set do not belong together.
     """
-    name = options.set
-    if options.model and options.set == "demo" and options.model != "asymmetric":
-        name = "demo-" + options.model.replace("_", "-")
+    name, base = options.set, options.model.partition("+")[0]
+    if base and options.set == "demo" and base != "asymmetric":
+        name = "demo-" + base.replace("_", "-")
     chosen = dampers.parameter_set(name)
-    if options.model and options.model != chosen.model:
-        raise ValueError(f"set {name!r} belongs to model {chosen.model!r}, not {options.model!r}")
+    if base and base != chosen.model:
+        raise ValueError(f"set {name!r} belongs to model {chosen.model!r}, not {base!r}")
     hysteresis: Any = options.hysteresis or chosen.hysteresis
-    model = dampers.model(chosen.model, hysteresis)
+    model = dampers.model(options.model or chosen.model, hysteresis)
     values = {**chosen.values, **options.values}
+    if isinstance(model, LawedModel):
+        values = {**model.law.demonstration, **values}
     model.vector(values)
     return model, values

@@ -28,8 +28,8 @@ from simulators.world.plan import (
     Happening,
     WorldPlan,
     drawn,
-    happens_by_hand,
     happens_to_supply,
+    happens_untold,
 )
 from simulators.world.user_bench import LARGEST_BENCH, UserBench, longest_s
 
@@ -182,8 +182,8 @@ def _check_happenings(wanted: tuple[Happening, ...], given: Given) -> None:
             problem = "does not happen where a supply drives the coil: no bus, and its current outlives its host"
         elif happening.what in ONLY_BY_SUPPLY and not given.supply:
             problem = "happens only where a supply drives the coil; give a --bench that has one"
-        elif given.by_hand and not happens_by_hand(happening.what):
-            problem = "does not happen where the current is set by hand: nothing tells of the coil, and who asks lives"
+        elif given.untold and not happens_untold(happening.what):
+            problem = "does not happen where nobody measures the current: nothing tells of the coil"
         elif happening.what in NEEDS_AUXILIARY and not given.auxiliary:
             problem = "needs an auxiliary channel; give a --bench that has one"
         if problem:
@@ -238,7 +238,7 @@ def _on_bench(given: Given, text: str, user: UserBench) -> Given:
     auxiliary = bool(user.auxiliaries)
     return replace(
         given, bench=user.portable(text), actuator=user.actuator, auxiliary=auxiliary, tick_s=user.tick_s,
-        supply=bool(user.supply), by_hand=user.by_hand, streamed=user.streamed,
+        supply=bool(user.supply), untold=user.unmeasured, streamed=user.streamed,
     )
 
 

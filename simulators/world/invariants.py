@@ -109,6 +109,8 @@ def points_are_there(view: View) -> Findings:
         for point in line["points"] if line.get("event") == "result" else ():
             if point["file"] is not None:
                 verdicts[point["id"]] = {point["verdict"]}
+                if point["id"] in told:  # recovery may have found a later attempt that nobody judged in its session
+                    told[point["id"]] = {**told[point["id"]], "file": point["file"]}
     for name, line in told.items():
         path = view.world.folder / "points" / Path(line["file"]).name
         try:

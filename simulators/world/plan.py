@@ -150,7 +150,7 @@ class Given:
         actuator: "tcp" or "rtu", as the bench says; empty: drawn.
         auxiliary: the bench has an auxiliary channel.
         supply: a supply drives the coil.
-        by_hand: a simulated hand turns that supply's knob.
+        untold: nobody measures the coil's current; by hand, or by an output that does not.
         streamed: the controller has no function generator and follows set-points.
         motion_s: forecast of the campaign (s), over which things happen.
         lasts_s: how long it lasts at most (s).
@@ -162,7 +162,7 @@ class Given:
     actuator: str = ""
     auxiliary: bool = False
     supply: bool = False
-    by_hand: bool = False
+    untold: bool = False
     streamed: bool = False
     motion_s: float = 0.0
     lasts_s: float = 0.0
@@ -189,8 +189,8 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
     happenings = _in_order((*happenings, *_beyond_limits(random.Random(f"beyond {seed}"), given.motion_s)))
     if given.supply:
         happenings = tuple(happening for happening in happenings if happens_to_supply(happening.what))
-    if given.by_hand:
-        happenings = tuple(happening for happening in happenings if happens_by_hand(happening.what))
+    if given.untold:
+        happenings = tuple(happening for happening in happenings if happens_untold(happening.what))
     if given.streamed:
         happenings = tuple(happening for happening in happenings if happening.what not in AT_THE_PANEL)
     held_up = BUSY_HELD_UP if random.Random(f"busy {seed}").random() < BUSY_SHARE else HELD_UP_SHARE
@@ -209,8 +209,8 @@ def happens_to_supply(what: str) -> bool:
     return what not in ONLY_BY_ECU and what not in {"station-killed", "power-cut"}
 
 
-def happens_by_hand(what: str) -> bool:
-    """It can happen where somebody sets the current: nothing tells of the coil, and who asks and answers lives."""
+def happens_untold(what: str) -> bool:
+    """It can happen where nobody measures the current: nothing tells of the coil, and who asks and answers lives."""
     row = MATRIX.get(what.partition(":")[0])
     return happens_to_supply(what) and what != "application-killed" and (row is None or row.place not in {"can", "ecu"})
 

@@ -39,6 +39,7 @@ from simulators.options import (
     SensorOptions,
     ServoOptions,
 )
+from simulators.output_module import DEVICE_ID
 from simulators.rig import LATE_SHARE, SimulatedRig
 from simulators.toml_text import toml_text
 from simulators.worn_bench import appearing_as
@@ -73,6 +74,7 @@ class UserBench:
         tick_s: how often the devices may hand over at most (s).
         supply: what drives the coil in place of an ECU; empty: an ECU does.
         streamed: the controller has no function generator and follows set-points.
+        unmeasured: nobody measures the coil's current.
     """
 
     options: RigOptions
@@ -85,6 +87,7 @@ class UserBench:
     values: Mapping[str, Any]
     supply: str | Mapping[str, Any] = ""
     streamed: bool = False
+    unmeasured: bool = False
 
     @property
     def by_hand(self) -> bool:
@@ -109,6 +112,7 @@ class UserBench:
             _options(bench, matrix), link, _worn_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
             tuple(_stood_in(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
             BY_HAND if bench.ecu.by_hand else bench.ecu.supply or "", bench.actuator.setpoints_s is not None,
+            not bench.ecu.measured,
         )
 
     def text(self, rig: SimulatedRig, addresses: Addresses) -> str:
@@ -127,9 +131,10 @@ class UserBench:
     def _current_source(own: Mapping[str, Any], addresses: Addresses) -> dict[str, Any]:
         """The table of the current source with the address of a rig."""
         if own.get("by_hand"):  # the supply is the simulated hand's
-            return {**own, "rehearsal": f"tcp://127.0.0.1:{addresses.supply_port}"}
-        if addresses.supply_port:
-            return {**own, "url": f"tcp://127.0.0.1:{addresses.supply_port}"}
+            return {**own, "rehearsal": addresses.supply_url}
+        if addresses.supply_url:
+            unit = {} if addresses.supply_url.startswith("tcp:") else {"device_id": DEVICE_ID}
+            return {**own, "url": addresses.supply_url, **unit}
         channel = f"socket://127.0.0.1:{addresses.slcan_port}"
         if own["interface"] == "slcan":
             return {**own, "channel": channel}

@@ -7,6 +7,7 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -17,6 +18,7 @@ from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.catalogue import make_hand_source
 from drivers.devices.ecu_lacking import WITHOUT
 from drivers.devices.supply import Command, SupplyCommands, SupplyDescription, SupplyLink, supply_lacks
+from drivers.devices.supply_file import supply
 from rig.explanations.explanation import explained, texts
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.recording.quality.instrument_checks import SLUGS, ZERO_RETURN
@@ -36,6 +38,14 @@ BARE = SupplyDescription(
     "bare", SupplyLink(), SupplyCommands(output_on=(Command.of("ON"),)), (0.0, 1.0), tried="unverified"
 )
 """A supply that can do next to nothing."""
+WRITTEN_ONLY = """
+[range]
+current_A = [0, 1]
+[quantities]
+current = {address = 0, scale = 0.001, unit = "A", access = "w"}
+temperature = {address = 1}
+"""
+"""An analogue output that can do next to nothing."""
 
 
 def texts_in(node: ast.AST) -> Iterator[str]:
@@ -91,6 +101,7 @@ def in_code() -> dict[str, str]:
 def known() -> dict[str, str]:
     nothing = Capabilities(watchdog=WatchdogKind.NONE, hydraulics=False, tried=False)
     echoless = Capabilities(watchdog=WatchdogKind.COUNTER, hydraulics=False)
+    output = supply(tomllib.loads(WRITTEN_ONLY))
     lacking = {name for one in (nothing, echoless) for name, _ in one.lacking()}
     return {
         **in_code(),
@@ -99,6 +110,7 @@ def known() -> dict[str, str]:
         **{f"actuator-without-{name}": "drivers/capabilities.py" for name in lacking},
         **{f"ecu-without-{name}": "drivers/hand_source.py" for name, _ in make_hand_source(None).lacking},
         **{f"ecu-without-{name}": "drivers/devices/supply.py" for name, _ in supply_lacks(BARE)},
+        **{f"ecu-without-{name}": "drivers/devices/output.py" for name, _ in supply_lacks(output)},
         **{f"ecu-without-{name}": "drivers/devices/ecu_lacking.py" for name in WITHOUT},
         "hydraulics": "rig/station/requests.py: await_status",
         "amplitude-scatter": "rig/recording/quality/judgement.py", "force-scatter": "the same",

@@ -41,6 +41,7 @@ def four_busy_processes() -> Iterator[None]:
         os.setpriority(os.PRIO_PROCESS, 0, precedence)
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("four_busy_processes")
 @pytest.mark.parametrize(
     ("speed", "matrix", "points"), [(1.0, BRISK_POINTS, 2), (5.0, MANY_POINTS, 8)]

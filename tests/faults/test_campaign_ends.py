@@ -54,6 +54,7 @@ def after_the_first_point(begin_world: BeginWorld) -> WorldCampaign:
     return campaign
 
 
+@pytest.mark.nightly
 def test_a_disk_that_fills_between_two_points_ends_the_campaign_with_the_pressure_off(begin_world: BeginWorld) -> None:
     campaign = after_the_first_point(begin_world)
     campaign.stage.disk.refuses = errno.ENOSPC
@@ -99,6 +100,7 @@ def write_stop(campaign: WorldCampaign, url: str, sequence: int) -> None:
     client.close()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("speed", [1.0, 5.0])
 def test_another_clients_stop_ends_the_campaign_and_nothing_starts_after_it(
     begin_world: BeginWorld, speed: float
@@ -160,6 +162,7 @@ def test_a_terminal_that_is_closed_stops_the_rig_and_the_exit_code_says_so(tmp_p
     assert (result["stopped_by"], result["rig_state"]) == ("sigterm", "safe")
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_a_display_that_nobody_reads_does_not_keep_the_operator_from_stopping(tmp_path: Path) -> None:
     matrix, out = tmp_path / "matrix.toml", tmp_path / "out"
@@ -187,6 +190,7 @@ def test_a_display_that_nobody_reads_does_not_keep_the_operator_from_stopping(tm
     assert [line["slug"] for line in read_log(campaign.folder) if line.get("what") == "trip"] == ["sigint"]
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_ctrl_c_is_told_as_what_it_is_and_how_to_go_on(in_motion: InMotion) -> None:
     campaign = in_motion()
@@ -204,6 +208,7 @@ def test_ctrl_c_is_told_as_what_it_is_and_how_to_go_on(in_motion: InMotion) -> N
     assert [stop["slug"] for stop in answer["confirmed"]] == ["sigint"]
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_after_an_e_stop_a_campaign_is_only_resumed_once_the_specimen_is_requalified(run_wired: Run) -> None:
     ending = run_wired("estop@5")

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from conftest import Run
 
 
+@pytest.mark.nightly
 def test_an_adapter_that_is_gone_is_named_and_the_ecu_goes_to_zero_by_itself(
     run: Run
 ) -> None:
@@ -26,10 +27,12 @@ def test_status_frames_that_come_twice_warn_and_stop_when_they_keep_coming(run: 
     assert "ecu-late" in ending.warned()
 
 
+@pytest.mark.nightly
 def test_an_ecu_without_supply_stops_the_rig(run: Run) -> None:
     assert_stopped(run("ecu-overtemp:undervoltage@6.3"), "ecu-overtemp")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("fault", "bit"), [("coil-open-short", "OPEN"), ("coil-open-short:short", "SHORT")])
 def test_a_broken_coil_stops_the_rig(run: Run, fault: str, bit: str) -> None:
     ending = run(f"{fault}@6.3")
@@ -38,6 +41,7 @@ def test_a_broken_coil_stops_the_rig(run: Run, fault: str, bit: str) -> None:
     assert bit in trip["detail"]
 
 
+@pytest.mark.nightly
 def test_a_current_off_its_setpoint_is_flagged_at_once_and_spoils_the_point(run: Run) -> None:
     ending = run("current-tracking@6.3")
     assert ending.exit_code == 5, ending.said
@@ -47,6 +51,7 @@ def test_a_current_off_its_setpoint_is_flagged_at_once_and_spoils_the_point(run:
     assert any(reason.startswith("current-tracking") for reason in ending.point("p002").reasons)
 
 
+@pytest.mark.nightly
 def test_more_current_than_the_bench_allows_stops_the_rig(run: Run) -> None:
     ending = run("current-tracking:over@6.3")
     assert_stopped(ending, "current-tracking", stop="S2", slug_of_station="overcurrent")

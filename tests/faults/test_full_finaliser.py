@@ -26,6 +26,7 @@ def family(root: int) -> list[int]:
     return [root, *(pid for child in children for pid in family(int(child)))]
 
 
+@pytest.mark.nightly
 def test_a_disk_that_is_full_for_the_files_of_points_loses_none_of_them(in_motion: InMotion) -> None:
     """The journals are there; when there is room again, the campaign goes on from all of them."""
     campaign = in_motion(seconds=1.0, matrix=LONG_SECOND_POINT)

@@ -48,6 +48,7 @@ def ended(folder: Path, name: str, controller: type[OtherController], *simulator
         return ending
 
 
+@pytest.mark.few(1)
 @pytest.mark.apart
 @pytest.mark.parametrize(("name", "controller"), [("delta-rmc", DeltaRmc), ("float-drive", FloatDrive)])
 def test_a_matrix_runs_to_its_end(name: str, controller: type[OtherController], tmp_path: Path) -> None:

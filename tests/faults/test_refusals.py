@@ -30,6 +30,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_a_rig_is_touched(tmp_
     assert (tmp_path / "file").read_text(encoding="utf-8") == "in the way"
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_a_second_campaign_on_a_rig_is_refused_and_the_first_goes_on(in_motion: InMotion, tmp_path: Path) -> None:
     matrix, elsewhere = tmp_path / "second.toml", tmp_path / "elsewhere"
@@ -75,6 +76,7 @@ def test_a_changed_matrix_or_bench_is_not_resumed_and_a_double_id_not_loaded(
     assert not (tmp_path / "double").exists()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("change", "named"),
     [
@@ -97,6 +99,7 @@ def test_a_matrix_beyond_the_rig_is_refused_whole_and_names_point_and_reason(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("good", "absurd"),
     [

@@ -53,11 +53,13 @@ def restarted(ending: Ending, slug: str) -> None:
     assert len(truth.all("START")) == 3
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("fault", ["ecu-crc@6.3+0.5", "serial-garbage@6.3+0.8"])
 def test_a_fault_that_passes_repeats_the_point_after_every_proof_was_made_again(run: Run, fault: str) -> None:
     restarted(run(fault, matrix=POINTS), fault.partition("@")[0])
 
 
+@pytest.mark.nightly
 def test_a_hot_ecu_is_left_to_cool_down_before_the_point_is_repeated(run: Run) -> None:
     ending = run("ecu-overtemp@6.3+36", matrix=POINTS)
     restarted(ending, "ecu-overtemp")
@@ -68,6 +70,7 @@ def test_a_hot_ecu_is_left_to_cool_down_before_the_point_is_repeated(run: Run) -
     assert len(waits) >= 2, "once was not enough: the ECU kept its fault"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("slug", ["ecu-silent", "serial-garbage"])
 def test_a_fault_that_stays_is_not_restarted_into(run: Run, slug: str) -> None:
     ending = run(f"{slug}@6.3", matrix=POINTS)
@@ -102,6 +105,7 @@ def stopped_in_point_2(start: Start) -> Campaign:
     return campaign
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_a_resumed_simulated_campaign_has_its_specimen_and_seed_and_equals_an_undisturbed_one(
     start: Start, run: Run
@@ -122,6 +126,7 @@ def test_a_resumed_simulated_campaign_has_its_specimen_and_seed_and_equals_an_un
         assert file["entry/provenance"].attrs["seed"] == 1
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_a_campaign_killed_before_its_rig_was_known_is_resumed_whole(start: Start) -> None:
     campaign = start(matrix=POINTS)

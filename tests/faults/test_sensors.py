@@ -22,6 +22,7 @@ def test_a_pulled_auxiliary_sensor_stops_the_rig_in_its_own_name(run: Run) -> No
     assert_stopped(ending, "loadcell-pulled", slug_of_station="auxiliary-pulled")
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 @pytest.mark.parametrize("fault", ["usb-renumber:lvdt"])
 def test_an_adapter_that_comes_up_elsewhere_stops_the_rig_and_is_not_reopened(
@@ -36,6 +37,7 @@ def test_an_adapter_that_comes_up_elsewhere_stops_the_rig_and_is_not_reopened(
     assert ending.truth.time_s[-1] > happened.time_s + 0.5, "the rig went on, the host did not take the port again"
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_damaged_frames_warn_and_stop_when_there_are_many(run: Run, sensor: str) -> None:
     ending = run(f"serial-garbage{sensor}@6.3")
@@ -43,21 +45,25 @@ def test_damaged_frames_warn_and_stop_when_there_are_many(run: Run, sensor: str)
     assert "serial-garbage" in ending.warned()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_bytes_without_one_valid_frame_stop_the_rig(run: Run, sensor: str) -> None:
     assert_stopped(run(f"serial-baud{sensor}@5.5", speed=2.0), "serial-baud", speed=2.0)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("sensor", ["", *SENSORS])
 def test_a_wrong_baud_rate_from_the_start_is_refused(run: Run, sensor: str) -> None:
     assert_refused(run(f"serial-baud{sensor}", speed=20.0), "serial-baud")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_a_value_that_repeats_in_motion_stops_the_rig(run: Run, sensor: str) -> None:
     assert_stopped(run(f"sensor-stuck{sensor}@6.3"), "sensor-stuck")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_three_saturated_samples_stop_the_rig_and_prove_nothing_of_its_standstill(
     run: Run, sensor: str
@@ -65,6 +71,7 @@ def test_three_saturated_samples_stop_the_rig_and_prove_nothing_of_its_standstil
     assert_stopped(run(f"sensor-saturated{sensor}@6.3"), "sensor-saturated")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("sensor", "channel"), [("", "force"), (":lvdt", "displacement")])
 def test_single_spikes_are_flagged_and_three_in_a_row_stop_the_rig(
     run: Run, sensor: str, channel: str
@@ -77,6 +84,7 @@ def test_single_spikes_are_flagged_and_three_in_a_row_stop_the_rig(
     assert (raw["flags"] & Quality.SPIKE).astype(bool).sum() >= 3
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_samples_that_are_no_numbers_spoil_the_point(run: Run, sensor: str) -> None:
     assert_spoiled(run(f"sensor-nan{sensor}@6.3", speed=10.0), "sensor-nan")
@@ -88,6 +96,7 @@ def test_comma_and_nan_text_are_lost_samples_of_a_line_format(run: Run) -> None:
     assert ending.verdicts()["p002"] == "invalid"
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_gaps_are_stored_never_filled_and_spoil_the_point(run: Run, sensor: str) -> None:
     ending = run(f"sample-gap{sensor}@6.3", speed=10.0)
@@ -95,6 +104,7 @@ def test_gaps_are_stored_never_filled_and_spoil_the_point(run: Run, sensor: str)
     assert ending.point("p002").lost_samples > 0
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("fault", "channel"), [("sample-gap:backwards", "force"), ("sample-gap:lvdt-backwards", "displacement")]
 )

@@ -34,6 +34,7 @@ def test_the_end_of_the_session_also_takes_the_pressure_away(moving: InMotion) -
     assert_stopped(moving().end_by(signal.SIGHUP), "sigterm")
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_a_killed_application_leaves_a_rig_at_rest_and_a_campaign_that_resumes(
     in_motion: InMotion,
@@ -71,6 +72,7 @@ def test_a_killed_station_leaves_controller_and_ecu_to_stop_by_themselves(
     campaign.assert_completed()
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_a_killed_simulated_rig_is_a_rig_of_unknown_state_with_its_files_intact(
     in_motion: InMotion,

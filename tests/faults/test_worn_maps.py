@@ -28,6 +28,7 @@ def wearing(here: RowWorld, name: str, *more: str) -> RowWorld:
     return replace(here, setting=replace(here.setting, simulator=simulator))
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("name", "link"),
     [
@@ -42,6 +43,7 @@ def test_a_matrix_completes_on_a_controller_of_a_users_map(name: str, link: str,
     assert "actuator-without-limits" in {line.get("slug") for line in ending.log}
 
 
+@pytest.mark.nightly
 def test_slow_points_are_valid_without_a_force_input_and_cycle_pulses_too(begin_world: Start) -> None:
     setting = wearing(RowWorld(ONCE), "pulses").setting
     ending = begin_world(replace(setting, matrix=SLOW)).finish(None)
@@ -58,6 +60,7 @@ ROWS = {
 }  # fmt: skip
 
 
+@pytest.mark.few(6)
 @pytest.mark.apart
 @pytest.mark.parametrize(("name", "slug"), [(name, slug) for name, slugs in ROWS.items() for slug in slugs])
 def test_rows_end_as_the_matrix_says_on_a_users_map(name: str, slug: str, begin_world: Start) -> None:

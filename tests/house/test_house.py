@@ -58,6 +58,7 @@ CATALOGUES = {
     "rig.export.exporter": "the one place that names the formats",
     "rig.faults.matrix": "puts together the rows of each device",
     "rig.optimisers.methods": "the one place that names the algorithms",
+    "rig.recording.foreign.formats": "the one place that names the formats that are read",
     "rig.report.document": "puts together the parts of a page",
     "simulators.rig": "puts together the devices",
 }
@@ -68,6 +69,7 @@ ONE_IMPORTER = {
     "rig.hybrid.virtual_test": "compiled: loads numba, and only where tests are run",
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
     "rig.cli.run": "a command; the demo runs it",
+    "rig.cli.comparison_tables": "loads rich and numpy, and only where a comparison is shown",
     "drivers.stamp_clock": "a clock without a bus, beside the port's I/O",
     "simulators.ecu_protection": "the peer of protocols.e2e: what both compute is compared",
     "simulators.testing.rehearsal": "a process of its own; loaded when a fixture is used",
@@ -76,6 +78,7 @@ ONE_IMPORTER = {
     "rig.dampers.leaning_loop": "compiled: loads numba, and only where its model is integrated",
     "rig.study.figures": "loads matplotlib, and only where figures are drawn",
     "rig.identification.diagnosis.groups": "its own search, for two dampers; the ranking only asks it",
+    "rig.identification.points.faint_orders": "its own estimate of weak harmonics; the motion only asks it",
     "rig.identification.diagnosis.force_channel": "samples of one channel, before any cause is fitted",
     "rig.identification.diagnosis.plausibility": "needs no misfit, and is looked at in every fit",
 }

@@ -24,6 +24,7 @@ def bench(tmp_path: Path) -> Iterator[str]:
         rig.terminate()
 
 
+@pytest.mark.nightly
 def test_a_wrong_baud_rate_is_named_with_the_one_that_reads_and_refused_by_a_campaign(
     tmp_path: Path, bench: str
 ) -> None:

@@ -73,6 +73,7 @@ def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, 
     assert [(point["id"], point["verdict"]) for point in answer["points"]] == [("p001", "valid"), ("p002", "valid")]
 
 
+@pytest.mark.nightly
 def test_ctrl_c_in_motion_fades_its_program_out_and_proves_the_rest(bench: Path, tmp_path: Path) -> None:
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(MATRIX, encoding="utf-8")

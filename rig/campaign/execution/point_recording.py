@@ -243,6 +243,7 @@ def point_context(campaign: CampaignContext, action: act.BeginRecording, name: s
         current_tolerance_A=campaign.matrix.campaign.current_settled_A,
         simulated=campaign.simulated,
         current_by_hand=campaign.bench.ecu.by_hand,
+        current_unmeasured=not (campaign.bench.ecu.measured or campaign.bench.ecu.by_hand),
         provenance=_provenance(campaign, action.point, action.attempt),
         calibration=campaign.at_rest,
     )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rig.dampers.algebraic import AlgebraicModel
 from rig.dampers.arrays import FloatArray
+from rig.dampers.lawed_model import LawedModel
 from rig.dampers.model import DamperModel
 from rig.identification.models.coil import with_lag
 from rig.identification.models.measurement import Measurement
@@ -74,6 +75,8 @@ def parameter_slopes(
     """
     if isinstance(model, AlgebraicModel):
         return _algebraic_slopes(model, values, names, test)
+    if isinstance(model, LawedModel):
+        return _lawed_slopes(model, values, names, test)
     columns = []
     for name in names:
         if name == "eta":
@@ -101,6 +104,41 @@ def _algebraic_slopes(
     if "eta" in names:
         columns["eta"] = _lag_column(model, values, test)
     return np.array([columns[name] for name in names]).T
+
+
+def _lawed_slopes(
+    model: LawedModel, values: Mapping[str, float], names: Sequence[str], test: Measurement
+) -> FloatArray:
+    """The base model's slopes at what its fluid feels, and the law's; the lag acts before the law."""
+    seen = replace(test, current_A=model.law.felt_A(values, test.current_A))
+    own = [name for name in names if name in model.base.names and name != "eta"]
+    laws = [name for name in names if name in model.law.names]
+    columns = dict(zip(own, parameter_slopes(model.base, model.of_base(values), own, seen).T, strict=True))
+    columns |= dict(zip(laws, law_columns(model, values, laws, test).T, strict=True))
+    if "eta" in names:
+        columns["eta"] = _lag_column(model, values, test)
+    return np.array([columns[name] for name in names]).T
+
+
+def law_columns(
+    model: LawedModel, values: Mapping[str, float], names: Sequence[str], test: Measurement
+) -> FloatArray:
+    """Derivatives of the force with respect to parameters of the current law, shape (n, len(names)).
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    columns = np.empty((test.u_m.size, len(names)))
+    own = model.of_base(values)
+    for k, name in enumerate(names):
+        step = RELATIVE_STEP * max(abs(values[name]), 0.1)
+        forces = [
+            modelled_force(model.base, own, replace(test, current_A=model.law.felt_A(
+                {**values, name: values[name] + signed}, test.current_A)))
+            for signed in (step, -step)
+        ]  # fmt: skip
+        columns[:, k] = (forces[0] - forces[1]) / (2.0 * step)
+    return columns
 
 
 def _lag_column(model: DamperModel, values: Mapping[str, float], test: Measurement) -> FloatArray:

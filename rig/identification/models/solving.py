@@ -17,6 +17,7 @@ import numpy as np
 from rig.dampers import MODELS
 from rig.dampers.algebraic import AlgebraicModel
 from rig.dampers.arrays import FloatArray
+from rig.dampers.lawed_model import LawedModel, base_of
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
@@ -139,6 +140,7 @@ def solve(
 
 def splits(model: DamperModel, measurements: Sequence[Measurement]) -> bool:
     """Whether a model is linear but for a few shape parameters, so that weighted fits of it are quick and exact."""
+    model = base_of(model)
     return isinstance(model, AlgebraicModel) or model.separation(motion_scale(measurements)) is not None
 
 
@@ -163,6 +165,15 @@ def solve_weighted(
     Raises:
         IdentificationFailed: as `solve`.
     """
+    if isinstance(model, LawedModel):
+        from rig.identification.models.law_search import solve_lawed
+
+        base, own = model.base, frozenset(held & set(model.base.names))
+
+        def inner(tests: list[Measurement], start: Mapping[str, float] | None) -> Solution:
+            return solve_weighted(base, tests, weighting, own, start, rival_N)
+
+        return solve_lawed(model, measurements, weighting, held, near, inner)
     if isinstance(model, AlgebraicModel):
         shape = None if near is None else np.array([near[name] for name in model.shape_names])
         return solve_separable(measurements, model, weighting, held=held, start=shape)

@@ -13,6 +13,7 @@ from rig.identification.models.measurement import Measurement, cycle_times_s
 from rig.identification.words import Saying, say
 
 SAME_CURRENT_A = 0.03
+QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of a changing current, which stand for its levels
 SAME_FREQUENCY = 0.02  # relative difference of the longest and the shortest cycle up to which there is one frequency
 ALMOST_SINE = 0.1  # the same at one frequency, where only harmonics tell them apart (a rounded triangle: 0.8)
 PROPORTIONAL = 1e-4  # share of the acceleration that displacement does not explain, below which m and K are one
@@ -64,7 +65,7 @@ def _scale(model: DamperModel, untold: Undetermined) -> None:
 def _current(model: DamperModel, measurements: Sequence[Measurement], untold: Undetermined) -> None:
     low = min(float(np.min(test.current_A)) for test in measurements)
     high = max(float(np.max(test.current_A)) for test in measurements)
-    levels = _levels([float(np.mean(test.current_A)) for test in measurements])
+    levels = _levels([current_A for test in measurements for current_A in _of_test(test)])
     for parameter in model.parameters:
         needed = parameter.power + 1
         if parameter.power > 1 and levels < needed:
@@ -83,6 +84,13 @@ def _current(model: DamperModel, measurements: Sequence[Measurement], untold: Un
             continue
         untold.reasons[name] = say("one-current", name=name, base=base, mean_A=mean_A)
         untold.reasons[base] = say("sum-at-one-current", name=name, base=base, mean_A=mean_A)
+
+
+def _of_test(test: Measurement) -> list[float]:
+    """The current of a test: its mean, or where it changes throughout, quantiles of it."""
+    if float(np.ptp(test.current_A)) <= SAME_CURRENT_A:
+        return [float(np.mean(test.current_A))]
+    return [float(value) for value in np.quantile(test.current_A, QUANTILES)]
 
 
 def _levels(currents_A: Sequence[float]) -> int:

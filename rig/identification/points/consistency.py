@@ -14,6 +14,7 @@ from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.words import Saying, say, some
+from rig.signals.waveform import WAVEFORMS
 
 if TYPE_CHECKING:
     from rig.recording.recorded_point import RecordedPoint
@@ -131,6 +132,8 @@ def runs_apart(
 
 
 def _alike(first: Measurement, second: Measurement) -> bool:
+    if first.waveform not in WAVEFORMS:
+        return False
     if abs(float(np.mean(first.current_A)) - float(np.mean(second.current_A))) > SAME_CURRENT_A:
         return False
     if max(float(np.ptp(test.current_A)) for test in (first, second)) > SAME_CURRENT_A:

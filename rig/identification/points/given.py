@@ -6,7 +6,7 @@ What reads recordings takes as long to load as a fit takes; for measurements alo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rig.errors import IdentificationFailed
@@ -46,9 +46,18 @@ class Given:
 def given(tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint]) -> Given:
     """Measurements to fit and held out, aligned by all points of their campaigns.
 
+    Of motion without cycles `holdout` may be a part of the time, `last 30 %`.
+
     Raises:
         IdentificationFailed: nothing or everything is held out, or a test is there twice or on both sides.
     """
+    share = _last_share(holdout) if isinstance(holdout, str) else None
+    if share is not None:
+        from rig.identification.points.whole_record import cut_in_time
+
+        known = given(tests, None, campaign)
+        beginnings, ends = cut_in_time(known.fitted, share)
+        return replace(known, fitted=beginnings, held_out=ends)
     fitted = _measurements(tests)
     held_out = [] if holdout is None else _measurements(holdout)
     if not fitted or held_out is None or (holdout is not None and not held_out):
@@ -56,6 +65,12 @@ def given(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Recorded
     refuse_twice(fitted)
     refuse_seen(fitted, held_out)
     return Given(fitted, held_out)
+
+
+def _last_share(holdout: str) -> float | None:
+    from rig.identification.points.whole_record import last_share  # reads recordings, which measurements do not need
+
+    return last_share(holdout)
 
 
 def _measurements(tests: str | Tests) -> list[Measurement] | None:

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from protocols.quality import DOUBTFUL
 from rig.dampers.arrays import BoolArray, FloatArray
 from rig.errors import IdentificationFailed, RigError
-from rig.identification.models.coil import SMALLEST_STEP_A
 from rig.identification.models.measurement import Measurement, MotionError
+from rig.identification.points.channels import FEWEST_SAMPLES, current_at, force_on_grid, refuse_too_few, temperature_at
 from rig.identification.points.faint_orders import FAINT_ORDERS, expected
+from rig.identification.points.whole_record import has_cycles, prepare_whole
 from rig.identification.words import Saying, say, some
 from rig.recording.quality.campaign_delay import PointSkew, pooled_skews
 from rig.recording.recorded_point import RecordedPoint
@@ -27,9 +27,6 @@ from rig.signals.derivatives import Motion, harmonic, savitzky_golay, with_order
 from rig.signals.fourier import coefficient_errors, quantisation_step
 from rig.signals.loop_shape import noise_of
 
-FEWEST_SAMPLES = 50
-STEADY_CURRENT_A = 0.02  # below this scatter the current was constant and its mean is better than its samples
-LARGEST_MISSING_SHARE = 0.2
 MEDIAN_OF_NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
 LOW_ORDERS = 7  # of the motion's series that are always in it
 MOST_FOR_FAINT = 40_000  # samples of a test, whose noise more of them average so far that the orders stand out
@@ -90,7 +87,7 @@ def prepare_all(points: Iterable[RecordedPoint], skews: Skews | None = None) -> 
 
 
 def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
-    """A recorded point as a measurement.
+    """A recorded point as a measurement; of motion without cycles the whole record (`whole_record`).
 
     The inertia of the fixture between load cell and damper is taken off the force.
 
@@ -105,12 +102,14 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
     """
     if point.verdict == "invalid":
         raise IdentificationFailed(f"its recording is invalid ({'; '.join(point.reasons)})")
+    if not has_cycles(point):
+        return prepare_whole(point, skew)
     cycles, warnings = _usable_cycles(point)
     time_s, displacement_m = _displacement_in(point, cycles)
     shift_s = 0.0 if skew is None else skew.shift_s
-    grid_s, force_N, usable = _force_on_grid(point, shift_s, float(cycles.start_s[0]), float(cycles.start_s[-1]))
+    grid_s, force_N, usable = force_on_grid(point, shift_s, float(cycles.start_s[0]), float(cycles.start_s[-1]))
     warned: list[Saying] = []
-    current_A, commanded = _current(point, grid_s, warned)
+    current_A, commanded = current_at(point, grid_s, warned)
     measured_N, frequency_Hz = np.where(usable, force_N, np.nan), float(np.mean(cycles.frequency_Hz))
     motion, motion_error = _motion(time_s, displacement_m, frequency_Hz, grid_s, measured_N)
     if motion.harmonics is None:
@@ -149,7 +148,7 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
         noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles, step_N)
         if commanded is None
         else noise_of(force_N[usable]),
-        temperature_degC=_temperature(point, grid_s),
+        temperature_degC=temperature_at(point, grid_s),
         warnings=(*warnings, *warned),
     )
 
@@ -177,36 +176,6 @@ def _displacement_in(point: RecordedPoint, cycles: Cycles) -> tuple[FloatArray, 
             f"{count} displacement samples in the kept cycles; at least {FEWEST_SAMPLES} are needed"
         )
     return point.time_s[inside], point.displacement_m[inside]
-
-
-def _force_on_grid(
-    point: RecordedPoint, shift_s: float, start_s: float, stop_s: float
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Times (s), force (N) and which are measured, on the force's own samples; lost ones become empty places.
-
-    Raises:
-        IdentificationFailed: too few samples, or too many of them missing.
-    """
-    samples = point.force_samples
-    flagged = (samples.flags & int(DOUBTFUL)) != 0
-    times_s = samples.time_s + shift_s
-    inside = (times_s >= start_s) & (times_s < stop_s) & np.isfinite(times_s)
-    time_s, force_N = times_s[inside], samples.force_N[inside]
-    good = np.isfinite(force_N) & ~flagged[inside]
-    if np.count_nonzero(good) < FEWEST_SAMPLES:
-        raise IdentificationFailed(
-            f"{np.count_nonzero(good)} usable force samples in the kept cycles; at least {FEWEST_SAMPLES} are needed"
-        )
-    spacing = float(np.median(np.diff(time_s)))
-    places = np.concatenate(([0], np.cumsum(np.maximum(1, np.rint(np.diff(time_s) / spacing).astype(np.int64)))))
-    count = int(places[-1]) + 1
-    _enough(int(good.sum()), count, "missing or flagged")
-    grid_s = np.interp(np.arange(count), places, time_s)
-    force = np.zeros(count)
-    usable = np.zeros(count, dtype=bool)
-    force[places[good]] = force_N[good]
-    usable[places[good]] = True
-    return grid_s, force, usable
 
 
 def _motion(
@@ -244,63 +213,6 @@ def _motion(
     return Motion(wanted_s, at[0], at[1], at[2], "savitzky_golay", None), None
 
 
-def _current(
-    point: RecordedPoint, wanted_s: FloatArray, warnings: list[Saying]
-) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None]:
-    """Coil current (A) at the wanted times, and the changing command (before, during) where none was measured.
-
-    A steady current is its mean. Without a measurement it is the commanded one, whose lag the fit then has to find if
-    it changes.
-    """
-    measured = np.isfinite(point.current_measured_A)
-    inside = measured & (point.time_s >= wanted_s[0]) & (point.time_s <= wanted_s[-1])
-    if np.any(inside):
-        if float(np.std(point.current_measured_A[inside])) < STEADY_CURRENT_A:
-            return np.full(wanted_s.size, float(np.mean(point.current_measured_A[inside]))), None
-        return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured]), None
-    before_A, during_A = _command(point, wanted_s)
-    if during_A.size and float(np.ptp(np.concatenate((before_A, during_A)))) >= SMALLEST_STEP_A:
-        warnings.append(say("command-steps"))
-        return during_A, (before_A, during_A)
-    current_A = float(during_A[0]) if during_A.size else point.current_A
-    warnings.append(say("command-steady", current_A=current_A))
-    return np.full(wanted_s.size, current_A), None
-
-
-def _temperature(point: RecordedPoint, wanted_s: FloatArray) -> FloatArray | None:
-    """Recorded coil temperature (degC) at the wanted times; None where none was recorded."""
-    recorded = point.channel("coil_temperature")
-    known = np.isfinite(recorded)
-    return np.interp(wanted_s, point.time_s[known], recorded[known]) if np.any(known) else None
-
-
-def _command(point: RecordedPoint, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The recorded command (A), held from sample to sample: before the wanted times at their interval, and at them."""
-    commanded_A = point.channel("commanded_current")
-    known = np.isfinite(commanded_A)
-    if not np.any(known):
-        return np.zeros(0), np.zeros(0)
-    interval_s = float(wanted_s[-1] - wanted_s[0]) / (wanted_s.size - 1)
-    earlier = int(max(0.0, (wanted_s[0] - point.time_s[known][0]) / interval_s))
-    at_s = np.concatenate((wanted_s[0] - interval_s * np.arange(earlier, 0, -1), wanted_s))
-    held = np.searchsorted(point.time_s[known], at_s + 0.01 * interval_s, side="right") - 1
-    values = commanded_A[known][np.maximum(held, 0)]
-    return values[:earlier], values[earlier:]
-
-
-def _enough(good: int, count: int, what: str) -> None:
-    """Refuse a test of which too many force samples say nothing.
-
-    Raises:
-        IdentificationFailed: the message says what share they are and what may be.
-    """
-    if good < (1.0 - LARGEST_MISSING_SHARE) * count:
-        raise IdentificationFailed(
-            f"{100.0 * (1.0 - good / count):.0f} % of the force samples in the kept cycles are {what}; at most "
-            f"{100 * LARGEST_MISSING_SHARE:.0f} % may be"
-        )
-
-
 def _without_saturation(
     force_N: FloatArray, usable: BoolArray, cycles: int, step_N: float
 ) -> tuple[BoolArray, list[Saying]]:
@@ -328,7 +240,7 @@ def _without_saturation(
             kept[max(0, start - margin) : stop + margin] = False
         warnings.append(say("saturated-force", end=word, extreme_N=extreme, times=standing))
     if warnings:
-        _enough(int(np.count_nonzero(kept)), kept.size, "at the end of the force's range, or missing")
+        refuse_too_few(int(np.count_nonzero(kept)), kept.size, "at the end of the force's range, or missing")
     return kept, warnings
 
 

@@ -9,12 +9,15 @@ is why a fitted parameter is not identified: by its slopes, or because a simpler
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from rig.dampers.algebraic import TanhModel
 from rig.dampers.arrays import BoolArray, FloatArray
+from rig.dampers.lawed_model import LawedModel
 from rig.dampers.model import DamperModel
+from rig.identification.models.law_search import felt
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import parameter_slopes
 from rig.identification.models.projection import Weighting
@@ -182,9 +185,19 @@ def explain(
         name: say("inseparable", name=name, partners=", ".join(partners)) if partners else say("no-effect", name=name)
         for name, partners in known.partners.items()
     }
-    if isinstance(model, TanhModel):
-        reasons |= _tanh(model, known, values, measurements, weighting)
+    if isinstance(model, LawedModel):
+        known = replace(known, names=tuple(name for name in known.names if name in model.base.names))
+    base, seen = _behind_law(model, values, measurements)
+    if isinstance(base, TanhModel):
+        reasons |= _tanh(base, known, values, seen, weighting)
     return reasons
+
+
+def _behind_law(
+    model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]
+) -> tuple[DamperModel, Sequence[Measurement]]:
+    """The model without its current law, and the tests with what its fluid feels."""
+    return (model.base, felt(model, values, measurements)) if isinstance(model, LawedModel) else (model, measurements)
 
 
 def _tanh(
@@ -212,6 +225,7 @@ def _tanh(
 
 def degenerate(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> list[Saying]:
     """A warning where the tanh follows sgn(u), as with the printed lambda of 1.41 m/s: a yield force without loss."""
+    model, measurements = _behind_law(model, values, measurements)
     if not isinstance(model, TanhModel):
         return []
     if abs(_yield_use(model, values, measurements)[0]) >= DEGENERATE:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rig.dampers.current_law import AFFINE
+from rig.dampers.lawed_model import PLUS
 from rig.identification.application.tested_range import TestedRange
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.relation import CurrentRelations
@@ -197,7 +199,7 @@ class Fit(FitUse):
     """A model fitted to a run.
 
     Attributes:
-        model: name in `rig.dampers.MODELS`.
+        model: name in `rig.dampers.MODELS`, a current law behind it (`asymmetric+saturating`).
         hysteresis: form of the tanh argument.
         method: how it was fitted.
         weight: "1" or "v" (equation 12), or "relative" (each test by its relative error).
@@ -224,6 +226,8 @@ class Fit(FitUse):
         loss: "squares" or "huber".
         form: the model's equation, as it was fitted, with its source; `equation` has the numbers too.
         tested: what the fitted tests covered, and how far the model was off; None in files of earlier versions.
+        coil_eta_1_s: rate (1/s) at which the coil's current follows its command, found with the force model where the
+            current was commanded and not measured; None otherwise.
         tests: one cycle of each fitted test, for figures; empty in a loaded fit.
         path: where it was written; None when it was not.
         kept: where an older fit at that place is now; None when there was none.
@@ -256,6 +260,7 @@ class Fit(FitUse):
     loss: str = "squares"
     form: str = ""
     tested: TestedRange | None = None
+    coil_eta_1_s: float | None = None
     tests: tuple[Measurement, ...] = field(default=(), repr=False, compare=False)
     path: Path | None = None
     kept: Path | None = None
@@ -349,8 +354,10 @@ class Fit(FitUse):
             "next_tests": [_plain(proposal) for proposal in self.next_tests],
             "diagnosis": [_plain(cause) for cause in self.diagnosis],
             "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
+            "current_law": self.model.partition(PLUS)[2] or AFFINE,
             "series_spring": None if self.series is None else _plain(self.series),
             "tested": None if self.tested is None else self.tested.to_json(),
+            "coil_eta_1_s": _number(self.coil_eta_1_s),
             "notes": list(self.notes),
         }
 

@@ -41,6 +41,8 @@ class Found(Protocol):
     @property
     def series(self) -> Any: ...  # noqa: ANN401, D102 - as in `Fit`, whose module imports this one
     @property
+    def coil_eta_1_s(self) -> float | None: ...  # noqa: D102 - as in `Fit`
+    @property
     def tested(self) -> TestedRange | None: ...  # noqa: D102 - as in `Fit`
     @property
     def tests(self) -> Sequence[Measurement]: ...  # noqa: D102 - as in `Fit`
@@ -70,6 +72,8 @@ class FitUse:
             )
         form: Hysteresis = "printed" if self.hysteresis == "printed" else "kwok"
         estimated = {name: estimate.value for name, estimate in self.parameters.items()}
+        if self.coil_eta_1_s is not None:
+            estimated["eta"] = self.coil_eta_1_s
         return Law.of(rig.dampers.model(self.model, form), estimated, self.current)
 
     @property

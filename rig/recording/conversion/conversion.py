@@ -53,8 +53,13 @@ METHODS = {
     "coil_temperature": "straight line between status frames",
 }
 """How each aligned channel was brought to the displacement's sample times; any other sensor's is `RESAMPLED`."""
-BY_HAND = Description("current", "A", "Coil current set by hand, as the operator said; not measured")
-TOLD = "what the operator confirmed; not measured"
+TOLD = {
+    "operator": ("Coil current set by hand, as the operator said; not measured",
+                 "what the operator confirmed; not measured"),
+    "set-point": ("Coil current that an analogue output was told to command; not measured",
+                  "the set-point that the output took; not measured"),
+}
+"""By who told a current that nobody measured: what it is, and how its numbers came about."""
 REGISTER = "value = float32 register, SI"
 OF_CURRENT = frozenset({"coil_current", "commanded_current"})
 COUNT = "value = number sent"
@@ -203,7 +208,7 @@ def build(
     file = PointFile(
         time_s=alignment.time_s, sample_rate_hz=context.sensors["displacement"].rate_Hz,
         channels=_aligned_channels(alignment, context), flags=alignment.flags,
-        raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name), by_hand=context.current_by_hand)
+        raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name), context.current_told_by)
              for name, channel in alignment.timed.items()],
         events=_events(content, alignment), quality=quality.attributes, provenance=provenance, test=test,
         title=f"Test point {wanted.id}",
@@ -215,11 +220,14 @@ def _aligned_channels(alignment: Alignment, context: PointContext) -> list[Align
     channels = []
     for name, values in {**alignment.values, "velocity": _velocity(alignment)}.items():
         sensor = context.sensors.get("displacement" if name == "velocity" else name)
-        by_hand = name == "current" and context.current_by_hand
-        described = BY_HAND if by_hand else _described(name, sensor)
-        attributes: dict[str, Attribute] = {"method": TOLD if by_hand else METHODS.get(name, RESAMPLED)}
+        told_by = context.current_told_by if name == "current" else ""
+        described, method = _described(name, sensor), METHODS.get(name, RESAMPLED)
+        if told_by:
+            long_name, method = TOLD[told_by]
+            described = Description(name, "A", long_name)
+        attributes: dict[str, Attribute] = {"method": method}
         attributes |= _calibration(None if name == "velocity" else sensor)
-        source = sensor.sensor if sensor is not None else "operator" if by_hand else "ecu"
+        source = sensor.sensor if sensor is not None else told_by or "ecu"
         channels.append(AlignedChannel(
             name, values, described.unit, described.long_name, source, attributes,
         ))
@@ -258,7 +266,7 @@ def _calibration(sensor: SensorContext | None) -> dict[str, Attribute]:
 
 
 def _raw_channel(
-    channel: TimedChannel, origin_s: float, sensor: SensorContext | None, *, by_hand: bool = False
+    channel: TimedChannel, origin_s: float, sensor: SensorContext | None, told_by: str = ""
 ) -> RawChannel:
     described = DESCRIPTIONS.get(channel.name, Description(channel.name, "1", channel.name))
     attributes: dict[str, Attribute] = {
@@ -268,7 +276,8 @@ def _raw_channel(
     return RawChannel(
         channel.name, channel.received, described.unit, described.long_name,
         mapped(channel.received_s, lambda time_s: time_s - origin_s, np.float64), attributes,
-        {"from_wire": TOLD} if by_hand and channel.name in OF_CURRENT else wire_attributes(channel.name, sensor),
+        {"from_wire": TOLD[told_by][1]} if told_by and channel.name in OF_CURRENT
+        else wire_attributes(channel.name, sensor),
     )
 
 

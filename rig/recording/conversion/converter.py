@@ -207,7 +207,10 @@ def limit_memory() -> None:
 
 
 def main() -> int:
-    """Serve standard input until it ends; Ctrl-C is for the application, which then ends this process if it must."""
+    """Serve standard input until it ends; Ctrl-C is for the application, which then ends this process if it must.
+
+    Whose reader is gone has nobody to answer any more: a file that was made stands, of another one its journal.
+    """
     os.nice(NICENESS)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # A library that prints must not answer in our name.
@@ -216,10 +219,11 @@ def main() -> int:
     with contextlib.suppress(OSError):
         warm_up()
     limit_memory()
-    for line in sys.stdin:
-        for answer in _served(json.loads(line)):
-            answers.write(json.dumps(answer) + "\n")
-            answers.flush()
+    with contextlib.suppress(BrokenPipeError):
+        for line in sys.stdin:
+            for answer in _served(json.loads(line)):
+                answers.write(json.dumps(answer) + "\n")
+                answers.flush()
     return 0
 
 

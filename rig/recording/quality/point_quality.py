@@ -96,10 +96,10 @@ def motion_quality(context: PointContext, motion: MeasuredMotion | None, alignme
     )
 
 
-def current_quality(motion: MeasuredMotion | None, alignment: Alignment, *, by_hand: bool) -> CurrentQuality:
-    """The measured current over the full cycles; of one set by hand nothing is measured."""
-    if by_hand:
-        return CurrentQuality(told_by="operator")
+def current_quality(motion: MeasuredMotion | None, alignment: Alignment, told_by: str) -> CurrentQuality:
+    """The measured current over the full cycles; of one that only somebody told nothing is measured."""
+    if told_by:
+        return CurrentQuality(told_by=told_by)
     current = np.asarray(alignment.values["current"], np.float64)
     if motion is not None:
         time_s = np.asarray(alignment.time_s, np.float64)
@@ -391,7 +391,7 @@ def measured_quality(
         lost_samples=sum(channel.lost for channel in alignment.timed.values()),
         loss_counted_by=alignment.loss_counted_by(context.device_rate),
         skew=skew_quality(alignment), motion=motion_quality(context, motion, alignment),
-        current=current_quality(motion, light, by_hand=context.current_by_hand),
+        current=current_quality(motion, light, context.current_told_by),
         force=sensor_quality("force", alignment),
         displacement=sensor_quality("displacement", alignment),
         loop=loop_quality(shape),

@@ -132,6 +132,37 @@ class CurrentSourceThread(ReadingThread):
         with self._progress:
             return self._progress.wait_for(lambda: self._last_ns > enough_ns, timeout_s) and self._is_clear()
 
+    def try_current(self, current_A: float) -> float:
+        """Ask for a small current (A) and take it away again, before motion; how much was measured (A).
+
+        It is waited for until half of it is there, at most as long as the source may take.
+
+        Raises:
+            StationRefused: 0 A is latched by a trip.
+            DriverError: the bus does not take the frame.
+        """
+        allowed_s = self._settle_s + 2.0 * self._stale_ns * 1e-9
+        self.set_current(current_A)
+        try:
+            with self._progress:
+                self._progress.wait_for(lambda: self._measured_A() > 0.5 * current_A, allowed_s)
+            return self._measured_A()
+        finally:
+            with self._command_lock:
+                self._command(0.0, enable=False)
+                self._driver.send_now()
+            with self._progress:
+                self._progress.wait_for(self._is_zero, self._settle_s + allowed_s)
+
+    def _measured_A(self) -> float:
+        status = self._driver.status
+        return 0.0 if status is None else status.current_A
+
+    @property
+    def tells_bad_commands(self) -> bool:
+        """It reports commands that it throws away."""
+        return self._driver.traits.tells_bad_commands
+
     @property
     def faults(self) -> int:
         """Its faults as it last told them."""

@@ -200,7 +200,7 @@ def _current_source(given: EcuConfig) -> CurrentSource:
         ))
     return make_supply(SupplyConnection(
         given.url, described, given.poll_s, given.timeout_s, given.voltage_limit_V, given.baudrate,
-        given.identity or "",
+        given.identity or "", given.device_id,
     ))
 
 

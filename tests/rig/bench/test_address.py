@@ -14,6 +14,7 @@ from rig.bench import address
 from rig.bench.model import Bench
 from rig.bench.problems import TABLES
 from rig.bench.section import fields_of, key_of
+from rig.comparison.bands import Bands
 from rig.matrix.model import Matrix
 from rig.study.study_file import StudyFile
 from rig.vehicle.car import Car
@@ -72,7 +73,7 @@ def test_what_pyserial_does_not_take_is_refused_with_what_would_be_right(text: s
 
 
 def test_files_are_recognised_by_tables_that_only_they_have() -> None:
-    kinds = {"bench": Bench, "matrix": Matrix, "study": StudyFile, "car": Car, "road": RoadFile}
+    kinds = {"bench": Bench, "matrix": Matrix, "study": StudyFile, "car": Car, "road": RoadFile, "bands": Bands}
     keys = {kind: {key_of(model, name) for name in fields_of(model)} for kind, model in kinds.items()}
     for kind, tables in TABLES.items():
         assert tables <= keys[kind]

@@ -119,6 +119,36 @@ def test_everything_wrong_in_both_files_is_told_together(tmp_path: Path) -> None
     assert any("stale_after" in line for line in told)
 
 
+OUTPUT = """[range]
+current_A = [0, 5]
+[quantities]
+current = {address = 0, scale = 0.001, unit = "A"}
+"""
+BY_OUTPUT = """[ecu]
+url = "modbus-tcp://192.168.0.30:502"
+supply = "mine.toml"
+device_id = 7
+stale_after = "500 ms"
+"""
+
+
+def test_an_analogue_output_is_reached_by_modbus_and_is_not_measured_unless_it_says_so(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(OUTPUT, encoding="utf-8")
+    bench = Bench.load(written(tmp_path, BY_OUTPUT))
+    assert (bench.ecu.port, bench.ecu.device_id, bench.ecu.measured) == ("modbus-tcp://192.168.0.30:502", 7, False)
+    assert Bench.load(written(tmp_path)).ecu.measured
+    other = BY_OUTPUT.replace("modbus-tcp://", "tcp://")
+    assert any("registers ([quantities]) travel by Modbus" in line for line in problems(tmp_path, other))
+    lines = SUPPLY.replace("tcp://", "modbus-tcp://")
+    assert any("lines of text do not travel by Modbus" in line for line in problems(tmp_path, lines))
+    head, line = HEAD.replace("modbus-tcp://192.168.0.10:502", "modbus-rtu:/dev/ttyS1"), "modbus-rtu:/dev/ttyS1"
+    shared = BY_OUTPUT.replace("modbus-tcp://192.168.0.30:502", line)
+    assert any("is the serial line of [actuator]" in line for line in problems(tmp_path, shared, head))
+    (tmp_path / "mine.toml").write_text(OUTPUT.replace('"A"', '"m"'), encoding="utf-8")
+    told = problems(tmp_path, BY_OUTPUT)
+    assert any("mine.toml, line 4: quantities.current: is a current" in line for line in told), told
+
+
 def test_the_limit_lies_within_what_the_supply_gives(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(OWN.replace("[0, 5]", "[0, 2]"), encoding="utf-8")
     ecu = SUPPLY.replace("generic-scpi", "mine.toml").replace('voltage_limit = "12 V"\n', "")

@@ -118,6 +118,25 @@ def test_a_wrong_data_id_is_named_with_those_that_fit(tmp_path: Path) -> None:
     assert verdicts(report)["load_cell"] == "ok"
 
 
+def test_commands_that_an_ecu_throws_away_without_a_word_are_found_by_a_small_current(tmp_path: Path) -> None:
+    """The ECU wants the commands' data id 0x2A1, is sent 0x2A3, and its roles name no fault for it."""
+    dbc, roles, wrong = EXAMPLES / "coil-driver.dbc", tmp_path / "mute.toml", tmp_path / "wrong.toml"
+    text = (EXAMPLES / "coil-driver-roles.toml").read_text(encoding="utf-8").replace("command-check = 5\n", "")
+    roles.write_text(text, encoding="utf-8")
+    wrong.write_text(text.replace("0x2A1", "0x2A3"), encoding="utf-8")
+    worn = ("--dbc", str(dbc), "--ecu-roles", str(roles))
+    (tmp_path / "right").mkdir()
+    assert checked(tmp_path / "right", *worn).passed
+    (tmp_path / "astray").mkdir()
+    seen = finding(
+        checked(tmp_path / "astray", *worn, change=lambda bench: bench.replace(str(roles), str(wrong))), "ecu",
+        "ecu-command",
+    )
+    assert "0.2 A commanded at rest, its measured current does not follow" in seen.text
+    assert "E2E data id" in seen.text
+    assert "[protection.MESSAGE]" in seen.fix
+
+
 def test_another_controller_is_refused_by_its_serial_number(tmp_path: Path) -> None:
     def expects_another(bench: str) -> str:
         assert 'serial_number = "SIM-ACT-1"' in bench

@@ -167,6 +167,7 @@ def test_series_agrees_with_an_independent_integrator(name: str, changed: dict[s
     assert np.sqrt(np.mean((found - expected) ** 2)) < 2e-3 * np.max(np.abs(expected))
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     "name",
     [

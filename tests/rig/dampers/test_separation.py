@@ -81,6 +81,7 @@ def test_a_split_model_is_its_force(name: str, sine: Sine) -> None:
     assert form.shape_of(values) == pytest.approx(shape, rel=1e-9)
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("name", [name for name in SPLIT if name != "bingham"])
 def test_slopes_of_a_split_model_are_its_differences(name: str, sine: Sine) -> None:
     form = form_of(name)

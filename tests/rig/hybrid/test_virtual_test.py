@@ -27,6 +27,7 @@ def means(case: int, rate_Hz: int, compensator: str, plants: int = 4) -> Result:
     return next(run_benchmark([(case, rate_Hz)], [compensator], synthesised(), plants, 2020))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("case", [1, 4])
 def test_the_sample_controller_tracks_as_the_paper_printed(case: int) -> None:
     # Table 3: J1 4.6 ms, J2 10.4 and 10.5 %, under another earthquake; the nominal plant

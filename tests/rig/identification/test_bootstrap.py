@@ -39,6 +39,7 @@ def test_a_right_models_spread_is_that_of_fits_to_new_noise(make_synthetic: Make
         assert drawn.loc[name, "low"] < DEMO[name] < drawn.loc[name, "high"]
 
 
+@pytest.mark.nightly
 def test_halves_of_the_tests_of_another_damper_agree_within_the_drawn_intervals(make_synthetic: Make) -> None:
     true = dict(model("lost_motion").demonstration)
     agree, own = [], []

@@ -88,6 +88,7 @@ def test_all_models_compared_recommend_the_one_that_made_the_data(make_campaign:
     assert scores["asymmetric"] > 3.0 * scores["normalized_bouc_wen"]  # type: ignore[operator] - held-out tests were given
 
 
+@pytest.mark.nightly
 def test_without_held_out_tests_models_are_compared_on_what_they_have_not_seen(
     demo_points: list[RecordedPoint],
 ) -> None:

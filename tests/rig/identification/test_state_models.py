@@ -42,6 +42,7 @@ def recorded(set_name: str, seed: int = 3) -> list[Measurement]:
     return tests
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     "set_name",
     [
@@ -67,6 +68,7 @@ def test_the_bouc_wen_family_says_for_which_scale_its_values_are() -> None:
     assert fit.parameters["A"].value == 100.0
 
 
+@pytest.mark.nightly
 def test_all_models_compared_recommend_the_plant_with_a_roll_off_at_small_speeds() -> None:
     tests = recorded("demo-modified-bouc-wen")
     held_out = [test for test in tests if test.nominal_current_A == 1.3]

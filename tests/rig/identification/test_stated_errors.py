@@ -158,6 +158,7 @@ def test_a_mass_held_at_zero_has_one_end_of_an_interval(make_synthetic: Make) ->
     assert "limit, 0" in m.reason
 
 
+@pytest.mark.nightly
 def test_a_hopeless_model_is_given_up_and_stands_in_the_ranking_with_its_reason(make_synthetic: Make) -> None:
     fit = identify(make_synthetic(DEMO, (0.0, 1.0, 2.0), (0.5, 2.0), cycles=3), model="all")
     given_up = {each.model: each.reason for each in fit.selection if each.reason}

@@ -127,6 +127,7 @@ def assert_true(campaign: Path, finished: bytes) -> RecordedPoint | None:
     return point
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("half", [False, True], ids=["before", "half-written"])
 def test_a_kill_at_any_call_of_recorder_and_finaliser_leaves_true_samples_and_the_finished_point(
     tmp_path: Path, half: bool

@@ -138,6 +138,7 @@ def test_a_text_that_finds_no_room_leaves_the_former_one(disk: Path) -> None:
     assert names_in(disk) == ["ballast", "campaign.json"]
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EDQUOT])
 @pytest.mark.parametrize("call", ["posix_fallocate", "pwrite", "fsync", "replace"])
 def test_an_error_at_any_call_reaches_the_caller_and_hdf5_never_sees_it(

@@ -116,6 +116,7 @@ def test_a_delay_of_the_position_input_is_no_compliance() -> None:
     honest(deviations(pairs, "compliance", 0.0, 1))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("frequency_Hz", [0.5, 1.37, 2.0])
 @pytest.mark.parametrize("yield_N", [300.0, 20.0])
 def test_hum_on_the_load_cell_is_no_knowledge_of_its_lag(frequency_Hz: float, yield_N: float) -> None:

@@ -92,7 +92,7 @@ def lines(page: str, style: str) -> list[np.ndarray]:
 
 def test_the_fitted_loops_lie_on_the_measured_ones_when_the_fit_is_the_truth(run: Path) -> None:
     page = written(run, fit_of())
-    cards = page[page.index("Loops of every point"):page.index("Standard damper tests")]
+    cards = page[page.index("Loops of every point"):page.index("Time traces")]
     measured, fitted = lines(cards, "m"), lines(cards, "p")
     assert len(measured) == len(fitted) == 4
     for one, other in zip(measured, fitted, strict=True):
@@ -110,8 +110,8 @@ def test_a_wrong_fit_is_seen_beside_the_measured_loops(run: Path) -> None:
 
 def test_verdict_loops_and_parameters_come_before_the_long_tables(run: Path) -> None:
     page = written(run, fit_of())
-    order = [">Fits<", "Force over velocity", "Fitted parameters", "Loops of every point", "Standard damper tests",
-             "Test points", "Provenance"]
+    order = [">Fits<", "Force over velocity", "Fitted parameters", "Loops of every point", "Time traces",
+             "Standard damper tests", "Test points", "Provenance"]
     places = [page.index(text) for text in order]
     assert places == sorted(places)
 
@@ -123,7 +123,7 @@ def test_a_real_fit_shows_quality_profiles_and_the_next_test(run: Path) -> None:
     assert quality.count("p002") == 1
     assert "passive</span>" in quality
     assert "Correlation of the parameters" in quality
-    profiles = page[page.index("Profile likelihoods"):page.index("Loops of every point")]
+    profiles = page[page.index("Profile likelihoods"):page.index("<h2>Parameters over current")]
     assert len(lines(profiles, "m")) == 1
     assert len(lines(profiles, "e")[0]) == 2
     assert "[[point]]" in page[page.index("What to test next"):]

@@ -53,6 +53,7 @@ def keys(out: Path) -> list[str]:
     return [json.loads(line)["key"] for line in (out / "results.jsonl").read_text().splitlines()[1:]]
 
 
+@pytest.mark.nightly
 def test_after_kill_9_the_study_goes_on_with_the_same_tables_and_no_worker_stays(
     small_study: Path, tmp_path: Path
 ) -> None:

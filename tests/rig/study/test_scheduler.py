@@ -69,6 +69,7 @@ def address_with_workers(file: Path, workers: int) -> str:
     raise TimeoutError("the scheduler and its workers did not come up within 90 s")
 
 
+@pytest.mark.nightly
 def test_a_population_evaluated_by_two_workers_finds_the_same_search(scheduler: str) -> None:
     problem = Problem(table1("demo", 5.0, seed=1)[:4], "asymmetric")
     call = {"method": "de", "bounds": problem.bounds, "population": 20, "budget": 400, "seed": 2}
@@ -105,6 +106,7 @@ def test_a_method_without_populations_has_no_use_for_a_scheduler(
     assert "separable evaluates no populations" in capsys.readouterr().err
 
 
+@pytest.mark.nightly
 def test_a_scheduler_that_does_not_answer_is_named(
     small_study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

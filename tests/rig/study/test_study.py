@@ -121,6 +121,7 @@ def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_stud
     assert "not independent" in plain["kruskal_wallis"]["all settings"]["note"]  # two repeats for two budgets
 
 
+@pytest.mark.nightly
 def test_a_study_goes_on_after_a_torn_last_line(small_study: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     whole = run_study(small_study, out, processes=1)
@@ -161,6 +162,7 @@ def test_raising_the_repeats_keeps_what_is_there(small_study: Path) -> None:
     assert {cell.key for cell in all_cells(before)} < {cell.key for cell in all_cells(after)}
 
 
+@pytest.mark.nightly
 def test_table_6_holds_time_speed_up_and_efficiency_of_serial_and_parallel_computing(
     small_study: Path, tmp_path: Path
 ) -> None:

@@ -69,6 +69,7 @@ def under(own: Structure, column: tuple[np.ndarray, np.ndarray], wheels: tuple[i
     return made
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("kind", ["quarter", "half", "full"])
 def test_constant_damping_gives_the_analytic_transfer_function(kind: str) -> None:
     own = structure(car_of(kind))

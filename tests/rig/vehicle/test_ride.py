@@ -96,6 +96,7 @@ def test_the_report_is_one_page_with_the_paper_s_values_beside_ours(paper: dict[
     assert "http" not in page.replace("http://www.w3.org", "")
 
 
+@pytest.mark.nightly
 def test_a_surer_fit_has_a_narrower_band(tmp_path: Path, road: str) -> None:
     widths = []
     for relative_error in (0.10, 0.01):
@@ -121,6 +122,7 @@ def test_draws_are_as_far_apart_as_the_fit_says_and_the_same_for_a_seed(tmp_path
     assert np.mean(damping) == pytest.approx(900.0, rel=0.005)
 
 
+@pytest.mark.nightly
 def test_laws_are_compared_under_names_of_their_own(road: str) -> None:
     answer = json.loads(ride(PAPER[0], "--law", "passive", "--law", "skyhook", "--road", road, "--json").stdout)
     assert list(answer["travel_m"]) == ["cfoa-table5-fit1 (passive)", "cfoa-table5-fit1 (skyhook)"]

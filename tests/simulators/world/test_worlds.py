@@ -78,6 +78,7 @@ def test_another_seed_is_another_world(undisturbed: tuple[World, Ended], tmp_pat
     assert undisturbed[1].digest != live(plan(seed=2), tmp_path)[1].digest
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("death", ["application-killed", "station-killed", "power-cut"])
 def test_after_any_death_the_campaign_is_completed(death: str, tmp_path: Path) -> None:
     world, ended = live(plan(f"{death}@3.6"), tmp_path)
@@ -87,6 +88,7 @@ def test_after_any_death_the_campaign_is_completed(death: str, tmp_path: Path) -
     assert [point.verdict for point in world.sessions[-1].answer.points] == ["valid", "valid"]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("fault", "slug"), [("estop@0.5", "estop"), ("ecu-silent@0.5", "ecu-silent")])
 def test_a_fault_stops_the_rig_under_its_name(fault: str, slug: str, tmp_path: Path) -> None:
     world, ended = live(plan(fault), tmp_path)
@@ -95,6 +97,7 @@ def test_a_fault_stops_the_rig_under_its_name(fault: str, slug: str, tmp_path: P
     assert world.sessions[0].answer.stopped_by == slug
 
 
+@pytest.mark.nightly
 def test_a_station_that_does_not_stop_the_motion_is_found_and_shrunk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -246,6 +249,7 @@ def test_a_trace_is_never_written_over_a_file_that_is_read(tmp_path: Path, capfd
     assert matrix.read_text(encoding="utf-8") == MATRIX
 
 
+@pytest.mark.nightly
 def test_a_traced_world_is_answered_as_any_other(tmp_path: Path) -> None:
     done = worlds("--seeds", "3", "--until", "1.5", "--trace", "steps", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -278,6 +282,7 @@ def test_a_smallest_world_is_told_with_the_command_that_runs_it(
     ]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 @pytest.mark.parametrize("traced", [False, True])
 def test_worlds_that_are_ended_leave_nothing(end: signal.Signals, traced: bool, tmp_path: Path) -> None:
@@ -316,6 +321,7 @@ def folders_of(process: int) -> set[Path]:
     return opened
 
 
+@pytest.mark.nightly
 def test_interrupted_worlds_tell_what_they_did() -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "simulators.world", "--seeds", "0:20", "--jobs", "1", "--json"],
@@ -332,6 +338,7 @@ def test_interrupted_worlds_tell_what_they_did() -> None:
     assert "Traceback" not in err
 
 
+@pytest.mark.nightly
 def test_a_point_that_is_run_again_though_it_was_finished_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -340,6 +347,7 @@ def test_a_point_that_is_run_again_though_it_was_finished_is_found(
     assert "run-again" in {invariant for invariant, _, _ in ended.failed}
 
 
+@pytest.mark.nightly
 def test_a_recorded_force_that_is_not_the_true_one_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     on_base = alignment._on_base
 
@@ -352,6 +360,7 @@ def test_a_recorded_force_that_is_not_the_true_one_is_found(tmp_path: Path, monk
     assert "true-record" in {invariant for invariant, _, _ in ended.failed}
 
 
+@pytest.mark.nightly
 def test_a_stop_under_a_name_that_the_station_never_told_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -41,6 +41,7 @@ def test_another_clients_stop_is_not_taken_for_the_end_of_the_program(station_ri
     rig.event("safe")
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_of_two_hosts_with_equal_process_numbers_the_second_is_refused_and_the_first_goes_on(
     wired_station_rig: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

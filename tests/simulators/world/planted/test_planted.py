@@ -55,6 +55,7 @@ def test_the_text_of_every_edit_stands_in_a_function_exactly_once(name: str) -> 
         pass
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", EVERY_TIME)
 def test_a_bug_is_found_in_its_world_and_nothing_without_it(
@@ -63,11 +64,13 @@ def test_a_bug_is_found_in_its_world_and_nothing_without_it(
     assert judged_by_case(name, ended[0][name][0], ended[1][world_of(CASES[name])]) == ""
 
 
+@pytest.mark.nightly
 def test_a_bug_is_the_same_in_another_process(ended: tuple[dict[str, Ended], dict[Case, Without]]) -> None:
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         assert pool.submit(with_the_bug, "stop-sent").result() == ended[0]["stop-sent"]
 
 
+@pytest.mark.nightly
 def test_a_world_that_does_not_come_by_a_bug_is_the_same_with_it() -> None:
     """As it is one that tells what it comes by."""
     pulled = Case("", PULLED)

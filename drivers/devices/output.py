@@ -1,0 +1,100 @@
+"""An analogue output that commands the coil's current, as data: the registers of an output module on Modbus.
+
+The module's output drives a current amplifier; where its own file, or that of the actuator's controller, names a
+register that shows what flows, the current is measured, otherwise it is what was written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from drivers.register_maps.access_plan import Read, Rules, reads
+from drivers.register_maps.meanings import Bits
+from drivers.register_maps.quantity import Quantity, Value
+from drivers.register_maps.recipe import Recipe
+
+CURRENT, MEASURED, ENABLE, FAULT_BITS = "current", "measured_current", "enable", "fault_bits"
+IDENTITY = ("vendor", "model", "serial_number", "firmware")
+
+
+@dataclass(frozen=True)
+class OutputWatchdog:
+    """The module's own time-out: its output goes to 0 A when nothing is asked of it for `time_s` (s).
+
+    `start` sets it up, `stop` ends it, `feed` keeps it quiet; without a `feed` every request does.
+    """
+
+    time_s: float
+    start: Recipe = ()
+    stop: Recipe = ()
+    feed: Recipe = ()
+
+
+@dataclass(frozen=True)
+class AnalogueOutput:
+    """The registers of one kind of module.
+
+    Attributes:
+        quantities: by name; `current` is the set-point (A).
+        rules: what may be read together.
+        expected: what proves that it is this module: quantity and what it must show.
+        faults: bits or conditions that mean faults of the source (`drivers.current_source.SourceFault`).
+        prepare: written once before the current is set for the first time.
+        watchdog: None: it has no time-out of its own.
+    """
+
+    quantities: Mapping[str, Quantity]
+    rules: Rules
+    expected: Mapping[str, Value]
+    faults: Bits
+    prepare: Recipe = ()
+    watchdog: OutputWatchdog | None = None
+
+    @property
+    def current(self) -> Quantity:
+        """The set-point."""
+        return self.quantities[CURRENT]
+
+    @property
+    def measures(self) -> bool:
+        """It tells what flows, not only what was written."""
+        return MEASURED in self.quantities
+
+    @property
+    def known(self) -> tuple[Read, ...]:
+        """What is read once: who it is."""
+        names = {*IDENTITY, *self.expected} & self.quantities.keys()
+        return reads([self.quantities[name] for name in names], self.rules)
+
+    @property
+    def status(self) -> tuple[Read, ...]:
+        """What is read at every poll; something at least, by which it is heard at all."""
+        names = [name for name in (CURRENT, MEASURED, ENABLE, FAULT_BITS) if name in self.quantities]
+        wanted = {self.quantities[name] for name in names if self.quantities[name].read} | self.faults.quantities
+        if not wanted:
+            wanted = {one for one in self.quantities.values() if one.read and one.type != "string"}
+        return reads(wanted or self.quantities.values(), self.rules)
+
+
+def output_lacks(output: AnalogueOutput) -> tuple[tuple[str, bool, str], ...]:
+    """What an output can do: a name, whether it can, and what is left without it, in words."""
+    return (
+        ("timeout", output.watchdog is not None,
+         "nothing says that the output goes to 0 A by itself ([watchdog]): if this host or the link dies, it keeps its "
+         "value and the current flows until somebody takes the amplifier's power; the motion still ends by the "
+         "actuator's own watchdog"),
+        ("measurement", output.measures,
+         "nobody measures the coil's current: what is recorded is the set-point that the module took; that another one "
+         "flows (amplifier, scale, a broken coil) is not seen; overcurrent, and current-stuck stop nothing"),
+        ("read-back", output.current.read,
+         "the set-point cannot be read back: that the module holds it, 0 A after a stop too, is not proved but by its "
+         "answer to the write"),
+        ("enable", ENABLE in output.quantities,
+         "its output is not switched off: a stop commands 0 A, and what the amplifier makes of that flows"),
+        ("coil-temperature", False,
+         "the coil's temperature is not measured: its limit is not watched, temperature windows are refused"),
+        ("faults", bool(output.faults.quantities), "its own faults are not seen"),
+        ("identity", bool(output.expected) or "serial_number" in output.quantities,
+         "nothing proves that it is the module of the bench file"),
+    )  # fmt: skip

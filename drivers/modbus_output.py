@@ -1,0 +1,383 @@
+"""The coil's current by an analogue output: a module on Modbus whose value commands a current amplifier.
+
+A thread of the driver asks and writes, one request at a time. A set-point goes out before anything else, as soon as the
+answer under way has come: whoever asks for it wakes that thread. It goes on as long as the driver is open: a
+module that comes back is told 0 A, whoever has given it up meanwhile.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections import deque
+
+from drivers.current_source import (
+    SourceBatch,
+    SourceCounters,
+    SourceFault,
+    SourceIdentity,
+    SourceState,
+    SourceStatus,
+    SourceTemperature,
+    SourceTiming,
+    SourceTraits,
+)
+from drivers.devices.output import CURRENT, ENABLE, IDENTITY, MEASURED, AnalogueOutput
+from drivers.devices.supply import SupplyConnection, supply_lacks
+from drivers.errors import Busy, DriverError, LinkLost, NoAnswer, RequestRefused, WrongAnswer
+from drivers.modbus_link import ModbusLink
+from drivers.register_access import RegisterAccess
+from drivers.register_maps.condition import Values
+from drivers.register_maps.quantity import Value, same
+from drivers.register_maps.recipe import Recipe, Write
+from drivers.ring import NO_DEVICE_TIME, Channel, Record
+from protocols.errors import LocalProtocolError
+from protocols.quality import Quality
+
+DEVICE = "ecu"
+TOLD_EVERY = 10
+"""Polls between two records of a state that does not change."""
+IN_A_ROW = 3
+OPEN_SHARE = 0.1
+"""Less of the wanted current than this is none: the circuit is open, or the amplifier is off."""
+COUNTERS = 1 << 16
+AGAIN_S = 0.1
+"""A module that cannot be reached is tried again so often."""
+_RECORDS_KEPT = 4096
+_CLOSING_S = 0.5
+
+
+class ModbusOutput:
+    """Drives one analogue output; a `drivers.current_source.CurrentSource`.
+
+    `read_batch` belongs to one owner; `command` and `send_now` may be called from any thread. Before `start` nothing is
+    written.
+
+    Args:
+        connection: how to reach it.
+        output: its registers.
+    """
+
+    def __init__(self, connection: SupplyConnection, output: AnalogueOutput) -> None:
+        described = connection.description
+        self.counters = SourceCounters()
+        self.status: SourceStatus | None = None
+        self.temperature: SourceTemperature | None = None
+        self.identity: SourceIdentity | None = None
+        self.send_error: DriverError | None = None
+        self.bus_errors = 0
+        self.malformed = 0
+        self._connection = connection
+        self._described = described
+        self._output = output
+        self._link = ModbusLink(
+            connection.url, connection.device_id, connection.timeout_s, device=DEVICE,
+            baudrate=connection.baudrate or described.link.baudrate, parity=described.link.parity,
+        )
+        self._access = RegisterAccess(self._link, output.rules, together=False)
+        self._wanted = (0.0, False)
+        self._held_A: float | None = None
+        """What the module has taken (A); None before the first write."""
+        self._woken, self._leaving = threading.Event(), threading.Event()
+        self._progress = threading.Condition()
+        self._worker: threading.Thread | None = None
+        self._lost: DriverError | None = None
+        self._heard: deque[SourceStatus] = deque(maxlen=_RECORDS_KEPT)
+        self._bad_told = 0
+        self._changed_ns = self._due_ns = self._polls = 0
+        self._started = self._prepared = False
+        self._odd = self._open = self._faults = self._fed = 0
+        self._who = self._problem = ""
+        self._reported: tuple[int, int] | None = None
+        self._records: deque[Record] = deque(maxlen=_RECORDS_KEPT)
+
+    @property
+    def timing(self) -> SourceTiming:
+        """The current at every poll, its identity once, temperatures never."""
+        return SourceTiming(self._connection.poll_s, 0.0, self._connection.poll_s)
+
+    @property
+    def traits(self) -> SourceTraits:
+        """What else the rig has to know of it."""
+        return SourceTraits(
+            own_timeout=self._output.watchdog is not None, measures=self._output.measures,
+            settling_s=self._described.settling_s, lowest_A=min(0.0, self._described.current_A[0]),
+        )
+
+    @property
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """What it cannot do, and what is left without it."""
+        return supply_lacks(self._described)
+
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """Nothing speaks against what is heard."""
+        return "", ""
+
+    @property
+    def identity_problem(self) -> str:
+        """Why the module is not the one expected; empty while it is, or has not been asked."""
+        return self._problem
+
+    @property
+    def commanded_A(self) -> float:
+        """Set-point, A; 0 while the output is to be off."""
+        current_A, enable = self._wanted
+        return current_A if enable else 0.0
+
+    def open(self) -> None:
+        """Open the connection and begin to ask.
+
+        Raises:
+            PortClosed: it cannot be opened.
+        """
+        if self._worker is None:
+            self._link.open()
+            self._due_ns, self._who, self._problem = 0, "", ""
+            self._prepared, self._lost = False, None
+            self._leaving.clear()
+            self._worker = threading.Thread(target=self._work, name="ecu-output", daemon=True)
+            self._worker.start()
+
+    def close(self) -> None:
+        """0 A, output off and its time-out ended if anything was ever set, connection closed; twice is harmless."""
+        if self._worker is None:
+            return
+        self.command(0.0, enable=False)
+        self._leaving.set()
+        self._woken.set()
+        self._worker.join(_CLOSING_S + 2.0 * self._connection.timeout_s)
+        self._worker, self._started = None, False
+        self._link.close()
+
+    def start(self, period_s: float) -> None:
+        """Set it up and 0 A, output off, its time-out on; polls go on as before."""
+        del period_s
+        self._started, self._prepared = True, False
+        self.send_now()
+
+    def command(self, current_A: float, *, enable: bool = True, clear_faults: bool = False) -> None:
+        """Set what is asked for next; `clear_faults` forgets what was found, too.
+
+        Raises:
+            LocalProtocolError: the set-point is beyond what the output gives; the old one stays.
+        """
+        low_A, high_A = self._described.current_A
+        if current_A != 0.0 and not low_A <= current_A <= high_A:
+            raise LocalProtocolError(f"{current_A:g} A is beyond the output's range of {low_A:g} to {high_A:g} A")
+        changed = self._wanted != (current_A, enable)
+        self._wanted = (current_A, enable)
+        if changed:
+            self._changed_ns = time.monotonic_ns()
+            self._woken.set()
+            with self._progress:
+                self._heard.clear()
+        if clear_faults:
+            self._faults = self._open = self._odd = 0
+
+    def send_now(self) -> None:
+        """Have the set-point written before anything else."""
+        self.counters.sent += 1
+        with self._progress:
+            self._records.append(self._command_record(time.monotonic_ns()))
+        self._woken.set()
+
+    def read_batch(self, timeout_s: float) -> SourceBatch:
+        """What was told since the last call, waiting up to `timeout_s` for the first status.
+
+        Raises:
+            PortClosed: the connection is gone, and there is none to be had.
+            RequestRefused: the module has no such registers.
+        """
+        batch = SourceBatch([], [], [], 0, self.counters.bad_checks - self._bad_told, 0)
+        self._bad_told += batch.bad
+        with self._progress:
+            self._progress.wait_for(lambda: self._heard or self._lost is not None, timeout_s)
+            while self._heard:
+                batch.statuses.append(self._heard.popleft())
+            if self._lost is not None and not batch.statuses:
+                raise self._lost
+            while self._records:
+                batch.records.append(self._records.popleft())
+        batch.records.sort(key=lambda record: record[0])
+        return batch._replace(arrival_ns=time.monotonic_ns())
+
+    # The thread that asks and writes
+
+    def _work(self) -> None:
+        """Write what is wanted and ask what is due, until the end; a lost connection is looked for again and again."""
+        while not self._leaving.is_set():
+            try:
+                self._turn()
+            except LinkLost:
+                self._link.close()
+            except DriverError as error:
+                self._link.close()
+                with self._progress:
+                    self._lost = error
+                    self._progress.notify_all()
+                self._leaving.wait(AGAIN_S)
+        # A link that is gone takes no farewell.
+        with contextlib.suppress(DriverError):
+            self._farewell()
+
+    def _turn(self) -> None:
+        if not self._link.is_open:
+            # What was to be set is not known to have arrived.
+            self._link.open(self._connection.timeout_s)
+            self._woken.set()
+        if self._woken.is_set():
+            self._woken.clear()
+            if self._started:
+                self._set()
+                self._due_ns = 0
+        now_ns = time.monotonic_ns()
+        if now_ns >= self._due_ns:
+            self._poll(now_ns)
+        self._woken.wait(max(0.0, (self._due_ns - time.monotonic_ns()) * 1e-9))
+
+    def _farewell(self) -> None:
+        deadline_ns = time.monotonic_ns() + int(_CLOSING_S * 1e9)
+        while self._started and self._link.is_open and time.monotonic_ns() < deadline_ns:
+            self._woken.clear()
+            self._set()
+            if not self._woken.is_set():
+                if self._output.watchdog is not None:
+                    self._write(self._output.watchdog.stop)
+                return
+
+    # Writing
+
+    def _set(self) -> None:
+        """Write the set-point as it stands; what did not arrive is written again at once."""
+        watchdog = self._output.watchdog
+        if not self._prepared:
+            self._prepared = self._write((*self._output.prepare, *(() if watchdog is None else watchdog.start)))
+        wanted_A = self.commanded_A
+        current, enable = self._output.current, self._output.quantities.get(ENABLE)
+        zero = wanted_A == 0.0 and not self._described.drives_zero
+        done = zero or self._write((Write({current: wanted_A}),))
+        if enable is not None:
+            # Tried whatever became of the set-point: either takes the current away.
+            done &= self._write((Write({enable: int(wanted_A != 0.0)}),))
+        if done:
+            self._held_A = None if zero else float(current.decode(current.encode(wanted_A)))
+        else:
+            self._woken.set()
+
+    def _write(self, recipe: Recipe, given: Values | None = None) -> bool:
+        """The requests of a recipe; whether all were taken. One that is refused is a fault of its own.
+
+        Raises:
+            DriverError: the connection broke.
+        """
+        done = True
+        for step in recipe:
+            requests = step.requests(given or {}) if isinstance(step, Write) else ()
+            for request in requests:
+                try:
+                    self._access.write(request)
+                except (NoAnswer, Busy, WrongAnswer) as error:
+                    done = False
+                    self._bad(error)
+                except RequestRefused:
+                    self._faults |= SourceFault.COMMAND_CHECK
+        return done
+
+    # Asking
+
+    def _poll(self, now_ns: int) -> None:
+        """Feed its watchdog, ask for what it shows; before that once who it is."""
+        period_ns = int(self._connection.poll_s * 1e9)
+        # A poll that comes late is not made up for by a burst.
+        self._due_ns = self._due_ns + period_ns if self._due_ns + period_ns > now_ns else now_ns + period_ns
+        self._polls += 1
+        watchdog = self._output.watchdog
+        if self._started and watchdog is not None:
+            self._fed = (self._fed + 1) % COUNTERS
+            self._write(watchdog.feed, {"counter": self._fed, "toggle": self._fed & 1})
+        try:
+            if not self._who:
+                self._know(self._access.read(self._output.known, "identity"))
+            values = self._access.read(self._output.status, "status")
+        except (NoAnswer, Busy, WrongAnswer) as error:
+            self._bad(error)
+            return
+        self._take(values)
+
+    def _bad(self, error: DriverError) -> None:
+        """What came and cannot be an answer counts; silence is noticed by what stays away."""
+        if isinstance(error, WrongAnswer):
+            self.counters.bad_checks += 1
+            self.counters.bad_in_a_row += 1
+
+    def _know(self, values: Values) -> None:
+        """It has said who it is."""
+        shown = {name: str(values.get(name, "")) for name in IDENTITY}
+        said = ", ".join(text for text in shown.values() if text)
+        self._who = said or self._described.name
+        quantities, text = self._output.quantities, self._connection.identity
+        wrong = [
+            f"{name} is {values[name]!r:.60}, expected {wanted!r:.60}"
+            for name, wanted in self._output.expected.items()
+            if not same(values[name], wanted, quantities[name].step)
+        ]
+        if text not in said:
+            wrong.append(f"it says it is {said!r:.100}, expected {text!r} in it")
+        self._problem = "; ".join(wrong)
+        self.identity = SourceIdentity(shown["serial_number"], shown["firmware"], 0)
+
+    def _take(self, values: dict[str, Value]) -> None:
+        """What it shows, judged: what it holds, what flows."""
+        arrival_ns, counters = time.monotonic_ns(), self.counters
+        counters.bad_in_a_row = 0
+        counters.statuses += 1
+        shown_A = float(values[CURRENT]) if CURRENT in values else self._held_A or 0.0
+        current_A = float(values[MEASURED]) if MEASURED in values else shown_A
+        if ENABLE in values and MEASURED not in values and not values[ENABLE]:
+            current_A = 0.0
+        self._faults |= self._output.faults.meaning(values) & sum(SourceFault)
+        self._judge_held(shown_A, values)
+        self._judge_open(current_A, arrival_ns)
+        state = SourceState.OFF if self.commanded_A == 0.0 else SourceState.ENABLED
+        status = SourceStatus(SourceState.FAULT if self._faults else state, current_A, self._faults)
+        self.status = status
+        told: list[Record] = [
+            self._record(arrival_ns, Channel.COIL_CURRENT, current_A), self._command_record(arrival_ns)
+        ]
+        if self._reported != (status.state, status.faults) or self._polls % TOLD_EVERY == 1:
+            self._reported = (status.state, status.faults)
+            told.append(self._record(arrival_ns, Channel.ECU_STATE, status.state))
+            told.append(self._record(arrival_ns, Channel.ECU_FAULTS, status.faults))
+        with self._progress:
+            self._records.extend(told)
+            # What was shown before a set-point that waits to be written proves nothing of it.
+            if not self._woken.is_set():
+                self._heard.append(status)
+                self._progress.notify_all()
+
+    def _judge_held(self, shown_A: float, values: Values) -> None:
+        """A module that does not hold what it took: it restarted, its time-out went by, or somebody else writes."""
+        if self._held_A is None or self._woken.is_set():
+            return
+        off = ENABLE in values and bool(values[ENABLE]) is not (self.commanded_A != 0.0)
+        odd = off or not same(shown_A, self._held_A, self._output.current.step)
+        self._odd = self._odd + 1 if odd else 0
+        if self._odd >= IN_A_ROW:
+            self._faults |= SourceFault.RESTARTED
+
+    def _judge_open(self, current_A: float, now_ns: int) -> None:
+        wanted_A = abs(self.commanded_A)
+        settled = now_ns - self._changed_ns > int(self._described.settling_s * 1e9)
+        none = self._output.measures and settled and abs(current_A) < OPEN_SHARE * wanted_A
+        self._open = self._open + 1 if none else 0
+        if self._open >= IN_A_ROW:
+            self._faults |= SourceFault.OPEN
+
+    def _record(self, arrival_ns: int, channel: Channel, value: float) -> Record:
+        number = self.counters.statuses & 0xFFFFFFFF
+        return arrival_ns, NO_DEVICE_TIME, float(value), number, int(channel), int(Quality.GOOD)
+
+    def _command_record(self, now_ns: int) -> Record:
+        return now_ns, NO_DEVICE_TIME, self.commanded_A, self.counters.sent, int(Channel.COMMANDED_CURRENT), 0

@@ -1,0 +1,170 @@
+"""A comparison as text for any width: the verdict first, what did not pass, what changed; then every remark."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator, Sequence
+
+from rig.cli.tables import BAD, GOOD, HEAD, LOOK, PLAIN, Line
+from rig.comparison.changes import Change
+from rig.comparison.differences import Comparison
+from rig.comparison.judgement import Judgement, Result, State
+from rig.comparison.readings import LOOP_QUANTITIES, SINGLE_QUANTITIES
+
+STYLES = {State.PASSED: GOOD, State.FAILED: BAD, State.UNSURE: LOOK, State.MISSING: LOOK}
+NOTHING = "-"
+
+
+def comparison_lines(compared: Comparison, width: int, *, everything: bool) -> Iterator[Line]:
+    """The lines and their styles, none longer than `width` where its words allow."""
+    if compared.judgement is not None:
+        yield from _judged(compared.judgement, len(compared.runs) > 1, width, everything=everything)
+    for index, run in enumerate(compared.runs):
+        label = "first" if index == 0 and len(compared.runs) > 1 else f"run {index + 1}"
+        yield from _wrapped(f"{label}: {run.name}, specimen {run.specimen or 'unknown'}", width, PLAIN)
+    for index in range(1, len(compared.runs)):
+        yield ("", PLAIN)
+        yield from _changes(compared, index, width, everything=everything)
+    for remark in compared.remarks:
+        yield from _wrapped(f"remark: {remark}", width, LOOK)
+
+
+def _judged(judgement: Judgement, several: bool, width: int, *, everything: bool) -> Iterator[Line]:
+    total, bad = len(judgement.results), judgement.not_passed
+    if judgement.passed:
+        least = min(judgement.results, key=lambda result: _or_infinite(result.margin_percent))
+        told = f"ACCEPTED by {judgement.bands.name}: all {total} values within their bands; least margin: "
+        yield from _wrapped(told + f"{least.quantity}, {_margin(least)}", width, GOOD)
+    else:
+        kinds = [f"{count} {state}" for state in (State.FAILED, State.UNSURE, State.MISSING)
+                 if (count := sum(result.state == state for result in bad))]  # fmt: skip
+        yield from _wrapped(
+            f"NOT ACCEPTED by {judgement.bands.name}: {len(bad)} of {total} values not passed ({', '.join(kinds)})",
+            width, BAD,
+        )  # fmt: skip
+    for result in judgement.results if everything else bad:
+        yield from _wrapped(_result(result, several), width, STYLES[result.state])
+    if not everything and len(bad) < total:
+        yield from _wrapped(f"{total - len(bad)} passed; --all shows them", width, PLAIN)
+    yield ("", PLAIN)
+
+
+def _result(result: Result, several: bool) -> str:
+    """One value on a line of its own."""
+    name = f"change of {result.quantity}" if result.change else result.quantity
+    place = f"{result.where}" + (f" ({', '.join(result.points)})" if result.points else "")
+    told = f"{result.state.upper()}  {name} at {place}"
+    if several:
+        told += f" in {result.run}"
+    value = _why(result) if math.isnan(result.value) else f"{_number(result.value)} {_unit(result.unit)}".rstrip()
+    told += f": {value}"
+    told += f", allowed {band_words(result)}"
+    if math.isfinite(result.value):
+        told += f", margin {_margin(result)}"
+        told += f", +-{_number(result.expanded, 2)}" if math.isfinite(result.expanded) else ""
+        told += f"; {result.why}" if result.why else ""
+    return told + (f" [{result.note}]" if result.note else "")
+
+
+def _why(result: Result) -> str:
+    return result.why or "not measured"
+
+
+def band_words(result: Result) -> str:
+    """The band in words: "900 to 1100 N", "at least 5 N"."""
+    unit = _unit(result.unit)
+    if result.low is None:
+        return f"at most {_number(result.high)} {unit}".rstrip()
+    if result.high is None:
+        return f"at least {_number(result.low)} {unit}".rstrip()
+    return f"{_number(result.low)} to {_number(result.high)} {unit}".rstrip()
+
+
+def _margin(result: Result) -> str:
+    told = f"{_number(result.margin, 3)} {_unit(result.unit)}".rstrip()
+    share = result.margin_percent
+    return told if math.isnan(share) or result.unit == "%" else f"{told} ({_number(share, 3)} %)"
+
+
+def _changes(compared: Comparison, index: int, width: int, *, everything: bool) -> Iterator[Line]:
+    """What of one run differs from the first: a line a quantity, then the motions and parameters that differ."""
+    yield (f"{compared.runs[index].name} against the first", HEAD)
+    rows: list[tuple[str, ...]] = [("quantity", "tests", "differ", "median %", "largest %", "at")]
+    listed: list[tuple[str, ...]] = [("motion", "quantity", "first", "now", "change %", "+-%")]
+    for quantity in LOOP_QUANTITIES:
+        known = [(row, one) for row in compared.rows if (one := compared.change(index, quantity.key, row))]
+        finite = [(row, one) for row, one in known if math.isfinite(one.percent)]
+        if not finite:
+            continue
+        ordered = sorted(finite, key=lambda pair: pair[1].percent)
+        middle = ordered[len(ordered) // 2][1].percent
+        row, largest = max(finite, key=lambda pair: abs(pair[1].percent))
+        rows.append((
+            quantity.key, str(len(finite)), str(sum(bool(one.differs) for _, one in finite)), _signed(middle),
+            _signed(largest.percent), row.motion.label,
+        ))  # fmt: skip
+        for row, one in known:
+            if everything or one.differs:
+                first, now = (loop.values[quantity.key].value for loop in (row.loops[0], row.loops[index]) if loop)
+                listed.append((row.motion.label, quantity.key, *_cells(first, now, one)))
+    for quantity in SINGLE_QUANTITIES:
+        if (one_change := compared.single_change(index, quantity.key)) and (everything or one_change.differs):
+            first, now = (compared.runs[place].singles[quantity.key].value for place in (0, index))
+            listed.append(("slow triangle", quantity.key, *_cells(first, now, one_change)))
+    for name in compared.parameter_names:
+        if (one_change := compared.parameter_change(index, name)) and (everything or one_change.differs):
+            first, now = (compared.runs[place].parameters[name].reading.value for place in (0, index))
+            listed.append(("fit", name, *_cells(first, now, one_change)))
+    yield from _table(rows, width, left=(0, 5))
+    if len(listed) > 1:
+        yield ("", PLAIN)
+        yield from _table(listed, width, left=(0, 1))
+    elif len(rows) > 1:
+        yield ("nothing differs by more than its expanded uncertainty", GOOD)
+
+
+def _cells(first: float, now: float, changed: Change) -> tuple[str, str, str, str]:
+    return _number(first), _number(now), _signed(changed.percent), _number(2.0 * changed.percent_std, 2)
+
+
+def _table(rows: Sequence[tuple[str, ...]], width: int, left: Sequence[int]) -> Iterator[Line]:
+    """Aligned columns; where they do not fit, the first or last text column goes onto a line of its own."""
+    if len(rows) < 2:
+        return
+    sizes = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    narrow = sum(sizes) + 2 * (len(sizes) - 1) > width
+    widest = max(left, key=lambda column: sizes[column])
+    for number, row in enumerate(rows):
+        cells = [
+            text.ljust(size) if column in left else text.rjust(size)
+            for column, (text, size) in enumerate(zip(row, sizes, strict=True)) if not (narrow and column == widest)
+        ]  # fmt: skip
+        if narrow and number and (widest != 0 or row[0] != rows[number - 1][0]):
+            yield from _wrapped(row[widest], width, PLAIN)
+        indent = "  " if narrow and number else ""
+        yield ((indent + "  ".join(cells)).rstrip(), HEAD if number == 0 else PLAIN)
+
+
+def _or_infinite(value: float) -> float:
+    return value if math.isfinite(value) else math.inf
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
+def _number(value: float | None, digits: int = 4) -> str:
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    shown = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e" in shown and 1.0 <= abs(value) < 1e7 else shown
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.3g}" if math.isfinite(value) else NOTHING
+
+
+def _wrapped(text: str, width: int, style: str) -> Iterator[Line]:
+    for line in textwrap.wrap(text, max(20, width), subsequent_indent="  ", break_on_hyphens=False):
+        yield (line, style)

@@ -1,0 +1,237 @@
+"""Values held against acceptance bands: passed or not, with the margin and how sure that is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from rig.comparison.bands import Band, Bands, LoopBand, ParameterBand
+from rig.comparison.changes import Change, change
+from rig.comparison.readings import QUANTITIES, LoopReading, Reading, RunReadings
+from rig.errors import FileProblem
+
+PERCENT = "%"
+
+
+class State(StrEnum):
+    """How a value stands to its band; only the first is a pass."""
+
+    PASSED = "pass"
+    FAILED = "fail"
+    UNSURE = "unsure"
+    MISSING = "missing"
+
+
+@dataclass(frozen=True)
+class Result:
+    """One value of one run against one band.
+
+    Attributes:
+        quantity: its key, or the parameter's name; `change` says that it is the change against the first run, in %.
+        run: name of the run.
+        where: which tests: the motion, or the band's own words where no test fits them.
+        points: ids of the points it was measured in.
+        value: SI, or % of a change; NaN where missing.
+        expanded: expanded uncertainty (k = 2) of what is known of it.
+        low, high: the band; None where open.
+        unit: of these.
+        state: pass, fail, unsure or missing.
+        why: what is missing or unsure.
+        note: the band's.
+    """
+
+    quantity: str
+    run: str
+    where: str
+    points: tuple[str, ...]
+    value: float
+    expanded: float
+    low: float | None
+    high: float | None
+    unit: str
+    state: State
+    why: str = ""
+    note: str = ""
+    change: bool = False
+
+    @property
+    def margin(self) -> float:
+        """To the nearer limit, in `unit`; negative outside."""
+        return min(
+            math.inf if self.high is None else self.high - self.value,
+            math.inf if self.low is None else self.value - self.low,
+        )
+
+    @property
+    def margin_percent(self) -> float:
+        """The margin in % of the limit that is nearer; NaN where that is 0."""
+        ends = [(abs(self.value - end), end) for end in (self.low, self.high) if end is not None]
+        nearest = min(ends)[1] if ends and math.isfinite(self.value) else 0.0
+        return 100.0 * self.margin / abs(nearest) if nearest != 0.0 else math.nan
+
+    def to_json(self) -> dict[str, Any]:
+        """Every attribute and the margins; null where there is no number."""
+        entry = {**vars(self), "points": list(self.points), "state": str(self.state), "margin": self.margin,
+                 "margin_percent": self.margin_percent}  # fmt: skip
+        return {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in entry.items()
+        }
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """All results, by band and run."""
+
+    bands: Bands
+    results: tuple[Result, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every value is within its band and none is missing."""
+        return bool(self.results) and all(result.state == State.PASSED for result in self.results)
+
+    @property
+    def not_passed(self) -> tuple[Result, ...]:
+        """Those that are not within their band, and those that could not be judged."""
+        return tuple(result for result in self.results if result.state != State.PASSED)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain types; the keys are in `docs/json.md`."""
+        return {
+            "name": self.bands.name, "decision": self.bands.decision, "passed": self.passed,
+            "results": [result.to_json() for result in self.results],
+        }  # fmt: skip
+
+
+def judge(bands: Bands, runs: Sequence[RunReadings], file: str = "bands") -> Judgement:
+    """Hold every run against every band.
+
+    Args:
+        bands: the bands.
+        runs: the runs; `most_change` is of the later ones against the first.
+        file: name of the bands file, for its errors.
+
+    Raises:
+        FileProblem: a band needs a second run, or a parameter's unit is not that of the fit.
+    """
+    problems = [] if len(runs) > 1 or not bands.changes else [
+        "most_change is the change against another run: give two runs (before, after)"
+    ]
+    problems += list(dict.fromkeys(_wrong_units(bands, runs)))
+    if problems:
+        raise FileProblem(file, problems, "config-absurd")
+    results = []
+    for key, band in bands.all:
+        for index, run in enumerate(runs):
+            values = list(_values(key, band, run))
+            if band.low is not None or band.high is not None:
+                results += [_result(bands, band, run, value) for value in values]
+            if band.most_change is not None and index > 0:
+                results += [_changed(bands, band, run, value, runs[0], key) for value in values]
+    return Judgement(bands, tuple(results))
+
+
+@dataclass(frozen=True)
+class _Value:
+    """A reading with what it is and where it was found; `why` where it cannot be used."""
+
+    quantity: str
+    unit: str
+    where: str
+    reading: Reading
+    points: tuple[str, ...] = ()
+    why: str = ""
+    loop: LoopReading | None = None
+
+
+NONE = Reading(math.nan, math.nan)
+
+
+def _wrong_units(bands: Bands, runs: Sequence[RunReadings]) -> Iterator[str]:
+    for index, band in enumerate(bands.parameter, start=1):
+        for run in runs:
+            fitted = run.parameters.get(band.name)
+            if fitted is not None and fitted.unit != band.unit:
+                yield f'parameter[{index}].unit = "{band.unit}": {band.name} is fitted in "{fitted.unit}"'
+
+
+def _values(key: str, band: Band, run: RunReadings) -> Iterator[_Value]:
+    """What a run has of a band's quantity; one that is missing says why."""
+    if isinstance(band, ParameterBand):
+        yield _parameter(band, run)
+        return
+    unit = QUANTITIES[key].unit
+    if not isinstance(band, LoopBand):
+        reading = run.singles.get(key)
+        why = "no valid friction test" if reading is None else ""
+        yield _Value(key, unit, "slow triangle at 0 A", reading or NONE, why=why)
+        return
+    passive = key == "dynamic_range" and band.current_A is None
+    loops = [loop for loop in run.loops if band.holds(loop) and not (passive and loop.motion.current_A == 0.0)]
+    if not loops:
+        yield _Value(key, unit, band.where or "any loop", NONE, why="no valid point of the run is such a test")
+    for loop in loops:
+        known = loop.values.get(key)
+        why = "could not be measured there" if known is None else ""
+        yield _Value(key, unit, loop.motion.label, known or NONE, loop.ids, why, loop)
+
+
+def _parameter(band: ParameterBand, run: RunReadings) -> _Value:
+    fitted = run.parameters.get(band.name)
+    if fitted is None:
+        why = f"the fitted model {run.model} has no such parameter" if run.model else "the run has no fit"
+        return _Value(band.name, band.unit, "fit", NONE, why=why)
+    return _Value(band.name, band.unit, "fit", fitted.reading if not fitted.why else NONE, why=fitted.why)
+
+
+def _result(bands: Bands, band: Band, run: RunReadings, value: _Value) -> Result:
+    return _judged(Result(
+        value.quantity, run.name, value.where, value.points, value.reading.value, value.reading.expanded,
+        band.low, band.high, value.unit, State.MISSING, value.why, band.note,
+    ), bands, complete=value.reading.complete)
+
+
+def _changed(
+    bands: Bands, band: Band, run: RunReadings, value: _Value, first: RunReadings, key: str,
+) -> Result:  # fmt: skip
+    """A value's change against the first run's, in percent."""
+    most = 100.0 * (band.most_change or 0.0)
+    before = _before(band, value, first, key)
+    why = value.why or ("" if before is not None else f"{first.name} has no such value")
+    known = None if why or before is None else change(
+        before, value.reading, same_gauge=bool(run.load_cell) and run.load_cell == first.load_cell
+    )
+    if known is not None and not math.isfinite(known.percent):
+        why = "the first run's value is 0"
+    known = known or Change(math.nan, math.nan, math.nan, math.nan)
+    return _judged(Result(
+        value.quantity, run.name, value.where, value.points, known.percent, 2.0 * known.percent_std, -most, most,
+        PERCENT, State.MISSING, why, band.note, change=True,
+    ), bands, complete=math.isfinite(known.percent_std))
+
+
+def _before(band: Band, value: _Value, first: RunReadings, key: str) -> Reading | None:
+    if isinstance(band, ParameterBand):
+        fitted = first.parameters.get(band.name)
+        return None if fitted is None or fitted.why else fitted.reading
+    if value.loop is None:
+        return first.singles.get(key)
+    loop = first.loop_of(value.loop.motion)
+    return None if loop is None else loop.values.get(key)
+
+
+def _judged(result: Result, bands: Bands, *, complete: bool) -> Result:
+    """The result with its state."""
+    if result.why or not math.isfinite(result.value):
+        return result
+    state, why = (State.PASSED if result.margin >= 0.0 else State.FAILED), ""
+    if bands.decision == "guarded" and state == State.PASSED:
+        if not complete:
+            state, why = State.UNSURE, "its uncertainty is not wholly known: scatter, or a sensor's calibration"
+        elif result.margin < result.expanded:
+            state, why = State.UNSURE, "the margin is less than the expanded uncertainty"
+    return Result(**{**vars(result), "state": state, "why": why})

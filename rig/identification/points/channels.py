@@ -1,0 +1,103 @@
+"""A recorded point on the times of its force samples: the force, the coil current or its command, the temperature."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from protocols.quality import DOUBTFUL
+from rig.dampers.arrays import BoolArray, FloatArray
+from rig.errors import IdentificationFailed
+from rig.identification.models.coil import SMALLEST_STEP_A
+from rig.identification.words import Saying, say
+from rig.recording.recorded_point import RecordedPoint
+
+FEWEST_SAMPLES = 50
+STEADY_CURRENT_A = 0.02  # below this scatter the current was constant and its mean is better than its samples
+LARGEST_MISSING_SHARE = 0.2
+
+
+def force_on_grid(
+    point: RecordedPoint, shift_s: float, start_s: float, stop_s: float
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Times (s), force (N) and which are measured, on the force's own samples; lost ones become empty places.
+
+    Raises:
+        IdentificationFailed: too few samples, or too many of them missing.
+    """
+    samples = point.force_samples
+    flagged = (samples.flags & int(DOUBTFUL)) != 0
+    times_s = samples.time_s + shift_s
+    inside = (times_s >= start_s) & (times_s < stop_s) & np.isfinite(times_s)
+    time_s, force_N = times_s[inside], samples.force_N[inside]
+    good = np.isfinite(force_N) & ~flagged[inside]
+    if np.count_nonzero(good) < FEWEST_SAMPLES:
+        raise IdentificationFailed(
+            f"{np.count_nonzero(good)} usable force samples in the kept cycles; at least {FEWEST_SAMPLES} are needed"
+        )
+    spacing = float(np.median(np.diff(time_s)))
+    places = np.concatenate(([0], np.cumsum(np.maximum(1, np.rint(np.diff(time_s) / spacing).astype(np.int64)))))
+    count = int(places[-1]) + 1
+    refuse_too_few(int(good.sum()), count, "missing or flagged")
+    grid_s = np.interp(np.arange(count), places, time_s)
+    force = np.zeros(count)
+    usable = np.zeros(count, dtype=bool)
+    force[places[good]] = force_N[good]
+    usable[places[good]] = True
+    return grid_s, force, usable
+
+
+def current_at(
+    point: RecordedPoint, wanted_s: FloatArray, warnings: list[Saying]
+) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None]:
+    """Coil current (A) at the wanted times, and the changing command (before, during) where none was measured.
+
+    A steady current is its mean. Without a measurement it is the commanded one, whose lag the fit then has to find if
+    it changes.
+    """
+    measured = np.isfinite(point.current_measured_A)
+    inside = measured & (point.time_s >= wanted_s[0]) & (point.time_s <= wanted_s[-1])
+    if np.any(inside):
+        if float(np.std(point.current_measured_A[inside])) < STEADY_CURRENT_A:
+            return np.full(wanted_s.size, float(np.mean(point.current_measured_A[inside]))), None
+        return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured]), None
+    before_A, during_A = _command(point, wanted_s)
+    if during_A.size and float(np.ptp(np.concatenate((before_A, during_A)))) >= SMALLEST_STEP_A:
+        warnings.append(say("command-steps"))
+        return during_A, (before_A, during_A)
+    current_A = float(during_A[0]) if during_A.size else point.current_A
+    warnings.append(say("command-steady", current_A=current_A))
+    return np.full(wanted_s.size, current_A), None
+
+
+def temperature_at(point: RecordedPoint, wanted_s: FloatArray) -> FloatArray | None:
+    """Recorded coil temperature (degC) at the wanted times; None where none was recorded."""
+    recorded = point.channel("coil_temperature")
+    known = np.isfinite(recorded)
+    return np.interp(wanted_s, point.time_s[known], recorded[known]) if np.any(known) else None
+
+
+def _command(point: RecordedPoint, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The recorded command (A), held from sample to sample: before the wanted times at their interval, and at them."""
+    commanded_A = point.channel("commanded_current")
+    known = np.isfinite(commanded_A)
+    if not np.any(known):
+        return np.zeros(0), np.zeros(0)
+    interval_s = float(wanted_s[-1] - wanted_s[0]) / (wanted_s.size - 1)
+    earlier = int(max(0.0, (wanted_s[0] - point.time_s[known][0]) / interval_s))
+    at_s = np.concatenate((wanted_s[0] - interval_s * np.arange(earlier, 0, -1), wanted_s))
+    held = np.searchsorted(point.time_s[known], at_s + 0.01 * interval_s, side="right") - 1
+    values = commanded_A[known][np.maximum(held, 0)]
+    return values[:earlier], values[earlier:]
+
+
+def refuse_too_few(good: int, count: int, what: str) -> None:
+    """Refuse a test of which too many force samples say nothing.
+
+    Raises:
+        IdentificationFailed: the message says what share they are and what may be.
+    """
+    if good < (1.0 - LARGEST_MISSING_SHARE) * count:
+        raise IdentificationFailed(
+            f"{100.0 * (1.0 - good / count):.0f} % of the force samples in the kept cycles are {what}; at most "
+            f"{100 * LARGEST_MISSING_SHARE:.0f} % may be"
+        )

@@ -1,0 +1,130 @@
+"""Points whose motion has no cycles, such as random motion: the whole record is a measurement, and may be cut in time.
+
+No cycle is dropped and none is run before the first sample: models with internal states start at rest there. So many
+samples are kept that a crossing of the mean to the next has about `SAMPLES_A_CROSSING`; more tell a fit nothing.
+
+What is held out is the end of the time. A model is run freely from the first sample of the record on through what was
+fitted (only motion and current go in, never a measured force), and scored on the end.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rig.errors import IdentificationFailed
+from rig.identification.models.measurement import Measurement
+from rig.identification.points.channels import current_at, force_on_grid, temperature_at
+from rig.identification.words import Saying, say
+from rig.recording.quality.campaign_delay import PointSkew
+from rig.recording.recorded_point import RecordedPoint
+from rig.signals.fourier import quantisation_step
+from rig.signals.free_motion import free_motion, mean_rate_Hz
+from rig.signals.loop_shape import noise_of
+from rig.signals.waveform import WAVEFORMS
+
+SAMPLES_A_CROSSING = 80
+LAST = re.compile(r"\s*last\s+(\d+(?:\.\d+)?)\s*%\s*")
+LEAST_PERCENT, MOST_PERCENT = 1.0, 90.0
+
+
+def has_cycles(point: RecordedPoint) -> bool:
+    """Whether a point's motion repeats: that of a waveform of the matrix."""
+    return point.waveform in WAVEFORMS
+
+
+def prepare_whole(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
+    """A recorded point without cycles as a measurement.
+
+    Args:
+        point: the point.
+        skew: what the campaign as a whole knows of the sensors' delays; None: what the point's file says.
+
+    Raises:
+        IdentificationFailed: too little of the point can be used.
+        NotDifferentiable: too few samples for a velocity.
+    """
+    known_s = point.time_s[np.isfinite(point.displacement_m)]
+    if known_s.size == 0:
+        raise IdentificationFailed("no displacement was measured")
+    shift_s = 0.0 if skew is None else skew.shift_s
+    grid_s, force_N, usable = force_on_grid(point, shift_s, float(known_s[0]), float(known_s[-1]))
+    rate_Hz = mean_rate_Hz(point.time_s, point.displacement_m)
+    dt_s = float(grid_s[-1] - grid_s[0]) / (grid_s.size - 1)
+    every = max(1, int(1.0 / (SAMPLES_A_CROSSING * rate_Hz * dt_s))) if rate_Hz > 0.0 else 1
+    rows = slice(0, grid_s.size, every)
+    noise_N, step_N = noise_of(force_N[usable]), quantisation_step(force_N[usable])
+    grid_s, force_N, usable = grid_s[rows], force_N[rows], usable[rows]
+    motion = free_motion(point.time_s, point.displacement_m, grid_s)
+    warned: list[Saying] = [say("whole-record", every=every)]
+    current_A, commanded = current_at(point, grid_s, warned)
+    reference_m = float(np.mean(motion.u_m)) if point.mid_stroke_m is None else point.mid_stroke_m
+    return Measurement(
+        id=point.id,
+        file="" if point.path is None else str(point.path),
+        u_m=motion.u_m - reference_m,
+        v_m_s=motion.v_m_s,
+        a_m_s2=motion.a_m_s2,
+        force_N=force_N - float(point.test.get("moving_mass_kg", 0.0)) * motion.a_m_s2,
+        current_A=current_A,
+        dt_s=dt_s * every,
+        waveform=point.waveform,
+        amplitude_m=point.amplitude_m,
+        frequency_Hz=point.frequency_Hz,
+        nominal_current_A=point.current_A,
+        usable=None if bool(np.all(usable)) else usable,
+        skew_std_s=point.skew_std_s if skew is None else skew.std_s,
+        force_zero_std_N=point.quality.rest.force_zero_std_N or 0.0,
+        force_step_N=step_N,
+        commanded_A=None if commanded is None else commanded[1],
+        commanded_before_A=None if commanded is None else commanded[0],
+        noise_N=noise_N,
+        temperature_degC=temperature_at(point, grid_s),
+        warnings=tuple(warned),
+    )
+
+
+def last_share(holdout: str) -> float | None:
+    """The share of the time that `last 30 %` holds out (0.3); None where the text says something else.
+
+    Raises:
+        IdentificationFailed: it says so, and the share leaves too little on one side.
+    """
+    said = LAST.fullmatch(holdout)
+    if said is None:
+        return None
+    percent = float(said[1])
+    if not LEAST_PERCENT <= percent <= MOST_PERCENT:
+        raise IdentificationFailed(
+            f"holdout {holdout!r}: from {LEAST_PERCENT:g} to {MOST_PERCENT:g} % of the time can be held out"
+        )
+    return percent / 100.0
+
+
+def cut_in_time(tests: Sequence[Measurement], share: float) -> tuple[list[Measurement], list[Measurement]]:
+    """The beginning of each test, to be fitted, and the test with only its end scored.
+
+    Args:
+        tests: without cycles.
+        share: of the time that is held out, at the end.
+
+    Raises:
+        IdentificationFailed: a test has cycles, whose end repeats its beginning.
+    """
+    cyclic = [test.id for test in tests if test.waveform in WAVEFORMS]
+    if cyclic:
+        raise IdentificationFailed(
+            f"the end of {', '.join(cyclic[:3])} repeats its beginning, so it says nothing of what is unseen: the last "
+            "part of the time is held out of motion without cycles; hold out whole tests, such as frequency_Hz=2"
+        )
+    beginnings, ends = [], []
+    for test in tests:
+        cut = round((1.0 - share) * test.u_m.size)
+        beginnings.append(test.rows(slice(0, cut)))
+        later = test.scored.copy()
+        later[:cut] = False
+        ends.append(replace(test, usable=later))
+    return beginnings, ends

@@ -1,0 +1,182 @@
+"""Which model: all that the method can fit, compared by what they have not seen, then by information.
+
+And how tests count where no model describes them to their noise. Least squares with equal weights is right where what
+is left is noise. Where it is misfit, samples of one test say the same again and again, and tests at high current have
+the largest misfit in newtons: the test with the most samples and the greatest force would decide what all others get.
+Then each test counts alike, by its error in % of its peak, which is also how models are ranked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rig.dampers.model import DamperModel
+from rig.errors import IdentificationFailed
+from rig.identification.models.measurement import Measurement, first_cycle, spaced
+from rig.identification.models.separable import GivenUp, motion_scale
+from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve
+from rig.identification.models.undetermined import examine
+from rig.identification.uncertainty.fit import ModelScore
+from rig.identification.uncertainty.scoring import score
+
+RANKING_SAMPLES = 250  # samples of a cycle that rank models
+RELATIVE = "relative"
+MISFIT = 3.0  # times the tests' scatter: what the best model leaves is then misfit for nine tenths of its power
+EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
+
+
+def candidates_of(
+    models: Sequence[DamperModel],
+    fitted: Sequence[Measurement],
+    method: Method,
+    on_progress: Callable[[str], None] | None,
+) -> tuple[list[Candidate], list[str], tuple[ModelScore, ...]]:
+    """Every model that the method can fit, a line for each that it cannot, and those given up beside better ones.
+
+    Raises:
+        IdentificationFailed: no model can be fitted.
+    """
+    candidates, refused, given_up = [], [], []
+    rival_N = math.inf
+    scale = motion_scale(fitted)
+    searched_last = sorted(models, key=lambda model: model.separation(scale) is None)
+    for number, model in enumerate(searched_last, 1):
+        if on_progress is not None:
+            on_progress(f"fitting {model.name} ({number} of {len(models)})")
+        findings = examine(model, fitted)
+        try:
+            candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
+            if len(models) > 1:
+                rival_N = min(rival_N, score(model, candidate.solution.values, fitted).rmse_N)
+            candidates.append(candidate)
+        except GivenUp as reason:
+            free = len(findings.free(model.names))
+            given_up.append(ModelScore(model.name, None, math.nan, math.nan, free, method.name, str(reason)))
+        except IdentificationFailed as error:
+            refused.append(str(error))
+    if not candidates:
+        raise IdentificationFailed("; ".join(refused))
+    return candidates, refused, tuple(given_up)
+
+
+def compare(
+    candidates: Sequence[Candidate], fitted: Sequence[Measurement], held_out: Sequence[Measurement], method: Method
+) -> tuple[tuple[ModelScore, ...], Candidate]:
+    """Rank the candidates, best first, and name the recommended one.
+
+    With held-out tests each model's error on them decides. Without, each group of tests of the same waveform, amplitude
+    and frequency is left out in turn (of the same current, if there is only one such group). Models whose errors are
+    equal to 1 % are ranked by the Bayesian information criterion (Schwarz 1978). All are scored on the same samples:
+    those where one of them jumps, and a fit of it does not look, count for none.
+    """
+    if len(candidates) > 1:
+        models = [candidate.model for candidate in candidates]
+        fitted = [_away_from_jumps(test, models) for test in fitted]
+        held_out = [_away_from_jumps(test, models) for test in held_out]
+    scores = [_score(candidate, fitted, held_out, method, alone=len(candidates) == 1) for candidate in candidates]
+    errors = [score.holdout_nrmse_percent_of_peak for score in scores]
+    known = [value for value in errors if value is not None and math.isfinite(value)]
+    limit = min(known) * (1.0 + EQUIVALENT) if known else math.inf
+
+    def rank(pair: tuple[ModelScore, Candidate]) -> tuple[float, float]:
+        error = pair[0].holdout_nrmse_percent_of_peak
+        held = math.inf if error is None else error
+        return (0.0 if held <= limit or not known else held, pair[0].bic)
+
+    ordered = sorted(zip(scores, candidates, strict=True), key=rank)
+    return tuple(score for score, _ in ordered), ordered[0][1]
+
+
+def _away_from_jumps(test: Measurement, models: Sequence[DamperModel]) -> Measurement:
+    """The measurement without the samples so close to a jump of a model that their side of it is unsure."""
+    kept = test.scored.copy()
+    jumps = {model.jumps_at for model in models}
+    if "mid-stroke" in jumps:
+        kept &= np.abs(test.u_m) >= GUARD_S * np.abs(test.v_m_s)
+    if "reversal" in jumps:
+        kept &= np.abs(test.v_m_s) >= GUARD_S * np.abs(test.a_m_s2)
+    return replace(test, usable=kept)
+
+
+def _score(
+    candidate: Candidate, fitted: Sequence[Measurement], held_out: Sequence[Measurement], method: Method, *, alone: bool
+) -> ModelScore:
+    model, values = candidate.model, candidate.solution.values
+    error = score(model, values, fitted)
+    if held_out:
+        unseen: float | None = score(model, values, held_out).nrmse_percent_of_peak
+    else:
+        unseen = None if alone else cross_validated_nrmse(model, fitted, method, values)
+    samples = sum(test.samples for test in error.per_test)
+    free = len(candidate.findings.free(values))
+    bic = samples * math.log(max(error.rmse_N, 1e-300) ** 2) + free * math.log(samples)
+    return ModelScore(model.name, unseen, bic, error.rmse_N, free, method.name)
+
+
+def cross_validated_nrmse(
+    model: DamperModel, measurements: Sequence[Measurement], method: Method, near: Mapping[str, float] | None = None
+) -> float | None:
+    """Mean relative error (% of peak) over groups of tests, each predicted from the others; None with one group.
+
+    One cycle of each test is used, and each fit starts from `near`, the values fitted to all tests, where the method
+    can make use of a start: this ranks models, nothing else.
+    """
+    measurements = [spaced(first_cycle(test), RANKING_SAMPLES) for test in measurements]
+    groups = groups_of(measurements)
+    if len(groups) < 2:
+        return None
+    errors = []
+    for group in groups:
+        rest = [test for test in measurements if not any(test is other for other in group)]
+        solution = solve(model, rest, method, examine(model, rest), near)
+        errors += [test.nrmse_percent_of_peak for test in score(model, solution.values, group).per_test]
+    return sum(errors) / len(errors)
+
+
+def groups_of(measurements: Sequence[Measurement]) -> list[list[Measurement]]:
+    """Tests of the same motion; of the same current where all share one motion."""
+    for key in ("motion", "current"):
+        groups: dict[object, list[Measurement]] = {}
+        for test in measurements:
+            motion = (test.waveform, round(test.amplitude_m, 6), round(test.frequency_Hz, 4))
+            groups.setdefault(motion if key == "motion" else round(test.nominal_current_A, 3), []).append(test)
+        if len(groups) > 1:
+            break
+    return list(groups.values())
+
+
+def misfit_over_scatter(candidates: Sequence[Candidate], fitted: Sequence[Measurement]) -> float:
+    """Root mean square error of the best candidate over the scatter of the tests (1); NaN where that is not known."""
+    power = [test.noise_N**2 * test.u_m.size for test in fitted]
+    scatter_N = math.sqrt(sum(power) / sum(test.u_m.size for test in fitted))
+    least_N = min(score(candidate.model, candidate.solution.values, fitted).rmse_N for candidate in candidates)
+    return least_N / scatter_N if scatter_N > 0.0 else math.nan
+
+
+def weighted_by_misfit(
+    candidates: Sequence[Candidate], fitted: Sequence[Measurement], method: Method
+) -> tuple[list[Candidate], Method, float]:
+    """The candidates fitted again with relative weights, where even the best one leaves misfit and not noise.
+
+    Args:
+        candidates: models with their solutions.
+        fitted: the tests.
+        method: how they were fitted; a weight that was asked for stays.
+
+    Returns:
+        The candidates and the method, as they were or with relative weights, and the misfit over the scatter.
+    """
+    asked = method.weight is not None or method.name != SEPARABLE or method.loss != SQUARES
+    ratio = math.nan if asked or len(fitted) < 2 else misfit_over_scatter(candidates, fitted)
+    if not MISFIT < ratio < math.inf:
+        return list(candidates), method, ratio
+    weighted, again = replace(method, weight=RELATIVE), []
+    for candidate in candidates:
+        solution = solve(candidate.model, fitted, weighted, candidate.findings, candidate.solution.values)
+        evaluations = candidate.solution.evaluations + solution.evaluations
+        again.append(replace(candidate, solution=replace(solution, evaluations=evaluations)))
+    return again, weighted, ratio

@@ -1,0 +1,239 @@
+"""How a CSV file is written: encoding, separator, decimal sign, where names, units and numbers stand.
+
+Guessed from its first lines; what the user says goes before what is guessed.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.errors import FileProblem
+from rig.recording.foreign.columns import known_unit
+from rig.recording.foreign.foreign_file import Dialect
+
+LOOKED_AT = 2000
+"""Lines among which the first numbers must be."""
+FEWEST_ROWS = 3
+SEPARATORS = (";", "\t", ",", "|", " ")
+SHOWN = {"\t": "tab", " ": "white space"}
+NOTHING = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--"))
+POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
+COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?", re.IGNORECASE)
+GROUPED = {".": re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?"), ",": re.compile(r"[+-]?\d{1,3}(\.\d{3})+(,\d*)?")}
+CLOCK = r"\d{1,2}:\d{2}:\d{2}([.,]\d{1,9})?"
+ISO = rf"\d{{4}}-\d{{2}}-\d{{2}}[T ]{CLOCK}(Z|[+-]\d{{2}}:?\d{{2}})?"
+STAMP = re.compile(rf"({ISO})|(\d{{2}}\.\d{{2}}\.\d{{4}} {CLOCK})|({CLOCK})")
+UNITLESS = frozenset(("", "-", "1", "[-]", "[]", "()", "(-)", "n/a"))
+
+
+@dataclass(frozen=True)
+class CsvLayout:
+    """How a file is written; lines are counted from 1, and 0 is none."""
+
+    separator: str
+    decimal: str
+    thousands: str
+    encoding: str
+    header_line: int
+    units_line: int
+    first_line: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    sample: tuple[str, ...]
+
+    @property
+    def told(self) -> str:
+        """For people."""
+        separator = SHOWN.get(self.separator, self.separator)
+        parts = [f"separator {separator!r}" if len(separator) == 1 else f"separator {separator}",
+                 f"decimal {self.decimal!r}"]  # fmt: skip
+        parts += [f"thousands {self.thousands!r}"] if self.thousands else []
+        parts += [self.encoding, f"names in line {self.header_line}" if self.header_line else "no names"]
+        parts += [f"units in line {self.units_line}"] if self.units_line else []
+        return ", ".join((*parts, f"numbers from line {self.first_line}"))
+
+
+def decoded(file: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
+    """The text of a file and its encoding: UTF-8, UTF-16 by its mark, Windows-1252 where only the head is not UTF-8.
+
+    Raises:
+        FileProblem: no text, or not in that encoding; with the line.
+    """
+    wanted = encoding or ("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+    if b"\0" in data and not wanted.lower().replace("_", "-").startswith(("utf-16", "utf-32")):
+        raise FileProblem(str(file), ["not a text file: it contains zero bytes (UTF-16? write --encoding utf-16-le)"])
+    try:
+        return data.decode(wanted), wanted.removesuffix("-sig")
+    except LookupError as error:
+        raise FileProblem(str(file), [f"encoding {encoding!r}: {error}"]) from error
+    except UnicodeError as error:
+        start = error.start if isinstance(error, UnicodeDecodeError) else 0
+        if encoding is None and wanted == "utf-8-sig" and _in_the_head(data):
+            return data.decode("cp1252", errors="replace"), "cp1252"
+        line = data.count(b"\n", 0, start) + 1
+        shown = "UTF-8" if wanted == "utf-8-sig" else wanted
+        raise FileProblem(str(file), [f"line {line}: not {shown} text; --encoding says another one"]) from error
+
+
+def _in_the_head(data: bytes) -> bool:
+    """Whether all bytes that are not ASCII stand before the first numbers."""
+    lines = data.split(b"\n")
+    last = max(k for k, line in enumerate(lines) if not line.isascii())
+    if last >= LOOKED_AT:
+        return False
+    text = data.decode("cp1252", errors="replace")
+    layout = _first_rows(text.split("\n")[:LOOKED_AT], Dialect())
+    return layout is not None and last < layout[1]
+
+
+def cells_of(line: str, separator: str) -> list[str]:
+    """A line's cells, quotes and blanks taken off."""
+    if separator == " ":
+        return line.split()
+    if '"' in line:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+    return [cell.strip() for cell in line.split(separator)]
+
+
+def layout_of(file: Path, text: str, encoding: str, said: Dialect) -> CsvLayout:
+    """Guess how a text is written.
+
+    Raises:
+        FileProblem: no rows of numbers among the first lines, or the decimal sign is not clear.
+    """
+    lines = text.split("\n")[:LOOKED_AT]
+    rows = _first_rows(lines, said)
+    if rows is None:
+        raise FileProblem(str(file), [
+            f"no rows of numbers in the first {len(lines)} lines (three at least, of at least two columns): "
+            "--separator, --decimal and --header-line say how it is written",
+        ])  # fmt: skip
+    separator, first, count = rows
+    sample = [cells for line in lines[first : first + 200] if (cells := cells_of(line, separator))]
+    decimal, thousands = _decimal(file, sample, said.decimal, separator)
+    header, units = _head(lines, first, separator, said)
+    names = _padded(lines, header, separator, count) if header else [f"#{k + 1}" for k in range(count)]
+    told = _padded(lines, units, separator, count) if units else [""] * count
+    told = ["" if text in UNITLESS else text.strip("[]()").strip() for text in told]
+    return CsvLayout(
+        separator, decimal, thousands, encoding, header, units, first + 1, tuple(names), tuple(told),
+        tuple(next((cells[k] for cells in sample if k < len(cells) and cells[k].lower() not in NOTHING), "")
+              for k in range(count)),
+    )  # fmt: skip
+
+
+def _first_rows(lines: Sequence[str], said: Dialect, *, words: bool = False) -> tuple[str, int, int] | None:
+    """Separator, index of the first line of numbers, and cells a line: what makes most lines rows of numbers.
+
+    Rows of which some cells are words are looked for only where there are no others.
+    """
+    after = max(said.header_line or 0, said.units_line or 0)
+    best: tuple[int, int, tuple[str, int, int]] | None = None
+    for separator in (said.separator,) if said.separator else SEPARATORS:
+        counts = [_numbers_in(cells_of(line, separator), separator, words) if k >= after else 0
+                  for k, line in enumerate(lines)]  # fmt: skip
+        run = _longest_start(counts)
+        if run is None:
+            continue
+        first, length, cells = run
+        if best is None or (length, cells) > best[:2]:
+            best = (length, cells, (separator, first, cells))
+    if best is None and not words:
+        return _first_rows(lines, said, words=True)
+    return None if best is None else best[2]
+
+
+def _longest_start(counts: Sequence[int]) -> tuple[int, int, int] | None:
+    """First line, number of lines and cells of the first stretch of at least three lines of numbers.
+
+    Lines of another width, or that are no numbers, may lie among them: they are wrong there, not the end.
+    """
+    for first in range(len(counts)):
+        following = counts[first : first + FEWEST_ROWS]
+        if counts[first] and len(following) > 1 and following.count(counts[first]) == len(following):
+            width = Counter(count for count in counts[first:] if count).most_common(1)[0][0]
+            if width == counts[first]:
+                return first, counts[first:].count(width), width
+    return None
+
+
+def _numbers_in(cells: Sequence[str], separator: str, words: bool) -> int:
+    """How many cells a line of numbers has; 0 where it is none.
+
+    At least two cells are numbers, and none is a word; with `words` no more are words than numbers.
+    """
+    told = [cell for cell in cells if cell.lower() not in NOTHING]
+    numbers = sum(is_stamp(cell) or _is_number(cell, ".") or _is_number(cell, ",") for cell in told)
+    least = len(told) / 2 if words else len(told)
+    return len(cells) if numbers > 1 and numbers >= least else 0
+
+
+def _is_number(cell: str, decimal: str) -> bool:
+    whole = POINT if decimal == "." else COMMA
+    return bool(whole.fullmatch(cell) or GROUPED[decimal].fullmatch(cell))
+
+
+def _grouped(decimal: str, cell: str) -> bool:
+    return GROUPED[decimal].fullmatch(cell) is not None
+
+
+def is_stamp(cell: str) -> bool:
+    """Whether a cell is a time of day, with or without its date: ISO 8601, or 31.12.2026 23:59:59."""
+    return STAMP.fullmatch(cell) is not None
+
+
+def _decimal(file: Path, rows: Sequence[Sequence[str]], said: str | None, separator: str) -> tuple[str, str]:
+    """Decimal and thousands sign.
+
+    Raises:
+        FileProblem: some numbers have a comma, others a point, and none has both.
+    """
+    cells = [cell for row in rows for cell in row if not is_stamp(cell)]
+    both = [cell for cell in cells if "," in cell and "." in cell and any(map(_grouped, ".,", (cell, cell)))]
+    decimal = said or next(("," if cell.rfind(",") > cell.rfind(".") else "." for cell in both), "")
+    commas = next((cell for cell in cells if COMMA.fullmatch(cell) and "," in cell), "")
+    points = next((cell for cell in cells if POINT.fullmatch(cell) and "." in cell), "")
+    if not decimal and commas and points:
+        raise FileProblem(str(file), [
+            f"{commas!r} and {points!r} are both numbers in it: --decimal ',' or --decimal . says which sign is meant",
+        ])  # fmt: skip
+    decimal = decimal or ("," if commas else ".")
+    other = "," if decimal == "." else "."
+    grouped = separator != other and any(other in cell and _grouped(decimal, cell) for cell in cells)
+    return decimal, other if grouped and (both or said) else ""
+
+
+def _head(lines: Sequence[str], first: int, separator: str, said: Dialect) -> tuple[int, int]:
+    """Lines of names and units (from 1, 0: none): directly above the numbers, as far as they are not blank."""
+    above = [k for k in range(first) if lines[k].strip(f" {separator}")]
+    units = 0
+    if said.units_line is not None:
+        units = said.units_line
+    elif (
+        len(above) > 1 and said.header_line != above[-1] + 1 and _is_units(cells_of(lines[above[-1]], separator))
+        and len(cells_of(lines[above[-2]], separator)) > 1
+    ):  # fmt: skip
+        units = above[-1] + 1
+    if said.header_line is not None:
+        return said.header_line, units
+    below_names = [k for k in above if k + 1 != units and (not units or k + 1 < units or said.units_line)]
+    return (below_names[-1] + 1 if below_names else 0), units
+
+
+def _is_units(cells: Sequence[str]) -> bool:
+    """Whether a line holds units: at least one that is known, and else what may be one."""
+    known = [cell for cell in cells if known_unit(cell)]
+    short = all(len(cell) <= 12 and not re.search(r"\s\S+\s", cell) for cell in cells)
+    return bool(known) and short and all(cell in UNITLESS or known_unit(cell) or len(cells) > 2 for cell in cells)
+
+
+def _padded(lines: Sequence[str], line: int, separator: str, count: int) -> list[str]:
+    if line > len(lines):
+        return [""] * count
+    cells = [cell.strip("\ufeff") for cell in cells_of(lines[line - 1], separator)]
+    return [*cells, *[""] * (count - len(cells))][:count]

@@ -1,0 +1,164 @@
+"""A CSV file's columns as numbers, and where in it a value is wrong."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rig.errors import FileProblem
+from rig.recording.foreign.columns import split_heading
+from rig.recording.foreign.csv_dialect import NOTHING, CsvLayout, cells_of, decoded, is_stamp, layout_of
+from rig.recording.foreign.foreign_file import Dialect, ForeignColumn
+from rig.signals.arrays import FloatArray
+
+MOST_PROBLEMS = 5
+
+
+class CsvFile:
+    """A CSV file; see `rig.recording.foreign.foreign_file.ForeignFile`."""
+
+    def __init__(self, file: Path, data: bytes, said: Dialect) -> None:
+        """Guess how it is written.
+
+        Raises:
+            FileProblem: it is no text, or holds no rows of numbers.
+        """
+        self._file = file
+        text, encoding = decoded(file, data, said.encoding)
+        self._text = text.replace("\r\n", "\n").replace("\r", "\n")
+        self._layout = layout_of(file, self._text, encoding, said)
+
+    @property
+    def layout(self) -> CsvLayout:
+        """How it is written."""
+        return self._layout
+
+    @property
+    def columns(self) -> list[ForeignColumn]:
+        """See `ForeignFile.columns`."""
+        listed = []
+        for text, unit in zip(self._layout.names, self._layout.units, strict=True):
+            name, bracketed = (text, unit) if unit else split_heading(text)
+            listed.append(ForeignColumn(name, bracketed, text))
+        return listed
+
+    @property
+    def read_as(self) -> str:
+        """See `ForeignFile.read_as`."""
+        return f"CSV, {self._layout.told}"
+
+    @property
+    def first_line(self) -> int:
+        """See `ForeignFile.first_line`."""
+        return self._layout.first_line
+
+    def is_stamps(self, place: int) -> bool:
+        """See `ForeignFile.is_stamps`."""
+        return is_stamp(self._layout.sample[place])
+
+    def own_time(self, places: Sequence[int]) -> None:
+        """CSV files have none."""
+
+    def values(self, places: Sequence[int]) -> list[FloatArray]:
+        """See `ForeignFile.values`.
+
+        Raises:
+            FileProblem: some are no numbers.
+        """
+        import pandas as pd
+
+        layout = self._layout
+        stamps = [place for place in places if self.is_stamps(place)]
+        separator = r"\s+" if layout.separator == " " else layout.separator
+        try:
+            table = pd.read_csv(
+                io.StringIO(self._body()), sep=separator, header=None, names=list(range(len(layout.names))),
+                usecols=sorted(set(places)), index_col=False, skipinitialspace=True, skip_blank_lines=False,
+                decimal=layout.decimal, thousands=layout.thousands or None, na_values=sorted(NOTHING),
+                dtype={place: "object" if place in stamps else np.float64 for place in places},
+            )  # fmt: skip
+        except (ValueError, OverflowError) as error:
+            wrong = list(self._wrong_values(places))
+            raise FileProblem(str(self._file), wrong or [" ".join(str(error).split())]) from error
+        columns = {place: table[place].to_numpy() for place in places if place not in stamps}
+        self._refuse_infinite(columns)
+        columns |= {place: self._seconds(table[place].tolist(), place) for place in stamps}
+        return [np.asarray(columns[place], np.float64) for place in places]
+
+    def _body(self) -> str:
+        start = 0
+        for _ in range(self._layout.first_line - 1):
+            start = self._text.index("\n", start) + 1
+        return self._text[start:]
+
+    def _refuse_infinite(self, columns: dict[int, FloatArray]) -> None:
+        problems = [
+            f"line {int(np.flatnonzero(np.isinf(values))[0]) + self.first_line}, column "
+            f"{self.columns[place].name!r}: infinite"
+            for place, values in columns.items() if np.isinf(values).any()
+        ]  # fmt: skip
+        if problems:
+            raise FileProblem(str(self._file), problems)
+
+    def _seconds(self, cells: list[object], place: int) -> FloatArray:
+        """Time stamps as seconds after the first one.
+
+        Raises:
+            FileProblem: some are no time stamps, or they are not written alike.
+        """
+        import pandas as pd
+
+        texts = ["" if cell is None or cell != cell else str(cell).strip().replace(",", ".") for cell in cells]
+        while texts and not texts[-1]:
+            texts.pop()
+        wrong = [k for k, text in enumerate(texts) if not is_stamp(text)]
+        if wrong:
+            raise FileProblem(str(self._file), [
+                f"line {k + self.first_line}, column {self.columns[place].name!r}: {texts[k][:40]!r} is no time stamp"
+                for k in wrong[:MOST_PROBLEMS]
+            ])  # fmt: skip
+        try:
+            if "-" not in texts[0] and "." not in texts[0][:3]:
+                nanoseconds = pd.to_timedelta(texts).to_numpy().astype("timedelta64[ns]").astype(np.int64)
+            else:
+                form = "ISO8601" if "-" in texts[0] else "%d.%m.%Y %H:%M:%S" + (".%f" if "." in texts[0][10:] else "")
+                stamps = pd.to_datetime(pd.Series(texts), format=form, utc=True)
+                nanoseconds = stamps.dt.tz_localize(None).to_numpy().astype("datetime64[ns]").astype(np.int64)
+        except (ValueError, OverflowError) as error:
+            problem = f"column {self.columns[place].name!r}: not all time stamps are written alike: {error}"
+            raise FileProblem(str(self._file), [problem]) from error
+        seconds = np.full(len(cells), np.nan)
+        seconds[: len(texts)] = (nanoseconds - nanoseconds[0]) * 1e-9
+        return seconds
+
+    def _wrong_values(self, places: Sequence[int]) -> Iterator[str]:
+        """Where the values are that are no numbers, the first few."""
+        layout, told = self._layout, 0
+        for line, row in enumerate(self._body().split("\n"), start=layout.first_line):
+            cells = cells_of(row, layout.separator)
+            problems = []
+            if len(cells) > len(layout.names) and any(cells[len(layout.names) :]):
+                problems.append(f"line {line}: {len(cells)} values for {len(layout.names)} columns")
+            for place in places:
+                cell = cells[place] if place < len(cells) else ""
+                if cell.lower() not in NOTHING and not self.is_stamps(place) and not self._is_number(cell):
+                    hint = f"; decimals are taken to be written with {layout.decimal!r}" if "," in cell else ""
+                    name = self.columns[place].name
+                    problems.append(f"line {line}, column {name!r}: {cell[:40]!r} is not a number{hint}")
+            yield from problems
+            told += len(problems)
+            if told >= MOST_PROBLEMS:
+                yield "and maybe more"
+                return
+
+    def _is_number(self, cell: str) -> bool:
+        if self._layout.thousands:
+            cell = cell.replace(self._layout.thousands, "")
+        try:
+            float(cell.replace(self._layout.decimal, "."))
+        except ValueError:
+            return False
+        return True

@@ -1,0 +1,138 @@
+"""A file of another program as a list of columns with names and units, whatever its format."""
+
+from __future__ import annotations
+
+import gc
+import io
+import sys
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from rig.errors import FileProblem
+from rig.signals.arrays import FloatArray
+
+LARGEST_BYTES = 512 * 1024 * 1024
+MOST_NUMBERS = 1 << 27
+"""A file's numbers together may take so much memory: 1 GiB of float64."""
+EXTRA = "pip install 'mr-damper-rig[files]'"
+
+
+@dataclass(frozen=True)
+class ForeignColumn:
+    """One column.
+
+    Attributes:
+        name: by which it is called; two columns of a file may share it.
+        unit: as the file says; empty where it says none.
+        full: another name by which it is found: with its unit as a CSV head has it, or with its group.
+    """
+
+    name: str
+    unit: str = ""
+    full: str = ""
+
+
+class ForeignFile(Protocol):
+    """What every format offers."""
+
+    @property
+    def columns(self) -> Sequence[ForeignColumn]:
+        """All columns, in the file's order."""
+
+    @property
+    def read_as(self) -> str:
+        """How the file was taken, for people: format, and of CSV the dialect."""
+
+    @property
+    def first_line(self) -> int:
+        """Line of the first row, counted from 1; 0 where the format has no lines."""
+
+    def values(self, places: Sequence[int]) -> list[FloatArray]:
+        """Columns by their place, each of shape (rows,), NaN where there is no number; time stamps in s.
+
+        Raises:
+            FileProblem: they cannot be read; one line for each value that is wrong.
+        """
+
+    def is_stamps(self, place: int) -> bool:
+        """Whether a column holds times of day or dates, which `values` gives in s."""
+
+    def own_time(self, places: Sequence[int]) -> FloatArray | None:
+        """The time (s) that the format itself has for these columns, shape (rows,); None where it has none.
+
+        Raises:
+            FileProblem: the columns were not sampled together.
+        """
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """What the user says of a CSV file; None: guessed.
+
+    Attributes:
+        separator: between cells: a character, or " " for any white space.
+        decimal: point or comma.
+        encoding: as Python calls it.
+        header_line: line of the names, counted from 1; 0: there is none.
+        units_line: line of the units; 0: there is none.
+    """
+
+    separator: str | None = None
+    decimal: str | None = None
+    encoding: str | None = None
+    header_line: int | None = None
+    units_line: int | None = None
+
+
+def read_foreign_bytes(file: Path) -> bytes:
+    """A file's content.
+
+    Raises:
+        FileProblem: no such file, unreadable, empty, or larger than 512 MiB.
+    """
+    if not file.is_file():
+        raise FileProblem(str(file), ["no such file"])
+    size = file.stat().st_size
+    if size > LARGEST_BYTES:
+        raise FileProblem(str(file), [f"{size} bytes; at most {LARGEST_BYTES} can be imported"])
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise FileProblem(str(file), [f"cannot be read: {error}"]) from error
+    if not data:
+        raise FileProblem(str(file), ["is empty"])
+    return data
+
+
+def check_size(file: Path, numbers: int) -> None:
+    """Refuse what claims to hold more numbers than can be read.
+
+    Raises:
+        FileProblem: it does.
+    """
+    if numbers > MOST_NUMBERS:
+        raise FileProblem(str(file), [f"claims to hold {numbers} numbers; at most {MOST_NUMBERS} can be imported"])
+
+
+def unreadable(kind: str, error: BaseException) -> list[str]:
+    """What is said of a file that its own format's reader cannot read.
+
+    What the reader had begun with is let go of in silence: its destructors know only whole files.
+    """
+    told = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
+    try:
+        traceback.clear_frames(error.__traceback__)
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
+    return [f"cannot be read as {kind}; it is damaged, or something else ({told})"]
+
+
+def stream(data: bytes) -> io.BytesIO:
+    """The content as the libraries want it."""
+    return io.BytesIO(data)

@@ -1,0 +1,110 @@
+"""MDF files (ASAM, versions 3 and 4): channels with units, on the time of their group's master channel."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.errors import FileProblem
+from rig.recording.foreign.foreign_file import EXTRA, ForeignColumn, check_size, stream, unreadable
+from rig.signals.arrays import FloatArray
+
+READ_AS = "MDF"
+ALGEBRAIC = 3
+"""Kind of a conversion by a formula in text, which is not evaluated."""
+
+
+class Mf4File:
+    """An MDF file; see `rig.recording.foreign.foreign_file.ForeignFile`. A channel is also found as `GROUP/CHANNEL`.
+
+    GROUP is the number of the channel's group, from 0.
+    """
+
+    def __init__(self, file: Path, data: bytes) -> None:
+        """Read which channels there are.
+
+        Raises:
+            FileProblem: it is damaged, claims to hold too much, or asammdf is not installed.
+        """
+        try:
+            from asammdf import MDF
+        except ImportError as error:
+            raise FileProblem(str(file), [f"MDF files need asammdf: {EXTRA}"]) from error
+        self._file, self.first_line = file, 0
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # on what it leaves out
+                self._mdf: Any = MDF(stream(data))
+                groups: list[tuple[int, Any]] = list(enumerate(self._mdf.groups))
+                check_size(file, sum(
+                    int(group.channel_group.cycles_nr) * len(group.channels) for _number, group in groups
+                ))  # fmt: skip
+                masters: Any = self._mdf.masters_db
+                self._places = [
+                    (number, index) for number, group in groups for index in range(len(group.channels))
+                    if masters.get(number) != index
+                ]
+                self.columns: Sequence[ForeignColumn] = [self._column(*place) for place in self._places]
+                self.read_as = f"{READ_AS} {self._mdf.version}"
+        except FileProblem:
+            raise
+        except Exception as error:
+            raise FileProblem(str(file), unreadable(READ_AS, error)) from error
+
+    def _column(self, group: int, index: int) -> ForeignColumn:
+        channel = self._mdf.groups[group].channels[index]
+        return ForeignColumn(str(channel.name), str(self._mdf.get_channel_unit(group=group, index=index) or ""),
+                             f"{group}/{channel.name}")  # fmt: skip
+
+    def is_stamps(self, place: int) -> bool:
+        """See `ForeignFile.is_stamps`; the time is the master channel's."""
+        del place
+        return False
+
+    def own_time(self, places: Sequence[int]) -> FloatArray:
+        """See `ForeignFile.own_time`: of the master channels, which must be alike.
+
+        Raises:
+            FileProblem: they are not.
+        """
+        times = [np.asarray(self._signal(place).timestamps, np.float64) for place in places]
+        if any(len(time) != len(times[0]) or not np.array_equal(time, times[0]) for time in times):
+            told = ", ".join(f"{self.columns[place].full} {len(time)} samples"
+                             for place, time in zip(places, times, strict=True))  # fmt: skip
+            raise FileProblem(str(self._file), [
+                f"its channels were not sampled together: {told}; bring them to one raster first (MDF.resample)"
+            ])  # fmt: skip
+        return times[0]
+
+    def values(self, places: Sequence[int]) -> list[FloatArray]:
+        """See `ForeignFile.values`."""
+        return [self._numbers(place) for place in places]
+
+    def _numbers(self, place: int) -> FloatArray:
+        signal = self._signal(place)
+        values = np.asarray(signal.samples)
+        if values.dtype.kind not in "fiub" or values.ndim != 1:
+            raise FileProblem(str(self._file), [f"channel {self.columns[place].name!r} holds no series of numbers"])
+        numbers = values.astype(np.float64)
+        if signal.invalidation_bits is not None:
+            numbers[np.asarray(signal.invalidation_bits, bool)] = np.nan
+        return numbers
+
+    def _signal(self, place: int) -> Any:  # noqa: ANN401 - of a library that mypy does not follow
+        group, index = self._places[place]
+        conversion = self._mdf.groups[group].channels[index].conversion
+        if conversion is not None and getattr(conversion, "conversion_type", None) == ALGEBRAIC:
+            raise FileProblem(str(self._file), [
+                f"channel {self.columns[place].name!r}: its numbers come by a formula in the file, which is not run; "
+                "export it with its values converted"
+            ])  # fmt: skip
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # on what it leaves out
+                return self._mdf.get(group=group, index=index, ignore_invalidation_bits=True)
+        except Exception as error:
+            raise FileProblem(str(self._file), unreadable(self.read_as, error)) from error

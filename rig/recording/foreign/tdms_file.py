@@ -1,0 +1,99 @@
+"""TDMS files of LabVIEW: channels in groups, with their units and wave form times."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.errors import FileProblem
+from rig.recording.foreign.foreign_file import EXTRA, ForeignColumn, check_size, stream, unreadable
+from rig.recording.foreign.mat_file import check_alike
+from rig.signals.arrays import FloatArray
+
+UNITS = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit", "unit", "Unit")
+"""Properties in which programs write a channel's unit."""
+READ_AS = "TDMS"
+
+
+class TdmsFile:
+    """A TDMS file; see `rig.recording.foreign.foreign_file.ForeignFile`. A channel is also found as `GROUP/CHANNEL`."""
+
+    def __init__(self, file: Path, data: bytes) -> None:
+        """Read all channels.
+
+        Raises:
+            FileProblem: it is damaged, claims to hold too much, or npTDMS is not installed.
+        """
+        try:
+            from nptdms import TdmsFile as Reader
+        except ImportError as error:
+            raise FileProblem(str(file), [f"TDMS files need npTDMS: {EXTRA}"]) from error
+        self._file, self.read_as, self.first_line = file, READ_AS, 0
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # on what it leaves out
+                heads = Reader.read_metadata(stream(data))
+                check_size(file, sum(len(channel) for group in heads.groups() for channel in group.channels()))
+                groups = Reader.read(stream(data)).groups()
+                self._channels = [channel for group in groups for channel in group.channels()]
+                self._values: dict[int, Any] = {k: channel[:] for k, channel in enumerate(self._channels)}
+        except FileProblem:
+            raise
+        except Exception as error:
+            raise FileProblem(str(file), unreadable(READ_AS, error)) from error
+        self.columns: Sequence[ForeignColumn] = [
+            ForeignColumn(channel.name, _unit(channel.properties), f"{channel.group_name}/{channel.name}")
+            for channel in self._channels
+        ]
+
+    def is_stamps(self, place: int) -> bool:
+        """See `ForeignFile.is_stamps`."""
+        return bool(np.asarray(self._values[place]).dtype.kind == "M")
+
+    def own_time(self, places: Sequence[int]) -> FloatArray | None:
+        """See `ForeignFile.own_time`: from the channels' wave form properties, which must agree.
+
+        Raises:
+            FileProblem: they do not.
+        """
+        waves = {_wave(self._channels[place].properties) for place in places}
+        if len(waves) > 1:
+            told = ", ".join(f"{self.columns[place].name}: {_wave(self._channels[place].properties)}"
+                             for place in places)  # fmt: skip
+            raise FileProblem(str(self._file), [f"its channels were not sampled together (start, step in s): {told}"])
+        (wave,) = waves
+        if wave is None:
+            return None
+        return np.asarray(wave[0] + wave[1] * np.arange(len(self._values[places[0]])), np.float64)
+
+    def values(self, places: Sequence[int]) -> list[FloatArray]:
+        """See `ForeignFile.values`."""
+        names = [self.columns[place].name for place in places]
+        check_alike(self._file, names, [len(self._values[place]) for place in places])
+        return [self._numbers(place) for place in places]
+
+    def _numbers(self, place: int) -> FloatArray:
+        values = np.asarray(self._values[place])
+        if values.dtype.kind == "M":
+            stamps = values.astype("datetime64[ns]").astype(np.int64)
+            return np.asarray((stamps - stamps[0]) * 1e-9 if len(stamps) else stamps, np.float64)
+        if values.dtype.kind not in "fiub":
+            raise FileProblem(str(self._file), [f"channel {self.columns[place].name!r} holds no numbers"])
+        return values.astype(np.float64)
+
+
+def _unit(properties: Any) -> str:  # noqa: ANN401 - of a library without annotations
+    return next((str(properties[name]).strip() for name in UNITS if properties.get(name)), "")
+
+
+def _wave(properties: Any) -> tuple[float, float] | None:  # noqa: ANN401 - of a library without annotations
+    """Start and step (s) of a wave form."""
+    try:
+        step, start = float(properties["wf_increment"]), float(properties.get("wf_start_offset", 0.0))
+    except (KeyError, TypeError, ValueError):
+        return None
+    return (start, step) if np.isfinite(step) and step > 0.0 and np.isfinite(start) else None

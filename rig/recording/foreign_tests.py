@@ -1,0 +1,276 @@
+"""Damper tests in files of other programs: read, brought to SI, and looked at before they are believed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from rig.errors import FileProblem
+from rig.recording.foreign.columns import (
+    MOST_SHOWN,
+    REQUIRED,
+    ColumnChoice,
+    check_wanted,
+    choose,
+    suggestions,
+)
+from rig.recording.foreign.foreign_file import Dialect, ForeignFile
+from rig.recording.foreign.formats import open_foreign
+from rig.signals.arrays import FloatArray
+from rig.signals.cycles import measured_motion
+from rig.signals.plausibility import TestSize, doubts
+
+FEWEST_ROWS = 16
+SLOWEST_Hz, FASTEST_Hz = 5.0, 1e6
+"""Sample rates of damper tests."""
+#: Largest value of each quantity, and of displacement the largest span, that a test can have; as in bench files.
+LARGEST = {"displacement": (2.0, "m"), "force": (200e3, "N"), "current": (20.0, "A"), "commanded_current": (20.0, "A")}
+#: The unit of such numbers, probably, as a column's name is given it.
+LIKELY = {
+    "displacement": "mm (NAME:mm)", "force": "N, not kN (NAME:N)", "current": "mA (NAME:mA)",
+    "commanded_current": "mA (NAME:mA)",
+}
+RATE = "sample-rate"
+DOUBTS = ("units-time", "units-displacement", "units-force", RATE)
+"""What can be accepted by its slug."""
+
+
+@dataclass(frozen=True)
+class ImportedTest:
+    """One foreign test in SI on its own time: arrays (n,), NaN where the file has no number."""
+
+    source: Path
+    sha256: str
+    time_s: FloatArray
+    displacement_m: FloatArray
+    force_N: FloatArray
+    current_A: FloatArray
+    nominal_current_A: float
+    current_measured: bool
+    commanded_A: FloatArray | None
+    choices: Mapping[str, ColumnChoice]
+    read_as: str
+
+
+@dataclass(frozen=True)
+class WantedTests:
+    """What to read of every file; see `rig.recording.importing.import_tests` for each."""
+
+    columns: Mapping[str, str]
+    current_A: float | None = None
+    current_from_name: str | None = None
+    rate_Hz: float | None = None
+    dialect: Dialect = field(default_factory=Dialect)
+    accept: tuple[str, ...] = ()
+
+
+def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]:
+    """Read foreign tests; nothing is written.
+
+    Raises:
+        FileProblem: one line for each thing that does not fit, in any of the files.
+    """
+    pattern = _current_pattern(wanted.current_from_name)
+    unknown = [slug for slug in wanted.accept if slug not in DOUBTS]
+    if unknown:
+        raise FileProblem("--accept", [f"{slug!r} is none of {', '.join(DOUBTS)}" for slug in unknown])
+    if wanted.rate_Hz is not None and not 0.0 < wanted.rate_Hz < np.inf:
+        raise FileProblem("--rate", [f"{wanted.rate_Hz!r} Hz; a rate is greater than 0"])
+    tests: list[ImportedTest] = []
+    problems: dict[str, list[Path]] = {}
+    for file in files:
+        try:
+            tests.append(_read_test(Path(file), wanted, pattern))
+        except FileProblem as error:
+            for problem in error.problems:
+                problems.setdefault(problem, []).append(Path(file))
+    if not files:
+        raise FileProblem("import", ["no files given"])
+    if problems:
+        raise FileProblem("import", [f"{_named(where)}: {problem}" for problem, where in problems.items()])
+    return tests
+
+
+def _named(files: Sequence[Path]) -> str:
+    more = f" and {len(files) - 3} more" if len(files) > 3 else ""
+    return ", ".join(map(str, files[:3])) + more
+
+
+def _current_pattern(text: str | None) -> re.Pattern[str] | None:
+    if text is None:
+        return None
+    try:
+        pattern = re.compile(text)
+    except re.error as error:
+        raise FileProblem("--current-from-name", [f"{text!r} is not a regular expression: {error}"]) from error
+    if "current" not in pattern.groupindex:
+        raise FileProblem("--current-from-name", [f"{text!r} has no group (?P<current>...)"])
+    return pattern
+
+
+def _read_test(file: Path, wanted: WantedTests, pattern: re.Pattern[str] | None) -> ImportedTest:
+    opened, sha256 = open_foreign(file, wanted.dialect)
+    choices = _choices(file, opened, wanted)
+    table = _table(file, opened, choices, wanted)
+    known = next((name for name in ("current", "commanded_current") if name in table), "")
+    problems = [*_wrong_time(opened, table["time"], choices), *_too_large(table, choices)]
+    nominal_A = np.nan
+    try:
+        nominal_A = _nominal_A(file, table.get(known), wanted, pattern)
+    except ValueError as error:
+        problems.append(str(error))
+    if not problems:
+        problems = list(_doubtful(table, wanted.accept))
+    if problems:
+        raise FileProblem(str(file), [*problems, f"(read as {opened.read_as})"])
+    assumed_A = nominal_A if "commanded_current" not in table else np.nan
+    time_s = table["time"]
+    current = table["current"] if "current" in table else np.full(len(time_s), assumed_A)
+    told = "; ".join(f"{quantity} {choice.told}" for quantity, choice in choices.items())
+    return ImportedTest(
+        file, sha256, time_s - time_s[0], table["displacement"], table["force"], current, nominal_A, "current" in table,
+        table.get("commanded_current"), choices, f"{opened.read_as}; {told}",
+    )
+
+
+def _choices(file: Path, opened: ForeignFile, wanted: WantedTests) -> dict[str, ColumnChoice]:
+    """The columns to read.
+
+    Raises:
+        FileProblem: not all can be told; which ones there are is said.
+    """
+    try:
+        check_wanted(wanted.columns)
+        return choose(opened.columns, wanted.columns, opened.is_stamps)
+    except FileProblem as error:
+        absent = [name for name in (*REQUIRED, "time") if name not in wanted.columns]
+        if not absent:
+            raise FileProblem(str(file), [*error.problems, f"(read as {opened.read_as})"]) from error
+        shown = [(one.full or one.name) + (f" ({one.unit})" if one.unit and one.unit not in one.full else "")
+                 for one in opened.columns[:MOST_SHOWN]]  # fmt: skip
+        hint = " ".join(suggestions(opened.columns, absent))
+        raise FileProblem(str(file), [
+            *error.problems, f"read as {opened.read_as}; its columns: {', '.join(shown)}",
+            *([f"perhaps {hint}"] if hint else []),
+        ]) from error  # fmt: skip
+
+
+def _table(
+    file: Path, opened: ForeignFile, choices: Mapping[str, ColumnChoice], wanted: WantedTests
+) -> dict[str, FloatArray]:
+    """The columns in SI, without empty rows at the end.
+
+    Raises:
+        FileProblem: values are no numbers, or there is no time.
+    """
+    places = [choice.place for choice in choices.values()]
+    table = {
+        quantity: values * (choice.unit.scale if choice.unit else 1.0)
+        for (quantity, choice), values in zip(choices.items(), opened.values(places), strict=True)
+    }
+    rows = len(next(iter(table.values())))
+    while rows and all(np.isnan(values[rows - 1]) for values in table.values()):
+        rows -= 1
+    table = {quantity: values[:rows] for quantity, values in table.items()}
+    if "time" not in table:
+        time_s = np.arange(rows) / wanted.rate_Hz if wanted.rate_Hz is not None else opened.own_time(places)
+        if time_s is None:
+            hint = "".join(f"; perhaps {option}" for option in suggestions(opened.columns, ["time"]))
+            raise FileProblem(str(file), [
+                f"time: no column named; write --column time=NAME, or --rate '1 kHz'{hint}"
+            ])  # fmt: skip
+        table["time"] = time_s[:rows]
+    return table
+
+
+def _wrong_time(opened: ForeignFile, time_s: FloatArray, choices: Mapping[str, ColumnChoice]) -> Iterator[str]:
+    place = f"line {{0}}, column {choices['time'].column!r}" if opened.first_line and "time" in choices else "row {0}"
+    first = opened.first_line or 1
+    blank = np.flatnonzero(~np.isfinite(time_s))
+    if len(blank):
+        yield f"{place.format(int(blank[0]) + first)}: no time ({len(blank)} such line(s))"
+        return
+    if len(time_s) < FEWEST_ROWS:
+        yield f"{len(time_s)} rows; a test needs at least {FEWEST_ROWS}"
+        return
+    wrong = np.flatnonzero(~(np.diff(time_s) > 0.0))
+    if len(wrong):
+        row = int(wrong[0]) + 1
+        kind = "line" if opened.first_line else "row"
+        yield (f"{kind} {row + first}: time {float(time_s[row])!r} s does not come after {float(time_s[row - 1])!r} s "
+               f"({len(wrong)} such line(s)); times must increase")  # fmt: skip
+
+
+def _too_large(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice]) -> Iterator[str]:
+    """Values that no damper test has: a wrong unit or a wrong column."""
+    for quantity, (limit, unit) in LARGEST.items():
+        values = table.get(quantity)
+        if values is None or not np.any(np.isfinite(values)):
+            continue
+        spans = quantity == "displacement"
+        verb = "spans" if spans else "reaches"
+        size = float(np.nanmax(values) - np.nanmin(values) if spans else np.nanmax(np.abs(values)))
+        if size > limit:
+            yield (
+                f"column {choices[quantity].text!r}, as {quantity}, {verb} {size:.4g} {unit}; "
+                f"a test has at most {limit:g} {unit}: is its unit right, and is it the {quantity}? The numbers are "
+                f"probably in {LIKELY[quantity]}"
+            )
+
+
+def _nominal_A(
+    file: Path, known: FloatArray | None, wanted: WantedTests, pattern: re.Pattern[str] | None
+) -> float:
+    """The test's current: of its column, its name, or as given.
+
+    Raises:
+        ValueError: none of them tells it.
+    """
+    if known is not None:
+        if not np.any(np.isfinite(known)):
+            raise ValueError("the column of the current has no number in it")
+        return float(np.nanmedian(known))
+    if pattern is None and wanted.current_A is None:
+        raise ValueError(
+            "the coil current is not known: name a column (--column current=i_A), a value (--current '0.5 A') or where "
+            "the file's name says it (--current-from-name '_(?P<current>[0-9.]+)A')",
+        )
+    if pattern is None:
+        return float(wanted.current_A or 0.0)
+    named = pattern.search(file.name)
+    if named is None:
+        raise ValueError(f"the name does not match {pattern.pattern!r}: no current in it")
+    try:
+        value = float(named["current"].replace(",", "."))
+    except (ValueError, AttributeError) as error:
+        raise ValueError(f"current {named['current']!r} in the name is not a number (A)") from error
+    if not abs(value) <= LARGEST["current"][0]:
+        raise ValueError(f"current {value:g} A in the name; a test has at most {LARGEST['current'][0]:g} A")
+    return value
+
+
+def _doubtful(table: Mapping[str, FloatArray], accept: Sequence[str]) -> Iterator[str]:
+    """Rates, strokes and forces that hardly any damper test has, unless they are accepted."""
+    time_s, x, force = table["time"], table["displacement"], table["force"]
+    rate_Hz = float(1.0 / np.median(np.diff(time_s)))
+    if not SLOWEST_Hz <= rate_Hz <= FASTEST_Hz and RATE not in accept:
+        yield (f"{RATE}: {rate_Hz:.4g} samples a second; damper tests are sampled at {SLOWEST_Hz:g} Hz to "
+               f"{FASTEST_Hz:g} Hz: is the unit of the time right? --accept {RATE} takes it as it is")  # fmt: skip
+    if not (np.any(np.isfinite(x)) and np.any(np.isfinite(force))):
+        return
+    motion = measured_motion(time_s, x)
+    span = float(np.nanmax(x) - np.nanmin(x))
+    size = TestSize(
+        span_m=span, force_N=float(np.nanmax(np.abs(force - np.nanmean(force)))),
+        cycle_s=None if motion is None else 1.0 / motion.frequency_Hz,
+        speed_m_s=None if motion is None else 2.0 * np.pi * motion.frequency_Hz * span / 2.0,
+    )
+    for doubt in doubts(size):
+        if doubt.slug not in accept:
+            yield (f"{doubt.slug}: {doubt.value:.4g} {doubt.taken_as} is a size that no damper test has; the numbers "
+                   f"are probably in {doubt.likely}. Write the unit after the column's name and a colon, or --accept "
+                   f"{doubt.slug} takes it as it is")  # fmt: skip

@@ -1,0 +1,116 @@
+"""The report's part about how the fitted parameters depend on the coil's current."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+import rig.dampers
+from rig.dampers import DamperModel
+from rig.errors import RigError
+from rig.report.chart import Chart, Trace
+from rig.report.fragment import CONFIDENCE, card, charts, heading, key, key_line, text
+from rig.report.style import FITTED, MEASURED, RESIDUAL
+from rig.signals.arrays import FloatArray
+
+JsonObject = Mapping[str, Any]
+CURRENT = "Current A"
+WIDTH, HEIGHT, PLACES = 300, 200, 61
+
+
+def parameters_over_current(fit: JsonObject) -> str:
+    """Every parameter that changes with the current, with its 95 % band; nothing where none does."""
+    drawn = parameter_charts(fit)
+    if not drawn:
+        return ""
+    by_current = "relations" in (fit.get("current") or {})
+    keys = key("relation" if by_current else "fitted", MEASURED) + (
+        key("each current's fit, 95 %", FITTED) if by_current else key("95 %", RESIDUAL)
+    )
+    cards = [card(f"<b>{text(name)}</b>", chart.svg()) for name, chart in drawn.items()]
+    return heading("Parameters over current") + key_line("", keys) + charts(cards)
+
+
+def parameter_charts(fit: JsonObject) -> dict[str, Chart]:
+    """The charts by the parameters' names; empty where the fit knows one current only."""
+    current = fit.get("current") or {}
+    if "relations" in current:
+        return _by_relations(fit, current)
+    low, high = ((fit.get("tested") or {}).get("current_A") or (0.0, 0.0))[:2]
+    try:
+        model = rig.dampers.model(str(fit.get("model")), fit.get("hysteresis", "kwok"))
+    except RigError:
+        return {}
+    if not isinstance(low, (int, float)) or not isinstance(high, (int, float)) or not high - low > 1e-2:
+        return {}
+    return _affine(fit, model, np.linspace(max(low, 0.0) if low > -1e-2 else low, high, PLACES))
+
+
+def _affine(fit: JsonObject, model: DamperModel, current_A: FloatArray) -> dict[str, Chart]:
+    """Base + slope I^power for every parameter with a slope, and its band by the covariance."""
+    values, drawn = fit.get("parameters") or {}, {}
+    bases = dict.fromkeys(parameter.at_zero for parameter in model.parameters if parameter.at_zero)
+    for base in bases:
+        members = [(base, 0), *((one.name, one.power) for one in model.parameters if one.at_zero == base)]
+        if any((values.get(name) or {}).get("value") is None for name, _ in members):
+            continue
+        columns = np.array([current_A**power for _, power in members])
+        line = np.array([values[name]["value"] for name, _ in members]) @ columns
+        traces = [Trace(current_A, line, "m", base)]
+        covariance = _covariance(fit, [name for name, _ in members])
+        if covariance is not None:
+            half = CONFIDENCE * np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", columns, covariance, columns), 0.0))
+            traces += [Trace(current_A, line + side * half, "e", "95 %") for side in (-1.0, 1.0)]
+        title = _common(base, [name for name, power in members if power])
+        unit = values[base].get("unit", "")
+        drawn[title] = Chart(CURRENT, f"{title} {unit}", traces, WIDTH, HEIGHT, title=f"{title} over current")
+    return drawn
+
+
+def _common(base: str, slopes: list[str]) -> str:
+    """"Fy" of "Fya" and "Fyb", "C_plus" of "Ca_plus" and "Cb_plus"; else the base's own name."""
+    (first, mark, end), other = base.partition("_"), slopes[0]
+    if first.endswith("a") and other == f"{first[:-1]}b{mark}{end}":
+        return f"{first[:-1]}{mark}{end}"
+    return base
+
+
+def _covariance(fit: JsonObject, names: list[str]) -> FloatArray | None:
+    """Of some parameters; None where one has no standard error."""
+    errors = [(fit["parameters"][name] or {}).get("standard_error") for name in names]
+    if not all(isinstance(error, (int, float)) and math.isfinite(error) for error in errors):
+        return None
+    rows = fit.get("correlation") or {}
+    matrix = np.array([
+        [1.0 if a == b else float((rows.get(a) or {}).get(b) or 0.0) for b in names] for a in names
+    ])  # fmt: skip
+    scale = np.array(errors, float)
+    return np.asarray(matrix * np.outer(scale, scale))
+
+
+def _by_relations(fit: JsonObject, current: JsonObject) -> dict[str, Chart]:
+    """One fit a current: its values with their intervals, and the relation through them."""
+    at_A, drawn = [float(value) for value in current.get("currents_A") or ()], {}
+    for name, relation in (current.get("relations") or {}).items():
+        entries = [(value, (fit.get("parameters") or {}).get(f"{name} at {round(value, 2) + 0.0:g} A"))
+                   for value in at_A]  # fmt: skip
+        known = [(value, entry) for value, entry in entries if entry and isinstance(entry.get("value"), (int, float))]
+        if not known:
+            continue
+        grid = np.linspace(min(at_A), max(at_A), PLACES)
+        line = np.polynomial.polynomial.polyval(grid, np.array(relation["coefficients"], float))
+        traces = [Trace(grid, line, "m", f"{name}, relation")]
+        reach = 0.006 * (max(at_A) - min(at_A) or 1.0)
+        for value, entry in known:
+            ends = [entry[end] if isinstance(entry.get(end), (int, float)) else entry["value"]
+                    for end in ("low", "high")]  # fmt: skip
+            label = f"{name} at {value:g} A"
+            traces.append(Trace(np.full(2, value), np.array(ends, float), "m", label, FITTED))
+            tick = np.full(2, float(entry["value"]))
+            traces.append(Trace(value + reach * np.array([-1.0, 1.0]), tick, "m", label, FITTED))
+        unit = known[0][1].get("unit", "")
+        drawn[name] = Chart(CURRENT, f"{name} {unit}", traces, WIDTH, HEIGHT, title=f"{name} over current")
+    return drawn

@@ -1,0 +1,95 @@
+"""The report's part that shows tests over time: the whole test, and one cycle with the fit over it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from rig.errors import RigError
+from rig.report.chart import Chart, Trace
+from rig.report.fragment import block, card, heading, key, key_line, text
+from rig.report.loops import FORCE, PointView, motion_of
+from rig.report.style import FITTED, MEASURED
+from rig.signals.arrays import FloatArray
+
+MOST_CURRENTS = 6
+COLUMNS = 240
+"""A whole test is drawn by the lowest and highest sample of so many stretches: no peak is lost."""
+WIDTH, HEIGHT = 610, 96
+
+
+def time_traces(views: Sequence[PointView]) -> str:
+    """The fastest test of each current (of at most six, spread evenly); nothing where none can be drawn."""
+    cards = []
+    for view in chosen(views):
+        strips = [chart.svg() for chart in trace_charts(view).values()]
+        point = view.point
+        words = f"{motion_of(view)}, {point.current_A:g} A"
+        cards.append(card(f"<b>{text(point.id)}</b><span>{text(words)}</span>", *strips))
+    if not cards:
+        return ""
+    fitted = any(view.loop is not None and view.loop.fitted_N is not None for view in chosen(views))
+    keys = key("measured", MEASURED) + (key("fitted", FITTED, dashed=True) if fitted else "")
+    note = "The fastest test of each current, from its first to its last sample; below, one cycle from its middle."
+    return heading("Time traces", note) + key_line("", keys) + block("cards", "".join(cards))
+
+
+def chosen(views: Sequence[PointView]) -> list[PointView]:
+    """The fastest drawn test of each current."""
+    fastest: dict[float, PointView] = {}
+    for view in views:
+        if view.loop is None or view.point.verdict == "invalid":
+            continue
+        rival = fastest.get(view.point.current_A)
+        if rival is None or _speed(view) > _speed(rival):
+            fastest[view.point.current_A] = view
+    currents = sorted(fastest)
+    if len(currents) > MOST_CURRENTS:
+        places = np.linspace(0, len(currents) - 1, MOST_CURRENTS).round().astype(int)
+        currents = [currents[place] for place in places]
+    return [fastest[current] for current in currents]
+
+
+def _speed(view: PointView) -> float:
+    return view.point.amplitude_m * view.point.frequency_Hz
+
+
+def trace_charts(view: PointView) -> dict[str, Chart]:
+    """A test's charts over time by name: `displacement`, `force`, `current`, `cycle`."""
+    point, drawn = view.point, {}
+    channels = {"displacement": ("Displ. mm", 1e3), "force": (FORCE, 1.0), "current": ("Current A", 1.0)}
+    try:
+        time_s = point.time_s
+        values = {"displacement": point.displacement_m, "force": point.force_N, "current": point.current_measured_A}
+    except RigError:
+        return {}
+    for name, (label, scale) in channels.items():
+        at_s, drawn_values = envelope(time_s, scale * values[name])
+        trace = Trace(at_s - at_s[0], drawn_values, "m thin", name)
+        drawn[name] = Chart("Time s", label, [trace], WIDTH, HEIGHT, title=f"{label} over time, {point.id}")
+    loop = view.loop
+    if loop is not None and point.frequency_Hz > 0.0:
+        at_ms = 1e3 * loop.phase / point.frequency_Hz
+        traces = [Trace(at_ms, loop.force_N, "m", "measured")]
+        if loop.fitted_N is not None:
+            traces.append(Trace(at_ms, loop.fitted_N, "p", "fitted"))
+        drawn["cycle"] = Chart("Time in the cycle ms", FORCE, traces, WIDTH, 130, title=f"One cycle of {point.id}")
+    return drawn
+
+
+def envelope(time_s: FloatArray, values: FloatArray, columns: int = COLUMNS) -> tuple[FloatArray, FloatArray]:
+    """A long trace as the lowest and highest sample of each of so many stretches, in their order; short ones as is."""
+    if len(time_s) <= 2 * columns:
+        return time_s, values
+    edges = np.linspace(0, len(time_s), columns + 1).astype(int)
+    places = []
+    for start, stop in itertools.pairwise(edges.tolist()):
+        part = values[start:stop]
+        if np.all(np.isnan(part)):
+            places.append(start)
+            continue
+        places += sorted({start + int(np.nanargmin(part)), start + int(np.nanargmax(part))})
+    index = np.array(places)
+    return time_s[index], values[index]

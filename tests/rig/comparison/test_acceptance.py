@@ -1,0 +1,175 @@
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rig.cli.main import main
+from rig.comparison import Comparison, compare, load_bands
+from rig.comparison.judgement import Judgement
+from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED, EXIT_USAGE, FileProblem
+
+Make = Callable[..., Path]
+ROOT = Path(__file__).parents[3]
+PEAK_M_S = 2 * math.pi * 0.02
+REBOUND_N = 1000.0 * PEAK_M_S - 50.0
+"""F = c v + F0 with c = 1000 N s/m and F0 = -50 N at the peak of a sine of 20 mm and 1 Hz: 75.66 N."""
+ENERGY_J = math.pi * 1000.0 * 2 * math.pi * 0.02**2
+"""pi c omega X^2: 7.896 J."""
+
+REBOUND = '[[rebound_force]]\nlow = "{low} N"\nhigh = "{high} N"\n'
+
+
+def judged(compared: Comparison) -> Judgement:
+    assert compared.judgement is not None
+    return compared.judgement
+
+
+def states(compared: Comparison) -> list[str]:
+    return [str(result.state) for result in judged(compared).results]
+
+
+def test_a_value_within_its_band_passes_with_the_margin_to_the_nearer_limit(made_run: Make, bands: Make) -> None:
+    compared = compare([made_run("a")], bands(REBOUND.format(low=70, high=90)))
+    (result,) = judged(compared).results
+    assert judged(compared).passed
+    assert result.value == pytest.approx(REBOUND_N, rel=2e-3)
+    assert result.margin == pytest.approx(REBOUND_N - 70.0, abs=0.2)
+    assert result.margin_percent == pytest.approx(100.0 * (REBOUND_N - 70.0) / 70.0, abs=0.3)
+    assert (result.points, result.unit, result.where) == (("p001",), "N", "sine, 20 mm, 1 Hz, 0.5 A")
+
+
+def test_a_value_outside_fails_with_a_negative_margin(made_run: Make, bands: Make) -> None:
+    compared = compare([made_run("a")], bands('[[energy]]\nhigh_J = 7\n[[damping]]\nlow_N_s_m = 900\n'))
+    energy, damping = judged(compared).results
+    assert not judged(compared).passed
+    assert [str(energy.state), str(damping.state)] == ["fail", "pass"]
+    assert energy.margin == pytest.approx(7.0 - ENERGY_J, abs=0.02)
+    assert damping.value == pytest.approx(1000.0, rel=2e-3)
+
+
+def test_forces_in_jounce_are_negative_and_a_positive_band_of_them_is_refused(made_run: Make, bands: Make) -> None:
+    compared = compare([made_run("a")], bands('[[jounce_force]]\nlow = "-180 N"\nhigh = "-170 N"\n'))
+    assert judged(compared).results[0].value == pytest.approx(-1000.0 * PEAK_M_S - 50.0, rel=2e-3)
+    assert states(compared) == ["pass"]
+    with pytest.raises(FileProblem, match=r'low = "170 N": forces in jounce are negative here'):
+        load_bands(bands('[[jounce_force]]\nlow = "170 N"\nhigh = "180 N"\n'))
+
+
+def test_a_band_whose_test_was_not_run_or_is_not_valid_is_missing_and_not_passed(
+    made_run: Make, made_point: Make, bands: Make
+) -> None:
+    folder = made_run("a")
+    made_point(folder, "p002", 1000.0, frequency_Hz=2.0, verdict="suspect")
+    text = '[[rebound_force]]\nfrequency = "{} Hz"\nlow = "0 N"\n'
+    for frequency in ("2", "3"):
+        compared = compare([folder], bands(text.format(frequency)))
+        (result,) = judged(compared).results
+        assert (str(result.state), judged(compared).passed) == ("missing", False)
+        assert result.why == "no valid point of the run is such a test"
+
+
+def test_bands_choose_loops_by_every_key_that_is_given(made_run: Make, made_point: Make, bands: Make) -> None:
+    folder = made_run("a")
+    made_point(folder, "p002", 1000.0, frequency_Hz=2.0)
+    made_point(folder, "p003", 1000.0, current_A=1.0)
+    for choice, points in (
+        ('speed = "0.125 m/s"', ["p001", "p003"]), ('point = "p002"', ["p002"]),
+        ('current = "0.5 A"', ["p001", "p002"]),
+        ('waveform = "sine"\namplitude = "20 mm"\nfrequency_Hz = 1\ncurrent_A = 1.0', ["p003"]),
+        ("", ["p001", "p002", "p003"]),
+    ):
+        compared = compare([folder], bands(f'[[rebound_force]]\n{choice}\nlow = "0 N"\n'))
+        assert sorted(name for result in judged(compared).results for name in result.points) == points
+
+
+def test_dynamic_range_is_the_force_over_that_at_0_A_without_the_gas_force(
+    made_run: Make, made_point: Make, bands: Make
+) -> None:
+    folder = made_run("a", 2500.0)
+    made_point(folder, "p000", 1000.0, current_A=0.0)
+    compared = compare([folder], bands("[[dynamic_range]]\nlow = 2.4\nhigh = 2.6\n"))
+    (result,) = judged(compared).results
+    assert (result.points, str(result.state)) == (("p001",), "pass")
+    assert result.value == pytest.approx(2.5, rel=3e-3)
+
+
+def test_a_guarded_decision_asks_for_more_margin_than_the_expanded_uncertainty(made_run: Make, bands: Make) -> None:
+    stated = made_run("a", percent=2.0)
+    for low, state in ((70, "pass"), (74, "unsure"), (76, "fail")):
+        compared = compare([stated], bands(REBOUND.format(low=low, high=900), "guarded"))
+        assert states(compared) == [state]
+    assert judged(compared).results[0].expanded == pytest.approx(2 * 0.02 * REBOUND_N, rel=0.02)
+    unstated = compare([made_run("b")], bands(REBOUND.format(low=10, high=900), "guarded"))
+    assert states(unstated) == ["unsure"]
+    assert "calibration" in judged(unstated).results[0].why
+
+
+def test_parameters_are_held_against_bands_where_the_fit_can_tell_them(
+    made_run: Make, made_fit: Make, bands: Make
+) -> None:
+    folder, band = made_run("a"), '[[parameter]]\nname = "Fy"\nunit = "N"\nlow = 495\nhigh = 520\n'
+    assert states(compare([folder], bands(band))) == ["missing"]
+    for changes, state in (
+        ({}, "pass"), ({"value": 530.0}, "fail"), ({"adequate": False}, "missing"),
+        ({"identifiable": False, "reason": "held constant"}, "missing"),
+    ):
+        made_fit(folder, **changes)
+        assert states(compare([folder], bands(band))) == [state]
+    made_fit(folder)
+    with pytest.raises(FileProblem, match=r'parameter\[1\]\.unit = "kN": Fy is fitted in "N"'):
+        compare([folder], bands(band.replace('"N"', '"kN"')))
+
+
+def test_a_change_is_judged_of_every_later_run_against_the_first(made_run: Make, bands: Make) -> None:
+    before, after = made_run("before"), made_run("after", 1120.0)
+    text = '[[energy]]\nmost_change = "{} %"\n'
+    (result,) = judged(compare([before, after], bands(text.format(15)))).results
+    assert (result.change, result.unit, result.run, str(result.state)) == (True, "%", "after", "pass")
+    assert result.value == pytest.approx(12.0, abs=0.05)
+    assert states(compare([before, after], bands(text.format(10)))) == ["fail"]
+    with pytest.raises(FileProblem, match="give two runs"):
+        compare([before], bands(text.format(10)))
+
+
+def test_every_wrong_entry_of_a_bands_file_is_told_at_once_with_its_line(bands: Make) -> None:
+    with pytest.raises(FileProblem) as told:
+        load_bands(bands(
+            '[[energy]]\nhigh = "5 N"\n[[rebound_force]]\nlow = "9 N"\nhigh = "3 N"\n[[damping]]\n'
+            '[[parameter]]\nname = "Fy"\nlow = 1\n[[rebound]]\nlow = "1 N"\n', "strict",
+        ))
+    problems = "\n".join(told.value.problems)
+    for piece in (
+        "line 3: decision", 'energy[1].high = "5 N": 5 N is a force', "rebound_force[1].low", "must be below high",
+        "damping[1]: a band needs low, high or most_change", "parameter[1].unit", "did you mean rebound_force?",
+    ):
+        assert piece in problems
+    assert told.value.slug == "config-absurd"
+
+
+def test_the_command_answers_with_its_exit_code_and_one_object(
+    made_run: Make, bands: Make, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = str(made_run("a"))
+    for low, code in ((70, EXIT_DONE), (80, EXIT_NOT_ACCEPTED)):
+        path = str(bands(REBOUND.format(low=low, high=90)))
+        assert main(["compare", folder, "--bands", path, "--json"]) == code
+        answer = json.loads(capsys.readouterr().out)
+        assert answer["bands"]["passed"] is (code == EXIT_DONE)
+        assert answer["bands"]["results"][0]["margin"] == pytest.approx(REBOUND_N - low, abs=0.2)
+        assert main(["compare", folder, "--bands", path]) == code
+        said = capsys.readouterr().out
+        assert said.startswith("ACCEPTED by drawing 4711" if code == EXIT_DONE else "NOT ACCEPTED by drawing 4711")
+    assert EXIT_NOT_ACCEPTED == 8
+    assert main(["compare", folder]) == EXIT_USAGE
+    assert "--bands" in capsys.readouterr().err
+
+
+def test_the_example_is_a_bands_file_and_its_keys_are_documented() -> None:
+    known = load_bands(ROOT / "examples" / "acceptance-bands.toml")
+    assert {key for key, _ in known.all} >= {"rebound_force", "jounce_force", "energy", "dynamic_range", "parameter"}
+    assert known.all[3][1].low is None
+    assert known.energy[0].high == 75.0

@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rig.cli.main import main
+from rig.comparison import compare
+from rig.comparison.changes import change
+from rig.comparison.readings import Reading
+from rig.errors import RigError
+
+Make = Callable[..., Path]
+
+
+def test_the_change_against_the_first_run_is_shown_for_every_motion_both_have(made_run: Make, made_point: Make) -> None:
+    before, after = made_run("before"), made_run("after", 900.0)
+    made_point(after, "p002", 900.0, frequency_Hz=2.0)
+    answer = compare([before, after]).to_json()
+    first, second = answer["loops"]
+    assert (first["frequency_Hz"], first["points"]) == (1.0, [["p001"], ["p001"]])
+    assert first["damping"][1]["change"]["percent"] == pytest.approx(-10.0, abs=0.05)
+    assert first["damping"][1]["change"]["differs"] is True
+    assert first["damping"][0]["change"]["value"] == 0.0
+    assert (second["points"], second["energy"][0]) == ([None, ["p002"]], None)
+    assert second["energy"][1]["change"] is None
+
+
+def test_repeats_are_averaged_and_what_they_differ_by_is_the_uncertainty(made_run: Make, made_point: Make) -> None:
+    folder = made_run("a", 990.0)
+    made_point(folder, "p001-2", 1010.0)
+    (loop,) = compare([folder, folder]).runs[0].loops
+    reading = loop.values["damping"]
+    assert loop.ids == ("p001", "p001-2")
+    assert reading.value == pytest.approx(1000.0, rel=2e-3)
+    assert reading.std == pytest.approx(10.0, rel=0.02)  # std of 990 and 1010 is 14.14; of their mean 10
+
+
+def test_a_load_cell_that_measured_both_takes_its_calibration_out_of_the_difference() -> None:
+    before, after = Reading(100.0, 0.3, 2.0), Reading(104.0, 0.4, 2.1)
+    same, other = (change(before, after, same_gauge=same) for same in (True, False))
+    assert (same.value, same.std, same.differs) == (pytest.approx(4.0), pytest.approx(0.5), True)
+    assert other.std == pytest.approx(math.sqrt(0.25 + 4.0 + 4.41))
+    assert other.differs is False
+    assert change(before, Reading(104.0, math.nan), same_gauge=True).differs is None
+
+
+def test_parameters_of_different_models_are_not_compared(made_run: Make, made_fit: Make) -> None:
+    first, second = made_run("a"), made_run("b")
+    made_fit(first)
+    made_fit(second, value=550.0)
+    both = compare([first, second])
+    assert both.to_json()["parameters"]["Fy"][1]["change"]["percent"] == pytest.approx(10.0)
+    made_fit(second, model="dahl")
+    assert compare([first, second]).parameter_change(1, "Fy") is None
+    assert "different models" in compare([first, second]).remarks[0]
+
+
+def test_text_says_what_differs_within_eighty_columns(made_run: Make, capsys: pytest.CaptureFixture[str]) -> None:
+    before, after = made_run("before"), made_run("after", 900.0)
+    assert main(["compare", str(before), str(after)]) == 0
+    said = capsys.readouterr().out
+    assert "first: before, specimen S-before" in said
+    assert any(line.split()[:4] == ["damping", "1", "1", "-10"] for line in said.splitlines())
+    from rig.cli.comparison_tables import comparison_lines
+
+    narrow = [text for text, _ in comparison_lines(compare([before, after]), 80, everything=True)]
+    assert max(map(len, narrow)) <= 80
+    assert main(["compare", str(before), str(after), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["bands"] is None
+
+
+def test_too_few_or_too_many_runs_are_refused(made_run: Make) -> None:
+    folder = made_run("a")
+    with pytest.raises(RigError, match="give two runs"):
+        compare([folder])
+    with pytest.raises(RigError, match="at most 12"):
+        compare([folder] * 13)

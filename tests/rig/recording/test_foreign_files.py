@@ -1,0 +1,249 @@
+"""Tests of other programs in their files: dialects of CSV written out by hand, MAT, TDMS, MF4 by their own writers."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.errors import FileProblem
+from rig.recording.foreign.csv_file import CsvFile
+from rig.recording.foreign.foreign_file import Dialect
+from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
+
+ROWS = 1000
+T = np.arange(ROWS) * 0.004
+X_MM = 12.0 + 20.0 * np.sin(2.0 * np.pi * T)
+F_N = 800.0 * np.cos(2.0 * np.pi * T)
+
+
+def rows(separator: str, decimal: str, *, time: Callable[[float], str] = "{:.3f}".format, quote: str = "") -> str:
+    lines = []
+    for t, x, force in zip(T, X_MM, F_N, strict=True):
+        numbers = [time(t), f"{x:.5f}", f"{force / 1e3:.6f}"]
+        lines.append(separator.join(quote + number.replace(".", decimal) + quote for number in numbers))
+    return "\n".join(lines) + "\n"
+
+
+def read(path: Path, *, dialect: Dialect | None = None, rate_Hz: float | None = None, accept: tuple[str, ...] = (),
+         **columns: str) -> ImportedTest:
+    (test,) = read_tests([path], WantedTests(columns, 0.5, None, rate_Hz, dialect or Dialect(), accept))
+    return test
+
+
+def check(test: ImportedTest) -> None:
+    assert test.time_s == pytest.approx(T, abs=1e-9)
+    assert test.displacement_m == pytest.approx(X_MM * 1e-3, abs=1e-8)
+    assert test.force_N == pytest.approx(F_N, abs=1e-3)
+
+
+DIALECTS = {
+    "German machine: preamble, units row, cp1252": (
+        "Prüfmaschine;Dämpfer 7\nDatum;01.03.2024\n\nZeit;Weg;Kraft\ns;mm;kN\n" + rows(";", ","), "cp1252",
+        {"time": "Zeit", "displacement": "Weg", "force": "Kraft"},
+        "CSV, separator ';', decimal ',', cp1252, names in line 4, units in line 5, numbers from line 6",
+    ),
+    "units in brackets": (
+        "Time (sec),Axial Displacement (mm),Axial Force (kN)\n" + rows(",", "."), "utf-8",
+        {"time": "Time", "displacement": "Axial Displacement (mm)", "force": "Axial Force"},
+        "CSV, separator ',', decimal '.', utf-8, names in line 1, numbers from line 2",
+    ),
+    "tabs, CRLF, UTF-16": (
+        ("Time\tStroke\tLoad\n[s]\t[mm]\t[kN]\n" + rows("\t", ",")).replace("\n", "\r\n"), "utf-16",
+        {"time": "Time", "displacement": "Stroke", "force": "Load"},
+        "CSV, separator tab, decimal ',', utf-16, names in line 1, units in line 2, numbers from line 3",
+    ),
+    "columns of white space without names": (
+        rows("   ", "."), "utf-8", {"time": "#1:s", "displacement": "#2:mm", "force": "#3:kN"},
+        "CSV, separator white space, decimal '.', utf-8, no names, numbers from line 1",
+    ),
+    "decimal commas in quotes between commas": (
+        '"t_s","x_mm","F_kN"\n' + rows(",", ",", quote='"'), "utf-8",
+        {"time": "t_s", "displacement": "x_mm", "force": "F_kN"},
+        "CSV, separator ',', decimal ',', utf-8, names in line 1, numbers from line 2",
+    ),
+    "a word in every row, a separator at its end": (
+        "t_s;x_mm;F_kN;state;\n" + rows(";", ".").replace("\n", ";ok;\n"), "utf-8",
+        {"time": "t_s", "displacement": "x_mm", "force": "F_kN"},
+        "CSV, separator ';', decimal '.', utf-8, names in line 1, numbers from line 2",
+    ),
+    "ISO time stamps across midnight": (
+        "stamp,x_mm,F_kN\n" + rows(",", ".", time=lambda t: (
+            f"2024-02-2{('8T23:59:58', '8T23:59:59', '9T00:00:00', '9T00:00:01')[round(t * 1e3) // 1000]}"
+            f".{round(t * 1e3) % 1000:03d}Z")), "utf-8",
+        {"time": "stamp", "displacement": "x_mm", "force": "F_kN"},
+        "CSV, separator ',', decimal '.', utf-8, names in line 1, numbers from line 2",
+    ),
+    "German time stamps": (
+        "Zeit;Weg / mm;Kraft in kN\n" + rows(";", ",", time=lambda t: (
+            f"31/12/2023 23:59:{50 + round(t * 1e3) // 1000}.{round(t * 1e3) % 1000:03d}")).replace("/", "."), "utf-8",
+        {"time": "Zeit", "displacement": "Weg", "force": "Kraft"},
+        "CSV, separator ';', decimal ',', utf-8, names in line 1, numbers from line 2",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_common_dialects_are_read_and_the_guess_is_told(name: str, tmp_path: Path) -> None:
+    text, encoding, columns, told = DIALECTS[name]
+    (tmp_path / "a.csv").write_bytes(text.encode(encoding))
+    test = read(tmp_path / "a.csv", **columns)
+    check(test)
+    assert test.read_as.startswith(told + "; ")
+
+
+def test_what_the_user_says_goes_before_the_guess(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("1;2;3\n10;20;30\nA;B;C\n" + rows(";", "."))
+    assert CsvFile(path, path.read_bytes(), Dialect()).layout.first_line == 4
+    said = Dialect(separator=";", decimal=".", encoding="ascii", header_line=1, units_line=0)
+    test = read(path, dialect=said, time="1:s", displacement="2:mm", force="3:kN")
+    assert len(test.time_s) == ROWS + 1 - 1
+    assert "names in line 1" in test.read_as
+
+
+def test_thousands_are_told_from_decimals_where_a_number_has_both(tmp_path: Path) -> None:
+    text = "\n".join(f"{t:.3f};{x:.4f};{1e3 * f:,.2f}" for t, x, f in zip(T, X_MM, F_N / 1e3 * 5.0, strict=True))
+    swapped = text.replace(".", "#").replace(",", ".").replace("#", ",")
+    for name, content in (("us.csv", text), ("de.csv", swapped)):
+        (tmp_path / name).write_text("t_s;x_mm;F_N\n" + content)
+        test = read(tmp_path / name, time="t_s", displacement="x_mm", force="F_N")
+        assert np.max(test.force_N) == pytest.approx(4000.0)
+
+
+@pytest.mark.parametrize(("text", "columns", "problem"), [
+    ("t_s;x;F_N\ns;mm;N\n", {"displacement": "x:N"}, "displacement=x:N: 'N' is no unit of length"),
+    ("t_s;x_mm;F\ns;m;N\n", {"displacement": "x_mm"}, "its name says mm and the file m"),
+    ("t_s;x;F\ns;mm;N\n", {"displacement": "F"}, "the file says 'N', which is no unit of length"),
+    ("t_s;x_mm;x_mm\n", {"displacement": "x_mm"}, "2 columns are called 'x_mm'; name one of them by"),
+    ("t_s;x_mm;F_N\n", {"displacement": "y_mm"}, "no column 'y_mm'; columns: t_s, x_mm, F_N"),
+])
+def test_units_and_names_that_do_not_fit_are_all_told(
+    text: str, columns: dict[str, str], problem: str, tmp_path: Path
+) -> None:
+    (tmp_path / "a.csv").write_text(text + rows(";", "."))
+    with pytest.raises(FileProblem) as caught:
+        read(tmp_path / "a.csv", time="t_s", force="nowhere:kN", **columns)
+    assert problem in str(caught.value)
+    assert "no column 'nowhere'" in str(caught.value)
+
+
+def test_without_columns_the_file_is_shown_with_what_may_be_meant(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("Zeit;Weg;Kraft\ns;mm;kN\n" + rows(";", "."))
+    with pytest.raises(FileProblem) as caught:
+        read(tmp_path / "a.csv")
+    assert "its columns: Zeit (s), Weg (mm), Kraft (kN)" in str(caught.value)
+    assert "perhaps --column displacement=Weg --column force=Kraft --column time=Zeit" in str(caught.value)
+
+
+@pytest.mark.parametrize(("columns", "slug"), [
+    ({"force": "F_kN:N"}, "units-force"), ({"time": "t_s:h"}, "units-time"), ({"displacement": "x_mm:um"}, ""),
+    ({"displacement": "x_mm:cm", "time": "t_s:ms"}, "units-time"),
+])
+def test_sizes_no_damper_test_has_are_refused_unless_they_are_accepted(
+    columns: dict[str, str], slug: str, tmp_path: Path
+) -> None:
+    (tmp_path / "a.csv").write_text("t_s;x_mm;F_kN\n" + rows(";", "."))
+    named = {"time": "t_s", "displacement": "x_mm", "force": "F_kN", **columns}
+    if not slug:
+        assert read(tmp_path / "a.csv", **named).displacement_m[0] == pytest.approx(12e-6)
+        return
+    with pytest.raises(FileProblem, match=f"{slug}: .*--accept {slug}"):
+        read(tmp_path / "a.csv", **named)
+    assert len(read(tmp_path / "a.csv", accept=(slug, "sample-rate", "units-displacement"), **named).time_s) == ROWS
+
+
+def test_a_rate_stands_for_a_time_that_no_column_has(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("n;x_mm;F_kN\n" + rows(";", "."))
+    check(read(tmp_path / "a.csv", rate_Hz=250.0, displacement="x_mm", force="F_kN"))
+    with pytest.raises(FileProblem, match="time: no column named; write --column time=NAME, or --rate"):
+        read(tmp_path / "a.csv", displacement="x_mm", force="F_kN")
+
+
+def matlab(path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(path, {"t": T, "test": {"F": F_N / 1e3, "note": "a"}, "M": np.column_stack([X_MM, X_MM * 0.0])})
+
+
+def matlab_73(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["t"] = T.reshape(1, -1)
+        file["M"] = np.vstack([X_MM, X_MM * 0.0])
+        file["test/F"] = F_N.reshape(1, -1) / 1e3
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64")
+
+
+def tdms(path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    wave = {"wf_increment": 0.004, "wf_start_offset": 0.0}
+    with TdmsWriter(path) as writer:
+        writer.write_segment([
+            ChannelObject("DAQ", "Stroke", X_MM, {**wave, "unit_string": "mm"}),
+            ChannelObject("DAQ", "Load", F_N / 1e3, {**wave, "unit_string": "kN"}),
+            ChannelObject("Other", "Load", np.arange(3.0)),
+        ])  # fmt: skip
+
+
+def mf4(path: Path) -> None:
+    from asammdf import MDF, Signal
+
+    with MDF(version="4.10") as mdf:
+        mdf.append([Signal(X_MM, T, unit="mm", name="Stroke"), Signal(F_N / 1e3, T, unit="kN", name="Load")])
+        mdf.append([Signal(np.arange(9.0), np.arange(9.0), unit="kN", name="Slow")])
+        mdf.save(path)
+
+
+BINARY: dict[str, tuple[Callable[[Path], None], dict[str, str]]] = {
+    "a.mat": (matlab, {"time": "t:s", "displacement": "M(1):mm", "force": "test.F:kN"}),
+    "b.mat": (matlab_73, {"time": "t:s", "displacement": "M(1):mm", "force": "test.F:kN"}),
+    "a.tdms": (tdms, {"displacement": "Stroke", "force": "DAQ/Load"}),
+    "a.mf4": (mf4, {"displacement": "Stroke", "force": "0/Load"}),
+}
+
+
+@pytest.mark.parametrize("name", BINARY)
+def test_channels_of_other_formats_come_with_their_units_and_times(name: str, tmp_path: Path) -> None:
+    write, columns = BINARY[name]
+    write(tmp_path / name)
+    check(read(tmp_path / name, **columns))
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of asammdf's destructor
+@pytest.mark.parametrize("name", BINARY)
+def test_damaged_files_of_other_formats_are_refused_or_read(name: str, tmp_path: Path) -> None:
+    write, columns = BINARY[name]
+    write(tmp_path / name)
+    whole, source = (tmp_path / name).read_bytes(), np.random.default_rng(5)
+    for _ in range(12):
+        damaged = bytearray(whole[: source.integers(140, len(whole))] if source.random() < 0.4 else whole)
+        for place in source.integers(128, min(len(damaged), 4096), 6):
+            damaged[place] = source.integers(256)
+        (tmp_path / name).write_bytes(damaged)
+        with contextlib.suppress(FileProblem):  # and nothing else is raised
+            assert len(read(tmp_path / name, **columns).time_s) > 15
+
+
+def test_channels_that_were_not_sampled_together_are_refused(tmp_path: Path) -> None:
+    mf4(tmp_path / "a.mf4")
+    tdms(tmp_path / "a.tdms")
+    with pytest.raises(FileProblem, match="not sampled together: 0/Stroke 1000 samples, 1/Slow 9 samples"):
+        read(tmp_path / "a.mf4", displacement="Stroke", force="Slow")
+    with pytest.raises(FileProblem, match="different numbers of rows: Stroke 1000, Load 3"):
+        read(tmp_path / "a.tdms", displacement="Stroke", force="Other/Load:kN")
+
+
+def test_a_small_file_that_inflates_beyond_measure_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from scipy.io import savemat
+
+    monkeypatch.setattr("rig.recording.foreign.foreign_file.MOST_NUMBERS", 10_000)
+    savemat(tmp_path / "a.mat", {"x": np.zeros(1 << 20)}, do_compression=True)
+    with pytest.raises(FileProblem, match=r"claims to hold 10485\d\d numbers"):
+        read(tmp_path / "a.mat", displacement="x:m", force="x:N", rate_Hz=1e3)
