@@ -26,7 +26,8 @@ def headers() -> dict[str, str]:
     """
     policy = (
         f"default-src 'none'; script-src '{_digest(_script())}' 'unsafe-eval'; "
-        f"style-src '{_digest(_static('page.css'))}'; connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        f"style-src '{_digest(_static('page.css'))}'; "
+        "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )
     return {
         "Content-Type": "text/html; charset=utf-8",
