@@ -13,7 +13,7 @@ from rig.errors import FileProblem, RigError
 from rig.export.fitted_model import FittedModel, fitted_model
 from rig.export.force_table import write_table
 from rig.export.inverse_table import write_inverse
-from rig.export.point_arrays import write_mat, write_netcdf
+from rig.export.point_arrays import write_mat, write_mf4, write_netcdf, write_parquet
 from rig.export.point_tables import write_points
 from rig.export.values import write_values
 from rig.plugins import EXPORTS, Catalogue
@@ -112,9 +112,15 @@ def exporter_of_plug_in(name: str, brought: object) -> Exporter:
 
 
 def _write_c(source: Source, out: Path) -> list[Path]:
-    from rig.export.model_files import write_c  # loads numba, as the next two do
+    from rig.export.model_files import write_c  # loads numba, as the next three do
 
     return write_c(source.fitted, out)
+
+
+def _write_fmu(source: Source, out: Path) -> list[Path]:
+    from rig.export.fmu import write_fmu
+
+    return write_fmu(source.fitted, out)
 
 
 def _write_octave(source: Source, out: Path) -> list[Path]:
@@ -138,9 +144,12 @@ OWN = (
         source.run, out)),
     Exporter("mat", "run", "one MATLAB file a point", lambda source, out: write_mat(source.run, out)),
     Exporter("netcdf", "run", "one NetCDF file a point", lambda source, out: write_netcdf(source.run, out)),
+    Exporter("parquet", "run", "one Parquet file a point", lambda source, out: write_parquet(source.run, out)),
+    Exporter("mf4", "run", "one ASAM MDF 4 file a point", lambda source, out: write_mf4(source.run, out)),
     Exporter("json", "fit", "the parameters with their units and intervals, without the rest of fit.json", lambda
              source, out: [write_values(source.fit, out / f"{source.name}-parameters.json")]),
     Exporter("c", "fit", "the model as C99 source, verified against this program's", _write_c),
+    Exporter("fmi", "fit", "the model as an FMU 2.0 for co-simulation, sources inside", _write_fmu),
     Exporter("octave", "fit", "the model as a function for Octave and MATLAB", _write_octave),
     Exporter("python", "fit", "the model as a Python module that needs nothing else", _write_python),
     Exporter("table", "fit", "force over speed and current as CSV, within what was tested", _write_table),

@@ -22,7 +22,8 @@ def _program(fitted: FittedModel) -> tuple[Program, Library]:
     return program, Library([program.start, program.step])
 
 
-def _name(fitted: FittedModel) -> str:
+def source_name(fitted: FittedModel) -> str:
+    """How the model's files and functions are called."""
     return f"damper_{fitted.name}"
 
 
@@ -37,7 +38,7 @@ def write_c(fitted: FittedModel, folder: Path) -> list[Path]:
         NotTranslatable: the model's kernel cannot be translated.
     """
     program, library = _program(fitted)
-    name = _name(fitted)
+    name = source_name(fitted)
     told = "\n".join(f" * {line}".rstrip().replace("*/", "* /") for line in fitted.described())
     header, source = folder / f"{name}.h", folder / f"{name}.c"
     guard = f"{name.upper()}_H"
@@ -91,7 +92,7 @@ def write_octave(fitted: FittedModel, folder: Path) -> list[Path]:
         NotTranslatable: the model's kernel cannot be translated.
     """
     program, library = _program(fitted)
-    name = _name(fitted)
+    name = source_name(fitted)
     told = "\n".join(f"% {line}".rstrip() for line in fitted.described())
     path = folder / f"{name}.m"
     write_text_durably(path, f"""function [F, d] = {name}(u, v, a, current, dt, d)
@@ -133,7 +134,7 @@ def write_python(fitted: FittedModel, folder: Path) -> list[Path]:
         for a, row in zip(names, matrix.tolist(), strict=True)
     }
     units = {parameter.name: parameter.unit for parameter in fitted.model.parameters}
-    path = folder / f"{_name(fitted)}.py"
+    path = folder / f"{source_name(fitted)}.py"
     write_text_durably(path, f'''"""{told}
 """
 

@@ -1,15 +1,19 @@
-"""A run as MATLAB files and as NetCDF: one file a point, a variable a channel, names and units as in the CSV."""
+"""A run as MATLAB, NetCDF, Parquet and MDF files: one a point, a variable a channel, names and units as in the CSV."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 import numpy as np
 
+from rig.errors import FileProblem
 from rig.export.point_tables import LISTED
 from rig.recording.atomic_write import write_durably
+from rig.recording.foreign.foreign_file import EXTRA
 from rig.recording.recorded_point import CHANNELS, RecordedPoint
 from rig.recording.run import Run
 from rig.signals.arrays import FloatArray
@@ -19,6 +23,8 @@ UNITS = {
     "coil_temperature_degC": "degree_Celsius",
 }  # fmt: skip
 """Of `CHANNELS`, in the words of udunits."""
+PLAIN_UNITS = {"velocity_m_s": "m/s", "coil_temperature_degC": "degC"}
+"""Where MDF tools write them otherwise."""
 
 
 def write_mat(run: Run, folder: Path) -> list[Path]:
@@ -35,6 +41,29 @@ def write_netcdf(run: Run, folder: Path) -> list[Path]:
     What a point has not recorded has no variable; what describes the point are global attributes.
     """
     return _written(run, folder, "nc", _netcdf)
+
+
+def write_parquet(run: Run, folder: Path) -> list[Path]:
+    """Write one `ID.parquet` a point: float64 columns, each with `unit`; the table's metadata describe the point.
+
+    What a point has not recorded has no column.
+
+    Raises:
+        FileProblem: pyarrow is not installed.
+    """
+    return _written(run, folder, "parquet", _parquet)
+
+
+def write_mf4(run: Run, folder: Path) -> list[Path]:
+    """Write one `ID.mf4` (MDF 4.10) a point: float64 channels with their units on the point's own time.
+
+    What a point has not recorded has no channel; what describes the point stands in the header's comment. The start
+    time is 1970: a point's time counts from its own start.
+
+    Raises:
+        FileProblem: asammdf is not installed.
+    """
+    return _written(run, folder, "mf4", _mf4)
 
 
 def _written(run: Run, folder: Path, ending: str, content: Callable[[RecordedPoint], bytes]) -> list[Path]:
@@ -75,3 +104,41 @@ def _netcdf(point: RecordedPoint) -> bytes:
             variable.units = UNITS[name]  # type: ignore[attr-defined]  # attributes of the file are made so
         file.flush()
         return content.getvalue()
+
+
+def _parquet(point: RecordedPoint) -> bytes:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise FileProblem("parquet", [f"needs pyarrow: {EXTRA}"]) from error
+    channels = _recorded(point)
+    fields = [pyarrow.field(name, pyarrow.float64(), metadata={"unit": UNITS[name]}) for name in channels]
+    described = {name: _text(getattr(point, name)) for name in LISTED}
+    table = pyarrow.table(list(channels.values()), schema=pyarrow.schema(fields, metadata=described))
+    content = io.BytesIO()
+    pyarrow.parquet.write_table(table, content)
+    return content.getvalue()
+
+
+def _mf4(point: RecordedPoint) -> bytes:
+    try:
+        from asammdf import MDF, Signal
+    except ImportError as error:
+        raise FileProblem("mf4", [f"needs asammdf: {EXTRA}"]) from error
+    channels, content = _recorded(point), io.BytesIO()
+    time_s = channels.pop("time_s", np.zeros(0))
+    with MDF(version="4.10") as file:
+        file.append([
+            Signal(values, time_s, unit=PLAIN_UNITS.get(name, UNITS[name]), name=name)
+            for name, values in channels.items()
+        ], comment=point.id, common_timebase=True)  # fmt: skip
+        told = "\n".join(f"{name}: {_text(getattr(point, name))}" for name in LISTED)
+        file.header.comment = f"<HDcomment><TX>{escape(told)}</TX></HDcomment>"
+        file.header.start_time = datetime(1970, 1, 1, tzinfo=UTC)
+        file.save(content)
+    return content.getvalue()
+
+
+def _text(value: object) -> str:
+    return repr(value) if isinstance(value, float) else str(value)

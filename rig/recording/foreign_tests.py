@@ -113,7 +113,7 @@ def _current_pattern(text: str | None) -> re.Pattern[str] | None:
 
 
 def _read_test(file: Path, wanted: WantedTests, pattern: re.Pattern[str] | None) -> ImportedTest:
-    opened, sha256 = open_foreign(file, wanted.dialect)
+    opened, sha256 = _opened(file, wanted)
     choices = _choices(file, opened, wanted)
     table = _table(file, opened, choices, wanted)
     known = next((name for name in ("current", "commanded_current") if name in table), "")
@@ -135,6 +135,22 @@ def _read_test(file: Path, wanted: WantedTests, pattern: re.Pattern[str] | None)
         file, sha256, time_s - time_s[0], table["displacement"], table["force"], current, nominal_A, "current" in table,
         table.get("commanded_current"), choices, f"{opened.read_as}; {told}",
     )
+
+
+def _opened(file: Path, wanted: WantedTests) -> tuple[ForeignFile, str]:
+    """The file and its SHA-256.
+
+    Raises:
+        FileProblem: it cannot be read; what is wrong with the wanted columns is said too.
+    """
+    try:
+        return open_foreign(file, wanted.dialect)
+    except FileProblem as error:
+        try:
+            check_wanted(wanted.columns)
+        except FileProblem as other:
+            raise FileProblem(str(file), [*error.problems, *other.problems]) from error
+        raise
 
 
 def _choices(file: Path, opened: ForeignFile, wanted: WantedTests) -> dict[str, ColumnChoice]:

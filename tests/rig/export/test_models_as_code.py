@@ -1,4 +1,4 @@
-"""Fits as source code: compiled by gcc, run by Octave and by Python, and compared with the model over every model."""
+"""Fits as source code: compiled by gcc, run by Octave, Python and FMPy, and compared with the model."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -220,3 +221,93 @@ def test_a_fit_for_each_current_is_refused_with_the_way_out(tmp_path: Path) -> N
     (tmp_path / "fit.json").write_text(json.dumps(fit))
     with pytest.raises(FileProblem, match="--current affine"):
         export(tmp_path / "fit.json", "octave", tmp_path / "out")
+
+
+ASYMMETRIC = next(model for model in CATALOGUE if model.name == "asymmetric")
+CHOSEN = [model for model in CATALOGUE if model.name in {"digressive_bilinear", "modified_bouc_wen", "lugre"}]
+INPUTS = ("u", "v", "a", "current")
+
+
+def unit_of(model: DamperModel, folder: Path) -> Path:
+    tool("gcc", "C compiler")
+    (file,) = export(written(model, folder), "fmi", folder / "out")
+    return file
+
+
+def test_fmpy_finds_no_fault_and_the_unit_holds_its_sources(tmp_path: Path) -> None:
+    from fmpy import read_model_description
+    from fmpy.validation import validate_fmu
+
+    file = unit_of(ASYMMETRIC, tmp_path)
+    assert file.name == "damper_asymmetric.fmu"
+    assert validate_fmu(str(file)) == []
+    description = read_model_description(str(file))
+    assert description.fmiVersion == "2.0"
+    constants = {one.name: float(one.start) for one in description.modelVariables if one.name.startswith("p.")}
+    assert constants == {f"p.{name}": value for name, value in values_of(ASYMMETRIC).items()}
+    units = {one.name: one.unit for one in description.modelVariables}
+    assert [units[name] for name in (*INPUTS, "force")] == ["m", "m/s", "m/s2", "A", "N"]
+    names = zipfile.ZipFile(file).namelist()
+    sources = ("fmu.c", "model.h", "damper_asymmetric.c", "damper_asymmetric.h")
+    assert {f"sources/{name}" for name in sources} < set(names)
+    assert file.read_bytes() == unit_of(ASYMMETRIC, tmp_path / "again").read_bytes()
+
+
+@pytest.mark.parametrize("model", CHOSEN, ids=lambda model: f"{model.name}-{model.hysteresis}")
+def test_a_simulation_gives_the_force_of_the_inputs_at_the_beginning_of_each_step(
+    model: DamperModel, tmp_path: Path
+) -> None:
+    from fmpy import simulate_fmu
+
+    samples = motion()
+    t = np.arange(len(samples[0])) * DT_S
+    signals = np.array(list(zip(t, *samples, strict=True)), dtype=[(name, np.float64) for name in ("time", *INPUTS)])
+    result = simulate_fmu(
+        str(unit_of(model, tmp_path)), stop_time=t[-1] + DT_S, step_size=DT_S, output_interval=DT_S, input=signals,
+        output=["force"],
+    )  # fmt: skip
+    as_close_as_asked(model, np.asarray(result["force"][1 : len(t) + 1]), expected(model))
+
+
+def test_read_after_setting_the_inputs_the_force_is_theirs_and_a_state_can_be_taken_back(tmp_path: Path) -> None:
+    from fmpy import extract, read_model_description
+    from fmpy.fmi2 import FMU2Slave
+
+    file = unit_of(ASYMMETRIC, tmp_path)
+    description = read_model_description(str(file))
+    place = {one.name: one.valueReference for one in description.modelVariables}
+    unit = FMU2Slave(guid=description.guid, unzipDirectory=extract(str(file), str(tmp_path / "unit")),
+                     modelIdentifier="damper_asymmetric", instanceName="one")  # fmt: skip
+    unit.instantiate()
+    unit.setupExperiment(startTime=0.0)
+    unit.enterInitializationMode()
+    unit.exitInitializationMode()
+    forces = []
+    for k, sample in enumerate(zip(*motion(), strict=True)):
+        unit.setReal([place[name] for name in INPUTS], [9.0, 9.0, 9.0, 9.0])  # tried, and read, and set again
+        unit.getReal([place["force"]])
+        unit.setReal([place[name] for name in INPUTS], list(sample))
+        forces.append(unit.getReal([place["force"]])[0])
+        if k == 100:
+            state = unit.getFMUState()
+            for size in (DT_S, 3.0 * DT_S):
+                unit.doStep(k * DT_S, size)
+            unit.setFMUState(state)
+            unit.freeFMUState(state)
+        unit.doStep(k * DT_S, DT_S)
+    unit.terminate()
+    unit.freeInstance()
+    as_close_as_asked(ASYMMETRIC, np.array(forces), expected(ASYMMETRIC))
+
+
+def test_the_sources_compile_without_a_warning(tmp_path: Path) -> None:
+    compiler = tool("gcc", "C compiler")
+    zipfile.ZipFile(unit_of(ASYMMETRIC, tmp_path)).extractall(tmp_path / "unit")
+    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
+    subprocess.run([compiler, *strict, "fmu.c"], cwd=tmp_path / "unit/sources", check=True, timeout=60)
+
+
+def test_without_a_compiler_it_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    with pytest.raises(FileProblem, match="needs a C compiler"):
+        export(written(ASYMMETRIC, tmp_path), "fmi", tmp_path / "out")

@@ -1,4 +1,4 @@
-"""Runs in files that other programs open: Octave reads the MATLAB file, xarray the NetCDF one."""
+"""Runs in files that other programs open: Octave, xarray, pyarrow and pandas, asammdf read them."""
 
 from __future__ import annotations
 
@@ -62,3 +62,32 @@ def test_xarray_reads_the_netcdf_file_with_units_bit_for_bit(folder: Path) -> No
             assert data[name].attrs["units"] == unit
             assert np.array_equal(data[name].values, wanted, equal_nan=True)
         assert "coil_temperature_degC" not in data
+
+
+def test_pyarrow_and_pandas_read_the_parquet_file_with_units_bit_for_bit(folder: Path) -> None:
+    import pandas as pd
+    import pyarrow.parquet
+
+    (file,) = export(folder, "parquet", folder / "out")
+    table = pyarrow.parquet.read_table(file)
+    assert file.name == "p001.parquet"
+    assert table.schema.metadata[b"skew_std_s"] == b"0.3333333333333333"
+    assert table.schema.metadata[b"waveform"] == b"sine"
+    for name, unit, wanted in (("time_s", b"s", T), ("displacement_m", b"m", X), ("force_N", b"N", FORCE)):
+        assert table.schema.field(name).metadata[b"unit"] == unit
+        assert np.array_equal(pd.read_parquet(file)[name].to_numpy(), wanted, equal_nan=True)
+
+
+def test_asammdf_reads_the_mf4_file_with_units_and_time_bit_for_bit(folder: Path) -> None:
+    from asammdf import MDF
+
+    (file,) = export(folder, "mf4", folder / "out")
+    assert file.name == "p001.mf4"
+    with MDF(file) as data:
+        assert data.version == "4.10"
+        assert "frequency_Hz: 1.114" in data.header.comment
+        for name, unit, wanted in (("displacement_m", "m", X), ("velocity_m_s", "m/s", None), ("force_N", "N", FORCE)):
+            signal = data.get(name)
+            assert signal.unit == unit
+            assert np.array_equal(signal.timestamps, T)
+            assert wanted is None or np.array_equal(signal.samples, wanted, equal_nan=True)

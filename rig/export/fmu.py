@@ -1,0 +1,154 @@
+"""A fitted model as a functional mock-up unit: FMI 2.0 for co-simulation, sources inside, compiled for this machine."""
+
+from __future__ import annotations
+
+import io
+import platform
+import shutil
+import subprocess
+import tempfile
+import zipfile
+from importlib.resources import files
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import rig
+from rig.errors import FileProblem
+from rig.export.fitted_model import FittedModel
+from rig.export.model_files import source_name, write_c
+from rig.recording.atomic_write import write_durably
+
+INPUTS = {
+    "u": ("m", "Extension about mid-stroke"), "v": ("m/s", "Velocity, positive in rebound"),
+    "a": ("m/s2", "Acceleration"), "current": ("A", "Current of the coil itself"),
+}  # fmt: skip
+UNITS = """  <UnitDefinitions>
+    <Unit name="m"><BaseUnit m="1"/></Unit>
+    <Unit name="m/s"><BaseUnit m="1" s="-1"/></Unit>
+    <Unit name="m/s2"><BaseUnit m="1" s="-2"/></Unit>
+    <Unit name="A"><BaseUnit A="1"/></Unit>
+    <Unit name="N"><BaseUnit kg="1" m="1" s="-2"/></Unit>
+  </UnitDefinitions>"""
+RANGES = {"u": "displacement_m", "v": "velocity_m_s", "current": "current_A"}
+PLATFORMS = {("Linux", "x86_64"): "linux64"}
+"""Names of FMI 2.0; on another machine the unit carries its sources alone."""
+STEP_S = 1e-3
+FIXED = (1980, 1, 1, 0, 0, 0)
+"""Time of the files in the archive: the same fit makes the same unit."""
+
+
+def write_fmu(fitted: FittedModel, folder: Path) -> list[Path]:
+    """Write the model as `damper_MODEL.fmu`: inputs u, v, a, current, output force, the fit's values as constants.
+
+    Raises:
+        NotTranslatable: the model's kernel cannot be translated.
+        FileProblem: there is no C compiler, or it refuses the sources.
+    """
+    name = source_name(fitted)
+    with tempfile.TemporaryDirectory(prefix="fmu-") as held:
+        place = Path(held)
+        header, source = write_c(fitted, place)
+        (place / "fmu.c").write_bytes(files("rig.export.code").joinpath("fmu.c").read_bytes())
+        (place / "model.h").write_text(_model_header(fitted, header.name), encoding="utf-8")
+        content = {f"sources/{file.name}": file.read_bytes() for file in sorted(place.iterdir())}
+        content["modelDescription.xml"] = _description(fitted, source.name).encode()
+        binary = PLATFORMS.get((platform.system(), platform.machine()))
+        if binary is not None:
+            content[f"binaries/{binary}/{name}.so"] = _compiled(place, source.name)
+    content["documentation/index.html"] = _page(fitted).encode()
+    path = folder / f"{name}.fmu"
+    write_durably(path, _archive(content))
+    return [path]
+
+
+def _model_header(fitted: FittedModel, header: str) -> str:
+    name = source_name(fitted)
+    numbers = ", ".join(repr(float(value)) for value in fitted.vector)
+    return f"""#include "{header}"
+#define GUID "{_guid(fitted)}"
+#define MEMORY {name.upper()}_MEMORY
+#define model_start {name}_start
+#define model_step {name}_step
+static const double constants[] = {{{numbers}}};
+"""
+
+
+def _guid(fitted: FittedModel) -> str:
+    return f"{{{fitted.sha256[:32]}}}"
+
+
+def _description(fitted: FittedModel, source: str) -> str:
+    name = source_name(fitted)
+    variables = [
+        _variable(place, variable, f"{meaning}{_range(fitted, variable)}",
+                  'causality="input" variability="continuous"', f'start="0" unit="{unit}"')
+        for place, (variable, (unit, meaning)) in enumerate(INPUTS.items())
+    ]  # fmt: skip
+    output = 'causality="output" variability="continuous"'
+    variables.append(_variable(4, "force", "Force, positive where it resists extension (N)", output, 'unit="N"'))
+    for place, parameter in enumerate(fitted.model.parameters, start=5):
+        told, kind = f"{parameter.meaning} ({parameter.unit})", 'causality="local" variability="constant"'
+        start = f'start="{float(fitted.values[parameter.name])!r}"'
+        variables.append(_variable(place, f"p.{parameter.name}", told, kind, start))
+    listed = "\n".join(variables)
+    about = f"MR damper, model {fitted.model.name}: {fitted.model.equation}; fit {fitted.sha256}"
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{_guid(fitted)}" description={quoteattr(about)}
+    generationTool="mr-damper-rig {rig.__version__}" variableNamingConvention="structured" numberOfEventIndicators="0">
+  <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"
+      canSerializeFMUstate="true" canNotUseMemoryManagementFunctions="true">
+    <SourceFiles><File name="fmu.c"/><File name="{source}"/></SourceFiles>
+  </CoSimulation>
+{UNITS}
+  <DefaultExperiment startTime="0" stepSize="{STEP_S}"/>
+  <ModelVariables>
+{listed}
+  </ModelVariables>
+  <ModelStructure>
+    <Outputs><Unknown index="5" dependencies="1 2 3 4"/></Outputs>
+    <InitialUnknowns><Unknown index="5" dependencies="1 2 3 4"/></InitialUnknowns>
+  </ModelStructure>
+</fmiModelDescription>
+"""
+
+
+def _variable(place: int, name: str, about: str, kind: str, attributes: str) -> str:
+    told = f'name={quoteattr(name)} valueReference="{place}" description={quoteattr(about)} {kind}'
+    return f"    <ScalarVariable {told}><Real {attributes}/></ScalarVariable>"
+
+
+def _range(fitted: FittedModel, variable: str) -> str:
+    """Where it was tested, as words: bounds would make importers stop where the force is only an extrapolation."""
+    ends = fitted.tested.get(RANGES.get(variable, ""))
+    return "" if ends is None else f"; tested from {ends[0]:g} to {ends[1]:g}"
+
+
+def _compiled(place: Path, source: str) -> bytes:
+    """The shared library of the sources.
+
+    Raises:
+        FileProblem: there is no C compiler, or it refuses them.
+    """
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        raise FileProblem("fmi", ["needs a C compiler (cc, gcc or clang): apt install gcc libc6-dev"])
+    library = place / "model.so"
+    command = [compiler, "-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared",
+               "fmu.c", source, "-lm", "-o", library.name]  # fmt: skip
+    done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise FileProblem("fmi", [f"{compiler} failed: {done.stderr.strip()[:400]}"])
+    return library.read_bytes()
+
+
+def _page(fitted: FittedModel) -> str:
+    told = "\n".join(fitted.described()).replace("&", "&amp;").replace("<", "&lt;")
+    return f'<!doctype html><meta charset="utf-8"><title>{source_name(fitted)}</title>\n<pre>\n{told}\n</pre>\n'
+
+
+def _archive(content: dict[str, bytes]) -> bytes:
+    held = io.BytesIO()
+    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in sorted(content.items()):
+            archive.writestr(zipfile.ZipInfo(name, FIXED), data, zipfile.ZIP_DEFLATED)
+    return held.getvalue()
