@@ -122,7 +122,7 @@ function opinion() {
     return ["good", "✓", "OK", `finished: all ${ended.total} points valid`];
   }
   if (!state.running) return state.phase === undefined ? ["wait", "…", "WAITING", "for the campaign"] : ["wait", "■", "ENDED", "No campaign is running here."];
-  if (stopping || state.phase === "stopping" || /stopp/.test(state.phase || "")) return ["bad", "■", "STOPPING", "coil to 0 A, motion fades out"];
+  if (stopping || state.phase === "stopping") return ["bad", "■", "STOPPING", "coil to 0 A, motion fades out"];
   const late = stale();
   if (late.length) return ["bad", "✗", "NOT OK", `no fresh data from: ${late.join(", ")}`];
   const invalid = Object.entries(results).filter(([, one]) => one.verdict === "invalid").map(([id]) => id);
