@@ -227,7 +227,8 @@ def make_current_source(name: str, roles: str | Mapping[str, Any] | None, bus: C
     """
     if name not in current_source_names() and not is_dbc(name):
         given = (bus.interface, bus.channel, bus.bitrate)
-        brought: CurrentSource | None = plugins.made(plugins.CURRENT_SOURCES, name, CurrentSource, *given)
+        further = {"roles": roles, "options": dict(bus.options)}
+        brought: CurrentSource | None = plugins.made(plugins.CURRENT_SOURCES, name, CurrentSource, *given, **further)
         if brought is not None:
             return brought
         raise UnknownDevice(

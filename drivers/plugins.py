@@ -7,6 +7,7 @@ program's own always win: a plug-in cannot stand in a built-in's place.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -149,8 +150,15 @@ def maker_of(group: str, name: str) -> Callable[..., Any] | None:
     return maker
 
 
-def made(group: str, name: str, role: type, *given: object) -> Any:  # noqa: ANN401 - an object of that role, or None
+def made(group: str, name: str, role: type, *given: object, **further: object) -> Any:  # noqa: ANN401 - of that role, or None
     """A plug-in's driver; None when no plug-in has that name.
+
+    Args:
+        group: of the plug-in, such as `SENSORS`.
+        name: of the plug-in.
+        role: what it is to be.
+        given: what every maker of the group takes.
+        further: by name, what a maker takes only if it says so.
 
     Raises:
         BrokenPlugIn: it cannot be used, or makes what has not the role's methods.
@@ -160,7 +168,7 @@ def made(group: str, name: str, role: type, *given: object) -> Any:  # noqa: ANN
     if maker is None or plug_in is None:
         return None
     try:
-        driver = maker(*given)
+        driver = maker(*given, **{key: value for key, value in further.items() if key in _taken(maker)})
     except DriverError:
         raise
     except Exception as error:  # whatever foreign code raises is told as its own failure
@@ -169,6 +177,14 @@ def made(group: str, name: str, role: type, *given: object) -> Any:  # noqa: ANN
     if lacking:
         raise plug_in.broken(f"a driver of this role also has: {', '.join(lacking)}")
     return driver
+
+
+def _taken(maker: Callable[..., Any]) -> frozenset[str]:
+    """The names of what a maker takes; none where Python cannot tell."""
+    try:
+        return frozenset(inspect.signature(maker).parameters)
+    except (TypeError, ValueError):
+        return frozenset()
 
 
 def members_of(role: type) -> tuple[str, ...]:

@@ -18,7 +18,11 @@ FEWEST = 8
 SURE = 0.95
 MOST_LOOKED_AT = 8192
 _TYPES = ("f32", "i32", "i24", "i16", "u16", "f64", "u24", "u32", "u8", "i8")
+FEWEST_MARKS, FEWEST_SUMS = 2, 3
+"""Marks that a frame usually has at least; different checksums that show that one is no mere copy."""
 _ORDERS = ("little", "big")
+ENDS, MARKS = frozenset({0x03, 0x0A, 0x0D}), frozenset({0x02, 0x55, 0x5A, 0x7E, 0xA5, 0xAA, 0xEB})
+"""Bytes by which frames usually end (ETX, LF, CR) and begin."""
 
 
 def described_frames(data: bytes) -> Iterator[dict[str, Any]]:
@@ -73,11 +77,14 @@ def _beginnings(data: bytes, length: int) -> Iterator[int]:
         return
     # A run of zeros is rather the upper half of a small number than a sync; within a run an end may stand first.
     places = [at for at in range(length) if constant[at]]
-    yield from sorted(places, key=lambda at: (columns[at][0] in {0x00, 0xFF}, constant[at - 1]))
+    yield from sorted(places, key=lambda at: (
+        columns[at][0] in {0x00, 0xFF}, not (constant[at - 1] and columns[at - 1][0] in ENDS),
+        columns[at][0] not in MARKS, constant[at - 1],
+    ))  # fmt: skip
 
 
-def _described(frames: Sequence[bytes], length: int) -> dict[str, Any] | None:
-    """The format of frames that begin with a constant byte."""
+def _described(frames: Sequence[bytes], length: int, most_marks: int = LENGTHS.stop) -> dict[str, Any] | None:
+    """The format of frames that begin with a constant byte; so many of them are marks at most."""
     columns = [Counter(frame[at] for frame in frames).most_common(1)[0] for at in range(length)]
     constant = [often >= SURE * len(frames) - 1 for _, often in columns]
     good = [frame for frame in frames if all(
@@ -85,7 +92,7 @@ def _described(frames: Sequence[bytes], length: int) -> dict[str, Any] | None:
     if len(good) < FEWEST or len(set(good)) < 3:
         return None
     marks = 0
-    while marks < length and constant[marks]:
+    while marks < min(length, most_marks) and constant[marks]:
         marks += 1
     found_sum = _checksum(good, length, marks)
     if found_sum is None and marks < 2 and not (marks == 1 and constant[-1]):
@@ -100,10 +107,17 @@ def _described(frames: Sequence[bytes], length: int) -> dict[str, Any] | None:
             table["end"] = list(good[0][end:])
     elif constant[-1]:
         table["end"] = list(good[0][-1:])
-    fields = _fields(good, length, taken)
+    known = set(range(marks)) | set(range(length - len(table.get("end", ())), length))
+    if found_sum is not None:
+        known |= taken - {at for at in range(length) if constant[at]} | {found_sum["checksum_at"]}
+    fields = _fields(good, length, taken, known)
     if fields is None:
         return None
     table["fields"] = fields
+    if SIZES[fields["value"]["type"]] == 1 and marks > FEWEST_MARKS:
+        # Hardly a number of one byte: what stands still before it is rather its upper end.
+        wider = _described(frames, length, FEWEST_MARKS)
+        return table if wider is None or SIZES[wider["fields"]["value"]["type"]] == 1 else wider
     return table
 
 
@@ -112,7 +126,8 @@ def _checksum(frames: Sequence[bytes], length: int, marks: int) -> dict[str, Any
     sample = frames[:40]
     for name, kind in CHECKSUMS.items():
         for at in (length - kind.size, length - kind.size - 1, length - kind.size - 2):
-            if at <= marks:
+            # The sign of a number is a copy of its neighbour, too.
+            if at <= marks or len({frame[at] for frame in sample}) < FEWEST_SUMS:
                 continue
             for begin in range(min(marks, 8) + 1):
                 for order in _ORDERS:
@@ -127,8 +142,17 @@ def _checksum(frames: Sequence[bytes], length: int, marks: int) -> dict[str, Any
     return None
 
 
-def _fields(frames: Sequence[bytes], length: int, taken: set[int]) -> dict[str, dict[str, Any]] | None:
-    """Counter and value among the bytes that are nothing else."""
+def _fields(
+    frames: Sequence[bytes], length: int, taken: set[int], known: set[int]
+) -> dict[str, dict[str, Any]] | None:
+    """Counter and value among the bytes that are nothing else.
+
+    Args:
+        frames: all of that length.
+        length: of a frame.
+        taken: bytes that are something else, or always the same.
+        known: those of them that belong to marks, checksum and end.
+    """
     fields: dict[str, dict[str, Any]] = {}
     for name in ("u16", "u8"):
         for order in _ORDERS if SIZES[name] > 1 else ("little",):
@@ -141,13 +165,17 @@ def _fields(frames: Sequence[bytes], length: int, taken: set[int]) -> dict[str, 
                 steps = [(after - before) % modulus for before, after in pairwise(numbers)]
                 if steps.count(1) >= SURE * len(steps) - 1 and len(set(numbers)) > 2:
                     fields["sequence"] = {"at": at, "type": name} | ({"order": order} if SIZES[name] > 1 else {})
-                    taken = taken | places
-    value = _value(frames, length, taken)
+                    taken, known = taken | places, known | places
+    value = _value(frames, length, taken, known)
     return None if value is None else {"value": value, **fields}
 
 
-def _value(frames: Sequence[bytes], length: int, taken: set[int]) -> dict[str, Any] | None:
-    """The number that is smooth beside its range, and takes the most of the bytes that change."""
+def _value(frames: Sequence[bytes], length: int, taken: set[int], known: set[int]) -> dict[str, Any] | None:
+    """The number that is smooth beside its range, and takes the most of the bytes that change.
+
+    Bytes that never change may be its upper end where it then takes all that nothing else explains.
+    """
+    still = set(range(length)) - known
     changing = {at for at in range(length) if len({frame[at] for frame in frames}) > 1} - taken
     best: tuple[float, dict[str, Any]] | None = None
     for kind in _TYPES:
@@ -155,11 +183,14 @@ def _value(frames: Sequence[bytes], length: int, taken: set[int]) -> dict[str, A
         for order in _ORDERS if size > 1 else ("little",):
             for at in range(length - size + 1):
                 places = set(range(at, at + size))
-                if not places & changing or places & (taken - _quiet(frames, taken)):
+                whole = places == still
+                if not places & changing or (places & (taken - _quiet(frames, taken)) and not whole):
                     continue
                 numbers = _numbers(frames, at, kind, order)
                 rough = _roughness(numbers, wide=kind.startswith("f"))
-                score = rough - 0.15 * len(places & changing) + 0.02 * len(places - changing)
+                score = rough - 0.15 * len(places & changing) + (-0.01 if whole else 0.02) * len(places - changing)
+                # What stands still is the upper end of a number, not the lower one.
+                score += 0.0 if (at if order == "little" else at + size - 1) in changing else 0.1
                 if best is None or score < best[0] - 1e-9:
                     best = score, {"at": at, "type": kind} | ({"order": order} if size > 1 else {})
     return None if best is None else best[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -45,6 +46,7 @@ LIMITS: Mapping[str, str] = {
     "watchdog_action": "",
 }  # fmt: skip
 IDENTITY = ("boot_count", "config_hash", "vendor", "model", "serial_number", "firmware")
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _WHOLE = frozenset(name for name, measures in ROLES.items() if not measures) | {"watchdog_action"}
 
 
@@ -101,6 +103,8 @@ def read_quantities(table: Table, modbus: Modbus) -> dict[str, Quantity]:
     """The table [quantities]; those that are wrong are left out, and their problems kept."""
     result: dict[str, Quantity] = {}
     for name in table:
+        if not _NAME.fullmatch(name):
+            table.add(name, "is no name: letters, digits and _, a letter first, such as servo_error")
         entry = table.table(name)
         entry.only(QUANTITY_KEYS)
         quantity = _quantity(name, entry, modbus)

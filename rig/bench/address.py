@@ -18,9 +18,10 @@ from drivers.catalogue import (
     current_source_timeout_s,
     is_dbc,
     known_current_source_names,
+    own_names,
 )
 from drivers.connection import ActuatorAddress, LinkKind
-from drivers.plugins import BrokenPlugIn
+from drivers.plugins import CURRENT_SOURCES, BrokenPlugIn
 from protocols.errors import ProtocolError
 from rig.bench.quantity import Problem
 
@@ -121,7 +122,7 @@ def known_current_source(name: str) -> str:
 def ecu_problems(dbc: str, roles: str | Mapping[str, Any] | None) -> Iterator[Problem]:
     """What a current source's DBC and roles say wrong, each by itself and together."""
     if not is_dbc(dbc):
-        if roles is not None:
+        if roles is not None and (dbc in own_names(CURRENT_SOURCES) or not isinstance(roles, Mapping)):
             yield ("roles",), f'says what the signals of a DBC file mean; "{dbc}" has its own. Take it out'
     elif roles is None:
         yield ("dbc",), (

@@ -35,7 +35,7 @@ QUESTIONS = (
     Question("name", "Name of the rig", "my rig"),
     Question("actuator", "Controller: a preset, or the path of a register map", "demo"),
     Question("actuator_url", "Its address", "modbus-tcp://192.168.0.10:502"),
-    Question("ecu", "Coil current: an ECU preset, a DBC file (roles beside it: NAME-roles.toml), or a supply", "demo"),
+    Question("ecu", "Coil current: an ECU preset, a DBC file (with NAME-roles.toml), a supply, by-hand", "demo"),
     Question("interface", "CAN interface (python-can)", "socketcan"),
     Question("channel", "CAN channel", "can0"),
     Question("supply_url", "Address of the supply", "tcp://192.168.0.20:5025"),
@@ -56,6 +56,8 @@ QUESTIONS = (
 )
 
 
+BY_HAND = "by-hand"
+"""The answer to the question for the coil's current where somebody sets it."""
 OF_A_SUPPLY, NOT_OF_A_SUPPLY = frozenset({"supply_url"}), frozenset({"interface", "channel"})
 
 
@@ -65,7 +67,8 @@ OF_A_SUPPLY, NOT_OF_A_SUPPLY = frozenset({"supply_url"}), frozenset({"interface"
 )
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path), default=Path(), metavar="[DIR]")
 @click.option("--actuator", metavar="NAME", help="Kind of controller: a preset, or the path of a register map.")
-@click.option("--ecu", metavar="NAME", help="Current source: a preset, a DBC file (roles: NAME-roles.toml), a supply.")
+@click.option("--ecu", metavar="NAME",
+              help="Current source: a preset, a DBC file (roles: NAME-roles.toml), a supply, by-hand.")
 @click.option("--force", metavar="FORMAT", help="What the load cell sends.")
 @click.option("--displacement", metavar="FORMAT", help="What the displacement sensor sends.")
 @click.option("--yes", is_flag=True, help="Ask nothing; what is not given is taken from the defaults.")
@@ -80,7 +83,7 @@ def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
     asks = not (yes or as_json) and sys.stdin.isatty()
     for question in QUESTIONS:
         if not answers[question.key]:
-            needless = question.key in (NOT_OF_A_SUPPLY if _is_supply(answers["ecu"]) else OF_A_SUPPLY)
+            needless = question.key in _needless(answers["ecu"])
             answers[question.key] = _asked(question) if asks and not needless else question.default
     written = write_files(folder, answers)
     if as_json:
@@ -124,14 +127,16 @@ def _check_names(answers: Mapping[str, str]) -> None:
     from drivers.catalogue import actuator_names, known_current_source_names, sensor_format_names, supply_names
 
     known = {
-        "actuator": actuator_names(), "ecu": (*known_current_source_names(), *supply_names()),
+        "actuator": actuator_names(), "ecu": (*known_current_source_names(), *supply_names(), BY_HAND),
         "force": sensor_format_names(),
         "displacement": sensor_format_names(),
     }
-    for key, names in known.items():
-        answer = answers.get(key, "")
-        if answer and answer not in names and not answer.endswith((".toml", ".dbc")):
-            raise click.UsageError(f"--{key}: {answer!r} is not known; known: {', '.join(names)}, or a file")
+    unknown = [
+        f"--{key}: {answers[key]!r} is not known; known: {', '.join(names)}, or a file" for key, names in known.items()
+        if answers.get(key) and answers[key] not in names and not answers[key].endswith((".toml", ".dbc"))
+    ]
+    if unknown:
+        raise click.UsageError("\n".join(unknown))
 
 
 def write_files(folder: Path, answers: Mapping[str, str]) -> list[Path]:
@@ -151,7 +156,7 @@ def write_files(folder: Path, answers: Mapping[str, str]) -> list[Path]:
     filled = {key: _from(folder, answer) for key, answer in answers.items()}
     dbc = filled["ecu"].endswith(".dbc")
     filled["roles"] = f'roles = "{filled["ecu"].removesuffix(".dbc")}-roles.toml"' if dbc else "# roles = ..."
-    filled["ecu_table"] = _filled("supply.toml" if _is_supply(answers["ecu"]) else "ecu.toml", filled)
+    filled["ecu_table"] = _filled(_template(answers["ecu"]), filled)
     texts = {name: _filled(name, filled) for name in (BENCH, MATRIX)}
     for name, model in (("bench.schema.json", Bench), ("matrix.schema.json", Matrix)):
         schema = {"$schema": DIALECT, **model.model_json_schema(by_alias=True)}
@@ -172,6 +177,31 @@ def write_files(folder: Path, answers: Mapping[str, str]) -> list[Path]:
             path.unlink()
         raise
     return paths
+
+
+def _needless(ecu: str) -> frozenset[str]:
+    """Questions that have no meaning for a current source."""
+    if ecu == BY_HAND:
+        return OF_A_SUPPLY | NOT_OF_A_SUPPLY
+    return NOT_OF_A_SUPPLY if _is_supply(ecu) else OF_A_SUPPLY
+
+
+def _template(ecu: str) -> str:
+    """The table of a current source: by hand, an analogue output, a supply, an ECU.
+
+    Raises:
+        FileProblem: a supply's file cannot be used: everything that is wrong.
+    """
+    if ecu == BY_HAND:
+        return "by_hand.toml"
+    if not _is_supply(ecu):
+        return "ecu.toml"
+    from drivers.catalogue import supply, supply_problems
+
+    problems = supply_problems(ecu)
+    if problems:
+        raise FileProblem(ecu, [text for _, text in problems])
+    return "supply.toml" if supply(ecu).output is None else "output.toml"
 
 
 def _is_supply(answer: str) -> bool:

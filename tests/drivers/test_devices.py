@@ -23,6 +23,7 @@ from drivers.connection import ActuatorAddress, ActuatorConnection, CanAddress, 
 from drivers.devices import source as sources
 from drivers.devices.source import current_source
 from drivers.errors import UnknownDevice
+from drivers.plugins import PlugIn
 from drivers.register_maps.map_file import FOLDER, controller
 from drivers.ring import Channel
 from drivers.sample_stream import SampleScale
@@ -144,3 +145,24 @@ def test_what_a_device_cannot_do_is_said_and_one_that_nothing_stops_is_known() -
 def test_an_address_is_parsed_once(text: str, address: tuple[LinkKind, str | None, int | None, str]) -> None:
     parsed = ActuatorAddress.parse(text)
     assert (parsed.kind, parsed.host, parsed.port, parsed.line) == address
+
+
+def test_a_plug_in_for_the_current_gets_the_tables_that_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Makers that take interface, channel and bitrate alone are called as ever."""
+    made = make_current_source("demo", None, CanAddress("virtual", "x"))
+    seen: list[tuple[object, ...]] = []
+
+    def plain(interface: str, channel: str, bitrate: int) -> object:
+        seen.append((interface, channel, bitrate))
+        return made
+
+    def asking(interface: str, channel: str, bitrate: int, roles: object, options: object) -> object:
+        seen.append((interface, channel, bitrate, roles, options))
+        return made
+
+    monkeypatch.setattr("drivers.plugins.plug_in_of", lambda group, name: PlugIn(group, name, "lab", "1", "lab:make"))
+    monkeypatch.setattr("drivers.plugins.load", lambda plug_in: {"plain": plain, "asking": asking}[plug_in.name])
+    bus = CanAddress("virtual", "x", 250_000, {"app_name": "rig"})
+    for name in ("plain", "asking"):
+        assert make_current_source(name, {"scale": 2.0}, bus) is made
+    assert seen == [("virtual", "x", 250_000), ("virtual", "x", 250_000, {"scale": 2.0}, {"app_name": "rig"})]

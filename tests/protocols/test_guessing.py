@@ -11,6 +11,7 @@ import pytest
 
 from drivers.sniffing import guessed, tried
 from protocols.guess_can import read_candump, summaries
+from protocols.guess_frames import described_frames
 
 SIGNAL = [1000.0 * math.sin(2.0 * math.pi * k / 97.0) + 3.0 * math.sin(k * k) for k in range(240)]
 
@@ -130,3 +131,18 @@ def test_counters_and_checksums_of_a_bus_are_found() -> None:
     assert fast.checksums == [0]
     assert fast.changing == [0, 1, 3]
     assert (slow.identifier, slow.extended, slow.changing) == (0x18FF0001, True, [])
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+@pytest.mark.parametrize("end", [b"\r", b""])
+@pytest.mark.parametrize("middle", [0, 300, 70_000])
+def test_bytes_of_a_number_that_stand_still_belong_to_it(order: str, end: bytes, middle: int) -> None:
+    """A sensor at rest: the upper bytes of its 32-bit number do not change; they are neither marks nor nothing."""
+    data = b""
+    for k in range(60):
+        number = middle + round(20.0 * math.sin(k / 9.0)) + k % 3
+        frame = b"\xaa\x55" + number.to_bytes(4, order, signed=True)  # type: ignore[arg-type]  # "little" or "big"
+        data += frame + (end or bytes([sum(frame) & 0xFF]))
+    first = next(described_frames(data[3:]))
+    assert first["sync"] == [0xAA, 0x55]
+    assert first["fields"] == {"value": {"at": 2, "type": "i32", "order": order}}

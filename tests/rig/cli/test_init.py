@@ -10,7 +10,10 @@ import sys
 import tomllib
 from pathlib import Path
 
+from click.testing import CliRunner
+
 from rig.bench.model import Bench
+from rig.cli.init import QUESTIONS, command, write_files
 from rig.matrix.model import load_files
 from rig.matrix.plan import plan
 
@@ -44,6 +47,28 @@ def test_an_ecu_by_its_dbc_or_a_supply_is_written_with_what_belongs_to_it(tmp_pa
     assert init(str(tmp_path / "supply"), "--yes", "--ecu", "generic-scpi").returncode == 0
     by_supply = Bench.load(tmp_path / "supply" / "bench.toml").ecu
     assert (by_supply.url, by_supply.supply) == ("tcp://192.168.0.20:5025", "generic-scpi")
+
+
+def test_by_hand_and_an_analogue_output_have_tables_of_their_own(tmp_path: Path) -> None:
+    """In this process: what the command does once it has its answers."""
+    answers = {question.key: question.default for question in QUESTIONS}
+    write_files(tmp_path / "hand", answers | {"ecu": "by-hand"})
+    assert Bench.load(tmp_path / "hand" / "bench.toml").ecu.by_hand
+    registers = tmp_path / "output.toml"
+    registers.write_text(
+        '[range]\ncurrent_A = [0, 3]\n[quantities]\ncurrent = {address = 0, scale = 0.001, unit = "A"}\n',
+        encoding="utf-8",
+    )
+    write_files(tmp_path / "output", answers | {"ecu": str(registers)})
+    ecu = Bench.load(tmp_path / "output" / "bench.toml").ecu
+    assert (ecu.url, ecu.measured) == ("modbus-tcp://192.168.0.30:502", False)
+
+
+def test_every_device_that_there_is_not_is_named_at_once(tmp_path: Path) -> None:
+    refused = CliRunner().invoke(command, [str(tmp_path / "new"), "--yes", "--force", "laumas", "--actuator", "x"])
+    assert refused.exit_code == 2
+    assert "--force: 'laumas'" in refused.output
+    assert "--actuator: 'x'" in refused.output
 
 
 def test_editors_find_the_schema_and_every_key_in_it(tmp_path: Path) -> None:
