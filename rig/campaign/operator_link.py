@@ -64,6 +64,10 @@ class Signals:
         """The handler: keeps the number, whatever the process does at this moment."""
         self.caught.append(number)
 
+    def beginning(self) -> list[ev.Event]:
+        """The campaign's first event; of a held one none, until somebody presses Start."""
+        return [] if self.held else [ev.Begin()]
+
     def take(self) -> list[ev.Event]:
         """What was asked for since the last call, oldest first."""
         events: list[ev.Event] = [*self._early, *self._asked()]
