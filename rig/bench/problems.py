@@ -56,8 +56,9 @@ TABLES = {
         {"limits", "actuator", "ecu", "load_cell", "lvdt", "auxiliary", "fixture", "clock", "station", "checks"}
     ),
     "matrix": frozenset(
-        {"specimen", "matrix", "point", "friction", "current_step", "temperature", "identify", "campaign"}
+        {"specimen", "matrix", "point", "friction", "current_step", "hybrid", "temperature", "identify", "campaign"}
     ),
+    "benchmark": frozenset({"benchmark", "recordings"}),
     "study": frozenset({"data", "comparison", "symmetry", "sensitivity", "parallel", "per_current"}),
     "car": frozenset({"body", "front", "rear"}),
     "road": frozenset({"sweep", "random", "bump", "pothole", "profile", "drive"}),
@@ -71,6 +72,7 @@ _PLACES = {
     "bench": "rig plan MATRIX --bench {path}",
     "matrix": "rig plan {path} --bench BENCH",
     "study": "rig study {path}",
+    "benchmark": "rig study {path}",
     "car": "rig ride FIT --car {path}",
     "road": "rig ride FIT --road {path}",
     "bands": "rig compare RUN --bands {path}",

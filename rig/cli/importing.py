@@ -48,6 +48,8 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
         "rig import tests/*.csv --column time=t_s --column displacement=x_m --column force=force_N \\",
         "    --current-from-name '_(?P<current>[0-9.]+)A'",
         "rig import loop.csv --column time=t:ms --column displacement=x:mm --column force=F:kN --current '0.5 A'",
+        "rig import random.csv --waveform random --column time=t:s --column displacement=x:mm --column force=F:N \\",
+        "    --column voltage=u:V",
         "rig import run7.mf4 --column displacement=Stroke --column force=LoadCell --column current=I_coil",
         "rig import old.txt --dry-run --separator ';' --decimal , --column time=Zeit --column displacement=Weg \\",
         "    --column force=Kraft --current '0 A'",
@@ -60,8 +62,9 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     multiple=True,
     callback=_pairs,
     metavar="QUANTITY=COLUMN",
-    help="Column of time, displacement, force, current (measured) or commanded_current: its name, #3 for the third, "
-    "GROUP/NAME in MDF and TDMS; unit as the file says, as a suffix (x_mm) or after a colon (x:mm).",
+    help="Column of time, displacement, force, current (measured), commanded_current or voltage (of the driver): its "
+    "name, #3 for the third, GROUP/NAME in MDF and TDMS; unit as the file says, as a suffix (x_mm) or after a colon "
+    "(x:mm).",
 )
 @click.option(
     "--rate", type=QuantityOption("frequency"), help="Sample rate, such as '1 kHz', where there is no column of time."
@@ -82,7 +85,12 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     help="Regular expression for the file name with a group `current` (A).",
 )
 @click.option(
-    "--waveform", type=click.Choice(WAVEFORM_NAMES), default=SINE.name, show_default=True, help="Waveform of all files."
+    "--waveform", type=click.Choice((*WAVEFORM_NAMES, "random")), default=SINE.name, show_default=True,
+    help="Waveform of all files; random: motion without cycles.",
+)
+@click.option(
+    "--ampere-per-volt", type=click.FloatRange(0.0, 100.0, min_open=True), default=1.0, show_default=True,
+    help="Current that the driver commands for a volt of the column `voltage`.",
 )
 @click.option("--specimen", default="imported", show_default=True, help="Serial number of the damper.")
 @click.option("--mid-stroke", type=QuantityOption("length"), help="Mid-stroke position in the displacement column.")
@@ -102,6 +110,7 @@ def command(
     current: float | None,
     current_from_name: str | None,
     waveform: str,
+    ampere_per_volt: float,
     specimen: str,
     mid_stroke: float | None,
     out: Path,
@@ -118,7 +127,8 @@ def command(
     from rig.recording.importing import Described, write_run
 
     dialect = Dialect(separator, decimal, encoding, header_line, units_line)
-    tests = read_tests(files, WantedTests(columns, current, current_from_name, rate, dialect, accept))
+    wanted = WantedTests(columns, current, current_from_name, rate, dialect, accept, ampere_per_volt)
+    tests = read_tests(files, wanted)
     if not as_json:
         for test in tests:
             console().print(f"{test.source}: {test.read_as}", markup=False, soft_wrap=True)

@@ -87,7 +87,6 @@ def command(
     from rig.campaign.results import CampaignOptions
     from rig.cli.analysis_check import check_analysis
     from rig.cli.job import run_job
-    from rig.cli.words import ending
     from rig.matrix.model import load_files, load_matrix
 
     path = _matrix_path(matrix, resume)
@@ -109,16 +108,25 @@ def command(
     )
     shown = console(as_json=as_json)
     with live_link(settings, held=hold) as live:
-        result = run_job(options, identify if identify.enabled and not no_identify else None, shown, live)
-    # Whoever read the output may have left meanwhile: the exit code still says how the campaign ended.
+        result = run_job(options, identify if tests.wants_fit and not no_identify else None, shown, live)
+    _show(result, shown, as_json=as_json, page=live.url)
+    return result.exit_code
+
+
+def _show(result: JobResult, shown: Console, *, as_json: bool, page: str | None) -> None:
+    """Say how it ended, for people or as JSON.
+
+    Whoever read the output may have left meanwhile: the exit code still says how the campaign ended.
+    """
+    from rig.cli.words import ending
+
     with contextlib.suppress(OSError):
         if as_json:
             for style, text in ending(result.campaign):
                 shown.print(text, style=style, soft_wrap=True, markup=False)
-            write_json(result.to_json() | ({} if live.url is None else {"page": live.url}))
+            write_json(result.to_json() | ({} if page is None else {"page": page}))
         else:
             show_result(result, shown)
-    return result.exit_code
 
 
 def _attended(*, as_json: bool) -> bool:

@@ -1,4 +1,4 @@
-"""`rig study`: the papers' comparison over recordings, resumable."""
+"""`rig study`: the papers' comparison over recordings, or a benchmark on open ones; resumable."""
 
 from __future__ import annotations
 
@@ -15,7 +15,14 @@ if TYPE_CHECKING:
     from rig.study.execution import StudyProgress
 
 
-@click.command(name="study", cls=Command, examples=("rig study examples/paper-tables.toml --out logs/paper-tables",))
+@click.command(
+    name="study",
+    cls=Command,
+    examples=(
+        "rig study examples/paper-tables.toml --out logs/paper-tables",
+        "rig study examples/open-recordings.toml",
+    ),
+)
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
     "--out",
@@ -28,15 +35,21 @@ if TYPE_CHECKING:
 def command(file: Path, out: Path | None, processes: int | None, scheduler: str | None, as_json: bool) -> int:
     """Run the study FILE: tables, statistics and figures of both papers from its recordings.
 
+    A benchmark file (examples/open-recordings.toml) fits every model and method to open recordings instead and writes
+    one table of what they foretell of unseen tests; what is to be downloaded is said.
+
     Writes tables (CSV), study.json and study.html. It can be interrupted: finished searches are kept, and the same
     command continues.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+    from rig.study.benchmark_file import is_benchmark
     from rig.study.comparison import run_study
     from rig.study.outputs import as_json as plain
 
     folder = out or Path("logs") / f"study-{file.stem}"
+    if is_benchmark(file):
+        return _benchmark(file, folder, processes, as_json)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}"))
     with Progress(*columns, console=console(as_json=True)) as bar:
         task = bar.add_task("searches", total=None, left="")
@@ -55,6 +68,37 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
         shown.print(f"{counts}, {len(outcome.tables)} tables")
         shown.print(f"page: {outcome.page}")
         shown.print(f"tables: {folder / 'tables'}")
+    return EXIT_DONE
+
+
+def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -> int:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    from rig.study.benchmark import run_benchmark
+    from rig.study.outputs import as_json as plain
+    from rig.study.outputs import written
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, console=console(as_json=True)) as bar:
+        task = bar.add_task("fits", total=None)
+
+        def show(progress: StudyProgress) -> None:
+            bar.update(task, completed=progress.done, total=progress.total)
+
+        outcome = run_benchmark(file, folder, processes, show)
+    if as_json:
+        results = plain([outcome.table], {}, outcome.facts)
+        write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **results})
+        return EXIT_DONE
+    shown = console()
+    for row in outcome.table.rows:
+        cells = [written(cell) for cell in row[:5]]
+        said = zip(cells[3:], ("% of peak", "% of variance"), strict=True)
+        unseen = [f"{cell} {what}" for cell, what in said if cell]
+        shown.print(f"{cells[0]:<10}{', '.join(cells[1:3]):<44}{', '.join(unseen)}", markup=False, soft_wrap=True)
+    for line in outcome.facts["left_out"]:
+        shown.print(line, markup=False, soft_wrap=True)
+    shown.print(f"page: {outcome.page}")
     return EXIT_DONE
 
 

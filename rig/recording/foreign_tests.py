@@ -28,11 +28,14 @@ FEWEST_ROWS = 16
 SLOWEST_Hz, FASTEST_Hz = 5.0, 1e6
 """Sample rates of damper tests."""
 #: Largest value of each quantity, and of displacement the largest span, that a test can have; as in bench files.
-LARGEST = {"displacement": (2.0, "m"), "force": (200e3, "N"), "current": (20.0, "A"), "commanded_current": (20.0, "A")}
+LARGEST = {
+    "displacement": (2.0, "m"), "force": (200e3, "N"), "current": (20.0, "A"), "commanded_current": (20.0, "A"),
+    "voltage": (100.0, "V"),
+}
 #: The unit of such numbers, probably, as a column's name is given it.
 LIKELY = {
     "displacement": "mm (NAME:mm)", "force": "N, not kN (NAME:N)", "current": "mA (NAME:mA)",
-    "commanded_current": "mA (NAME:mA)",
+    "commanded_current": "mA (NAME:mA)", "voltage": "mV (NAME:mV)",
 }
 RATE = "sample-rate"
 DOUBTS = ("units-time", "units-displacement", "units-force", RATE)
@@ -66,6 +69,7 @@ class WantedTests:
     rate_Hz: float | None = None
     dialect: Dialect = field(default_factory=Dialect)
     accept: tuple[str, ...] = ()
+    ampere_per_volt: float = 1.0
 
 
 def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]:
@@ -116,6 +120,8 @@ def _read_test(file: Path, wanted: WantedTests, pattern: re.Pattern[str] | None)
     opened, sha256 = _opened(file, wanted)
     choices = _choices(file, opened, wanted)
     table = _table(file, opened, choices, wanted)
+    if "voltage" in table:
+        table.setdefault("commanded_current", table["voltage"] * wanted.ampere_per_volt)
     known = next((name for name in ("current", "commanded_current") if name in table), "")
     problems = [*_wrong_time(opened, table["time"], choices), *_too_large(table, choices)]
     nominal_A = np.nan
@@ -161,6 +167,8 @@ def _choices(file: Path, opened: ForeignFile, wanted: WantedTests) -> dict[str, 
     """
     try:
         check_wanted(wanted.columns)
+        if {"voltage", "commanded_current"} <= wanted.columns.keys():
+            raise FileProblem("--column", ["voltage and commanded_current are both a command of the coil: name one"])
         return choose(opened.columns, wanted.columns, opened.is_stamps)
     except FileProblem as error:
         absent = [name for name in (*REQUIRED, "time") if name not in wanted.columns]
@@ -225,7 +233,7 @@ def _too_large(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoi
     """Values that no damper test has: a wrong unit or a wrong column."""
     for quantity, (limit, unit) in LARGEST.items():
         values = table.get(quantity)
-        if values is None or not np.any(np.isfinite(values)):
+        if quantity not in choices or values is None or not np.any(np.isfinite(values)):
             continue
         spans = quantity == "displacement"
         verb = "spans" if spans else "reaches"

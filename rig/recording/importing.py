@@ -31,6 +31,7 @@ from rig.recording.quality.verdict import Reason, Verdict, invalid
 from rig.signals.arrays import FloatArray
 from rig.signals.cycles import MeasuredMotion, measured_motion
 from rig.signals.derivatives import velocity_of
+from rig.signals.free_motion import RANDOM, mean_rate_Hz
 from rig.signals.interpolation import LARGEST_STEP_PERIODS
 from rig.signals.loop_shape import standing
 
@@ -46,7 +47,7 @@ class Described:
     """What the user says of all tests.
 
     Attributes:
-        waveform: `sine` or `triangle`.
+        waveform: `sine`, `triangle`, or `random` for motion without cycles.
         specimen: serial number of the damper; becomes part of the directory's name.
         mid_stroke_m: mid-stroke in the coordinate of the displacement column; None: unknown.
     """
@@ -60,23 +61,25 @@ def import_tests(
     files: Sequence[Path], *, columns: Mapping[str, str], out: Path, current_A: float | None = None,
     current_from_name: str | None = None, waveform: str = "sine", specimen: str = "imported",
     mid_stroke_m: float | None = None, rate_Hz: float | None = None, dialect: Dialect | None = None,
-    accept: Sequence[str] = (),
+    accept: Sequence[str] = (), ampere_per_volt: float = 1.0,
 ) -> Path:
     """Make a run from files of CSV, MATLAB, MDF or TDMS, one point a file, all or none.
 
     Args:
         files: the tests.
-        columns: `displacement`, `force` and, if known, `time`, `current` (measured) and `commanded_current` -> column
-            with its unit: after a colon (`x:mm`), as the file says it, or as a suffix of the name (`x_mm`).
+        columns: `displacement`, `force` and, if known, `time`, `current` (measured) and `commanded_current` or
+            `voltage` (of the driver, a command) -> column with its unit: after a colon (`x:mm`), as the file says it,
+            or as a suffix of the name (`x_mm`).
         out: folder in which the run's directory is made.
         current_A: coil current of all tests, where the files have no column of it.
         current_from_name: regular expression with a group `current` (in A) to be found in each file's name.
-        waveform: `sine` or `triangle`.
+        waveform: `sine`, `triangle`, or `random` for motion without cycles.
         specimen: serial number of the damper; becomes part of the directory's name.
         mid_stroke_m: mid-stroke in the coordinate of the displacement column; None: unknown.
         rate_Hz: sample rate, where neither a column nor the format has a time.
         dialect: how CSV files are written, where the guess is wrong.
         accept: slugs of doubts (`units-force`, ...) about sizes that are right all the same.
+        ampere_per_volt: current that the driver commands for a volt of `voltage`.
 
     Returns:
         The run's directory.
@@ -84,7 +87,9 @@ def import_tests(
     Raises:
         FileProblem: one line for each thing that does not fit: file, line, column, value. Nothing is written then.
     """
-    wanted = WantedTests(columns, current_A, current_from_name, rate_Hz, dialect or Dialect(), tuple(accept))
+    wanted = WantedTests(
+        columns, current_A, current_from_name, rate_Hz, dialect or Dialect(), tuple(accept), ampere_per_volt
+    )
     return write_run(read_tests(files, wanted), out, Described(waveform, specimen, mid_stroke_m))
 
 
@@ -142,9 +147,11 @@ def _point_file(name: str, test: ImportedTest, said: Described) -> PointFile:
     choices = test.choices
     period_s = float(np.median(np.diff(test.time_s)))
     flags, lost = _flags(test, period_s)
-    motion = measured_motion(test.time_s, test.displacement_m)
+    random = said.waveform == RANDOM
+    motion = None if random else measured_motion(test.time_s, test.displacement_m)
     velocity, method = velocity_of(test.time_s, test.displacement_m)
-    verdict = _judge(test, velocity, motion, lost)
+    verdict = _judge(test, velocity, motion, lost, 0 if random else FEWEST_CYCLES)
+    amplitude_m, frequency_Hz = _size(test, motion) if motion is not None or random else (0.0, 0.0)
     channels = [
         AlignedChannel("displacement", test.displacement_m, "m", "Damper extension", choices["displacement"].column),
         AlignedChannel("force", test.force_N, "N", "Force", choices["force"].column),
@@ -155,7 +162,8 @@ def _point_file(name: str, test: ImportedTest, said: Described) -> PointFile:
     ]
     if test.commanded_A is not None:
         channels.append(AlignedChannel(
-            "commanded_current", test.commanded_A, "A", "Commanded coil current", choices["commanded_current"].column,
+            "commanded_current", test.commanded_A, "A", "Commanded coil current",
+            choices["voltage" if "voltage" in choices else "commanded_current"].column,
         ))
     quality = PointQuality(
         verdict=verdict, lost_samples=lost,
@@ -169,8 +177,7 @@ def _point_file(name: str, test: ImportedTest, said: Described) -> PointFile:
         time_s=test.time_s, sample_rate_hz=1.0 / period_s, channels=channels, flags=flags,
         test={
             "id": name, "waveform": said.waveform,
-            "amplitude_m": 0.0 if motion is None else two_digits(motion.amplitude_m),
-            "frequency_Hz": 0.0 if motion is None else two_digits(motion.frequency_Hz),
+            "amplitude_m": amplitude_m, "frequency_Hz": frequency_Hz,
             "current_A": test.nominal_current_A, "cycles": 0 if motion is None else motion.cycles,
             "mid_stroke_m": said.mid_stroke_m, "imported": True,
         },
@@ -191,7 +198,17 @@ def _current_name(test: ImportedTest) -> str:
 def _current_source(test: ImportedTest) -> str:
     if test.current_measured:
         return "measured"
+    if "voltage" in test.choices:
+        return f"not measured, see commanded_current: the driver's voltage ({test.choices['voltage'].column})"
     return "as given, not measured" if test.commanded_A is None else "not measured, see commanded_current"
+
+
+def _size(test: ImportedTest, motion: MeasuredMotion | None) -> tuple[float, float]:
+    """Amplitude (m) and frequency (Hz), of motion without cycles half its span and how often it crosses its mean."""
+    if motion is not None:
+        return two_digits(motion.amplitude_m), two_digits(motion.frequency_Hz)
+    span_m = float(np.nanmax(test.displacement_m) - np.nanmin(test.displacement_m))
+    return two_digits(0.5 * span_m), two_digits(mean_rate_Hz(test.time_s, test.displacement_m))
 
 
 def _flags(test: ImportedTest, period_s: float) -> tuple[NDArray[np.int8], int]:
@@ -204,14 +221,16 @@ def _flags(test: ImportedTest, period_s: float) -> tuple[NDArray[np.int8], int]:
     return flags, int(np.sum(np.round(steps[after_gap - 1]) - 1))
 
 
-def _judge(test: ImportedTest, velocity_m_s: FloatArray, motion: MeasuredMotion | None, lost: int) -> Verdict:
+def _judge(
+    test: ImportedTest, velocity_m_s: FloatArray, motion: MeasuredMotion | None, lost: int, fewest_cycles: int
+) -> Verdict:
     quantities = {"force": test.force_N, "displacement": test.displacement_m}
     return judge(PointEvidence(
         sensors={name: _counts(test.time_s, values, lost, motion) for name, values in quantities.items()},
         samples_a_cycle=np.inf if motion is None else len(test.time_s) / (test.time_s[-1] * motion.frequency_Hz),
-        wanted_cycles=FEWEST_CYCLES, wanted_amplitude_m=0.0, wanted_frequency_Hz=0.0, current_tolerance_A=np.inf,
+        wanted_cycles=fewest_cycles, wanted_amplitude_m=0.0, wanted_frequency_Hz=0.0, current_tolerance_A=np.inf,
         measured_cycles=None if motion is None else motion.cycles, current_error_A=0.0,
-        extra=_reversed(test, velocity_m_s, motion),
+        extra=_reversed(test, velocity_m_s, motion) if motion is not None or not fewest_cycles else [],
     ))
 
 
@@ -220,7 +239,7 @@ def _reversed(test: ImportedTest, velocity_m_s: FloatArray, motion: MeasuredMoti
     known = np.isfinite(test.force_N) & np.isfinite(velocity_m_s)
     if motion is not None:
         known &= (test.time_s >= motion.start_s) & (test.time_s < motion.end_s)
-    if motion is None or not np.any(known):
+    if not np.any(known):
         return []
     work = (test.force_N[known] - np.mean(test.force_N[known])) * velocity_m_s[known]
     if not np.sum(work) < REVERSED * np.sum(np.abs(work)):

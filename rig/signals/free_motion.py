@@ -14,6 +14,8 @@ import numpy as np
 from rig.signals.arrays import FloatArray
 from rig.signals.derivatives import Motion, NotDifferentiable, savitzky_golay
 
+RANDOM = "random"
+"""Name of a waveform without cycles."""
 DEGREE = 4
 LONGEST_SEGMENT = 4096
 SEGMENTS = 4

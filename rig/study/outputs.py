@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -89,7 +89,8 @@ def write_outputs(
         tables: All tables.
         figures: Name -> SVG.
         tests: What was compared -> Kruskal-Wallis test, None where it cannot be done.
-        facts: About the study: name, recordings, tests, samples, searches, repeats, left_out, wall_s.
+        facts: About the study: name, recordings, tests, samples, searches, repeats, left_out, wall_s; `summary` in
+            place of a sentence made of them.
 
     Returns:
         Path of the page.
@@ -158,9 +159,10 @@ def _page(
 
     parts = [f"<style>{FIGURE_STYLE}</style><h1>{text(title)}</h1><p class='lead'>{text(_summary(facts))}</p>"]
     parts += [f"<p class='lead'>{text(line)}</p>" for line in facts["left_out"]]
-    parts.append(_contents(tables, figures))
+    parts.append(_contents(tables, figures, tests))
     parts += [_html_table(part) for part in tables]
-    parts.append(f"<h2 id='kruskal-wallis'>Kruskal-Wallis test</h2><p class='lead'>{HYPOTHESIS}</p>")
+    if tests:
+        parts.append(f"<h2 id='kruskal-wallis'>Kruskal-Wallis test</h2><p class='lead'>{HYPOTHESIS}</p>")
     parts += [_html_test(name, test) for name, test in tests.items()]
     for name, svg in figures.items():
         parts.append(f"<h2 id='{name}'>{text(FIGURE_TITLES.get(name, name))}</h2><div class='figure'>{svg}</div>")
@@ -177,9 +179,10 @@ def _html_table(part: Table) -> str:
     return head + table([text(column) for column in part.columns], rows, numeric) + note
 
 
-def _contents(tables: Sequence[Table], figures: Mapping[str, str]) -> str:
+def _contents(tables: Sequence[Table], figures: Mapping[str, str], tests: Collection[str]) -> str:
     places = {part.name: f"{part.heading}{_suffix(part)}" for part in tables}
-    places |= {"kruskal-wallis": "Kruskal-Wallis test", **{name: FIGURE_TITLES.get(name, name) for name in figures}}
+    places |= {"kruskal-wallis": "Kruskal-Wallis test"} if tests else {}
+    places |= {**{name: FIGURE_TITLES.get(name, name) for name in figures}}
     links = "".join(f"<a href='#{name}'>{text(label)}</a>" for name, label in places.items())
     return f"<nav>{links}</nav>"
 
@@ -190,6 +193,8 @@ def _suffix(part: Table) -> str:
 
 
 def _summary(facts: Mapping[str, Any]) -> str:
+    if "summary" in facts:
+        return str(facts["summary"])
     return (
         f"{facts['tests']} tests ({facts['recordings']}), {facts['samples']:,} samples; {facts['searches']} searches, "
         f"{facts['repeats']} repeats of each setting; {facts['wall_s']:g} s in the session that wrote this page."

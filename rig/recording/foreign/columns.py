@@ -11,7 +11,7 @@ from rig.recording.foreign.foreign_file import ForeignColumn
 from rig.units import ALIASES, UNITS, Unit, key_suffixes, units_of
 
 DIMENSION = {"time": "time", "displacement": "length", "force": "force", "current": "current",
-             "commanded_current": "current"}
+             "commanded_current": "current", "voltage": "voltage"}
 REQUIRED = ("displacement", "force")
 MOST_SHOWN = 40
 FOREIGN = {
@@ -34,6 +34,7 @@ LIKELY = {
     "displacement": ("x", "u", "displacement", "disp", "stroke", "position", "weg", "hub", "desplazamiento"),
     "force": ("f", "force", "load", "kraft", "fuerza"),
     "current": ("i", "current", "strom", "corriente"),
+    "voltage": ("voltage", "volt", "spannung", "voltaje"),
 }  # fmt: skip
 """Names to suggest a column by; nothing is taken for a quantity because of its name."""
 

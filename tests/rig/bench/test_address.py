@@ -16,6 +16,7 @@ from rig.bench.problems import TABLES
 from rig.bench.section import fields_of, key_of
 from rig.comparison.bands import Bands
 from rig.matrix.model import Matrix
+from rig.study.benchmark_file import BenchmarkFile
 from rig.study.study_file import StudyFile
 from rig.vehicle.car import Car
 from rig.vehicle.road_file import RoadFile
@@ -73,7 +74,10 @@ def test_what_pyserial_does_not_take_is_refused_with_what_would_be_right(text: s
 
 
 def test_files_are_recognised_by_tables_that_only_they_have() -> None:
-    kinds = {"bench": Bench, "matrix": Matrix, "study": StudyFile, "car": Car, "road": RoadFile, "bands": Bands}
+    kinds = {
+        "bench": Bench, "matrix": Matrix, "study": StudyFile, "benchmark": BenchmarkFile, "car": Car, "road": RoadFile,
+        "bands": Bands,
+    }  # fmt: skip
     keys = {kind: {key_of(model, name) for name in fields_of(model)} for kind, model in kinds.items()}
     for kind, tables in TABLES.items():
         assert tables <= keys[kind]

@@ -1,0 +1,269 @@
+"""The public benchmark: every model and method on open recordings, with split and scorer fixed for everybody.
+
+An entry is fitted to what a split gives it and scored on the rest: NRMSE, 100 x RMSE / max|F - mean F| of each unseen
+test, averaged over all of them; and the share of the unseen force's variance that is explained.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.dampers import model as damper_model
+from rig.errors import RigError
+from rig.identification import Measurement, Method, identify
+from rig.identification.models.measurement import first_cycle, spaced, thinned
+from rig.identification.models.solving import THREE_STEPS, known_methods, solve
+from rig.identification.models.undetermined import examine
+from rig.identification.reference import references
+from rig.identification.uncertainty.fit import ErrorSummary
+from rig.identification.uncertainty.scoring import score
+from rig.study.benchmark_file import SEPARABLE, BenchmarkFile, load_benchmark
+from rig.study.execution import StudyProgress, local_workers
+from rig.study.open_recordings import Fold, Found, find_all, folds_of, variance_percent
+from rig.study.outputs import Table, write_outputs
+from rig.study.results import ResultsFile
+
+REFERENCE = "reference"
+SEARCHED_A_CYCLE = 125
+SEARCHED_OF_RECORD = 5000
+COLUMNS = (
+    "recordings", "model", "method", "unseen NRMSE / % of peak", "unseen variance explained / %",
+    "worst test / % of peak", "fitted NRMSE / % of peak", "evaluations", "CPU / s", "note",
+)  # fmt: skip
+SCORER = (
+    "NRMSE of a test: 100 x RMSE / max|F - mean F|; the mean over all unseen tests. Models run freely: motion and "
+    "current go in, never a measured force. Methods other than separable see one cycle of each test, or every few "
+    "samples of a record without cycles, and are scored on all samples."
+)
+
+
+@dataclass(frozen=True)
+class BenchmarkOutcome:
+    """A finished benchmark.
+
+    Attributes:
+        page: the HTML page.
+        table: all entries, best first within their recordings.
+        facts: name, tests, entries, what is lacking, wall seconds.
+    """
+
+    page: Path
+    table: Table
+    facts: dict[str, Any]
+
+
+def run_benchmark(
+    path: Path, folder: Path, processes: int | None = None, report: Callable[[StudyProgress], None] | None = None
+) -> BenchmarkOutcome:
+    """Run a benchmark, or what is missing of it, and write its table and page.
+
+    Args:
+        path: benchmark file.
+        folder: where results go; entries that have a result there are not run again.
+        processes: worker processes; None: one for each processor.
+        report: called at the start and after every entry.
+
+    Raises:
+        FileProblem: the file is wrong, no recordings are complete (their sources are named), or the folder holds
+            results of another benchmark.
+    """
+    started_ns = time.monotonic_ns()
+    wanted = load_benchmark(path)
+    sets = find_all(wanted, path.absolute().parent)
+    folder.mkdir(parents=True, exist_ok=True)
+    entries = [(one, *pair) for one in sets if one.complete for pair in competitors(wanted)]
+    tell = report or (lambda progress: None)
+    with ResultsFile(folder / "results.jsonl", wanted.fingerprint) as results:
+        todo = [entry for entry in entries if _key(*entry) not in results]
+        done = len(entries) - len(todo)
+        tell(StudyProgress(done, len(entries), None, "", "fits"))
+        for line in _lines(wanted, todo, processes or os.cpu_count() or 1):
+            results.add(line)
+            done += 1
+            tell(StudyProgress(done, len(entries), None, str(line["key"]), "fits"))
+        lines = [results.lines[_key(*entry)] for entry in entries]
+    table = benchmark_table(sets, lines)
+    lacking = [one.lacking for one in sets if not one.complete]
+    facts = {
+        "name": wanted.name,
+        "summary": f"{len(entries)} entries; {sum(one.complete for one in sets)} of {len(sets)} sets of recordings.",
+        "recordings": [_source(one) for one in sets],
+        "entries": len(entries),
+        "left_out": lacking,
+        "wall_s": round((time.monotonic_ns() - started_ns) * 1e-9, 1),
+    }
+    return BenchmarkOutcome(write_outputs(folder, wanted.name, [table], {}, {}, facts), table, facts)
+
+
+def _lines(wanted: BenchmarkFile, todo: Sequence[tuple[Found, str, str]], processes: int) -> Iterator[dict[str, Any]]:
+    """Results as they come; with one process in this one."""
+    if processes == 1:
+        for entry in todo:
+            yield run_entry(wanted, *entry)
+        return
+    with local_workers(processes) as workers:
+        for future in as_completed([workers.executor.submit(run_entry, wanted, *entry) for entry in todo]):
+            yield future.result()
+
+
+def competitors(wanted: BenchmarkFile) -> list[tuple[str, str]]:
+    """Model and method of every entry: all models by separable, the searched ones by every other method.
+
+    The three steps identify the normalised Bouc-Wen model only.
+    """
+    from rig.dampers.catalogue import MODELS
+
+    chosen = wanted.benchmark
+    models = tuple(MODELS) if chosen.models == "all" else chosen.models
+    methods = known_methods() if chosen.methods == "all" else chosen.methods
+    pairs = [(REFERENCE, REFERENCE)]
+    pairs += [(name, SEPARABLE) for name in models if SEPARABLE in methods]
+    return pairs + [
+        (name, method)
+        for name in chosen.searched
+        for method in methods
+        if method != SEPARABLE and (method != THREE_STEPS or name == "normalized_bouc_wen")
+    ]
+
+
+def _key(found: Found, model: str, method: str) -> str:
+    return f"{found.recordings.name}|{model}|{method}"
+
+
+def run_entry(wanted: BenchmarkFile, found: Found, model: str, method: str) -> dict[str, Any]:
+    """In a worker: fit and score one entry on every split.
+
+    Returns:
+        A line of the results file; its `rows` are lines of the table.
+    """
+    began_s = time.process_time()
+    line: dict[str, Any] = {"key": _key(found, model, method), "marks": {}}
+    try:
+        folds = _folds(found)
+        if method == REFERENCE:
+            rows = _reference_rows(folds)
+        else:
+            rows = [_row(model, method, [_scored(wanted, fold, model, method) for fold in folds])]
+    except RigError as error:
+        rows = [{"model": model, "method": method, "note": str(error)[:300]}]
+    for row in rows:
+        row["cpu_s"] = round(time.process_time() - began_s, 2)
+    return {**line, "rows": rows}
+
+
+_read: dict[tuple[Path, str], list[Fold]] = {}
+
+
+def _folds(found: Found) -> list[Fold]:
+    """The splits, which a process reads once."""
+    key = found.folder, found.recordings.name
+    if key not in _read:
+        _read[key] = folds_of(found)
+    return _read[key]
+
+
+@dataclass(frozen=True)
+class _Scored:
+    seen: ErrorSummary
+    unseen: ErrorSummary
+    evaluations: int
+
+
+def _scored(wanted: BenchmarkFile, fold: Fold, model: str, method: str) -> _Scored:
+    chosen = wanted.benchmark
+    if method == SEPARABLE:
+        fit = identify(fold.fitted, model=model, holdout=fold.unseen, diagnose=False)
+        if fit.holdout is None:
+            raise RigError("nothing was held out")
+        return _Scored(fit.error, fit.holdout, fit.evaluations)
+    settings = Method(method, weight="1", budget=chosen.budget, population=chosen.population, seed=chosen.seed)
+    damper, tests = damper_model(model), [_sampled(test) for test in fold.fitted]
+    solution = solve(damper, tests, settings, examine(damper, tests))
+    values = dict(solution.values)
+    return _Scored(score(damper, values, tests), score(damper, values, fold.unseen), solution.evaluations)
+
+
+def _sampled(test: Measurement) -> Measurement:
+    """What a search sees of a test."""
+    if test.samples_per_cycle > 0:
+        return spaced(first_cycle(test), SEARCHED_A_CYCLE)
+    return thinned(test, max(1, test.u_m.size // SEARCHED_OF_RECORD))
+
+
+def _row(model: str, method: str, scored: Sequence[_Scored]) -> dict[str, Any]:
+    tests = [test for one in scored for test in one.unseen.per_test]
+    worst = max(tests, key=lambda test: test.nrmse_percent_of_peak)
+    return {
+        "model": model,
+        "method": method,
+        "unseen": float(np.mean([test.nrmse_percent_of_peak for test in tests])),
+        "variance": 100.0 * float(np.mean([one.unseen.r_squared for one in scored])),
+        "worst": worst.nrmse_percent_of_peak,
+        "seen": float(np.mean([one.seen.nrmse_percent_of_peak for one in scored])),
+        "evaluations": sum(one.evaluations for one in scored),
+        "note": f"worst: {worst.id}" if len(tests) > 1 else "",
+    }
+
+
+def _reference_rows(folds: Sequence[Fold]) -> list[dict[str, Any]]:
+    """The mean cycle and the regression, on the same splits; neither is a model."""
+    foretold = [references(fold.fitted, fold.unseen, [fold.fitted]) for fold in folds]
+    rows = []
+    for place, title in enumerate(("mean cycle of each unseen test (the floor)", "gradient boosting")):
+        errors = [one[place].holdout_nrmse_percent_of_peak for one in foretold]
+        counts = [len(fold.unseen) for fold in folds]
+        known = [(error, count) for error, count in zip(errors, counts, strict=True) if error is not None]
+        row: dict[str, Any] = {"model": title, "method": "no model", "note": foretold[0][place].reason}
+        if known:
+            row["unseen"] = float(np.average([error for error, _ in known], weights=[count for _, count in known]))
+        single = folds[0].unseen[0] if len(folds) == 1 and len(folds[0].unseen) == 1 else None
+        if known and single is not None:
+            row["variance"] = variance_percent(single, row["unseen"])
+        rows.append(row)
+    return rows
+
+
+def benchmark_table(found: Sequence[Found], lines: Sequence[Mapping[str, Any]]) -> Table:
+    """One table: entries best first within their recordings, published results among them.
+
+    Args:
+        found: the recordings, in the file's order.
+        lines: results of the entries.
+    """
+    rows = []
+    for one in found:
+        name = one.recordings.name
+        entries = [row for line in lines if line["key"].startswith(f"{name}|") for row in line["rows"]]
+        entries += [
+            {"model": "published", "method": other.who, "unseen": other.nrmse_percent,
+             "variance": other.variance_percent, "note": other.note}
+            for other in one.recordings.published
+        ]  # fmt: skip
+        entries.sort(key=lambda row: _rank(one, row))
+        keys = ("model", "method", "unseen", "variance", "worst", "seen", "evaluations", "cpu_s", "note")
+        rows += [(name, *(row.get(key) for key in keys)) for row in entries]
+    title = "Models and methods on open recordings, scored on what no fit has seen"
+    return Table("benchmark", "Benchmark", title, COLUMNS, tuple(rows), SCORER)
+
+
+def _rank(one: Found, row: Mapping[str, Any]) -> tuple[bool, float]:
+    """By the variance where the motion is random, for which others publish it; else by the error."""
+    key, sign = ("variance", -1.0) if one.recordings.waveform == "random" else ("unseen", 1.0)
+    value = row.get(key)
+    return value is None, 0.0 if value is None else sign * float(value)
+
+
+def _source(one: Found) -> dict[str, Any]:
+    recordings = one.recordings
+    return {
+        "name": recordings.name, "title": recordings.title, "source": recordings.source, "licence": recordings.licence,
+        "split": recordings.split, "complete": one.complete, "files": dict(recordings.files),
+    }  # fmt: skip

@@ -1,0 +1,130 @@
+"""The file of a public benchmark as values: open recordings by source and checksum, their split, who competes."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from rig.bench.problems import load_section, problem_at
+from rig.bench.section import Section
+from rig.errors import FileProblem, IdentificationFailed
+from rig.identification.points.whole_record import last_share
+
+PAIRS = "leave-one-pair-out"
+SEPARABLE = "separable"
+REVISION = 1
+"""Of split and scorer: to be raised with every change after which an entry's result is another one."""
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class Published(Section):
+    """A result of somebody else on the same recordings, shown beside ours as it was published."""
+
+    who: str
+    nrmse_percent: float | None = Field(default=None, gt=0.0, lt=100.0, description="unseen, % of peak")
+    variance_percent: float | None = Field(default=None, gt=0.0, le=100.0, description="of the force, unseen")
+    note: str = ""
+
+
+class Recordings(Section):
+    """Open recordings of one damper: where they come from, their bytes, how they are read and split."""
+
+    name: Name
+    title: str
+    source: str
+    licence: str
+    prepare: str = Field(default="", description="how what is downloaded becomes the files named")
+    folder: str = Field(description="where the files lie, relative to this file's folder")
+    variable: str = Field(default="", description="environment variable that names another folder")
+    files: dict[str, Sha256] = Field(min_length=1)
+    columns: dict[str, str]
+    current_from_name: str | None = None
+    waveform: Literal["sine", "triangle", "random"] = "sine"
+    split: str = Field(description='"leave-one-pair-out", or of motion without cycles "last 30 %"')
+    published: tuple[Published, ...] = ()
+
+    @model_validator(mode="after")
+    def _fitting_split(self) -> Self:
+        try:
+            share = last_share(self.split)
+        except IdentificationFailed as error:
+            raise PydanticCustomError("split", "{why}", {"why": str(error)}) from error
+        if self.split != PAIRS and share is None:
+            raise PydanticCustomError("split", f'split = "{self.split}": "{PAIRS}" or "last 30 %"')
+        if (share is None) == (self.waveform == "random"):
+            raise PydanticCustomError("split", f'"{PAIRS}" goes with cycles, "last 30 %" with waveform = "random"')
+        return self
+
+
+class Benchmark(Section):
+    """Who competes: every model by separable least squares, some of them by the other methods too."""
+
+    models: Literal["all"] | tuple[str, ...] = "all"
+    methods: Literal["all"] | tuple[str, ...] = "all"
+    searched: tuple[str, ...] = Field(
+        default=("asymmetric",), description="models that methods other than separable are run on"
+    )
+    budget: int = Field(default=4000, ge=10, le=100_000_000)
+    population: int = Field(default=50, ge=4, le=100_000)
+    seed: int = Field(default=1, ge=0)
+
+
+class BenchmarkFile(Section):
+    """A whole benchmark file."""
+
+    format: Literal[1]
+    name: str = Field(default="benchmark", pattern=r"^[A-Za-z0-9][A-Za-z0-9 _-]{0,63}$")
+    benchmark: Benchmark
+    recordings: tuple[Recordings, ...] = Field(min_length=1)
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of everything that decides an entry's result."""
+        decisive = [
+            (one.name, sorted(one.files.items()), sorted(one.columns.items()), one.waveform, one.split)
+            for one in self.recordings
+        ]
+        settings = self.benchmark.model_dump(include={"budget", "population", "seed"})
+        return hashlib.sha256(repr((REVISION, decisive, settings)).encode()).hexdigest()[:16]
+
+
+def load_benchmark(path: Path) -> BenchmarkFile:
+    """Read and validate a benchmark file.
+
+    Raises:
+        FileProblem: with every wrong entry of the file at once.
+    """
+    from rig.dampers.catalogue import MODELS
+    from rig.identification.models.solving import known_methods
+
+    wanted, source = load_section(path, BenchmarkFile, "benchmark")
+    named = {
+        "models": (wanted.benchmark.models, tuple(MODELS)),
+        "searched": (wanted.benchmark.searched, tuple(MODELS)),
+        "methods": (wanted.benchmark.methods, known_methods()),
+    }
+    problems = [
+        problem_at(source, ("benchmark", key), f"{name!r} is unknown; known: {', '.join(known)}")
+        for key, (names, known) in named.items()
+        if names != "all"
+        for name in names
+        if name not in known
+    ]
+    names = [one.name for one in wanted.recordings]
+    problems += [f"recordings: name {name!r} is there twice" for name in sorted(set(names)) if names.count(name) > 1]
+    if problems:
+        raise FileProblem(str(path), problems)
+    return wanted
+
+
+def is_benchmark(path: Path) -> bool:
+    """Whether a file that is to be studied is a benchmark's; what is wrong with it is told when it is loaded."""
+    from rig.bench.problems import TABLES
+    from rig.bench.toml_source import read_toml
+
+    return bool(read_toml(path).data.keys() & TABLES["benchmark"])

@@ -1,0 +1,146 @@
+"""Open recordings that the user downloaded: found, compared with their checksums, split into fitted and unseen."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rig.errors import FileProblem
+from rig.identification import Measurement, identify
+from rig.identification.models.coil import needs_lag, with_lag
+from rig.identification.points.preparation import prepare_all
+from rig.identification.points.whole_record import cut_in_time, last_share
+from rig.recording.importing import import_tests
+from rig.recording.run import Run
+from rig.study.benchmark_file import BenchmarkFile, Recordings
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where the files of some recordings are.
+
+    Attributes:
+        recordings: which.
+        folder: where they were looked for.
+        missing: names of files that are not there.
+        changed: names of files with other bytes than the benchmark's.
+    """
+
+    recordings: Recordings
+    folder: Path
+    missing: tuple[str, ...]
+    changed: tuple[str, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether all files are there, byte by byte."""
+        return not (self.missing or self.changed)
+
+    @property
+    def lacking(self) -> str:
+        """What is wrong, and where the files come from: one line."""
+        one, parts = self.recordings, []
+        if self.missing:
+            parts.append(f"{len(self.missing)} of {len(one.files)} files missing ({_some(self.missing)})")
+        if self.changed:
+            parts.append(f"other bytes than the benchmark's (SHA-256) in {_some(self.changed)}")
+        variable = f", or set {one.variable} to where they are" if one.variable else ""
+        prepare = f" {one.prepare}" if one.prepare else ""
+        return (
+            f"{one.name}: {' and '.join(parts)} in {self.folder}. Nothing is redistributed here; download from "
+            f"{one.source} (licence: {one.licence}).{prepare} Put them into that folder{variable}"
+        )
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One split: what is fitted, and what no fit has seen."""
+
+    fitted: list[Measurement]
+    unseen: list[Measurement]
+
+
+def find_all(wanted: BenchmarkFile, base: Path) -> list[Found]:
+    """Look for the files of every recordings.
+
+    Args:
+        wanted: the benchmark.
+        base: folder that its folders are relative to.
+
+    Raises:
+        FileProblem: none of the recordings is complete; one line for each, with its source.
+    """
+    sets = [_found(one, base) for one in wanted.recordings]
+    if not any(one.complete for one in sets):
+        raise FileProblem("open recordings", [one.lacking for one in sets])
+    return sets
+
+
+def _found(one: Recordings, base: Path) -> Found:
+    named = os.environ.get(one.variable, "") if one.variable else ""
+    folder = Path(named) if named else base / one.folder
+    there = {name: folder / name for name in one.files if (folder / name).is_file()}
+    changed = [name for name, path in there.items() if hashlib.sha256(path.read_bytes()).hexdigest() != one.files[name]]
+    return Found(one, folder, tuple(name for name in one.files if name not in there), tuple(changed))
+
+
+def folds_of(found: Found) -> list[Fold]:
+    """The recordings prepared and split as the benchmark says; a coil's lag found on what is fitted.
+
+    Raises:
+        FileProblem: a file cannot be read.
+        IdentificationFailed: nothing in it can be used.
+    """
+    one = found.recordings
+    with tempfile.TemporaryDirectory() as place:
+        files = sorted(found.folder / name for name in one.files)
+        run = import_tests(
+            files, columns=dict(one.columns), current_from_name=one.current_from_name, waveform=one.waveform,
+            out=Path(place),
+        )  # fmt: skip
+        tests = prepare_all(Run.open(run).valid)[0]
+    share = last_share(one.split)
+    if share is not None:
+        folds = [Fold(*cut_in_time(tests, share))]
+    else:
+        folds = [Fold([test for other in groups if other is not group for test in other], group)
+                 for groups in (pairs_of(tests),) for group in groups]  # fmt: skip
+    return [_lagged(fold) for fold in folds]
+
+
+def pairs_of(tests: Sequence[Measurement]) -> list[list[Measurement]]:
+    """Tests of the same amplitude (0.1 mm) and frequency (0.01 Hz) together, whatever their current."""
+    groups: dict[tuple[float, float], list[Measurement]] = {}
+    for test in tests:
+        groups.setdefault((round(test.amplitude_m, 4), round(test.frequency_Hz, 2)), []).append(test)
+    return [groups[pair] for pair in sorted(groups)]
+
+
+def _lagged(fold: Fold) -> Fold:
+    """The fold with the coil's own current, where only its command was recorded: the same for all entries."""
+    if not needs_lag(fold.fitted):
+        return fold
+    eta_1_s = identify(fold.fitted, model="asymmetric", diagnose=False).coil_eta_1_s
+    if eta_1_s is None:
+        return fold
+    sides = (
+        [replace(with_lag(test, eta_1_s), commanded_A=None, commanded_before_A=None) for test in side]
+        for side in (fold.fitted, fold.unseen)
+    )
+    return Fold(*sides)
+
+
+def variance_percent(test: Measurement, nrmse_percent: float) -> float:
+    """Share of a test's force variance (%) that an error (% of its peak) leaves explained."""
+    rmse_N = 0.01 * nrmse_percent * test.peak_force_N
+    return 100.0 * (1.0 - rmse_N**2 / float(np.var(test.force_N[test.scored])))
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
