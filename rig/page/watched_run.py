@@ -91,11 +91,11 @@ class WatchedRun:
 
     def results(self) -> dict[str, Any]:
         """Verdicts by point."""
-        found = {} if self._live is None else read_json(self._live / RESULTS)
-        if not found and self.run is not None:
+        points = {} if self._live is None else read_json(self._live / RESULTS)
+        if not points and self.run is not None:
             ended = _result_of(self.run) or {}
-            found = {str(point.get("id")): point for point in ended.get("points", [])}
-        return {"type": "results", "points": found}
+            points = {str(point.get("id")): point for point in ended.get("points", [])}
+        return {"type": "results", "points": points}
 
     def changed(self, name: str) -> bool:
         """Whether one of the live files was replaced since the last call."""
@@ -138,13 +138,13 @@ class Journal:
             return []
         self._offset += len(data)
         *whole, self._rest = (self._rest + data).split(b"\n")
-        found: list[dict[str, Any]] = []
+        events: list[dict[str, Any]] = []
         for line in whole:
             with contextlib.suppress(ValueError, RecursionError):
                 event = json.loads(line)
                 if isinstance(event, dict):
-                    found.append(event)
-        return found
+                    events.append(event)
+        return events
 
 
 def told(event: dict[str, Any]) -> dict[str, Any] | None:
@@ -172,12 +172,12 @@ def devices(station: dict[str, Any]) -> list[dict[str, Any]]:
         ("load cell", station.get("load_cell"), 1), ("LVDT", station.get("lvdt"), 2),
         *((str(item.get("name", "")), item, 3 + index) for index, item in enumerate(auxiliary or ())),
     ]  # fmt: skip
-    found = []
+    named = []
     for name, settings, channel in entries:
         if isinstance(settings, dict):
             stale_s = settings.get("stale_after_s") or 0.5
-            found.append({"name": name, "channel": channel, "stale_after_s": stale_s, "unit": settings.get("unit", "")})
-    return found
+            named.append({"name": name, "channel": channel, "stale_after_s": stale_s, "unit": settings.get("unit", "")})
+    return named
 
 
 def _result_of(run: Path) -> dict[str, Any] | None:
