@@ -146,9 +146,8 @@ def test_a_plug_ins_export_is_one_of_the_formats(
     monkeypatch.setattr(Run, "open", lambda path: run)
     (file,) = export(tmp_path / "a-run", "my_lab_gnuplot", tmp_path / "out")
     assert file.read_text().splitlines()[:2] == ["# p001", "0.000000 0.0000000 62.832"]
-    assert list(EXPORTERS) == [
-        "csv", "mat", "netcdf", "json", "c", "octave", "python", "table", "inverse", "my_lab_gnuplot",
-    ]  # fmt: skip
+    assert {"csv", "json", "c", "inverse"} <= set(EXPORTERS)
+    assert list(EXPORTERS)[-1] == "my_lab_gnuplot"
 
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, Any]:
