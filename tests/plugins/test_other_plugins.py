@@ -175,7 +175,7 @@ def test_an_export_of_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.C
     asked = ("--out", str(tmp_path / "out"))
     code, answer = told(capsys, "export", str(fit), "--to", "xls", *asked)
     assert code == 2
-    assert answer["error"] == "no export 'xls'; known: csv, mat, netcdf, json, c, octave, python, table, inverse"
+    assert answer["error"] == f"no export 'xls'; known: {', '.join(EXPORTERS)}"
     code, answer = told(capsys, "export", str(fit), "--to", "csv", *asked)
     assert code == 2
     assert "give the campaign's directory" in answer["error"]
