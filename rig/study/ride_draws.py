@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rig.errors import IdentificationFailed
-from rig.identification.bootstrap import LEAST_DRAWS, Bootstrap, bootstrap
+from rig.identification import bootstrap
 from rig.identification.uncertainty.fit import Fit
 from rig.recording.run import Run
 from rig.vehicle.fitted_damper import FittedDamper
 from rig.vehicle.motion import CornerDamper
 
+if TYPE_CHECKING:
+    from rig.identification import Bootstrap
+
+LEAST_DRAWS = 20
 REMARK = (
     "the model does not reach the tests' own scatter; the interval is that of {count} fits to its {tests} tests, drawn "
     "again"
