@@ -112,4 +112,4 @@ def test_a_polled_sensor_over_a_socket_loses_the_request_that_is_not_answered(de
     assert records[2][5] & Quality.GAP_BEFORE
     assert sensor.counters.lost >= 1
     assert b"".join(heard).replace(REQUEST, b"") == b""
-    assert records[-1][1] - records[0][1] >= 3 * 9_000  # µs; a busy host may stamp one answer late, and so one step short
+    assert records[-1][1] - records[0][1] >= 3 * 9_000  # µs: a busy host may stamp one late
