@@ -277,4 +277,5 @@ class HybridMotion:
         rate, position_m = RETURN_RATE_1_S, self._left.position_m
         slope = self._left.velocity_m_s + rate * position_m
         share = math.exp(-rate * since_s)
-        return Sent((position_m + slope * since_s) * share, (slope * (1.0 - rate * since_s) - rate * position_m) * share)
+        position_m += slope * since_s
+        return Sent(position_m * share, (slope - rate * position_m) * share)

@@ -75,7 +75,8 @@ class QuarterCar:
         return Substructure(
             step_s=step_s, transition=transition.tolist(), force_before=before[:, 0].tolist(),
             force_after=after[:, 0].tolist(), road_before=before[:, 1].tolist(), road_after=after[:, 1].tolist(),
-            road_N=self._road_N(step_s).tolist(), extension=[*extension.tolist(), 0.0, 0.0], speed=[0.0, 0.0, *extension.tolist()],
+            road_N=self._road_N(step_s).tolist(), extension=[*extension.tolist(), 0.0, 0.0],
+            speed=[0.0, 0.0, *extension.tolist()],
             acceleration=acceleration.tolist(), acceleration_force=float(by_input[0]),
             acceleration_road=float(by_input[1]), body=[1.0, 0.0, 0.0, 0.0], wheel=[0.0, 1.0, 0.0, 0.0],
             body_speed=[0.0, 0.0, 1.0, 0.0], wheel_speed=[0.0, 0.0, 0.0, 1.0],

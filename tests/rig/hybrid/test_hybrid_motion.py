@@ -223,7 +223,8 @@ class Course:
 
     def at(self, elapsed_s: float) -> Setpoint | None:
         """The next set-point."""
-        sent = self.motion.at(elapsed_s, Measured(self.force_N(elapsed_s, self.last.velocity_m_s), self.last.position_m))
+        force_N = self.force_N(elapsed_s, self.last.velocity_m_s)
+        sent = self.motion.at(elapsed_s, Measured(force_N, self.last.position_m))
         if sent is not None:
             self.last = Setpoint(*sent)
         return None if sent is None else self.last
