@@ -112,9 +112,20 @@ def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_stud
         assert float(row["MV"]) == pytest.approx(np.mean(found))
         assert float(row["SD"]) == pytest.approx(np.std(found, ddof=1))
 
+    said = {finding["slug"]: finding for finding in outcome.facts["findings"]}
+    assert {"best-methods", "search-error", "asymmetric-model", "sensitivity-N"} <= said.keys()
+    assert all(one["verdict"] in {"holds", "does not hold", "cannot be told"} for one in said.values())
+    best = next(table for table in outcome.tables if table.name == "table-02")
+    (of_pso,) = (row for row in best.rows if "Swarm" in str(row[0]))
+    assert of_pso[-3:] == (3.39e7, 5.44e7, 1.40e7)  # as Table 2 prints them
+    tuned = next(test for name, test in outcome.kruskal_wallis.items() if name.startswith("best-tuned"))
+    assert tuned is not None
+    assert len(tuned.pairs) == 3
     page = outcome.page.read_text()
+    assert page.index("id='findings'") < page.index("id='table-01'")
+    assert all(f"id='figure-{name}'" in page for name in ("04", "05", "08-pair", "10", "11"))
     assert "Kruskal-Wallis" in page
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 12
     plain = json.loads((tmp_path / "out" / "study.json").read_text())
     assert plain["kruskal_wallis"]["all settings"]["p"] <= 1.0
     assert len(plain["kruskal_wallis"]["all settings"]["mean_ranks"]) == 3 * 2 * 2
