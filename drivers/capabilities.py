@@ -37,6 +37,7 @@ class Capabilities:
         force_input: it measures a coarse force of its own.
         tried: its description was tried on such a device, or on one made from the maker's document alone.
         triangle: it moves in triangles, too, not in sines alone.
+        clock: it tells the time of its own clock; else the host's is taken.
     """
 
     watchdog: WatchdogKind
@@ -55,6 +56,7 @@ class Capabilities:
     force_input: bool = False
     tried: bool = True
     triangle: bool = True
+    clock: bool = True
 
     @property
     def can_be_stopped(self) -> bool:

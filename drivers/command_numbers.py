@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.roles import Command
+from drivers.roles import ActuatorStatus, Command, Result
 
 MODULUS = 1 << 16
 CLEAR_OF_OTHERS = MODULUS // 2
@@ -16,14 +16,29 @@ class CommandNumbers:
         self._sequence: int | None = None
         self._command = Command.NONE
         self._seen = (0, 0)
+        self._shown: tuple[int, int] | None = None
+        self._written = True
 
-    def used(self, sequence: int, command: Command) -> None:
-        """A command is written with this number."""
-        self._sequence, self._command = sequence, command
+    def used(self, sequence: int, command: Command, carrier: Command | None) -> None:
+        """A command gets this number.
 
-    def seen(self, sequence: int, command: int) -> None:
-        """The device shows the number and the command that it has seen last."""
-        self._seen = (sequence, command)
+        Args:
+            sequence: its number.
+            command: what is asked for.
+            carrier: the command that is written for it, whose code the device shows; None: nothing is written.
+        """
+        self._sequence, self._command, self._written = sequence, command, carrier is not None
+        self._shown = self._seen if carrier is None else (sequence, int(carrier))
+
+    def as_asked(self, status: ActuatorStatus) -> ActuatorStatus:
+        """The status with the command that was asked for, where the device shows the one that carried it out."""
+        seen = status.acked_sequence, status.acked_command
+        if self._sequence is None or seen != self._shown:
+            self._seen = seen
+            return status
+        result = status.result if self._written else int(Result.DONE)
+        self._seen = (self._sequence, int(self._command)) if self._written else seen
+        return status._replace(acked_sequence=self._sequence, acked_command=int(self._command), result=result)
 
     @property
     def swallowed(self) -> bool:

@@ -307,7 +307,7 @@ class ModbusActuator:
     def _note(self, command: Command, sequence: int, order: Move | Program | None) -> None:
         """A command is about to be written."""
         self._writes.halted = command is Command.HALT
-        self._numbers.used(sequence, command)
+        self._numbers.used(sequence, command, self._map.carrier(command, low=self._low))
         if (sequence, int(command)) not in self.sent:
             self.sent.append((sequence, int(command)))
         self._host.sent(command, sequence, order if isinstance(order, Program) else None)
@@ -381,7 +381,7 @@ class ModbusActuator:
         if self._low and status.hydraulics_off:
             status = self._map.with_low_pressure(status)
         if self._numbered:
-            self._numbers.seen(status.acked_sequence, status.acked_command)
+            status = self._numbers.as_asked(status)
         return status
 
     @property

@@ -98,6 +98,11 @@ class Channel(IntEnum):
     AUXILIARY_7_EDGE = 48
     TRIP = 50
     LOOP_LATE = 51
+    HYBRID_TIME = 60
+    HYBRID_TARGET = 61
+    HYBRID_SEEN = 62
+    HYBRID_BODY = 63
+    HYBRID_WHEEL = 64
 
 
 def edge_channel(channel: int) -> Channel:

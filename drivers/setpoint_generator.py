@@ -6,12 +6,13 @@ Pure: time is given, nothing is sent.
 
     HOLD --move--> MOVING --> HOLD      RUNNING --fade--> FADING --> HOLD      any motion --halt--> HALTING --> HOLD
          --start-> RUNNING -> HOLD      MOVING ---fade--> HALTING -> HOLD
+         --compute> RUNNING -> HOLD     a computed motion is not faded, it is halted
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from drivers.roles import Move, Program, ProgramPhase, State, Waveform
 from protocols.errors import LocalProtocolError
@@ -22,6 +23,13 @@ class Setpoint(NamedTuple):
 
     position_m: float
     velocity_m_s: float
+
+
+class ComputedMotion(Protocol):
+    """A motion that nobody knows beforehand: it is computed as it goes."""
+
+    def at(self, elapsed_s: float) -> Setpoint | None:
+        """The set-point so much after its begin (s, never falling); None once it is over: the rod holds."""
 
 
 class SetpointGenerator:
@@ -54,6 +62,7 @@ class SetpointGenerator:
         self._from = self._last
         self._move = Move(position_m, 0.0)
         self._program = Program(Waveform.SINE, 0.0, 1.0)
+        self._computed: ComputedMotion | None = None
         self._fade_cycle, self._fade_share = 0.0, 0.0
 
     @property
@@ -90,12 +99,25 @@ class SetpointGenerator:
         numbers = (program.amplitude_m, program.frequency_Hz, program.centre_m, program.all_cycles)
         if program.waveform is Waveform.TABLE or not all(map(math.isfinite, numbers)) or program.frequency_Hz <= 0.0:
             raise LocalProtocolError(f"{program.waveform.name} at {program.frequency_Hz} Hz cannot be made here")
-        self._begin_s, self._program, self.cycles_done = now_s, program, 0
+        self._begin_s, self._program, self._computed, self.cycles_done = now_s, program, None, 0
         self.state = State.RUNNING
 
+    def compute(self, motion: ComputedMotion, now_s: float) -> None:
+        """Begin a motion that is computed as it goes; it counts as one cycle.
+
+        Raises:
+            LocalProtocolError: something moves; nothing begins.
+        """
+        if self.state is not State.HOLD:
+            raise LocalProtocolError(f"START while {self.state.name}")
+        self._begin_s, self._computed, self.cycles_done = now_s, motion, 0
+        self.state, self.phase = State.RUNNING, ProgramPhase.FULL_AMPLITUDE
+
     def fade(self, now_s: float) -> None:
-        """Fade the running program out, or bring a move to rest."""
-        if self.state is State.RUNNING:
+        """Fade the running program out, or bring a move or a computed motion to rest: what follows it is not known."""
+        if self.state is State.RUNNING and self._computed is not None:
+            self.halt(now_s)
+        elif self.state is State.RUNNING:
             self._fade_cycle = (now_s - self._begin_s) * self._program.frequency_Hz
             self._fade_share, _ = self._envelope(self._fade_cycle)
             self.state = State.FADING
@@ -114,6 +136,8 @@ class SetpointGenerator:
         elapsed_s = now_s - self._begin_s
         if self.state is State.MOVING:
             self._last = self._moving(elapsed_s)
+        elif self.state is State.RUNNING and self._computed is not None:
+            self._last = self._computing(self._computed, elapsed_s)
         elif self.state in {State.RUNNING, State.FADING}:
             self._last = self._cycling(elapsed_s)
         elif self.state is State.HALTING:
@@ -142,6 +166,13 @@ class SetpointGenerator:
             left_s = 2.0 * rise_s + cruise_s - elapsed_s
             gone_m, speed_m_s = length_m - 0.5 * rate * left_s**2, rate * left_s
         return Setpoint(start_m + sign * gone_m, sign * speed_m_s)
+
+    def _computing(self, motion: ComputedMotion, elapsed_s: float) -> Setpoint:
+        setpoint = motion.at(elapsed_s)
+        if setpoint is not None:
+            return setpoint
+        self.state, self.cycles_done, self._computed = State.HOLD, 1, None
+        return self._last
 
     def _cycling(self, elapsed_s: float) -> Setpoint:
         """The program under its envelope; a fade takes the envelope from where it was linearly to 0."""

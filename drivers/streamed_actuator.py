@@ -31,7 +31,7 @@ from drivers.roles import (
     Result,
     State,
 )
-from drivers.setpoint_generator import Setpoint, SetpointGenerator
+from drivers.setpoint_generator import ComputedMotion, Setpoint, SetpointGenerator
 from protocols.errors import LocalProtocolError
 
 SENT_KEPT = 64
@@ -195,6 +195,24 @@ class StreamedActuator:
             self._source.halt(now_s)
         else:
             raise LocalProtocolError(f"{command.name} needs an order")
+        return self._counted(command)
+
+    def compute(self, motion: ComputedMotion) -> int:
+        """Begin a motion that is computed as it goes, as `send` begins a program.
+
+        Returns:
+            The command's sequence number.
+
+        Raises:
+            LocalProtocolError: the device does not hold, or something moves already.
+        """
+        now_s = self._now_s()
+        self._engage()
+        self._source.compute(motion, now_s)
+        self._program_id = self._count + 1
+        return self._counted(Command.START)
+
+    def _counted(self, command: Command) -> int:
         self._count = self._count % 0xFFFF + 1
         self._made = (self._count, int(command))
         self.sent.append(self._made)

@@ -367,11 +367,12 @@ def _numbers(limits: ActuatorLimits) -> list[float]:
 
 
 def _code(codes: Codes, number: int) -> int:
-    """The device's code; one that it has no word for is a code that means nothing."""
+    """The device's code; one that it has no word for is the first code that means nothing: 0 where that is free."""
     try:
         return codes.code(number)
     except LocalProtocolError:
-        return max((code for given in codes.codes.values() for code in given), default=-1) + 1
+        named = {code for given in codes.codes.values() for code in given}
+        return next(code for code in range(len(named) + 1) if code not in named)
 
 
 def _allowed(worn: ControllerMap) -> set[tuple[str, int]]:

@@ -156,6 +156,19 @@ class ControllerMap:
         other = {Command.FADE_STOP: Command.HALT, Command.HALT: Command.FADE_STOP}.get(command, command)
         return given.get(command, given.get(other))
 
+    def carrier(self, command: Command, *, low: bool) -> Command | None:
+        """The command whose recipe carries this one out, and whose code the device shows; None: nothing is written.
+
+        Args:
+            command: what is asked for.
+            low: of a device with one pressure only, low pressure is shown while it is off.
+        """
+        if command in self.recipes.commands:
+            return command
+        if command is Command.HYDRAULICS_LOW:
+            return None if low else Command.HYDRAULICS_OFF
+        return {Command.FADE_STOP: Command.HALT, Command.HALT: Command.FADE_STOP}.get(command, command)
+
     def identity(self, values: Values) -> ActuatorIdentity:
         """Who it is, by what its identity quantities show."""
         held: dict[str, Value] = {name: values[name] for name in IDENTITY_FIELDS if name in values}

@@ -35,7 +35,7 @@ def check_analysis(path: Path, matrix: Matrix) -> None:
     Raises:
         FileProblem: one line for each thing that cannot work.
     """
-    if not matrix.identify.enabled:
+    if not matrix.wants_fit:
         return
     problems = analysis_problems(matrix.identify, matrix.points())
     if problems:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.cli.options import Command, json_option
-from rig.cli.output import console, write_json
+from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     examples=(
         "rig compare logs/BEFORE logs/AFTER",
         "rig compare logs/20260102T030405Z-MR-001-ab12cd --bands examples/acceptance-bands.toml",
-        "rig compare logs/BEFORE logs/AFTER --bands examples/acceptance-bands.toml --json",
+        "rig compare logs/BEFORE logs/AFTER --bands examples/acceptance-bands.toml --out comparison.html",
     ),
 )
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
@@ -29,9 +29,10 @@ if TYPE_CHECKING:
     "--bands", type=click.Path(path_type=Path),
     help="Acceptance bands file: every value passes or fails, with its margin; exit 8 where one does not pass.",
 )  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path), help="Write the comparison as a page (HTML) to this file.")
 @click.option("--all", "everything", is_flag=True, help="Show every value, not only what changed or did not pass.")
 @json_option
-def command(runs: tuple[Path, ...], bands: Path | None, everything: bool, as_json: bool) -> int:
+def command(runs: tuple[Path, ...], bands: Path | None, out: Path | None, everything: bool, as_json: bool) -> int:
     """Hold recorded RUNs against the first of them, and against acceptance bands.
 
     A damper before and after endurance, two specimens, or one against bands. Only valid points count; motions that
@@ -40,10 +41,18 @@ def command(runs: tuple[Path, ...], bands: Path | None, everything: bool, as_jso
     from rig.comparison import compare
 
     compared = compare(runs, bands)
+    if out is not None:
+        from rig.recording.atomic_write import write_text_durably
+        from rig.report.comparison import comparison_page
+
+        write_text_durably(out, comparison_page(compared))
+    page = None if out is None else str(out.resolve())
     if as_json:
-        write_json(compared.to_json())
+        write_json({**compared.to_json(), "report": page})
     else:
         _show(compared, everything=everything)
+        if page is not None:
+            say(page)
     accepted = compared.judgement is None or compared.judgement.passed
     return EXIT_DONE if accepted else EXIT_NOT_ACCEPTED
 

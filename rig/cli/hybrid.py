@@ -1,22 +1,28 @@
-"""`rig hybrid --benchmark`: the published benchmark of hybrid tests, in process."""
+"""`rig hybrid`: a hybrid test of the damper in a computed car; `--benchmark`: the published benchmark, in process."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from rig.cli.options import Command, json_option
+from rig.cli.options import Command, json_option, out_option
 from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_REFUSED
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rig.cli.job import JobResult
     from rig.hybrid.benchmark import Result
 
 RATES = ("4096", "1024", "250")
 NAMES = ("none", "sample", "polynomial", "inverse", "ats", "adaptive-model")
 SEED = 2020
+FOLLOWS = ("--actuator", "setpoints")
+"""The simulated rig's controller without a function generator."""
 DESCRIPTION = (
     "J1: delay of the specimen behind its target, ms. RMS in %: J2 tracking; J4, J6, J7 floors 1, 2, 3.",
     "Peak in %: J3 tracking; J5, J8, J9 floors 1, 2, 3. The floors are compared with the whole building's.",
@@ -27,11 +33,20 @@ DESCRIPTION = (
 @click.command(
     name="hybrid",
     cls=Command,
-    examples=("rig hybrid --benchmark --rate 250", "rig hybrid --benchmark --case 1 --earthquake el-centro.csv --json"),
+    examples=(
+        "rig hybrid examples/hybrid-quarter.toml --simulate",
+        "rig hybrid my-hybrid.toml --bench my-bench.toml",
+        "rig hybrid --benchmark --rate 250",
+        "rig hybrid --benchmark --case 1 --earthquake el-centro.csv --json",
+    ),
 )
-@click.option(
-    "--benchmark", is_flag=True, required=True, help="The benchmark problem of Silva et al. 2020, in process."
-)
+@click.argument("file", type=click.Path(path_type=Path), required=False)
+@click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
+@click.option("--bench", type=click.Path(path_type=Path), help="Bench file of the rig.")
+@click.option("--simulate", is_flag=True, help="Start a simulated rig that follows set-points and test on it.")
+@click.option("--seed", type=click.IntRange(0), help="Of the simulated rig; with --benchmark of plants and noise.")
+@out_option
+@click.option("--benchmark", is_flag=True, help="The benchmark problem of Silva et al. 2020, in process.")
 @click.option("--case", "cases", type=click.IntRange(1, 4), multiple=True, help="Building case.  [default: all four]")
 @click.option("--rate", "rates", type=click.Choice(RATES), multiple=True, help="Steps a second.  [default: all three]")
 @click.option(
@@ -42,7 +57,6 @@ DESCRIPTION = (
     help="What compensates the delay.  [default: all]",
 )
 @click.option("--plants", type=click.IntRange(1, 1000), default=20, show_default=True, help="Perturbed plants a case.")
-@click.option("--seed", type=click.IntRange(0), default=SEED, show_default=True, help="Of plants and noise.")
 @click.option(
     "--earthquake",
     type=click.Path(path_type=Path),
@@ -65,29 +79,74 @@ DESCRIPTION = (
 )
 @json_option
 def command(
-    benchmark: bool, cases: tuple[int, ...], rates: tuple[str, ...], compensators: tuple[str, ...], plants: int,
-    seed: int, earthquake: Path | None, intensity: float, latency_steps: int, as_json: bool,
+    file: Path | None, simulator_args: tuple[str, ...], bench: Path | None, simulate: bool, seed: int | None,
+    out: Path, benchmark: bool, as_json: bool, **of_benchmark: Any,  # noqa: ANN401 - click's, by their names
 ) -> int:  # fmt: skip
-    """Run the published benchmark of real-time hybrid tests: criteria J1 to J9 beside the published ones.
+    """Test the damper in a computed car: FILE says which (a matrix file with [hybrid]), on a rig, real or simulated.
 
-    Exit code 3 when what is asked of this program's own compensator (adaptive-model) is not reached.
+    The car is computed, the damper is moved as its corner of the car moves, and its measured force acts on the car. A
+    campaign like any other: planned, recorded, reported, resumed with `rig run --resume`. Exit code 3 where the test
+    would not be stable or the rig cannot do it; nothing moves then.
+
+    With --benchmark: criteria J1 to J9 of the published benchmark beside the published ones. Exit code 3 when what is
+    asked of this program's own compensator (adaptive-model) is not reached.
     """
-    del benchmark
+    if benchmark:
+        _all_in_process(alone=file is None and bench is None and not simulate)
+        return _benchmark(BenchmarkOptions(**of_benchmark), SEED if seed is None else seed, as_json=as_json)
+    return run_hybrid(Asked(_given(file), bench, simulate, seed, simulator_args, out), as_json=as_json)
+
+
+def _all_in_process(*, alone: bool) -> None:
+    """Refuse a benchmark with a rig.
+
+    Raises:
+        UsageError: a file or a rig is given.
+    """
+    if not alone:
+        raise click.UsageError("--benchmark is all in process: leave FILE, --bench and --simulate out")
+
+
+def _given(file: Path | None) -> Path:
+    """The test's file.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if file is None:
+        raise click.UsageError("which test? rig hybrid FILE --bench BENCH, or --simulate; or rig hybrid --benchmark")
+    return file
+
+
+class BenchmarkOptions(NamedTuple):
+    """What is asked of the benchmark, by the names of the options."""
+
+    cases: tuple[int, ...]
+    rates: tuple[str, ...]
+    compensators: tuple[str, ...]
+    plants: int
+    earthquake: Path | None
+    intensity: float
+    latency_steps: int
+
+
+def _benchmark(asked: BenchmarkOptions, seed: int, *, as_json: bool) -> int:
     from rig.hybrid.benchmark import run_benchmark
     from rig.hybrid.earthquake import read, synthesised
 
-    motion = synthesised() if earthquake is None else read(earthquake, intensity)
-    problems = [(case, int(rate)) for case in cases or (1, 2, 3, 4) for rate in rates or RATES]
+    motion = synthesised() if asked.earthquake is None else read(asked.earthquake, asked.intensity)
+    problems = [(case, int(rate)) for case in asked.cases or (1, 2, 3, 4) for rate in asked.rates or RATES]
     results: list[Result] = []
-    for result in run_benchmark(problems, compensators or NAMES, motion, plants, seed, latency_steps):
+    compensators = asked.compensators or NAMES
+    for result in run_benchmark(problems, compensators, motion, asked.plants, seed, asked.latency_steps):
         results.append(result)
         if not as_json:
             say(f"case {result.case}, {result.rate_Hz} Hz, {result.compensator}: done", err=True)
     refused = [result for result in results if result.refused]
     code = EXIT_REFUSED if refused else EXIT_DONE
     if as_json:
-        answer = {"benchmark": "Silva et al. 2020", "earthquake": motion.name, "seed": seed, "plants": plants}
-        answer["latency_steps"] = latency_steps
+        answer = {"benchmark": "Silva et al. 2020", "earthquake": motion.name, "seed": seed, "plants": asked.plants}
+        answer["latency_steps"] = asked.latency_steps
         write_json({**answer, "results": [_plain(result) for result in results], "exit_code": code})
     else:
         _show(results, motion.name)
@@ -138,3 +197,92 @@ def _said(result: Result) -> str:
         return f"unstable: {result.stopped} of {result.plants}, from {result.first_stop_s:.1f} s"
     limits = ", ".join(f"{name} {result.criteria[name]:.1f} of {limit:g} %" for name, limit in result.asked.items())
     return f"{result.verdict}: {limits}" if limits else ""
+
+
+class Asked(NamedTuple):
+    """What is asked for on the command line."""
+
+    file: Path
+    bench: Path | None
+    simulate: bool
+    seed: int | None
+    simulator_args: tuple[str, ...]
+    out: Path
+
+
+def run_hybrid(asked: Asked, *, as_json: bool) -> int:
+    """Run the tests of a file; the exit code is the campaign's.
+
+    Raises:
+        UsageError: there is no rig, or there are arguments for a simulated one where there is none.
+        FileProblem: the file cannot be used, or has no `[hybrid]`.
+        RigError: as `rig run`.
+    """
+    if asked.bench is None and not asked.simulate:
+        raise click.UsageError("give --bench FILE, or --simulate")
+    if not asked.simulate and (asked.simulator_args or asked.seed is not None):
+        raise click.UsageError("--seed and arguments after -- belong to the simulated rig: give --simulate")
+    from rig.campaign.results import CampaignOptions
+    from rig.cli.job import run_job
+    from rig.errors import FileProblem
+    from rig.matrix.model import load_files, load_matrix
+
+    matrix = load_matrix(asked.file) if asked.bench is None else load_files(asked.file, asked.bench)[0]
+    if matrix.hybrid is None:
+        text = "has no table [hybrid], which says what car and road the damper is tested in; docs/files.md describes it"
+        raise FileProblem(str(asked.file), [text])
+    bench, simulator_args = _rig(asked)
+    shown = console(as_json=as_json)
+    options = CampaignOptions(
+        matrix_path=asked.file, out=asked.out, bench_path=bench, simulate=asked.simulate, speed=1.0,
+        seed=asked.seed or 0, simulator_args=simulator_args,
+    )
+    result = run_job(options, None, shown)
+    numbers = _numbers(result)
+    if as_json:
+        write_json({**result.to_json(), **numbers})
+    else:
+        from rig.cli.run import show_result
+
+        _show_tests(numbers, shown)
+        show_result(result, shown)
+    return result.exit_code
+
+
+def _rig(asked: Asked) -> tuple[Path | None, tuple[str, ...]]:
+    """Bench file, and arguments of the simulated rig: with the devices of a bench file, or one that follows."""
+    if not asked.simulate:
+        return asked.bench, ()
+    if asked.bench is None:
+        return None, (*FOLLOWS, *asked.simulator_args)
+    from rig.campaign.simulated_rig import wearing
+
+    return None, (*wearing(asked.bench), *asked.simulator_args)
+
+
+def _numbers(result: JobResult) -> dict[str, Any]:
+    """What `hybrid.json` says; the same keys without values where there is none."""
+    from rig.characteristics.hybrid_tests import FILE, answer
+
+    path = Path(result.campaign.campaign) / FILE
+    if not path.is_file():
+        return answer(())
+    numbers: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return numbers
+
+
+def _show_tests(numbers: dict[str, Any], shown: Console) -> None:
+    from rich.table import Table
+
+    table = Table()
+    for heading in ("compensation", "delay ms", "tracking %", "body to 3 Hz %", "energy error %", "late", "verdict"):
+        table.add_column(heading, justify="left" if heading in {"compensation", "verdict"} else "right")
+    for test in numbers["tests"]:
+        shares = (100.0 * value if value is not None else None for value in (
+            test["tracking_nrms"], test["reference_error"], test["energy_error"]
+        ))  # fmt: skip
+        cells = ["-" if value is None else f"{value:.3g}" for value in (test["delay_ms"], *shares)]
+        late = "-" if test["late_steps"] is None else f"{test['late_steps']} of {test['steps']}"
+        table.add_row(test["compensation"], *cells, late, test["verdict"])
+    if numbers["tests"]:
+        shown.print(table)

@@ -73,6 +73,11 @@ if TYPE_CHECKING:
     "--profile-of", multiple=True, metavar="NAME",
     help="Also compute the profile likelihood of this parameter (repeatable).",
 )
+@click.option("--diagnose", is_flag=True, help="Look for what explains the misfit of an adequate fit too.")
+@click.option(
+    "--bootstrap", type=click.IntRange(20), metavar="N",
+    help="Draw the tests N times again (1000 for a publication): intervals that hold where no model fits.",
+)  # fmt: skip
 @scheduler_option
 @json_option
 def command(
@@ -92,6 +97,8 @@ def command(
     seed: int,
     profile: bool,
     profile_of: tuple[str, ...],
+    diagnose: bool,
+    bootstrap: int | None,
     scheduler: str | None,
     as_json: bool,
 ) -> int:
@@ -117,6 +124,8 @@ def command(
             current=dependence,
             current_law=current_law,
             series_spring=series_spring,
+            diagnose=True if diagnose else None,
+            bootstrap=bootstrap or 0,
             on_progress=None if model != "all" else lambda line: click.echo(line, err=True),
         )
     if fit.kept is not None:
@@ -126,9 +135,8 @@ def command(
         return EXIT_DONE
     from rig.cli.tables import fit_tables
 
-    shown = console()
     for part in fit_tables(fit.to_json()):
-        shown.print(part)
+        console().print(part)
     if fit.path is not None:
         click.echo(fit.path.resolve())
     return EXIT_DONE

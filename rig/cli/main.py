@@ -31,7 +31,7 @@ COMMANDS = {
     "report": ("rig.cli.report", "Write the report of a run as one HTML file."),
     "compare": ("rig.cli.compare", "Runs side by side: what changed, what is within acceptance bands."),
     "export": ("rig.cli.export", "Write a run or a fit in another program's format."),
-    "hybrid": ("rig.cli.hybrid", "The published benchmark of hybrid tests: a computed building, a moved specimen."),
+    "hybrid": ("rig.cli.hybrid", "Test the damper in a computed car, in real time; or run the published benchmark."),
     "runs": ("rig.cli.runs", "List recorded runs."),
     "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
     "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),

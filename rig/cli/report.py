@@ -1,4 +1,4 @@
-"""`rig report`: the report of a run, written again."""
+"""`rig report`: the report of a run, written again, as a page and on paper."""
 
 from __future__ import annotations
 
@@ -9,20 +9,44 @@ import click
 
 from rig.cli.options import Command, json_option, run_argument
 from rig.cli.output import say, write_json
-from rig.errors import EXIT_DONE
+from rig.errors import EXIT_DONE, RigError
 
 
-@click.command(name="report", cls=Command, examples=("rig report logs/20260102T030405Z-MR-001-ab12cd",))
+@click.command(name="report", cls=Command, examples=(
+    "rig report logs/20260102T030405Z-MR-001-ab12cd",
+    "rig report logs/20260102T030405Z-MR-001-ab12cd --pdf",
+))  # fmt: skip
 @run_argument
+@click.option("--pdf", "on_paper", is_flag=True, help="Write report.pdf too: A4, vectors, every page with its number.")
 @json_option
-def command(run: Path, as_json: bool) -> int:
+def command(run: Path, on_paper: bool, as_json: bool) -> int:
     """Write report.html of RUN (a campaign directory): one self-contained file."""
     from rig.report import write_report
 
     path = write_report(run).resolve()
+    paper = _paper(path) if on_paper else None
     if as_json:
         characteristics = json.loads((path.parent / "characteristics.json").read_text(encoding="utf-8"))
-        write_json({"campaign": str(run.resolve()), "report": str(path), "characteristics": characteristics})
+        answer = {"campaign": str(run.resolve()), "report": str(path), "pdf": None if paper is None else str(paper)}
+        write_json({**answer, "characteristics": characteristics})
     else:
         say(path)
+        if paper is not None:
+            say(paper)
     return EXIT_DONE
+
+
+def _paper(report: Path) -> Path:
+    """The report's PDF.
+
+    Raises:
+        RigError: its library is not installed, or its fonts are missing.
+    """
+    try:
+        from rig.report.pdf import write_pdf
+    except ImportError as error:
+        raise RigError(
+            f"{report} is written, but no PDF: {error.name or 'reportlab'} is missing; install it with "
+            "pip install 'reportlab>=4.2', or print the page with a browser (it has a style for A4)"
+        ) from error
+    return write_pdf(report)

@@ -98,7 +98,7 @@ def command(
         attended=_attended(as_json=as_json),
     )
     shown = console(as_json=as_json)
-    result = run_job(options, identify if identify.enabled and not no_identify else None, shown)
+    result = run_job(options, identify if tests.wants_fit and not no_identify else None, shown)
     # Whoever read the output may have left meanwhile: the exit code still says how the campaign ended.
     with contextlib.suppress(OSError):
         if as_json:

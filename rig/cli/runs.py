@@ -41,7 +41,7 @@ def command(
 
     Summaries are kept in .rig-runs.sqlite in that folder. The files alone count: what has changed is read again.
     """
-    runs = _listed(folder, RunFilter(specimen, date, verdict, model))
+    runs = _listed(folder, RunFilter(specimen, date, verdict, model), None if as_json else MOST_SHOWN)
     if as_json:
         write_json({"runs": runs})
     else:
@@ -49,7 +49,7 @@ def command(
     return EXIT_DONE
 
 
-def _listed(folder: Path, wanted: RunFilter) -> list[dict[str, Any]]:
+def _listed(folder: Path, wanted: RunFilter, last: int | None) -> list[dict[str, Any]]:
     """One summary a run.
 
     Raises:
@@ -58,7 +58,7 @@ def _listed(folder: Path, wanted: RunFilter) -> list[dict[str, Any]]:
     if not folder.is_dir():
         raise FileProblem(str(folder), ["there is no such folder; runs are made in logs/ or where --out said"])
     whole = str(folder.resolve())
-    return [{**run, "path": os.path.join(whole, run["id"])} for run in listed(folder, _summary, wanted)]
+    return [{**run, "path": os.path.join(whole, run["id"])} for run in listed(folder, _summary, wanted, last)]
 
 
 def _show(runs: list[dict[str, Any]], folder: Path) -> None:
@@ -73,15 +73,15 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
     for name in ("run", "specimen", "started", "verdict", *numbers, "remark"):
         right = name in numbers
         table.add_column(name, justify="right" if right else "left", overflow="fold")
-    for run in runs[-MOST_SHOWN:]:
+    for run in runs:
         error = run["nrmse_percent_of_peak"]
         table.add_row(
             run["id"], run["specimen"], run["started"][:10], run["verdict"], str(run["points"]), str(run["valid"]),
             str(run["unfinished"]), "-" if error is None else f"{run['model']} {error:.3g}", run["remark"],
         )  # fmt: skip
     shown.print(table)
-    if len(runs) > MOST_SHOWN:
-        shown.print(f"the last {MOST_SHOWN} of {len(runs)}; filters or --json show others", markup=False)
+    if len(runs) == MOST_SHOWN:
+        shown.print(f"the last {MOST_SHOWN}; filters or --json show others", markup=False)
 
 
 def _summary(place: Path) -> dict[str, Any]:

@@ -232,11 +232,16 @@ def fit_tables(fit: Mapping[str, Any], truth: Mapping[str, float] | None = None)
     table = Table(title=f"Fit: {fit['model']} by {fit['method']}", title_justify="left")
     for name in ("parameter", "value", str(fit.get("interval", INTERVAL)), "unit"):
         table.add_column(name, justify="right" if name == "value" else "left")
+    drawn = (fit.get("bootstrap") or {}).get("parameters")
+    if drawn is not None:
+        table.add_column(f"95 %, tests drawn {fit['bootstrap']['count']} times")
     if truth is not None:
         table.add_column("truth", justify="right")
         table.add_column("inside")
     for name, entry in fit["parameters"].items():
         row = [name, *_estimate(entry), str(entry["unit"])]
+        if drawn is not None:
+            row.append(f"{drawn[name]['low']:.5g} to {drawn[name]['high']:.5g}" if name in drawn else "-")
         if truth is not None:
             true = truth.get(name)
             row += ["-" if true is None else f"{true:.5g}", {True: "yes", False: "NO", None: "-"}[inside(entry, true)]]

@@ -11,7 +11,10 @@ from rig.comparison.readings import COVERAGE, Reading
 
 @dataclass(frozen=True)
 class Change:
-    """Difference to the first run's reading (SI), its standard uncertainty, both also in % of the first value."""
+    """Difference to the first run's reading (SI), its standard uncertainty, both also in % of the first value.
+
+    The percentage has the first value's sign: more force in jounce, which is negative, is a positive change.
+    """
 
     value: float
     std: float
@@ -42,7 +45,7 @@ def change(before: Reading, after: Reading, *, same_gauge: bool) -> Change:
     if not same_gauge:
         parts += [part for part in (before.calibration, after.calibration) if math.isfinite(part)]
     std = math.hypot(*parts)
-    scale = 100.0 / abs(before.value) if before.value != 0.0 else math.nan
+    scale = 100.0 / before.value if before.value != 0.0 else math.nan
     ratio = after.value / before.value if before.value != 0.0 else math.nan
     percent_std = abs(scale) * math.hypot(after.std, ratio * before.std, *parts[2:])
     return Change(value, std, scale * value, percent_std)

@@ -30,8 +30,10 @@ from rig.identification.models.solving import Method, huber_weights, solve_weigh
 from rig.identification.models.tanh_projection import WORTH_COMPILING
 from rig.identification.models.undetermined import examine
 from rig.identification.points.given import given
-from rig.identification.uncertainty.covariance import CONFIDENCE, quantile
+from rig.identification.uncertainty.covariance import quantile
+from rig.identification.uncertainty.drawn import PREDICTED, Drawn, drawn_of, intervals_of
 from rig.identification.uncertainty.fit import Fit
+from rig.identification.uncertainty.prediction_band import predict_with_band
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -43,7 +45,6 @@ if TYPE_CHECKING:
 
 FEWEST_TESTS = 3
 LEAST_DRAWS = 20
-PREDICTED = 200  # draws of which predictions are made
 
 
 @dataclass(frozen=True)
@@ -68,45 +69,32 @@ class Bootstrap:
         """One row a parameter: `value`, `low`, `high` (95 % interval) and `standard_error` in `unit`."""
         import pandas as pd
 
-        tail = 0.5 * (1.0 - CONFIDENCE)
-        low, middle, high = np.quantile(self.draws, [tail, 0.5, 1.0 - tail], axis=0)
-        values = np.array([self.fit.values[name] for name in self.names])
-        spread = np.std(self.draws, axis=0, ddof=1) * self.widening * quantile() / quantile(1, self.tests - 1.0)
+        values = self._values()
+        low, high, spread = intervals_of(values, self.draws, self.tests, self.widening)
         columns = {
             "value": values,
-            "low": values - self.widening * (middle - low),
-            "high": values + self.widening * (high - middle),
+            "low": low,
+            "high": high,
             "standard_error": spread,
             "unit": [self.fit.parameters[name].unit for name in self.names],
         }
         return pd.DataFrame(columns, index=pd.Index(self.names, name="parameter"))
 
     def predict(self, table: Table, *, mid_stroke_m: float = 0.0) -> pd.DataFrame:
-        """As `Fit.predict`, its band widened in squares by what the draws disagree about.
+        """As `Fit.predict` with `band=True`, by all draws.
 
         Raises:
             FileProblem: the table cannot be used.
             IdentificationFailed: the fit has no value of a parameter.
         """
-        result = self.fit.predict(table, mid_stroke_m=mid_stroke_m)
-        forces = np.array([self._drawn(row, table, mid_stroke_m) for row in self.draws[:PREDICTED]])
-        tail = 0.5 * (1.0 - CONFIDENCE)
-        low, middle, high = np.quantile(forces, [tail, 0.5, 1.0 - tail], axis=0)
-        force_N = result["force_N"].to_numpy()
-        below, above = (force_N - result["low_N"].to_numpy(), result["high_N"].to_numpy() - force_N)
-        result["low_N"] = force_N - np.hypot(below, self.widening * (middle - low))
-        result["high_N"] = force_N + np.hypot(above, self.widening * (high - middle))
-        return result
+        return predict_with_band(self.fit, self.names, self.draws[:PREDICTED], self.widening, table, mid_stroke_m)
 
-    def _drawn(self, row: FloatArray, table: Table, mid_stroke_m: float) -> FloatArray:
-        values = dict(zip(self.names, row.tolist(), strict=True))
-        parameters = {
-            name: replace(estimate, value=values[name]) if name in values else estimate
-            for name, estimate in self.fit.parameters.items()
-        }
-        one = replace(self.fit, parameters=parameters, tested=None)
-        force_N: FloatArray = one.predict(table, mid_stroke_m=mid_stroke_m)["force_N"].to_numpy()
-        return force_N
+    def kept(self) -> Drawn:
+        """What a fit keeps of it (`Fit.drawn`)."""
+        return drawn_of(self.names, self._values(), self.draws, self.tests, self.widening)
+
+    def _values(self) -> FloatArray:
+        return np.array([self.fit.values[name] for name in self.names])
 
 
 @dataclass(frozen=True)

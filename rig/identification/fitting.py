@@ -54,6 +54,7 @@ def identify(
     allowance: Allowance | None = None,
     campaign: Sequence[RecordedPoint] = (),
     diagnose: bool | None = None,
+    bootstrap: int = 0,
     on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a damper model to recorded tests.
@@ -80,6 +81,8 @@ def identify(
         campaign: further points of the same campaigns, neither fitted nor held out: they know of the sensors' delays.
         diagnose: look for what explains the misfit; None: where the model is not adequate. Units and signs are looked
             at in any case.
+        bootstrap: draw the tests so often again, for intervals that know of misfit (`rig.identification.bootstrap`); 0
+            for not at all.
         on_progress: called with a line of text before each model is fitted and each comparison.
 
     Returns:
@@ -96,12 +99,12 @@ def identify(
     fitted, held_out = known.fitted, known.held_out
     refuse_reversed_signs(fitted)
     warnings = (*known.warnings, *contradictions(fitted), *known.unusable_steps)
-    wanted = Wanted(settings, declared, profile, warnings, started, laws_over(fitted, current_law))
+    wanted = Wanted(settings, declared, profile, warnings, started, laws_over(fitted, current_law), diagnose)
     if current != AFFINE:
-        if model == ALL or profile or series_spring or PLUS in model or current_law != AFFINE:
+        if model == ALL or profile or series_spring or bootstrap or PLUS in model or current_law != AFFINE:
             raise IdentificationFailed(
-                f"current dependence {current!r} goes with one model, without profiles, without a series spring, and "
-                "without a current law"
+                f"current dependence {current!r} goes with one model, without profiles, without a series spring, "
+                "without a bootstrap and without a current law"
             )
         chosen = _model(model, hysteresis)
         related = identify_per_current(chosen, fitted, held_out, current, wanted, on_progress)
@@ -130,6 +133,10 @@ def identify(
         )
     fit = _usable(fit, fitted, held_out, known.temperature_degC)
     causes = _diagnosis(best, fit, fitted, misfit=fit.adequate is False if diagnose is None else diagnose)
+    if bootstrap:
+        from rig.identification.bootstrap import bootstrap as drawn_again
+
+        fit = replace(fit, drawn=drawn_again(replace(fit, series=spring), fitted, count=bootstrap).kept())
     return replace(fit, series=spring, next_tests=next_tests(best.model, fit, fitted, allowance), diagnosis=causes)
 
 

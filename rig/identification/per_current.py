@@ -21,7 +21,7 @@ from rig.identification.models.relation import CurrentRelations, Relation, relat
 from rig.identification.models.solving import Candidate, solve
 from rig.identification.models.undetermined import SAME_CURRENT_A, examine
 from rig.identification.uncertainty.assessment import Wanted, judged
-from rig.identification.uncertainty.fit import Estimate, Fit
+from rig.identification.uncertainty.fit import Cause, Estimate, Fit
 from rig.identification.uncertainty.scoring import describes, score_forces, together
 from rig.identification.words import say
 from rig.matrix.methods import DEPENDENCES
@@ -177,8 +177,23 @@ def _joined(
         condition=max(level.fit.condition for level in levels),
         notes=(*levels[0].fit.notes, f"{related.dependence}: each current fitted alone, then related to the current"),
         current=related,
+        diagnosis=_diagnosed(model, levels, wanted),
         form=model.equation,
     )
+
+
+def _diagnosed(model: DamperModel, levels: Sequence[Level], wanted: Wanted) -> tuple[Cause, ...]:
+    """What probably explains the misfit at the current where it is largest; units and signs of all tests."""
+    from rig.identification.diagnosis.ranking import Fitted, diagnose
+
+    worst = max(levels, key=lambda level: level.fit.error.nrmse_percent_of_peak)
+    misfit = any(level.fit.adequate is False for level in levels) if wanted.diagnose is None else wanted.diagnose
+    tests = [_without_current(test) for test in worst.tests]
+    values = {name: value for name, value in worst.fit.values.items() if name != "eta"}
+    names = tuple(examine(model, tests).free(values))
+    fitted = Fitted(model, values, names, tests, wanted.method.weighting(model))
+    causes = diagnose(fitted, misfit=misfit)
+    return tuple(replace(cause, text=f"at {worst.current_A:.2f} A: {cause.text}") for cause in causes)
 
 
 def _parameters(model: DamperModel, levels: Sequence[Level]) -> Mapping[str, Estimate]:

@@ -35,6 +35,8 @@ def identify_run(
     current: str = AFFINE,
     current_law: str = AFFINE,
     series_spring: bool = False,
+    diagnose: bool | None = None,
+    bootstrap: int = 0,
     on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit recorded runs and write `fit.json` into the first of them, or beside the file it is.
@@ -50,6 +52,8 @@ def identify_run(
         current: as in `identify`.
         current_law: as in `identify`.
         series_spring: as in `identify`.
+        diagnose: as in `identify`.
+        bootstrap: as in `identify`.
         on_progress: as in `identify`.
 
     Raises:
@@ -86,6 +90,8 @@ def identify_run(
         current=current,
         current_law=current_law,
         series_spring=series_spring,
+        diagnose=diagnose,
+        bootstrap=bootstrap,
         allowance=bench_of(runs[0].path),
         campaign=[point for run in tested for point in run.usable],
         on_progress=on_progress,

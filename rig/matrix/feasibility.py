@@ -37,7 +37,7 @@ class Reason:
     """Why a point cannot be run.
 
     `slug` is one of `speed`, `acceleration`, `position`, `stroke`, `force`, `heat`, `current`, `specimen-current`,
-    `sampling`, `warm-up`; `text` has the numbers.
+    `sampling`, `warm-up`, `waveform`, `hybrid`, `hybrid-unstable`; `text` has the numbers.
     """
 
     slug: str
@@ -114,7 +114,9 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     own = matrix.specimen.max_current_A
     if own is not None and _beyond(point.current_A, own):
         yield Reason("specimen-current", f"current {point.current_A:.3g} A is above the specimen's {own:.3g} A")
-    if point.kind == "current_step":
+    if point.kind == "hybrid" and matrix.hybrid is not None:
+        yield from (Reason(*given) for given in matrix.hybrid.reasons(point, matrix.specimen.prior or "", bench))
+    if point.kind in {"current_step", "hybrid"}:
         return
     rate_Hz = min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
     if _beyond(SAMPLES_A_CYCLE * point.frequency_Hz, rate_Hz):
@@ -159,6 +161,8 @@ def _beyond(value: float, limit: float) -> bool:
 
 def would_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> float | None:
     """The largest amplitude, rounded down, with which the point becomes feasible; None when none does."""
+    if point.forecast is not None:
+        return None
     if any(True for _ in _independent_of_amplitude(point, matrix, bench)):
         return None
     one_metre = replace(point, amplitude_m=1.0)
@@ -205,7 +209,7 @@ def sampling_hints(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]
         points: all points of a plan.
         bench: rates, declared bandwidths and delays of its sensors.
     """
-    moving = [point for point in points if point.kind != "current_step"]
+    moving = [point for point in points if point.kind not in {"current_step", "hybrid"}]
     hints: list[str] = []
     for name, sensor in (("load cell", bench.load_cell), ("LVDT", bench.lvdt)):
         hints += _rate(name, sensor, moving)

@@ -14,7 +14,17 @@ STEPS_A_CYCLE = 400
 
 
 def forecaster(specimen: Specimen) -> Forecast:
-    """The best forecast the specimen's section allows."""
+    """The best forecast the specimen's section allows; a point that brings its own keeps that."""
+    of_waveforms = _of_waveforms(specimen)
+
+    def forecast(point: TestPoint) -> tuple[float | None, float | None]:
+        own = point.forecast
+        return of_waveforms(point) if own is None else (own.force_N, own.energy_J + _coil_J(point, specimen))
+
+    return forecast
+
+
+def _of_waveforms(specimen: Specimen) -> Forecast:
     if specimen.prior is not None:
         return _from_prior(specimen, specimen.prior)
     bound_N = specimen.max_force_N

@@ -17,8 +17,9 @@ from pydantic_core import PydanticCustomError
 
 from rig.bench.model import Bench
 from rig.bench.problems import WrongKind, load_section
-from rig.bench.section import Section
+from rig.bench.section import Section, located
 from rig.errors import FileProblem, FileProblems
+from rig.matrix.hybrid_table import HybridTable
 from rig.matrix.point import TestPoint
 from rig.matrix.sections import (
     Campaign,
@@ -44,6 +45,7 @@ class Matrix(Section):
     extra: tuple[ExtraPoint, ...] = Field(default=(), alias="point")
     friction: Friction | None = None
     current_step: tuple[CurrentStep, ...] = ()
+    hybrid: HybridTable | None = None
     temperature: Temperature | None = None
     identify: Identify = Field(default_factory=Identify)
     campaign: Campaign = Field(default_factory=Campaign)
@@ -69,9 +71,16 @@ class Matrix(Section):
         return tuple(written)
 
     @property
+    def wants_fit(self) -> bool:
+        """A model is to be identified; not from hybrid tests alone, whose damper is assumed."""
+        tests_only = self.hybrid is not None and all(point.kind != "loop" for point in self.points())
+        return self.identify.enabled and not tests_only
+
+    @property
     def digest(self) -> str:
         """SHA-256 (hex) of specimen and points; what is identified afterwards does not count."""
-        text = self.model_dump_json(exclude={"identify"})
+        apart = {"identify"} if self.hybrid is not None else {"identify", "hybrid"}
+        text = self.model_dump_json(exclude=apart)
         return hashlib.sha256(text.encode()).hexdigest()
 
     def _written(self) -> list[TestPoint]:
@@ -114,6 +123,8 @@ class Matrix(Section):
                     steps_A=item.current_A,
                 )
             )
+        if self.hybrid is not None and self.specimen.prior is not None:
+            special += self.hybrid.points(self.specimen.prior, self.specimen.mid_stroke_m)
         return special
 
     def _point(self, waveform: str, amplitude_m: float, frequency_Hz: float, current_A: float) -> TestPoint:
@@ -137,6 +148,7 @@ class Matrix(Section):
         sizes = [len(values) for values in (sweep.waveform, sweep.current_A, sweep.amplitude_m, sweep.frequency_Hz)]
         count = (math.prod(sizes) + len(self.extra)) * sweep.repeats
         count += (self.friction is not None) + len(self.current_step)
+        count += 0 if self.hybrid is None else len(self.hybrid.compensation)
         if count == 0:
             raise PydanticCustomError("no_points", "no test point; fill [matrix] or add [[point]]")
         if count > POINT_LIMIT:
@@ -159,8 +171,15 @@ class Matrix(Section):
         return self
 
     @model_validator(mode="after")
+    def _damper_assumed(self) -> Self:
+        if self.hybrid is not None and self.specimen.prior is None:
+            text = 'is missing; a hybrid test is forecast with the assumed damper: name a parameter set, prior = "demo"'
+            raise located([(("specimen", "prior"), text)])
+        return self
+
+    @model_validator(mode="after")
     def _unique_ids(self) -> Self:
-        counts = Counter(point.id.casefold() for point in self._written())
+        counts = Counter(point.id.casefold() for point in self._written() if point.kind != "hybrid")
         twice = sorted(name for name, count in counts.items() if count > 1)
         if twice:
             shown = ", ".join(twice[:10]) + (", ..." if len(twice) > 10 else "")

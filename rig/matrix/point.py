@@ -3,8 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from rig.signals.waveform import Waveform, waveform_named
+
+
+class Forecast(NamedTuple):
+    """What a motion that is no waveform is forecast to reach: m/s, m/s^2, N, and the energy turned to heat, J."""
+
+    peak_speed_m_s: float
+    peak_acceleration_m_s2: float
+    force_N: float
+    energy_J: float
 
 
 @dataclass(frozen=True)
@@ -13,7 +23,9 @@ class TestPoint:
 
     `cycles` are at full amplitude; the ramps come beside them. `repeat` counts from 1. `kind` is `loop`, `friction`
     (a slow triangle without current, for gas force and friction) or `current_step`: then `waveform` is `hold`, the
-    amplitude 0, a cycle one step, `steps_A` the currents in turn and `current_A` the largest of them.
+    amplitude 0, a cycle one step, `steps_A` the currents in turn and `current_A` the largest of them. Or it is
+    `hybrid`: then `waveform` is `hold`, the amplitude the largest extension that is `forecast`, the whole test one
+    cycle, and `compensator` what leads the set-points.
 
     Raises:
         UnknownWaveform: `waveform` is no waveform's name.
@@ -34,6 +46,8 @@ class TestPoint:
     rest_s: float = 0.0
     kind: str = "loop"
     steps_A: tuple[float, ...] = ()
+    forecast: Forecast | None = None
+    compensator: str = ""
 
     def __post_init__(self) -> None:
         waveform_named(self.waveform)
@@ -51,11 +65,15 @@ class TestPoint:
     @property
     def peak_speed_m_s(self) -> float:
         """Largest speed (m/s)."""
+        if self.forecast is not None:
+            return self.forecast.peak_speed_m_s
         return self.shape.peak_velocity * self.frequency_Hz * self.amplitude_m
 
     @property
     def peak_acceleration_m_s2(self) -> float:
         """Largest acceleration (m/s2), corners as the controller rounds them."""
+        if self.forecast is not None:
+            return self.forecast.peak_acceleration_m_s2
         return self.shape.peak_acceleration * self.frequency_Hz**2 * self.amplitude_m
 
     @property

@@ -143,6 +143,11 @@ RING_CHANNELS: dict[int, Description] = {
        for n in range(7)},
     50: Description("trip", "1", "Interlock trips"),
     51: Description("loop_late", "s", "Lateness of the station's loop"),
+    60: Description("hybrid_time", "s", "Hybrid test: time since the road's beginning, as computed"),
+    61: Description("hybrid_target", "m", "Hybrid test: where the specimen should be, about its centre"),
+    62: Description("hybrid_seen", "m", "Hybrid test: where the specimen was seen at that step, about its centre"),
+    63: Description("hybrid_body", "m", "Hybrid test: computed height of the body"),
+    64: Description("hybrid_wheel", "m", "Hybrid test: computed height of the wheel"),
 }
 #: Channel name -> number in the ring.
 NUMBER: dict[str, int] = {description.name: number for number, description in RING_CHANNELS.items()}
@@ -162,6 +167,7 @@ def good_values(records: NDArray[Any]) -> FloatArray:
 
 LOOP = "loop"
 CURRENT_STEP = "current_step"
+HYBRID = "hybrid"
 
 
 @dataclass(frozen=True)
@@ -236,6 +242,11 @@ class WantedPoint:
     def standing(self) -> bool:
         """Whether the rod stands still while the current is stepped."""
         return self.kind == CURRENT_STEP
+
+    @property
+    def cyclic(self) -> bool:
+        """Whether its motion repeats itself, so that its cycles can be counted and compared."""
+        return self.kind not in {CURRENT_STEP, HYBRID}
 
     @property
     def levels_A(self) -> tuple[float, ...]:

@@ -2,7 +2,8 @@
 
 The files alone say what is true. The index keeps a summary of each run with a stamp of all files it was made of; where
 a stamp differs, a run is new or the index cannot be used, the summary is made again, and what is gone is forgotten. It
-may be deleted at any time, and nothing is refused where it cannot be written.
+may be deleted at any time, and nothing is refused where it cannot be written. Files of points, where most of the time
+would go, are looked at only of runs that may be wanted by what stands beside them.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import os
 import re
 import sqlite3
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from rig.clock import utc_now
 from rig.errors import FileProblem
 
 NAME = ".rig-runs.sqlite"
-FORMAT = f"1, {rig.__version__}"
+FORMAT = f"2, {rig.__version__}"
 """Of the summaries; another one's are not used."""
 SETTLED_NS = 2_000_000_000
 """A file changed so lately may be changed again within the resolution of its time stamp: its summary is not kept."""
@@ -62,83 +63,130 @@ class RunFilter:
                 f"{self.date!r}: write 2026, 2026-11, 2026-11-23 or two of them, 2026-11-01:2026-11-23 (UTC)"
             ])  # fmt: skip
 
-    def holds(self, summary: Summary) -> bool:
-        """Whether a run is wanted."""
-        specimen, date = str(summary["specimen"]), str(summary["started"])
+    def may_hold(self, specimen: str, started: str, model: str) -> bool:
+        """Whether a run is wanted by what does not stand in its points' files."""
         first, colon, last = (self.date or "").partition(":")
         last = last if colon else first
         return (
             (self.specimen is None or specimen == self.specimen or fnmatchcase(specimen, self.specimen))
-            and (not first or date >= first)
-            and (not last or (date != "" and date[: len(last)] <= last))
-            and self.verdict in {None, summary["verdict"]}
-            and self.model in {None, summary["model"]}
+            and (not first or started >= first)
+            and (not last or (started != "" and started[: len(last)] <= last))
+            and self.model in {None, model}
         )
 
+    def holds(self, summary: Summary) -> bool:
+        """Whether a run is wanted."""
+        told = (str(summary[name]) for name in ("specimen", "started", "model"))
+        return self.may_hold(*told) and self.verdict in {None, summary["verdict"]}
 
-def listed(folder: Path, summarise: Callable[[Path], Summary], wanted: RunFilter) -> list[Summary]:
+
+@dataclass(frozen=True)
+class Kept:
+    """A row of the index: stamps of the run's own files and of its points', what filters need, the summary as JSON."""
+
+    own: str
+    points: str
+    specimen: str
+    started: str
+    model: str
+    summary: str
+
+
+def listed(
+    folder: Path, summarise: Callable[[Path], Summary], wanted: RunFilter, last: int | None = None
+) -> list[Summary]:
     """Summaries of the runs in a folder, by name.
 
     Args:
         folder: where they lie.
-        summarise: makes a run's summary from its files alone; with `specimen`, `started` (ISO 8601, UTC), `verdict` and
-            `model`, each empty where unknown. It must be what JSON can hold.
+        summarise: makes a run's summary from its files alone; with `specimen`, `started` (ISO 8601, UTC), `model` (by
+            `campaign.json` and `fit.json`) and `verdict` (by the points), each empty where unknown. It must be what
+            JSON can hold.
         wanted: which of them.
+        last: how many at most, from the end; None: all.
 
     Raises:
         FileProblem: there is no such folder, or it cannot be read.
     """
     try:
-        present = dict(sorted(_stamps(folder)))
+        present = dict(sorted(_own_stamps(folder)))
     except OSError as error:
         raise FileProblem(str(folder), [f"cannot be read: {error.strerror}"]) from error
-    known = _kept(folder / NAME)
-    runs, changed, now_ns = {}, {}, utc_now().timestamp() * 1e9
-    for name, (stamp, newest_ns) in present.items():
-        kept = known.get(name)
-        if kept is not None and kept[0] == stamp:
-            runs[name] = kept[1]
-            continue
-        runs[name] = summarise(folder / name)
-        if newest_ns + SETTLED_NS < now_ns and name.isprintable():
-            changed[name] = (stamp, runs[name])
+    known, root, now_ns = _kept(folder / NAME), os.fspath(folder), utc_now().timestamp() * 1e9
+    runs: list[Summary] = []
+    changed: dict[str, Kept] = {}
     gone = known.keys() - present.keys()
-    stale = {name for name in present if name in known and runs[name] is not known[name][1]} - changed.keys()
-    if changed or gone or stale:
-        _keep(folder / NAME, changed, gone | stale)
-    return [summary for summary in runs.values() if wanted.holds(summary)]
+    for name in reversed(present):
+        kept, (own, own_ns) = known.get(name), present[name]
+        same = kept is not None and kept.own == own
+        if same and kept is not None and not wanted.may_hold(kept.specimen, kept.started, kept.model):
+            continue
+        points, newest_ns = _points_stamp(f"{root}/{name}/points")
+        if same and kept is not None and kept.points == points:
+            summary = json.loads(kept.summary)
+        else:
+            summary = summarise(folder / name)
+            if max(newest_ns, own_ns) + SETTLED_NS < now_ns and name.isprintable():
+                changed[name] = _row(own, points, summary)
+            elif kept is not None:
+                gone.add(name)
+        if wanted.holds(summary):
+            runs.append(summary)
+        if len(runs) == last:
+            break
+    if changed or gone:
+        _keep(folder / NAME, changed, gone)
+    return runs[::-1]
 
 
-def _stamps(folder: Path) -> Iterator[tuple[str, tuple[str, int]]]:
-    """Name, stamp and time of the last change (ns) of every run.
+def _row(own: str, points: str, summary: Summary) -> Kept:
+    specimen, started, model = (str(summary[key]) for key in ("specimen", "started", "model"))
+    return Kept(own, points, specimen, started, model, json.dumps(summary))
 
-    The stamp is made of inode, time of change and size of each of its files: one that is replaced, renamed, written
-    to or copied has another.
-    """
+
+def _own_stamps(folder: Path) -> Iterator[tuple[str, tuple[str, int]]]:
+    """Name of every run; stamp of its folder of points and its files beside it, and their last change (ns)."""
+    root = os.fspath(folder)
     with os.scandir(folder) as entries:
         names = [entry.name for entry in entries if not entry.is_file(follow_symlinks=False)]
     for name in names:
-        place = os.path.join(folder, name)
-        total, newest = 0, 0
+        place = f"{root}/{name}/"
         try:
-            with os.scandir(os.path.join(place, "points")) as points:
-                states = [entry.stat() for entry in points]
-        except (FileNotFoundError, NotADirectoryError):
-            continue
+            state = os.stat(f"{place}points/")
         except OSError:
-            yield name, ("", 1 << 63)  # looked at every time
             continue
+        stamp, newest_ns = f"{state.st_ino} {state.st_ctime_ns}", state.st_ctime_ns
         for file in ("campaign.json", "fit.json"):
-            with contextlib.suppress(OSError):
-                states.append(os.stat(os.path.join(place, file)))
-        for state in states:
-            total += hash((state.st_ino, state.st_ctime_ns, state.st_size))
-            newest = max(newest, state.st_ctime_ns)
-        yield name, (f"{len(states)}:{total:x}", newest)
+            try:
+                state = os.stat(place + file)
+            except OSError:
+                stamp += " -"
+            else:
+                stamp += f" {state.st_ino} {state.st_ctime_ns} {state.st_size}"
+                newest_ns = max(newest_ns, state.st_ctime_ns)
+        yield name, (stamp, newest_ns)
 
 
-def _kept(file: Path) -> dict[str, tuple[str, Summary]]:
-    """What the index holds, name -> stamp and summary; nothing where it cannot be used."""
+def _points_stamp(points: str) -> tuple[str, int]:
+    """Stamp of all files of points, and when the last one was changed (ns).
+
+    It is made of inode, time of change and size of each: one that is replaced, renamed, written to or copied has
+    another.
+    """
+    total, newest_ns = 0, 0
+    try:
+        with os.scandir(points) as entries:
+            states = [entry.stat() for entry in entries]
+    except OSError:
+        return "", 1 << 63  # looked at every time
+    for state in states:
+        total += hash((state.st_ino, state.st_ctime_ns, state.st_size))
+        newest_ns = max(newest_ns, state.st_ctime_ns)
+    return f"{len(states)} {total:x}", newest_ns
+
+
+def _kept(file: Path) -> dict[str, Kept]:
+    """What the index holds; nothing where it cannot be used."""
     if not file.is_file():
         return {}
     try:
@@ -146,13 +194,13 @@ def _kept(file: Path) -> dict[str, tuple[str, Summary]]:
             (written,) = index.execute("SELECT written FROM format").fetchone()
             if written != FORMAT:
                 return {}
-            rows = index.execute("SELECT name, stamp, summary FROM runs").fetchall()
-            return {str(name): (str(stamp), json.loads(summary)) for name, stamp, summary in rows}
+            rows = index.execute("SELECT name, own, points, specimen, started, model, summary FROM runs").fetchall()
     except (sqlite3.Error, TypeError, ValueError):
         return {}  # made again
+    return {name: Kept(*row) for name, *row in rows}
 
 
-def _keep(file: Path, changed: dict[str, tuple[str, Summary]], gone: set[str]) -> None:
+def _keep(file: Path, changed: dict[str, Kept], gone: set[str]) -> None:
     """Write to the index; where that cannot be, the next call looks at the files again."""
     with contextlib.suppress(sqlite3.Error, OSError):
         try:
@@ -164,7 +212,7 @@ def _keep(file: Path, changed: dict[str, tuple[str, Summary]], gone: set[str]) -
             _write(file, changed, gone)
 
 
-def _write(file: Path, changed: dict[str, tuple[str, Summary]], gone: set[str]) -> None:
+def _write(file: Path, changed: dict[str, Kept], gone: set[str]) -> None:
     with contextlib.closing(sqlite3.connect(file, timeout=0.5)) as index, index:
         index.execute("BEGIN IMMEDIATE")
         index.execute("CREATE TABLE IF NOT EXISTS format (written TEXT)")
@@ -173,11 +221,11 @@ def _write(file: Path, changed: dict[str, tuple[str, Summary]], gone: set[str]) 
             index.execute("DROP TABLE IF EXISTS runs")
             index.execute("INSERT INTO format VALUES (?)", (FORMAT,))
         index.execute(
-            "CREATE TABLE IF NOT EXISTS runs (name TEXT PRIMARY KEY, stamp TEXT, specimen TEXT, started TEXT, verdict "
+            "CREATE TABLE IF NOT EXISTS runs (name TEXT PRIMARY KEY, own TEXT, points TEXT, specimen TEXT, started "
             "TEXT, model TEXT, summary TEXT)"
         )
         index.executemany("DELETE FROM runs WHERE name = ?", [(name,) for name in gone])
-        index.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?, ?, ?, ?)", [
-            (name, stamp, *(summary[key] for key in ("specimen", "started", "verdict", "model")), json.dumps(summary))
-            for name, (stamp, summary) in changed.items()
-        ])  # fmt: skip
+        index.executemany(
+            "INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?, ?, ?, ?)",
+            [(name, *astuple(kept)) for name, kept in changed.items()],
+        )

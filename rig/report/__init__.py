@@ -4,5 +4,6 @@ Nothing is measured, judged or fitted here; what is shown comes from `rig.record
 """
 
 from rig.report.document import write_report
+from rig.report.figures import figures
 
-__all__ = ["write_report"]
+__all__ = ["figures", "write_report"]

@@ -6,10 +6,12 @@ import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.report.style import SVG_RULES
 from rig.signals.arrays import FloatArray
 
 Range = tuple[float, float]
@@ -57,6 +59,25 @@ class Chart:
             "</svg>",
         ]
         return "".join(parts)
+
+    def standalone(self) -> str:
+        """The chart as a file of its own, with its style."""
+        opening, content = self.svg().split(">", 1)
+        size = f' xmlns="http://www.w3.org/2000/svg" width="{self.width}" height="{self.height}"'
+        return f"{opening}{size}><style>{SVG_RULES}</style>{content}\n"
+
+    def save(self, path: Path | str) -> Path:
+        """Write it as an SVG file.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        file = Path(path)
+        file.write_text(self.standalone(), encoding="utf-8")
+        return file
+
+    def _repr_svg_(self) -> str:
+        return self.standalone()
 
     def _axes(self, x_range: Range, y_range: Range) -> list[str]:
         right, bottom = self.width - RIGHT, self.height - BOTTOM

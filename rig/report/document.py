@@ -9,6 +9,7 @@ from typing import Any
 
 import rig.dampers
 from rig.characteristics import characterise
+from rig.characteristics.hybrid_tests import hybrid_tests, write_hybrid
 from rig.dampers import DamperModel
 from rig.errors import FileProblem, RigError
 from rig.recording.atomic_write import write_text_durably
@@ -33,6 +34,7 @@ from rig.report.fragment import (
     page,
     text,
 )
+from rig.report.hybrid import hybrid_part
 from rig.report.instruments import calibrations, doubts_of, instruments
 from rig.report.loops import PointView, view_of
 from rig.report.over_current import parameters_over_current
@@ -51,7 +53,7 @@ LACKS = "-without-"
 def write_report(run_dir: Path) -> Path:
     """Write `report.html` into a campaign's directory, from its points and, if there is one, its `fit.json`.
 
-    What is measured without a model goes into `characteristics.json` beside it.
+    What is measured without a model goes into `characteristics.json` beside it, hybrid tests into `hybrid.json`.
 
     Args:
         run_dir: the campaign's directory.
@@ -67,7 +69,12 @@ def write_report(run_dir: Path) -> Path:
     fit = read_fit(run.path)
     views, remark = views_of(run, fit)
     characteristics = characterise(run, {view.point.id: view.measured for view in views if view.measured is not None})
-    parts = [header(run, fit), doubts_of(run), warnings(run, fit), remark, loops.overview(views)]
+    hybrid = hybrid_tests(run)
+    if hybrid:
+        write_hybrid(run, hybrid)
+    parts = [
+        header(run, fit), doubts_of(run), warnings(run, fit), remark, hybrid_part(hybrid), loops.overview(views),
+    ]
     if fit is not None:
         parts += [fit_part.parameters(fit), parameters_over_current(fit)]
     parts.append(loops.details(views, fitted=any(_has_fit(view) for view in views)))

@@ -53,12 +53,14 @@ def parameters(fit: JsonObject) -> str:
             low, high = entry.get("low"), entry.get("high")
             value, interval = between(entry.get("value"), low, high)
             half = _half_percent(entry.get("value"), low, high)
-            known.append(("", [text(name), value, interval, half, unit, text(meanings.get(name, ""))]))
+            row = [text(name), value, interval, half, *_drawn_again(fit, name), unit, text(meanings.get(name, ""))]
+            known.append(("", row))
         else:
             why = entry.get("reason") or "the data do not determine it"
             unknown.append(("no", [text(name), value, unit, text(meanings.get(name, "")), text(why)]))
     parts = [heading("Fitted parameters"), _equation(fit)]
-    head = ["Parameter", "Value", "95 % interval", "\N{PLUS-MINUS SIGN} %", "Unit", "Meaning"]
+    again = [f"95 %, tests drawn {fit['bootstrap']['count']} times"] if fit.get("bootstrap") else []
+    head = ["Parameter", "Value", "95 % interval", "\N{PLUS-MINUS SIGN} %", *again, "Unit", "Meaning"]
     parts.append(table(head, known, (1, 2, 3)))
     if unknown:
         parts.append(heading("Not identifiable from these data", level=3))
@@ -128,6 +130,15 @@ def _test_row(test: JsonObject, remark: str) -> list[str]:
         number(test.get("noise_N"), 3), number(residual.get("noise_N"), 3), number(repeats, 2), white,
         number(test.get("energy_J")), number(test.get("modelled_energy_J")), text(remark),
     ]  # fmt: skip
+
+
+def _drawn_again(fit: JsonObject, name: str) -> list[str]:
+    """The interval of tests drawn again, as a cell; none where they were not."""
+    bootstrap = fit.get("bootstrap")
+    if not bootstrap:
+        return []
+    entry = bootstrap["parameters"].get(name)
+    return [between(entry["low"], entry["low"], entry["high"])[1] if entry else NOTHING]
 
 
 def _half_percent(value: object, low: object, high: object) -> str:

@@ -36,23 +36,30 @@ def overview(views: Sequence[PointView]) -> str:
     fitted = key("fitted", OVERLAID, dashed=True) if any(
         view.loop is not None and view.loop.fitted_N is not None for view in drawn
     ) else ""
-    cards = []
+    cards = [card(f"<b>{text(motion)}</b>", chart.svg()) for motion, chart in overview_charts(views).items()]
+    return (
+        heading("Force over velocity, all currents")
+        + key_line("One cycle. Measured:", keys + fitted) + charts(cards)
+    )
+
+
+def overview_charts(views: Sequence[PointView]) -> dict[str, Chart]:
+    """Force over velocity by the motion's words, all currents over each other."""
+    drawn = [view for view in views if view.loop is not None]
+    currents = sorted({view.point.current_A for view in drawn})
+    made = {}
     for motion, group in _grouped(drawn, motion_of):
         traces = [
             Trace(view.loop.velocity_m_s, view.loop.force_N, "m", f"{view.point.current_A:g} A, {view.point.id}",
-                  colours[view.point.current_A])
+                  current_colour(currents.index(view.point.current_A), len(currents)))
             for view in sorted(group, key=lambda view: view.point.current_A) if view.loop is not None
         ]
         traces += [
             Trace(view.loop.velocity_m_s, view.loop.fitted_N, "q", f"fitted, {view.point.current_A:g} A")
             for view in group if view.loop is not None and view.loop.fitted_N is not None
         ]
-        chart = Chart(VELOCITY, FORCE, traces, 400, 270, title=f"Force over velocity, {motion}")
-        cards.append(card(f"<b>{text(motion)}</b>", chart.svg()))
-    return (
-        heading("Force over velocity, all currents")
-        + key_line("One cycle. Measured:", keys + fitted) + charts(cards)
-    )
+        made[motion] = Chart(VELOCITY, FORCE, traces, 400, 270, title=f"Force over velocity, {motion}")
+    return made
 
 
 def details(views: Sequence[PointView], *, fitted: bool) -> str:
@@ -85,17 +92,29 @@ def _card(view: PointView, force: Range, residual: Range) -> str:
     header = "".join(title)
     if view.loop is None:
         return card(header, paragraph(f"Not drawn: {text(view.why)}"))
+    made = loop_charts(view, force, residual)
+    strip = made["residual"].svg() if "residual" in made else ""
+    return card(header, block("pair", made["displacement"].svg() + made["velocity"].svg()), strip)
+
+
+def loop_charts(view: PointView, force: Range | None = None, residual: Range | None = None) -> dict[str, Chart]:
+    """A point's loops: force over `displacement` and `velocity`, and with a fit the `residual` over the cycle.
+
+    `force` and `residual` are the axes' ranges (N); by default each chart's own.
+    """
     loop = view.loop
+    if loop is None:
+        return {}
     over_u = [Trace(loop.displacement_mm, loop.force_N, "m", "measured")]
     over_v = [Trace(loop.velocity_m_s, loop.force_N, "m", "measured")]
-    strip = ""
+    made = {"displacement": Chart(DISPLACEMENT, FORCE, over_u, y_range=force),
+            "velocity": Chart(VELOCITY, FORCE, over_v, y_range=force)}  # fmt: skip
     if loop.fitted_N is not None:
         over_u.append(Trace(loop.displacement_mm, loop.fitted_N, "p", "fitted"))
         over_v.append(Trace(loop.velocity_m_s, loop.fitted_N, "p", "fitted"))
         rest = Trace(loop.phase, _residual(loop), "e", "measured minus fitted")
-        strip = Chart("Share of the cycle", "Residual N", [rest], 610, 130, (0.0, 1.0), residual).svg()
-    pair = Chart(DISPLACEMENT, FORCE, over_u, y_range=force).svg() + Chart(VELOCITY, FORCE, over_v, y_range=force).svg()
-    return card(header, block("pair", pair), strip)
+        made["residual"] = Chart("Share of the cycle", "Residual N", [rest], 610, 130, (0.0, 1.0), residual)
+    return made
 
 
 def _residual(loop: Loop) -> FloatArray:
@@ -149,6 +168,8 @@ def view_of(
     """
     if point.kind == "current_step":
         return PointView(point, None, "the rod stood still; the current was stepped", error or {}, held_out)
+    if point.kind == "hybrid":
+        return PointView(point, None, "a hybrid test: its motion has no cycles", error or {}, held_out)
     try:
         measured = prepare(point, skew)
     except RigError as problem:

@@ -32,14 +32,23 @@ def standard_tests(characteristics: Characteristics) -> str:
     return heading("Standard damper tests", note) + body + left_out
 
 
-def _plots(loops: Sequence[LoopCharacteristics]) -> str:
-    forces = _chart(loops, "Force N", lambda loop: (loop.rebound_N, loop.jounce_N))
-    cards = [_titled("Peak-velocity plot (PVP)", forces)]
-    cards.append(_titled("Energy per cycle", _chart(loops, "Energy J", lambda loop: (loop.energy_J,))))
-    cards.append(_titled(
-        "Equivalent viscous damping", _chart(loops, "Damping N s/m", lambda loop: (loop.equivalent_damping_N_s_m,)),
-    ))
+TITLES = {"force": "Peak-velocity plot (PVP)", "energy": "Energy per cycle", "damping": "Equivalent viscous damping"}
+
+
+def plots(loops: Sequence[LoopCharacteristics]) -> dict[str, Chart]:
+    """Over peak velocity, one line a current: `force` (rebound and jounce), `energy`, `damping`; none of one loop."""
     if len(loops) < 2:
+        return {}
+    return {
+        "force": _chart(loops, "Force N", lambda loop: (loop.rebound_N, loop.jounce_N)),
+        "energy": _chart(loops, "Energy J", lambda loop: (loop.energy_J,)),
+        "damping": _chart(loops, "Damping N s/m", lambda loop: (loop.equivalent_damping_N_s_m,)),
+    }
+
+
+def _plots(loops: Sequence[LoopCharacteristics]) -> str:
+    cards = [_titled(TITLES[name], chart) for name, chart in plots(loops).items()]
+    if not cards:
         return ""
     currents = sorted({loop.current_A for loop in loops})
     keys = "".join(

@@ -11,6 +11,26 @@ RESIDUAL = "#55606e"
 #: order is seen without colour vision and in grey print.
 SEQUENCE = ("#440154", "#472e7c", "#3a548c", "#2b758e", "#1f958b", "#2fb47c", "#6ece58")
 
+CHIPS = {
+    "valid": ("#d9f2e3", "#0b5d33"), "good": ("#d9f2e3", "#0b5d33"), "suspect": ("#fdf0c4", "#6b4e00"),
+    "fair": ("#fdf0c4", "#6b4e00"), "invalid": ("#fbdcd7", "#8c1d10"), "poor": ("#fbdcd7", "#8c1d10"),
+    "plain": ("#e6ebf2", "#38455a"),
+}  # fmt: skip
+"""Background and letters of labels, by class."""
+_CHIP_RULES = "\n".join(f".{kind} {{ background:{paper}; color:{ink}; }}" for kind, (paper, ink) in CHIPS.items())
+
+SVG_RULES = f"""
+svg text {{ font:11.5px system-ui,sans-serif; fill:#46515f; }} svg text.l {{ font-size:12.5px; fill:#1c2430; }}
+svg path {{ fill:none; }} svg .g {{ stroke:#e6eaef; stroke-width:1; }}
+svg .f {{ fill:none; stroke:#9aa5b1; stroke-width:1; }}
+svg .m {{ stroke:{MEASURED}; stroke-width:1.8; stroke-linejoin:round; }}
+svg .thin {{ stroke-width:1; }}
+svg .p {{ stroke:{FITTED}; stroke-width:1.6; stroke-dasharray:5 3; }}
+svg .q {{ stroke:{OVERLAID}; stroke-width:1; stroke-dasharray:3 4; }}
+svg .e {{ stroke:{RESIDUAL}; stroke-width:1; }}
+"""
+"""What a chart is drawn with, in the page and as a file of its own."""
+
 STYLE_SHEET = f"""
 :root {{ --ink:#1c2430; --soft:#5b6675; --line:#d8dee6; --paper:#ffffff; --shade:#f4f6f9; }}
 * {{ box-sizing:border-box; }}
@@ -27,8 +47,8 @@ p.lead {{ margin:0 0 14px; color:var(--soft); }}
 .fact span {{ color:var(--soft); font-size:14px; }}
 .fact.good {{ border-left:5px solid #1e8e5a; }} .fact.fair {{ border-left:5px solid #e0a030; }}
 .fact.poor {{ border-left:5px solid #c0392b; }}
-.good {{ background:#d9f2e3; color:#0b5d33; }} .fair {{ background:#fdf0c4; color:#6b4e00; }}
-.poor {{ background:#fbdcd7; color:#8c1d10; }} .fact.good,.fact.fair,.fact.poor {{ background:var(--paper); }}
+{_CHIP_RULES}
+.fact.good,.fact.fair,.fact.poor {{ background:var(--paper); }}
 .heat {{ display:block; padding:0 4px; border-radius:4px; }}
 details {{ margin:8px 0; }} summary {{ cursor:pointer; color:var(--soft); }}
 pre {{ background:var(--shade); padding:8px 12px; margin:6px 0; border-radius:6px; font-size:14px; overflow-x:auto; }}
@@ -42,10 +62,6 @@ td.n,th.n {{ text-align:right; font-variant-numeric:tabular-nums; white-space:no
 tr.no td {{ color:var(--soft); background:#faf7f2; }}
 .remark {{ min-width:320px; }} .remark:empty {{ min-width:0; }}
 .chip {{ display:inline-block; border-radius:5px; padding:0 8px; font-size:14px; font-weight:600; white-space:nowrap; }}
-.valid {{ background:#d9f2e3; color:#0b5d33; }}
-.suspect {{ background:#fdf0c4; color:#6b4e00; }}
-.invalid {{ background:#fbdcd7; color:#8c1d10; }}
-.plain {{ background:#e6ebf2; color:#38455a; }}
 .warn {{ background:#fff8e1; border-left:5px solid #e0a030; padding:8px 14px; margin:8px 0; border-radius:4px; }}
 .bad {{ background:#fdecea; border-left:5px solid #c0392b; padding:8px 14px; margin:8px 0; border-radius:4px; }}
 .cards {{ display:grid; grid-template-columns:repeat(auto-fill,minmax(600px,1fr)); gap:14px; }}
@@ -58,15 +74,7 @@ tr.no td {{ color:var(--soft); background:#faf7f2; }}
 .card header .invalid {{ color:#8c1d10; }} .card header .suspect {{ color:#6b4e00; }}
 .pair {{ display:grid; grid-template-columns:1fr 1fr; gap:4px; }}
 svg {{ width:100%; height:auto; display:block; }}
-svg text {{ font:11.5px system-ui,sans-serif; fill:#46515f; }} svg text.l {{ font-size:12.5px; fill:#1c2430; }}
-svg path {{ fill:none; }} svg .g {{ stroke:#e6eaef; stroke-width:1; }}
-svg .f {{ fill:none; stroke:#9aa5b1; stroke-width:1; }}
-svg .m {{ stroke:{MEASURED}; stroke-width:1.8; stroke-linejoin:round; }}
-svg .thin {{ stroke-width:1; }}
-svg .p {{ stroke:{FITTED}; stroke-width:1.6; stroke-dasharray:5 3; }}
-svg .q {{ stroke:{OVERLAID}; stroke-width:1; stroke-dasharray:3 4; }}
-svg .e {{ stroke:{RESIDUAL}; stroke-width:1; }}
-.key i {{ display:inline-block; width:30px; height:0; margin:0 6px 4px 16px; border-top:3px solid; }}
+{SVG_RULES}.key i {{ display:inline-block; width:30px; height:0; margin:0 6px 4px 16px; border-top:3px solid; }}
 .key i.dash {{ border-top-style:dashed; }}
 dl.data {{ display:grid; grid-template-columns:max-content 1fr; gap:2px 18px; margin:0; padding:12px 16px; }}
 dl.data {{ font-size:15px; }}
@@ -85,7 +93,7 @@ th,td {{ padding:1px 4px; white-space:normal; }} td.n,th.n {{ white-space:normal
 .card {{ padding:3px 5px; }} .card header b,.card header span {{ font-size:7pt; }}
 .cards {{ grid-template-columns:repeat(2,1fr); gap:5px; }} .charts {{ grid-template-columns:repeat(4,1fr); gap:5px; }}
 .pair {{ grid-template-columns:1fr 1fr; }} dl.data {{ font-size:7pt; padding:2px; gap:0 8px; }}
-pre {{ white-space:pre-wrap; font-size:7pt; }} details:not([open]) {{ display:none; }}
+pre {{ white-space:pre-wrap; font-size:7pt; }} details::details-content {{ content-visibility:visible; display:block; }}
 }}
 """
 

@@ -59,7 +59,7 @@ def _speed(view: PointView) -> float:
 def trace_charts(view: PointView) -> dict[str, Chart]:
     """A test's charts over time by name: `displacement`, `force`, `current`, `cycle`."""
     point, drawn = view.point, {}
-    channels = {"displacement": ("Displ. mm", 1e3), "force": (FORCE, 1.0), "current": ("Current A", 1.0)}
+    channels = {"displacement": ("Displacement mm", 1e3), "force": (FORCE, 1.0), "current": ("Current A", 1.0)}
     try:
         time_s = point.time_s
         values = {"displacement": point.displacement_m, "force": point.force_N, "current": point.current_measured_A}
@@ -68,14 +68,15 @@ def trace_charts(view: PointView) -> dict[str, Chart]:
     for name, (label, scale) in channels.items():
         at_s, drawn_values = envelope(time_s, scale * values[name])
         trace = Trace(at_s - at_s[0], drawn_values, "m thin", name)
-        drawn[name] = Chart("Time s", label, [trace], WIDTH, HEIGHT, title=f"{label} over time, {point.id}")
+        drawn[name] = Chart(f"{label} over time s", "", [trace], WIDTH, HEIGHT, title=f"{label} over time, {point.id}")
     loop = view.loop
     if loop is not None and point.frequency_Hz > 0.0:
         at_ms = 1e3 * loop.phase / point.frequency_Hz
         traces = [Trace(at_ms, loop.force_N, "m", "measured")]
         if loop.fitted_N is not None:
             traces.append(Trace(at_ms, loop.fitted_N, "p", "fitted"))
-        drawn["cycle"] = Chart("Time in the cycle ms", FORCE, traces, WIDTH, 130, title=f"One cycle of {point.id}")
+        label = f"{FORCE} over time in the cycle ms"
+        drawn["cycle"] = Chart(label, "", traces, WIDTH, 130, title=f"One cycle of {point.id}")
     return drawn
 
 

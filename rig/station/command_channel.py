@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from drivers.roles import Actuator, ActuatorStatus, Command, Move, Program, Result
+from drivers.setpoint_generator import ComputedMotion
+from drivers.streamed_actuator import StreamedActuator
 from rig.clock import monotonic_ns
 from rig.station.errors import StationRefused
 from rig.station.supervisor import Supervisor
@@ -47,13 +49,30 @@ class CommandChannel:
             StationRefused: the controller refused it, or did not acknowledge it in time.
             DriverError: it could not be sent.
         """
+        return self._carried(command, lambda driver: driver.send(command, order))
 
+    def compute(self, motion: ComputedMotion) -> ActuatorStatus:
+        """Begin a motion that is computed as it goes, and wait as `command` does.
+
+        Raises:
+            StationRefused: as `command`; or the actuator does not follow set-points.
+            DriverError: it could not be sent.
+        """
+
+        def begin(driver: Actuator) -> int:
+            if not isinstance(driver, StreamedActuator):
+                raise StationRefused("matrix-infeasible", "start: this actuator follows no streamed set-points")
+            return driver.compute(motion)
+
+        return self._carried(Command.START, begin)
+
+    def _carried(self, command: Command, begin: Callable[[Actuator], int]) -> ActuatorStatus:
         def send(driver: Actuator) -> int:
             # Judged on the thread that also carries out stops: no motion command can follow a stop.
             if command in MOTION_COMMANDS and not self._supervisor.may_move:
                 trip = self._supervisor.trip
                 raise StationRefused("tripped", f"{command.name}: {'not armed' if trip is None else trip.slug}")
-            return driver.send(command, order)
+            return begin(driver)
 
         sequence = self._actuator.call(send, ACK_TIMEOUT_S)
         if not self._actuator.capabilities.acknowledge:

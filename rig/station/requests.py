@@ -8,7 +8,8 @@
     hydraulics   level=off|low|on
     move         target_m, speed_m_s
     set_current  current_A
-    start        waveform, amplitude_m, frequency_Hz, centre_m, cycles, ramp_in_cycles, ramp_out_cycles[, table]
+    start        waveform, amplitude_m, frequency_Hz, centre_m, cycles, ramp_in_cycles, ramp_out_cycles[, table];
+                 or hybrid (a hybrid test)
     stop         kind=S2|S1|SO, reason[, detail]
     reset                                            after a stop, at standstill and 0 A, with no fault left
     disarm                                           0 A, hydraulics off, lease given back
@@ -32,6 +33,7 @@ from rig.faults.row import StopKind
 from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.errors import StationRefused
 from rig.station.examination import NOTHING_STOPS_IT, examine
+from rig.station.hybrid_source import start_hybrid
 from rig.station.interlocks.finding import Finding
 from rig.station.interlocks.link_faults import link_slug
 from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
@@ -212,6 +214,8 @@ class Requests:
 
     def _start(self, arguments: Arguments) -> Answer:
         self._require_motion("start")
+        if "hybrid" in arguments:
+            return start_hybrid(arguments["hybrid"], self._devices, self._supervisor, self._commands)
         name = str(arguments.get("waveform")).upper()
         if name not in Waveform.__members__:
             raise StationRefused("bad-request", f"start: waveform {arguments.get('waveform')!r} is not known")

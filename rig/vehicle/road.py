@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import k1
 
 from rig.dampers.arrays import FloatArray
 from rig.vehicle.car import Car
@@ -153,6 +152,8 @@ class RandomRoad:
             return np.ones_like(n)
         if self.coherence == "independent":
             return np.zeros_like(n)
+        from scipy.special import k1  # a file with a road in it is read without it
+
         x = 2.0 * np.pi * n * self.track_m
         shared: FloatArray = np.where(x > 0.0, x * k1(np.where(x > 0.0, x, 1.0)), 1.0)
         return np.clip(shared, 0.0, 1.0)

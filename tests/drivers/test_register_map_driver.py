@@ -283,3 +283,67 @@ def test_indirect_registers_are_laid_down_at_connect_and_read_in_one_piece(devic
     status = actuator.read_status()
     assert device.requests[1:] == [bytes.fromhex("0303200004")]
     assert (status.position_m, status.state) == (pytest.approx(0.0125), State.HOLD)
+
+
+NUMBERED = """
+[quantities]
+status = {address = 0}
+position = {address = 1, type = "i16", scale = 0.01, unit = "mm"}
+acked_sequence = {address = 3}
+acked_command = {address = 4}
+result = {address = 5}
+order = {address = 100}
+number = {address = 101}
+target = {address = 102, type = "i16", scale = 0.01, unit = "mm"}
+amplitude = {address = 103}
+frequency = {address = 104}
+cycles = {address = 105}
+[state]
+off = {quantity = "status", equals = 0}
+running = {quantity = "status", equals = 2}
+hold = true
+[command_codes]
+hydraulics-on = 1
+hydraulics-off = 2
+move-to = 3
+start = 4
+halt = 6
+[results]
+done = 1
+[commands]
+hydraulics-on = {write = {order = 1, number = "$sequence"}}
+hydraulics-off = {write = {order = 2, number = "$sequence"}}
+move-to = {write = {order = 3, number = "$sequence", target = "$target"}}
+start = [
+    {write = {amplitude = "$amplitude", frequency = "$frequency", cycles = "$all_cycles"}},
+    {write = {order = 4, number = "$sequence"}},
+]
+halt = {write = {order = 6, number = "$sequence"}}
+"""
+
+
+def test_a_command_that_another_one_carries_out_is_acknowledged_as_what_was_asked_for(device: Device) -> None:
+    """One pressure and one way to stop: low pressure writes nothing, a fade-out is the halt (code 6)."""
+    held = device.words["holding"]
+    held[3:6] = [512, 4, 1]  # yesterday's start
+    actuator = driven(device, NUMBERED)
+
+    def obeys(pdu: bytes) -> None:
+        if pdu[0] == 16:
+            held[3:6] = [held[101], held[100], 1]
+            held[0] = {1: 1, 2: 0}.get(held[100], held[0])
+
+    device.acts = obeys
+    assert actuator.read_status().acked_sequence == 512
+    low = actuator.send(Command.HYDRAULICS_LOW)
+    status = actuator.read_status()
+    assert (status.acknowledges(Command.HYDRAULICS_LOW, low), status.result) == (True, Result.DONE)
+    assert (status.state, device.writes()) == (State.LOW, [])
+    on = actuator.send(Command.HYDRAULICS_ON)
+    assert actuator.read_status().acknowledges(Command.HYDRAULICS_ON, on)
+    stop = actuator.send(Command.FADE_STOP)
+    status = actuator.read_status()
+    assert status.acknowledges(Command.FADE_STOP, stop)
+    assert (on, stop, held[100]) == (low + 1, low + 2, 6)
+    held[3:5] = [stop, 4]  # somebody else's start with our number
+    assert actuator.read_status().acked_command == Command.START

@@ -64,11 +64,9 @@ CATALOGUES = {
 }
 """What they import are topics of their own, each of the same kind, that nobody else has to know."""
 ONE_IMPORTER = {
-    "rig.hybrid.criteria": "the criteria of the authors of a benchmark, whatever ran the test",
     "rig.hybrid.delay_margin": "of any linear structure with a specimen, whatever is run with it",
     "rig.hybrid.virtual_test": "compiled: loads numba, and only where tests are run",
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
-    "rig.cli.run": "a command; the demo runs it",
     "rig.cli.comparison_tables": "loads rich and numpy, and only where a comparison is shown",
     "drivers.stamp_clock": "a clock without a bus, beside the port's I/O",
     "simulators.ecu_protection": "the peer of protocols.e2e: what both compute is compared",

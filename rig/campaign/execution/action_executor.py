@@ -23,6 +23,8 @@ from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import PROOF_WALL_S, Request
 from rig.campaign.stop_cause import because
 from rig.clock import monotonic_ns
+from rig.matrix.feasibility import command_room
+from rig.matrix.point import TestPoint
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.recorder import PointRecorder
 from rig.station.client import StationClient, StationLost, StationRefused
@@ -238,6 +240,9 @@ class ActionExecutor:
             WantedMotion(point.waveform, point.frequency_Hz, self.campaign.bench.lvdt.rate_Hz),
             point.ramp_in_cycles + point.cycles + point.ramp_out_cycles,
         )
+        if point.kind == "hybrid":
+            self._requests.ask(Request.START, hybrid=hybrid_order(self.campaign, point))
+            return
         self._requests.ask(
             Request.START,
             waveform=point.shape.controller,
@@ -297,3 +302,16 @@ class ActionExecutor:
 
     def _finish(self, action: act.Finish) -> None:
         self._deadline = None
+
+
+def hybrid_order(campaign: CampaignContext, point: TestPoint) -> dict[str, Any]:
+    """What the station is told of a hybrid test.
+
+    Raises:
+        RuntimeError: the matrix has none.
+    """
+    matrix = campaign.matrix
+    if matrix.hybrid is None or matrix.specimen.prior is None:
+        raise RuntimeError(f"{point.id}: the matrix has no hybrid test")
+    low_m, high_m, _ = command_room(matrix, campaign.bench)
+    return matrix.hybrid.order(point, matrix.specimen.prior, campaign.bench, (low_m, high_m)).to_json()

@@ -28,6 +28,7 @@ from rig.signals.arrays import FloatArray
 from rig.signals.clock_model import unwrapped
 from rig.signals.cycles import measured_motion
 from rig.signals.load_train import CURRENT_APART_A, EDGE_MODULUS, CycleTrack, LoadTrain
+from rig.signals.waveform import HOLD
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
@@ -105,9 +106,10 @@ class MotionMeasurement:
         """The program's motion, of a very long one that of its last cycles.
 
         Returns:
-            None when there is not one full cycle, or no two cycles beside the ones next to a ramp agree on one.
+            None when its waveform is none, when there is not one full cycle, or no two cycles beside the ones next to a
+            ramp agree on one.
         """
-        if self._kept == 0:
+        if self._kept == 0 or self._wanted.waveform == HOLD.name:
             return None
         samples, wanted = np.frombuffer(b"".join(self._parts), RECORD_DTYPE), self._wanted
         clocked = bool(np.all(samples["device_us"] >= 0))

@@ -46,6 +46,7 @@ class Wanted:
         profiled: parameters whose profile likelihood is wanted; True or "nonlinear" among them: the nonlinear ones.
         warnings: what was found before.
         started_s: `time.perf_counter()` at the start (s).
+        diagnose: as `rig.identification.identify` is asked.
         laws: current laws to compare the chosen model with; a single one is part of the model.
     """
 
@@ -55,6 +56,7 @@ class Wanted:
     warnings: tuple[str, ...] = ()
     started_s: float = field(default_factory=time.perf_counter)
     laws: tuple[str, ...] = ("affine",)
+    diagnose: bool | None = None
 
 
 def judged(

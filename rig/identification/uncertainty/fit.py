@@ -13,6 +13,7 @@ from rig.dampers.lawed_model import PLUS
 from rig.identification.application.tested_range import TestedRange
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.relation import CurrentRelations
+from rig.identification.uncertainty.drawn import Drawn
 from rig.identification.uncertainty.fit_file import entries_of, read_fit_object, record
 from rig.identification.uncertainty.fit_use import FitUse
 from rig.identification.uncertainty.no_model import Reference
@@ -221,6 +222,7 @@ class Fit(FitUse):
         profiles: profile likelihoods that were asked for, by parameter.
         next_tests: tests worth running next.
         diagnosis: what probably explains the misfit, most first; implausible units and signs before all.
+        drawn: the tests drawn again, where a bootstrap was asked for.
         series: spring in series with the damper, where it was looked for; the parameters are the damper's behind it.
         current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
         loss: "squares" or "huber".
@@ -255,6 +257,7 @@ class Fit(FitUse):
     profiles: Mapping[str, Profile] = field(default_factory=dict)
     next_tests: tuple[NextTest, ...] = ()
     diagnosis: tuple[Cause, ...] = ()
+    drawn: Drawn | None = None
     series: SeriesSpring | None = None
     current: CurrentRelations | None = None
     loss: str = "squares"
@@ -296,6 +299,7 @@ class Fit(FitUse):
                 diagnosis=tuple(record(Cause, entry) for entry in content.get("diagnosis") or ()),
                 series=None if spring is None else record(SeriesSpring, spring),
                 current=CurrentRelations.from_json(related),
+                drawn=Drawn.from_json(content.get("bootstrap")),
                 form=str(content.get("equation", "")),
                 tested=None if tested is None else TestedRange.from_json(tested),
                 path=file,
@@ -352,6 +356,7 @@ class Fit(FitUse):
             "passivity": None if self.passivity is None else _plain(self.passivity),
             "profiles": {name: vars(profile) for name, profile in self.profiles.items()},
             "next_tests": [_plain(proposal) for proposal in self.next_tests],
+            "bootstrap": None if self.drawn is None else self.drawn.to_json(),
             "diagnosis": [_plain(cause) for cause in self.diagnosis],
             "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
             "current_law": self.model.partition(PLUS)[2] or AFFINE,

@@ -105,13 +105,15 @@ class FitUse:
         rows += [vars(test) | {"held_out": True} for test in held_out]
         return pd.DataFrame(rows).set_index("id")
 
-    def predict(self: Found, table: Table, *, mid_stroke_m: float = 0.0) -> pd.DataFrame:
+    def predict(self: Found, table: Table, *, mid_stroke_m: float = 0.0, band: bool = False) -> pd.DataFrame:
         """Force for rows of motion and coil current.
 
         Args:
             table: columns `displacement_m`, `current_A` (the coil's own), `velocity_m_s` or `time_s`, and where there
                 are `acceleration_m_s2` and `temperature_degC`; a recorded point's `to_pandas()` is such a table.
             mid_stroke_m: displacement (m) at the damper's mid-stroke.
+            band: add what the parameters' uncertainty does to the force, by the fit's bootstrap, or without one by
+                their covariance: `model_low_N`, `model_high_N` (95 %), and `low_N`, `high_N` widened by it.
 
         Returns:
             `force_N`, `low_N`, `high_N` (95 % of the tests' samples lay so near), `extrapolates` and `beyond` (in which
@@ -119,8 +121,13 @@ class FitUse:
 
         Raises:
             FileProblem: the table cannot be used; everything that is wrong with it.
-            IdentificationFailed: the fit has no value of a parameter.
+            IdentificationFailed: the fit has no value of a parameter, or a band is wanted and it tells no covariance.
         """
+        if band:
+            from rig.identification.uncertainty.prediction_band import known_draws, predict_with_band
+
+            names, draws, widening = known_draws(self)
+            return predict_with_band(self, names, draws, widening, table, mid_stroke_m)
         from rig.identification.application.prediction import predict
 
         return predict(self.law, self.tested, table, mid_stroke_m)

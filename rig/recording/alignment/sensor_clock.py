@@ -312,7 +312,7 @@ def _full_cycles(phase: Records | None, context: PointContext) -> CycleStretch |
     Of three cycles, the fewest a matrix may ask for, so much of the first is left out that two whole ones remain.
     """
     frequency_Hz = context.point.frequency_Hz
-    if phase is None or not frequency_Hz > 0.0 or context.point.standing:
+    if phase is None or not frequency_Hz > 0.0 or not context.point.cyclic:
         return None
     records = phase[:]
     full = (records["value"] == ProgramPhase.FULL_AMPLITUDE) & (records["device_us"] >= 0)

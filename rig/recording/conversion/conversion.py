@@ -75,6 +75,8 @@ FROM_WIRE: dict[str, str] = {
     "pulse": "value = uint16 register pulse_count",
     "trip": "value = the station's code of the interlock",
     "loop_late": "value = measured by the station",
+    **dict.fromkeys(("hybrid_time", "hybrid_target", "hybrid_body", "hybrid_wheel"), "value = computed by the station"),
+    "hybrid_seen": "value = the newest sample of the displacement, less the centre",
 }
 """Channel -> how its SI values were made of what was on the wire."""
 

@@ -52,7 +52,7 @@ def judged(
     """
     wanted = context.point
     seen = _overview(alignment, wanted.frequency_Hz)
-    motion = None if wanted.standing else measured_motion(seen.time_s, seen.displacement_m, wanted.waveform)
+    motion = measured_motion(seen.time_s, seen.displacement_m, wanted.waveform) if wanted.cyclic else None
     evidence, shape = examine(content, context, alignment, seen, motion)
     quality = measured_quality(context, alignment, seen, motion, evidence, shape)
     if instruments is None:
@@ -102,7 +102,7 @@ def examine(
     findings = PointEvidence(
         sensors={name: _counts(alignment.timed[name], sensor, alignment, motion) if name in alignment.timed
                  else SensorCounts(0) for name, sensor in context.sensors.items()},
-        wanted_cycles=0.0 if wanted.standing else float(wanted.cycles), wanted_amplitude_m=wanted.amplitude_m,
+        wanted_cycles=float(wanted.cycles) if wanted.cyclic else 0.0, wanted_amplitude_m=wanted.amplitude_m,
         wanted_frequency_Hz=frequency_Hz, current_tolerance_A=context.current_tolerance_A,
         measured_cycles=None if motion is None else motion.cycles,
         measured_amplitude_m=None if motion is None else motion.amplitude_m,

@@ -42,11 +42,15 @@ class Devices:
     """All threads of one rig.
 
     Opening is all or nothing: what fails is reported together, and what was open is closed again.
+
+    Attributes:
+        append: takes records into the ring.
     """
 
     def __init__(self, config: StationConfig, owner_id: int, supervisor: Supervisor, append: Append) -> None:
         self.config = config
         self.owner_id = owner_id
+        self.append = append
         self._supervisor = supervisor
         self._connections: dict[str, SensorConnection] = {}
         limits, margins = config.limits, config.margins

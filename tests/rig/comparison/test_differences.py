@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from rig.comparison import compare
 from rig.comparison.changes import change
 from rig.comparison.readings import Reading
 from rig.errors import RigError
+from rig.report.comparison import comparison_page
 
 Make = Callable[..., Path]
 
@@ -25,6 +27,9 @@ def test_the_change_against_the_first_run_is_shown_for_every_motion_both_have(ma
     assert first["damping"][1]["change"]["percent"] == pytest.approx(-10.0, abs=0.05)
     assert first["damping"][1]["change"]["differs"] is True
     assert first["damping"][0]["change"]["value"] == 0.0
+    # jounce: -1000 v - 50 = -175.66 N before, -900 v - 50 = -163.10 N after, v = 2 pi 0.02 m/s
+    assert first["jounce_force"][1]["change"]["value"] == pytest.approx(12.57, abs=0.3)
+    assert first["jounce_force"][1]["change"]["percent"] == pytest.approx(-7.15, abs=0.2)
     assert (second["points"], second["energy"][0]) == ([None, ["p002"]], None)
     assert second["energy"][1]["change"] is None
 
@@ -79,3 +84,24 @@ def test_too_few_or_too_many_runs_are_refused(made_run: Make) -> None:
         compare([folder])
     with pytest.raises(RigError, match="at most 12"):
         compare([folder] * 13)
+
+
+def test_the_page_begins_with_the_verdict_and_shows_loops_over_each_other_and_every_change(
+    made_run: Make, made_fit: Make, bands: Make
+) -> None:
+    before, after = made_run("before"), made_run("after<script>", 900.0)
+    made_fit(before)
+    path = bands('[[damping]]\nlow = "950 N s/m"\nnote = "<script>alert(1)</script>"\n')
+    page = comparison_page(compare([before, after], path))
+    assert "<script" not in page
+    assert not re.search(r"<link|<img|@import|url\(|src=|href=", page)
+    order = ["Not accepted", "Acceptance bands: drawing 4711", "Loops over each other", "Values and changes", "Fitted"]
+    places = [page.index(words) for words in order]
+    assert places == sorted(places)
+    (u, v) = re.findall(r"<svg.*?</svg>", page)
+    assert [one.count('<path class="m"') for one in (u, v)] == [2, 2]
+    assert page.count("after&lt;script&gt;") > 3
+    table = page[page.index("Equivalent viscous damping, N s/m"):page.index("Fitted parameters")]
+    assert "<b>\N{MINUS SIGN}10</b>" in table
+    assert '<span class="chip poor">fail</span>' in page
+    assert '<span class="chip good">pass</span>' in page

@@ -184,3 +184,12 @@ def test_the_path_since_a_reversal_starts_anew_at_every_reversal() -> None:
     assert float(np.max(since)) == pytest.approx(2.0 * AMPLITUDE_m, rel=0.01)
     slow = np.abs(test.v_m_s) < 0.02 * np.max(np.abs(test.v_m_s))
     assert np.all((since[slow] < 0.001 * AMPLITUDE_m) | (since[slow] > 1.99 * AMPLITUDE_m))
+
+
+def test_fits_at_each_current_are_diagnosed_where_they_fit_worst() -> None:
+    clipped = damper_tests(shown=lambda number, share, force_N: np.clip(force_N, -500.0, 300.0))
+    fit = identify(clipped, current="per-current-affine")
+    assert named_first(fit) == "clipping"
+    assert fit.diagnosis[0].text.startswith("at 2.00 A: ")
+    clean = damper_tests(currents_A=(0.0, 1.0))
+    assert identify(clean, current="per-current-affine").diagnosis == ()

@@ -80,7 +80,8 @@ def test_numbers_have_the_digits_that_are_known_and_no_more(run: Path) -> None:
 def test_time_traces_show_the_whole_test_with_its_highest_peak(run: Path) -> None:
     page = write_report(run).read_text(encoding="utf-8")
     part = page[page.index("Time traces"):page.index("Test points")]
-    assert [label in part for label in ("Time s", "Displ. mm", "Current A", "Time in the cycle ms")] == [True] * 4
+    for label in ("Force N over time s", "Displacement mm over", "Current A over", "time in the cycle ms"):
+        assert label in part
     values = np.sin(np.arange(10_000) / 500.0)
     values[7003] = 9.0
     at, drawn = envelope(np.arange(10_000) / 100.0, values, 50)

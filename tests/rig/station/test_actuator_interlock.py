@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -213,6 +214,16 @@ def test_a_program_that_runs_past_its_end_is_a_stop_that_was_ignored() -> None:
     assert running[38] == ["stop-ignored"], "within 100 ms of the program's end"
     made.expect_program(0.3, 3.0)
     assert slugs(made, status(510, state=State.HOLD), None, math.nan) == []
+
+
+def test_a_program_timed_by_the_hosts_clock_gets_what_the_two_clocks_may_differ_by() -> None:
+    """0.3 s, 0.07 s as ever, 0.1 % of it, and 0.03 s by which this host may be late: 0.4003 s."""
+    clockless = replace(controller("demo").capabilities, clock=False)
+    made = ActuatorInterlock(OURS, clockless, frozen_after_ns=150 * MS, disagreement_m=0.005, lag_s=0.03)
+    made.expect_program(0.3, 3.0)
+    running = [slugs(made, status(ms, state=State.RUNNING), None, math.nan) for ms in range(0, 500, 10)]
+    assert all(names == [] for names in running[:40])
+    assert running[41] == ["stop-ignored"]
 
 
 def test_a_controller_that_says_hold_while_the_lvdt_moves_is_not_believed() -> None:

@@ -41,6 +41,19 @@ def test_another_hosts_question_that_was_refused_is_told_once_and_stops_nothing(
     assert found(STARTED, knock, knock, status(STARTED[-1])) == [[("second-master", True)], [], []]
 
 
+def test_what_was_asked_for_before_this_host_came_is_nobodys_doing_and_a_change_of_it_is() -> None:
+    """A controller without a lease still shows yesterday's last command."""
+    shown = [(512, Command.HALT), (513, Command.RESET), (9, Command.START)]
+    yesterday, ours, theirs = (status(one, State.HOLD, program_id=0) for one in shown)
+    watch = CommandWatch(acknowledged=True)
+    sent: list[tuple[int, int]] = []
+    assert [watch.judge(yesterday, sent), watch.judge(yesterday, sent)] == [[], []]
+    sent.append((513, Command.RESET))
+    assert [watch.judge(yesterday, sent), watch.judge(ours, sent)] == [[], []]
+    assert [finding.slug for finding in watch.judge(yesterday, sent)] == ["second-master"], "after ours it is new"
+    assert [finding.slug for finding in watch.judge(theirs, sent)] == ["second-master"]
+
+
 def test_a_motion_command_without_the_lease_is_no_question() -> None:
     assert found(STARTED, status((9, Command.START), result=Result.REFUSED_OWNER)) == [STOPS]
 

@@ -1,0 +1,178 @@
+"""The hybrid tests of a run: each compared with the whole car computed, which is written beside it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.errors import FileProblem
+from rig.hybrid.assessment import Assessment, Record, assess
+from rig.matrix.hybrid_table import HybridTable
+from rig.matrix.model import load_matrix
+from rig.recording.atomic_write import write_text_durably
+from rig.recording.journal.campaign_log import read_lines
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
+from rig.signals.arrays import FloatArray
+
+KIND = "hybrid"
+REFERENCE = "reference"
+COLUMNS = (
+    "time_s", "target_m", "seen_m", "body_m", "wheel_m", "reference_extension_m", "reference_body_m",
+    "reference_wheel_m",
+)
+"""Of the file beside a test."""
+FILE = "hybrid.json"
+
+
+@dataclass(frozen=True)
+class HybridTest:
+    """One test of a run.
+
+    Attributes:
+        id: of its point.
+        compensator: what led the set-points.
+        verdict: of its point.
+        record: its course; None where too little was recorded.
+        numbers: what the record says; None where there is none.
+        told: what the station said of it: steps, delay (s), energy share, late set-points.
+    """
+
+    id: str
+    compensator: str
+    verdict: str
+    record: Record | None
+    numbers: Assessment | None
+    told: Mapping[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of one entry of `tests` in `hybrid.json` and `rig hybrid --json`."""
+        numbers, told = self.numbers, self.told
+        delay_s = told.get("delay_s")
+        return {
+            "id": self.id, "compensation": self.compensator, "verdict": self.verdict,
+            "steps": told.get("steps", 0), "late_steps": told.get("late_steps"), "p99_step_ms": told.get("p99_step_ms"),
+            "delay_ms": None if delay_s is None else 1e3 * delay_s, "energy_error": told.get("energy_share"),
+            "tracking_nrms": None if numbers is None else numbers.tracking_nrms,
+            "reference_error": None if numbers is None else numbers.reference_error,
+            "hop_error": None if numbers is None else numbers.hop_error,
+            "criteria": {} if numbers is None else numbers.criteria,
+        }
+
+
+def hybrid_tests(run: Run) -> tuple[HybridTest, ...]:
+    """Every hybrid test of a run that was recorded, in the run's order; none where the run has none.
+
+    Raises:
+        FileProblem: the run's matrix file cannot be read.
+    """
+    points = [point for point in run.points if point.kind == KIND]
+    if not points:
+        return ()
+    matrix = load_matrix(run.path / "matrix.toml")
+    if matrix.hybrid is None or matrix.specimen.prior is None:
+        raise FileProblem(str(run.path / "matrix.toml"), ["has no [hybrid], and the run holds hybrid tests"])
+    lines = read_lines(run.path)
+    return tuple(_test(point, matrix.hybrid, matrix.specimen.prior, lines) for point in points)
+
+
+def write_hybrid(run: Run, tests: Sequence[HybridTest]) -> Path:
+    """Write `hybrid.json`, and beside it the course of each test with its reference: `reference/ID.csv`.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    folder = run.path / REFERENCE
+    folder.mkdir(exist_ok=True)
+    for test in tests:
+        if test.record is not None:
+            rows = [",".join(COLUMNS), *(",".join(f"{value:.9g}" for value in row) for row in _rows(test.record))]
+            write_text_durably(folder / f"{test.id}.csv", "\n".join(rows) + "\n")
+    path = run.path / FILE
+    write_text_durably(path, json.dumps(answer(tests), indent=1, allow_nan=False) + "\n")
+    return path
+
+
+def answer(tests: Sequence[HybridTest]) -> dict[str, Any]:
+    """The numbers of the first test, which is the compensated one as far as there is one, and of all."""
+    entries = [test.to_json() for test in tests]
+    led = next((entry for entry in entries if entry["compensation"] != "none"), entries[0] if entries else {})
+    names = (
+        "steps", "late_steps", "p99_step_ms", "tracking_nrms", "reference_error", "hop_error", "delay_ms",
+    )
+    return {**{name: led.get(name) for name in names}, "criteria": led.get("criteria", {}), "tests": entries}
+
+
+def _rows(record: Record) -> Iterator[FloatArray]:
+    columns = (record.time_s, record.target_m, record.measured_m, record.body_m, record.wheel_m)
+    yield from np.column_stack([*columns, record.reference_m])
+
+
+def _test(
+    point: RecordedPoint, table: HybridTable, prior: str, lines: Sequence[Mapping[str, Any]]
+) -> HybridTest:
+    raw = {name: point.raw(f"hybrid_{name}") for name in ("time", "target", "seen", "body", "wheel")}
+    compensator = str(point.id).removeprefix("hybrid-")
+    verdict = point.quality.verdict.verdict
+    times = raw["time"]
+    if times is None or any(values is None for values in raw.values()):
+        return HybridTest(point.id, compensator, verdict, None, None, {})
+    told = {
+        **_told(lines, int(times["host_ns"][0]), int(times["host_ns"][-1])), "steps": int(times["sequence"][-1]),
+    }  # fmt: skip
+    columns = {name: values for name, values in raw.items() if values is not None}
+    record = _record(columns, table, prior)
+    numbers = None if record is None else assess(record)
+    return HybridTest(point.id, compensator, verdict, record, numbers, told)
+
+
+def _record(raw: Mapping[str, Mapping[str, Any]], table: HybridTable, prior: str) -> Record | None:
+    """Everything on equal steps of the test's own time."""
+    count = min(len(values["value"]) for values in raw.values())
+    columns = {name: np.asarray(values["value"], np.float64)[:count] for name, values in raw.items()}
+    test_s = columns["time"]
+    if count < 3 or not np.all(np.diff(test_s) > 0.0):
+        return None
+    time_s = np.arange(test_s[0], test_s[-1], float(np.median(np.diff(test_s))))
+    known = np.isfinite(columns["seen"])
+    reference_step_s, ride = table.quarter_car(prior).reference()
+    whole_s = np.arange(len(ride.time_s)) * reference_step_s
+    reference = np.column_stack([
+        np.interp(time_s, whole_s, values)
+        for values in (ride.extension_m[:, 0], ride.place[:, 0], ride.place[:, 1])
+    ])
+    target, body, wheel = (np.interp(time_s, test_s, columns[name]) for name in ("target", "body", "wheel"))
+    seen = np.interp(time_s, test_s[known], columns["seen"][known])
+    return Record(time_s, target, seen, body, wheel, reference)
+
+
+def _told(lines: Sequence[Mapping[str, Any]], first_ns: int, last_ns: int) -> dict[str, Any]:
+    """What the station said of the test recorded between two host times: its last word, and the set-points' counts.
+
+    Counts of set-points are those of the whole motion, delay measurement and return included; the lateness is that of
+    all set-points of the session so far.
+    """
+    told: dict[str, Any] = {}
+    before = {"late": 0, "steps": 0}
+    for line in lines:
+        at_ns = line.get("t_ns")
+        if line.get("event") != "station" or not isinstance(at_ns, int):
+            continue
+        if line.get("what") == "hybrid" and first_ns <= at_ns:
+            if at_ns > last_ns and line.get("phase") == "probe":
+                break
+            told |= {name: line.get(name) for name in ("delay_s", "energy_share")}
+        if line.get("what") == "setpoints":
+            if at_ns < first_ns:
+                before = {name: int(line.get(name) or 0) for name in before}
+            elif "late_steps" not in told:
+                p99_s = line.get("p99_s")
+                told["late_steps"] = int(line.get("late") or 0) - before["late"]
+                told["p99_step_ms"] = 1e3 * p99_s if isinstance(p99_s, float) and math.isfinite(p99_s) else None
+    return told

@@ -1,0 +1,260 @@
+"""A hybrid test as a motion that is computed as it goes, with what watches over it; pure numbers, no numpy.
+
+    PROBE    a small sine with ramps: by how much the rod is behind its set-points
+    PAUSE    the rod stands: what the specimen pulls at rest, which the springs carry
+    TEST     the road: at each step the measured force goes into the computed part, whose answer is sent, led
+    RETURN   back to the centre within a second; then it is over
+
+What is found against going on (`problem`) ends it at once: the caller stops the rig.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+from rig.hybrid.delay_probe import DelayMeasurement, Probe
+from rig.hybrid.lead import Lead
+from rig.hybrid.motion_bounds import Bounds, Measured, Problem, Watch
+from rig.hybrid.substructure import Sent, Substructure, Target, dot
+
+PAUSE_S = 0.5
+RETURN_S = 1.0
+LEAST_DELAY_S = 2e-4
+HELD_STEPS = 2
+"""So many steps are computed with the last force where none came; more than that is no test."""
+
+
+class Phase(StrEnum):
+    """Where in its course a test is."""
+
+    PROBE = "probe"
+    PAUSE = "pause"
+    TEST = "test"
+    RETURN = "return"
+    OVER = "over"
+
+
+@dataclass(frozen=True)
+class HybridOrder:
+    """Everything a test needs to know beforehand.
+
+    Attributes:
+        part: the computed part.
+        bounds: what the test must keep to.
+        probe: how the delay is measured.
+        compensator: one of `rig.hybrid.lead.COMPENSATORS`.
+        current_A: of the coil, for the assumed damper's force.
+        centre_m: where the specimen's extension is 0, in the rig's coordinate.
+    """
+
+    part: Substructure
+    bounds: Bounds
+    probe: Probe
+    compensator: str
+    current_A: float = 0.0
+    centre_m: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """All of it as plain values."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, given: Mapping[str, Any]) -> HybridOrder:
+        """The order of `to_json`.
+
+        Raises:
+            TypeError: something is missing, or there is something too much.
+            KeyError: one of the tables is missing.
+        """
+        tables = {
+            "part": Substructure.from_json(given["part"]), "bounds": Bounds(**given["bounds"]),
+            "probe": Probe(**given["probe"]),
+        }
+        return cls(**{**given, **tables})
+
+    @property
+    def duration_s(self) -> float:
+        """With delay measurement and return, s."""
+        return self.probe.duration_s + PAUSE_S + self.part.duration_s + RETURN_S
+
+
+class Moment(NamedTuple):
+    """What is recorded of a step: time since the road began (s); target, extension as seen, body and wheel (m)."""
+
+    t_s: float
+    target_m: float
+    seen_m: float
+    body_m: float
+    wheel_m: float
+
+
+class Outcome(NamedTuple):
+    """What the test says of itself.
+
+    Attributes:
+        steps: of the computed part.
+        delay_s: as measured; NaN before that.
+        tracking: RMS of where the rod was against its target, as a share of the target's RMS.
+        energy_share: the largest energy error, as a share of the work.
+    """
+
+    steps: int
+    delay_s: float
+    tracking: float
+    energy_share: float
+
+
+class HybridMotion:
+    """One test, asked for a set-point with every poll.
+
+    Args (construction):
+        order: the test.
+
+    Attributes:
+        phase: where in its course it is.
+        problem: why it must be stopped; None while nothing is found.
+        moment: what is to be recorded of the last step; None outside of the test itself.
+        delay_s: of the rod behind its set-points; NaN before it is known.
+    """
+
+    def __init__(self, order: HybridOrder) -> None:
+        self.phase = Phase.PROBE
+        self.problem: Problem | None = None
+        self.moment: Moment | None = None
+        self.delay_s = math.nan
+        self._order = order
+        self._part = order.part
+        self._centre_m = order.centre_m
+        self._begin_s = order.probe.duration_s + PAUSE_S
+        self._delay = DelayMeasurement(order.probe)
+        self._rest = [0.0, 0.0]
+        self._state: list[float] = [0.0] * len(order.part.extension)
+        self._force_N = 0.0
+        self._unheard = 0
+        self._step = 0
+        self._lead = Lead(order.compensator, 0.0, order.part.step_s)
+        self._watch = Watch(order.bounds)
+        self._left = Sent(0.0, 0.0)
+
+    @property
+    def outcome(self) -> Outcome:
+        """What the test says of itself so far."""
+        return Outcome(self._step, self.delay_s, self._watch.tracking, self._watch.worst_share)
+
+    def at(self, t_s: float, seen: Measured) -> Sent | None:
+        """The set-point of a moment, in the rig's coordinate; None once it is over.
+
+        Args:
+            t_s: since the motion began, never falling.
+            seen: what the sensors say now.
+        """
+        self.moment = None
+        here = Measured(seen.force_N, seen.extension_m - self._centre_m)
+        test_s = t_s - self._begin_s
+        if t_s < self._order.probe.duration_s:
+            position_m, speed_m_s, share = self._order.probe.at(t_s)
+            self._delay.add(t_s, here.extension_m, share)
+            sent = Sent(position_m, speed_m_s)
+        elif test_s < 0.0:
+            sent = self._pause(test_s, here)
+        elif test_s < self._part.duration_s:
+            sent = self._test(test_s, here)
+        elif test_s < self._part.duration_s + RETURN_S:
+            sent = self._return(test_s - self._part.duration_s)
+        else:
+            self.phase = Phase.OVER
+            return None
+        return Sent(self._centre_m + sent.position_m, sent.velocity_m_s)
+
+    def _pause(self, test_s: float, here: Measured) -> Sent:
+        """Stand at the centre; in the second half the force at rest is measured."""
+        if self.phase is Phase.PROBE:
+            self.phase = Phase.PAUSE
+            self._know_delay(self._delay.delay_s)
+        if test_s > -0.5 * PAUSE_S and math.isfinite(here.force_N):
+            self._rest[0] += here.force_N
+            self._rest[1] += 1.0
+        return Sent(0.0, 0.0)
+
+    def _know_delay(self, delay_s: float) -> None:
+        self.delay_s, most_s = delay_s, self._order.bounds.delay_s
+        if not LEAST_DELAY_S <= delay_s <= most_s:
+            text = (
+                f"the rod is {1e3 * delay_s:.1f} ms behind its set-points; allowed {1e3 * LEAST_DELAY_S:g} to "
+                f"{1e3 * most_s:.1f} ms"
+            )
+            self.problem = Problem(text, delay_s, most_s)
+            return
+        self._lead = Lead(self._order.compensator, delay_s, self._part.step_s)
+
+    def _test(self, test_s: float, here: Measured) -> Sent:
+        part = self._part
+        if self.phase is Phase.PAUSE:
+            self.phase = Phase.TEST
+        force_N = self._heard(here.force_N)
+        step = int(test_s / part.step_s + 1e-6)
+        self._go_on(step, force_N)
+        since_s = test_s - self._step * part.step_s
+        now = part.target(self._state, self._force_N, self._step).after(since_s)
+        self._check(now, here)
+        self.moment = Moment(
+            test_s, now.extension_m, here.extension_m,
+            dot(part.body, self._state) + since_s * dot(part.body_speed, self._state),
+            dot(part.wheel, self._state) + since_s * dot(part.wheel_speed, self._state),
+        )
+        self._left = self._lead.command(
+            test_s, now, here.extension_m, lambda ahead_s: self._forecast(since_s + ahead_s)
+        )
+        return self._left
+
+    def _heard(self, force_N: float) -> float:
+        """The specimen's force beyond that at rest and its inertia; the last one where none came."""
+        if not math.isfinite(force_N):
+            self._unheard += 1
+            if self._unheard > HELD_STEPS:
+                text = f"no fresh force for {self._unheard} steps; allowed {HELD_STEPS}"
+                self.problem = self.problem or Problem(text, float(self._unheard), float(HELD_STEPS))
+            return self._force_N
+        self._unheard = 0
+        total, count = self._rest
+        target = self._part.target(self._state, self._force_N, self._step)
+        return force_N - (total / count if count else 0.0) - self._part.inertia_kg * target.acceleration_m_s2
+
+    def _go_on(self, step: int, force_N: float) -> None:
+        """Compute up to a step; the force changes along a line from the last one known."""
+        missing = step - self._step
+        before_N = self._force_N
+        for number in range(1, missing + 1):
+            after_N = before_N + (force_N - before_N) * number / missing
+            self._state = self._part.moved(self._state, (self._force_N, after_N), self._step)
+            self._force_N = after_N
+            self._step += 1
+
+    def _forecast(self, ahead_s: float) -> Target:
+        """The target so much after the last step, the force changing as the assumed damper's does."""
+        part, current_A = self._part, self._order.current_A
+        state, force_N, step = self._state, self._force_N, self._step
+        now_N = part.assumed_N(dot(part.speed, state), current_A)
+        steps = int(ahead_s / part.step_s)
+        for _ in range(steps):
+            going = part.moved(state, (force_N, force_N), step)
+            after_N = self._force_N + part.assumed_N(dot(part.speed, going), current_A) - now_N
+            state = part.moved(state, (force_N, after_N), step)
+            force_N, step = after_N, step + 1
+        return part.target(state, force_N, step).after(ahead_s - steps * part.step_s)
+
+    def _check(self, now: Target, here: Measured) -> None:
+        self._watch.add(now, here, self._force_N)
+        self.problem = self.problem or self._watch.problem(now)
+
+    def _return(self, since_s: float) -> Sent:
+        """From where the test left the rod to its centre, at rest at the end: a cubic through both."""
+        self.phase = Phase.RETURN
+        s, x, v = since_s / RETURN_S, self._left.position_m, self._left.velocity_m_s * RETURN_S
+        position_m = x * (1.0 + s * s * (2.0 * s - 3.0)) + v * s * (1.0 - s) ** 2
+        slope = x * 6.0 * s * (s - 1.0) + v * (1.0 - s) * (1.0 - 3.0 * s)
+        return Sent(position_m, slope / RETURN_S)

@@ -1,0 +1,104 @@
+"""What a hybrid test must keep to, and what is judged of it at each step; pure numbers, no numpy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from rig.hybrid.substructure import Target
+
+ENERGY_FLOOR_J = 1.0
+"""Energy errors are judged once the specimen has passed so much work."""
+LEAST_SQUARES_M2 = 1e-6
+"""Sum of squares of the target from which on tracking is a share of it."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a test must keep to.
+
+    Attributes:
+        extension_m: largest, either way; a multiple of what is forecast, within the machine's travel.
+        speed_m_s, acceleration_m_s2: of the target: the machine's.
+        energy_share: largest energy that following wrongly gives to the computed part, or takes from it, as a share of
+            the work that went through the specimen.
+        delay_s: largest delay of the actuator with which the test is begun.
+    """
+
+    extension_m: float
+    speed_m_s: float
+    acceleration_m_s2: float
+    energy_share: float
+    delay_s: float
+
+
+class Measured(NamedTuple):
+    """What the sensors say at a step: force (N) and extension (m); NaN where nothing fresh came."""
+
+    force_N: float
+    extension_m: float
+
+
+class Problem(NamedTuple):
+    """Why a test does not go on: in words, with what was found and what is allowed."""
+
+    text: str
+    value: float
+    limit: float
+
+
+class Watch:
+    """What is judged at each step: the target against its bounds, the energy that following wrongly brings.
+
+    Energy error: E = sum F (dx - dx*), x where the rod was, x* where it should be; work: sum |F dx*|. Mosqueda,
+    Stojadinovic, Mahin 2007 (Earthquake Engineering and Structural Dynamics 36), as a share of the work passed.
+    """
+
+    def __init__(self, bounds: Bounds) -> None:
+        self.worst_share = 0.0
+        self._bounds = bounds
+        self._last: tuple[float, float, float] | None = None
+        self._error_J = self._work_J = 0.0
+        self._squares = [0.0, 0.0]
+
+    @property
+    def tracking(self) -> float:
+        """RMS of the rod's distance from its target as a share of the target's RMS; 0 before it moves."""
+        apart, asked = self._squares
+        return math.sqrt(apart / asked) if asked > LEAST_SQUARES_M2 else 0.0
+
+    def add(self, now: Target, here: Measured, force_N: float) -> None:
+        """One step."""
+        if not math.isfinite(here.extension_m):
+            return
+        if self._last is not None:
+            was_m, target_m, before_N = self._last
+            mean_N, wanted_m = 0.5 * (force_N + before_N), now.extension_m - target_m
+            self._error_J += mean_N * (here.extension_m - was_m - wanted_m)
+            self._work_J += abs(mean_N * wanted_m)
+        self._last = here.extension_m, now.extension_m, force_N
+        self._squares[0] += (here.extension_m - now.extension_m) ** 2
+        self._squares[1] += now.extension_m**2
+        if self._work_J > ENERGY_FLOOR_J:
+            self.worst_share = max(self.worst_share, abs(self._error_J) / self._work_J)
+
+    def problem(self, now: Target) -> Problem | None:
+        """What speaks against going on."""
+        bounds = self._bounds
+        for name, unit, scale, value, limit in (
+            ("extension", "mm", 1e3, now.extension_m, bounds.extension_m),
+            ("speed", "m/s", 1.0, now.speed_m_s, bounds.speed_m_s),
+            ("acceleration", "m/s^2", 1.0, now.acceleration_m_s2, bounds.acceleration_m_s2),
+        ):
+            if not abs(value) <= limit:
+                text = f"computed {name} {scale * value:.4g} {unit}, allowed +-{scale * limit:.4g} {unit}"
+                return Problem(text, value, limit)
+        if self._work_J > ENERGY_FLOOR_J and not abs(self._error_J) <= bounds.energy_share * self._work_J:
+            share = self._error_J / self._work_J
+            text = (
+                f"following wrongly brought {self._error_J:.3g} J of {self._work_J:.3g} J of work, "
+                f"{100 * share:.1f} %; allowed +-{100 * bounds.energy_share:g} %"
+            )
+            return Problem(text, share, bounds.energy_share)
+        return None

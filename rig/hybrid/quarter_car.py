@@ -1,0 +1,118 @@
+"""The computed part of a hybrid test of a quarter car: everything but its damper; and what the whole car would do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.hybrid.discretisation import along_a_line
+from rig.hybrid.substructure import Substructure
+from rig.signals.arrays import FloatArray
+from rig.vehicle.car import Car
+from rig.vehicle.control import Control
+from rig.vehicle.motion import CornerDamper, DrivenCar, Ride
+from rig.vehicle.road import Road
+from rig.vehicle.structure import structure
+
+STATES = 4
+"""Heights of body and wheel, their speeds."""
+FINE_S = 1e-3
+"""Longest step of the reference."""
+TABLE_SPEEDS_M_S = tuple(math.copysign(abs(s) ** 2, s) for s in np.linspace(-1.0, 1.0, 41).tolist())
+EQUIVALENT_SPEED_M_S = 0.1
+SWEEP_Hz = (0.05, 200.0, 4000)
+
+
+@dataclass(frozen=True)
+class QuarterCar:
+    """A quarter car on a road with an assumed damper.
+
+    Attributes:
+        car: its masses, springs and tyre.
+        road: what it drives over.
+        damper: what is assumed of the specimen.
+        current_A: of its coil.
+        fixture_kg: moving mass of the rig between load cell and specimen, kg.
+    """
+
+    car: Car
+    road: Road
+    damper: CornerDamper
+    current_A: float = 0.0
+    fixture_kg: float = 0.0
+
+    def reference(self) -> tuple[float, Ride]:
+        """The whole car computed, the assumed damper in it: step (s) and motion."""
+        _, height_m, rate_m_s = self.road.under(self.car, FINE_S)
+        driven = DrivenCar(structure(self.car), self.damper, control=Control(current_A=self.current_A))
+        return FINE_S, driven.drive(height_m, rate_m_s, FINE_S)
+
+    def _matrices(self) -> tuple[FloatArray, FloatArray, float]:
+        """State matrix (4, 4), inputs (4, 2) of damper and road force, and the motion ratio.
+
+        The rod's inertia is among the masses: the measured force comes without it.
+        """
+        own = structure(self.car)
+        mass = own.with_inerters(np.array([self.damper.inertia_kg]))
+        inverse = np.linalg.inv(mass)
+        state = np.zeros((STATES, STATES))
+        state[:2, 2:] = np.eye(2)
+        state[2:, :2], state[2:, 2:] = -inverse @ own.stiffness, -inverse @ own.damping
+        inputs = np.zeros((STATES, 2))
+        inputs[2:, 0] = -inverse @ own.damper[0]
+        inputs[2:, 1] = inverse @ np.array([0.0, 1.0])
+        return state, inputs, float(own.damper[0, 0])
+
+    def part(self, step_s: float, currents_A: Sequence[float]) -> Substructure:
+        """The computed part in steps of `step_s`, with the assumed damper's force at these currents."""
+        state, inputs, ratio = self._matrices()
+        transition, before, after = along_a_line(state, inputs, step_s)
+        _, height_m, rate_m_s = self.road.under(self.car, step_s)
+        axle = self.car.front
+        road_N = axle.tyre_stiffness_N_m * height_m[:, 0] + axle.tyre_damping_N_s_m * rate_m_s[:, 0]
+        extension = ratio * np.array([1.0, -1.0])
+        acceleration, by_input = extension @ state[2:], extension @ inputs[2:]
+        return Substructure(
+            step_s=step_s, transition=transition.tolist(), force_before=before[:, 0].tolist(),
+            force_after=after[:, 0].tolist(), road_before=before[:, 1].tolist(), road_after=after[:, 1].tolist(),
+            road_N=road_N.tolist(), extension=[*extension.tolist(), 0.0, 0.0], speed=[0.0, 0.0, *extension.tolist()],
+            acceleration=acceleration.tolist(), acceleration_force=float(by_input[0]),
+            acceleration_road=float(by_input[1]), body=[1.0, 0.0, 0.0, 0.0], wheel=[0.0, 1.0, 0.0, 0.0],
+            body_speed=[0.0, 0.0, 1.0, 0.0], wheel_speed=[0.0, 0.0, 0.0, 1.0],
+            inertia_kg=self.damper.inertia_kg + self.fixture_kg, force_speeds_m_s=list(TABLE_SPEEDS_M_S),
+            force_currents_A=list(currents_A),
+            force_N=[steady_force_N(self.damper, current_A).tolist() for current_A in currents_A],
+        )
+
+    def highest_mode_Hz(self) -> float:
+        """The wheel's hop without the damper, Hz."""
+        return float(structure(self.car).modes_Hz()[-1])
+
+    def critical_delay_s(self) -> float:
+        """How late a linear damper's force may be before the loop is unstable, s; infinite where it never is.
+
+        The damper's damping is the assumed one's force at 0.1 m/s, whichever way is more, divided by that. A pure
+        delay: 1 + G(s) c s exp(-s tau) crosses where |G c s| = 1, and tau makes up its phase.
+        """
+        at = [int(np.argmin(np.abs(np.array(TABLE_SPEEDS_M_S) - side * EQUIVALENT_SPEED_M_S))) for side in (-1, 1)]
+        forces = steady_force_N(self.damper, self.current_A)
+        damping = max(float(forces[i]) / TABLE_SPEEDS_M_S[i] for i in at)
+        state, inputs, ratio = self._matrices()
+        row = ratio * np.array([0.0, 0.0, 1.0, -1.0])
+        frequencies = np.geomspace(*SWEEP_Hz)
+        s = 2j * np.pi * frequencies
+        inner = np.linalg.solve(s[:, None, None] * np.eye(STATES)[None] - state[None], inputs[None, :, :1])
+        loop = -damping * np.einsum("i,fij->f", row, inner)
+        beyond = np.abs(loop) - 1.0
+        crossed = np.flatnonzero(beyond[:-1] * beyond[1:] <= 0.0)
+        turns = np.angle(-loop[crossed]) % (2.0 * np.pi)
+        return float(min(turns / (2.0 * np.pi * frequencies[crossed]), default=math.inf))
+
+
+def steady_force_N(damper: CornerDamper, current_A: float) -> FloatArray:
+    """What a damper adds to its force at rest at each of `TABLE_SPEEDS_M_S` once that speed has lasted, N."""
+    at = damper.model.force_at(damper.values, [0.0, *TABLE_SPEEDS_M_S], current_A)
+    return np.asarray(at[1:] - at[0], np.float64)

@@ -1,0 +1,67 @@
+"""A hybrid test in a world: to its end, and with the load cell pulled in the middle of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from end_states import assert_no_current, assert_still
+from watched_campaign import Ending
+from world_campaign import Setting, begin
+
+from rig.characteristics.hybrid_tests import answer, hybrid_tests, write_hybrid
+from rig.recording.run import Run
+from rig.report.hybrid import hybrid_part
+from simulators.world.stage import Stage
+
+EXAMPLE = (Path(__file__).resolve().parents[2] / "examples" / "hybrid-quarter.toml").read_text(encoding="utf-8")
+SHORT = EXAMPLE.replace('duration = "20 s"', 'duration = "4 s"').replace(
+    "[hybrid]\n", '[hybrid]\nprobe_frequency = "6 Hz"\n'
+)
+FOLLOWS = ("--actuator", "setpoints")
+
+
+def ended(folder: Path, matrix: str, *simulator: str) -> Ending:
+    with Stage(1, folder) as stage:
+        setting = Setting((*FOLLOWS, *simulator), matrix, speed=1.0, real_time=True)
+        ending = begin(stage, folder, setting).finish()
+        assert not stage.rig.plant.command["pressure"][0]
+        return ending
+
+
+@pytest.mark.apart
+def test_the_rod_follows_and_the_body_answers_as_the_whole_car_does(tmp_path: Path) -> None:
+    ending = ended(tmp_path, SHORT)
+    assert ending.exit_code == 0, ending.said
+    assert ending.verdicts() == {"hybrid-model": "valid", "hybrid-none": "valid"}
+    run = Run.open(ending.folder)
+    tests = hybrid_tests(run)
+    led, plain = (test.to_json() for test in tests)
+    assert led["tracking_nrms"] <= 0.05
+    assert led["tracking_nrms"] <= 0.25 * plain["tracking_nrms"]
+    assert led["reference_error"] <= 0.05
+    assert 5.0 < led["delay_ms"] < 15.0
+    assert led["late_steps"] == 0
+    assert led["steps"] == pytest.approx(400, abs=2)
+    assert led["criteria"]["J2"] == pytest.approx(100.0 * led["tracking_nrms"])
+    assert answer(tests)["tracking_nrms"] == led["tracking_nrms"]
+    write_hybrid(run, tests)
+    rows = (ending.folder / "reference" / "hybrid-model.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[0].startswith("time_s,target_m,seen_m,body_m,wheel_m,reference_extension_m")
+    assert len(rows) > 390
+    assert "hybrid-none" in hybrid_part(tests)
+
+
+@pytest.mark.apart
+def test_a_wire_pulled_in_the_middle_ends_as_its_row_says(tmp_path: Path) -> None:
+    ending = ended(tmp_path, SHORT.replace('"model", "none"', '"model"'), "--fault", "loadcell-pulled@2.5")
+    assert ending.exit_code == 4, ending.said
+    assert ending.trips()[0] == ("loadcell-pulled", "S2")
+    assert ending.answer["rig_state"] == "safe"
+    assert ending.verdicts() == {"hybrid-model": "invalid"}
+    fault = ending.truth.first("FAULT")
+    assert_still(ending.truth, fault.time_s + 0.5)
+    assert_no_current(ending.truth, fault.time_s)
+    test = hybrid_tests(Run.open(ending.folder))[0]
+    assert test.verdict == "invalid"
+    assert 50 < test.told["steps"] < 300, "in the middle of the road"

@@ -1,0 +1,215 @@
+"""A hybrid test in process: the computed part against an independent solver, delays, compensators, what stops it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rig import dampers
+from rig.hybrid.delay_probe import Probe
+from rig.hybrid.hybrid_motion import HybridMotion, HybridOrder, Moment, Phase
+from rig.hybrid.lead import COMPENSATORS
+from rig.hybrid.motion_bounds import Bounds, Measured
+from rig.hybrid.quarter_car import QuarterCar
+from rig.vehicle.car import Car
+from rig.vehicle.motion import CornerDamper
+from rig.vehicle.road import Sweep, sweep_road
+
+BODY_KG, WHEEL_KG, SPRING_N_M, TYRE_N_M, TYRE_N_S_M = 600.0, 90.0, 40e3, 220e3, 300.0
+
+DAMPING = 1200.0
+DELAY_S = 0.008
+REST_N = -270.0
+FINE_S = 1e-3
+
+
+def linear_damper(damping_N_s_m: float) -> CornerDamper:
+    """A damper whose force is its damping times its speed, either way."""
+    model = dampers.model("asymmetric")
+    return CornerDamper(
+        model, {name: damping_N_s_m if name in {"Ca_plus", "Ca_minus"} else 0.0 for name in model.names}
+    )
+
+
+def quarter_car(damper: CornerDamper, duration_s: float = 4.0) -> QuarterCar:
+    """A corner of a van on a sweep from 1 to 5 Hz."""
+    car = Car.model_validate({
+        "format": 1, "name": "corner", "kind": "quarter", "source": "a test", "body": {"mass": "600 kg"},
+        "front": {
+            "unsprung_mass": "90 kg", "wheel_rate": "40 kN/m", "tyre_stiffness": "220 kN/m",
+            "tyre_damping": "300 N s/m",
+        },
+    })  # fmt: skip
+    return QuarterCar(car, sweep_road(Sweep(duration_s, 1.0, 5.0, 20e-3, 10e-3, 0.0)), damper)
+
+
+def order(car: QuarterCar, compensator: str, step_s: float = 0.01, **bounds: float) -> HybridOrder:
+    """A test in steps of 10 ms within wide bounds."""
+    within = Bounds(**{
+        "extension_m": 0.2, "speed_m_s": 5.0, "acceleration_m_s2": 500.0, "energy_share": 0.3, "delay_s": 0.03,
+        **bounds,
+    })  # fmt: skip
+    return HybridOrder(car.part(step_s, [0.0]), within, Probe(1e-3, 5.0), compensator, centre_m=0.05)
+
+
+def run(
+    asked: HybridOrder, damping: float = DAMPING, delay_s: float = DELAY_S,
+    seen: Callable[[float, float], float] = lambda force_N, _: force_N,
+) -> tuple[HybridMotion, list[Moment]]:
+    """A test whose rod is where it was told to be `delay_s` ago, and whose specimen is linear, with a force at rest."""
+    motion, moments = HybridMotion(asked), []
+    # The newest place is that of the last instant.
+    sent, late = (0.05, 0.0, 0.0), round(delay_s / FINE_S) - 1
+    places = [0.05] * (late + 2)
+    every = round(asked.part.step_s / FINE_S)
+    for k in range(round(asked.duration_s / FINE_S) + 2 * every):
+        t_s = k * FINE_S
+        extension_m, before_m = places[-1 - late], places[-2 - late]
+        if k % every == 0:
+            force_N = seen(REST_N + damping * (extension_m - before_m) / FINE_S, t_s)
+            setpoint = motion.at(t_s, Measured(force_N, extension_m))
+            if setpoint is None or motion.problem is not None:
+                break
+            sent = (*setpoint, t_s)
+            if motion.moment is not None:
+                moments.append(motion.moment)
+        places.append(sent[0] + sent[1] * (t_s - sent[2]))
+    return motion, moments
+
+
+def test_the_computed_part_answers_as_an_independent_solver_says() -> None:
+    part = quarter_car(linear_damper(0.0)).part(0.005, [0.0])
+
+    def force_N(t_s: float) -> float:
+        return 300.0 * t_s
+
+    def rates(t_s: float, x: np.ndarray) -> list[float]:
+        body, wheel, body_speed, wheel_speed = x
+        spring = SPRING_N_M * (body - wheel) + force_N(t_s)
+        road = float(np.interp(t_s, np.arange(len(part.road_N)) * 0.005, part.road_N))
+        pushed = spring - TYRE_N_M * wheel - TYRE_N_S_M * wheel_speed + road
+        return [body_speed, wheel_speed, -spring / BODY_KG, pushed / WHEEL_KG]
+
+    solved = solve_ivp(rates, (0.0, 1.0), [0.0] * 4, rtol=1e-9, atol=1e-12, max_step=0.005)
+    state: list[float] = [0.0] * 4
+    for step in range(200):
+        state = part.moved(state, (force_N(step * 0.005), force_N((step + 1) * 0.005)), step)
+    assert state == pytest.approx(solved.y[:, -1].tolist(), rel=2e-4, abs=1e-7)
+    target = part.target(state, force_N(1.0), 200)
+    slopes = rates(1.0, np.array(state))
+    assert target.acceleration_m_s2 == pytest.approx(slopes[2] - slopes[3], rel=1e-6)
+
+
+def test_an_order_survives_the_link_to_the_station() -> None:
+    asked = order(quarter_car(linear_damper(DAMPING)), "model")
+    assert HybridOrder.from_json(json.loads(json.dumps(asked.to_json()))) == asked
+    with pytest.raises(TypeError, match="surplus"):
+        HybridOrder.from_json({**asked.to_json(), "part": {**asked.part.to_json(), "surplus": 1}})
+
+
+@pytest.mark.parametrize("delay_s", [0.006, 0.012])
+def test_the_delay_is_measured_before_the_road_begins(delay_s: float) -> None:
+    motion, moments = run(order(quarter_car(linear_damper(DAMPING), 1.0), "none"), delay_s=delay_s)
+    assert motion.delay_s == pytest.approx(delay_s, abs=1e-3)
+    assert moments[0].t_s == pytest.approx(0.0, abs=0.011)
+    assert motion.phase is Phase.OVER
+
+
+def test_an_actuator_later_than_allowed_ends_the_test_before_the_road() -> None:
+    motion, moments = run(order(quarter_car(linear_damper(DAMPING), 1.0), "model", delay_s=0.006), delay_s=0.012)
+    assert moments == []
+    assert motion.problem is not None
+    assert motion.problem.limit == 0.006
+    assert motion.problem.value == pytest.approx(0.012, abs=1e-3)
+
+
+def test_every_compensator_but_none_follows_four_times_better_and_the_body_answers_as_the_whole_car() -> None:
+    car = quarter_car(linear_damper(DAMPING))
+    step_s, ride = car.reference()
+    tracking, body = {}, {}
+    for name in ("model", "ats", "inverse", "none"):
+        motion, moments = run(order(car, name))
+        assert motion.problem is None
+        rows = np.array(moments)
+        wanted = np.interp(rows[:, 0], np.arange(len(ride.place)) * step_s, ride.place[:, 0])
+        body[name] = float(np.std(rows[:, 3] - wanted) / np.std(wanted))
+        tracking[name] = motion.outcome.tracking
+    assert tracking["none"] > 0.08
+    assert max(tracking["model"], tracking["ats"]) < min(0.02, 0.25 * tracking["none"])
+    assert tracking["inverse"] < 0.25 * tracking["none"]
+    assert body["model"] < 0.03 < body["none"]
+
+
+def test_polynomial_extrapolation_is_led_by_past_targets() -> None:
+    asked = order(quarter_car(linear_damper(100.0), 2.0), "polynomial", 0.005)
+    motion, _ = run(asked, damping=100.0, delay_s=0.005)
+    plain, _ = run(order(quarter_car(linear_damper(100.0), 2.0), "none", 0.005), damping=100.0, delay_s=0.005)
+    assert motion.outcome.tracking < 0.5 * plain.outcome.tracking
+    assert set(COMPENSATORS) == {"model", "ats", "inverse", "polynomial", "none"}
+
+
+def test_the_force_at_rest_is_carried_by_the_springs() -> None:
+    """270 N at rest would lower the body by 270 / 40,000 m if it were taken for the damper's answer."""
+    _, moments = run(order(quarter_car(linear_damper(DAMPING), 1.0), "model"))
+    assert abs(moments[3].body_m) < 1e-4
+
+
+def test_energy_brought_by_following_wrongly_ends_the_test() -> None:
+    asked = order(quarter_car(linear_damper(DAMPING)), "none", energy_share=0.01)
+    motion, _ = run(asked, delay_s=0.02)
+    assert motion.problem is not None
+    assert abs(motion.problem.value) > motion.problem.limit == 0.01
+
+
+def test_a_specimen_that_pushes_where_it_should_hold_ends_the_test_at_its_bounds() -> None:
+    motion, moments = run(order(quarter_car(linear_damper(DAMPING)), "model", extension_m=0.06), damping=-3000.0)
+    assert motion.problem is not None
+    assert max(abs(moment.target_m) for moment in moments[:-1]) <= 0.06
+
+
+def test_a_test_without_fresh_forces_goes_on_for_two_steps_only() -> None:
+    asked = order(quarter_car(linear_damper(DAMPING)), "model")
+    motion, moments = run(asked, seen=lambda force_N, t_s: math.nan if t_s > 3.5 else force_N)
+    assert motion.problem is not None
+    assert (motion.problem.value, motion.problem.limit) == (3.0, 2.0)
+    assert moments
+
+
+def test_the_rod_returns_to_its_centre_in_the_end() -> None:
+    asked = order(quarter_car(linear_damper(DAMPING), 1.0), "model")
+    motion = HybridMotion(asked)
+    last, place_m, t_s = None, 0.05, 0.0
+    while (sent := motion.at(t_s, Measured(0.0, place_m))) is not None:
+        last, place_m, t_s = sent, sent.position_m, t_s + 0.01
+    assert last is not None
+    assert last.position_m == pytest.approx(0.05, abs=2e-4)
+    assert abs(last.velocity_m_s) < 0.03
+
+
+def steady_after(delay_s: float, damping: float) -> float:
+    """Amplitude of a quarter car with a delayed linear damper: late over early, by Euler's rule in steps of 0.1 ms."""
+    h = 1e-4
+    late = round(delay_s / h)
+    x = np.array([0.0, 1e-3, 0.0, 0.0])
+    speeds, wheel = [0.0] * (late + 1), []
+    for _ in range(40_000):
+        force = SPRING_N_M * (x[0] - x[1]) + damping * speeds[-1 - late]
+        rates = np.array([
+            x[2], x[3], -force / BODY_KG, (force - TYRE_N_M * x[1] - TYRE_N_S_M * x[3]) / WHEEL_KG,
+        ])  # fmt: skip
+        x[2:] += h * rates[2:]
+        x[:2] += h * x[2:]
+        speeds.append(float(x[2] - x[3]))
+        wheel.append(abs(float(x[1])))
+    return max(wheel[-4000:]) / max(wheel[8_000:12_000])
+
+
+def test_the_critical_delay_is_where_a_delayed_damper_turns_unstable() -> None:
+    critical_s = quarter_car(linear_damper(DAMPING)).critical_delay_s()
+    assert 0.01 < critical_s < 0.05
+    assert steady_after(0.93 * critical_s, DAMPING) < 1.0 < steady_after(1.07 * critical_s, DAMPING)

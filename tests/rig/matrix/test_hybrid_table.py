@@ -1,0 +1,131 @@
+"""`[hybrid]` of a matrix file: what it says, what is wrong with it, and what a rig cannot do."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from rig.bench.model import Bench
+from rig.errors import FileProblem
+from rig.matrix.model import Matrix, load_matrix
+from rig.matrix.plan import plan
+
+ROOT = Path(__file__).resolve().parents[3]
+EXAMPLE = (ROOT / "examples" / "hybrid-quarter.toml").read_text(encoding="utf-8")
+
+
+def load(folder: Path, text: str) -> Matrix:
+    path = folder / "hybrid.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_matrix(path)
+
+
+def bench(folder: Path, register_map: str = "demo-streamed", poll: str = "10 ms") -> Bench:
+    text = (ROOT / "examples" / "demo-bench.toml").read_text(encoding="utf-8")
+    text = re.sub(r'(?m)^(register_map|poll) = .*\n', "", text)
+    text = text.replace("[actuator]\n", f'[actuator]\nregister_map = "{register_map}"\npoll = "{poll}"\n')
+    (folder / "bench.toml").write_text(text, encoding="utf-8")
+    return Bench.load(folder / "bench.toml")
+
+
+def reasons(folder: Path, text: str, **of_bench: str) -> dict[str, set[str]]:
+    """Slugs of what speaks against each point."""
+    judged = plan(load(folder, text), bench(folder, **of_bench))
+    return {item.point.id: {cause.slug for cause in item.causes} for item in judged.points}
+
+
+def test_each_compensator_is_one_point_of_the_whole_length(tmp_path: Path) -> None:
+    with_model, without = load(tmp_path, EXAMPLE).points()
+    assert (with_model.id, without.id) == ("hybrid-model", "hybrid-none")
+    assert with_model.kind == "hybrid"
+    # Eight cycles of 3 Hz measure the delay, half a second of rest, 20 s of road, a second to return.
+    assert with_model.motion_s == pytest.approx(8.0 / 3.0 + 0.5 + 20.0 + 1.0, abs=1e-6)
+    assert with_model.forecast is not None
+    assert 0.3 < with_model.peak_speed_m_s < 0.5
+    assert with_model.amplitude_m < 0.06
+
+
+def test_the_example_fits_a_rig_that_follows_set_points(tmp_path: Path) -> None:
+    assert reasons(tmp_path, EXAMPLE) == {"hybrid-model": set(), "hybrid-none": set()}
+
+
+def test_every_wrong_entry_is_named_with_its_line(tmp_path: Path) -> None:
+    text = EXAMPLE.replace('mass = "600 kg"', 'mass = "-6 kg"').replace('unsprung_mass = "90 kg"\n', "")
+    text = text.replace('last_frequency = "5 Hz"', 'last_frequency = "0.5 Hz"')
+    text = text.replace('compensation = ["model", "none"]', 'compensation = ["modelx"]')
+    with pytest.raises(FileProblem) as caught:
+        load(tmp_path, text)
+    said = "\n".join(caught.value.problems)
+    for entry in ("hybrid.car.body.mass", "unsprung_mass", "compensation"):
+        assert entry in said
+    lines = text.splitlines()
+    assert f"line {lines.index(next(line for line in lines if 'modelx' in line)) + 1}" in said
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "entry"),
+    [
+        ('prior = "demo" ', "# prior ", "specimen.prior"),
+        ('duration = "20 s"', 'duration = "130 s"', "hybrid.road.sweep.duration"),
+        ('last_frequency = "5 Hz"', 'last_frequency = "0.5 Hz"', "hybrid.road.sweep.last_frequency"),
+        ('["model", "none"]', '["model", "model"]', "hybrid.compensation"),
+        ('largest_delay = "25 ms"', 'largest_delay = "25"', "hybrid.largest_delay"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_at_its_entry(before: str, after: str, entry: str, tmp_path: Path) -> None:
+    assert before in EXAMPLE
+    with pytest.raises(FileProblem, match=entry.replace(".", r"\.")):
+        load(tmp_path, EXAMPLE.replace(before, after))
+
+
+def test_a_delay_beyond_the_margin_is_refused_with_the_numbers(tmp_path: Path) -> None:
+    """Critical: 32 ms. Without compensation 27 ms would act, and 1.25 times that is beyond it; led, half of it."""
+    text = EXAMPLE.replace('"25 ms"', '"27 ms"')
+    assert reasons(tmp_path, text) == {"hybrid-model": set(), "hybrid-none": {"hybrid-unstable"}}
+    judged = plan(load(tmp_path, EXAMPLE.replace('"25 ms"', '"60 ms"')), bench(tmp_path))
+    assert not judged.feasible
+    for item in judged.points:
+        assert [cause.slug for cause in item.causes] == ["hybrid-unstable"]
+        assert "32." in item.reasons[0]
+        assert "60 ms" in item.reasons[0]
+
+
+def test_a_rig_that_cannot_follow_fast_enough_or_far_enough_is_refused(tmp_path: Path) -> None:
+    text = EXAMPLE.replace('first_height = "20 mm"', 'first_height = "60 mm"')
+    assert {"position", "stroke"} <= reasons(tmp_path, text)["hybrid-model"]
+    assert reasons(tmp_path, EXAMPLE, register_map="demo")["hybrid-model"] == {"hybrid"}
+    assert reasons(tmp_path, EXAMPLE, poll="20 ms")["hybrid-model"] == {"sampling"}
+
+
+def test_what_is_asked_of_the_station_keeps_to_the_machine(tmp_path: Path) -> None:
+    matrix, rig = load(tmp_path, EXAMPLE), bench(tmp_path)
+    point = matrix.points()[0]
+    assert matrix.hybrid is not None
+    order = matrix.hybrid.order(point, "demo", rig, (-0.05, 0.08))
+    assert order.bounds.extension_m == pytest.approx(0.05), "no further than to the nearer end"
+    assert (order.bounds.speed_m_s, order.bounds.acceleration_m_s2) == (
+        rig.limits.speed_m_s, rig.limits.acceleration_m_s2
+    )  # fmt: skip
+    assert order.part.inertia_kg == pytest.approx(3.83 + rig.fixture.moving_mass_kg), "the rod's, of the set demo"
+    assert order.duration_s == pytest.approx(point.motion_s)
+
+
+def test_a_matrix_without_hybrid_tests_keeps_its_digest(tmp_path: Path) -> None:
+    """SHA-256 of specimen and points as the program wrote it before there were hybrid tests."""
+    matrix = load_matrix(ROOT / "examples" / "table1.toml")
+    assert '"hybrid"' not in matrix.model_dump_json(exclude={"identify", "hybrid"})
+    assert matrix.hybrid is None
+    changed = load(tmp_path, EXAMPLE.replace('mass = "600 kg"', 'mass = "601 kg"'))
+    assert changed.digest != load(tmp_path, EXAMPLE).digest
+
+
+def test_hybrid_tests_alone_are_not_identified(tmp_path: Path) -> None:
+    assert not load(tmp_path, EXAMPLE).wants_fit
+    sweep = '[matrix]\namplitude = ["10 mm"]\nfrequency = ["1 Hz"]\ncurrent = ["0 A"]\n'
+    both = load(tmp_path, EXAMPLE + sweep)
+    assert both.wants_fit
+    assert [point.kind for point in both.points()] == ["loop", "hybrid", "hybrid"]
+    assert dataclasses.asdict(both.points()[0])["forecast"] is None
