@@ -54,7 +54,7 @@ def figures(study: StudyFile, bench: Workbench, results: Lines) -> dict[str, str
         drawn["paper2-figure-11"] = _error_distribution(outcomes)
         tests, force = bench.current_tests, bench.current_force
         drawn["paper2-figure-12"] = reconstructed_figure(outcomes, tests, force, _new_figure)
-        drawn["paper2-figure-13"] = _error_bars(outcomes)
+        drawn["paper2-figure-13-bars"] = _error_bars(outcomes)
         drawn["paper2-figure-relations"] = _against_current(study, results)
     return {name: _svg(figure) for name, figure in drawn.items() if figure is not None}
 

@@ -71,7 +71,7 @@ FIGURE_TITLES = {
     "paper2-figure-10": "Paper 2, Figure 10: minimum error, and its running average, against generations",
     "paper2-figure-11": "Paper 2, Figure 11: distribution of the minimum error, and the exponential one",
     "paper2-figure-12": "Paper 2, Figure 12: measured and reconstructed hysteresis",
-    "paper2-figure-13": "Paper 2, Figure 13: errors and generations of each method",
+    "paper2-figure-13-bars": "Paper 2, Figure 13: errors and generations of each method",
     "paper2-figure-relations": "Paper 2: parameters against current",
 }
 COMPARED = (
@@ -208,7 +208,7 @@ def _contents(tables: Sequence[Table], figures: Mapping[str, str], tests: Collec
     places = {part.name: f"{part.heading}{_suffix(part)}" for part in tables}
     places |= {"kruskal-wallis": "Kruskal-Wallis test"} if tests else {}
     places |= {**{name: FIGURE_TITLES.get(name, name) for name in figures}}
-    links = "".join(f"<a href='#{name}'>{text(label)}</a>" for name, label in places.items())
+    links = " | ".join(f"<a href='#{name}'>{text(label)}</a>" for name, label in places.items())
     return f"<nav>{links}</nav>"
 
 
