@@ -42,7 +42,7 @@ def triangle_figure(study: StudyFile, new: Callable[[float], Figure]) -> Figure 
         return None
     values = parameter_set(study.data.truth)
     damper = damper_model(values.model, values.hysteresis)
-    phase = np.arange(round(2.0 * TRIANGLE_RATE_HZ / TRIANGLE_HZ)) * TRIANGLE_HZ / TRIANGLE_RATE_HZ
+    phase = np.arange(0.0, 2.0, TRIANGLE_HZ / TRIANGLE_RATE_HZ, dtype=np.float64)
     motion = TRIANGLE.motion(phase, TABLE1_AMPLITUDE_M, TRIANGLE_HZ)
     figure = new(3.2)
     for axes, current_A in zip(figure.subplots(1, 2, sharey=True), TRIANGLE_A, strict=True):

@@ -94,8 +94,8 @@ def comparison_tables(study: StudyFile, results: Lines, minima: Mapping[str, flo
         name = f"table-x-{method.replace(' ', '-')}" if number is None else f"table-{number}"
         heading = f"Beside the papers, {TITLES[method]}" if number is None else f"Table {number}"
         title = _statistics(study, TITLES[method])
-        columns = (TITLES[method], *VALUE_COLUMNS, *PRINTED_COLUMNS)
-        tables.append(Table(name, heading, title, columns, tuple(rows), f"{OBJECTIVE} {NOT_PUBLIC}"))
+        headings = (TITLES[method], *VALUE_COLUMNS, *PRINTED_COLUMNS)
+        tables.append(Table(name, heading, title, headings, tuple(rows), f"{OBJECTIVE} {NOT_PUBLIC}"))
     return tables
 
 
@@ -138,8 +138,8 @@ def model_tables(study: StudyFile, results: Lines, minima: Mapping[str, float]) 
                 if summary is not None:
                     several.append((model, TITLES[method], *_cells(summary)))
         heading = "Beside the papers, models"
-        columns = ("model", "method", *VALUE_COLUMNS)
-        tables.append(Table("table-x-models", heading, "Models compared", columns, tuple(several), OBJECTIVE))
+        headings = ("model", "method", *VALUE_COLUMNS)
+        tables.append(Table("table-x-models", heading, "Models compared", headings, tuple(several), OBJECTIVE))
     return tables
 
 
