@@ -9,6 +9,7 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
+from rig.dampers.parameter import Parameter
 from rig.identification.diagnosis.distortions import Distortion
 from rig.identification.diagnosis.stretches import Stretch
 from rig.identification.models.model_slope import modelled_force, parameter_slopes
@@ -17,6 +18,7 @@ STEPS = 12
 FEWER_STEPS = 3  # of a model with internal states, whose slopes cost an integration each
 ENOUGH = 1e-3  # relative reduction of the sum of squares below which the search ends
 LEAST_DAMPING, MOST_DAMPING = 1e-9, 1e3
+SINGULAR = 1e-10  # of a scaled normal matrix, below which a direction carries no information
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ def explain(
         distortion: what may have happened to them.
     """
     here = Explained(np.inf, dict(values), np.array(distortion.start, dtype=float))
-    limits = np.array([(model.parameter(name).low, model.parameter(name).high) for name in names]).reshape(-1, 2)
+    limits = np.array([_limits(model.parameter(name), values[name]) for name in names]).reshape(-1, 2)
     squares, normal, right = _normal(model, here, names, parts, distortion)
     here, damping = Explained(squares, here.values, here.amounts), 1e-6
     for _ in range(FEWER_STEPS if model.states else STEPS):
@@ -67,6 +69,41 @@ def explain(
             break
         _, normal, right = _normal(model, here, names, parts, distortion)
     return here
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one step of the search would gain by a distortion beyond what the damper's parameters gain without it.
+
+    Attributes:
+        gain: less of the weighted sum of squares.
+        amounts: of the distortion, shape (k,).
+    """
+
+    gain: float
+    amounts: FloatArray
+
+
+def first_step(
+    model: DamperModel,
+    values: Mapping[str, float],
+    names: Sequence[str],
+    parts: Sequence[Stretch],
+    distortion: Distortion,
+) -> Step:
+    """The first undamped step of `explain`, which takes one look at all samples."""
+    here = Explained(np.inf, dict(values), np.array(distortion.start, dtype=float))
+    _, normal, right = _normal(model, here, names, parts, distortion)
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled, target, count = normal / np.outer(scale, scale), right / scale, len(names)
+    whole = np.linalg.lstsq(scaled, target, rcond=SINGULAR)[0]
+    without = np.linalg.lstsq(scaled[:count, :count], target[:count], rcond=SINGULAR)[0]
+    return Step(float(whole @ target - without @ target[:count]), here.amounts + (whole / scale)[count:])
+
+
+def _limits(parameter: Parameter, value: float) -> tuple[float, float]:
+    """A parameter's own limits, and beyond them as far as a fit found it: a search starts where it is."""
+    return min(parameter.low, value), max(parameter.high, value)
 
 
 def _stepped(

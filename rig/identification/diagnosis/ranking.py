@@ -17,7 +17,7 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.diagnosis import distortions as of
-from rig.identification.diagnosis.descent import Explained, explain, residual_N
+from rig.identification.diagnosis.descent import Explained, explain, first_step, residual_N
 from rig.identification.diagnosis.force_channel import beyond, ends_N, outliers
 from rig.identification.diagnosis.groups import two_groups
 from rig.identification.diagnosis.plausibility import implausible, law_from_two_currents
@@ -35,6 +35,8 @@ FEWEST_OUTLIERS = 3
 SAME_CURRENT_A = 0.05
 MOST_BENDS = 3
 SKEWS_S = (0.0, 1e-3, 3e-3, -1e-3, -3e-3)  # to start from where a model jumps at the reversals, which show the skew
+SMALLEST_SKEW_S, SKEW_ERRORS = 2e-4, 3.0  # a delay that is worth a word: so long, and so many of its stated errors
+BEYOND_DOUBT = 10.0  # standard errors of white noise; noise of a filtered channel has a few times those
 SMALLEST_TEMPERATURE_SPAN_K = 1.0
 NEAR_REVERSAL_m = 1e-3
 
@@ -72,8 +74,7 @@ def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
     if wrong:
         return tuple(wrong)
     causes = [*_saturated(fitted.tests)]
-    if misfit:
-        causes += _of_misfit(fitted)
+    causes += _of_misfit(fitted) if misfit else _hidden_skew(fitted)
     return (*causes, *law_from_two_currents(fitted.model, fitted.values, fitted.tests))
 
 
@@ -81,6 +82,26 @@ def _saturated(tests: Sequence[Measurement]) -> list[Cause]:
     """What the preparation took out already."""
     ids = [test.id for test in tests if any(warning.slug == "saturated-force" for warning in test.warnings)]
     return [Cause("clipping", say("clipping-left-out", tests=some(ids)), 1.0, say("next-clipping"))] if ids else []
+
+
+def _hidden_skew(fitted: Fitted) -> list[Cause]:
+    """A delay that the tests show beyond doubt though what it leaves is within their scatter."""
+    model, tests = fitted.model, fitted.tests
+    parts = stretches(model, tests, fitted.weighting)
+    floor = sum(part.floor for part in parts)
+    count = sum(int(np.count_nonzero(part.weights)) for part in parts)
+    step = first_step(model, fitted.values, fitted.names, parts, of.Skew())
+    skew_s = abs(float(step.amounts[0]))
+    least_s = max(SMALLEST_SKEW_S, SKEW_ERRORS * max(test.skew_std_s for test in tests))
+    if not (floor > 0.0 and skew_s >= least_s and step.gain * count >= BEYOND_DOUBT**2 * floor):
+        return []
+    base = explain(model, fitted.values, fitted.names, parts, of.Distortion())
+    skewed = explain(model, fitted.values, fitted.names, parts, of.Skew())
+    gain, numbers = base.squares - skewed.squares, {"skew_ms": 1e3 * float(skewed.amounts[0])}
+    share = min(1.0, gain / max(base.squares - floor, gain)) if gain > 0.0 else 0.0
+    if share < WORTH_NAMING:
+        return []
+    return [Cause("skew", say("skew", **numbers, percent_explained=100.0 * share), share, say("next-skew", **numbers))]
 
 
 def _of_misfit(fitted: Fitted) -> list[Cause]:

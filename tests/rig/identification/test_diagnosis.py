@@ -23,6 +23,7 @@ CURRENTS_A, FREQUENCIES_Hz = (0.0, 0.5, 1.0, 1.5, 2.0), (0.75, 1.5)
 def damper_tests(
     *,
     skew_s: float = 0.0,
+    noise_N: float = NOISE_N,
     currents_A: tuple[float, ...] = CURRENTS_A,
     acting: Callable[[float], float] = lambda current_A: current_A,
     values_of: Callable[[int], dict[str, float]] = lambda number: DEMO,
@@ -45,10 +46,34 @@ def damper_tests(
             tests.append(
                 Measurement(
                     id=f"p{number + 1:03d}", u_m=u_m, v_m_s=v_m_s, a_m_s2=a_m_s2,
-                    force_N=force_N + random.normal(0.0, NOISE_N, time_s.size),
+                    force_N=force_N + random.normal(0.0, noise_N, time_s.size),
                     current_A=np.full(time_s.size, current_A), dt_s=1.0 / RATE_Hz, amplitude_m=AMPLITUDE_m,
-                    frequency_Hz=frequency_Hz, nominal_current_A=current_A, noise_N=NOISE_N,
+                    frequency_Hz=frequency_Hz, nominal_current_A=current_A, noise_N=noise_N,
                     samples_per_cycle=round(RATE_Hz / frequency_Hz),
+                )
+            )  # fmt: skip
+    return tests
+
+
+def loops_of_the_normalised_model(skew_s: float) -> list[Measurement]:
+    """The same campaign of a hysteretic damper, each test warmed up by a cycle."""
+    damper, random, tests = model("normalized_bouc_wen"), np.random.default_rng(5), []
+    for current_A in (0.5, 1.5):
+        for frequency_Hz in FREQUENCIES_Hz:
+            rate, cycle = 2.0 * np.pi * frequency_Hz, round(RATE_Hz / frequency_Hz)
+            time_s = np.arange(-cycle, 3 * cycle) / RATE_Hz + 0.0013
+            u_m, v_m_s = AMPLITUDE_m * np.sin(rate * time_s), AMPLITUDE_m * rate * np.cos(rate * time_s)
+            early = rate * (time_s - skew_s)
+            sine, cosine = AMPLITUDE_m * np.sin(early), AMPLITUDE_m * np.cos(early)
+            motion = (sine, rate * cosine, -(rate**2) * sine)
+            force_N = damper.force(damper.demonstration, *motion, current_A, 1.0 / RATE_Hz)
+            force_N = force_N + random.normal(0.0, 2.0, time_s.size)
+            kept, a_m_s2 = slice(cycle, None), -(rate**2) * u_m
+            tests.append(
+                Measurement(
+                    id=f"n{len(tests)}", u_m=u_m[kept], v_m_s=v_m_s[kept], a_m_s2=a_m_s2[kept], force_N=force_N[kept],
+                    current_A=np.full(3 * cycle, current_A), dt_s=1.0 / RATE_Hz, amplitude_m=AMPLITUDE_m,
+                    frequency_Hz=frequency_Hz, nominal_current_A=current_A, noise_N=2.0, samples_per_cycle=cycle,
                 )
             )  # fmt: skip
     return tests
@@ -193,3 +218,20 @@ def test_fits_at_each_current_are_diagnosed_where_they_fit_worst() -> None:
     assert fit.diagnosis[0].text.startswith("at 2.00 A: ")
     clean = damper_tests(currents_A=(0.0, 1.0))
     assert identify(clean, current="per-current-affine").diagnosis == ()
+
+
+def test_a_delay_that_hides_in_the_scatter_is_named_and_the_fit_stays_adequate() -> None:
+    hidden = damper_tests(skew_s=0.7e-3, noise_N=12.0)
+    fit = identify(hidden)
+    assert fit.adequate
+    assert named_first(fit) == "skew"
+    assert 0.5 < float(fit.diagnosis[0].text.split()[3]) < 1.0  # "a delay of +0.8 ms ..."
+    assert identify(damper_tests(skew_s=0.1e-3, noise_N=12.0)).diagnosis == ()  # too short to matter
+    known = [replace(test, skew_std_s=0.4e-3) for test in hidden]
+    assert identify(known).diagnosis == ()  # it is within what the recording states of itself
+
+
+def test_a_delay_is_named_though_the_fit_ended_beyond_a_parameters_limit() -> None:
+    fit = identify(loops_of_the_normalised_model(skew_s=3e-3), model="normalized_bouc_wen")
+    assert fit.values["sigma"] < model("normalized_bouc_wen").parameter("sigma").low
+    assert named_first(fit) == "skew"
