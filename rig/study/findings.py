@@ -31,7 +31,7 @@ SIGNIFICANT = 0.05
 
 
 @dataclass(frozen=True)
-class Finding:
+class Claim:
     """One statement of a paper beside this study's result.
 
     Attributes:
@@ -47,7 +47,7 @@ class Finding:
 
 def findings(
     study: StudyFile, results: Lines, minima: Mapping[str, float], tests: Mapping[str, KruskalWallis | None]
-) -> list[Finding]:
+) -> list[Claim]:
     """Everything that the results allow to be said of the papers' statements.
 
     Args:
@@ -66,14 +66,14 @@ def findings(
     ]  # fmt: skip
 
 
-def _best_methods(study: StudyFile, results: Lines) -> Iterator[Finding]:
+def _best_methods(study: StudyFile, results: Lines) -> Iterator[Claim]:
     best = {m: summary.mean for m, (_, _, summary) in best_settings(study, results).items() if m in BEST}
     if not {"pso", "c_foa"} <= best.keys() or len(best) < 3:
         return
     ours = sorted(best, key=lambda method: best[method])
     theirs = sorted(best, key=lambda method: BEST[method][2][1])
     verdict = HOLDS if set(ours[:2]) == {"pso", "c_foa"} else FAILS
-    yield Finding(
+    yield Claim(
         "best-methods", verdict,
         'Paper 1 concludes that "PSO and c-FOA achieve the best performance". Its own Table 2, by mean value, orders '
         f"{_order(theirs)}; this study orders {_order(ours)} (mean of each method's best setting, "
@@ -82,14 +82,14 @@ def _best_methods(study: StudyFile, results: Lines) -> Iterator[Finding]:
     )  # fmt: skip
 
 
-def _signs(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> Iterator[Finding]:
+def _signs(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> Iterator[Claim]:
     best = best_settings(study, results)
     lowest = minima.get(study.comparison.models[0])
     if lowest is None or study.comparison.start != "ones":
         return
     if "c_foa printed" in best:
         ratio = best["c_foa printed"][2].best / lowest
-        yield Finding(
+        yield Claim(
             "printed-c-foa", HOLDS if ratio < 2.0 else FAILS,
             f"c-FOA exactly as printed (Fig. 6) ends at {ratio:.3g} times the lowest objective at best: with M < 1 no "
             "coordinate of (13) ever changes its sign, so from all ones the negative preload F0 cannot be reached. The "
@@ -97,7 +97,7 @@ def _signs(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> Ite
             "the first swarm.",
         )  # fmt: skip
     if "foa" in best:
-        yield Finding(
+        yield Claim(
             "foa-positive", HOLDS,
             "The original FOA fails in the paper (2.00e17 with hardly any spread) and here "
             f"({best['foa'][2].best:.3g}, {best['foa'][2].best / lowest:.3g} times the lowest): S = 1/D is never "
@@ -106,13 +106,13 @@ def _signs(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> Ite
         )  # fmt: skip
 
 
-def _search_error(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> Iterator[Finding]:
+def _search_error(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> Iterator[Claim]:
     best, lowest = best_settings(study, results), minima.get(study.comparison.models[0])
     if lowest is None or not best:
         return
     method = min(best, key=lambda name: best[name][2].mean)
     population, budget, summary = best[method]
-    yield Finding(
+    yield Claim(
         "search-error", FAILS if summary.mean > (1.0 + ALIKE) * lowest else HOLDS,
         "The paper takes differences between algorithms for differences between fits of the model. The model is linear "
         "but for two parameters, and separable least squares reaches "
@@ -123,7 +123,7 @@ def _search_error(study: StudyFile, results: Lines, minima: Mapping[str, float])
     )  # fmt: skip
 
 
-def _significance(tests: Mapping[str, KruskalWallis | None]) -> Iterator[Finding]:
+def _significance(tests: Mapping[str, KruskalWallis | None]) -> Iterator[Claim]:
     tuned = next((test for name, test in tests.items() if name.startswith("best-tuned") and test is not None), None)
     if tuned is None:
         return
@@ -132,7 +132,7 @@ def _significance(tests: Mapping[str, KruskalWallis | None]) -> Iterator[Finding
         return
     clear = pair.p_holm < SIGNIFICANT
     said = f"{pair.first} has the lower ranks, p = {pair.p_holm:.2g} (Dunn, Holm over {len(tuned.pairs)} pairs)"
-    yield Finding(
+    yield Claim(
         "pso-against-c-foa", HOLDS if clear and pair.first == TITLES["c_foa"] else FAILS if clear else OPEN,
         f"The paper's p = {KRUSKAL_WALLIS_P} between PSO and c-FOA compares two settings that were chosen as the best "
         f"on the same values, without correction. Here, chosen the same way: {said}. Over all settings, which nobody "
@@ -140,7 +140,7 @@ def _significance(tests: Mapping[str, KruskalWallis | None]) -> Iterator[Finding
     )  # fmt: skip
 
 
-def _symmetry(study: StudyFile, results: Lines) -> Iterator[Finding]:
+def _symmetry(study: StudyFile, results: Lines) -> Iterator[Claim]:
     values: dict[str, list[float]] = {}
     for cell in symmetry_cells(study):
         values.setdefault(cell.problem, []).extend(values_of([cell], results))
@@ -148,7 +148,7 @@ def _symmetry(study: StudyFile, results: Lines) -> Iterator[Finding]:
         return
     ratio = float(np.mean(values["symmetric"]) / np.mean(values["asymmetric"]))
     verdict = HOLDS if ratio > 1.0 + ALIKE else FAILS if ratio < 1.0 - ALIKE else OPEN
-    yield Finding(
+    yield Claim(
         "asymmetric-model", verdict,
         f"The symmetric model's mean objective is {ratio:.3g} times the asymmetric one's (paper: 1.71). It is "
         "contained in the asymmetric model, so a lower value of the latter is no evidence by itself; held-out tests "
@@ -156,7 +156,7 @@ def _symmetry(study: StudyFile, results: Lines) -> Iterator[Finding]:
     )  # fmt: skip
 
 
-def _sensitivity(study: StudyFile, results: Lines) -> Iterator[Finding]:
+def _sensitivity(study: StudyFile, results: Lines) -> Iterator[Claim]:
     if study.sensitivity is None:
         return
     said = {
@@ -182,13 +182,13 @@ def _sensitivity(study: StudyFile, results: Lines) -> Iterator[Finding]:
         printed = PRINTED_SENSITIVITY[parameter]
         theirs = ", ".join(f"{value}: {printed[value][1]:.3g}" for value in means if value in printed)
         ours = ", ".join(f"{value}: {mean:.3g}" for value, mean in means.items())
-        yield Finding(
+        yield Claim(
             f"sensitivity-{parameter}", verdict,
             f"c-FOA against {parameter}: the paper says that {claim}. Means here {ours}; printed {theirs or 'none'}.",
         )  # fmt: skip
 
 
-def _parallel(study: StudyFile, results: Lines) -> Iterator[Finding]:
+def _parallel(study: StudyFile, results: Lines) -> Iterator[Claim]:
     wanted = study.parallel
     if wanted is None:
         return
@@ -202,7 +202,7 @@ def _parallel(study: StudyFile, results: Lines) -> Iterator[Finding]:
         return
     best = min((count for count in seconds if count > 1), key=lambda count: seconds[count])
     saved = {count: 100.0 * (1.0 - PARALLEL_S[count] / PARALLEL_S[1]) for count in (2, 4)}
-    yield Finding(
+    yield Claim(
         "parallel", HOLDS if seconds[best] < seconds[1] else FAILS,
         f"The paper's text says 42 and 62.5 % less time on 2 and 4 processes; its Table 6 says {saved[2]:.0f} and "
         f"{saved[4]:.0f} %. Here {model} takes {seconds[1]:.3g} s on one process and {seconds[best]:.3g} s on {best}: "
@@ -211,7 +211,7 @@ def _parallel(study: StudyFile, results: Lines) -> Iterator[Finding]:
     )  # fmt: skip
 
 
-def _novel_genetic(study: StudyFile, results: Lines) -> Iterator[Finding]:
+def _novel_genetic(study: StudyFile, results: Lines) -> Iterator[Claim]:
     outcomes = current_results(study, results)
     mean = {
         method: float(np.mean([line["mae_N"] for lines in by_current.values() for line in lines]))
@@ -221,14 +221,14 @@ def _novel_genetic(study: StudyFile, results: Lines) -> Iterator[Finding]:
         gain = 100.0 * (1.0 - mean["ga_novel"] / mean["ga_standard"])
         ordered = sorted(mean, key=lambda method: mean[method])
         others = ", ".join(f"{TITLES[method]} {mean[method]:.3g} N" for method in ordered)
-        yield Finding(
+        yield Claim(
             "novel-ga", HOLDS if gain > 100.0 * ALIKE else FAILS,
             f"Paper 2: the novel GA's mean absolute error is {NOVEL_GA_IMPROVEMENT_PERCENT} % below the standard GA's. "
             f"Here {gain:.3g} %: {others}. Its box was set \"after two or three trails\" for its own damper; whether "
             "the others had the same is not said. Here all have.",
         )  # fmt: skip
     if {"ga_novel", "zhu_three_step"} <= mean.keys():
-        yield Finding(
+        yield Claim(
             "three-steps", HOLDS if mean["ga_novel"] < mean["zhu_three_step"] else FAILS,
             "Paper 2 finds the normalised Bouc-Wen model, identified in three steps, less accurate than the novel GA: "
             f"{mean['zhu_three_step']:.3g} N against {mean['ga_novel']:.3g} N here. The three steps need no start, no "
