@@ -59,11 +59,14 @@ CATALOGUES = {
     "rig.faults.matrix": "puts together the rows of each device",
     "rig.optimisers.methods": "the one place that names the algorithms",
     "rig.recording.foreign.formats": "the one place that names the formats that are read",
+    "rig.page.server": "puts together the page, its rights, its commands and its samples",
     "rig.report.document": "puts together the parts of a page",
     "simulators.rig": "puts together the devices",
 }
 """What they import are topics of their own, each of the same kind, that nobody else has to know."""
 ONE_IMPORTER = {
+    "rig.campaign.live_display": "what is shown, beside what may be asked for: a display like the terminal's",
+    "rig.page.server": "answers and sends; signals, sockets and the end of the process are its process's",
     "rig.hybrid.delay_margin": "of any linear structure with a specimen, whatever is run with it",
     "rig.hybrid.virtual_test": "compiled: loads numba, and only where tests are run",
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
