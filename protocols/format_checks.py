@@ -297,8 +297,13 @@ def _field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Prob
         yield ("scale",), "must not be 0" if name == "value" else "must be more than 0"
     if name == "status" and not item.judges:
         yield (), "says nothing: state overload_bits, fault_bits, overload_values or fault_values, or leave it out"
-    if not item.type.startswith("f") and (item.type or made.packed) and not (made.packed and name not in made.fields):
+    if not item.type.startswith("f") and (_in_packed(name, made) if made.packed else item.type):
         yield from _never(name, item, made)
+
+
+def _in_packed(name: str, made: BinaryFormat) -> bool:
+    """A packed stream has bits for the field."""
+    return any(letter in byte for letter, field in LETTERS.items() if field == name for byte in made.packed)
 
 
 def _never(name: str, item: Field, made: BinaryFormat) -> Iterator[Problem]:

@@ -53,7 +53,9 @@ def _text(key: Key, value: object) -> str:
     if key.choices and value not in key.choices:
         meant = difflib.get_close_matches(value, key.choices, n=1, cutoff=0.6)
         said = f"; did you mean {meant[0]!r}?" if meant else ""
-        raise ValueError(f"must be one of {', '.join(key.choices)}{said}")
+        # A mark by itself is lost among commas.
+        known = [choice if choice[:1].isalnum() else f'"{choice}"' for choice in key.choices]
+        raise ValueError(f"must be one of {', '.join(known)}{said}")
     return value
 
 

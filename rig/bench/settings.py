@@ -349,7 +349,8 @@ class StationConfig(Station, Clock):
 
     A time for which the station itself did not watch is recorded from `late_after_s` on and stops the rig beyond
     `late_limit_s`. `disagreement_m` is how far LVDT and controller position may be apart. `owner_id` is the lease at
-    the controller, 1..65535; 0 has the station draw one at random.
+    the controller, 1..65535; 0 has the station draw one at random. At `stop_socket` it takes a stop from others than
+    its application; empty: from nobody.
     """
 
     actuator: ActuatorConfig
@@ -364,6 +365,7 @@ class StationConfig(Station, Clock):
     late_after_s: float = 0.020
     disagreement_m: float = 0.005
     owner_id: int = field(default=0, metadata=key(ge=0, le=0xFFFF))
+    stop_socket: str = ""
     disabled_detectors: tuple[str, ...] = ()
 
     @property

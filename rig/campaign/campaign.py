@@ -16,6 +16,7 @@ from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.runner import Runner
 from rig.campaign.hand import check_hand, hand_of
 from rig.campaign.kept_files import keep_bench
+from rig.campaign.live_link import LiveLink
 from rig.campaign.machine_resources import station_in_use
 from rig.campaign.operator_link import Signals, operator_link
 from rig.campaign.preflight.proof_move import read_baseline
@@ -43,12 +44,13 @@ TRUTH_AFTER_STOP_S = 1.0
 """What a simulated rig's truth still shows after a stop (s, its own clock): the coil empty, the rod at rest."""
 
 
-def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
+def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | None = None) -> CampaignResult:
     """Plan a matrix, run it on the bench or on a simulated rig, record and judge every point.
 
     Args:
         options: which matrix, which rig, where to.
         display: what the operator sees meanwhile.
+        live: where pages read and ask; None without any.
 
     Returns:
         How it ended; also when the rig refused at connect or preflight, was stopped, or is in an unknown state.
@@ -73,9 +75,11 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
             resume.same_campaign(options.resume_path, known, matrix)
         accepted(matrix, known)
         check_hand(known, attended=options.attended)
-    with operator_link(display) as (signals, shown), contextlib.ExitStack() as ends:
+    with operator_link(display, live) as (signals, shown), contextlib.ExitStack() as ends:
         log, locks = ends.enter_context(campaign_folder(options, matrix, known, shown))
         folder = log.path.parent
+        if live is not None:
+            ends.enter_context(live.told_of(log))
         stock = _stock(folder, options, matrix, log, shown)
         if not stock.remaining:
             return _nothing_left(folder, matrix, stock)
@@ -205,7 +209,11 @@ def _run(
     baseline = read_baseline(start.folder)
     points = tuple(item.point for item in start.plan.points)
     display.phase("starting the station")
-    with station_in_use(start.bench, start.matrix, start.folder, locks) as (client, config):
+    live = signals.live
+    if live is not None:
+        live.confirm = tuple(stop.to_json() for stop in start.stock.confirmed)
+    stop_socket = "" if live is None else live.station_socket
+    with station_in_use(start.bench, start.matrix, start.folder, locks, stop_socket) as (client, config):
         campaign = CampaignContext(
             folder=start.folder,
             bench=start.bench,

@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -276,7 +277,7 @@ def station_config(bench: Bench, matrix: Matrix | None, ring_path: Path) -> Stat
 
 @contextmanager
 def station_in_use(
-    bench: Bench, matrix: Matrix | None, folder: Path, locks: tuple[int, ...]
+    bench: Bench, matrix: Matrix | None, folder: Path, locks: tuple[int, ...], stop_socket: str = ""
 ) -> Iterator[tuple[StationClient, StationConfig]]:
     """The station's process, and what it was told; the block closes its link.
 
@@ -285,12 +286,13 @@ def station_in_use(
         matrix: the matrix, for the specimen; None as for `station_config`.
         folder: the campaign's directory.
         locks: of the bench's devices, where they are held already; the station inherits them.
+        stop_socket: where it takes a stop from others, too; empty: nowhere.
 
     Raises:
         Refused: it does not start, or another campaign holds a device (`locked`).
     """
     with contextlib.nullcontext(locks) if locks else locked(bench) as locks, ring_path_for(folder.name) as ring_path:
-        config = station_config(bench, matrix, ring_path)
+        config = replace(station_config(bench, matrix, ring_path), stop_socket=stop_socket)
         try:
             client = StationClient.start(config, folder, inherited=locks)
         except StationLost as error:

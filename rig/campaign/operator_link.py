@@ -1,4 +1,4 @@
-"""The operator's signals in, what the operator sees out; neither can hurt a campaign.
+"""The operator's wishes in (signals, pages), what the operator sees out; neither can hurt a campaign.
 
 Signals are a queue: a stop stops the rig once, further ones change nothing and cut nothing short. The display runs on a
 thread of its own: the first failure switches it off, the rig continues.
@@ -12,18 +12,20 @@ import queue
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from types import FrameType
 from typing import ParamSpec
 
-from rig.campaign.results import Display
+from rig.campaign.live_link import Asked, LiveLink
+from rig.campaign.results import Display, PointResult
 from rig.campaign.sequencer import event as ev
 from rig.campaign.stop_cause import because
 from rig.errors import Stopped
 from rig.faults.row import StopKind
+from rig.matrix.plan import Plan
 
 STOPS = {
     signal.SIGINT: (StopKind.FADE_OUT, because("sigint", "said", text="Ctrl-C")),
@@ -33,28 +35,43 @@ STOPS = {
 PAUSES = (signal.SIGTSTP, signal.SIGUSR1)
 """Ctrl-Z, or `kill -USR1`: pause after the running point; once more: go on."""
 
+BEFORE = "stopped by operator ({detail}) before the rig was connected"
+
 Given = ParamSpec("Given")
 
 
 @dataclass
 class Signals:
-    """What the operator asked for by signals.
+    """What the operator asked for by signals, or on a page.
 
     Attributes:
         caught: numbers of signals not yet taken, oldest first.
         paused: an odd number of pauses was asked for.
+        live: where pages ask; None without any.
     """
 
     caught: deque[int] = field(default_factory=deque)
     paused: bool = False
+    live: LiveLink | None = None
+    _early: deque[ev.Event] = field(default_factory=deque)
+
+    @property
+    def held(self) -> bool:
+        """The campaign begins only when somebody presses Start."""
+        return self.live is not None and self.live.held
 
     def catch(self, number: int, _frame: FrameType | None) -> None:
         """The handler: keeps the number, whatever the process does at this moment."""
         self.caught.append(number)
 
+    def beginning(self) -> list[ev.Event]:
+        """The campaign's first event; of a held one none, until somebody presses Start."""
+        return [] if self.held else [ev.Begin()]
+
     def take(self) -> list[ev.Event]:
         """What was asked for since the last call, oldest first."""
-        events: list[ev.Event] = []
+        events: list[ev.Event] = [*self._early, *self._asked()]
+        self._early.clear()
         while self.caught:
             number = signal.Signals(self.caught.popleft())
             if number in PAUSES:
@@ -63,6 +80,21 @@ class Signals:
             else:
                 stop, cause = STOPS[number]
                 events.append(ev.Abort(stop, cause))
+        if self.live is not None:
+            self.live.paused = self.paused
+        return events
+
+    def _asked(self) -> list[ev.Event]:
+        """What pages asked for; a pause that is there already, or a start of what runs, changes nothing."""
+        events: list[ev.Event] = []
+        for asked in () if self.live is None else self.live.take():
+            if asked.do is Asked.STOP:
+                events.append(ev.Abort(StopKind.FADE_OUT, because("operator", "page-stop", by=asked.by)))
+            elif asked.do is Asked.BEGIN:
+                events.append(ev.Begin())
+            elif self.paused is not (asked.do is Asked.PAUSE):
+                self.paused = not self.paused
+                events.append(ev.PauseAsked() if self.paused else ev.ResumeAsked())
         return events
 
     def check(self) -> None:
@@ -74,7 +106,11 @@ class Signals:
         for number in tuple(self.caught):
             if number in STOPS:
                 _, cause = STOPS[signal.Signals(number)]
-                raise Stopped(cause.slug, f"stopped by operator ({cause.detail}) before the rig was connected")
+                raise Stopped(cause.slug, BEFORE.format(detail=cause.detail))
+        for event in self._asked():
+            if isinstance(event, ev.Abort):
+                raise Stopped(event.cause.slug, BEFORE.format(detail=event.cause.detail))
+            self._early.append(event)
 
 
 @contextmanager
@@ -150,12 +186,55 @@ class GuardedDisplay:
                 log.exception("the display failed and stays dark; the campaign goes on")
 
 
+class Displays:
+    """Several displays, each told everything."""
+
+    def __init__(self, *displays: GuardedDisplay) -> None:
+        self._displays = displays
+
+    def planned(self, plan: Plan) -> None:
+        """To each."""
+        for display in self._displays:
+            display.planned(plan)
+
+    def phase(self, text: str) -> None:
+        """To each."""
+        for display in self._displays:
+            display.phase(text)
+
+    def progress(self, point_id: str, cycles_done: int, time_left_s: float, live: Mapping[str, float]) -> None:
+        """To each."""
+        for display in self._displays:
+            display.progress(point_id, cycles_done, time_left_s, live)
+
+    def point_done(self, result: PointResult) -> None:
+        """To each."""
+        for display in self._displays:
+            display.point_done(result)
+
+    def message(self, level: str, text: str) -> None:
+        """To each."""
+        for display in self._displays:
+            display.message(level, text)
+
+    def close(self, timeout_s: float) -> None:
+        """Show what waits, for `timeout_s` each at most."""
+        for display in self._displays:
+            display.close(timeout_s)
+
+
 @contextmanager
-def operator_link(display: Display) -> Iterator[tuple[Signals, GuardedDisplay]]:
-    """The operator's signals, and a display that cannot hold the campaign up; what still waits is shown at the end."""
-    shown = GuardedDisplay(display)
+def operator_link(display: Display, live: LiveLink | None = None) -> Iterator[tuple[Signals, Displays]]:
+    """The operator's wishes, and displays that cannot hold the campaign up; what still waits is shown at the end.
+
+    Args:
+        display: where the campaign was started.
+        live: the folder that pages read; None without any.
+    """
+    shown = Displays(*(GuardedDisplay(told) for told in (display, *(() if live is None else (live.display,)))))
     try:
         with operator_signals() as signals:
+            signals.live = live
             shown.phase("preparing")
             yield signals, shown
     finally:

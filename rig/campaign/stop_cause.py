@@ -44,7 +44,7 @@ def because(slug: str, message: str, **values: object) -> StopCause:
     return StopCause(slug, words.message(message, values), message, values)
 
 
-OPERATOR = frozenset({"sigint", "sigterm"})
+OPERATOR = frozenset({"sigint", "sigterm", "operator"})
 """Stops that somebody wanted: no fault, and nobody's."""
 
 # The point may restart by itself from zero amplitude, where the matrix file's `[campaign] retries` allows it.

@@ -68,6 +68,7 @@ MESSAGES = {
     "no-status": "no status of the controller for {silent_s:g} s",
     # Notes of the sequencer
     "paused": "paused before {point}",
+    "page-stop": "Stop on the page, {by}",
     "operator-stop": "stopped by operator ({detail}): current to 0 A, motion fades out",
     "stop": "{slug}: {detail}; stop {stop}: current to 0 A, motion ends",
     "refused": "refused: {slug}: {detail}",
@@ -105,7 +106,7 @@ MESSAGES = {
     "without-options": "the simulated rig is started without the earlier session's {names}",
     "requalified": "requalified: {text}",
     "at-the-end": "at the campaign's end: {error}",
-    "pause-asked": "pausing after the running point; Ctrl-Z again continues",
+    "pause-asked": "pausing after the running point; Ctrl-Z again, or Start on the page, continues",
     "pause-over": "continuing",
     "clock-step": "the wall clock stepped by {stepped_s:+.3f} s; host_ns is not affected",
     "station-late": "the station did not watch the rig for {late_ms:.0f} ms (number {count}); waiting samples are "

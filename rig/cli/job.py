@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rig.campaign.results import CampaignOptions, CampaignResult
+    from rig.cli.page import RunLink
     from rig.matrix.sections import Identify
 
 
@@ -140,7 +141,9 @@ def hangups_interrupt() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def run_job(options: CampaignOptions, identify: Identify | None, console: Console) -> JobResult:
+def run_job(
+    options: CampaignOptions, identify: Identify | None, console: Console, live: RunLink | None = None
+) -> JobResult:
     """Run a campaign with its display, then identify what it recorded (unless it was stopped) and report it.
 
     Raises:
@@ -151,7 +154,9 @@ def run_job(options: CampaignOptions, identify: Identify | None, console: Consol
 
     with hangups_interrupt(), Analyst() as analyst:
         with display_for(console) as display:
-            result = run_campaign(options, display)
+            result = run_campaign(options, display, None if live is None else live.link)
+        if live is not None:
+            live.ended(result)
         recorded = [point for point in result.points if point.file is not None]
         if not recorded:
             return JobResult(result)

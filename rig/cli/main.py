@@ -26,6 +26,7 @@ COMMANDS = {
     "check": ("rig.cli.check", "Check every device of a bench: reachable, the right one, healthy."),
     "plan": ("rig.cli.plan", "Check every point of a matrix against the limits of a bench."),
     "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
+    "page": ("rig.cli.page", "Serve the operator's page of a run."),
     "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),
     "import": ("rig.cli.importing", "Convert test files (CSV, MATLAB, MDF, TDMS) to a run."),
     "report": ("rig.cli.report", "Write the report of a run as one HTML file."),

@@ -54,6 +54,7 @@ def command(
     them, ISO 2631-1 weighted RMS, tyre load, travel, power.
     """
     _check_currents({"--current": current, "--most-current": most_current})
+    from rig.study.ride_draws import drawn_again
     from rig.vehicle.answer import as_json as plain
     from rig.vehicle.car import load_car
     from rig.vehicle.control import Control
@@ -62,7 +63,10 @@ def command(
     from rig.vehicle.road_file import load_road
 
     controls = [Control(law, current_A=current, most_A=most_current) for law in dict.fromkeys(laws)]
-    chosen = [fitted_damper(given, members, seed + index) for index, given in enumerate(fits)]
+    chosen = [
+        drawn_again(fitted_damper(given, members, seed + index), members, seed + index)
+        for index, given in enumerate(fits)
+    ]
     study = ride_study(load_car(car), load_road(road), chosen, controls, _progress)
     answer = plain(study)
     if out is not None:

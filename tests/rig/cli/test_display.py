@@ -74,6 +74,20 @@ def test_the_plain_display_says_each_phase_once_and_each_point_with_verdict_reas
     assert "warning: station without real-time rights" in shown
 
 
+def test_the_live_display_fits_eighty_columns_with_every_word_whole() -> None:
+    text = io.StringIO()
+    console = Console(file=text, force_terminal=True, width=80, color_system=None)
+    with LiveDisplay(console) as display:
+        display.planned(PLAN)
+        display.phase("proving the sensors by a slow move")
+        display.progress("p002", 4, 43_980.0, {**LIVE, "position_m": -0.1234, "force_N": -12345.0})
+    lines = [re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", line) for line in re.split(r"[\r\n]+", text.getvalue())]
+    assert max(map(len, lines)) <= 80
+    assert "\N{HORIZONTAL ELLIPSIS}" not in text.getvalue()
+    for expected in ("0/2 points, 12 h 13 min left", "4/9 cycles, sine 30 mm 2 Hz 1.5 A", "coil", "-123.4 mm"):
+        assert any(expected in line for line in lines), expected
+
+
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [(4.5, "4.5 s"), (83.0, "83 s"), (200.0, "3 min 20 s"), (3599.7, "1 h 0 min"), (4320.0, "1 h 12 min")],

@@ -1,0 +1,58 @@
+"""What a report costs: CPU seconds, megabytes and pages of the page and the PDF of one campaign.
+
+    python benchmarks/report.py RUN           a recorded campaign
+    python benchmarks/report.py               Table 1 (20 points), recorded first on the simulated rig at speed 50
+
+Limits: a 20-point campaign's page in under 5 s and 3 MB, its PDF on at most 8 pages.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from campaign_process import run
+
+from rig.recording.run import Run
+from rig.report import write_report
+from rig.report.pdf import write_pdf
+
+TABLE_1 = Path(__file__).resolve().parent.parent / "examples" / "table1.toml"
+MB = 1e6
+
+
+def timed(make: Callable[[], Path]) -> tuple[Path, float]:
+    """What was made, and the CPU time (s) of the second of two times: the first loads the libraries."""
+    make()
+    before = time.process_time()
+    path = make()
+    return path, time.process_time() - before
+
+
+def told(folder: Path) -> None:
+    page, page_s = timed(lambda: write_report(folder))
+    paper, paper_s = timed(lambda: write_pdf(page))
+    pages = len(re.findall(rb"/Type\s*/Page\b", paper.read_bytes()))
+    print(f"{len(Run.open(folder).points)} points")
+    print(f"page  {page_s:.2f} s of CPU, {page.stat().st_size / MB:.2f} MB")
+    print(f"PDF   {paper_s:.2f} s of CPU, {paper.stat().st_size / MB:.2f} MB, {pages} pages")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run", nargs="?", type=Path)
+    given = parser.parse_args().run
+    if given is not None:
+        told(given)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        answer = run(TABLE_1, Path(folder), speed=50.0)
+        told(Path(answer.json["campaign"]))
+
+
+if __name__ == "__main__":
+    main()

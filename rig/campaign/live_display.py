@@ -1,0 +1,95 @@
+"""What pages are shown of a campaign, as three small files in its live folder; see `rig.station.live_folder`.
+
+Implements `rig.campaign.results.Display`. Every file is replaced as a whole, so that any number of readers can come,
+stand still and go.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rig.campaign.results import CampaignResult, PointResult
+from rig.clock import monotonic_ns, utc_now
+from rig.matrix.plan import Plan
+from rig.station.live_folder import PLAN, RESULTS, STATE, replace_json
+
+KEPT_MESSAGES = 40
+
+
+class LiveDisplay:
+    """Writes the files; one that cannot be written is left out, the next one may succeed.
+
+    Args:
+        folder: the live folder.
+        standing: what else is true now: `paused`, `held`, `confirm`.
+
+    Attributes:
+        campaign: the campaign's directory; empty until it is known.
+    """
+
+    def __init__(self, folder: Path, standing: Callable[[], Mapping[str, Any]]) -> None:
+        self.campaign = ""
+        self._folder = folder
+        self._standing = standing
+        self._results: dict[str, dict[str, Any]] = {}
+        self._messages: deque[dict[str, Any]] = deque(maxlen=KEPT_MESSAGES)
+        self._said = 0
+        self._state: dict[str, Any] = {"phase": "", "point": "", "cycles": 0, "time_left_s": None, "ended": None}
+
+    def planned(self, plan: Plan) -> None:
+        """The plan, once."""
+        points = [
+            {
+                **item.to_json(), "motion_s": item.point.motion_s, "kind": item.point.kind,
+                "cycles": item.point.ramp_in_cycles + item.point.cycles + item.point.ramp_out_cycles,
+            }
+            for item in plan.points
+        ]  # fmt: skip
+        self._replace(PLAN, {"specimen": plan.specimen, "bench": plan.bench_name, "points": points})
+
+    def phase(self, text: str) -> None:
+        """What the campaign does now."""
+        self._state["phase"] = text
+        self._write()
+
+    def progress(self, point_id: str, cycles_done: int, time_left_s: float, live: Mapping[str, float]) -> None:
+        """How far it is; the live numbers come from the ring."""
+        del live
+        left_s = time_left_s if math.isfinite(time_left_s) else None
+        self._state |= {"point": point_id, "cycles": cycles_done, "time_left_s": left_s}
+        self._write()
+
+    def point_done(self, result: PointResult) -> None:
+        """A point's verdict."""
+        told = {"verdict": result.verdict, "reasons": list(result.reasons), "slugs": list(result.slugs)}
+        self._results[result.id] = told
+        self._replace(RESULTS, self._results)
+
+    def message(self, level: str, text: str) -> None:
+        """A line for the operator."""
+        self._said += 1
+        utc = utc_now().isoformat(timespec="seconds")
+        self._messages.append({"number": self._said, "utc": utc, "level": level, "text": text})
+        self._write()
+
+    def ended(self, result: CampaignResult, lines: list[str]) -> None:
+        """How it ended, with the lines that the operator reads at the terminal; stays until the next campaign."""
+        self._state["ended"] = {
+            "valid": result.valid, "total": result.total, "rig_state": str(result.rig_state),
+            "stopped_by": result.stopped_by, "exit_code": result.exit_code, "lines": lines,
+        }
+        self._write()
+
+    def _write(self) -> None:
+        state = {**self._state, **self._standing(), "messages": list(self._messages), "campaign": self.campaign}
+        self._replace(STATE, {**state, "host_ns": monotonic_ns()})
+
+    def _replace(self, name: str, value: object) -> None:
+        # What pages are shown is worth no stop, and shared memory that is full now may not be so the next time.
+        with contextlib.suppress(OSError):
+            replace_json(self._folder / name, value)

@@ -1,0 +1,182 @@
+"""The application's side of the live folder: what pages may ask for, and what they are shown.
+
+Taken in the campaign's loop, a datagram at a time, never waited for. A page may ask for a stop, a pause, a start of
+what is paused or held, and leave words: who operates, notes, the specimen's data. Nothing here resets an interlock or
+moves anything by itself: a start is the sequencer's own, after its own proofs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from rig.campaign.live_display import LiveDisplay
+from rig.clock import utc_now
+from rig.recording.journal.campaign_log import CampaignLog
+from rig.station.live_folder import (
+    APPLICATION_SOCKET,
+    LINK_FILE,
+    STATION_SOCKET,
+    bound,
+    make_live_folder,
+    read_json,
+    received,
+    replace_json,
+)
+from rig.station.stop_socket import asked_by
+
+MOST_AT_ONCE = 8
+"""Messages taken in one turn of the campaign's loop."""
+MOST_NOTES = 1000
+WORDS_FILE = "operator.json"
+"""In the campaign's directory: what was typed on a page."""
+LONGEST_WORDS = {"operator": 80, "specimen": 500, "note": 2000, "acknowledged": 80}
+
+
+class Asked(StrEnum):
+    """What a page may ask the campaign's loop for."""
+
+    STOP = "stop"
+    PAUSE = "pause"
+    START = "start"
+    BEGIN = "begin"
+
+
+@dataclass(frozen=True)
+class Wish:
+    """One thing that was asked for, and by whom."""
+
+    do: Asked
+    by: str
+
+
+class LiveLink:
+    """The live folder of one campaign and what comes in there.
+
+    Args:
+        held: the campaign begins only when a page asks for it.
+        place: where the folder is made; by default shared memory.
+
+    Attributes:
+        folder: the live folder.
+        display: what writes it.
+        paused: a pause was asked for.
+        held: nothing has begun yet.
+        confirm: earlier stops that a start of a held campaign must name, each with `slug` and `text`'s parts.
+
+    Raises:
+        OSError: the folder or its socket cannot be made.
+    """
+
+    def __init__(self, *, held: bool = False, place: Path | None = None) -> None:
+        self.folder, self._lock = make_live_folder(place)
+        self._inbox = bound(self.folder / APPLICATION_SOCKET)
+        self.paused = False
+        self.held = held
+        self.confirm: tuple[Mapping[str, str], ...] = ()
+        self.display = LiveDisplay(self.folder, self._standing)
+        self._log: CampaignLog | None = None
+
+    @property
+    def station_socket(self) -> str:
+        """Where the station listens for a stop."""
+        return str(self.folder / STATION_SOCKET)
+
+    def _standing(self) -> dict[str, Any]:
+        return {"paused": self.paused, "held": self.held, "confirm": [dict(stop) for stop in self.confirm]}
+
+    @contextmanager
+    def told_of(self, log: CampaignLog) -> Iterator[None]:
+        """While the block runs, the campaign of this journal says where its live folder is, and words go into it.
+
+        Raises:
+            OSError: the campaign's directory cannot be written.
+        """
+        self._log = log
+        link = log.path.parent / LINK_FILE
+        replace_json(link, {"folder": str(self.folder), "pid": os.getpid()})
+        self.display.campaign = str(log.path.parent.resolve())
+        try:
+            yield
+        finally:
+            self._log = None
+            with contextlib.suppress(OSError):
+                link.unlink(missing_ok=True)
+
+    def take(self) -> list[Wish]:
+        """What was asked for since the last call, oldest first; a few at a time, a stop among them first."""
+        wishes: list[Wish] = []
+        for _ in range(MOST_AT_ONCE):
+            try:
+                message = received(self._inbox)
+            except OSError:
+                break  # a broken door for pages stops no rig: the terminal is still there
+            if message is None:
+                break
+            wish = self._understood(message)
+            if wish is not None:
+                wishes.append(wish)
+        return sorted(wishes, key=lambda wish: wish.do is not Asked.STOP)
+
+    def _understood(self, message: Mapping[str, Any]) -> Wish | None:
+        do, by = str(message.get("do")), asked_by(dict(message))
+        if do == "words":
+            self._keep(message, by)
+        elif do in {Asked.STOP, Asked.PAUSE}:
+            return Wish(Asked(do), by)
+        elif do == Asked.START:
+            return self._start(message, by)
+        return None
+
+    def _start(self, message: Mapping[str, Any], by: str) -> Wish | None:
+        """A start ends a pause; of a held campaign it begins it, where it names every stop to be confirmed."""
+        if not self.held:
+            return Wish(Asked.START, by)
+        named = message.get("confirmed")
+        confirmed = {str(slug) for slug in named} if isinstance(named, list) else set()
+        missing = [stop["slug"] for stop in self.confirm if stop["slug"] not in confirmed]
+        if missing:
+            self.display.message("warning", f"not begun: confirm first that these were looked at: {', '.join(missing)}")
+            return None
+        self.held = False
+        self._note("begun", by, confirmed=sorted(confirmed))
+        return Wish(Asked.BEGIN, by)
+
+    def _note(self, what: str, by: str, **more: object) -> None:
+        if self._log is not None:
+            self._log.note("operator", what=what, by=by, **more)
+
+    def _keep(self, message: Mapping[str, Any], by: str) -> None:
+        """Words typed on a page: into the journal, and all of them in one file beside it."""
+        if self._log is None:
+            return
+        words = {name: _printable(message[name], most) for name, most in LONGEST_WORDS.items() if name in message}
+        self._note("said", by, **words)
+        path = self._log.path.parent / WORDS_FILE
+        kept = {"operator": "", "specimen": "", "notes": [], **read_json(path)}
+        stamp = {"utc": utc_now().isoformat(timespec="seconds"), "by": by}
+        kept |= {name: words[name] for name in ("operator", "specimen") if name in words}
+        if "note" in words and len(kept["notes"]) < MOST_NOTES:
+            kept["notes"].append({**stamp, "text": words["note"]})
+        try:
+            replace_json(path, kept)  # not flushed: the loop that watches the rig does not wait for a disk
+        except OSError as error:
+            self.display.message("error", f"{WORDS_FILE}: not written: {error}")
+
+    def close(self) -> None:
+        """Take the folder away."""
+        self._inbox.close()
+        shutil.rmtree(self.folder, ignore_errors=True)
+        os.close(self._lock)
+
+
+def _printable(value: object, most: int) -> str:
+    """Text as typed, without control characters but line ends, cut to `most` characters."""
+    return "".join(sign for sign in str(value) if sign.isprintable() or sign == "\n")[:most].strip()

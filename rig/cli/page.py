@@ -1,0 +1,151 @@
+"""`rig page`: the operator's page of a run; and what `rig run` does for its pages."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rig.cli.options import Command, run_argument
+from rig.cli.output import say
+from rig.errors import EXIT_DONE, FileProblem
+
+if TYPE_CHECKING:
+    from rig.campaign.live_link import LiveLink
+    from rig.campaign.results import CampaignResult
+    from rig.page.settings import PageSettings
+    from rig.page.started import PageProcess
+
+
+def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options that say where a page is served."""
+    options = (
+        click.option(
+            "--page-address", metavar="HOST[:PORT]",
+            help="Where the page is opened; default 127.0.0.1, any free port. Another machine's name needs TLS.",
+        ),
+        click.option("--page-cert", type=click.Path(path_type=Path), metavar="FILE", help="TLS certificate (PEM)."),
+        click.option("--page-key", type=click.Path(path_type=Path), metavar="FILE", help="Its private key (PEM)."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def page_settings(
+    address: str | None, cert: Path | None, key: Path | None, *, wanted: bool = True, hold: bool = False
+) -> PageSettings | None:
+    """The settings of a page, looked at as a whole; None where none is wanted.
+
+    Raises:
+        UsageError: there are settings without a page.
+        PageProblem: they cannot be used.
+    """
+    if not wanted:
+        if any(option is not None for option in (address, cert, key)):
+            raise click.UsageError("--page-address, --page-cert and --page-key belong to --page")
+        if hold:
+            raise click.UsageError("--hold waits for Start on the page: give --page too")
+        return None
+    from rig.page.settings import PageSettings
+
+    settings = PageSettings(
+        address="127.0.0.1" if address is None else address, cert="" if cert is None else str(cert.resolve()),
+        key="" if key is None else str(key.resolve()),
+    )
+    settings.context()
+    return settings
+
+
+class RunLink:
+    """What a running campaign shows, and the page that shows it.
+
+    Attributes:
+        link: the live folder; None where shared memory refused it: then no page can be opened.
+        url: of the page that was started with it; None without one.
+    """
+
+    def __init__(self, link: LiveLink | None, page: PageProcess | None = None) -> None:
+        self.link = link
+        self.url = None if page is None else page.url
+
+    def ended(self, result: CampaignResult) -> None:
+        """Show how the campaign ended."""
+        from rig.cli.words import ending
+
+        if self.link is not None:
+            self.link.display.ended(result, [text for _, text in ending(result)])
+
+
+@contextmanager
+def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[RunLink]:
+    """A live folder for as long as the block runs, and a page where one is wanted; its address is printed.
+
+    Args:
+        settings: of the page; None: none is started, but `rig page RUN` finds the campaign.
+        held: the campaign waits for Start.
+
+    Raises:
+        PageProblem: the page cannot be served; nothing was begun.
+        OSError: it has no live folder.
+    """
+    from dataclasses import replace
+
+    from rig.campaign.live_link import LiveLink
+
+    try:
+        link = LiveLink(held=held)
+    except OSError:
+        if settings is not None:
+            raise
+        yield RunLink(None)
+        return
+    with contextlib.ExitStack() as ends:
+        ends.callback(link.close)
+        if settings is None:
+            yield RunLink(link)
+            return
+        from rig.page.started import PageProcess
+
+        page = PageProcess.start(replace(settings, live=str(link.folder)))
+        ends.callback(page.close)
+        say(f"page: {page.url}", err=True)
+        yield RunLink(link, page)
+
+
+@click.command(
+    name="page", cls=Command,
+    examples=("rig page logs/20260102T030405Z-MR-001-ab12cd", "rig page logs/RUN --page-address 127.0.0.1:8080"),
+)
+@run_argument
+@page_options
+def command(run: Path, page_address: str | None, page_cert: Path | None, page_key: Path | None) -> int:
+    """Serve the operator's page of RUN, a campaign that runs or has ended, until Ctrl-C.
+
+    Prints its address as `page: URL`. The campaign does not notice the page, nor its end.
+    """
+    import asyncio
+    from dataclasses import replace
+
+    from rig.page.process import serve_page
+
+    settings = page_settings(page_address, page_cert, page_key)
+    if settings is not None:
+        of_run = replace(settings, run=str(_campaign(run)))
+        asyncio.run(serve_page(of_run, lambda url: say(f"page: {url}", err=True)))
+    return EXIT_DONE
+
+
+def _campaign(run: Path) -> Path:
+    """The directory, where it holds a campaign.
+
+    Raises:
+        FileProblem: it does not.
+    """
+    if not (run / "journal.jsonl").is_file():
+        raise FileProblem(str(run), ["holds no campaign; give the directory `rig run` printed (see `rig runs`)"])
+    return run.resolve()

@@ -1,0 +1,159 @@
+"""What a browser may ask for, by its rights: a stop by everybody, the rest by the holder of the lease.
+
+    {"do": "stop"}                                        every client, always
+    {"do": "lease", "name": TEXT}, {"do": "release"}      an operator's client
+    {"do": "pause"}, {"do": "start", "confirmed": [...]}  the holder of the lease
+    {"do": "words", "operator" | "specimen" | "note" | "acknowledged": TEXT}
+    {"do": "explain", "slug": TEXT}                       every client
+    {"do": "clock"}                                       every client: the host's time, for latencies
+
+There is no word that resets an interlock, moves the rod or sets a current. A stop goes to the station and to the
+application at once; the others to the application alone, which decides.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rig.clock import monotonic_ns
+from rig.explanations.explanation import explained
+from rig.page.access import Role
+from rig.page.lease import Lease
+from rig.station.live_folder import APPLICATION_SOCKET, STATION_SOCKET, tell
+
+LONGEST_MESSAGE = 4096
+WORDS = {"operator": 80, "specimen": 500, "note": 2000, "acknowledged": 80}
+LONGEST_KEY = 64
+MOST_CONFIRMED = 100
+
+
+@dataclass(frozen=True)
+class Client:
+    """Who speaks: what its token allows, and its browser's own key."""
+
+    role: Role
+    key: str
+
+
+class Commands:
+    """Takes one message after the other.
+
+    Args:
+        lease: the operator's.
+        folder: the running campaign's live folder; None: nothing runs.
+        say: sends a datagram; False where nobody takes it.
+    """
+
+    def __init__(
+        self, lease: Lease, folder: Callable[[], Path | None],
+        say: Callable[[str | Path, dict[str, Any]], bool] = tell,
+    ) -> None:
+        self._lease = lease
+        self._folder = folder
+        self._say = say
+
+    def take(self, text: str | bytes, client: Client) -> dict[str, Any]:
+        """One message; the answer carries `ok`, or `refused` with a slug."""
+        message = understood(text)
+        if message is None:
+            return _refused("bad-message")
+        do = message["do"]
+        if do == "stop":
+            return self._stop(client)
+        if do == "clock":
+            return {"do": "clock", "ok": True, "host_s": monotonic_ns() * 1e-9, "sent": message.get("sent")}
+        if do == "explain":
+            return _explain(message.get("slug"))
+        if do in {"lease", "release"}:
+            return self._hand_over(message, client)
+        if do in {"pause", "start", "words"}:
+            return self._command(message, client)
+        return _refused("unknown-command")
+
+    def _stop(self, client: Client) -> dict[str, Any]:
+        """To both, in the order of who acts first; one that does not take it does not matter to the other."""
+        folder = self._folder()
+        if folder is None:
+            return _refused("not-running", "stop")
+        message = {"do": "stop", "by": self._called(client)}
+        station = self._say(folder / STATION_SOCKET, message)
+        application = self._say(folder / APPLICATION_SOCKET, message)
+        if not (station or application):
+            return _refused("not-reached", "stop")
+        return {"do": "stop", "ok": True, "station": station, "application": application}
+
+    def _called(self, client: Client) -> str:
+        """For journals: the name typed with the lease, else what the client is."""
+        holder = self._lease.holder
+        return holder.name if holder is not None and holder.key == client.key else str(client.role)
+
+    def _hand_over(self, message: dict[str, Any], client: Client) -> dict[str, Any]:
+        do = message["do"]
+        if client.role is not Role.OPERATOR:
+            return _refused("viewer", do)
+        if do == "release":
+            self._lease.give_back(client.key)
+            return {"do": do, "ok": True}
+        name = one_line(message.get("name"), WORDS["operator"])
+        if not name:
+            return _refused("name-missing", do)
+        slug = self._lease.take(client.key, name)
+        if slug:
+            return _refused(slug, do)
+        folder = self._folder()
+        if folder is not None:
+            self._say(folder / APPLICATION_SOCKET, {"do": "words", "by": name, "operator": name})
+        return {"do": do, "ok": True}
+
+    def _command(self, message: dict[str, Any], client: Client) -> dict[str, Any]:
+        do, folder = message["do"], self._folder()
+        if client.role is not Role.OPERATOR:
+            return _refused("viewer", do)
+        if not self._lease.held_by(client.key):
+            return _refused("no-lease", do)
+        if folder is None:
+            return _refused("not-running", do)
+        passed: dict[str, Any] = {"do": do, "by": self._called(client)}
+        if do == "start":
+            confirmed = message.get("confirmed", [])
+            if not isinstance(confirmed, list) or len(confirmed) > MOST_CONFIRMED:
+                return _refused("bad-message", do)
+            passed["confirmed"] = [one_line(slug, LONGEST_KEY) for slug in confirmed]
+        elif do == "words":
+            said = {name: str(message[name])[:most] for name, most in WORDS.items() if name in message}
+            if not said:
+                return _refused("bad-message", do)
+            passed |= said
+        if not self._say(folder / APPLICATION_SOCKET, passed):
+            return _refused("not-reached", do)
+        return {"do": do, "ok": True}
+
+
+def understood(text: str | bytes) -> dict[str, Any] | None:
+    """A message; None for what is none."""
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return message if isinstance(message, dict) and isinstance(message.get("do"), str) else None
+
+
+def one_line(value: object, most: int) -> str:
+    """Text on one printable line, cut to `most` characters; empty for what is no text."""
+    text = value if isinstance(value, str) else ""
+    return " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())[:most]
+
+
+def _explain(slug: object) -> dict[str, Any]:
+    try:
+        return {"do": "explain", "ok": True, **asdict(explained(str(slug)))}
+    except KeyError:
+        return _refused("unknown-slug", "explain")
+
+
+def _refused(slug: str, do: str = "") -> dict[str, Any]:
+    return {"do": do, "refused": slug}

@@ -1,0 +1,94 @@
+"""The operator's lease: one browser at a time commands, everybody else looks on; anybody may stop.
+
+It is held by a connection, for as long as that lives and a little longer (a phone that sleeps, a page loaded again). A
+lock file in the live folder keeps a second page process of the same campaign from giving out another one.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.station.live_folder import OPERATOR_LOCK, hold
+
+GRACE_NS = 10_000_000_000
+"""So long the lease waits for a holder whose connection is gone."""
+
+
+@dataclass(frozen=True)
+class Holder:
+    """Who has it: a browser's own key, and the name typed there."""
+
+    key: str
+    name: str
+
+
+class Lease:
+    """One campaign's.
+
+    Args:
+        folder: the live folder, asked for anew each time; None: there is no campaign to command.
+        now_ns: monotonic time.
+    """
+
+    def __init__(self, folder: Callable[[], Path | None], now_ns: Callable[[], int]) -> None:
+        self._folder = folder
+        self._now_ns = now_ns
+        self._holder: Holder | None = None
+        self._left_ns: int | None = None
+        self._lock: int | None = None
+
+    @property
+    def holder(self) -> Holder | None:
+        """Who has it now."""
+        if self._left_ns is not None and self._now_ns() - self._left_ns > GRACE_NS:
+            self._end()
+        return self._holder
+
+    def take(self, key: str, name: str) -> str:
+        """Give the lease to a browser, or to the same one under another name.
+
+        Returns:
+            Why not (a slug); empty: it has it.
+        """
+        holder = self.holder
+        if holder is not None and holder.key != key:
+            return "lease-taken"
+        if self._lock is None:
+            folder = self._folder()
+            try:
+                self._lock = None if folder is None else hold(folder / OPERATOR_LOCK)
+            except OSError:
+                folder = None
+            if self._lock is None:
+                return "not-running" if folder is None else "lease-taken"
+        self._holder, self._left_ns = Holder(key, name), None
+        return ""
+
+    def held_by(self, key: str) -> bool:
+        """Whether this browser has it."""
+        holder = self.holder
+        return holder is not None and holder.key == key
+
+    def left(self, key: str) -> None:
+        """The last connection of this browser is gone: wait for it a while."""
+        if self._holder is not None and self._holder.key == key:
+            self._left_ns = self._now_ns()
+
+    def back(self, key: str) -> None:
+        """It is there again."""
+        if self._holder is not None and self._holder.key == key and self.holder is not None:
+            self._left_ns = None
+
+    def give_back(self, key: str) -> None:
+        """This browser gives it up; from another one it stays where it is."""
+        if self.held_by(key):
+            self._end()
+
+    def _end(self) -> None:
+        self._holder = self._left_ns = None
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None

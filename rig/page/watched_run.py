@@ -1,0 +1,200 @@
+"""What the page knows of the run that it watches, from files alone: live folder, station's settings, journal.
+
+Nothing of this is written by the page. A file that is missing or damaged shows as nothing known.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from rig.recording.journal.ring_reader import RingProblem, RingReader
+from rig.station.live_folder import LINK_FILE, LOCK, PLAN, RESULTS, STATE, held, read_json
+
+KEPT_EVENTS = 200
+LONGEST_READ = 1 << 20
+TEXT_KEYS = ("text", "detail", "reason", "note")
+QUIET = frozenset({"sent", "stop", "setpoints", "late"})
+"""Of the station's events: for the journal, not for a log that people read."""
+
+
+class WatchedRun:
+    """One run, looked at again and again.
+
+    Args:
+        run: its directory; None while the application has not made it.
+        live: its live folder; None: as the run's directory says, if it says anything.
+    """
+
+    def __init__(self, run: Path | None, live: Path | None = None) -> None:
+        self._run = run
+        self._live = live
+        self._stamps: dict[str, int] = {}
+        self._journal = Journal()
+        self._ring: RingReader | None = None
+        self.events: deque[dict[str, Any]] = deque(maxlen=KEPT_EVENTS)
+
+    @property
+    def run(self) -> Path | None:
+        """Its directory, once it is known."""
+        if self._run is None and self._live is not None:
+            named = str(read_json(self._live / STATE).get("campaign", ""))
+            self._run = Path(named) if named else None
+        return self._run
+
+    @property
+    def live_folder(self) -> Path | None:
+        """Where its application takes wishes; None once it has ended."""
+        if self._live is None and self._run is not None:
+            named = str(read_json(self._run / LINK_FILE).get("folder", ""))
+            self._live = Path(named) if named else None
+        return self._live if self._live is not None and held(self._live / LOCK) else None
+
+    def description(self) -> dict[str, Any]:
+        """What does not change while the run lasts: its name, limits, devices, plan."""
+        run = self.run
+        station = {} if run is None else read_json(run / "station.json")
+        plan = {} if self._live is None else read_json(self._live / PLAN)
+        if not plan and run is not None:
+            plan = _plan_of_an_ended(run)
+        return {
+            "type": "run", "name": "" if run is None else run.name, "specimen": plan.get("specimen", ""),
+            "bench": plan.get("bench", ""), "points": plan.get("points", []), "limits": station.get("limits", {}),
+            "devices": devices(station), "device_rate": station.get("device_rate", 1.0),
+        }
+
+    def frames_of(self) -> tuple[float, float]:
+        """Device seconds in a host second, and the displacement sensor's rate (Hz)."""
+        run = self.run
+        station = {} if run is None else read_json(run / "station.json")
+        return float(station.get("device_rate", 1.0)), float(station.get("lvdt", {}).get("rate_Hz", 250.0))
+
+    def ring(self) -> RingReader | None:
+        """The station's ring; None before there is one."""
+        run = self.run
+        if self._ring is None and run is not None:
+            named = read_json(run / "station.json").get("ring_path")
+            with contextlib.suppress(RingProblem):
+                self._ring = RingReader(Path(str(named))) if named else None
+        return self._ring
+
+    def state(self) -> dict[str, Any]:
+        """What changes: phase, point, time left, messages, verdicts."""
+        live = self._live
+        state = {} if live is None else read_json(live / STATE)
+        if not state and self.run is not None:
+            state = {"ended": _result_of(self.run), "phase": "ended"}
+        return {"type": "state", **state, "running": self.live_folder is not None}
+
+    def results(self) -> dict[str, Any]:
+        """Verdicts by point."""
+        points = {} if self._live is None else read_json(self._live / RESULTS)
+        if not points and self.run is not None:
+            ended = _result_of(self.run) or {}
+            points = {str(point.get("id")): point for point in ended.get("points", [])}
+        return {"type": "results", "points": points}
+
+    def changed(self, name: str) -> bool:
+        """Whether one of the live files was replaced since the last call."""
+        try:
+            stamp = 0 if self._live is None else (self._live / name).stat().st_mtime_ns
+        except OSError:
+            stamp = 0
+        before, self._stamps[name] = self._stamps.get(name), stamp
+        return stamp != before
+
+    def news(self) -> list[dict[str, Any]]:
+        """New events of the journal, for people; kept in `events` as well."""
+        run = self.run
+        lines = [] if run is None else self._journal.lines(run / "journal.jsonl")
+        shown = [event for event in map(told, lines) if event is not None]
+        self.events.extend(shown)
+        return shown[-KEPT_EVENTS:]
+
+    def close(self) -> None:
+        """Let go of the ring."""
+        if self._ring is not None:
+            self._ring.close()
+            self._ring = None
+
+
+class Journal:
+    """Follows a journal as it grows."""
+
+    def __init__(self) -> None:
+        self._offset = 0
+        self._rest = b""
+
+    def lines(self, path: Path) -> list[dict[str, Any]]:
+        """The whole lines that came since the last call; what is no JSON object is left out."""
+        try:
+            with path.open("rb") as file:
+                file.seek(self._offset)
+                data = file.read(LONGEST_READ)
+        except OSError:
+            return []
+        self._offset += len(data)
+        *whole, self._rest = (self._rest + data).split(b"\n")
+        events: list[dict[str, Any]] = []
+        for line in whole:
+            with contextlib.suppress(ValueError, RecursionError):
+                event = json.loads(line)
+                if isinstance(event, dict):
+                    events.append(event)
+        return events
+
+
+def told(event: dict[str, Any]) -> dict[str, Any] | None:
+    """One event of the journal as the page shows it; None for what people need not read."""
+    kind, what = str(event.get("event", "")), str(event.get("what", ""))
+    if kind == "station" and (what in QUIET or what in {"ready", "safe"}):
+        return None
+    slug = event.get("slug")
+    text = next((str(event[name]) for name in TEXT_KEYS if event.get(name)), "")
+    if kind == "phase" or not (slug or text):
+        return None
+    grave = what in {"trip", "unknown"} or kind in {"error", "refused"}
+    minor = kind in {"warning", "finding"} or what in {"also", "warning"}
+    return {
+        "utc": str(event.get("utc", ""))[:19], "level": "error" if grave else "warning" if minor else "info",
+        "slug": "" if slug is None else str(slug), "text": text[:500], "by": str(event.get("by", ""))[:80],
+    }  # fmt: skip
+
+
+def devices(station: dict[str, Any]) -> list[dict[str, Any]]:
+    """Every device of a station's settings: name, the channel that shows that it lives, and when it is stale (s)."""
+    auxiliary = station.get("auxiliary")
+    entries = [
+        ("actuator", station.get("actuator"), 23), ("ECU", station.get("ecu"), 10),
+        ("load cell", station.get("load_cell"), 1), ("LVDT", station.get("lvdt"), 2),
+        *((str(item.get("name", "")), item, 3 + index) for index, item in enumerate(auxiliary or ())),
+    ]  # fmt: skip
+    named = []
+    for name, settings, channel in entries:
+        if isinstance(settings, dict):
+            stale_s = settings.get("stale_after_s") or 0.5
+            named.append({"name": name, "channel": channel, "stale_after_s": stale_s, "unit": settings.get("unit", "")})
+    return named
+
+
+def _result_of(run: Path) -> dict[str, Any] | None:
+    """How a run ended, by its journal's last result."""
+    results = [event for event in Journal().lines(run / "journal.jsonl") if event.get("event") == "result"]
+    if not results:
+        return None
+    result = results[-1]
+    keys = ("valid", "total", "rig_state", "stopped_by", "points")
+    lines = [str(result["detail"])] if result.get("detail") else []
+    return {**{key: result.get(key) for key in keys}, "lines": lines}
+
+
+def _plan_of_an_ended(run: Path) -> dict[str, Any]:
+    ended = _result_of(run) or {}
+    described = read_json(run / "campaign.json")
+    return {
+        "specimen": described.get("specimen", ""), "bench": described.get("bench", ""),
+        "points": ended.get("points", []),
+    }  # fmt: skip

@@ -1,0 +1,159 @@
+"""The folder of a running campaign's live side: who watches it, and asks for a stop, finds everything here.
+
+It lies in shared memory, belongs to one user (mode 0700) and goes with the campaign:
+
+    live.lock          held (`flock`) for as long as the application lives
+    operator.lock      held by whoever serves the operator: one at a time
+    plan.json          what is to be run, written once; results.json, state.json: replaced as a whole, never half
+    station.sock       datagrams to the station: a stop, nothing else
+    application.sock   datagrams to the application: stop, pause, start, notes
+
+Datagrams have no connection: who sends them can wait for nobody, stand still or die, and nobody notices. The station
+takes orders of its application on the pipes alone; here it knows one word.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import shutil
+import socket
+import tempfile
+from pathlib import Path
+from typing import Any
+
+PREFIX = "mr-damper-rig-"
+SUFFIX = ".live"
+SHARED_MEMORY = Path("/dev/shm")
+
+LOCK = "live.lock"
+OPERATOR_LOCK = "operator.lock"
+PLAN, RESULTS, STATE = "plan.json", "results.json", "state.json"
+STATION_SOCKET, APPLICATION_SOCKET = "station.sock", "application.sock"
+LINK_FILE = "live.json"
+"""In the campaign's directory while it runs: where this folder is."""
+LONGEST_DATAGRAM = 32768
+
+
+def make_live_folder(place: Path | None = None) -> tuple[Path, int]:
+    """A new folder, and the descriptor that holds its lock; those that killed applications left are removed.
+
+    Args:
+        place: where to make it; by default shared memory, else the folder for temporary files.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    parent = place or (SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir()))
+    for left in parent.glob(f"{PREFIX}*{SUFFIX}"):
+        if _left_over(left):
+            shutil.rmtree(left, ignore_errors=True)
+    folder = Path(tempfile.mkdtemp(SUFFIX, PREFIX, parent))
+    lock = hold(folder / LOCK)
+    if lock is None:
+        raise OSError(f"{folder}: its lock is held by somebody else")
+    return folder, lock
+
+
+def _left_over(folder: Path) -> bool:
+    """Ours, begun, and its application gone."""
+    try:
+        if folder.lstat().st_uid != os.getuid() or not (folder / LOCK).exists():
+            return False
+    except OSError:
+        return False
+    return not held(folder / LOCK)
+
+
+def hold(path: Path) -> int | None:
+    """Take a lock file; the descriptor holds it until it is closed or its process ends. None: somebody else has it.
+
+    Raises:
+        OSError: the file cannot be made.
+    """
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def held(path: Path) -> bool:
+    """Whether somebody holds this lock file; False where there is none."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(handle)
+    return False
+
+
+def bound(path: Path) -> socket.socket:
+    """A datagram socket that never blocks, bound at `path`, for this user alone.
+
+    Raises:
+        OSError: it cannot be bound.
+    """
+    inbox = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+    try:
+        inbox.bind(str(path))
+        path.chmod(0o600)
+    except OSError:
+        inbox.close()
+        raise
+    return inbox
+
+
+def received(inbox: socket.socket) -> dict[str, Any] | None:
+    """The next message; an empty one for what is not a JSON object, None when there is none.
+
+    Raises:
+        OSError: the socket is broken.
+    """
+    try:
+        data = inbox.recv(LONGEST_DATAGRAM)
+    except BlockingIOError:
+        return None
+    try:
+        message = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}
+    return message if isinstance(message, dict) else {}
+
+
+def tell(path: str | Path, message: dict[str, Any]) -> bool:
+    """Send a message; never blocks. False: nobody is there, or they do not read."""
+    with contextlib.suppress(OSError, ValueError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as outbox:
+        outbox.setblocking(False)
+        outbox.sendto(json.dumps(message).encode(), str(path))
+        return True
+    return False
+
+
+def replace_json(path: Path, value: object) -> None:
+    """Write a file that readers see as a whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    fresh = path.with_suffix(".new")
+    fresh.write_text(json.dumps(value), encoding="utf-8")
+    fresh.replace(path)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """What stands in one of the files; empty where there is none or it cannot be read."""
+    try:
+        value = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return value if isinstance(value, dict) else {}

@@ -1,0 +1,65 @@
+"""Dampers for a ride from tests drawn again: how sure a response is where the fit's own interval leaves misfit out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.errors import IdentificationFailed
+from rig.identification import bootstrap
+from rig.identification.uncertainty.fit import Fit
+from rig.recording.run import Run
+from rig.vehicle.fitted_damper import FittedDamper
+from rig.vehicle.motion import CornerDamper
+
+if TYPE_CHECKING:
+    from rig.identification import Bootstrap
+
+LEAST_DRAWS = 20
+REMARK = (
+    "the model does not reach the tests' own scatter; the interval is that of {count} fits to its {tests} tests, drawn "
+    "again"
+)
+
+
+def drawn_again(fitted: FittedDamper, members: int, seed: int) -> FittedDamper:
+    """An inadequate fit's damper with draws from its tests drawn again, where these lie beside the fit.
+
+    Any other is given back as it is; one whose tests cannot be drawn again too, and its remark says why.
+
+    Args:
+        fitted: the damper, by the path of its run or of its fit.
+        members: how many draws are wanted, at least 20 are made; 0: none.
+        seed: of the draws.
+    """
+    path = Path(fitted.name)
+    folder = path if path.is_dir() else path.parent
+    if fitted.adequate is not False or members == 0 or not (folder / "points").is_dir():
+        return fitted
+    try:
+        again = bootstrap(
+            Fit.load(folder / "fit.json"), Run.open(folder), count=max(members, LEAST_DRAWS), seed=seed
+        )
+    except IdentificationFailed as error:
+        return replace(fitted, remark=f"{fitted.remark}; {error}")
+    remark = REMARK.format(count=len(again.draws), tests=again.tests)
+    return replace(fitted, draws=_dampers(fitted.damper, again), remark=remark)
+
+
+def _dampers(damper: CornerDamper, again: Bootstrap) -> tuple[CornerDamper, ...]:
+    """One damper a draw: the draws about their median, as far apart as so few tests ask for, within the limits."""
+    middle = np.median(again.draws, axis=0)
+    made = []
+    for row in again.draws:
+        values = dict(damper.values)
+        for name, off in zip(again.names, again.widening * (row - middle), strict=True):
+            if name not in values:
+                continue
+            parameter = damper.model.parameter(name)
+            low, high = min(parameter.low, values[name]), max(parameter.high, values[name])
+            values[name] = float(np.clip(values[name] + off, low, high))
+        made.append(CornerDamper(damper.model, values))
+    return tuple(made)

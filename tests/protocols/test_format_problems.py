@@ -1,0 +1,123 @@
+"""What is wrong with a sensor's format: one entry after the other, with its place and what would be right."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from protocols.format_keys import FormatProblems
+from protocols.sensor_format import from_description, json_schema
+
+LINE: dict[str, Any] = {"pattern": r"(?P<value>[+-]\d{5})"}
+COLUMNS: dict[str, Any] = {"columns": {"value": [1, 6]}}
+FRAME: dict[str, Any] = {"sync": [0xAA], "length": 6, "fields": {"value": {"at": 1, "type": "i16"}}}
+PACKED: dict[str, Any] = {"packed": ["1vvvvvvv", "0vvvvvvv"], "fields": {"value": {}}}
+
+
+def value(**more: object) -> dict[str, Any]:
+    return FRAME | {"fields": {"value": {"at": 1, "type": "i16"} | more}}
+
+
+def status(**more: object) -> dict[str, Any]:
+    return FRAME | {"fields": FRAME["fields"] | {"status": {"at": 4, "type": "u8"} | more}}
+
+
+@pytest.mark.parametrize("table", [LINE, COLUMNS, FRAME, PACKED, status(fault_bits=1)])
+def test_these_are_right_before_one_thing_is_changed(table: dict[str, Any]) -> None:
+    assert from_description(table)
+
+
+@pytest.mark.parametrize(
+    ("table", "place", "says"),
+    [
+        (LINE | COLUMNS, "columns", "a pattern is given too"),
+        (LINE | {"separator": ";"}, "separator", "needs columns"),
+        ({"terminator": "\n"}, "", "key 'pattern' is missing"),
+        ({"pattern": "(?P<value>"}, "pattern", "missing )"),
+        ({"pattern": "abc"}, "pattern", "needs a group (?P<value>...)"),
+        ({"columns": {"force": [1, 2], "value": [3, 4]}}, "columns.force", "unknown column"),
+        ({"columns": {"value": 2}}, "columns.value", "must be [first, last] character"),
+        ({"columns": {"value": [1, 2]}, "separator": ";"}, "columns.value", "the number of the column"),
+        ({"columns": {"unit": [1, 2]}}, "columns", "needs the column of the value"),
+        ({"columns": {"value": 1}, "separator": ";;"}, "separator", "must be one character"),
+        ({"columns": {"value": [1, 6], "unit": [6, 8]}}, "columns.unit", "overlaps the column before it"),
+        (COLUMNS | {"length": 4}, "length", "is shorter than the columns, which end at character 6"),
+        ({"columns": {"value": 2, "unit": 2}, "separator": ";"}, "columns", "two of them are the same column"),
+        (LINE | {"terminator": ""}, "terminator", "must not be empty"),
+        (LINE | {"scale": 0.0}, "scale", "must not be 0"),
+        (LINE | {"maximum_length": 5}, "maximum_length", "shortest line has 6 characters"),
+        (LINE | {"length": 7}, "length", "longest line has 6 characters"),
+        (LINE | {"decimal_mark": ";"}, "decimal_mark", 'must be one of ".", ","'),
+        (LINE | {"sign": "separate"}, "sign", "needs a group (?P<sign>...)"),
+        (COLUMNS | {"status": {"S": "ok"}}, "status", "needs a column status"),
+        (LINE | {"units": {"kN": 1000.0}}, "units", "needs a group (?P<unit>...)"),
+        (LINE | {"checksum_from": "@"}, "checksum_from", "checksum is none"),
+        ({"pattern": r"(?P<value>[+-]\d{5})(?P<checksum>[0-9A-F]{2})", "checksum": "xor-hex", "checksum_over": [1, 9]},
+         "checksum_over", "the longest line has 8 characters"),
+        ({"pattern": r"@(?P<value>[+-]\d{5})(?P<checksum>[0-9A-F]{2})", "checksum": "xor-hex", "checksum_over": [1, 6],
+          "checksum_from": "@"}, "checksum_over", "keep one of the two ways"),
+        ({"pattern": r"(?P<sign>[ -])(?P<value>\d{5})", "sign": "separate", "negative_tokens": []}, "negative_tokens",
+         "must not be empty"),
+        (LINE | {"base": "laumas"}, "base", "no format 'laumas'; there are"),
+        (LINE | {"template": "{force}"}, "template", "it may have {value}, {unit} and {checksum}"),
+        ({"pattern": r"(?P<value>[a-z]+)"}, "pattern", "can never match"),
+        (LINE | {"request": ""}, "request", "must not be empty"),
+        (LINE | {"request": "?{address}"}, "request", 'needs address = "..."'),
+        (LINE | {"address": "07"}, "address", "is used nowhere"),
+        (LINE | {"answer_timeout_ms": 30}, "answer_timeout_ms", "belongs to a request"),
+        ({"sync": [0xAA], "length": 6, "fields": {"time": {"at": 1, "type": "u16"}}}, "fields", "needs a field value"),
+        ({"sync": [0xAA], "fields": FRAME["fields"]}, "", "key 'length' is missing"),
+        ({"length": 6, "fields": FRAME["fields"]}, "", "needs sync bytes or a checksum"),
+        (FRAME | {"checksum": "xor", "checksum_at": 9}, "checksum_at", "lies outside the frame of 6 bytes"),
+        (FRAME | {"checksum": "xor", "checksum_over": [0, 9]}, "checksum_over", "lies outside the frame of 6 bytes"),
+        (FRAME | {"checksum": "xor", "checksum_over": [0, 5]}, "checksum_over", "covers the checksum itself"),
+        (FRAME | {"sync": [1, 2, 3], "end": [4, 5, 6]}, "length", "leaves no room for a value"),
+        (FRAME | {"fields": {"value": {"at": 1}}}, "fields.value", "needs at (its first byte"),
+        (value(at=5), "fields.value.at", "reaches beyond the frame of 6 bytes"),
+        (value(at=0), "fields.value.at", "byte 0 belongs to sync already"),
+        (FRAME | {"stuffing": "escape"}, "stuffing", "escape needs a sync of one byte and an end of one byte"),
+        (FRAME | {"stuffing": "dle"}, "stuffing", "dle needs a sync [0x10, ...]"),
+        (FRAME | {"stuffing": "slip"}, "stuffing", "slip needs end = [0xC0]"),
+        (FRAME | {"stuffing": "escape", "end": [0x10]}, "escape", "is the sync or the end itself"),
+        (FRAME | {"escape": 0x7D}, "escape", 'belongs to stuffing = "escape"'),
+        (PACKED | {"sync": [1]}, "sync", "does not go with packed"),
+        (PACKED | {"packed": ["1vvv", "0vvvvvvv"]}, "packed.0", "expected eight of 0, 1, x"),
+        (PACKED | {"packed": ["1vvvvvvv", "1vvvvvvv"]}, "packed", "moved by 1 bytes its fixed bits are the same"),
+        (PACKED | {"packed": ["1vvvvvvv"]}, "packed", "needs two bytes or more"),
+        (PACKED | {"packed": ["1vvvvvvs", "0vvvvvvv"]}, "fields", "packed has bits s, which need a field status"),
+        (PACKED | {"fields": {"value": {}, "sequence": {}}}, "fields.sequence", "packed has no bits n for it"),
+        (PACKED | {"fields": {"value": {"at": 0}}}, "fields.value.at", "its bits stand there"),
+        (status(type="f32", at=2), "fields.status.type", "must be a whole number"),
+        (value(type="f32", bits=[0, 3]), "fields.value.bits", "belong to whole numbers"),
+        (value(bits=[0, 16]), "fields.value.bits", "reach beyond the 16 bits of i16"),
+        (value(scale=0.0), "fields.value.scale", "must not be 0"),
+        (status(), "fields.status", "says nothing"),
+        (value(fault_values=[40_000]), "fields.value.fault_values", "the field holds -32768 to 32767"),
+        (value(valid=[40_000, 50_000]), "fields.value.valid", "the field holds -32768 to 32767"),
+        (status(fault_bits=0x100), "fields.status.fault_bits", "beyond the field's bits, 0xff"),
+        (FRAME | {"sync": "\\x02"}, "sync", "a backslash is itself in single quotes"),
+        (FRAME | {"sync": "µ"}, "sync", "expected ASCII text"),
+        (FRAME | {"sync": [300]}, "sync", "bytes from 0 to 0xFF"),
+        (LINE | {"scale": True}, "scale", "expected a number"),
+        (FRAME | {"length": 6.5}, "length", "expected a whole number"),
+        (value(signed=1), "fields.value.signed", "expected true or false"),
+        (value(valid=[3]), "fields.value.valid", "expected two numbers [lowest, highest]"),
+        (value(bits=[3, 1]), "fields.value.bits", "the first not behind the last"),
+        (value(fault_values=7), "fields.value.fault_values", "expected a list of"),
+        (LINE | {"units": {}}, "units", "expected a table of"),
+        (LINE | {"units": {"kN": "x"}}, "units", "expected a number"),
+    ],
+)
+def test_one_thing_that_is_wrong_is_told_at_its_place(table: dict[str, Any], place: str, says: str) -> None:
+    with pytest.raises(FormatProblems) as told:
+        from_description(table)
+    problems = [(".".join(map(str, where)), text) for where, text in told.value.problems]
+    assert any(where == place and says in text for where, text in problems), problems
+
+
+def test_the_schema_has_both_kinds_and_every_field() -> None:
+    lines, frames = json_schema()["anyOf"]
+    assert {"pattern", "decimal_mark", "checksum_over"} <= lines["properties"].keys()
+    assert frames["properties"]["fields"]["properties"].keys() == {"value", "status", "sequence", "time"}
+    assert lines["properties"]["decimal_mark"]["enum"] == [".", ","]

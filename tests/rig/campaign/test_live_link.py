@@ -1,0 +1,154 @@
+"""What pages may ask a campaign for, and what they are shown of it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from rig.campaign.live_link import Asked, LiveLink, Wish
+from rig.campaign.operator_link import Signals
+from rig.campaign.results import PointResult
+from rig.campaign.sequencer import event as ev
+from rig.errors import Stopped
+from rig.recording.journal.campaign_log import CampaignLog, read_log
+from rig.station.live_folder import held, make_live_folder, read_json, tell
+
+
+@pytest.fixture
+def link(tmp_path: Path) -> Iterator[LiveLink]:
+    made = LiveLink(place=tmp_path)
+    yield made
+    made.close()
+
+
+def say(link: LiveLink, **message: object) -> bool:
+    return tell(link.folder / "application.sock", message)
+
+
+def test_wishes_are_taken_in_their_order_and_a_stop_before_all(link: LiveLink) -> None:
+    for do in ("pause", "start", "stop"):
+        assert say(link, do=do, by="Ada")
+    assert link.take() == [Wish(Asked.STOP, "Ada"), Wish(Asked.PAUSE, "Ada"), Wish(Asked.START, "Ada")]
+    assert link.take() == []
+
+
+@pytest.mark.parametrize("message", [{}, {"do": "reset"}, {"do": "begin"}, {"do": ["stop"]}, {"do": None}])
+def test_what_is_no_wish_is_thrown_away(link: LiveLink, message: dict[str, Any]) -> None:
+    assert say(link, **message)
+    assert link.take() == []
+
+
+def test_a_stop_is_the_operators_with_the_name_in_one_line(link: LiveLink) -> None:
+    signals = Signals(live=link)
+    say(link, do="stop", by="Ada\n<script>\x1b[2J" + "x" * 200)
+    (abort,) = signals.take()
+    assert isinstance(abort, ev.Abort)
+    assert (abort.cause.slug, str(abort.stop)) == ("operator", "S2")
+    assert abort.cause.detail.isprintable()
+    assert "<script>" in abort.cause.detail
+    assert len(abort.cause.detail) < 120
+
+
+def test_a_stop_before_the_rig_is_connected_ends_the_campaign_there(link: LiveLink) -> None:
+    signals = Signals(live=link)
+    say(link, do="pause", by="Ada")
+    signals.check()
+    say(link, do="stop", by="Ada")
+    with pytest.raises(Stopped, match="Stop on the page, Ada"):
+        signals.check()
+    assert [type(event) for event in signals.take()] == [ev.PauseAsked]
+
+
+def test_pause_and_start_are_the_same_pause_as_ctrl_z(link: LiveLink) -> None:
+    signals = Signals(live=link)
+    say(link, do="start", by="Ada")
+    assert signals.take() == []
+    for do, expected, paused in (
+        ("pause", ev.PauseAsked, True), ("pause", None, True), ("start", ev.ResumeAsked, False), ("start", None, False),
+    ):
+        say(link, do=do, by="Ada")
+        assert [type(event) for event in signals.take()] == ([] if expected is None else [expected])
+        assert (signals.paused, link.paused) == (paused, paused)
+
+
+def test_a_held_campaign_begins_when_every_earlier_stop_is_confirmed(tmp_path: Path) -> None:
+    link = LiveLink(held=True, place=tmp_path)
+    link.confirm = ({"slug": "estop"}, {"slug": "sigint"})
+    signals = Signals(live=link)
+    for confirmed in ([], ["estop"], "estop sigint", None):
+        say(link, do="start", by="Ada", confirmed=confirmed)
+        assert signals.take() == []
+        assert signals.held
+    say(link, do="start", by="Ada", confirmed=["sigint", "estop"])
+    assert signals.take() == [ev.Begin()]
+    assert not signals.held
+    link.close()
+
+
+def test_a_flood_is_taken_a_few_at_a_time_and_its_stop_first_of_those(link: LiveLink) -> None:
+    sent = 0
+    while sent < 1000 and say(link, do="pause", by="x"):
+        sent += 1
+    turns = 0
+    while link.take():
+        turns += 1
+    assert turns == -(-sent // 8)
+
+
+def test_words_typed_on_the_page_are_kept_in_the_run(link: LiveLink, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    log = CampaignLog(run)
+    with link.told_of(log):
+        assert read_json(run / "live.json")["folder"] == str(link.folder)
+        say(link, do="words", by="Ada", operator="Ada", specimen="MR-7 after 1e6 cycles")
+        say(link, do="words", by="Ada", note="<script>alert(1)</script>\nwarm\x00")
+        assert link.take() == []
+    log.close()
+    assert not (run / "live.json").exists()
+    kept = json.loads((run / "operator.json").read_text())
+    assert (kept["operator"], kept["specimen"]) == ("Ada", "MR-7 after 1e6 cycles")
+    assert [note["text"] for note in kept["notes"]] == ["<script>alert(1)</script>\nwarm"]
+    assert [line["event"] for line in read_log(run)] == ["operator", "operator"]
+    say(link, do="words", by="Ada", note="too late")
+    assert link.take() == []
+
+
+def test_what_is_shown_of_a_campaign_stands_in_whole_files(link: LiveLink) -> None:
+    link.display.phase("running")
+    link.display.progress("p001", 3, 12.5, {})
+    result = PointResult("p001", None, "valid", (), "sine", 0.03, 2.0, 1.0, 0)
+    link.display.point_done(result)
+    link.display.message("warning", "<b>")
+    state = read_json(link.folder / "state.json")
+    assert (state["phase"], state["point"], state["cycles"], state["time_left_s"]) == ("running", "p001", 3, 12.5)
+    assert state["messages"][0]["text"] == "<b>"
+    assert read_json(link.folder / "results.json")["p001"]["verdict"] == "valid"
+    ended = SimpleNamespace(valid=1, total=1, rig_state="safe", stopped_by=None, exit_code=0)
+    link.display.ended(cast("Any", ended), ["done"])
+    assert read_json(link.folder / "state.json")["ended"]["lines"] == ["done"]
+
+
+def test_the_folder_goes_with_the_campaign(tmp_path: Path) -> None:
+    link = LiveLink(place=tmp_path)
+    link.display.phase("running")
+    link.close()
+    assert not link.folder.exists()
+
+
+def test_the_folder_is_its_owners_alone_and_a_killed_campaigns_is_taken_away(tmp_path: Path) -> None:
+    left, lock = make_live_folder(tmp_path)
+    assert left.stat().st_mode & 0o777 == 0o700
+    alive, _ = make_live_folder(tmp_path)
+    assert left.exists()
+    assert held(left / "live.lock")
+    os.close(lock)  # as the end of its process does
+    make_live_folder(tmp_path)
+    assert not left.exists()
+    assert alive.exists()

@@ -1,0 +1,141 @@
+"""What a browser may ask for, by its rights."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.page.access import Role
+from rig.page.commands import Client, Commands
+from rig.page.lease import Lease
+from rig.station.live_folder import make_live_folder
+
+ADA, BOB = Client(Role.OPERATOR, "ada"), Client(Role.OPERATOR, "bob")
+GUEST = Client(Role.VIEWER, "guest")
+
+
+@dataclass
+class Desk:
+    """A lease and commands whose datagrams are kept."""
+
+    folder: Path
+    now_ns: int = 0
+    running: bool = True
+    reached: bool = True
+    said: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.lease = Lease(lambda: self.folder if self.running else None, lambda: self.now_ns)
+        self.commands = Commands(self.lease, lambda: self.folder if self.running else None, self._say)
+
+    def _say(self, path: str | Path, message: dict[str, Any]) -> bool:
+        self.said.append((Path(path).name, message))
+        return self.reached
+
+    def ask(self, client: Client, **message: object) -> dict[str, Any]:
+        return self.commands.take(json.dumps(message), client)
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[Desk]:
+    folder, _ = make_live_folder(tmp_path)
+    made = Desk(folder)
+    yield made
+    for client in (ADA, BOB):
+        made.lease.give_back(client.key)
+
+
+@pytest.mark.parametrize("client", [ADA, GUEST])
+def test_a_stop_of_anybody_goes_to_station_and_application(desk: Desk, client: Client) -> None:
+    assert desk.ask(client, do="stop")["ok"] is True
+    assert [name for name, _ in desk.said] == ["station.sock", "application.sock"]
+    assert {message["do"] for _, message in desk.said} == {"stop"}
+
+
+def test_a_stop_is_taken_from_others_while_somebody_has_control(desk: Desk) -> None:
+    desk.ask(ADA, do="lease", name="Ada")
+    desk.said.clear()
+    assert desk.ask(BOB, do="stop")["ok"] is True
+    assert len(desk.said) == 2
+
+
+@pytest.mark.parametrize("do", ["start", "pause", "lease", "words", "release"])
+def test_a_viewer_commands_nothing(desk: Desk, do: str) -> None:
+    assert desk.ask(GUEST, do=do, name="Eve", note="x")["refused"] == "viewer"
+    assert desk.said == []
+
+
+@pytest.mark.parametrize("do", ["start", "pause", "words"])
+def test_an_operator_without_the_lease_commands_nothing(desk: Desk, do: str) -> None:
+    desk.ask(ADA, do="lease", name="Ada")
+    desk.said.clear()
+    assert desk.ask(BOB, do=do, note="x")["refused"] == "no-lease"
+    assert desk.said == []
+
+
+def test_the_holder_commands_under_the_name_typed(desk: Desk) -> None:
+    assert desk.ask(ADA, do="lease", name=" Ada\n<b>L</b> ")["ok"] is True
+    assert desk.ask(ADA, do="pause")["ok"] is True
+    assert desk.said[-1] == ("application.sock", {"do": "pause", "by": "Ada <b>L</b>"})
+
+
+def test_one_lease_at_a_time_and_it_waits_a_while_for_a_holder_who_is_gone(desk: Desk) -> None:
+    desk.ask(ADA, do="lease", name="Ada")
+    assert desk.ask(BOB, do="lease", name="Bob")["refused"] == "lease-taken"
+    desk.lease.left("ada")
+    desk.now_ns += 9_000_000_000
+    assert desk.ask(BOB, do="lease", name="Bob")["refused"] == "lease-taken"
+    desk.now_ns += 2_000_000_000
+    assert desk.ask(BOB, do="lease", name="Bob")["ok"] is True
+    assert desk.ask(ADA, do="pause")["refused"] == "no-lease"
+
+
+def test_a_second_page_of_the_same_campaign_gives_out_no_second_lease(desk: Desk) -> None:
+    desk.ask(ADA, do="lease", name="Ada")
+    other = Desk(desk.folder)
+    assert other.ask(BOB, do="lease", name="Bob")["refused"] == "lease-taken"
+    desk.ask(ADA, do="release")
+    assert other.ask(BOB, do="lease", name="Bob")["ok"] is True
+    other.lease.give_back("bob")
+
+
+@pytest.mark.parametrize(
+    "do", ["reset", "arm", "move", "set_current", "hydraulics", "beat", "shutdown", "disarm", "__class__"]
+)
+def test_there_is_no_word_that_resets_or_moves(desk: Desk, do: str) -> None:
+    desk.ask(ADA, do="lease", name="Ada")
+    desk.said.clear()
+    assert desk.ask(ADA, do=do, target_m=0.01, current_A=2.0)["refused"] == "unknown-command"
+    assert desk.said == []
+
+
+@pytest.mark.parametrize("text", ["", "stop", "[]", "null", '{"do": 1}', '{"do": ["stop"]}', b"\xff\xfe", "[" * 4000])
+def test_what_is_no_message_is_refused_and_goes_nowhere(desk: Desk, text: str | bytes) -> None:
+    assert desk.commands.take(text, ADA)["refused"] == "bad-message"
+    assert desk.said == []
+
+
+def test_nothing_is_taken_once_the_campaign_has_ended(desk: Desk) -> None:
+    desk.ask(ADA, do="lease", name="Ada")
+    desk.running = False
+    desk.said.clear()
+    assert desk.ask(ADA, do="stop")["refused"] == "not-running"
+    assert desk.ask(ADA, do="start")["refused"] == "not-running"
+    assert desk.said == []
+
+
+def test_a_stop_that_nobody_takes_is_not_said_to_be_taken(desk: Desk) -> None:
+    desk.reached = False
+    assert desk.ask(ADA, do="stop")["refused"] == "not-reached"
+
+
+def test_a_slug_is_explained_in_the_words_of_rig_explain(desk: Desk) -> None:
+    answer = desk.ask(GUEST, do="explain", slug="estop")
+    assert "emergency" in answer["means"].lower() or "e-stop" in answer["means"].lower()
+    assert answer["look_at"]
+    assert desk.ask(GUEST, do="explain", slug="<script>")["refused"] == "unknown-slug"

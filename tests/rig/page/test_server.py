@@ -1,0 +1,234 @@
+"""The page's server, spoken to over its socket as browsers and strangers do."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+import os
+import socket
+from collections.abc import Awaitable, Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from drivers.ring import RingWriter
+from rig.page.access import Access, Role
+from rig.page.document import document
+from rig.page.process import listening
+from rig.page.server import MOST_MESSAGES, PageServer
+from rig.page.settings import PageSettings
+from rig.page.watched_run import WatchedRun
+from rig.station.live_folder import bound, make_live_folder, received, replace_json
+
+HOSTILE = "<script>alert(1)</script>"
+
+
+@dataclass
+class Rig:
+    """What a page finds: a run, its live folder with both sockets, a ring."""
+
+    run: Path
+    live: Path
+    station: socket.socket
+    application: socket.socket
+    ring: RingWriter
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    live, lock = make_live_folder(tmp_path)
+    run = tmp_path / "run"
+    run.mkdir()
+    ring = RingWriter(tmp_path / "ring", 4096)
+    station = {
+        "ring_path": str(ring.path), "device_rate": 1.0, "limits": {"force_N": 5000.0},
+        "load_cell": {"rate_Hz": 250.0, "stale_after_s": 0.05}, "lvdt": {"rate_Hz": 250.0},
+    }  # fmt: skip
+    replace_json(run / "station.json", station)
+    replace_json(live / "plan.json", {"specimen": HOSTILE, "bench": HOSTILE, "points": []})
+    replace_json(live / "state.json", {"phase": "running", "campaign": str(run)})
+    (run / "journal.jsonl").write_text(
+        json.dumps({"utc": "2026-01-02T03:04:05", "event": "warning", "slug": "sample-gap", "text": HOSTILE}) + "\n"
+    )
+    made = Rig(run, live, bound(live / "station.sock"), bound(live / "application.sock"), ring)
+    yield made
+    made.station.close()
+    made.application.close()
+    ring.close()
+    os.close(lock)
+
+
+def served(rig: Rig, do: Callable[[PageServer, Access], Awaitable[None]]) -> None:
+    """Run the server and a test against it."""
+
+    async def both() -> None:
+        sock = listening(PageSettings())
+        access = Access("127.0.0.1", sock.getsockname()[1])
+        page = PageServer(WatchedRun(None, rig.live), access)
+        server = await page.serve(sock, None)
+        try:
+            await asyncio.wait_for(do(page, access), 20.0)
+        finally:
+            server.close()
+            await server.wait_closed()
+
+    asyncio.run(both())
+
+
+def opened(access: Access, role: Role = Role.OPERATOR, client: str = "a") -> connect:
+    uri = f"ws://127.0.0.1:{access.port}/ws?token={access.tokens[role]}&client={client}"
+    return connect(uri, close_timeout=0.2)
+
+
+async def answer(connection: ClientConnection, **message: object) -> dict[str, Any]:
+    await connection.send(json.dumps(message))
+    while True:
+        text = await connection.recv()
+        told = json.loads(text) if isinstance(text, str) else {}
+        if told.get("type") == "answer":
+            return dict(told)
+
+
+async def ended_by(connection: ClientConnection, messages: list[str]) -> int | None:
+    """The code with which the server ends it; None where it was gone before it could say so."""
+    try:
+        for message in messages:
+            await connection.send(message)
+        while True:
+            await connection.recv()
+    except ConnectionClosed as closed:
+        return None if closed.rcvd is None else closed.rcvd.code
+
+
+def got(access: Access, path: str, method: str = "GET", **headers: str) -> tuple[int, bytes, dict[str, str]]:
+    client = http.client.HTTPConnection("127.0.0.1", access.port, timeout=5)
+    try:
+        client.request(method, path, headers=headers)
+        response = client.getresponse()
+        return response.status, response.read(), dict(response.getheaders())
+    finally:
+        client.close()
+
+
+def test_the_page_is_one_document_that_fetches_nothing_and_runs_only_its_own_script(rig: Rig) -> None:
+    async def do(page: PageServer, access: Access) -> None:
+        status, body, headers = await asyncio.to_thread(got, access, f"/?token={access.tokens[Role.VIEWER]}")
+        assert (status, body) == (200, document())
+        policy = headers["Content-Security-Policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe-inline" not in policy
+        assert headers["Referrer-Policy"] == "no-referrer"
+
+    served(rig, do)
+    text = document().decode()
+    assert "src=" not in text
+    assert "http://" not in text.replace("http://www.w3.org", "")
+    assert "https://" not in text
+    dangerous = ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "Function(")
+    assert not any(word in text for word in dangerous)
+
+
+def test_strangers_are_refused_over_http_and_websocket(rig: Rig) -> None:
+    async def do(page: PageServer, access: Access) -> None:
+        own = f"/?token={access.tokens[Role.OPERATOR]}"
+        for path, headers, status in (
+            ("/", {}, 401), ("/?token=wrong", {}, 401), (own, {"Host": "evil.example"}, 403),
+            (own, {"Origin": "http://evil.example"}, 403), (f"/etc/passwd{own[1:]}", {}, 404),
+        ):  # fmt: skip
+            assert (await asyncio.to_thread(got, access, path, **headers))[0] == status
+        uri = f"ws://127.0.0.1:{access.port}/ws{own[1:]}"
+        for headers in ({"Origin": "http://evil.example"}, {"Host": "evil.example"}):
+            with pytest.raises(InvalidStatus) as refusal:
+                await connect(uri, additional_headers=headers, origin=None)
+            assert refusal.value.response.status_code == 403
+        with pytest.raises(InvalidStatus) as refusal:
+            await connect(f"ws://127.0.0.1:{access.port}/ws?token={Access('127.0.0.1', 1).tokens[Role.OPERATOR]}")
+        assert refusal.value.response.status_code == 401
+
+    served(rig, do)
+    assert received(rig.station) is None
+    assert received(rig.application) is None
+
+
+def test_a_request_that_is_no_get_changes_nothing(rig: Rig) -> None:
+    async def do(page: PageServer, access: Access) -> None:
+        for method in ("POST", "PUT", "DELETE"):
+            path = f"/?token={access.tokens[Role.OPERATOR]}"
+            try:
+                status = (await asyncio.to_thread(got, access, path, method))[0]
+            except (http.client.HTTPException, ConnectionError):
+                continue  # shown the door without an answer
+            assert status >= 400
+
+    served(rig, do)
+    assert received(rig.application) is None
+
+
+def test_everybody_sees_the_samples_and_anybody_may_stop(rig: Rig) -> None:
+    async def do(page: PageServer, access: Access) -> None:
+        async with opened(access, Role.VIEWER, "v") as viewer, opened(access, client="o") as operator:
+            for connection in (viewer, operator):
+                kinds = [json.loads(await connection.recv())["type"] for _ in range(5)]
+                assert kinds == ["run", "results", "state", "events", "standing"]
+            page.send_frame()  # from here on
+            await asyncio.gather(viewer.recv(), operator.recv())
+            rig.ring.append([(5_000_000_000, 4000, 321.5, 1, 1, 0)])
+            page.send_frame()
+            first, second = await asyncio.gather(viewer.recv(), operator.recv())
+            assert first == second
+            assert first.endswith(bytes.fromhex("0100 0000 01000000 00000000 00c0a043".replace(" ", "")))  # 321.5 N
+            assert (await answer(operator, do="lease", name="Ada"))["ok"] is True
+            stopped = await answer(viewer, do="stop")
+            assert (stopped["ok"], stopped["station"], stopped["application"]) == (True, True, True)
+            assert (await answer(viewer, do="start"))["refused"] == "viewer"
+
+    served(rig, do)
+    assert received(rig.station) == {"do": "stop", "by": "viewer"}
+    assert received(rig.station) is None
+    told = []
+    while (message := received(rig.application)) is not None:
+        told.append(message["do"])
+    assert told == ["words", "stop"]
+
+
+def test_hostile_names_arrive_as_the_text_they_are(rig: Rig) -> None:
+    async def do(page: PageServer, access: Access) -> None:
+        page.send_changes()
+        async with opened(access) as operator:
+            told = [json.loads(await operator.recv()) for _ in range(5)]
+        assert (told[0]["specimen"], told[3]["events"][0]["text"]) == (HOSTILE, HOSTILE)
+
+    served(rig, do)
+
+
+def test_a_browser_that_floods_is_shown_the_door_and_others_still_stop_the_rig(rig: Rig) -> None:
+    async def do(page: PageServer, access: Access) -> None:
+        async with opened(access, client="calm") as calm:
+            async with opened(access, client="flood") as flood:
+                assert await ended_by(flood, ['{"do": "nonsense"}'] * (20 * MOST_MESSAGES)) in {1008, None}
+            async with opened(access, client="large") as large:
+                assert await ended_by(large, [" " * 100_000]) in {1009, None}
+            assert (await answer(calm, do="stop"))["ok"] is True
+
+    served(rig, do)
+    assert received(rig.station) == {"do": "stop", "by": "operator"}
+    assert received(rig.station) is None
+
+
+def test_the_ring_is_only_read(rig: Rig) -> None:
+    before = rig.ring.recorder_cursor
+
+    async def do(page: PageServer, access: Access) -> None:
+        async with opened(access):
+            for number in range(50):
+                rig.ring.append([(number, number, 1.0, number, 2, 0)] * 200)
+                page.send_frame()
+
+    served(rig, do)
+    assert rig.ring.recorder_cursor == before == 0
+    assert rig.ring.overruns == 0
