@@ -27,6 +27,17 @@ def test_little_and_big_endian_numbers_lie_where_a_dbc_says() -> None:
     assert read("FF 2A", little=Signal("L", 9, 5)) == {"little": 21}
 
 
+def test_a_float_has_no_ends_and_sends_only_numbers_that_it_holds() -> None:
+    """1.5 is 3FC00000 in IEEE 754 single, 3E00 in half precision, whose largest number is 65504."""
+    single, half = Signal("F", 0, 32, is_float=True), Signal("H", 0, 16, is_float=True)
+    assert (single.low, single.high) == (-math.inf, math.inf)
+    assert (single.raw(1.5), half.raw(1.5)) == (0x3FC00000, 0x3E00)
+    with pytest.raises(LocalProtocolError, match="is no number that can be sent"):
+        single.raw(math.nan)
+    with pytest.raises(LocalProtocolError, match="is beyond a float of 16 bits"):
+        half.raw(1e6)
+
+
 def test_signs_scales_and_offsets() -> None:
     assert read("38 FF", a=Signal("A", 0, 16, signed=True, scale=0.01)) == {"a": -2.0}
     assert read("7B", c=Signal("C", 0, 8, offset=-40.0)) == {"c": 83.0}

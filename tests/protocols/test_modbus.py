@@ -19,6 +19,21 @@ def test_requests_are_the_bytes_of_the_specification() -> None:
     assert modbus.exchange_request(3, 6, 14, [255, 255]) == bytes.fromhex("17 0003 0006 000E 0002 04 00FF 00FF")
 
 
+def test_requests_of_single_registers_and_of_coils_are_the_bytes_of_the_specification() -> None:
+    """The examples of MODBUS Application Protocol V1.1b3, 6.1, 6.5, 6.6 and 6.11."""
+    assert modbus.read_request(19, 19, 1) == bytes.fromhex("01 0013 0013")
+    assert modbus.write_request(172, [1], 5) == bytes.fromhex("05 00AC FF00")
+    assert modbus.write_request(1, [3], 6) == bytes.fromhex("06 0001 0003")
+    coils = [1, 0, 1, 1, 0, 0, 1, 1, 1, 0]
+    assert modbus.write_request(19, coils, 15) == bytes.fromhex("0F 0013 000A 02 CD 01")
+    answer = bytes.fromhex("01 03 CD 6B 05")
+    states = modbus.decode_bits(modbus.read_request(19, 19, 1), answer, 19)
+    assert states == [1, 0, 1, 1, 0, 0, 1, 1, 1, 1, 0, 1, 0, 1, 1, 0, 1, 0, 1], "coils 20 to 38"
+    for wrong in (answer[:-1], answer + b"\0", b"\x01\x02" + answer[2:], b"\x02" + answer[1:]):
+        with pytest.raises(RemoteProtocolError):
+            modbus.decode_bits(modbus.read_request(19, 19, 1), wrong, 19)
+
+
 def test_frames_are_the_bytes_of_the_specification() -> None:
     assert modbus.encode_tcp(0x1501, 0xFF, READ) == bytes.fromhex("1501 0000 0006 FF 03 006B 0003")
     assert modbus.encode_rtu(0x11, READ) == bytes.fromhex("11 03 006B 0003 7687")
