@@ -76,7 +76,11 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     ),
     "supply-not-zero": (
         Edit("rig/campaign/preflight/rest_check.py", "not zero_A.beyond(0.0, limits.current_zero_A, SURE)", "True"),
-        Edit("rig/station/preparation.py", "if current_A is None or abs(current_A) >= ZERO_CURRENT_A:", "if False:"),
+        Edit(
+            "rig/station/preparation.py",
+            "if current_A is None or abs(current_A) >= ZERO_CURRENT_A:\n            slug =",
+            "if False:\n            slug =",
+        ),
     ),
     "stop-ignored": (
         deaf_station("stop-ignored"),

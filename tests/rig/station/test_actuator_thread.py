@@ -208,7 +208,8 @@ def test_a_status_that_stands_in_running_is_no_view_and_the_stop_ends_in_time_wi
     rig.supervisor.start()
     assert wait_for(lambda: rig.supervisor.trip is not None)
     assert rig.supervisor.trip is not None
-    assert rig.supervisor.trip.slug == "actuator-frozen"
+    # A host that is itself held up is late first.
+    assert wait_for(lambda: "actuator-frozen" in [rig.supervisor.trip.slug, *rig.told.slugs("also")])
     assert rig.thread.stop_inputs(monotonic_ns()) == (None, None, None, None)
     began_s = time.monotonic()
     assert wait_for(lambda: (stop := rig.supervisor.stop) is not None and stop.step is StopPhase.UNKNOWN)

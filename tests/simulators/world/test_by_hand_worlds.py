@@ -72,5 +72,5 @@ def test_what_tells_of_the_coil_does_not_happen_here(tmp_path: Path) -> None:
     drawn = {happening.what for seed in range(100) for happening in asked_for(given, (), None).plan(seed).happenings}
     assert drawn
     assert not drawn & {"ecu-silent", "coil-open-short", "current-stuck", "can-busoff", "application-killed"}
-    with pytest.raises(click.BadParameter, match="the current is set by hand"):
+    with pytest.raises(click.BadParameter, match="nobody measures the current"):
         asked_for(given, ("coil-open-short@1",), None)
