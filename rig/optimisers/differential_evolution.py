@@ -1,10 +1,12 @@
-"""Differential evolution rand/1 with dither (Price, Storn, Lampinen; the `devec3` code the c-FOA paper cites), Cr = 1.
+"""Differential evolution rand/1 with dither (Price, Storn, Lampinen 2005; dither as in Storn's `deopt`), Cr = 1.
 
     v_i = x_r1 + F_i (x_r2 - x_r3),  F_i uniform in [F, 1]: one for each vector (strategy 4) or for each generation
     (strategy 5)
 
-r1, r2, r3 come, as in `devec3`, from one random permutation and two rotations of it: mutually different, drawn afresh
-each generation. A trial replaces its target when it is not worse. With Cr = 1 every component comes from the mutant.
+r1, r2, r3 come from one random permutation and two rotations of it: mutually different, drawn afresh each generation.
+In Storn's codes (`devec3`, `deopt`) the second rotation acts on the list that the first has rotated; here both act on
+the permutation itself, by different turns. A trial replaces its target when it is not worse. With Cr = 1 every
+component comes from the mutant.
 """
 
 from __future__ import annotations

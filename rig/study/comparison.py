@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from rig.identification.cluster import cluster
 from rig.study.execution import StudyProgress, Workers, local_workers, run_cells
 from rig.study.figures import figures
+from rig.study.findings import findings
 from rig.study.outputs import Table, write_outputs
 from rig.study.paper1_tables import (
     SYMMETRY_TITLES,
@@ -100,9 +101,11 @@ def run_study(
         "wall_s": round((time.monotonic_ns() - started_ns) * 1e-9, 1),
     }
     tell(StudyProgress(total, total, None, "", "writing tables and figures"))
-    tables = study_tables(study, bench, lines)
+    minima = study_minima(study, bench)
+    tables = study_tables(study, bench, lines, minima)
     tests = study_tests(study, lines)
-    page = write_outputs(folder, study.name, tables, figures(study, lines), tests, facts)
+    facts["findings"] = [asdict(finding) for finding in findings(study, lines, minima, tests)]
+    page = write_outputs(folder, study.name, tables, figures(study, bench, lines), tests, facts)
     return StudyOutcome(folder, page, tuple(tables), tests, facts)
 
 
@@ -116,21 +119,36 @@ def _workers(processes: int | None, scheduler: str | None) -> Iterator[Workers]:
         yield Workers(executor, count)
 
 
-def study_tables(study: StudyFile, bench: Workbench, lines: dict[str, dict[str, Any]]) -> list[Table]:
+def study_minima(study: StudyFile, bench: Workbench) -> dict[str, float]:
+    """Objective that separable least squares reaches with each model of the tables, where it can fit it.
+
+    Args:
+        study: The study.
+        bench: Its recordings.
+
+    Returns:
+        Damper model -> objective.
+    """
+    named = {*study.comparison.models, *(SYMMETRY_TITLES if study.symmetry else ())}
+    return {name: value for name in sorted(named) if (value := bench.minimum(name)) is not None}
+
+
+def study_tables(
+    study: StudyFile, bench: Workbench, lines: dict[str, dict[str, Any]], minima: Mapping[str, float]
+) -> list[Table]:
     """Every table of both papers that the results allow, in the papers' order.
 
     Args:
         study: The study.
         bench: Its recordings.
         lines: Result lines by key.
+        minima: From `study_minima`.
 
     Returns:
         Tables 1-14 of paper 1, then paper 2's.
     """
     model = bench.problem(study.comparison.models[0]).model
     units = {parameter.name: parameter.unit for parameter in model.parameters}
-    named = {*study.comparison.models, *(SYMMETRY_TITLES if study.symmetry else ())}
-    minima = {name: value for name in sorted(named) if (value := bench.minimum(name)) is not None}
     paper1 = [
         tests_table(bench.tests),
         *comparison_tables(study, lines, minima),

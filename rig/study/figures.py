@@ -1,44 +1,62 @@
-"""Figures of a study as SVG text: box plots of every setting, convergence, parameters against current."""
+"""Figures of a study as SVG text, in the papers' order: those of results here, those of loops in `loop_figures`."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rig.study.loop_figures import fitted_figure, reconstructed_figure, recorded_figure, triangle_figure
 from rig.study.paper2_tables import current_results, parameter_relations
 from rig.study.search_cell import SearchCell
-from rig.study.settings import TITLES, Lines, best_settings, setting_groups
+from rig.study.settings import TITLES, Lines, best_settings, setting_groups, setting_values
 from rig.study.study_file import StudyFile
+from rig.study.workbench import Workbench
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 WIDTH_INCH = 9.0
+FEWEST_ERRORS = 10
+Outcomes = Mapping[str, Mapping[float, list[Mapping[str, Any]]]]
+"""Method -> current (A) -> result lines."""
 
 
-def figures(study: StudyFile, results: Lines) -> dict[str, str]:
+def figures(study: StudyFile, bench: Workbench, results: Lines) -> dict[str, str]:
     """Every figure the results allow.
 
     Args:
         study: The study.
+        bench: Its recordings.
         results: Result lines by key.
 
     Returns:
-        Name such as `figure-08` -> SVG.
+        Name such as `figure-08` -> SVG, in the papers' order.
     """
-    drawn: dict[str, str] = {}
+    drawn: dict[str, Figure | None] = {
+        "figure-04": triangle_figure(study, _new_figure),
+        "figure-05": recorded_figure(bench.tests, _new_figure),
+    }
     groups = setting_groups(study, results)
     if groups:
-        drawn["figure-08"] = _svg(_box_plots(groups))
-        drawn["figure-09"] = _svg(_convergence(study, results))
-    if current_results(study, results):
-        drawn["paper2-figure-10"] = _svg(_error_against_evaluations(study, results))
-        drawn["paper2-figure-relations"] = _svg(_against_current(study, results))
-    return drawn
+        drawn["figure-08"] = _box_plots(groups)
+        drawn["figure-08-pair"] = _tuned_pair(study, results)
+        drawn["figure-09"] = _convergence(study, results)
+        drawn["figure-10"] = fitted_figure(study, results, bench.tests, "velocity", _new_figure)
+        drawn["figure-11"] = fitted_figure(study, results, bench.tests, "extension", _new_figure)
+    outcomes = current_results(study, results)
+    if study.current is not None and outcomes:
+        drawn["paper2-figure-08"] = recorded_figure(list(bench.current_tests.values()), _new_figure)
+        drawn["paper2-figure-10"] = _error_against_generations(outcomes)
+        drawn["paper2-figure-11"] = _error_distribution(outcomes)
+        tests, force = bench.current_tests, bench.current_force
+        drawn["paper2-figure-12"] = reconstructed_figure(outcomes, tests, force, _new_figure)
+        drawn["paper2-figure-13-bars"] = _error_bars(outcomes)
+        drawn["paper2-figure-relations"] = _against_current(study, results)
+    return {name: _svg(figure) for name, figure in drawn.items() if figure is not None}
 
 
 def _new_figure(height_inch: float) -> Figure:
@@ -82,18 +100,90 @@ def _convergence(study: StudyFile, results: Lines) -> Figure:
     return figure
 
 
-def _error_against_evaluations(study: StudyFile, results: Lines) -> Figure:
-    """Minimum fitness so far of every genetic algorithm: median over currents and repeats, and the middle half."""
+def _tuned_pair(study: StudyFile, results: Lines) -> Figure | None:
+    """Best-tuned PSO beside best-tuned c-FOA, as the paper shows them; None where one of them took no part."""
+    best, model = best_settings(study, results), study.comparison.models[0]
+    if not {"pso", "c_foa"} <= best.keys():
+        return None
+    figure = _new_figure(2.2)
+    axes = figure.subplots()
+    settings = [(method, *best[method][:2]) for method in ("pso", "c_foa")]
+    values = [setting_values(study, results, model, *setting) for setting in settings]
+    labels = [f"{TITLES[method]}, N={N}, {budget}" for method, N, budget in settings]
+    axes.boxplot(values, orientation="horizontal", tick_labels=labels)
+    axes.set_xlabel("objective f(s)")
+    axes.grid(visible=True, axis="x", alpha=0.3)
+    return figure
+
+
+def _error_against_generations(outcomes: Outcomes) -> Figure:
+    """Minimum fitness so far of every genetic algorithm and its running average, means over currents and repeats."""
     figure = _new_figure(4.0)
     axes = figure.subplots()
-    for method, by_current in current_results(study, results).items():
-        histories = [np.array(line["history"]) for lines in by_current.values() for line in lines]
-        grid = np.linspace(
-            min(history[0, 0] for history in histories), max(history[-1, 0] for history in histories), 200
-        )
-        _band(axes, grid, np.array([_at(history, grid) for history in histories]), TITLES[method])
-    axes.set_xlabel("fitness evaluations")
-    axes.set_ylabel("minimum of mean(((Fsim - Fexp) / SD(Fexp))^2)")
+    for method, by_current in outcomes.items():
+        lines = [line for repeats in by_current.values() for line in repeats if line["generations"] > 1]
+        if not lines:
+            continue
+        histories = [np.array(line["history"]) for line in lines]
+        grid = np.arange(1, max(int(line["generations"]) for line in lines) + 1)
+        steps = [line["evaluations"] / max(1, line["generations"]) for line in lines]
+        minima = np.mean([_at(history, grid * step) for history, step in zip(histories, steps, strict=True)], axis=0)
+        drawn = axes.plot(grid, minima, label=f"{TITLES[method]}: minimum")[0]
+        average = np.cumsum(minima) / grid
+        axes.plot(grid, average, linestyle="--", color=drawn.get_color(), label=f"{TITLES[method]}: running average")
+    axes.set_xlabel("generation")
+    axes.set_ylabel("mean(((Fsim - Fexp) / SD(Fexp))^2)")
+    axes.set_yscale("log")
+    axes.grid(visible=True, alpha=0.3)
+    axes.legend(fontsize=7)
+    return figure
+
+
+def _error_distribution(outcomes: Outcomes) -> Figure | None:
+    """Minimum errors of one search's generations in 10 bins, their share up to each, and what an exponential gives.
+
+    The statistical stop of paper 2 takes them for exponentially distributed.
+    """
+    method = "ga_novel" if "ga_novel" in outcomes else next(iter(outcomes))
+    line = max((one for lines in outcomes[method].values() for one in lines), key=lambda one: len(one["history"]))
+    errors = np.array(line["history"])[:, 1]
+    if errors.size < FEWEST_ERRORS:
+        return None
+    figure = _new_figure(3.2)
+    left, right = figure.subplots(1, 2)
+    mean = float(np.mean(errors))
+    grid = np.linspace(0.0, float(errors.max()), 200)
+    left.hist(errors, bins=10, density=True, alpha=0.5)
+    left.plot(grid, np.exp(-grid / mean) / mean, color="C3")
+    left.set_ylabel("density")
+    ordered = np.sort(errors)
+    right.step(ordered, np.arange(1, ordered.size + 1) / ordered.size, where="post", label=TITLES[method])
+    right.plot(grid, 1.0 - np.exp(-grid / mean), color="C3", label="exponential of the same mean")
+    right.set_ylabel("share up to here")
+    right.legend(fontsize=7)
+    for axes in (left, right):
+        axes.set_xlabel("minimum error of a generation")
+        axes.grid(visible=True, alpha=0.3)
+    return figure
+
+
+def _error_bars(outcomes: Outcomes) -> Figure:
+    """MAE, SD and generations of every method, means over currents and repeats."""
+    figure = _new_figure(3.0)
+    titles = [TITLES[method] for method in outcomes]
+    for axes, (entry, label) in zip(
+        figure.subplots(1, 3), (("mae_N", "MAE / N"), ("sd_N", "SD / N"), ("generations", "generations")), strict=True
+    ):
+        heights = [
+            float(np.mean([line[entry] for lines in by_current.values() for line in lines]))
+            for by_current in outcomes.values()
+        ]
+        axes.barh(titles, heights)
+        axes.invert_yaxis()
+        axes.set_xlabel(label)
+        axes.tick_params(labelsize=7)
+        if axes is not figure.axes[0]:
+            axes.set_yticklabels([])
     return figure
 
 

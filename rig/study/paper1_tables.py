@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rig.identification.models.measurement import Measurement
+from rig.study import printed_values
 from rig.study.outputs import Cell, Table, known
 from rig.study.parallel_timing import parallel_key
 from rig.study.search_cell import SENSITIVITY, SearchCell, comparison_cells, symmetry_cells, varied_cells
@@ -14,10 +15,16 @@ from rig.study.study_file import StudyFile
 
 TABLE_NUMBERS = {"ga": 10, "de": 11, "pso": 12, "i_abc": 13, "c_foa": 14}
 VALUE_COLUMNS = ("BV", "MV", "SD", "repeats")
+PRINTED_COLUMNS = ("BV printed", "MV printed", "SD printed")
+NOT_PUBLIC = "Printed: the paper's values, over its own recordings, which are not public; compare orders, not sizes."
 SYMMETRY_TITLES = {
     "asymmetric": "Asymmetric model: Ca_minus \N{NOT EQUAL TO} Ca_plus, Cb_minus \N{NOT EQUAL TO} Cb_plus",
     "symmetric": "Symmetric model: Ca_minus = Ca_plus, Cb_minus = Cb_plus",
 }
+MIRRORED = (
+    "beta is given positive: with beta, delta, Fya and Fyb of the other signs the force is the same (tanh is odd), and "
+    "a search may end at either."
+)
 OBJECTIVE = "Objective f(s) = sum(((Fexp - F) w)^2), (12)."
 
 
@@ -64,18 +71,21 @@ def comparison_tables(study: StudyFile, results: Lines, minima: Mapping[str, flo
         Table 2 first; methods beyond the paper's get tables of their own.
     """
     best = best_settings(study, results)
-    winners = tuple((TITLES[name], N, budget, *_cells(summary)) for name, (N, budget, summary) in best.items())
+    winners = tuple(
+        (TITLES[name], N, budget, *_cells(summary), *_printed(printed_values.BEST.get(name, (0, 0, None))[2]))
+        for name, (N, budget, summary) in best.items()
+    )
     note = (
         f"{OBJECTIVE} {_lowest(minima, study.comparison.models[:1])} The setting with the lowest mean of each method: "
-        "chosen on the same values it is judged by."
+        f"chosen on the same values it is judged by. {NOT_PUBLIC} Printed are those of the paper's best settings."
     )
-    columns = ("method", "N", "fun_evals", *VALUE_COLUMNS)
+    columns = ("method", "N", "fun_evals", *VALUE_COLUMNS, *PRINTED_COLUMNS)
     title = _statistics(study, ", ".join(TITLES[method] for method in best))
     tables = [Table("table-02", "Table 2", title, columns, winners, note)]
-    model = study.comparison.models[0]
+    model, printed = study.comparison.models[0], printed_values.SETTINGS
     for method in study.comparison.methods:
         rows = [
-            (f"N={N}, fun_evals={budget}", *_cells(summary))
+            (f"N={N}, fun_evals={budget}", *_cells(summary), *_printed(printed.get((method, N, budget))))
             for N in study.comparison.populations
             for budget in study.comparison.budgets
             if (summary := setting_summary(study, results, model, method, N, budget)) is not None
@@ -84,7 +94,8 @@ def comparison_tables(study: StudyFile, results: Lines, minima: Mapping[str, flo
         name = f"table-x-{method.replace(' ', '-')}" if number is None else f"table-{number}"
         heading = f"Beside the papers, {TITLES[method]}" if number is None else f"Table {number}"
         title = _statistics(study, TITLES[method])
-        tables.append(Table(name, heading, title, (TITLES[method], *VALUE_COLUMNS), tuple(rows), OBJECTIVE))
+        headings = (TITLES[method], *VALUE_COLUMNS, *PRINTED_COLUMNS)
+        tables.append(Table(name, heading, title, headings, tuple(rows), f"{OBJECTIVE} {NOT_PUBLIC}"))
     return tables
 
 
@@ -106,14 +117,18 @@ def model_tables(study: StudyFile, results: Lines, minima: Mapping[str, float]) 
         for cell in symmetry_cells(study):
             groups.setdefault(cell.problem, []).append(cell)
         rows = tuple(
-            (SYMMETRY_TITLES[model], wanted.population, wanted.budget, *_cells(summarise(values)))
+            (
+                SYMMETRY_TITLES[model], wanted.population, wanted.budget, *_cells(summarise(values)),
+                *_printed(printed_values.SYMMETRY[model] if wanted.method == "c_foa" else None),
+            )
             for model, cells in groups.items()
             if (values := values_of(cells, results))
         )
         name = TITLES[wanted.method]
         title = _statistics(study, f"{name} using an asymmetric and a symmetric model")
-        note = f"{OBJECTIVE} {_lowest(minima, SYMMETRY_TITLES)}"
-        tables.append(Table("table-03", "Table 3", title, (name, "N", "fun_evals", *VALUE_COLUMNS), rows, note))
+        note = f"{OBJECTIVE} {_lowest(minima, SYMMETRY_TITLES)} {NOT_PUBLIC}"
+        columns = (name, "N", "fun_evals", *VALUE_COLUMNS, *PRINTED_COLUMNS)
+        tables.append(Table("table-03", "Table 3", title, columns, rows, note))
     if len(study.comparison.models) > 1:
         several = []
         for model in study.comparison.models:
@@ -122,9 +137,9 @@ def model_tables(study: StudyFile, results: Lines, minima: Mapping[str, float]) 
                 summary = setting_summary(study, results, model, method, N, budget)
                 if summary is not None:
                     several.append((model, TITLES[method], *_cells(summary)))
-        columns = ("model", "method", *VALUE_COLUMNS)
         heading = "Beside the papers, models"
-        tables.append(Table("table-x-models", heading, "Models compared", columns, tuple(several), OBJECTIVE))
+        headings = ("model", "method", *VALUE_COLUMNS)
+        tables.append(Table("table-x-models", heading, "Models compared", headings, tuple(several), OBJECTIVE))
     return tables
 
 
@@ -154,14 +169,36 @@ def parameter_tables(study: StudyFile, results: Lines, units: Mapping[str, str])
             continue
         fits = [winners[method] for method in methods]
         rows: list[tuple[Cell, ...]] = [("", "f(s)", "", *(fit["value"] for fit in fits))]
+        known_methods = [method for method in methods if method in printed_values.FITS]
+        values = [unmirrored(fit["parameters"]) for fit in fits]
         for place, (name, unit) in enumerate(units.items(), start=1):
-            rows.append((place, name, unit, *(fit["parameters"].get(name) for fit in fits)))
+            printed = [printed_values.FITS[method].get(name) for method in known_methods]
+            rows.append((place, name, unit, *(one.get(name) for one in values), *printed))
+        rows[0] = (*rows[0], *(printed_values.BEST[method][2][0] for method in known_methods))
         titles = ", ".join(TITLES[method] for method in methods)
         columns = ("No.", "parameter", "unit", *(TITLES[method] for method in methods))
+        columns += tuple(f"{TITLES[method]} printed" for method in known_methods)
         note = "eta (9) is not searched: with constant current it cannot be identified." if "eta" in units else ""
+        note += f" {MIRRORED} {NOT_PUBLIC}"
         title = f"Optimised model parameter values using {titles}"
         tables.append(Table(f"table-{number:02d}", f"Table {number}", title, columns, tuple(rows), note))
     return tables
+
+
+def unmirrored(values: Mapping[str, float]) -> dict[str, float]:
+    """The same force with a positive beta: tanh is odd, so beta, delta, Fya and Fyb may change their signs together.
+
+    Args:
+        values: Parameters by name; those of a model without beta and Fya come back as they are. In the printed form,
+            beta (v + lambda sgn u), lambda keeps its sign.
+
+    Returns:
+        Parameters by name.
+    """
+    if not {"beta", "Fya"} <= values.keys() or values["beta"] >= 0.0:
+        return dict(values)
+    turned = {"beta", "delta", "Fya", "Fyb"}
+    return {name: -value if name in turned else value for name, value in values.items()}
 
 
 def sensitivity_tables(study: StudyFile, results: Lines) -> list[Table]:
@@ -185,14 +222,14 @@ def sensitivity_tables(study: StudyFile, results: Lines) -> list[Table]:
             groups.setdefault(f"{parameter} = {value}", []).append(cell)
         others = ", ".join(f"{name} = {value}" for name, value in held.items() if name != parameter)
         title = _statistics(study, f"c-FOA for {', '.join(groups)}, {others}, kappa = 5, M = 0.95 and c = 0.9")
+        printed = {f"{parameter} = {value}": row for value, row in printed_values.SENSITIVITY[parameter].items()}
         rows = tuple(
-            (name, *_cells(summarise(values)))
+            (name, *_cells(summarise(values)), *_printed(printed.get(name)))
             for name, cells in groups.items()
             if (values := values_of(cells, results))
         )
-        tables.append(
-            Table(f"table-{number:02d}", f"Table {number}", title, ("c-FOA", *VALUE_COLUMNS), rows, OBJECTIVE)
-        )
+        columns, note = ("c-FOA", *VALUE_COLUMNS, *PRINTED_COLUMNS), f"{OBJECTIVE} {NOT_PUBLIC}"
+        tables.append(Table(f"table-{number:02d}", f"Table {number}", title, columns, rows, note))
     return tables
 
 
@@ -222,6 +259,8 @@ def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
         ]
     if processors == 0:
         return []
+    printed_s = [printed_values.PARALLEL_S.get(count) for count in counts]
+    rows.append(("as printed (asymmetric, MATLAB)", "time / s", *printed_s))
     title = (
         f"Computational cost of the data fit problem using {TITLES[wanted.method]}: serial implementation and parallel "
         f"ones (N = {wanted.population}, fun_evals = {wanted.evaluations})"
@@ -236,6 +275,10 @@ def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
 
 def _ratio(above: float | None, below: float | None) -> float | None:
     return None if above is None or below is None else above / below
+
+
+def _printed(values: printed_values.Triple | None) -> tuple[Cell, ...]:
+    return (None, None, None) if values is None else values
 
 
 def _cells(summary: Summary) -> tuple[Cell, ...]:

@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from rig.study.post_hoc import Pair, dunn
 from rig.study.search_cell import SearchCell
 from rig.study.study_file import StudyFile
 
 Lines = Mapping[str, Mapping[str, Any]]
 
+MOST_PAIRED = 12
+"""Settings compared pair by pair after a test of them all; more have more pairs than anybody reads."""
 TITLES = {
     "c_foa": "c-FOA",
     "c_foa printed": "c-FOA as printed",
@@ -159,12 +162,15 @@ class KruskalWallis:
         p: Probability of so large an H under the hypothesis.
         mean_ranks: Mean rank of each setting over all values together, lower is better.
         note: What the reader must know of the values; empty when nothing.
+        pairs: Dunn's test of every two settings, with Holm's correction; none where there are more than `MOST_PAIRED`
+            settings.
     """
 
     statistic: float
     p: float
     mean_ranks: Mapping[str, float]
     note: str = ""
+    pairs: tuple[Pair, ...] = ()
 
 
 def kruskal_wallis(groups: Mapping[str, Sequence[float]], note: str = "") -> KruskalWallis | None:
@@ -189,4 +195,5 @@ def kruskal_wallis(groups: Mapping[str, Sequence[float]], note: str = "") -> Kru
     outcome = kruskal(*values)
     ranks = np.split(rankdata(pooled), np.cumsum([len(group) for group in values])[:-1])
     mean_ranks = {name: float(np.mean(part)) for name, part in zip(groups, ranks, strict=True)}
-    return KruskalWallis(float(outcome.statistic), float(outcome.pvalue), mean_ranks, note)
+    pairs = dunn(groups) if len(groups) <= MOST_PAIRED else ()
+    return KruskalWallis(float(outcome.statistic), float(outcome.pvalue), mean_ranks, note, pairs)

@@ -6,7 +6,7 @@ Paper 2's searches, too: one test at one current, a Bouc-Wen model without affin
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -211,6 +211,22 @@ class Workbench:
                 return np.tile([-WIDE_BOUND, WIDE_BOUND], (problem.n_parameters, 1))
             case _:
                 return problem.bounds
+
+    def current_force(self, method: str, line: Mapping[str, Any], test: Measurement) -> FloatArray:
+        """Force (N), shape (n,), of a result of the per-current study on a recording.
+
+        Args:
+            method: As the study file writes it.
+            line: Its result.
+            test: The recording.
+
+        Raises:
+            ValueError: The study has no per-current part.
+        """
+        if self.study.current is None:
+            raise ValueError("this study has no per-current part")
+        name = "normalized_bouc_wen" if method == "zhu_three_step" else self.study.current.model
+        return modelled_force(damper_model(name), {**CURRENT_FIXED[name], **line["parameters"]}, test)
 
     def _run_current(self, cell: SearchCell, callback: Callback | None) -> dict[str, Any]:
         wanted = self.study.current

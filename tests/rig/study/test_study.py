@@ -112,9 +112,20 @@ def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_stud
         assert float(row["MV"]) == pytest.approx(np.mean(found))
         assert float(row["SD"]) == pytest.approx(np.std(found, ddof=1))
 
+    said = {finding["slug"]: finding for finding in outcome.facts["findings"]}
+    assert {"best-methods", "search-error", "asymmetric-model", "sensitivity-N"} <= said.keys()
+    assert all(one["verdict"] in {"holds", "does not hold", "cannot be told"} for one in said.values())
+    best = next(table for table in outcome.tables if table.name == "table-02")
+    (of_pso,) = (row for row in best.rows if "Swarm" in str(row[0]))
+    assert of_pso[-3:] == (3.39e7, 5.44e7, 1.40e7)  # as Table 2 prints them
+    tuned = next(test for name, test in outcome.kruskal_wallis.items() if name.startswith("best-tuned"))
+    assert tuned is not None
+    assert len(tuned.pairs) == 3
     page = outcome.page.read_text()
+    assert page.index("id='findings'") < page.index("id='table-01'")
+    assert all(f"id='figure-{name}'" in page for name in ("04", "05", "08-pair", "10", "11"))
     assert "Kruskal-Wallis" in page
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 12
     plain = json.loads((tmp_path / "out" / "study.json").read_text())
     assert plain["kruskal_wallis"]["all settings"]["p"] <= 1.0
     assert len(plain["kruskal_wallis"]["all settings"]["mean_ranks"]) == 3 * 2 * 2
@@ -172,7 +183,8 @@ def test_table_6_holds_time_speed_up_and_efficiency_of_serial_and_parallel_compu
     outcome = run_study(small_study, tmp_path / "out", processes=1)
     table = next(table for table in outcome.tables if table.name == "table-06")
     assert table.columns[2:] == ("serial computing", "parallel computing with 2 processes")
-    seconds, speed_up, efficiency = (row[2:] for row in table.rows)
+    seconds, speed_up, efficiency, printed = (row[2:] for row in table.rows)
+    assert printed == (201.0, 154.0)
     assert min(seconds) > 0.0
     assert speed_up == (1.0, pytest.approx(seconds[0] / seconds[1]))
     assert efficiency == (1.0, pytest.approx(speed_up[1] / 2.0))

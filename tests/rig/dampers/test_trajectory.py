@@ -1,0 +1,69 @@
+"""Force and states along a motion from a known start, and the current that gives a force, by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rig.dampers import model
+from rig.dampers.kernel import force_series
+from rig.dampers.trajectory import inverse_of, trajectory_of
+
+BINGHAM = model("bingham")
+VALUES = {"fc": 60.0, "fc_b": 238.0, "c0": 700.0, "c0_b": 110.0, "f0": -270.0}
+P = BINGHAM.vector(VALUES)[None, :]
+GRID = np.linspace(0.0, 2.0, 5)
+STILL = np.zeros((1, 1))
+
+
+def answer(speeds: list[float], wanted: list[float]) -> np.ndarray:
+    v = np.array(speeds)
+    none = np.zeros_like(v)
+    return np.asarray(inverse_of(BINGHAM)(P, GRID, GRID, STILL, none, v, none, np.array(wanted), 0.0))
+
+
+def test_the_force_along_a_motion_is_the_models() -> None:
+    v, current, none = np.array([0.1, -0.2]), np.array([1.0, 0.0]), np.zeros(2)
+    force, _ = trajectory_of(BINGHAM)(P, STILL[0], none, v, none, current, 1e-3)
+    assert force == pytest.approx([298.0 + 81.0 - 270.0, -60.0 - 140.0 - 270.0])
+    later = np.vstack((P, BINGHAM.vector({**VALUES, "f0": 0.0})))  # parameters change from sample to sample
+    force, _ = trajectory_of(BINGHAM)(later, STILL[0], none, v, none, current, 1e-3)
+    assert force == pytest.approx([109.0, -200.0])
+
+
+def test_the_current_that_gives_a_force_and_what_it_is_worth() -> None:
+    # at 0.1 m/s: F = 60 + 70 - 270 + (238 + 11) I
+    rows = answer([0.1, 0.1, 0.1], [109.0, -140.0 + 249.0 * 0.7, 358.0])
+    assert rows[:, 0] == pytest.approx([1.0, 0.7, 2.0])
+    assert rows[:, 1] == pytest.approx([109.0, 34.3, 358.0])
+    assert rows[:, 2] == pytest.approx([249.0] * 3)
+    assert list(rows[:, 3]) == [1.0, 1.0, 1.0]
+
+
+def test_a_force_out_of_reach_gets_the_current_whose_force_is_nearest() -> None:
+    # at 0.1 m/s currents give -140 to 358 N; at -0.1 m/s -400 to -898 N
+    rows = answer([0.1, 0.1, -0.1], [5000.0, -200.0, 0.0])
+    assert list(rows[:, 3]) == [0.0, 0.0, 0.0]
+    assert rows[:, 0] == pytest.approx([2.0, 0.0, 0.0])
+    assert rows[:, 1] == pytest.approx([358.0, -140.0, -400.0])
+    assert rows[:, 4] == pytest.approx([-140.0, -140.0, -898.0])
+    assert rows[:, 5] == pytest.approx([358.0, 358.0, -400.0])
+
+
+def test_states_follow_the_motion_and_the_currents_that_are_found() -> None:
+    damper, dt_s = model("normalized_bouc_wen"), 1e-3
+    p = damper.vector(damper.demonstration)
+    time_s = np.arange(400) * dt_s
+    u, v = 0.01 * np.sin(12.0 * time_s), 0.12 * np.cos(12.0 * time_s)
+    a, one = -1.44 * np.sin(12.0 * time_s), np.ones(time_s.size)
+    start = damper.initial_state()
+    force, states = trajectory_of(damper)(p[None, :], start, u, v, a, one, dt_s)
+    assert force == pytest.approx(force_series(damper, p, start, u, v, a, one, dt_s, 0), rel=1e-3, abs=1.0)
+    assert states[0, 0] == 0.0  # from rest
+    assert states[100, 0] == pytest.approx(1.0, abs=1e-3)  # yielded: 9.3 mm of travel, rho = 1500 1/m
+    assert np.max(np.abs(states)) <= 1.0
+    found = inverse_of(damper)(p[None, :], GRID, GRID, start[None, :], u, v, a, force, dt_s)
+    clear = np.abs(found[:, 2]) > 20.0  # N/A: around a reversal of the loop the current has no say
+    assert np.count_nonzero(clear) > 300
+    assert found[clear, 0] == pytest.approx(one[clear], abs=1e-3)
+    assert found[:, 6] == pytest.approx(states[:, 0], abs=1e-6)
