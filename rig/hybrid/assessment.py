@@ -78,8 +78,8 @@ def assess(record: Record) -> Assessment | None:
         return None
     target = np.column_stack([record.target_m, record.body_m, record.wheel_m])
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = criteria(target, record.measured_m, record.reference_m, record.step_s)
-    numbers = {name: value for name, value in found.items() if math.isfinite(value)}
+        every_number = criteria(target, record.measured_m, record.reference_m, record.step_s)
+    numbers = {name: value for name, value in every_number.items() if math.isfinite(value)}
     body = _band_error(record.body_m, record.reference_m[:, 1], record.step_s, BODY_BAND_Hz)
     wheel = _band_error(record.wheel_m, record.reference_m[:, 2], record.step_s, HOP_BAND_Hz)
     return Assessment(0.01 * numbers["J2"] if "J2" in numbers else None, body, wheel, numbers)
