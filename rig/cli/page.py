@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from rig.cli.options import Command, run_argument
-from rig.cli.output import say
+from rig.cli.options import Command, json_option, run_argument
+from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE, FileProblem
 
 if TYPE_CHECKING:
@@ -123,7 +124,10 @@ def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[
 )
 @run_argument
 @page_options
-def command(run: Path, page_address: str | None, page_cert: Path | None, page_key: Path | None) -> int:
+@json_option
+def command(
+    run: Path, page_address: str | None, page_cert: Path | None, page_key: Path | None, as_json: bool
+) -> int:
     """Serve the operator's page of RUN, a campaign that runs or has ended, until Ctrl-C.
 
     Prints its address as `page: URL`. The campaign does not notice the page, nor its end.
@@ -136,8 +140,14 @@ def command(run: Path, page_address: str | None, page_cert: Path | None, page_ke
     settings = page_settings(page_address, page_cert, page_key)
     if settings is not None:
         of_run = replace(settings, run=str(_campaign(run)))
-        asyncio.run(serve_page(of_run, lambda url: say(f"page: {url}", err=True)))
+        asyncio.run(serve_page(of_run, partial(_announce, as_json=as_json)))
     return EXIT_DONE
+
+
+def _announce(url: str, *, as_json: bool) -> None:
+    say(f"page: {url}", err=True)
+    if as_json:
+        write_json({"page": url})
 
 
 def _campaign(run: Path) -> Path:
