@@ -20,6 +20,7 @@ from typing import Any
 from rig.campaign.live_display import LiveDisplay
 from rig.clock import utc_now
 from rig.recording.journal.campaign_log import CampaignLog
+from rig.recording.run import WORDS_FILE
 from rig.station.live_folder import (
     APPLICATION_SOCKET,
     LINK_FILE,
@@ -35,8 +36,6 @@ from rig.station.stop_socket import asked_by
 MOST_AT_ONCE = 8
 """Messages taken in one turn of the campaign's loop."""
 MOST_NOTES = 1000
-WORDS_FILE = "operator.json"
-"""In the campaign's directory: what was typed on a page."""
 LONGEST_WORDS = {"operator": 80, "specimen": 500, "note": 2000, "acknowledged": 80}
 
 

@@ -20,12 +20,9 @@ def document() -> bytes:
 
 @cache
 def headers() -> dict[str, str]:
-    """What goes with it: only what is in the page itself may run, and it may speak to this server alone.
-
-    The page's script evaluates no text; `unsafe-eval` is for programs that drive the page (Playwright waits so).
-    """
+    """What goes with it: only what is in the page itself may run, and it may speak to this server alone."""
     policy = (
-        f"default-src 'none'; script-src '{_digest(_script())}' 'unsafe-eval'; "
+        f"default-src 'none'; script-src '{_digest(_script())}'; "
         f"style-src '{_digest(_static('page.css'))}'; "
         "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )

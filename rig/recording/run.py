@@ -26,6 +26,9 @@ RELATIVE_TOLERANCE = 1e-6
 IMPORTED_TOLERANCE = 0.05
 """Amplitude and frequency of an imported test are estimates of what somebody asked for."""
 
+WORDS_FILE = "operator.json"
+"""In the campaign's directory: what was typed on an operator's page."""
+
 
 @dataclass(frozen=True)
 class Selection:
@@ -166,6 +169,16 @@ def read_campaign(folder: Path) -> dict[str, Any]:
     if not file.is_file():
         return {}
     return read_json(file)
+
+
+def read_words(folder: Path) -> dict[str, Any]:
+    """What was typed on the operator's page, `operator.json`: `operator`, `specimen`, `notes`; empty without one.
+
+    Raises:
+        FileProblem: the file is there but is not a JSON object.
+    """
+    file = folder / WORDS_FILE
+    return read_json(file) if file.is_file() else {}
 
 
 def _why_no_run(place: Path) -> str:

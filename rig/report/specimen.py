@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from rig.bench.toml_source import read_toml
 from rig.errors import FileProblem
-from rig.recording.run import Run
+from rig.recording.run import Run, read_words
 from rig.report.fragment import data_list, heading, lead
 
 PEOPLE = ("operator", "notes")
@@ -27,11 +27,26 @@ def described_specimen(run: Run) -> str:
     if isinstance(given, Mapping):
         shown |= {str(name): value for name, value in given.items() if isinstance(value, (str, int, float))}
         shown.pop("serial_number", None)
-    people = {name: run.campaign.get(name) for name in PEOPLE}
+    typed = _typed(run)
+    if typed.get("specimen"):
+        shown["specimen, as typed"] = str(typed["specimen"])
+    people = {name: run.campaign.get(name) or typed.get(name) for name in PEOPLE}
     shown |= {name: value for name, value in people.items() if isinstance(value, (str, int, float)) and value}
     unknown = [name for name, value in people.items() if not value]
     note = lead(f"Not given: {', '.join(unknown)}.") if unknown else ""
     return heading("Specimen and operator") + data_list(shown) + note
+
+
+def _typed(run: Run) -> dict[str, object]:
+    """What was typed on the operator's page; the notes in one text, with the day and who wrote each."""
+    try:
+        words = read_words(run.path)
+    except FileProblem:
+        return {}
+    notes = words.get("notes")
+    told = [note for note in notes if isinstance(note, Mapping)] if isinstance(notes, list) else []
+    lines = [f"{note.get('utc', '')} {note.get('by', '')}: {note.get('text', '')}" for note in told]
+    return {**words, "notes": "; ".join(lines)}
 
 
 def _matrix(run: Run) -> dict[str, object]:

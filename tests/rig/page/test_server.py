@@ -121,7 +121,7 @@ def test_the_page_is_one_document_that_fetches_nothing_and_runs_only_its_own_scr
         assert (status, body) == (200, document())
         policy = headers["Content-Security-Policy"]
         assert "default-src 'none'" in policy
-        assert "unsafe-inline" not in policy
+        assert "unsafe" not in policy
         assert headers["Referrer-Policy"] == "no-referrer"
 
     served(rig, do)

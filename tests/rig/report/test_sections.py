@@ -68,6 +68,19 @@ def test_specimen_operator_notes_and_events_are_in_the_report_and_stay_text(run:
     assert "connecting" not in happened
 
 
+def test_what_was_typed_on_the_operators_page_is_in_the_report(run: Path) -> None:
+    (run / "campaign.json").write_text('{"specimen": "X"}')
+    (run / "operator.json").write_text(json.dumps({
+        "operator": "B. Typist", "specimen": "oil <b>changed</b>",
+        "notes": [{"utc": "2026-01-01T10:00:00+00:00", "by": "B. Typist", "text": "<script>n()</script> squeaks"}],
+    }))  # fmt: skip
+    page = write_report(run).read_text(encoding="utf-8")
+    told = page[page.index("Specimen and operator"):]
+    assert "oil &lt;b&gt;changed&lt;/b&gt;" in told
+    assert "2026-01-01T10:00:00+00:00 B. Typist: &lt;script&gt;n()&lt;/script&gt; squeaks" in told
+    assert "Not given" not in told
+
+
 def test_numbers_have_the_digits_that_are_known_and_no_more(run: Path) -> None:
     page = write_report(run).read_text(encoding="utf-8")
     assert "<dt>dt</dt><dd>0.3</dd>" in page
