@@ -173,6 +173,7 @@ def _told(lines: Sequence[Mapping[str, Any]], first_ns: int, last_ns: int) -> di
                 before = {name: int(line.get(name) or 0) for name in before}
             elif "late_steps" not in told:
                 p99_s = line.get("p99_s")
-                told["late_steps"] = int(line.get("late") or 0) - before["late"]
+                same_session = int(line.get("steps") or 0) >= before["steps"]  # a new one counts from 0
+                told["late_steps"] = int(line.get("late") or 0) - (before["late"] if same_session else 0)
                 told["p99_step_ms"] = 1e3 * p99_s if isinstance(p99_s, float) and math.isfinite(p99_s) else None
     return told

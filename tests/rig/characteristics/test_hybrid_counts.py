@@ -1,0 +1,20 @@
+"""Late set-points of a hybrid test are those of its own session."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rig.characteristics.hybrid_tests import _told
+
+
+def counted(t_ns: int, steps: int, late: int) -> dict[str, Any]:
+    return {"event": "station", "what": "setpoints", "t_ns": t_ns, "steps": steps, "late": late, "p99_s": 0.0004}
+
+
+def test_counts_of_one_session_go_on() -> None:
+    told = _told([counted(50, 900, 3), counted(250, 2400, 5)], 100, 200)
+    assert (told["late_steps"], told["p99_step_ms"]) == (2, 0.4)
+
+
+def test_a_session_after_another_one_counts_anew() -> None:
+    assert _told([counted(50, 2400, 7), counted(250, 1500, 2)], 100, 200)["late_steps"] == 2
