@@ -21,6 +21,7 @@ def test_an_adapter_that_is_gone_is_named_and_the_ecu_goes_to_zero_by_itself(
     assert ending.truth.first("ECU_FAULT", text="COMMAND_TIMEOUT")
 
 
+@pytest.mark.nightly
 def test_status_frames_that_come_twice_warn_and_stop_when_they_keep_coming(run: Run) -> None:
     ending = run("ecu-late@6.3")
     assert_stopped(ending, "ecu-late")

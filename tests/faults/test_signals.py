@@ -55,6 +55,7 @@ def test_a_killed_application_leaves_a_rig_at_rest_and_a_campaign_that_resumes(
     assert_completed(ending.folder)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("where", ["moving", pytest.param("in_motion", marks=pytest.mark.wire)])
 def test_a_killed_station_leaves_controller_and_ecu_to_stop_by_themselves(
     request: pytest.FixtureRequest, where: str

@@ -270,6 +270,7 @@ def test_the_fault_list_names_all_sixty_four_rows() -> None:
     assert stuck["variants"] == ["sensor-stuck:lvdt"]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "arguments",
     [["--fault", "sigkill"], ["--option", "load_cell.noize=1"], ["--model", "kwokk"], ["--speed", "0"],

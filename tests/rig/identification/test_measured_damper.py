@@ -39,6 +39,7 @@ def one_motion_out(tests: list[Measurement]) -> Iterator[tuple[list[Measurement]
         yield [each for each in tests if not any(each is other for other in out)], out
 
 
+@pytest.mark.nightly
 def test_thinning_bouc_wen_foretells_unseen_motions_to_a_tenth_of_the_peak(measured: list[Measurement]) -> None:
     assert len(measured) == 20
     errors = []
@@ -69,6 +70,7 @@ def test_the_step_after_a_reversal_is_a_third_of_a_millimetre_long(measured: lis
     assert fit.error.nrmse_percent_of_peak < 5.8
 
 
+@pytest.mark.nightly
 def test_the_data_choose_the_model_made_for_real_dampers(measured: list[Measurement]) -> None:
     kept, out = list(one_motion_out(measured))[1]
     fit = identify(kept, model="all", holdout=out)

@@ -81,6 +81,7 @@ def test_a_population_evaluated_by_two_workers_finds_the_same_search(scheduler: 
     assert together.best == pytest.approx(alone.best, rel=1e-9)
 
 
+@pytest.mark.nightly
 def test_a_study_on_a_scheduler_has_the_same_tables(small_study: Path, tmp_path: Path, scheduler: str) -> None:
     here = run_study(small_study, tmp_path / "here", processes=1)
     there = run_study(small_study, tmp_path / "there", scheduler=scheduler)
@@ -99,6 +100,7 @@ def test_rig_identify_on_a_scheduler_finds_the_same_fit(
     assert fits[0]["parameters"] == fits[1]["parameters"]
 
 
+@pytest.mark.nightly
 def test_a_method_without_populations_has_no_use_for_a_scheduler(
     run_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

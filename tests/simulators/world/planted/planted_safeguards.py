@@ -43,7 +43,10 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
         Edit(CONTROLLER, "if self._apart >= 2 * CONSECUTIVE:", "if False:"),
     ),
     "overrun": (
-        Edit(CONTROLLER, "elif self.clock_s - self._program_began_s > self._program_s + self._overrun_s():", "elif False:"),
+        Edit(
+            CONTROLLER, "elif self.clock_s - self._program_began_s > self._program_s + self._overrun_s():",
+            "elif False:",
+        ),
         Edit(CONTROLLER, "if self._restless >= 4 * CONSECUTIVE:", "if False:"),
     ),
     # What the ECU says
