@@ -93,7 +93,7 @@ def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
         say(f"written: {path}")
     bench, matrix = folder / BENCH, folder / MATRIX
     say(f"next: look at what is marked \"yours\" in {bench}, then\n  rig check {bench}\n"
-        f"  rig plan {matrix} --bench {bench}\n  rig run {matrix} --bench {bench} --simulate --speed 20")
+        f"  rig plan {matrix} --bench {bench}\n  rig run {matrix} --bench {bench} --simulate --speed 5")
     return EXIT_DONE
 
 

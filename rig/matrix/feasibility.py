@@ -132,6 +132,8 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     if _beyond(FEWEST_SETPOINTS, told):
         poll_ms = 1e3 * streamed_s
         text = f"{told:.3g} set-points a cycle at a poll of {poll_ms:.3g} ms; a motion needs {FEWEST_SETPOINTS}"
+        if bench.clock.device_rate > 1.0:
+            text += f": --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} at most"
         yield Reason("sampling", text)
 
 

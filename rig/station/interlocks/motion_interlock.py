@@ -1,9 +1,10 @@
 """Is the rod moving, how fast, and does a sensor say so? Pure, no clock, no I/O.
 
 `MotionInterlock` follows the LVDT. `StandingInterlock` compares a sensor that repeats one value with what the
-controller says of the rod by its own transducers. A sensor whose steps are finer than its noise is stuck when the rod
-has gone a way meanwhile. One of coarse steps may repeat a value along a whole stroke; it is stuck when the controller's
-own measure of it has changed by several of those steps.
+controller says of the rod by its own transducers. A sensor whose steps are finer than its noise is stuck when it
+repeats some polls after the rod was seen to have gone a way: what it sent before may still have been under way. One of
+coarse steps may repeat a value along a whole stroke; it is stuck when the controller's own measure of it has changed by
+several of those steps.
 """
 
 from __future__ import annotations
@@ -144,10 +145,12 @@ class StandingInterlock:
             self._began, self._beyond_since = reference, None
             self._low, self._high = math.inf, -math.inf
         self._repeats = repeats
+        if fine and reference.path_m - self._began.path_m > TRAVEL_M and self._beyond_since is None:
+            self._beyond_since = reference.polls
         if repeats < self._samples:
             return False
         if fine:
-            return reference.path_m - self._began.path_m > TRAVEL_M
+            return self._beyond_since is not None and reference.polls - self._beyond_since >= SETTLED_POLLS
         if reference.polls - self._began.polls < SETTLED_POLLS or not math.isfinite(reference.value):
             return False
         self._low, self._high = min(self._low, reference.value), max(self._high, reference.value)

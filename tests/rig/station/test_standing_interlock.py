@@ -86,3 +86,20 @@ def test_an_lvdt_of_coarse_steps_stands_at_a_reversal_and_is_well() -> None:
     for number in range(100):
         path_m += 1e-5
         assert not judge.judge(number, Reference(number, path_m, 1e-5 * number % 2e-4), fine=False, step=1e-4)
+
+
+def test_samples_that_come_later_than_the_controllers_word_call_nothing_stuck() -> None:
+    """A rig twenty times faster than life: what was sent before the motion is read after its first polls."""
+    judge = StandingInterlock(SAMPLES, FLOOR_N)
+    assert not any(judge.judge(number, Reference(number // 20, 0.0, 5.0), fine=True, step=0.0) for number in range(400))
+    on_the_way = [
+        judge.judge(400 + 30 * late, Reference(20 + late, 5e-3 * late, 5.0), fine=True, step=0.0) for late in range(5)
+    ]
+    assert not any(on_the_way)
+    judge.forget()
+    assert not judge.judge(1, Reference(26, 30e-3, 5.0), fine=True, step=0.0)
+    still = [
+        judge.judge(1 + 30 * late, Reference(26 + late, 30e-3 + 5e-3 * late, 5.0), fine=True, step=0.0)
+        for late in range(8)
+    ]
+    assert still.index(True) == 6, "five polls after the way was seen"
