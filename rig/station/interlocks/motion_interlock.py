@@ -1,10 +1,10 @@
 """Is the rod moving, how fast, and does a sensor say so? Pure, no clock, no I/O.
 
 `MotionInterlock` follows the LVDT. `StandingInterlock` compares a sensor that repeats one value with what the
-controller says of the rod by its own transducers. A sensor whose steps are finer than its noise is stuck when it
-repeats some polls after the rod was seen to have gone a way: what it sent before may still have been under way. One of
-coarse steps may repeat a value along a whole stroke; it is stuck when the controller's own measure of it has changed by
-several of those steps.
+controller says of the rod by its own transducers. A sensor whose steps are finer than its noise is stuck when the rod
+has gone a way meanwhile; where it repeated at rest already, some polls after that was seen: what it sent before may
+still have been under way. One of coarse steps may repeat a value along a whole stroke; it is stuck when the
+controller's own measure of it has changed by several of those steps.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ SPEED_WINDOW_S = 0.010
 STILL_TOLERANCE_M = 0.0003
 TRAVEL_M = 0.2e-3
 STEPS = 4.0
+FEW_POLLS = 2
+"""A rod that has gone no way in so many polls rested when the value began to stand."""
 SETTLED_POLLS = 5
 """Polls of the controller, before and after, by which its status and the sensor may differ in age."""
 
@@ -124,6 +126,7 @@ class StandingInterlock:
         self._began = Reference(0, 0.0, math.nan)
         self._low = self._high = math.nan
         self._beyond_since: int | None = None
+        self._rested = False
 
     def forget(self) -> None:
         """The last sample has another value than the one before."""
@@ -142,15 +145,13 @@ class StandingInterlock:
             True while it stands and the rod does not.
         """
         if repeats < self._repeats or self._repeats == 0:
-            self._began, self._beyond_since = reference, None
+            self._began, self._beyond_since, self._rested = reference, None, False
             self._low, self._high = math.inf, -math.inf
         self._repeats = repeats
-        if fine and reference.path_m - self._began.path_m > TRAVEL_M and self._beyond_since is None:
-            self._beyond_since = reference.polls
+        if fine:
+            return self._gone_a_way(reference) and repeats >= self._samples
         if repeats < self._samples:
             return False
-        if fine:
-            return self._beyond_since is not None and reference.polls - self._beyond_since >= SETTLED_POLLS
         if reference.polls - self._began.polls < SETTLED_POLLS or not math.isfinite(reference.value):
             return False
         self._low, self._high = min(self._low, reference.value), max(self._high, reference.value)
@@ -158,3 +159,12 @@ class StandingInterlock:
             return False
         self._beyond_since = reference.polls if self._beyond_since is None else self._beyond_since
         return reference.polls - self._beyond_since >= SETTLED_POLLS
+
+    def _gone_a_way(self, reference: Reference) -> bool:
+        """Since the value stands; where it stood before the rod moved, some polls ago."""
+        if reference.path_m - self._began.path_m <= TRAVEL_M:
+            self._rested = self._rested or reference.polls - self._began.polls >= FEW_POLLS
+            return False
+        if self._beyond_since is None:
+            self._beyond_since = reference.polls
+        return not self._rested or reference.polls - self._beyond_since >= SETTLED_POLLS

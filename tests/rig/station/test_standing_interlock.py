@@ -102,4 +102,11 @@ def test_samples_that_come_later_than_the_controllers_word_call_nothing_stuck() 
         judge.judge(1 + 30 * late, Reference(26 + late, 30e-3 + 5e-3 * late, 5.0), fine=True, step=0.0)
         for late in range(8)
     ]
-    assert still.index(True) == 6, "five polls after the way was seen"
+    assert still.index(True) == 1, "a value that followed the motion and then stands is seen at once"
+
+
+def test_a_value_that_stands_from_the_rest_on_is_seen_five_polls_after_the_motion() -> None:
+    judge = StandingInterlock(SAMPLES, FLOOR_N)
+    assert not any(judge.judge(1 + number, Reference(number, 0.0, 5.0), fine=True, step=0.0) for number in range(40))
+    said = [judge.judge(41 + late, Reference(40 + late, 1e-3 * late, 5.0), fine=True, step=0.0) for late in range(10)]
+    assert said.index(True) == 6, "in the first poll it had gone no way, in the second it had"
