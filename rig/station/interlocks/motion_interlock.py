@@ -2,8 +2,8 @@
 
 `MotionInterlock` follows the LVDT. `StandingInterlock` compares a sensor that repeats one value with what the
 controller says of the rod by its own transducers. A sensor whose steps are finer than its noise is stuck when the rod
-has gone a way meanwhile; where it repeated at rest already, some polls after that was seen: what it sent before may
-still have been under way. One of coarse steps may repeat a value along a whole stroke; it is stuck when the
+has gone a way meanwhile; where it had not followed a motion before, some polls after that was seen: what it sent at
+rest may still have been under way. One of coarse steps may repeat a value along a whole stroke; it is stuck when the
 controller's own measure of it has changed by several of those steps.
 """
 
@@ -21,8 +21,6 @@ SPEED_WINDOW_S = 0.010
 STILL_TOLERANCE_M = 0.0003
 TRAVEL_M = 0.2e-3
 STEPS = 4.0
-FEW_POLLS = 2
-"""A rod that has gone no way in so many polls rested when the value began to stand."""
 SETTLED_POLLS = 5
 """Polls of the controller, before and after, by which its status and the sensor may differ in age."""
 
@@ -125,12 +123,16 @@ class StandingInterlock:
         self._repeats = 0
         self._began = Reference(0, 0.0, math.nan)
         self._low = self._high = math.nan
+        self._from: Reference | None = None
         self._beyond_since: int | None = None
-        self._rested = False
+        self._seen = Reference(0, 0.0, math.nan)
+        self._moving = 0
+        self._followed = False
 
-    def forget(self) -> None:
-        """The last sample has another value than the one before."""
+    def forget(self, reference: Reference) -> None:
+        """The last sample has another value than the one before; the controller's last status."""
         self._repeats = 0
+        self._follow(reference)
 
     def judge(self, repeats: int, reference: Reference, *, fine: bool, step: float) -> bool:
         """Take one read.
@@ -144,8 +146,10 @@ class StandingInterlock:
         Returns:
             True while it stands and the rod does not.
         """
+        self._follow(reference)
         if repeats < self._repeats or self._repeats == 0:
-            self._began, self._beyond_since, self._rested = reference, None, False
+            self._began, self._from, self._beyond_since = reference, None, None
+            self._followed = self._moving >= SETTLED_POLLS
             self._low, self._high = math.inf, -math.inf
         self._repeats = repeats
         if fine:
@@ -161,10 +165,18 @@ class StandingInterlock:
         return reference.polls - self._beyond_since >= SETTLED_POLLS
 
     def _gone_a_way(self, reference: Reference) -> bool:
-        """Since the value stands; where it stood before the rod moved, some polls ago."""
-        if reference.path_m - self._began.path_m <= TRAVEL_M:
-            self._rested = self._rested or reference.polls - self._began.polls >= FEW_POLLS
+        """Since the first poll after the value began to stand; where it followed no motion before, some polls ago."""
+        if self._from is None:
+            self._from = reference if reference.polls > self._began.polls else None
+            return False
+        if reference.path_m - self._from.path_m <= TRAVEL_M:
             return False
         if self._beyond_since is None:
             self._beyond_since = reference.polls
-        return not self._rested or reference.polls - self._beyond_since >= SETTLED_POLLS
+        return self._followed or reference.polls - self._beyond_since >= SETTLED_POLLS
+
+    def _follow(self, reference: Reference) -> None:
+        """Count the polls in a row in each of which the rod had moved on."""
+        if reference.polls != self._seen.polls:
+            self._moving = self._moving + 1 if reference.path_m > self._seen.path_m else 0
+            self._seen = reference

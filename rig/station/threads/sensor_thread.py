@@ -222,8 +222,10 @@ class SensorThread(ReadingThread):
     def _stands(self) -> bool:
         """The value repeats while the controller's does not."""
         judge = self.judge
-        if self._reference is None or judge.repeats == 0:
-            self._standing.forget()
+        if self._reference is None:
+            return False
+        if judge.repeats == 0:
+            self._standing.forget(self._reference())
             return False
         step = judge.step if math.isfinite(judge.step) else 0.0
         return self._standing.judge(judge.repeats, self._reference(), fine=judge.fine, step=step)

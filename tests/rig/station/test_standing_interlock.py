@@ -88,25 +88,37 @@ def test_an_lvdt_of_coarse_steps_stands_at_a_reversal_and_is_well() -> None:
         assert not judge.judge(number, Reference(number, path_m, 1e-5 * number % 2e-4), fine=False, step=1e-4)
 
 
+def judged(judge: StandingInterlock, repeats: int, polls: int, path_m: float) -> bool:
+    return judge.judge(repeats, Reference(polls, path_m, 5.0), fine=True, step=0.0)
+
+
 def test_samples_that_come_later_than_the_controllers_word_call_nothing_stuck() -> None:
-    """A rig twenty times faster than life: what was sent before the motion is read after its first polls."""
+    """A rig twenty times faster than life: what was sent at rest is read after the motion's first polls."""
     judge = StandingInterlock(SAMPLES, FLOOR_N)
-    assert not any(judge.judge(number, Reference(number // 20, 0.0, 5.0), fine=True, step=0.0) for number in range(400))
-    on_the_way = [
-        judge.judge(400 + 30 * late, Reference(20 + late, 5e-3 * late, 5.0), fine=True, step=0.0) for late in range(5)
-    ]
-    assert not any(on_the_way)
-    judge.forget()
-    assert not judge.judge(1, Reference(26, 30e-3, 5.0), fine=True, step=0.0)
-    still = [
-        judge.judge(1 + 30 * late, Reference(26 + late, 30e-3 + 5e-3 * late, 5.0), fine=True, step=0.0)
-        for late in range(8)
-    ]
-    assert still.index(True) == 1, "a value that followed the motion and then stands is seen at once"
+    for number in range(40):  # at rest, noise changes the value now and then, the last time just before the motion
+        judge.forget(Reference(number, 0.0, 5.0))
+    assert not judged(judge, 1, 39, 0.0)
+    assert not any(judged(judge, 1 + 30 * late, 39 + late, 5e-3 * late) for late in range(1, 6))
 
 
 def test_a_value_that_stands_from_the_rest_on_is_seen_five_polls_after_the_motion() -> None:
     judge = StandingInterlock(SAMPLES, FLOOR_N)
-    assert not any(judge.judge(1 + number, Reference(number, 0.0, 5.0), fine=True, step=0.0) for number in range(40))
-    said = [judge.judge(41 + late, Reference(40 + late, 1e-3 * late, 5.0), fine=True, step=0.0) for late in range(10)]
+    assert not any(judged(judge, 1 + number, number, 0.0) for number in range(40))
+    said = [judged(judge, 41 + late, 40 + late, 1e-3 * late) for late in range(10)]
     assert said.index(True) == 6, "in the first poll it had gone no way, in the second it had"
+
+
+def test_a_value_that_followed_the_motion_and_then_stands_is_seen_at_once() -> None:
+    judge = StandingInterlock(SAMPLES, FLOOR_N)
+    for number in range(10):
+        judge.forget(Reference(number, 1e-3 * number, 5.0))
+    said = [judged(judge, 1 + 10 * late, 10 + late, 1e-3 * (10 + late)) for late in range(10)]
+    assert said.index(True) == math.ceil((SAMPLES - 1) / 10)
+
+
+def test_a_rod_that_came_to_rest_after_the_controllers_last_word_is_not_stuck() -> None:
+    judge = StandingInterlock(SAMPLES, FLOOR_N)
+    for number in range(10):
+        judge.forget(Reference(number, 1e-3 * number, 5.0))
+    assert not judged(judge, 1, 9, 9e-3)
+    assert not any(judged(judge, 1 + 30 * late, 9 + late, 12e-3) for late in range(1, 20))
