@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -130,9 +131,14 @@ def test_what_is_shown_of_a_campaign_stands_in_whole_files(link: LiveLink) -> No
     assert (state["phase"], state["point"], state["cycles"], state["time_left_s"]) == ("running", "p001", 3, 12.5)
     assert state["messages"][0]["text"] == "<b>"
     assert read_json(link.folder / "results.json")["p001"]["verdict"] == "valid"
-    ended = SimpleNamespace(valid=1, total=1, rig_state="safe", stopped_by=None, exit_code=0)
+    doubted = replace(result, verdict="suspect", reasons=("zero-return: 12 N",))
+    never = PointResult("p002", None, "not run", (), "sine", 0.03, 2.0, 1.0, 0)
+    points = (doubted, never)
+    ended = SimpleNamespace(points=points, valid=0, total=2, rig_state="safe", stopped_by=None, exit_code=5)
     link.display.ended(cast("Any", ended), ["done"])
     assert read_json(link.folder / "state.json")["ended"]["lines"] == ["done"]
+    told = {name: point["verdict"] for name, point in read_json(link.folder / "results.json").items()}
+    assert told == {"p001": "suspect"}, "a verdict that the end of the session changed does not stay as it was"
 
 
 def test_the_folder_goes_with_the_campaign(tmp_path: Path) -> None:
