@@ -78,7 +78,7 @@ class EndedRun:
 
     def frame(self, point_id: str) -> bytes | None:
         """The last cycles of a recorded point, and its last 20 s, as one frame; None where nothing can be read."""
-        point = next((each for each in self.result["points"] if each.get("id") == point_id), None)
+        point = next((known for known in self.result["points"] if known.get("id") == point_id), None)
         path = None if point is None else self._file(point)
         if path is None:
             return None

@@ -33,7 +33,10 @@ def excerpt(path: Path) -> dict[str, NDArray[np.float64]]:
     end_s = float(time_s[-1]) - point.ramp_out_cycles * period_s
     chosen = np.flatnonzero((time_s <= end_s) & (time_s >= end_s - SHOWN_CYCLES * period_s))
     chosen = chosen[:: max(1, -(-len(chosen) // MOST_SHOWN))]
-    loop = np.array([time_s, point.displacement_m, point.velocity_m_s, point.force_N])[:, chosen]
+    speed_m_s = point.velocity_m_s
+    if not np.isfinite(speed_m_s).any():  # older files, imported tests
+        speed_m_s = np.gradient(point.displacement_m, time_s)
+    loop = np.array([time_s, point.displacement_m, speed_m_s, point.force_N])[:, chosen]
     loop = loop[:, np.isfinite(loop).all(axis=0)]
     names = ("loop_time", "loop_displacement", "loop_velocity", "loop_force")
     arrays: dict[str, NDArray[np.float64]] = dict(zip(names, loop, strict=True))
