@@ -166,15 +166,15 @@ class PageServer:
 
     async def _send_recorded(self, connection: ServerConnection, point: str) -> None:
         """A recorded point, where the campaign has ended: beside one that runs no file is read."""
-        frame, slug = None, "still-running"
+        frame, refused = None, "still-running"
         if self._run.live_folder is None:
-            slug = "not-recorded"
+            refused = "not-recorded"
             async with self._reading:  # one file at a time, however many ask
                 if point not in self._recorded:
                     self._recorded.clear()
                     self._recorded[point] = await asyncio.to_thread(self._run.recorded, point)
                 frame = self._recorded[point]
-        told = {"refused": slug} if frame is None else {"ok": True, "point": point}
+        told = {"refused": refused} if frame is None else {"ok": True, "point": point}
         await connection.send(written({"type": "answer", "do": "recorded", **told}))
         if frame is not None:
             await connection.send(frame)
