@@ -214,7 +214,7 @@ _commands: Compiled = math.sin
 def _sources() -> int:
     """CRC-32 over what the loop is made of in this room: another one, another entry of the compiled cache."""
     crc = 0
-    for name in ("control.py", "corner_speeds.py", "stepping.py"):
+    for name in ("control.py", "corner_speeds.py", "laws.py", "stepping.py"):
         crc = zlib.crc32(Path(__file__).with_name(name).read_bytes(), crc)
     return crc
 

@@ -57,7 +57,7 @@ def order(car: QuarterCar, compensator: str, step_s: float = 0.01, **bounds: flo
         "extension_m": 0.2, "speed_m_s": 5.0, "acceleration_m_s2": 500.0, "energy_share": 0.3, "delay_s": 0.03,
         **bounds,
     })  # fmt: skip
-    return HybridOrder(car.part(step_s, [0.0]), within, Probe(1e-3, 5.0), compensator, centre_m=0.05)
+    return HybridOrder(car.part(step_s), within, Probe(1e-3, 5.0), compensator, centre_m=0.05)
 
 
 def run(
@@ -86,7 +86,7 @@ def run(
 
 
 def test_the_computed_part_answers_as_an_independent_solver_says() -> None:
-    part = quarter_car(linear_damper(0.0)).part(0.005, [0.0])
+    part = quarter_car(linear_damper(0.0)).part(0.005)
 
     def force_N(t_s: float) -> float:
         return 300.0 * t_s
