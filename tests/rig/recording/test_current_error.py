@@ -162,8 +162,8 @@ def test_a_current_that_follows_its_commands_late_has_their_mean() -> None:
     """Commands of 0 and 1 A by turns, 0.1 s each; measured 20 ms later, or 10 % too little."""
     commanded_s = np.arange(0.0, 10.0, 0.1)
     commanded_A = np.arange(100) % 2 * 1.0
-    time_s = np.arange(0.0, 10.0, 0.01)
-    late_A = np.where(time_s < 0.02, 0.0, commanded_A[np.clip(((time_s - 0.02 + 1e-9) / 0.1).astype(int), 0, 99)])
+    time_s = np.arange(0.005, 10.0, 0.01)
+    late_A = np.where(time_s < 0.02, 0.0, commanded_A[np.clip(((time_s - 0.02) / 0.1).astype(int), 0, 99)])
     assert law_error_A(time_s, late_A, commanded_s, commanded_A) == pytest.approx(0.002, abs=1e-6)
     assert law_error_A(time_s, 0.9 * late_A, commanded_s, commanded_A) == pytest.approx(0.0518, abs=1e-6)
     assert law_error_A(time_s, np.full(len(time_s), np.nan), commanded_s, commanded_A) is None
