@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from rig.bench.model import Bench
 from rig.bench.quantity import Problem, Quantity
@@ -23,7 +24,7 @@ from rig.matrix.point import Forecast, TestPoint
 from rig.signals.waveform import HOLD
 from rig.vehicle.car import Car
 from rig.vehicle.laws import Control, Law, law_named
-from rig.vehicle.road_file import RoadFile
+from rig.vehicle.road_file import RoadFile, Speed
 
 if TYPE_CHECKING:  # they load the compiler
     from rig.hybrid.quarter_car import QuarterCar
@@ -54,26 +55,38 @@ class HybridCar(Car):
     name: str = Field(default="quarter car", min_length=1, max_length=120)
     kind: Literal["quarter"] = "quarter"
 
+    @field_validator("rear", mode="before")
+    @classmethod
+    def _one_corner(cls, value: object) -> object:
+        text = "a hybrid test has one corner of a car; take this table out: [hybrid.car.front] is that corner"
+        raise PydanticCustomError("one_corner", text)
+
 
 class HybridRoad(RoadFile):
     """`[hybrid.road]`: the entries of a road file, without recorded profiles."""
 
     format: Literal[1] = 1
     name: str = Field(default="road", min_length=1, max_length=120)
+    speed_m_s: Speed = Field(alias="speed", description="of the car")
+    kinds: ClassVar[tuple[str, ...]] = ("sweep", "random", "bump", "pothole")
+    heading: ClassVar[str] = "hybrid.road."
+
+    @field_validator("profile", "drive", mode="before")
+    @classmethod
+    def _computed(cls, value: object) -> object:
+        shown = ", ".join(f"[{cls.heading}{name}]" for name in cls.kinds)
+        text = f"a hybrid test has no recorded road; take this table out and give one of {shown}"
+        raise PydanticCustomError("recorded_road", text)
 
     @model_validator(mode="after")
-    def _in_this_file(self) -> Self:
-        recorded: list[Problem] = [
-            ((name,), "a hybrid test's road stands in its own file; give sweep, random, bump or pothole")
-            for name in ("profile", "drive") if getattr(self, name) is not None
-        ]  # fmt: skip
-        table = self.sweep or self.random or self.bump or self.pothole
-        if table is not None and table.duration_s > LONGEST_S:
-            text = f"{table.duration_s:g} s; a hybrid test lasts {LONGEST_S:g} s at most"
-            name = next(name for name in ("sweep", "random", "bump", "pothole") if getattr(self, name) is table)
-            recorded.append(((name, "duration"), text))
-        if recorded:
-            raise located(recorded)
+    def _short(self) -> Self:
+        problems: list[Problem] = [
+            ((name, "duration"), f"{table.duration_s:g} s; a hybrid test lasts {LONGEST_S:g} s at most")
+            for name in self.kinds
+            if (table := getattr(self, name)) is not None and table.duration_s > LONGEST_S
+        ]
+        if problems:
+            raise located(problems)
         return self
 
 

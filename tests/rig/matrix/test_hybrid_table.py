@@ -147,6 +147,43 @@ def test_a_rig_that_cannot_follow_fast_enough_or_far_enough_is_refused(tmp_path:
 SWEEP = EXAMPLE[EXAMPLE.index("[hybrid.road.sweep]") : EXAMPLE.index("[campaign]")]
 
 
+REAR = '[hybrid.car.rear]\nunsprung_mass = "-1 kg"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "way_out"),
+    [
+        (EXAMPLE.replace("[hybrid.road]\n", f"{REAR}[hybrid.road]\n"), "hybrid.car.rear", "take this table out"),
+        (EXAMPLE.replace(SWEEP, '[hybrid.road.drive]\nfile = "a.csv"\n'), "hybrid.road.drive", "[hybrid.road.sweep]"),
+        (EXAMPLE.replace(SWEEP, "[hybrid.road.profile]\n"), "hybrid.road.profile", "[hybrid.road.bump]"),
+        (EXAMPLE.replace(SWEEP, ""), "hybrid.road", "none is given; write one"),
+        (EXAMPLE.replace(SWEEP, f'{SWEEP}[hybrid.road.bump]\nheight = "1 mm"\nlength = "2 m"\n'),
+         "hybrid.road.bump", "2 are given, keep one: sweep, bump"),
+        (EXAMPLE.replace('[hybrid.road]\nspeed = "20 m/s"\n', "").replace(SWEEP, ""), "hybrid.road",
+         "write a table [hybrid.road] with speed"),
+    ],
+)  # fmt: skip
+def test_what_a_hybrid_test_has_not_is_named_where_it_stands_with_the_way_out(
+    text: str, place: str, way_out: str, tmp_path: Path
+) -> None:
+    with pytest.raises(FileProblem) as caught:
+        load(tmp_path, text)
+    (said,) = caught.value.problems
+    line, where, message = said.split(": ", 2)
+    assert (where, way_out in message) == (place, True), said
+    heading = text.splitlines()[int(line.removeprefix("line ")) - 1]
+    assert heading in {f"[{place}]", "[hybrid]"}
+
+
+def test_a_wrong_value_beside_a_needless_table_is_told_with_it(tmp_path: Path) -> None:
+    text = EXAMPLE.replace("[hybrid.road]\n", f"{REAR}[hybrid.road]\n").replace('"600 kg"', '"-6 kg"')
+    with pytest.raises(FileProblem) as caught:
+        load(tmp_path, text)
+    assert [said.split(": ")[1].split(" = ")[0] for said in caught.value.problems] == [
+        "hybrid.car.body.mass", "hybrid.car.rear"
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("bump", "slug", "said"),
     [
