@@ -270,7 +270,7 @@ def _fitting(
     cells = [cell.strip("\ufeff") for cell in cells_of(text, separator)]
     if separator == " " and len(cells) != count:
         wide, bracketed = re.split(r"\s{2,}|\t", text.strip()), WORD_WITH_UNIT.findall(text)
-        return next((found for found in (wide, bracketed) if len(found) == count), None)
+        return next((split for split in (wide, bracketed) if len(split) == count), None)
     held = max((k + 1 for row in sample for k, cell in enumerate(row) if cell.lower() not in NOTHING), default=0)
     if len(cells) < held:
         return None
