@@ -1,7 +1,7 @@
 """MATLAB files, version 5 and 7.3: vectors, columns of matrices, fields of structs.
 
-Elements of version 5 are counted before they are read: how much they hold, and how deep they may nest. Source: MathWorks,
-MAT-File Format, "Level 5 MAT-File Format": data element tags, array flags, compressed elements.
+Elements of version 5 are counted before they are read: how much they hold, and how deep they may nest. Source:
+MathWorks, MAT-File Format, "Level 5 MAT-File Format": data element tags, array flags, compressed elements.
 """
 
 from __future__ import annotations
