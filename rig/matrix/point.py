@@ -25,7 +25,8 @@ class TestPoint:
     (a slow triangle without current, for gas force and friction) or `current_step`: then `waveform` is `hold`, the
     amplitude 0, a cycle one step, `steps_A` the currents in turn and `current_A` the largest of them. Or it is
     `hybrid`: then `waveform` is `hold`, the amplitude the largest extension that is `forecast`, the whole test one
-    cycle, and `compensator` what leads the set-points.
+    cycle, `compensator` what leads the set-points, and `law` what commands the current: where that is not `passive`,
+    `current_A` is the most it may ask for, and `steps_A` the one to begin with.
 
     Raises:
         UnknownWaveform: `waveform` is no waveform's name.
@@ -48,6 +49,7 @@ class TestPoint:
     steps_A: tuple[float, ...] = ()
     forecast: Forecast | None = None
     compensator: str = ""
+    law: str = ""
 
     def __post_init__(self) -> None:
         waveform_named(self.waveform)
