@@ -274,7 +274,7 @@ def cycle_scatter_N(
     trend = np.column_stack((np.ones(first.size), first + later)) / spread[:, None]
     steady = differences - trend @ np.linalg.lstsq(trend, differences, rcond=None)[0]
     scatter_N, without_drift_N = (
-        float(np.median(np.abs(each - np.median(each)))) / MEDIAN_OF_NORMAL for each in (differences, steady)
+        float(np.median(np.abs(left_N - np.median(left_N)))) / MEDIAN_OF_NORMAL for left_N in (differences, steady)
     )
     scatter_N = without_drift_N if scatter_N > DRIFTS * without_drift_N else scatter_N
     return math.sqrt(max(0.0, scatter_N**2 - step_N**2 / 12.0))
