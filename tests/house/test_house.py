@@ -79,7 +79,6 @@ ONE_IMPORTER = {
     "rig.vehicle.comfort": "the weightings of a standard, whatever is weighted",
     "rig.dampers.leaning_loop": "compiled: loads numba, and only where its model is integrated",
     "rig.study.loop_figures": "drawn from recordings; the other figures are of results",
-    "rig.identification.diagnosis.groups": "its own search, for two dampers; the ranking only asks it",
     "rig.identification.points.faint_orders": "its own estimate of weak harmonics; the motion only asks it",
     "rig.identification.diagnosis.force_channel": "samples of one channel, before any cause is fitted",
     "rig.identification.diagnosis.plausibility": "needs no misfit, and is looked at in every fit",
