@@ -69,8 +69,8 @@ def run(*command: str, cwd: Path = ROOT, told: IO[str] | None = None, **environm
 def install(*, peers: bool = False) -> None:
     """Make .venv and install the project into it, once per change of pyproject.toml.
 
-    With `peers` also the libraries our algorithms are tested against, and Dask; where those cannot be had, their tests
-    say that they were skipped.
+    With `peers` also the libraries our algorithms are tested against, Dask, and a NeXus validator; where those cannot
+    be had, their tests say that they were skipped.
     """
     wanted = hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest()
     stamp = VENV / "installed"
@@ -84,7 +84,8 @@ def install(*, peers: bool = False) -> None:
     pip = (program("python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
     if code := run(*pip, "-e", ".[test]"):
         sys.exit(f"dev.py: installation failed (pip exit {code}); its message is above")
-    if peers and (run(*pip, "-e", ".[test,peers,cluster]") or run(*pip, "--no-deps", MEALPY)):
+    others = ((*pip, "-e", ".[test,peers,cluster]"), (*pip, "--no-deps", MEALPY), (*pip, "-e", ".[nexus]"))
+    if peers and sum(run(*command) != 0 for command in others):
         print("dev.py: not all peers could be installed; the tests against them will be skipped", flush=True)
     stamp.write_text(f"{wanted} peers" if peers else wanted)
 
