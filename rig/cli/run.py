@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.hybrid import FOLLOWS
 from rig.cli.options import Command, json_option, out_option
 from rig.cli.output import console, write_json
 from rig.cli.page import live_link, page_options, page_settings
@@ -93,8 +92,7 @@ def command(
 
     path = _matrix_path(matrix, resume)
     tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
-    if simulate and bench is None and resume is None:
-        simulator_args = following(tests, simulator_args)
+    simulator_args = following(tests, simulator_args, usual=simulate and bench is None and resume is None)
     bench, simulator_args = _rig(bench, simulator_args, simulate=simulate)
     identify = tests.identify
     if not no_identify:
@@ -149,10 +147,13 @@ def _rig(
     return None, (*wearing(bench), *simulator_args)
 
 
-def following(tests: Matrix, simulator_args: tuple[str, ...]) -> tuple[str, ...]:
-    """Arguments of the simulated rig: one that follows set-points where the matrix has signals, unless one is named."""
+def following(tests: Matrix, simulator_args: tuple[str, ...], *, usual: bool) -> tuple[str, ...]:
+    """Arguments of the usual simulated rig: it follows set-points where the matrix has signals, unless one is named."""
+    from rig.campaign.simulated_rig import STREAMED
+
     named = any(argument.partition("=")[0] in {"--actuator", "--register-map"} for argument in simulator_args)
-    return simulator_args if named or not tests.sweep.signals else (*FOLLOWS, *simulator_args)
+    follows = usual and bool(tests.sweep.signals) and not named
+    return (f"--actuator={STREAMED}", *simulator_args) if follows else simulator_args
 
 
 def _requalified(text: str | None, resume: Path | None) -> str:

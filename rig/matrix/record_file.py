@@ -62,18 +62,18 @@ def _place(path: Path, names: list[str], column: str) -> tuple[int, float]:
         FileProblem: there is none of that name with a unit, or several.
     """
     suffixes = units.key_suffixes(DIMENSION[column])
-    found = [
+    columns = [
         (place, units.UNITS[unit].scale) for place, name in enumerate(names)
         for suffix, unit in suffixes.items() if name == f"{column}_{suffix}"
     ]
-    if len(found) != 1:
-        said = "no column" if not found else f"{len(found)} columns"
+    if len(columns) != 1:
+        said = "no column" if not columns else f"{len(columns)} columns"
         known = ", ".join(f"{column}_{suffix}" for suffix in suffixes)
         raise FileProblem(
             str(path), [f"line 1: {said} of {column} in {', '.join(names)[:80]!r}; name it with its unit, such as "
                         f"{WANTED[column]} (one of {known})"],
         )
-    return found[0]
+    return columns[0]
 
 
 def _numbers(

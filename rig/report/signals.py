@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rig.recording.layout import SIGNAL
-from rig.recording.quality.point_quality import SignalQuality
+from rig.recording.quality.tracking import SignalQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.chart import Chart, Trace, thinned
 from rig.report.fragment import NOTHING, card, charts, chip, heading, key, key_line, number, table, text

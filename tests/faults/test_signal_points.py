@@ -1,4 +1,4 @@
-"""Signals in a world: to their end, with a wire pulled in the middle, killed and resumed with the record's file gone."""
+"""Signals in a world: a wire pulled in the middle; killed, and resumed with the file of the record gone."""
 
 from __future__ import annotations
 

@@ -61,8 +61,8 @@ def prepare_whole(point: RecordedPoint, skew: PointSkew | None = None) -> Measur
     every = max(1, int(1.0 / (SAMPLES_A_CROSSING * rate_Hz * dt_s))) if rate_Hz > 0.0 else 1
     rows = slice(0, grid_s.size, every)
     if np.count_nonzero(usable) < FEWEST_SAMPLES:
-        found = np.count_nonzero(usable)
-        raise IdentificationFailed(f"{found} force samples between its ramps; at least {FEWEST_SAMPLES} are needed")
+        count = np.count_nonzero(usable)
+        raise IdentificationFailed(f"{count} force samples between its ramps; at least {FEWEST_SAMPLES} are needed")
     noise_N, step_N = noise_of(force_N[usable]), quantisation_step(force_N[usable])
     grid_s, force_N, usable = grid_s[rows], force_N[rows], usable[rows]
     motion = free_motion(point.time_s, point.displacement_m, grid_s)

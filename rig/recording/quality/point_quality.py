@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from rig.recording.layout import Attribute
+from rig.recording.quality.tracking import SignalQuality
 from rig.recording.quality.verdict import Attributes, Section, Stored, Verdict, estimate, section, stored
 from rig.signals.arrays import FloatArray
 from rig.signals.clock_model import EDGES
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from rig.recording.alignment.alignment import Alignment, Overview
     from rig.recording.layout import PointContext
     from rig.recording.quality.judgement import PointEvidence
-    from rig.recording.quality.tracking import Tracking
 
 
 @dataclass(frozen=True)
@@ -53,24 +53,6 @@ class MotionQuality(Section):
     cycle_distortion: tuple[float, ...] | None = stored("cycle_distortion", Stored.PER_CYCLE)
     cycle_phase_deg: tuple[float, ...] | None = stored("cycle_phase_deg", Stored.PER_CYCLE)
     phase_deg: float | None = stored("phase_deg")
-
-
-@dataclass(frozen=True)
-class SignalQuality(Section):
-    """A signal as it was followed, as `rig.recording.quality.tracking` measures it between its ramps.
-
-    `start_s`, `end_s` are of the whole motion on the file's time base, `judged_start_s`, `judged_end_s` without ramps.
-    """
-
-    start_s: float | None = stored("signal_start_s")
-    end_s: float | None = stored("signal_end_s")
-    judged_start_s: float | None = stored("signal_judged_start_s")
-    judged_end_s: float | None = stored("signal_judged_end_s")
-    played_s: float | None = stored("signal_played_s")
-    nrms: float | None = stored("tracking_nrms")
-    delay_s: float | None = stored("tracking_delay_s")
-    reached: float | None = stored("tracking_reached")
-    mean_m: float | None = stored("tracking_mean_m")
 
 
 @dataclass(frozen=True)
@@ -127,17 +109,6 @@ def current_quality(motion: MeasuredMotion | None, alignment: Alignment, told_by
     if len(current) == 0:
         return CurrentQuality()
     return CurrentQuality(float(np.mean(current)), float(np.std(current)))
-
-
-def signal_quality(tracking: Tracking | None) -> SignalQuality | None:
-    """How a signal was followed; None where there is none."""
-    if tracking is None:
-        return None
-    window = tracking.window
-    return SignalQuality(
-        window.begin_s, window.end_s, *window.judged_s, tracking.played_s, tracking.nrms, tracking.delay_s,
-        tracking.reached, tracking.mean_m,
-    )
 
 
 def loop_quality(shape: LoopShape | None) -> LoopQuality:
@@ -371,8 +342,7 @@ class PointQuality(Section):
         lost_samples: samples that no channel delivered; `loss_counted_by` how a loss would have been seen: `sequence`,
             `rate` or `nothing`.
         recovered: whether the campaign did not end by itself.
-        skew, motion, current, force, displacement, loop, rest: what was measured.
-        signal: of a motion without cycles that was asked for: how it was followed; None of any other.
+        skew, motion, current, force, displacement, loop, rest: what was measured; signal: only of such a motion.
         tolerances: what the bench allowed; None where the file does not say.
         coil_low_degC, coil_high_degC: the coil's temperature over the full cycles.
         judged_again, judged_again_utc: why and when the verdict was changed after the file was made.
@@ -413,7 +383,7 @@ class PointQuality(Section):
 
 def measured_quality(
     context: PointContext, alignment: Alignment, seen: Overview, motion: MeasuredMotion | None,
-    evidence: PointEvidence, shape: LoopShape | None, tracking: Tracking | None = None,
+    evidence: PointEvidence, shape: LoopShape | None,
 ) -> PointQuality:
     """What is known of a point's quality before it is judged: everything but the verdict and how its end came."""
     low_degC, high_degC = evidence.temperature_degC or (None, None)
@@ -424,8 +394,7 @@ def measured_quality(
         loss_counted_by=alignment.loss_counted_by(context.device_rate),
         skew=skew_quality(alignment), motion=motion_quality(context, motion, alignment),
         current=current_quality(motion, light, context.current_told_by),
-        force=sensor_quality("force", alignment),
-        displacement=sensor_quality("displacement", alignment),
-        loop=loop_quality(shape), signal=signal_quality(tracking),
+        force=sensor_quality("force", alignment), displacement=sensor_quality("displacement", alignment),
+        loop=loop_quality(shape),
         tolerances=calibration.tolerances, rest=calibration.rest, coil_low_degC=low_degC, coil_high_degC=high_degC,
     )

@@ -21,7 +21,7 @@ from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.cross_checks import point_reasons
 from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
 from rig.recording.quality.point_quality import PointQuality, measured_quality
-from rig.recording.quality.tracking import Tracking, tracking_of, tracking_reasons
+from rig.recording.quality.tracking import Tracking, signal_quality, tracking_of, tracking_reasons
 from rig.recording.quality.verdict import Kind, Reason
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Values, parts
@@ -56,10 +56,11 @@ def judged(
     motion = measured_motion(seen.time_s, seen.displacement_m, wanted.waveform) if wanted.cyclic else None
     tracking = tracking_of(wanted, alignment, seen)
     evidence, shape = examine(content, context, alignment, seen, motion, tracking)
-    quality = measured_quality(context, alignment, seen, motion, evidence, shape, tracking)
+    quality = measured_quality(context, alignment, seen, motion, evidence, shape)
     if instruments is None:
         instruments = point_reasons(wanted.id, test, quality)
-    return replace(quality, verdict=judge(replace(evidence, extra=(*evidence.extra, *instruments))))
+    verdict = judge(replace(evidence, extra=(*evidence.extra, *instruments)))
+    return replace(quality, signal=signal_quality(tracking), verdict=verdict)
 
 
 def _overview(alignment: Alignment, frequency_Hz: float) -> Overview:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.recording.layout import WantedPoint
-from rig.recording.quality.verdict import Kind, Reason, invalid
+from rig.recording.quality.verdict import Kind, Reason, Section, invalid, stored
 from rig.signals.arrays import FloatArray
 
 if TYPE_CHECKING:
@@ -62,6 +62,35 @@ class Tracking:
     delay_s: float
     reached: float
     mean_m: float
+
+
+@dataclass(frozen=True)
+class SignalQuality(Section):
+    """A signal as it was followed, as `rig.recording.quality.tracking` measures it between its ramps.
+
+    `start_s`, `end_s` are of the whole motion on the file's time base, `judged_start_s`, `judged_end_s` without ramps.
+    """
+
+    start_s: float | None = stored("signal_start_s")
+    end_s: float | None = stored("signal_end_s")
+    judged_start_s: float | None = stored("signal_judged_start_s")
+    judged_end_s: float | None = stored("signal_judged_end_s")
+    played_s: float | None = stored("signal_played_s")
+    nrms: float | None = stored("tracking_nrms")
+    delay_s: float | None = stored("tracking_delay_s")
+    reached: float | None = stored("tracking_reached")
+    mean_m: float | None = stored("tracking_mean_m")
+
+
+def signal_quality(tracking: Tracking | None) -> SignalQuality | None:
+    """How a signal was followed; None where there is none."""
+    if tracking is None:
+        return None
+    window = tracking.window
+    return SignalQuality(
+        window.begin_s, window.end_s, *window.judged_s, tracking.played_s, tracking.nrms, tracking.delay_s,
+        tracking.reached, tracking.mean_m,
+    )
 
 
 def window_of(

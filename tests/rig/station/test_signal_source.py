@@ -17,7 +17,7 @@ LIMITS = Limits(position_m=(-0.05, 0.05), speed_m_s=0.2, acceleration_m_s2=5.0, 
 STEP_S = 0.004
 
 
-def sent(amplitude_m: float = 0.01, rate_Hz: float = 0.5, **changes: Any) -> dict[str, Any]:
+def sent(amplitude_m: float = 0.01, rate_Hz: float = 0.5, **changes: object) -> dict[str, object]:
     """One period of a raised cosine: it begins and ends at rest at its centre."""
     count = round(1.0 / (rate_Hz * STEP_S))
     angle = [math.tau * rate_Hz * STEP_S * k for k in range(count + 1)]
@@ -41,7 +41,7 @@ def test_every_set_point_is_recorded_and_the_last_one_is_the_centre() -> None:
     records: list[Any] = []
     source = SignalSource(signal_order(sent(), LIMITS), records.extend)
     last = None
-    for step in range(0, 300):
+    for step in range(300):
         setpoint = source.at(0.01 * step)
         if setpoint is None:
             break
@@ -75,6 +75,6 @@ def test_every_set_point_is_recorded_and_the_last_one_is_the_centre() -> None:
         ([1.0], "no table"),
     ],
 )  # fmt: skip
-def test_what_is_beyond_the_machine_is_not_begun(given: Any, said: str) -> None:
+def test_what_is_beyond_the_machine_is_not_begun(given: object, said: str) -> None:
     with pytest.raises(StationRefused, match=said):
         signal_order(given, LIMITS)
