@@ -275,14 +275,15 @@ def _show_tests(numbers: dict[str, Any], shown: Console) -> None:
     from rich.table import Table
 
     table = Table()
-    for heading in ("compensation", "delay ms", "tracking %", "body to 3 Hz %", "energy error %", "late", "verdict"):
-        table.add_column(heading, justify="left" if heading in {"compensation", "verdict"} else "right")
+    shares = ("tracking %", "body to 3 Hz %", "energy error %")
+    for heading in ("compensation", "law", "delay ms", *shares, "late", "verdict"):
+        table.add_column(heading, justify="left" if heading in {"compensation", "law", "verdict"} else "right")
     for test in numbers["tests"]:
-        shares = (100.0 * value if value is not None else None for value in (
+        percent = (100.0 * value if value is not None else None for value in (
             test["tracking_nrms"], test["reference_error"], test["energy_error"]
         ))  # fmt: skip
-        cells = ["-" if value is None else f"{value:.3g}" for value in (test["delay_ms"], *shares)]
+        cells = ["-" if value is None else f"{value:.3g}" for value in (test["delay_ms"], *percent)]
         late = "-" if test["late_steps"] is None else f"{test['late_steps']} of {test['steps']}"
-        table.add_row(test["compensation"], *cells, late, test["verdict"])
+        table.add_row(test["compensation"], test["law"], *cells, late, test["verdict"])
     if numbers["tests"]:
         shown.print(table)

@@ -26,8 +26,10 @@ class TestPoint:
     (a slow triangle without current, for gas force and friction) or `current_step`: then `waveform` is `hold`, the
     amplitude 0, a cycle one step, `steps_A` the currents in turn and `current_A` the largest of them. Or it is
     `hybrid`: then `waveform` is `hold`, the amplitude the largest extension that is `forecast`, the whole test one
-    cycle, and `compensator` what leads the set-points. Or `signal`: then `record` is the motion, its largest distance
-    from the centre `amplitude_m`, the frequency how often it crosses its mean upwards, and the whole of it one cycle.
+    cycle, `compensator` what leads the set-points, and `law` what commands the current: where that is not `passive`,
+    `current_A` is the most it may ask for, and `steps_A` the one to begin with. Or `signal`: then `record` is the
+    motion, its largest distance from the centre `amplitude_m`, the frequency how often it crosses its mean upwards, and
+    the whole of it one cycle.
 
     Raises:
         UnknownWaveform: `waveform` is no waveform's name.
@@ -50,6 +52,7 @@ class TestPoint:
     steps_A: tuple[float, ...] = ()
     forecast: Forecast | None = None
     compensator: str = ""
+    law: str = ""
     record: Record | None = None
 
     def __post_init__(self) -> None:

@@ -3,6 +3,7 @@
 A frame, little-endian, everything aligned to 4 bytes:
 
     u32 kind (1) | u32 number of blocks | f64 base | f64 now          s, host's monotonic clock
+    u32 kind (2) | ...                                                s, a recorded point's own time; now: its end
     block:  u16 channel | u16 0 | u32 n | n x f32 time after base (s) | n x f32 value (SI)
 
 Channels are the ring's (`drivers.ring.Channel`), values as recorded. 201, 202, 203 are a loop's displacement (m),
@@ -26,7 +27,7 @@ from rig.recording.journal.ring_reader import RecordBlock
 
 HEADER = struct.Struct("<IIdd")
 BLOCK = struct.Struct("<HHI")
-SAMPLES = 1
+SAMPLES, RECORDED = 1, 2
 LOOP_X, LOOP_V, LOOP_F = 201, 202, 203
 MOST_POINTS, MOST_LOOP_POINTS = 40, 240
 """Of one channel in one frame; more are thinned to the lowest and the highest of each group, loops evenly."""
@@ -158,11 +159,11 @@ class Frames:
         return self._clocks[channel].host_s(records), records["value"]
 
 
-def packed(shown: Mapping[int, tuple[Floats, Floats]], now_s: float) -> bytes:
+def packed(shown: Mapping[int, tuple[Floats, Floats]], now_s: float, kind: int = SAMPLES) -> bytes:
     """A frame of these series by channel: times (s, host) and values, (n,) each."""
     blocks = [(channel, time, value) for channel, (time, value) in shown.items() if len(time)]
     base_s = min((float(time[0]) for _, time, _ in blocks), default=now_s)
-    parts: list[bytes] = [HEADER.pack(SAMPLES, len(blocks), base_s, now_s)]
+    parts: list[bytes] = [HEADER.pack(kind, len(blocks), base_s, now_s)]
     for channel, time, value in blocks:
         parts += (
             BLOCK.pack(channel, 0, len(time)), (time - base_s).astype("<f4").tobytes(), value.astype("<f4").tobytes(),
@@ -170,11 +171,11 @@ def packed(shown: Mapping[int, tuple[Floats, Floats]], now_s: float) -> bytes:
     return b"".join(parts)
 
 
-def thinned(time: Floats, value: Floats) -> tuple[Floats, Floats]:
-    """At most `MOST_POINTS` of a series: of each group the lowest and the highest, in their order."""
-    if len(time) <= MOST_POINTS:
+def thinned(time: Floats, value: Floats, most: int = MOST_POINTS) -> tuple[Floats, Floats]:
+    """At most `most` of a series: of each group the lowest and the highest, in their order."""
+    if len(time) <= most:
         return time, value
-    groups = MOST_POINTS // 2
+    groups = most // 2
     edges = np.linspace(0, len(time), groups + 1).astype(int)
     chosen = sorted({index for low, high in _pairs(edges) for index in (
         low + int(np.argmin(value[low:high])), low + int(np.argmax(value[low:high])))})  # fmt: skip

@@ -21,7 +21,7 @@ from rig.recording.foreign.columns import (
 from rig.recording.foreign.foreign_file import Dialect, ForeignFile
 from rig.recording.foreign.formats import open_foreign
 from rig.signals.arrays import FloatArray
-from rig.signals.cycles import measured_motion
+from rig.signals.cycles import cycle_rate_Hz
 from rig.signals.plausibility import TestSize, doubts
 
 FEWEST_ROWS = 16
@@ -286,12 +286,12 @@ def _doubtful(table: Mapping[str, FloatArray], accept: Sequence[str]) -> Iterato
                f"{FASTEST_Hz:g} Hz: is the unit of the time right? --accept {RATE} takes it as it is")  # fmt: skip
     if not (np.any(np.isfinite(x)) and np.any(np.isfinite(force))):
         return
-    motion = measured_motion(time_s, x)
+    frequency_Hz = cycle_rate_Hz(time_s, x)
     span = float(np.nanmax(x) - np.nanmin(x))
     size = TestSize(
         span_m=span, force_N=float(np.nanmax(np.abs(force - np.nanmean(force)))),
-        cycle_s=None if motion is None else 1.0 / motion.frequency_Hz,
-        speed_m_s=None if motion is None else 2.0 * np.pi * motion.frequency_Hz * span / 2.0,
+        cycle_s=None if frequency_Hz is None else 1.0 / frequency_Hz,
+        speed_m_s=None if frequency_Hz is None else 2.0 * np.pi * frequency_Hz * span / 2.0,
     )
     for doubt in doubts(size):
         if doubt.slug not in accept:

@@ -216,7 +216,8 @@ class WantedPoint:
         amplitude_m, frequency_Hz, current_A, cycles: the wanted values, 0 where there is none.
         ramp_in_cycles, ramp_out_cycles, centre_m, repeat, rest_s: the rest of the program.
         kind: `loop` where it is not stated.
-        steps_A: levels of a current that is stepped, as one text.
+        steps_A: levels of a current that is stepped, as one text; of one that a law commands the first.
+        law: of the current of a hybrid test; `current_A` is then the most it asks for, but for `passive`.
         commanded_amplitude_m, commanded_centre_m: of the program that made the motion.
         amplitude_tolerance: relative, of a command that was compensated; None: the usual limits.
         temperature_low_degC, temperature_high_degC: window of the coil's temperature; None: any.
@@ -237,6 +238,7 @@ class WantedPoint:
     rest_s: float | None = None
     kind: str | None = None
     steps_A: str | None = None
+    law: str | None = None
     commanded_amplitude_m: float | None = None
     commanded_centre_m: float | None = None
     amplitude_tolerance: float | None = None
@@ -257,6 +259,11 @@ class WantedPoint:
     def cyclic(self) -> bool:
         """Whether its motion repeats itself, so that its cycles can be counted and compared."""
         return self.kind not in {CURRENT_STEP, HYBRID, SIGNAL}
+
+    @property
+    def commanded_A(self) -> float | None:
+        """The one current of the whole point; None where it is commanded anew at each step."""
+        return None if self.kind == HYBRID and self.law not in {None, "", "passive"} else self.current_A
 
     @property
     def levels_A(self) -> tuple[float, ...]:

@@ -222,7 +222,7 @@ class ActionExecutor:
 
     def _ask_operator(self, action: act.AskOperator) -> None:
         if self.campaign.hand is not None:
-            self.campaign.hand.ask()
+            self.campaign.hand.ask(action.current_A)
 
     def operator_answers(self) -> list[ev.Event]:
         """What somebody who sets the current by hand has confirmed since the last call.

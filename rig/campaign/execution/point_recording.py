@@ -268,6 +268,7 @@ def _wanted(campaign: CampaignContext, point: TestPoint, name: str, commanded: T
         rest_s=point.rest_s,
         kind=point.kind,
         steps_A=" ".join(f"{step_A:g}" for step_A in point.steps_A),
+        law=point.law or None,
         commanded_amplitude_m=commanded.amplitude_m,
         commanded_centre_m=commanded.centre_m,
         amplitude_tolerance=sweep.amplitude_tolerance if sweep.adapt_amplitude else None,

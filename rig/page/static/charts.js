@@ -1,7 +1,7 @@
 "use strict";
 // Binary frames to series, series to canvases. Nothing here knows of the rig but the frame's layout (samples.py).
 
-const LOOP_X = 201, LOOP_V = 202, LOOP_F = 203, WINDOW_S = 20;
+const LOOP_X = 201, LOOP_V = 202, LOOP_F = 203, WINDOW_S = 20, RECORDED = 2;
 let loop_keep_s = 10;
 
 class Series {
@@ -18,7 +18,8 @@ class Series {
   get last_t() { return this.t.length ? this.t[this.t.length - 1] : -Infinity; }
 }
 
-function read_frame(buffer, series) {
+function kind_of(buffer) { return new DataView(buffer).getUint32(0, true); }
+function read_frame(buffer, series, keep_s) {
   const view = new DataView(buffer);
   const blocks = view.getUint32(4, true), base = view.getFloat64(8, true), now = view.getFloat64(16, true);
   let at = 24;
@@ -26,16 +27,20 @@ function read_frame(buffer, series) {
     const channel = view.getUint16(at, true), n = view.getUint32(at + 4, true);
     const times = new Float32Array(buffer, at + 8, n), values = new Float32Array(buffer, at + 8 + 4 * n, n);
     at += 8 + 8 * n;
-    if (!series.has(channel)) series.set(channel, new Series(WINDOW_S + 1));
+    if (!series.has(channel)) series.set(channel, new Series(keep_s));
     const one = series.get(channel);
     for (let index = 0; index < n; index++) one.add(base + times[index], values[index]);
-    if (channel >= LOOP_X) one.keep_s = loop_keep_s;
+    if (channel >= LOOP_X && isFinite(keep_s)) one.keep_s = loop_keep_s;
     one.trim(now);
   }
   return now;
 }
 
-function colour(name) { return getComputedStyle(document.documentElement).getPropertyValue(name).trim(); }
+let colours = new Map(); // asked for some hundred times a second; thrown away with the theme
+function colour(name) {
+  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
+  return colours.get(name);
+}
 
 function prepared(canvas) {
   const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
@@ -95,7 +100,7 @@ class LoopChart {
   }
   span(before, most) {
     const wanted = round_up(1.08 * most);
-    return before > 0 && most <= before && most > 0.55 * before ? before : wanted;
+    return before > 0 && 1.02 * most <= before && most > 0.55 * before ? before : wanted;
   }
   frame(pen, place, limits) {
     const { left, right, top, bottom, size, px, py } = place;
@@ -132,7 +137,7 @@ function number(value) {
 
 class StripChart {
   constructor(canvas, lanes) { this.canvas = canvas; this.lanes = lanes; }
-  draw(series, now) {
+  draw(series, now, [first, last]) {
     const { pen, width, height, size } = prepared(this.canvas);
     const left = 4.6 * size, right = width - 0.4 * size, lane_height = (height - 1.3 * size) / this.lanes.length;
     this.lanes.forEach((lane, row) => {
@@ -169,8 +174,8 @@ class StripChart {
       });
       pen.restore();
     });
-    pen.fillStyle = colour("--dim"); pen.textAlign = "left"; pen.fillText("20 s ago", left, height - 0.2 * size);
-    pen.textAlign = "right"; pen.fillText("now", right, height - 0.2 * size);
+    pen.fillStyle = colour("--dim"); pen.textAlign = "left"; pen.fillText(first, left, height - 0.2 * size);
+    pen.textAlign = "right"; pen.fillText(last, right, height - 0.2 * size);
   }
 }
 

@@ -20,7 +20,7 @@ FOREIGN = {
 }
 """Units that only other programs' files have."""
 WORDS = {
-    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millisecond": "ms",
+    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millisecond": "ms",
     "milliseconds": "ms", "usec": "us", "metre": "m", "meter": "m", "metres": "m", "meters": "m", "millimetre": "mm",
     "millimeter": "mm", "millimetres": "mm", "millimeters": "mm", "inch": "in", "inches": "in", "newton": "N",
     "newtons": "N", "kilonewton": "kN", "kilonewtons": "kN", "kips": "kip", "lb": "lbf", "lbs": "lbf", "kp": "kgf",

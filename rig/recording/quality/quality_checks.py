@@ -25,7 +25,7 @@ from rig.recording.quality.tracking import Tracking, signal_quality, tracking_of
 from rig.recording.quality.verdict import Kind, Reason
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Values, parts
-from rig.signals.current_error import loop_error_A, steps_error_A
+from rig.signals.current_error import law_error_A, loop_error_A, steps_error_A
 from rig.signals.cycles import MeasuredMotion, measured_motion
 from rig.signals.loop_shape import LoopShape, Standing, loop_shape, standing
 
@@ -115,8 +115,7 @@ def examine(
         measured_amplitude_m=None if motion is None else motion.amplitude_m,
         amplitude_std_m=None if motion is None else motion.amplitude_std_m,
         measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
-        current_error_A=_steps_error_A(seen, wanted) if wanted.standing
-        else loop_error_A(seen.time_s, seen.current_A, wanted.current_A, starts),
+        current_error_A=_current_error_A(seen, wanted, alignment, starts),
         amplitude_tolerance=wanted.amplitude_tolerance if wanted.kind in {None, LOOP} else None,
         extra=[
             *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
@@ -167,8 +166,19 @@ def _range(values: FloatArray) -> tuple[float, float] | None:
     return (float(np.min(known)), float(np.max(known))) if len(known) else None
 
 
-def _steps_error_A(seen: Overview, wanted: WantedPoint) -> float | None:
-    return steps_error_A(seen.time_s, seen.current_A, wanted.levels_A, 1.0 / wanted.frequency_Hz)
+def _current_error_A(
+    seen: Overview, wanted: WantedPoint, alignment: Alignment, starts: FloatArray
+) -> float | None:
+    """How far the measured current was off: of its level, of each of its steps, or of what was commanded meanwhile."""
+    if wanted.standing:
+        return steps_error_A(seen.time_s, seen.current_A, wanted.levels_A, 1.0 / wanted.frequency_Hz)
+    if wanted.commanded_A is not None:
+        return loop_error_A(seen.time_s, seen.current_A, wanted.commanded_A, starts)
+    commands = alignment.timed.get("commanded_current")
+    if commands is None:
+        return None
+    at_s = np.asarray(commands.time_s[:]) - alignment.origin_s
+    return law_error_A(seen.time_s, seen.current_A, at_s, commands.records["value"])
 
 
 def _counts(
