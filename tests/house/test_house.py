@@ -67,6 +67,7 @@ CATALOGUES = {
 ONE_IMPORTER = {
     "rig.campaign.live_display": "what is shown, beside what may be asked for: a display like the terminal's",
     "rig.page.server": "answers and sends; signals, sockets and the end of the process are its process's",
+    "rig.matrix.record_file": "lines and columns of a file; the tables know of none",
     "rig.page.ended_run": "files of a run that is over; what watches one that lives reads none of them",
     "rig.hybrid.delay_margin": "of any linear structure with a specimen, whatever is run with it",
     "rig.hybrid.virtual_test": "compiled: loads numba, and only where tests are run",
