@@ -111,15 +111,12 @@ def command(
     """Fit a damper model to RUNS and write fit.json into the first; an earlier fit.json is kept under another name.
 
     A run is a campaign directory, a folder with exactly one campaign, or a point file.
-
     Parameters that the tests do not determine are reported as not identifiable, with the reason. Exit 6 if nothing can
     be fitted.
     """
     from rig.identification import Method, identify_run
 
-    settings = Method(
-        method, weight=weight, loss=loss, budget=budget, population=population, bounds=bounds, seed=seed
-    )
+    settings = Method(method, weight, loss, budget, population, seed, bounds)
     with _searching(settings, scheduler) as where:
         fit = identify_run(
             runs,
