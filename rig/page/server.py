@@ -14,6 +14,7 @@ import socket
 import ssl
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -160,7 +161,8 @@ class PageServer:
             if answer.get("do") == "recorded" and "refused" not in answer:
                 await self._send_recorded(connection, str(answer["point"]))
                 continue
-            await connection.send(written({"type": "answer", **answer}))
+            with suppress(ConnectionClosed):  # it has left: a stop that it sent before is taken all the same
+                await connection.send(written({"type": "answer", **answer}))
             if answer.get("do") in {"lease", "release"}:
                 self._tell_lease()
 

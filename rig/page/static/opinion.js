@@ -26,8 +26,9 @@ function opinion() {
   if (state.phase === "stopping" || (stop_asked && stop_asked.taken)) return ["bad", "■", "STOPPING", "coil to 0 A, motion fades out"];
   if (stop_asked) return ["bad", "■", "STOP SENT", "not confirmed yet: be ready to stop at the rig"];
   const late = devices_late(), invalid = points_that_are("invalid"), suspect = points_that_are("suspect");
-  if (late.length) return ["bad", "✗", "NOT OK", `no fresh data from: ${late.join(", ")}`];
-  if (invalid.length) return ["bad", "✗", "NOT OK", `invalid: ${invalid.join(", ")}`];
+  const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.phase === "paused" ? "; paused, Start continues" : "";
+  if (late.length) return ["bad", "✗", "NOT OK", `no fresh data from: ${late.join(", ")}${todo}`];
+  if (invalid.length) return ["bad", "✗", "NOT OK", `invalid: ${invalid.join(", ")}${todo}`];
   const doubt = suspect.length ? `; suspect: ${suspect.join(", ")}` : "";
   if (state.asked) return ["wait", "?", "SET CURRENT", `${question(state.asked)}${doubt}`];
   if (state.held) return ["wait", "Ⅱ", "READY", "waiting for Start"];
