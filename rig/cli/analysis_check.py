@@ -44,7 +44,7 @@ def check_analysis(path: Path, matrix: Matrix) -> None:
 
 def analysis_problems(wanted: Identify, points: Iterable[TestPoint]) -> list[str]:
     """The same as lines of text; none when the identification can begin."""
-    loops = [point for point in points if point.kind == "loop"]
+    loops = [point for point in points if point.kind in {"loop", "signal"}]
     if not loops:
         return ["enabled: the matrix has no loop to fit a model to; add points, or set enabled = false"]
     problems, fitted = _holdout(wanted.holdout, loops)

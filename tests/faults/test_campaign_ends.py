@@ -136,6 +136,7 @@ def on_a_terminal(tmp_path: Path) -> tuple[subprocess.Popen[bytes], int, Path]:
     return process, ours, out
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_a_terminal_that_is_closed_stops_the_rig_and_the_exit_code_says_so(tmp_path: Path) -> None:
     process, ours, out = on_a_terminal(tmp_path)

@@ -78,6 +78,7 @@ def test_a_damper_that_heats_is_named_and_repeated(tmp_path: Path) -> None:
     assert set(ending.recorded()) == {"p001", "p001-attempt2"}
 
 
+@pytest.mark.nightly
 def test_a_fixture_that_slips_is_named_and_repeated(tmp_path: Path) -> None:
     ending = run(tmp_path, *options("damper.free_play_m=0.002"), currents=("1 A",))
     assert ending.exit_code == 5, ending.said

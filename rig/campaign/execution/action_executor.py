@@ -27,6 +27,7 @@ from rig.matrix.feasibility import command_room
 from rig.matrix.point import TestPoint
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.recorder import PointRecorder
+from rig.signals.record import STEP_S, Record
 from rig.station.client import StationClient, StationLost, StationRefused
 
 CENTRING_SPEED_M_S = 0.05
@@ -243,6 +244,9 @@ class ActionExecutor:
         if point.kind == "hybrid":
             self._requests.ask(Request.START, hybrid=hybrid_order(self.campaign, point))
             return
+        if point.record is not None:
+            self._requests.ask(Request.START, signal=signal_order(point, point.record))
+            return
         self._requests.ask(
             Request.START,
             waveform=point.shape.controller,
@@ -302,6 +306,20 @@ class ActionExecutor:
 
     def _finish(self, action: act.Finish) -> None:
         self._deadline = None
+
+
+SENT_EVERY = 4
+"""Samples of a record: between two of those that are sent the station goes along a cubic."""
+
+
+def signal_order(point: TestPoint, record: Record) -> dict[str, Any]:
+    """What the station is told of a point whose motion is a record."""
+    position_m, velocity_m_s, _ = record.motion(point.amplitude_m, SENT_EVERY)
+    return {
+        "step_s": SENT_EVERY * STEP_S, "centre_m": point.centre_m,
+        "position_m": [round(float(value), 9) for value in position_m],
+        "velocity_m_s": [round(float(value), 7) for value in velocity_m_s],
+    }
 
 
 def hybrid_order(campaign: CampaignContext, point: TestPoint) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import traceback
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from rig import __version__
 from rig.bench.model import Bench
@@ -273,7 +274,19 @@ def _wanted(campaign: CampaignContext, point: TestPoint, name: str, commanded: T
         amplitude_tolerance=sweep.amplitude_tolerance if sweep.adapt_amplitude else None,
         temperature_low_degC=low_degC,
         temperature_high_degC=high_degC,
+        **_of_record(point),
     )
+
+
+def _of_record(point: TestPoint) -> dict[str, Any]:
+    """What is wanted of a signal beyond its amplitude and rate."""
+    record = point.record
+    if record is None:
+        return {}
+    return {
+        "record": record.name, "record_sha256": record.sha256 or None, "record_s": record.duration_s,
+        "record_ramp_s": record.ramp_s, "record_highest_Hz": record.highest_Hz,
+    }
 
 
 def _provenance(campaign: CampaignContext, point: TestPoint, attempt: int) -> dict[str, str]:

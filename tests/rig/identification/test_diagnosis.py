@@ -235,3 +235,24 @@ def test_a_delay_is_named_though_the_fit_ended_beyond_a_parameters_limit() -> No
     fit = identify(loops_of_the_normalised_model(skew_s=3e-3), model="normalized_bouc_wen")
     assert fit.values["sigma"] < model("normalized_bouc_wen").parameter("sigma").low
     assert named_first(fit) == "skew"
+
+
+def test_a_drift_that_hides_in_the_scatter_from_cycle_to_cycle_is_named() -> None:
+    def shown(number: int, share: np.ndarray, force_N: np.ndarray) -> np.ndarray:
+        return np.asarray(force_N * (1.0 + 0.1 * share))
+
+    masked = [replace(test, noise_N=10.0 * NOISE_N) for test in damper_tests(shown=shown)]
+    fit = identify(masked)
+    assert fit.adequate
+    assert named_first(fit) == "force-drift"
+    assert identify([replace(test, noise_N=10.0 * NOISE_N) for test in damper_tests()]).diagnosis == ()
+
+
+def test_one_sample_that_lies_alone_is_an_outlier() -> None:
+    tests = damper_tests(currents_A=(0.0, 1.0))
+    force_N = tests[1].force_N.copy()
+    force_N[101] += 900.0
+    fit = identify([tests[0], replace(tests[1], force_N=force_N), *tests[2:]])
+    assert fit.adequate is False
+    assert named_first(fit) == "outliers"
+    assert fit.diagnosis[0].text.startswith("1 sample")
