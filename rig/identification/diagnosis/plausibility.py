@@ -93,7 +93,7 @@ def law_from_two_currents(
         for at_A in (0.0, top_A)
     ]
     zero_N, top_N = (float(2.0 * halves[k + 2] - halves[k]) for k in (0, 1))
-    if zero_N < AT_ZERO * top_N:
+    if top_N <= 0.0 or zero_N < AT_ZERO * top_N:
         return []
     numbers = {"low_A": low_A, "top_A": top_A, "zero_N": zero_N, "percent": 100.0 * zero_N / top_N}
     return [Cause("current-law", say("current-law-two", **numbers), 0.0, say("next-current-law-two", **numbers))]
