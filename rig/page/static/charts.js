@@ -31,7 +31,7 @@ function read_frame(buffer, series, keep_s) {
     const one = series.get(channel);
     for (let index = 0; index < n; index++) one.add(base + times[index], values[index]);
     if (channel >= LOOP_X && isFinite(keep_s)) one.keep_s = loop_keep_s;
-    one.trim(now);
+    one.trim(channel >= LOOP_X ? one.last_t : now); // a loop's clock is its own
   }
   return now;
 }
