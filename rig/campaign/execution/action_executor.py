@@ -13,6 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.observer import Observer, WantedMotion
 from rig.campaign.execution.point_recording import PointRecording
@@ -315,6 +317,8 @@ SENT_EVERY = 4
 def signal_order(point: TestPoint, record: Record) -> dict[str, Any]:
     """What the station is told of a point whose motion is a record."""
     position_m, velocity_m_s, _ = record.motion(point.amplitude_m, SENT_EVERY)
+    if (len(record.shape) - 1) % SENT_EVERY:  # its last sample, at rest at the centre, is none of them
+        position_m, velocity_m_s = np.append(position_m, 0.0), np.append(velocity_m_s, 0.0)
     return {
         "step_s": SENT_EVERY * STEP_S, "centre_m": point.centre_m,
         "position_m": [round(float(value), 9) for value in position_m],
