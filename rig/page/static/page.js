@@ -56,7 +56,8 @@ function draw() {
   const old = state.ended && recorded && recorded.series ? recorded : null;
   loop_keep_s = Math.max(1, 2.5 * period_s());
   for (const [chart, limits] of loops) chart.draw(old ? old.series : series, old ? Infinity : period_s(), limits());
-  if (old) strips.draw(old.series, old.end_s, [`${plain(Math.max(0, old.end_s - WINDOW_S))} s`, `${plain(old.end_s)} s of the record`]);
+  const window_s = old ? Math.min(WINDOW_S, old.end_s) : WINDOW_S;
+  if (old) strips.draw(old.series, old.end_s, [`${plain(old.end_s - window_s)} s`, `${plain(old.end_s)} s of the record`], window_s);
   else strips.draw(series, state.running ? now_s() : last_sample_s(), state.running ? ["20 s ago", "now"] : ["", "the last samples"]);
   headings(old); gauges();
   const newest = series.get(23); // arrivals at the host, whatever the devices' clocks say
