@@ -29,8 +29,8 @@ CLOSEST_S = 1e-9
 FINEST_Hz = 100.0
 """What rows closer than `STEP_S` tell above this is taken off before they are thinned."""
 FILTER_ORDER = 4
-STANDS = 1e-9
-"""Of its largest distance from the centre: a motion that is smaller is rounding."""
+LEAST_MOTION = 0.01
+"""Between the ramps, of the largest distance from the centre: what moves less there stands, or has moved in a ramp."""
 
 
 class NoRecord(ValueError):
@@ -222,8 +222,12 @@ def _faded(
     largest_m = float(np.max(np.abs(faded)))
     if not largest_m > 0.0:
         raise NoRecord("nothing moves")
-    if not float(np.ptp(faded[left_s >= ramp_s - 0.5 * STEP_S])) > STANDS * largest_m:
-        raise NoRecord("nothing moves between the ramps, where it is judged and fitted")
+    moved = float(np.ptp(faded[left_s >= ramp_s - 0.5 * STEP_S])) / largest_m
+    if not moved >= LEAST_MOTION:
+        raise NoRecord(
+            f"nothing moves between the ramps, where it is judged and fitted: {100 * moved:.2g} % of the largest distance "
+            f"from the centre, at least {100 * LEAST_MOTION:g} %; what moves may lie in a ramp of {ramp_s:g} s"
+        )
     shape = np.asarray(faded / largest_m, np.float64)
     mark = hashlib.sha256(shape.tobytes()).hexdigest()
     own_Hz = _highest_Hz(shape) if highest_Hz is None else highest_Hz

@@ -174,6 +174,12 @@ def test_a_road_whose_record_is_missing_or_a_pipe_is_refused_at_its_line(tmp_pat
         load(tmp_path, matrix_of("road") + ROAD.replace("paper-sweep", "own.toml"))
 
 
+def test_an_obstacle_that_is_passed_in_the_ramp_is_no_motion(tmp_path: Path) -> None:
+    # It begins at 10 m: after 0.1 s at 100 m/s.
+    with pytest.raises(FileProblem, match=r"road\[1\].*nothing moves between the ramps.* in a ramp of 1 s"):
+        load(tmp_path, matrix_of("road") + ROAD.replace(', "paper-sweep"', "") + 'speed = "100 m/s"\n')
+
+
 def test_a_file_that_is_named_as_another_entry_spoils_no_copy(tmp_path: Path) -> None:
     (tmp_path / "demo").write_text(rows(), encoding="utf-8")
     text = matrix_of("file").replace('max_force = "1 kN"', 'prior = "demo"') + FILE.replace("drive.csv", "demo")
@@ -191,9 +197,8 @@ def test_whatever_the_plan_allows_begins_and_ends_at_rest_at_the_station(tmp_pat
     (item,) = planned(tmp_path, text, drive).points
     assert item.feasible
     assert item.point.record is not None
-    order = signal_order(item.point, item.point.record)
-    station_order(order, bench(tmp_path).limits)
-    assert [order[name][end] for name in ("position_m", "velocity_m_s") for end in (0, -1)] == [0.0] * 4
+    order = station_order(signal_order(item.point, item.point.record), bench(tmp_path).limits)
+    assert [values[end] for values in (order.position_m, order.velocity_m_s) for end in (0, -1)] == [0.0] * 4
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
