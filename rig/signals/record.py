@@ -225,8 +225,8 @@ def _faded(
     moved = float(np.ptp(faded[left_s >= ramp_s - 0.5 * STEP_S])) / largest_m
     if not moved >= LEAST_MOTION:
         raise NoRecord(
-            f"nothing moves between the ramps, where it is judged and fitted: {100 * moved:.2g} % of the largest distance "
-            f"from the centre, at least {100 * LEAST_MOTION:g} %; what moves may lie in a ramp of {ramp_s:g} s"
+            f"nothing moves between the ramps, where it is judged and fitted: {100 * moved:.2g} % of the largest "
+            f"distance from the centre, at least {100 * LEAST_MOTION:g} %; what moves may lie in a ramp of {ramp_s:g} s"
         )
     shape = np.asarray(faded / largest_m, np.float64)
     mark = hashlib.sha256(shape.tobytes()).hexdigest()
