@@ -12,6 +12,7 @@ python3 dev.py worlds [--seeds FIRST:END]   whole campaigns in virtual time, dra
 python3 dev.py worlds --planted [NAME...]   bugs put in on purpose are looked for in random worlds (hours)
 python3 dev.py coverage        branch coverage of all tests, processes they start included (slower than `test`)
 python3 dev.py docs [--out DIR]   the documentation as a site, in site/
+python3 dev.py pictures        the pictures in README.md again (wants chromium)
 python3 dev.py rig ...         any `rig` command
 python3 dev.py install         set up only
 """
@@ -241,14 +242,14 @@ def main(arguments: list[str]) -> int:
     if command == "clean":
         shutil.rmtree(VENV, ignore_errors=True)
         return 0
-    if command not in {"demo", "test", "nightly", "faults", "worlds", "coverage", "rig", "install", "docs"}:
+    if command not in {"demo", "test", "nightly", "faults", "worlds", "coverage", "rig", "install", "docs", "pictures"}:
         print(__doc__)
         return 0 if command in {"help", "-h", "--help"} else 2
     install(peers=command in {"test", "nightly"})
     if command == "demo":
         return run(program("rig"), "demo", *rest)
-    if command == "docs":
-        return run(program("python"), "docs/build_site.py", *rest)
+    if command in {"docs", "pictures"}:
+        return run(program("python"), "docs/build_site.py" if command == "docs" else "docs/make_pictures.py", *rest)
     if command == "rig":
         return run(program("rig"), *rest)
     if command == "faults":

@@ -107,7 +107,9 @@ class WatchedRun:
         """What changes: phase, point, time left, messages, verdicts."""
         live = self.live_folder
         if live is not None:
-            return {"type": "state", **read_json(live / STATE), "running": True}
+            state = read_json(live / STATE)
+            state.pop("messages", None)  # the terminal's; what matters of them is among the events
+            return {"type": "state", **state, "running": True}
         state = {} if self._live is None else read_json(self._live / STATE)
         ended = state.get("ended")
         if ended is None and self.ended is not None:
@@ -172,6 +174,8 @@ class Journal:
     def lines(self, path: Path) -> list[dict[str, Any]]:
         """The whole lines that came since the last call; what is no JSON object is left out."""
         try:
+            if path.stat().st_size == self._offset:
+                return []
             with path.open("rb") as file:
                 file.seek(self._offset)
                 data = file.read(LONGEST_READ)

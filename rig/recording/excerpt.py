@@ -18,6 +18,8 @@ from rig.recording.recorded_point import RecordedPoint
 
 SHOWN_CYCLES, SHOWN_S = 5.0, 20.0
 MOST_SHOWN = 4000
+FULL = 0.95
+"""Of the largest amplitude: counts as full."""
 CHANNELS = ("force", "displacement", "current", "coil_temperature", "commanded_current")
 
 
@@ -29,9 +31,11 @@ def excerpt(path: Path) -> dict[str, NDArray[np.float64]]:
     """
     point = RecordedPoint.open(path)
     time_s = point.time_s
-    period_s = 1.0 / point.frequency_Hz if point.frequency_Hz > 0.0 else SHOWN_S / SHOWN_CYCLES
-    end_s = float(time_s[-1]) - point.ramp_out_cycles * period_s
-    chosen = np.flatnonzero((time_s <= end_s) & (time_s >= end_s - SHOWN_CYCLES * period_s))
+    period_s, end_s = SHOWN_S / SHOWN_CYCLES, float(time_s[-1])
+    if point.frequency_Hz > 0.0:
+        period_s, end_s = 1.0 / point.frequency_Hz, _last_peak_s(time_s, point.displacement_m)
+    shown_s = min(SHOWN_CYCLES, max(1.0, point.cycles - 1.0) if point.cycles else SHOWN_CYCLES) * period_s
+    chosen = np.flatnonzero((time_s <= end_s) & (time_s >= end_s - shown_s))
     chosen = chosen[:: max(1, -(-len(chosen) // MOST_SHOWN))]
     speed_m_s = point.velocity_m_s
     if not np.isfinite(speed_m_s).any():  # older files, imported tests
@@ -47,11 +51,18 @@ def excerpt(path: Path) -> dict[str, NDArray[np.float64]]:
     return arrays
 
 
+def _last_peak_s(time_s: NDArray[np.float64], displacement_m: NDArray[np.float64]) -> float:
+    """When the motion was last at its full amplitude: before the ramp out, and what follows it."""
+    low_m, high_m = np.nanmin(displacement_m), np.nanmax(displacement_m)
+    away_m = np.abs(displacement_m - (low_m + high_m) / 2.0)
+    return float(time_s[np.flatnonzero(away_m >= FULL * (high_m - low_m) / 2.0)[-1]])
+
+
 def main(arguments: list[str]) -> int:
     """Write the arrays of the one file named; returns the exit code."""
     try:
         arrays = excerpt(Path(arguments[0]))
-    except (FileProblem, OSError, IndexError) as error:
+    except (FileProblem, OSError, IndexError, ValueError) as error:
         sys.stderr.write(f"{error}\n")
         return EXIT_USAGE
     np.savez(sys.stdout.buffer, **arrays)  # type: ignore[arg-type] # numpy's stubs take the names for its options

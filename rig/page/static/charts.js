@@ -31,7 +31,7 @@ function read_frame(buffer, series, keep_s) {
     const one = series.get(channel);
     for (let index = 0; index < n; index++) one.add(base + times[index], values[index]);
     if (channel >= LOOP_X && isFinite(keep_s)) one.keep_s = loop_keep_s;
-    one.trim(now);
+    one.trim(channel >= LOOP_X ? one.last_t : now); // a loop's clock is its own
   }
   return now;
 }
@@ -92,7 +92,7 @@ class LoopChart {
       }
       pen.stroke();
     }
-    if (n > first) {
+    if (n > first && isFinite(period_s)) {
       pen.beginPath(); pen.fillStyle = colour("--second");
       pen.arc(px(xs.y[n - 1] * this.x_factor), py(fs.y[n - 1]), 0.32 * size, 0, 7); pen.fill();
     }
@@ -137,14 +137,14 @@ function number(value) {
 
 class StripChart {
   constructor(canvas, lanes) { this.canvas = canvas; this.lanes = lanes; }
-  draw(series, now, [first, last]) {
+  draw(series, now, [first, last], window_s = WINDOW_S) {
     const { pen, width, height, size } = prepared(this.canvas);
     const left = 4.6 * size, right = width - 0.4 * size, lane_height = (height - 1.3 * size) / this.lanes.length;
     this.lanes.forEach((lane, row) => {
       const top = row * lane_height + 0.3 * size, bottom = (row + 1) * lane_height - 0.2 * size;
       const shown = lane.channels.map((channel) => series.get(channel)).filter(Boolean);
       let low = Infinity, high = -Infinity;
-      for (const one of shown) for (let i = 0; i < one.t.length; i++) if (one.t[i] > now - WINDOW_S) {
+      for (const one of shown) for (let i = 0; i < one.t.length; i++) if (one.t[i] > now - window_s) {
         low = Math.min(low, one.y[i] * lane.factor); high = Math.max(high, one.y[i] * lane.factor);
       }
       if (!isFinite(low)) { low = -1; high = 1; }
@@ -165,8 +165,8 @@ class StripChart {
         pen.setLineDash(index ? [0.5 * size, 0.3 * size] : []); pen.lineWidth = 1.8 * size / 16; pen.beginPath();
         let on = false;
         for (let i = 0; i < one.t.length; i++) {
-          if (one.t[i] < now - WINDOW_S) continue;
-          const x = left + (right - left) * (1 - (now - one.t[i]) / WINDOW_S);
+          if (one.t[i] < now - window_s) continue;
+          const x = left + (right - left) * (1 - (now - one.t[i]) / window_s);
           if (on) pen.lineTo(x, py(one.y[i] * lane.factor)); else pen.moveTo(x, py(one.y[i] * lane.factor));
           on = true;
         }

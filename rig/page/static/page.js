@@ -5,7 +5,7 @@ let series = new Map();
 let run = null, state = {}, results = {}, standing = {}, host_now = 0, host_at = 0, first_at = 0, drawn = true, drawn_at = 0;
 let recorded = null; // { point, series }: a point of a campaign that has ended
 const latencies_ms = [];
-window.rigPage = { latencies_ms, get series() { return series; }, get state() { return state; }, get run() { return run; }, get recorded() { return recorded; }, frames: 0 };
+window.rigPage = { latencies_ms, get series() { return series; }, get state() { return state; }, get run() { return run; }, get results() { return results; }, get recorded() { return recorded; }, frames: 0 };
 
 const MESSAGES = {
   "lease-taken": "Somebody else has control.", "not-running": "No campaign is running.", "viewer": "This is a viewer's page: it may only stop.",
@@ -19,7 +19,7 @@ function stroke() { const span = run && run.limits ? run.limits.position_m : nul
 const GAUGES = [
   { name: "Force", unit: "N", channel: 1, factor: 1, range: () => [-limit("force_N"), limit("force_N")] },
   { name: "Displacement", unit: "mm", channel: 2, factor: 1000, range: stroke },
-  { name: "Velocity", unit: "m/s", channel: LOOP_V, factor: 1, range: () => [-limit("speed_m_s"), limit("speed_m_s")] },
+  { name: "Velocity", unit: "m/s", channel: LOOP_V, aged_by: 2, factor: 1, range: () => [-limit("speed_m_s"), limit("speed_m_s")] },
   { name: "Coil current", unit: "A", channel: 10, factor: 1, range: () => [-limit("current_A"), limit("current_A")] },
   { name: "Coil temperature", unit: "°C", channel: 11, factor: 1, one: true, range: () => [0, limit("coil_temperature_degC")] },
   { name: "ECU temperature", unit: "°C", channel: 12, factor: 1, one: true, range: () => [0, Infinity] },
@@ -56,7 +56,8 @@ function draw() {
   const old = state.ended && recorded && recorded.series ? recorded : null;
   loop_keep_s = Math.max(1, 2.5 * period_s());
   for (const [chart, limits] of loops) chart.draw(old ? old.series : series, old ? Infinity : period_s(), limits());
-  if (old) strips.draw(old.series, old.end_s, [`${plain(Math.max(0, old.end_s - WINDOW_S))} s`, `${plain(old.end_s)} s of the record`]);
+  const window_s = old ? Math.min(WINDOW_S, old.end_s) : WINDOW_S;
+  if (old) strips.draw(old.series, old.end_s, [`${plain(old.end_s - window_s)} s`, `${plain(old.end_s)} s of the record`], window_s);
   else strips.draw(series, state.running ? now_s() : last_sample_s(), state.running ? ["20 s ago", "now"] : ["", "the last samples"]);
   headings(old); gauges();
   const newest = series.get(23); // arrivals at the host, whatever the devices' clocks say

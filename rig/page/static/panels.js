@@ -86,7 +86,7 @@ function gauges() {
     const one = series.get(gauge.channel);
     if (!one || !isFinite(one.last)) continue;
     if (!gauge.box) make_gauge(gauge);
-    const value = one.last * gauge.factor, [low, high] = gauge.range(), age = age_s(gauge.channel);
+    const value = one.last * gauge.factor, [low, high] = gauge.range(), age = age_s(gauge.aged_by || gauge.channel);
     const bounded = isFinite(low) && isFinite(high) && high > low, live = connected() && state.running && age < OLD_VALUE_S;
     const over = live && bounded && (value < low || value > high);
     gauge.text.textContent = live ? `${over ? "✗ beyond: " : ""}${number(value)} ${gauge.unit}` : "–";

@@ -196,6 +196,15 @@ def test_both_signs_reversed_are_named() -> None:
     assert named_first(identify(turned)) == "signs-reversed"
 
 
+def test_reversed_signs_do_not_hide_what_explains_a_misfit() -> None:
+    turned = [
+        replace(test.moved(-test.u_m, -test.v_m_s, -test.a_m_s2), force_N=-test.force_N)
+        for test in damper_tests(skew_s=3e-3)
+    ]
+    slugs = [cause.slug for cause in identify(turned).diagnosis]
+    assert slugs[:2] == ["signs-reversed", "skew"]
+
+
 def test_a_model_without_hysteresis_is_told_what_it_lacks() -> None:
     fit = identify(damper_tests(), model="bingham")
     assert fit.adequate is False
