@@ -383,8 +383,7 @@ class SimulatedRig:
             clocks[f"clock_offset_us_{name}"] = clock.offset_us
             clocks[f"clock_ppm_{name}"] = clock.ppm
         return {
-            "seed": self.run_options.seed,
-            "speed": self.run_options.speed,
+            "seed": self.run_options.seed, "speed": self.run_options.speed,
             "options": repr(dataclasses.asdict(self.options)),
             **clocks,
         }
