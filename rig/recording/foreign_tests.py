@@ -84,6 +84,9 @@ def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]
         raise FileProblem("--accept", [f"{slug!r} is none of {', '.join(DOUBTS)}" for slug in unknown])
     if wanted.rate_Hz is not None and not 0.0 < wanted.rate_Hz < np.inf:
         raise FileProblem("--rate", [f"{wanted.rate_Hz!r} Hz; a rate is greater than 0"])
+    twice = list(_said_twice(files, wanted))
+    if twice:
+        raise FileProblem("import", twice)
     tests: list[ImportedTest] = []
     problems: dict[str, list[Path]] = {}
     for file in files:
@@ -97,6 +100,15 @@ def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]
     if problems:
         raise FileProblem("import", [f"{_named(where)}: {problem}" for problem, where in problems.items()])
     return tests
+
+
+def _said_twice(files: Sequence[Path], wanted: WantedTests) -> Iterator[str]:
+    """What is told in two ways, of which one would be left out in silence, or counted twice."""
+    if wanted.rate_Hz is not None and "time" in wanted.columns:
+        yield f"--rate and --column time={wanted.columns['time']} both say when a sample was taken: leave one out"
+    places = [Path(file).resolve() for file in files]
+    for place in dict.fromkeys(place for place in places if places.count(place) > 1):
+        yield f"{place} is given {places.count(place)} times: repeats of one test would make it surer than it is"
 
 
 def _named(files: Sequence[Path]) -> str:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import base64
 import queue
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -12,6 +13,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.observer import Observer, WantedMotion
@@ -317,8 +320,7 @@ def signal_order(point: TestPoint, record: Record) -> dict[str, Any]:
     position_m, velocity_m_s, _ = record.motion(point.amplitude_m, SENT_EVERY)
     return {
         "step_s": SENT_EVERY * STEP_S, "centre_m": point.centre_m,
-        "position_m": [round(float(value), 9) for value in position_m],
-        "velocity_m_s": [round(float(value), 7) for value in velocity_m_s],
+        "samples": base64.b64encode(np.concatenate((position_m, velocity_m_s)).astype("<f4").tobytes()).decode(),
     }
 
 

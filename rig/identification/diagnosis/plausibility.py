@@ -12,6 +12,7 @@ from rig.identification.uncertainty.fit import Cause
 from rig.identification.words import say
 from rig.signals.plausibility import TestSize, doubts
 
+SIGNS = "signs-reversed"
 SAME_RATE = (0.5, 2.0)  # of the displacement's rate over the velocity given, between which one belongs to the other
 NEAR_MIDDLE = 0.3  # of the amplitude
 OFFSET_OF_PEAK = 0.01  # by which the force must be off towards extension to be no gas force
@@ -73,7 +74,7 @@ def _both_signs(tests: Sequence[Measurement]) -> list[Cause]:
     clear = CLEAR_OF_PEAK if growth_N > 0.0 else OFFSET_OF_PEAK
     if offset_N <= max(clear * peak_N, least_N):
         return []
-    return [_certain("signs-reversed", offset_N=offset_N)]
+    return [_certain(SIGNS, offset_N=offset_N)]
 
 
 def law_from_two_currents(

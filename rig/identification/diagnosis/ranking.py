@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig.dampers.arrays import FloatArray
+from rig.dampers.arrays import BoolArray, FloatArray
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.diagnosis import distortions as of
 from rig.identification.diagnosis.descent import Explained, explain, first_step, residual_N
 from rig.identification.diagnosis.force_channel import beyond, ends_N, outliers
 from rig.identification.diagnosis.groups import two_groups
-from rig.identification.diagnosis.plausibility import implausible, law_from_two_currents
+from rig.identification.diagnosis.plausibility import SIGNS, implausible, law_from_two_currents
 from rig.identification.diagnosis.stretches import Stretch, stretches
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.projection import Weighting
@@ -33,6 +33,7 @@ WORTH_NAMING = 0.15  # share of the misfit from which a cause is listed
 MISFIT_OF_NOISE = 0.02  # of the noise's sum of squares: less than this is no misfit
 SAME_CURRENT_A = 0.05
 MOST_BENDS = 3
+OTHER_AMPLITUDE = 1.2  # smallest stroke of some tests over the largest of the others, from which they differ
 SKEWS_S = (0.0, 1e-3, 3e-3, -1e-3, -3e-3)  # to start from where a model jumps at the reversals, which show the skew
 SMALLEST_SKEW_S, SKEW_ERRORS = 2e-4, 3.0  # a delay that is worth a word: so long, and so many of its stated errors
 BEYOND_DOUBT = 10.0  # standard errors of white noise; noise of a filtered channel has a few times those
@@ -63,7 +64,7 @@ class _Trial:
 
 
 def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
-    """What probably explains the misfit of a fit, most first; wrong units and signs alone where there are any.
+    """What probably explains the misfit of a fit, most first; wrong units alone, reversed signs before the others.
 
     Args:
         fitted: the fit.
@@ -71,9 +72,9 @@ def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
             at in any case.
     """
     wrong = implausible(fitted.tests)
-    if wrong:
+    if any(cause.slug != SIGNS for cause in wrong):
         return tuple(wrong)
-    causes = [*_saturated(fitted.tests)]
+    causes = [*wrong, *_saturated(fitted.tests)]
     causes += _of_misfit(fitted) if misfit else _hidden(fitted)
     return (*causes, *law_from_two_currents(fitted.model, fitted.values, fitted.tests))
 
@@ -250,10 +251,17 @@ def _compliant(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Ite
 
 def _two_dampers(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Iterator[_Trial]:
     reached = two_groups(fitted.model, base, fitted.names, parts)
-    if reached is not None:
+    if reached is not None and not _by_amplitude(fitted.tests, reached.second):
         minor = reached.second if 2 * np.count_nonzero(reached.second) <= reached.second.size else ~reached.second
         ids = [test.id for test, other in zip(fitted.tests, minor.tolist(), strict=True) if other]
         yield _Trial("mixed-specimens", reached.squares, len(fitted.names) + 1, {"tests": some(ids)})
+
+
+def _by_amplitude(tests: Sequence[Measurement], second: BoolArray) -> bool:
+    """Whether one part has all the larger strokes: what a model lacks over the amplitude parts the tests like that."""
+    spans = np.array([float(np.ptp(test.u_m)) for test in tests])
+    one, other = spans[second], spans[~second]
+    return any(bool(np.min(large) > OTHER_AMPLITUDE * np.max(small)) for large, small in ((one, other), (other, one)))
 
 
 def _levels(tests: Sequence[Measurement]) -> list[float]:

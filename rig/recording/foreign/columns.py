@@ -140,7 +140,9 @@ def _found(columns: Sequence[ForeignColumn], text: str) -> tuple[int, str]:
         if len(places) == 1:
             return places[0], given
         if places:
-            others = ", ".join(columns[place].full or f"#{place + 1}" for place in places)
+            full = [columns[place].full for place in places]
+            apart = all(full) and len({*full}) == len(full)
+            others = ", ".join(full if apart else [f"#{place + 1}" for place in places])
             raise ValueError(f"{len(places)} columns are called {wanted!r}; name one of them by {others}")
     shown = ", ".join(column.name for column in columns[:MOST_SHOWN])
     more = f" and {len(columns) - MOST_SHOWN} more" if len(columns) > MOST_SHOWN else ""

@@ -126,3 +126,15 @@ def test_a_long_recording_is_looked_at_within_seconds(tmp_path: Path) -> None:
     test = read(tmp_path / "a.csv", HEAD.replace("F_N", "F_kN") + rows, time="t_s", displacement="x_mm", force="F_kN")
     assert time.process_time() - started < 5.0
     assert len(test.time_s) == 300_000
+
+
+def test_what_is_said_in_two_ways_is_not_chosen_from_in_silence(tmp_path: Path) -> None:
+    path = tmp_path / "a_1.0A.csv"
+    path.write_text(HEAD + "\n".join(lines()))
+    (tmp_path / "sub").mkdir()
+    with pytest.raises(FileProblem) as caught:
+        read_tests([path, tmp_path / "sub" / ".." / path.name],
+                   WantedTests(COLUMNS, 0.5, None, 250.0))  # fmt: skip
+    told = "\n".join(caught.value.problems)
+    assert "--rate and --column time=t_s both" in told
+    assert f"{path} is given 2 times" in told

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import math
+import struct
 from typing import Any
 
 import pytest
@@ -21,11 +23,14 @@ def sent(amplitude_m: float = 0.01, rate_Hz: float = 0.5, **changes: object) -> 
     """One period of a raised cosine: it begins and ends at rest at its centre."""
     count = round(1.0 / (rate_Hz * STEP_S))
     angle = [math.tau * rate_Hz * STEP_S * k for k in range(count + 1)]
-    return {
-        "step_s": STEP_S, "centre_m": 0.002,
-        "position_m": [0.5 * amplitude_m * (1.0 - math.cos(each)) for each in angle],
-        "velocity_m_s": [0.5 * amplitude_m * math.tau * rate_Hz * math.sin(each) for each in angle],
-    } | changes
+    position_m = [0.5 * amplitude_m * (1.0 - math.cos(each)) for each in angle]
+    velocity_m_s = [0.5 * amplitude_m * math.tau * rate_Hz * math.sin(each) for each in angle]
+    return {"step_s": STEP_S, "centre_m": 0.002, "samples": packed(position_m, velocity_m_s)} | changes
+
+
+def packed(position_m: list[float], velocity_m_s: list[float]) -> str:
+    both = position_m + velocity_m_s
+    return base64.b64encode(struct.pack(f"<{len(both)}f", *both)).decode()
 
 
 def test_between_samples_the_rod_goes_where_the_motion_is() -> None:
@@ -33,8 +38,8 @@ def test_between_samples_the_rod_goes_where_the_motion_is() -> None:
     assert order.duration_s == pytest.approx(2.0)
     for t_s in (0.0, 0.0013, 0.777, 1.2345, 1.9999):
         setpoint = order.at(t_s)
-        assert setpoint.position_m == pytest.approx(0.002 + 0.005 * (1.0 - math.cos(math.pi * t_s)), abs=1e-9)
-        assert setpoint.velocity_m_s == pytest.approx(0.005 * math.pi * math.sin(math.pi * t_s), abs=1e-6)
+        assert setpoint.position_m == pytest.approx(0.002 + 0.005 * (1.0 - math.cos(math.pi * t_s)), abs=2e-9)
+        assert setpoint.velocity_m_s == pytest.approx(0.005 * math.pi * math.sin(math.pi * t_s), abs=2e-6)
 
 
 def test_every_set_point_is_recorded_and_the_last_one_is_the_centre() -> None:
@@ -63,15 +68,18 @@ def test_every_set_point_is_recorded_and_the_last_one_is_the_centre() -> None:
         (sent(amplitude_m=-0.06), "travel to minus 0.058 m"),
         (sent(amplitude_m=0.04, rate_Hz=2.0), "speed 0.25"),
         (sent(amplitude_m=0.04, rate_Hz=3.0), "acceleration"),
-        (sent(position_m=[0.001 * k for k in range(3)], velocity_m_s=[0.0] * 3), "end off centre"),
-        (sent(velocity_m_s=[0.15] + [0.0] * 500), "begin or end at 0.15 m/s"),
+        (sent(samples=packed([0.001 * k for k in range(3)], [0.0] * 3)), "end off centre"),
+        (sent(samples=packed([0.0] * 501, [0.15] + [0.0] * 500)), "begin or end at 0.15 m/s"),
         # A jump that the speeds hide.
-        (sent(position_m=[0.0] * 250 + [0.01] + [0.0] * 250, velocity_m_s=[0.0] * 501), "speed 2.5"),
-        (sent(position_m=[math.nan] * 501), "not a signal"),
-        (sent(position_m=[0.0] * 7), "not a signal"),
+        (sent(samples=packed([0.0] * 250 + [0.01] + [0.0] * 250, [0.0] * 501)), "speed 2.5"),
+        (sent(samples=packed([math.nan] * 5, [0.0] * 5)), "not a signal"),
+        (sent(samples=packed([0.0] * 5, [0.0] * 4)), "not a signal"),
+        (sent(samples="no base64!"), "not a signal"),
+        (sent(samples=[0.0, 0.0]), "not a signal"),
+        (sent(samples=packed([0.0] * 200_001, [0.0] * 200_001)), "not a signal"),
         (sent(step_s=0.5), "not a signal"),
         (sent(centre_m="x"), "not a signal"),
-        (sent(more=1.0), "not a signal"),
+        ({"step_s": 0.004}, "not a signal"),
         ([1.0], "no table"),
     ],
 )  # fmt: skip
