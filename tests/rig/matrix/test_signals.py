@@ -12,6 +12,7 @@ import pytest
 from rig.bench.model import Bench
 from rig.campaign.execution.action_executor import signal_order
 from rig.campaign.kept_files import keep_matrix
+from rig.cli.run import following
 from rig.errors import FileProblem
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
@@ -255,3 +256,18 @@ def test_the_example_fits_the_bench_that_follows(tmp_path: Path) -> None:
     judged = plan(load_matrix(ROOT / "examples" / "signals.toml"), bench(tmp_path))
     assert judged.feasible
     assert [item.point.waveform for item in judged.points] == ["sine"] * 2 + ["sweep"] * 2 + ["road"] * 2 + ["file"] * 2
+
+
+@pytest.mark.parametrize(
+    ("matrix", "given", "usual", "told"),
+    [
+        ("signals.toml", (), True, ("--actuator=setpoints",)),
+        ("signals.toml", ("--actuator", "rtu"), True, ("--actuator", "rtu")),
+        ("signals.toml", (), False, ()),
+        ("quick.toml", (), True, ()),
+    ],
+)
+def test_the_usual_simulated_rig_follows_set_points_where_there_are_signals(
+    matrix: str, given: tuple[str, ...], *, usual: bool, told: tuple[str, ...]
+) -> None:
+    assert following(load_matrix(ROOT / "examples" / matrix), given, usual=usual) == told
