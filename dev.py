@@ -12,12 +12,14 @@ python3 dev.py worlds [--seeds FIRST:END]   whole campaigns in virtual time, dra
 python3 dev.py worlds --planted [NAME...]   bugs put in on purpose are looked for in random worlds (hours)
 python3 dev.py coverage        branch coverage of all tests, processes they start included (slower than `test`)
 python3 dev.py docs [--out DIR]   the documentation as a site, in site/
+python3 dev.py pictures        the pictures in README.md again (wants chromium)
 python3 dev.py rig ...         any `rig` command
 python3 dev.py install         set up only
 """
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import shutil
@@ -27,9 +29,11 @@ import tempfile
 import time
 import venv
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from typing import IO
 
 ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
@@ -57,16 +61,17 @@ def program(name: str) -> str:
     return str(BIN / (name + (".exe" if os.name == "nt" else "")))
 
 
-def run(*command: str, cwd: Path = ROOT, **environment: str) -> int:
-    """Run a command with its output shown, and with these variables set; return its exit code."""
-    return subprocess.call(command, cwd=cwd, env={**os.environ, **environment})
+def run(*command: str, cwd: Path = ROOT, told: IO[str] | None = None, **environment: str) -> int:
+    """Run a command with its output shown, or told to a file, and with these variables set; return its exit code."""
+    errors = None if told is None else subprocess.STDOUT
+    return subprocess.call(command, cwd=cwd, env={**os.environ, **environment}, stdout=told, stderr=errors)
 
 
 def install(*, peers: bool = False) -> None:
     """Make .venv and install the project into it, once per change of pyproject.toml.
 
-    With `peers` also the libraries our algorithms are tested against, and Dask; where those cannot be had, their tests
-    say that they were skipped.
+    With `peers` also the libraries our algorithms are tested against, Dask, and a NeXus validator; where those cannot
+    be had, their tests say that they were skipped.
     """
     wanted = hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest()
     stamp = VENV / "installed"
@@ -80,25 +85,26 @@ def install(*, peers: bool = False) -> None:
     pip = (program("python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
     if code := run(*pip, "-e", ".[test]"):
         sys.exit(f"dev.py: installation failed (pip exit {code}); its message is above")
-    if peers and (run(*pip, "-e", ".[test,peers,cluster]") or run(*pip, "--no-deps", MEALPY)):
+    others = ((*pip, "-e", ".[test,peers,cluster]"), (*pip, "--no-deps", MEALPY), (*pip, "-e", ".[nexus]"))
+    if peers and sum(run(*command) != 0 for command in others):
         print("dev.py: not all peers could be installed; the tests against them will be skipped", flush=True)
     stamp.write_text(f"{wanted} peers" if peers else wanted)
 
 
-def wheel_smoke_test() -> int:
+def wheel_smoke_test(told: IO[str]) -> int:
     """Build the wheel, unpack it into a folder elsewhere, import the four packages from there."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         build = run(
             program("python"), "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check", "--no-deps",
-            "--wheel-dir", str(place), str(ROOT),
+            "--wheel-dir", str(place), str(ROOT), told=told,
         )
         if build != 0:
             return build
         (wheel,) = place.glob("*.whl")
         target = place / "site"
         if code := run(program("python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
-                       "--no-deps", "--target", str(target), str(wheel)):
+                       "--no-deps", "--target", str(target), str(wheel), told=told):
             return code
         script = (
             f"import sys; from pathlib import Path; site = {str(target)!r}; sys.path.insert(0, site)\n"
@@ -111,33 +117,45 @@ def wheel_smoke_test() -> int:
             "from drivers.devices.source import current_source\n"
             "controller('demo'), current_source('demo')\n"
         )
-        return run(program("python"), "-P", "-c", script, cwd=place)
+        return run(program("python"), "-P", "-c", script, cwd=place, told=told)
 
 
 def checks(arguments: list[str]) -> int:
     """Run all checks, or only the named tests; the first failing check decides the exit code."""
     if arguments:
         return run(program("python"), "-m", "pytest", *arguments)
-    steps: list[tuple[str, Callable[[], int]]] = [
-        ("ruff", lambda: run(program("ruff"), "check", ".")),
-        ("mypy", lambda: run(program("mypy"))),
-        ("import-linter", lambda: run(program("lint-imports"), "--no-cache")),
-        ("codespell", lambda: run(program("codespell"), *PACKAGES, "tests", "docs", "examples", "README.md",
-                                  "CHANGELOG.md")),
-        ("tests", partial(all_tests, "--short")),
+    packages = [*PACKAGES, "tests", "docs", "examples", "README.md", "CHANGELOG.md"]
+    code = at_once([
+        ("mypy", partial(run, program("mypy"))),
+        ("ruff", partial(run, program("ruff"), "check", ".")),
+        ("codespell", partial(run, program("codespell"), *packages)),
+        ("import-linter", partial(run, program("lint-imports"), "--no-cache")),
+        ("wheel smoke test", wheel_smoke_test),
         *((f"branches of {package} by {tests}", partial(branches_taken, package, tests, least))
           for package, (tests, least) in BRANCHES.items()),
-        ("wheel smoke test", wheel_smoke_test),
-    ]
-    for name, check in steps:
+    ])
+    started = time.perf_counter()
+    code = code or all_tests("--short")
+    print("dev.py: all checks passed" if code == 0 else f"dev.py: FAILED (exit {code})", end=", ")
+    print(f"tests {time.perf_counter() - started:.0f} s", flush=True)
+    return code
+
+
+def at_once(steps: list[tuple[str, Callable[..., int]]]) -> int:
+    """Run checks side by side, what each says in one piece when it ends. Returns the worst exit code."""
+
+    def check(step: tuple[str, Callable[..., int]]) -> int:
+        name, work = step
         started = time.perf_counter()
-        print(f"dev.py: {name}", flush=True)
-        if code := check():
-            print(f"dev.py: {name} FAILED (exit {code})", flush=True)
-            return code
-        print(f"dev.py: {name} ok, {time.perf_counter() - started:.0f} s", flush=True)
-    print("dev.py: all checks passed", flush=True)
-    return 0
+        with tempfile.TemporaryFile("w+") as told:
+            code = work(told=told)
+            told.seek(0)
+            end = "ok" if code == 0 else f"FAILED (exit {code})"
+            print(f"{told.read()}dev.py: {name} {end}, {time.perf_counter() - started:.0f} s", flush=True)
+        return code
+
+    with ThreadPoolExecutor(SIDE_BY_SIDE) as pool:
+        return max(pool.map(check, steps), key=abs)
 
 
 def all_tests(*options: str) -> int:
@@ -150,10 +168,7 @@ def all_tests(*options: str) -> int:
     """
     with tempfile.TemporaryDirectory() as name:
         failures = Path(name) / "failures"
-        pytest = [program("python"), "-m", "pytest", "tests", f"--failures={failures}", *options]
-        code = side_by_side([*pytest, "-m", "not wire"])
-        print("dev.py: tests on real processes and wires", flush=True)
-        code = run(*pytest, "-m", "wire") or code
+        code = side_by_side([program("python"), "-m", "pytest", "tests", f"--failures={failures}", *options])
         if failures.exists() and failures.read_text(encoding="utf-8"):
             print(f"dev.py: these tests failed:\n{failures.read_text(encoding='utf-8')}", end="", flush=True)
     return code
@@ -162,17 +177,24 @@ def all_tests(*options: str) -> int:
 def side_by_side(command: list[str]) -> int:
     """Run pytest's command in several processes, each of which takes the next tests that are free.
 
-    The first one's output is shown at once, the others' when all have ended. Returns the first exit code that is not 0.
+    When the others have ended, the first one runs the tests on real processes and wires, alone. Its output is shown at
+    once, the others' when all have ended. Returns the first exit code that is not 0.
     """
     with tempfile.TemporaryDirectory() as folder, ExitStack() as files:
         # A cache would know only what one of them saw.
         command = [*command, f"--shared={folder}", "-p", "no:cacheprovider"]
         told = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE - 1)]
+        others_run = files.enter_context((Path(folder) / "others").open("w"))
+        fcntl.flock(others_run, fcntl.LOCK_SH)
+        first = subprocess.Popen([*command, "--then-wires"], cwd=ROOT)
+        command = [*command, "-m", "not wire"]
         others = [subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in told]
         try:
-            codes = [run(*command), *(process.wait() for process in others)]
+            codes = [process.wait() for process in others]
+            others_run.close()
+            codes.append(first.wait())
         finally:
-            for process in others:
+            for process in (first, *others):
                 process.terminate()
         for said in told:
             said.seek(0)
@@ -180,12 +202,14 @@ def side_by_side(command: list[str]) -> int:
     return next((code for code in codes if code), 0)
 
 
-def branches_taken(package: str, tests: str, least: int) -> int:
+def branches_taken(package: str, tests: str, least: int, told: IO[str]) -> int:
     """Run a package's own tests; fail unless they take so many of its branches (%). Compiled kernels run as Python."""
-    return run(
-        program("python"), "-m", "pytest", *tests.split(), "-q", f"--cov={package}", f"--cov-fail-under={least}",
-        "--cov-report=term-missing:skip-covered", NUMBA_DISABLE_JIT="1",
-    )
+    with tempfile.TemporaryDirectory() as folder:
+        return run(
+            program("python"), "-m", "pytest", *tests.split(), "-q", f"--cov={package}", f"--cov-fail-under={least}",
+            "--cov-report=term-missing:skip-covered", "-p", "no:cacheprovider", told=told, NUMBA_DISABLE_JIT="1",
+            COVERAGE_FILE=str(Path(folder) / "coverage"),
+        )
 
 
 def coverage() -> int:
@@ -218,14 +242,14 @@ def main(arguments: list[str]) -> int:
     if command == "clean":
         shutil.rmtree(VENV, ignore_errors=True)
         return 0
-    if command not in {"demo", "test", "nightly", "faults", "worlds", "coverage", "rig", "install", "docs"}:
+    if command not in {"demo", "test", "nightly", "faults", "worlds", "coverage", "rig", "install", "docs", "pictures"}:
         print(__doc__)
         return 0 if command in {"help", "-h", "--help"} else 2
     install(peers=command in {"test", "nightly"})
     if command == "demo":
         return run(program("rig"), "demo", *rest)
-    if command == "docs":
-        return run(program("python"), "docs/build_site.py", *rest)
+    if command in {"docs", "pictures"}:
+        return run(program("python"), "docs/build_site.py" if command == "docs" else "docs/make_pictures.py", *rest)
     if command == "rig":
         return run(program("rig"), *rest)
     if command == "faults":

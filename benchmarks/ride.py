@@ -25,8 +25,8 @@ from rig.identification.models.problem import Problem
 from rig.optimisers import minimise
 from rig.study.recordings import table1
 from rig.vehicle.car import load_car
-from rig.vehicle.control import Control
 from rig.vehicle.fitted_damper import FittedDamper, fitted_damper
+from rig.vehicle.laws import Control
 from rig.vehicle.motion import CornerDamper
 from rig.vehicle.response import BANDS
 from rig.vehicle.ride import NotComparable, RideStudy, ride_study

@@ -17,7 +17,7 @@ import numpy as np
 
 from rig import dampers
 from rig.vehicle.car import load_car
-from rig.vehicle.control import Control
+from rig.vehicle.laws import Control
 from rig.vehicle.motion import CornerDamper, DrivenCar
 from rig.vehicle.road_file import load_road
 from rig.vehicle.structure import Structure, structure

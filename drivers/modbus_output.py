@@ -12,43 +12,28 @@ import threading
 import time
 from collections import deque
 
-from drivers.current_source import (
-    SourceBatch,
-    SourceCounters,
-    SourceFault,
-    SourceIdentity,
-    SourceState,
-    SourceStatus,
-    SourceTemperature,
-    SourceTiming,
-    SourceTraits,
-)
+from drivers.current_source import SourceBatch, SourceFault, SourceIdentity, SourceStatus, SourceTraits
 from drivers.devices.output import CURRENT, ENABLE, IDENTITY, MEASURED, AnalogueOutput
-from drivers.devices.supply import SupplyConnection, supply_lacks
+from drivers.devices.supply import SupplyConnection
 from drivers.errors import Busy, DriverError, LinkLost, NoAnswer, RequestRefused, WrongAnswer
 from drivers.modbus_link import ModbusLink
+from drivers.polled_source import DEVICE, PolledSource
 from drivers.register_access import RegisterAccess
 from drivers.register_maps.condition import Values
 from drivers.register_maps.quantity import Value, same
 from drivers.register_maps.recipe import Recipe, Write
-from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from protocols.errors import LocalProtocolError
-from protocols.quality import Quality
 
-DEVICE = "ecu"
-TOLD_EVERY = 10
-"""Polls between two records of a state that does not change."""
 IN_A_ROW = 3
 OPEN_SHARE = 0.1
 """Less of the wanted current than this is none: the circuit is open, or the amplifier is off."""
 COUNTERS = 1 << 16
 AGAIN_S = 0.1
 """A module that cannot be reached is tried again so often."""
-_RECORDS_KEPT = 4096
+_HEARD_KEPT = 4096
 _CLOSING_S = 0.5
 
 
-class ModbusOutput:
+class ModbusOutput(PolledSource):
     """Drives one analogue output; a `drivers.current_source.CurrentSource`.
 
     `read_batch` belongs to one owner; `command` and `send_now` may be called from any thread. Before `start` nothing is
@@ -60,42 +45,25 @@ class ModbusOutput:
     """
 
     def __init__(self, connection: SupplyConnection, output: AnalogueOutput) -> None:
+        super().__init__(connection, "output")
         described = connection.description
-        self.counters = SourceCounters()
-        self.status: SourceStatus | None = None
-        self.temperature: SourceTemperature | None = None
-        self.identity: SourceIdentity | None = None
-        self.send_error: DriverError | None = None
-        self.bus_errors = 0
         self.malformed = 0
-        self._connection = connection
-        self._described = described
         self._output = output
         self._link = ModbusLink(
             connection.url, connection.device_id, connection.timeout_s, device=DEVICE,
             baudrate=connection.baudrate or described.link.baudrate, parity=described.link.parity,
         )
         self._access = RegisterAccess(self._link, output.rules, together=False)
-        self._wanted = (0.0, False)
         self._held_A: float | None = None
         """What the module has taken (A); None before the first write."""
         self._woken, self._leaving = threading.Event(), threading.Event()
         self._progress = threading.Condition()
         self._worker: threading.Thread | None = None
         self._lost: DriverError | None = None
-        self._heard: deque[SourceStatus] = deque(maxlen=_RECORDS_KEPT)
-        self._bad_told = 0
-        self._changed_ns = self._due_ns = self._polls = 0
-        self._started = self._prepared = False
-        self._odd = self._open = self._faults = self._fed = 0
+        self._heard: deque[SourceStatus] = deque(maxlen=_HEARD_KEPT)
+        self._prepared = False
+        self._bad_told = self._odd = self._fed = 0
         self._who = self._problem = ""
-        self._reported: tuple[int, int] | None = None
-        self._records: deque[Record] = deque(maxlen=_RECORDS_KEPT)
-
-    @property
-    def timing(self) -> SourceTiming:
-        """The current at every poll, its identity once, temperatures never."""
-        return SourceTiming(self._connection.poll_s, 0.0, self._connection.poll_s)
 
     @property
     def traits(self) -> SourceTraits:
@@ -106,25 +74,9 @@ class ModbusOutput:
         )
 
     @property
-    def lacking(self) -> tuple[tuple[str, str], ...]:
-        """What it cannot do, and what is left without it."""
-        return supply_lacks(self._described)
-
-    @property
-    def refusal(self) -> tuple[str, str]:
-        """Nothing speaks against what is heard."""
-        return "", ""
-
-    @property
     def identity_problem(self) -> str:
         """Why the module is not the one expected; empty while it is, or has not been asked."""
         return self._problem
-
-    @property
-    def commanded_A(self) -> float:
-        """Set-point, A; 0 while the output is to be off."""
-        current_A, enable = self._wanted
-        return current_A if enable else 0.0
 
     def open(self) -> None:
         """Open the connection and begin to ask.
@@ -163,13 +115,7 @@ class ModbusOutput:
         Raises:
             LocalProtocolError: the set-point is beyond what the output gives; the old one stays.
         """
-        low_A, high_A = self._described.current_A
-        if current_A != 0.0 and not low_A <= current_A <= high_A:
-            raise LocalProtocolError(f"{current_A:g} A is beyond the output's range of {low_A:g} to {high_A:g} A")
-        changed = self._wanted != (current_A, enable)
-        self._wanted = (current_A, enable)
-        if changed:
-            self._changed_ns = time.monotonic_ns()
+        if self._want(current_A, enable=enable):
             self._woken.set()
             with self._progress:
                 self._heard.clear()
@@ -198,9 +144,7 @@ class ModbusOutput:
                 batch.statuses.append(self._heard.popleft())
             if self._lost is not None and not batch.statuses:
                 raise self._lost
-            while self._records:
-                batch.records.append(self._records.popleft())
-        batch.records.sort(key=lambda record: record[0])
+            self._hand_over(batch)
         return batch._replace(arrival_ns=time.monotonic_ns())
 
     # The thread that asks and writes
@@ -289,9 +233,7 @@ class ModbusOutput:
 
     def _poll(self, now_ns: int) -> None:
         """Feed its watchdog, ask for what it shows; before that once who it is."""
-        period_ns = int(self._connection.poll_s * 1e9)
-        # A poll that comes late is not made up for by a burst.
-        self._due_ns = self._due_ns + period_ns if self._due_ns + period_ns > now_ns else now_ns + period_ns
+        self._plan_next_poll(now_ns)
         self._polls += 1
         watchdog = self._output.watchdog
         if self._started and watchdog is not None:
@@ -340,16 +282,7 @@ class ModbusOutput:
         self._faults |= self._output.faults.meaning(values) & sum(SourceFault)
         self._judge_held(shown_A, values)
         self._judge_open(current_A, arrival_ns)
-        state = SourceState.OFF if self.commanded_A == 0.0 else SourceState.ENABLED
-        status = SourceStatus(SourceState.FAULT if self._faults else state, current_A, self._faults)
-        self.status = status
-        told: list[Record] = [
-            self._record(arrival_ns, Channel.COIL_CURRENT, current_A), self._command_record(arrival_ns)
-        ]
-        if self._reported != (status.state, status.faults) or self._polls % TOLD_EVERY == 1:
-            self._reported = (status.state, status.faults)
-            told.append(self._record(arrival_ns, Channel.ECU_STATE, status.state))
-            told.append(self._record(arrival_ns, Channel.ECU_FAULTS, status.faults))
+        status, told = self._tell(current_A, arrival_ns)
         with self._progress:
             self._records.extend(told)
             # What was shown before a set-point that waits to be written proves nothing of it.
@@ -369,15 +302,7 @@ class ModbusOutput:
 
     def _judge_open(self, current_A: float, now_ns: int) -> None:
         wanted_A = abs(self.commanded_A)
-        settled = now_ns - self._changed_ns > int(self._described.settling_s * 1e9)
-        none = self._output.measures and settled and abs(current_A) < OPEN_SHARE * wanted_A
+        none = self._output.measures and self._settled(now_ns) and abs(current_A) < OPEN_SHARE * wanted_A
         self._open = self._open + 1 if none else 0
         if self._open >= IN_A_ROW:
             self._faults |= SourceFault.OPEN
-
-    def _record(self, arrival_ns: int, channel: Channel, value: float) -> Record:
-        number = self.counters.statuses & 0xFFFFFFFF
-        return arrival_ns, NO_DEVICE_TIME, float(value), number, int(channel), int(Quality.GOOD)
-
-    def _command_record(self, now_ns: int) -> Record:
-        return now_ns, NO_DEVICE_TIME, self.commanded_A, self.counters.sent, int(Channel.COMMANDED_CURRENT), 0

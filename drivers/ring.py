@@ -103,6 +103,8 @@ class Channel(IntEnum):
     HYBRID_SEEN = 62
     HYBRID_BODY = 63
     HYBRID_WHEEL = 64
+    SIGNAL_TIME = 65
+    SIGNAL_TARGET = 66
 
 
 def edge_channel(channel: int) -> Channel:

@@ -9,40 +9,25 @@ from __future__ import annotations
 import contextlib
 import re
 import time
-from collections import deque
 from collections.abc import Iterator
 
-from drivers.current_source import (
-    SourceBatch,
-    SourceCounters,
-    SourceFault,
-    SourceIdentity,
-    SourceState,
-    SourceStatus,
-    SourceTemperature,
-    SourceTiming,
-    SourceTraits,
-)
-from drivers.devices.supply import SupplyConnection, identity_of, supply_lacks
+from drivers.current_source import SourceBatch, SourceFault, SourceTraits
+from drivers.devices.supply import SupplyConnection, identity_of
 from drivers.errors import DriverError
-from drivers.ring import NO_DEVICE_TIME, Channel, Record
+from drivers.polled_source import DEVICE, PolledSource
+from drivers.ring import Channel
 from drivers.serial_port import SerialPort
 from drivers.supply_dialogue import Job, SupplyDialogue, Wanted
-from protocols.errors import LocalProtocolError, RemoteProtocolError
-from protocols.quality import Quality
+from protocols.errors import RemoteProtocolError
 from protocols.scpi import Command, number_in
 
-DEVICE = "ecu"
-TOLD_EVERY = 10
-"""Polls between two records of a state that does not change."""
 OPEN_IN_A_ROW = 3
 COMPLIANCE_SHARE = 0.97
 SHORT_OF_SHARE, SHORT_OF_A = 0.05, 0.05
-_RECORDS_KEPT = 4096
 _CLOSING_S = 0.5
 
 
-class ScpiSupply:
+class ScpiSupply(PolledSource):
     """Drives one supply; a `drivers.current_source.CurrentSource`.
 
     `read_batch` belongs to one owner thread; `command` and `send_now` may be called from any thread. Before `start`
@@ -53,14 +38,8 @@ class ScpiSupply:
     """
 
     def __init__(self, connection: SupplyConnection) -> None:
-        described = self._described = connection.description
-        self.counters = SourceCounters()
-        self.status: SourceStatus | None = None
-        self.temperature: SourceTemperature | None = None
-        self.identity: SourceIdentity | None = None
-        self.send_error: DriverError | None = None
-        self.bus_errors = 0
-        self._connection = connection
+        super().__init__(connection, "supply")
+        described = self._described
         link = described.link
         self._port = SerialPort(
             connection.url.replace("tcp://", "socket://", 1),
@@ -70,21 +49,10 @@ class ScpiSupply:
         self._dialogue = SupplyDialogue(
             self._port, link, connection.timeout_s, described.commands.identify, self._numbers
         )
-        self._wanted = (0.0, False)
-        self._changed_ns = 0
-        self._output_on = self._started = self._again = False
+        self._output_on = self._again = False
         self._told = ""
-        self._due_ns = self._polls = self._sequence = self._late = 0
-        self._faults = 0
-        self._open = 0
+        self._late = 0
         self._volts = 0.0
-        self._reported: tuple[int, int] | None = None
-        self._records: deque[Record] = deque(maxlen=_RECORDS_KEPT)
-
-    @property
-    def timing(self) -> SourceTiming:
-        """The current at every poll, its identity once, temperatures never."""
-        return SourceTiming(self._connection.poll_s, 0.0, self._connection.poll_s)
 
     @property
     def traits(self) -> SourceTraits:
@@ -96,16 +64,6 @@ class ScpiSupply:
         )
 
     @property
-    def lacking(self) -> tuple[tuple[str, str], ...]:
-        """What it cannot do, and what is left without it."""
-        return supply_lacks(self._described)
-
-    @property
-    def refusal(self) -> tuple[str, str]:
-        """Nothing speaks against what is heard."""
-        return "", ""
-
-    @property
     def identity_problem(self) -> str:
         """Why the supply is not the one expected; empty while it is, or has not said who it is."""
         pattern, text = self._described.identity, self._connection.identity
@@ -114,12 +72,6 @@ class ScpiSupply:
         if pattern and not re.search(pattern, self._told):
             return f"it says it is {self._told!r:.100}, which does not look like {pattern!r}"
         return f"it says it is {self._told!r:.100}, expected {text!r} in it" if text not in self._told else ""
-
-    @property
-    def commanded_A(self) -> float:
-        """Set-point, A; 0 while the output is to be off."""
-        current_A, enable = self._wanted
-        return current_A if enable else 0.0
 
     @property
     def malformed(self) -> int:
@@ -174,12 +126,7 @@ class ScpiSupply:
         Raises:
             LocalProtocolError: the set-point is beyond what the supply gives; the old one stays.
         """
-        low_A, high_A = self._described.current_A
-        if current_A != 0.0 and not low_A <= current_A <= high_A:
-            raise LocalProtocolError(f"{current_A:g} A is beyond the supply's range of {low_A:g} to {high_A:g} A")
-        if self._wanted != (current_A, enable):
-            self._changed_ns = time.monotonic_ns()
-        self._wanted = (current_A, enable)
+        self._want(current_A, enable=enable)
         if clear_faults:
             self._faults = self._open = 0
             self._dialogue.refused = False
@@ -215,9 +162,7 @@ class ScpiSupply:
                 self._take(wanted, answer, arrival_ns, batch)
             if batch.statuses or arrival_ns >= deadline_ns:
                 break
-        while self._records:
-            batch.records.append(self._records.popleft())
-        batch.records.sort(key=lambda record: record[0])
+        self._hand_over(batch)
         return batch._replace(bad=self.counters.bad_checks - bad_before, arrival_ns=arrival_ns)
 
     # Sending
@@ -258,9 +203,7 @@ class ScpiSupply:
 
     def _poll(self, now_ns: int) -> Iterator[Job]:
         """What is asked now: who it is, until it has said so; then the current, and one of the other things."""
-        period_ns = int(self._connection.poll_s * 1e9)
-        # A poll that comes late is not made up for by a burst.
-        self._due_ns = self._due_ns + period_ns if self._due_ns + period_ns > now_ns else now_ns + period_ns
+        self._plan_next_poll(now_ns)
         commands = self._described.commands
         if not self._told:
             yield from (Job(command) for command in commands.connect)
@@ -310,7 +253,7 @@ class ScpiSupply:
         try:
             if wanted is Wanted.VOLTAGE:
                 self._volts = number_in(answer, described.voltage)
-                self._record(batch, arrival_ns, Channel.ECU_SUPPLY, self._volts)
+                batch.records.append(self._record(arrival_ns, Channel.ECU_SUPPLY, self._volts))
             elif wanted is Wanted.CURRENT:
                 self._take_current(number_in(answer, described.current), arrival_ns, batch)
             elif wanted is Wanted.FAULTS:
@@ -325,23 +268,12 @@ class ScpiSupply:
     def _take_current(self, current_A: float, arrival_ns: int, batch: SourceBatch) -> None:
         self.counters.bad_in_a_row = 0
         self.counters.statuses += 1
-        self._sequence += 1
         self._judge_compliance(current_A, arrival_ns)
         if self._dialogue.refused:
             self._faults |= SourceFault.COMMAND_CHECK
-        state = SourceState.OFF if self.commanded_A == 0.0 else SourceState.ENABLED
-        status = SourceStatus(SourceState.FAULT if self._faults else state, current_A, self._faults)
-        self.status = status
+        status, told = self._tell(current_A, arrival_ns)
         batch.statuses.append(status)
-        self._record(batch, arrival_ns, Channel.COIL_CURRENT, current_A)
-        batch.records.append(self._command_record(arrival_ns))
-        if self._reported != (status.state, status.faults) or self._polls % TOLD_EVERY == 1:
-            self._reported = (status.state, status.faults)
-            self._record(batch, arrival_ns, Channel.ECU_STATE, status.state)
-            self._record(batch, arrival_ns, Channel.ECU_FAULTS, status.faults)
-
-    def _settled(self, now_ns: int) -> bool:
-        return now_ns - self._changed_ns > int(self._described.settling_s * 1e9)
+        batch.records.extend(told)
 
     def _judge_compliance(self, current_A: float, now_ns: int) -> None:
         """Too little current at the highest voltage allowed: the coil's circuit is open, or the limit too low."""
@@ -356,14 +288,6 @@ class ScpiSupply:
         """An output that is off although it was switched on: it protected itself, restarted, or somebody did it."""
         if self._output_on and not on and not self._faults and self._settled(time.monotonic_ns()):
             self._faults |= SourceFault.RESTARTED
-
-    def _record(self, batch: SourceBatch, arrival_ns: int, channel: Channel, value: float) -> None:
-        batch.records.append((
-            arrival_ns, NO_DEVICE_TIME, float(value), self._sequence & 0xFFFFFFFF, int(channel), int(Quality.GOOD),
-        ))
-
-    def _command_record(self, now_ns: int) -> Record:
-        return now_ns, NO_DEVICE_TIME, self.commanded_A, self.counters.sent, int(Channel.COMMANDED_CURRENT), 0
 
     def _await_silence(self) -> None:
         """Go on until everything is sent and answered, so that closing cuts nothing off."""

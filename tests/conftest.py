@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import gc
 import os
 import signal
@@ -28,6 +29,8 @@ STARTS_PROCESSES = frozenset({"start", "run_wired", "in_motion", "start_brisk", 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--shared", type=Path, help="Folder in which processes say which tests each one takes.")
+    parser.addoption("--then-wires", action="store_true", help="With --shared: when no other process runs tests any "
+                     "more, also those on real processes and wires.")
     parser.addoption("--failures", type=Path, help="File at whose end the names of the tests that failed are written.")
     parser.addoption("--short", action="store_true", help="Leave to the night what is marked `nightly` or `few`.")
 
@@ -63,7 +66,7 @@ def pytest_runtestloop(session: pytest.Session) -> bool | None:
     folder = session.config.getoption("--shared")
     if folder is None or session.testsfailed or session.config.option.collectonly:
         return None
-    ours = taken(session.items, folder)
+    ours = ours_of(session, folder)
     item = next(ours, None)
     while item is not None:
         following = next(ours, None)
@@ -74,6 +77,17 @@ def pytest_runtestloop(session: pytest.Session) -> bool | None:
             raise session.Interrupted(session.shouldstop)
         item = following
     return True
+
+
+def ours_of(session: pytest.Session, folder: Path) -> Iterator[pytest.Item]:
+    """What this process takes of the tests without wires; with --then-wires, the others done, then those on wires."""
+    wired = [item for item in session.items if item.get_closest_marker("wire")]
+    yield from taken([item for item in session.items if item not in set(wired)], folder)
+    if session.config.getoption("--then-wires"):
+        with (folder / "others").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        session.config.get_terminal_writer().line("\non real processes and wires:")
+        yield from wired
 
 
 def taken(items: list[pytest.Item], folder: Path) -> Iterator[pytest.Item]:

@@ -188,7 +188,7 @@ def _lines(detail: ErrorDetails, model: Table, source: TomlSource) -> list[str]:
     if detail["type"] in _UNKNOWN:
         message = _unknown_key(model, section, str(place[-1]))
     elif detail["type"] == "missing":
-        message = _missing(field, place[-1])
+        message = _missing(field, place)
     else:
         message = _message(detail, field)
     return [problem_at(source, written, message)]
@@ -217,8 +217,9 @@ def _keys(section: Table) -> list[str]:
     return [key_of(section, name) for name in fields_of(section)]
 
 
-def _missing(field: FieldInfo | None, key: str | int) -> str:
+def _missing(field: FieldInfo | None, place: Place) -> str:
     """What to write where something is missing."""
+    key = place[-1]
     if field is None:
         return "missing"
     if isinstance(key, int):
@@ -227,7 +228,8 @@ def _missing(field: FieldInfo | None, key: str | int) -> str:
     if table is not None:
         needed = [key_of(table, name) for name, inner in fields_of(table).items() if inner.is_required()]
         # Where one of several kinds of device may stand, no key is needed by all: the first kind's are shown.
-        return f"missing; write a table [{key}] with {', '.join(needed or _keys(table)[:2])}"
+        heading = key if any(isinstance(part, int) for part in place) else dotted(place)
+        return f"missing; write a table [{heading}] with {', '.join(needed or _keys(table)[:2])}"
     example = _example(field)
     return "missing" + (f"; write for example {key} = {example}" if example else "")
 

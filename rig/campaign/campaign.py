@@ -74,7 +74,7 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
         if options.resume_path is not None:
             resume.same_campaign(options.resume_path, known, matrix)
         accepted(matrix, known)
-        check_hand(known, attended=options.attended)
+        check_hand(known, attended=options.attended or _paged(live) is not None)
     with operator_link(display, live) as (signals, shown), contextlib.ExitStack() as ends:
         log, locks = ends.enter_context(campaign_folder(options, matrix, known, shown))
         folder = log.path.parent
@@ -101,6 +101,11 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
             rig.settle_s = TRUTH_AFTER_STOP_S / bench.clock.device_rate
         rig.disk_refuses = ended.stopped_by in DISK
         return ended
+
+
+def _paged(live: LiveLink | None) -> LiveLink | None:
+    """The live folder where a page is served with the campaign: somebody can be asked there."""
+    return live if live is not None and live.paged else None
 
 
 def _show_start(start: _Start, log: CampaignLog, display: Display) -> None:
@@ -227,7 +232,7 @@ def _run(
             simulated=start.options.simulate,
             stock=start.stock,
             results=PointResults(points, {result.id: result for result in start.stock.results}),
-            hand=hand_of(start.bench),
+            hand=hand_of(start.bench, attended=start.options.attended, live=_paged(live)),
         )
         try:
             runner = Runner(campaign, signals, finaliser, baseline)

@@ -1,4 +1,4 @@
-"""Somebody who sets the current by hand: asked at the terminal, or, on a simulated rig, answering at once."""
+"""Somebody who sets the current by hand: asked at the terminal and on a page; a rehearsed one answers at once."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import termios
 from typing import Protocol
 
 from rig.bench.model import Bench
+from rig.campaign.live_link import LiveLink
 from rig.errors import Refused
 
 CHUNK = 4096
@@ -19,8 +20,8 @@ UNATTENDED = "by-hand-unattended"
 class Hand(Protocol):
     """Somebody at the supply."""
 
-    def ask(self) -> None:
-        """Something is asked from now on; what was typed before is no answer to it."""
+    def ask(self, current_A: float) -> None:
+        """A current (A) is asked for from now on; what was said before is no answer to it."""
 
     def answered(self) -> bool:
         """Whether it was confirmed since; says so once."""
@@ -32,7 +33,7 @@ class RehearsedHand:
     def __init__(self) -> None:
         self._asked = False
 
-    def ask(self) -> None:
+    def ask(self, current_A: float) -> None:
         """Something is asked."""
         self._asked = True
 
@@ -54,7 +55,7 @@ class TerminalHand:
         self._asked = False
         self._typed = b""
 
-    def ask(self) -> None:
+    def ask(self, current_A: float) -> None:
         """Something is asked: forget what was typed before."""
         self._asked, self._typed = True, b""
         # What is no terminal has nothing typed ahead.
@@ -80,11 +81,51 @@ class TerminalHand:
         return True
 
 
-def hand_of(bench: Bench) -> Hand | None:
-    """Whoever sets the current of this bench; None where a device drives it."""
+class PageHand:
+    """Whoever holds the operator's lease of a page, and, beside it, somebody at the terminal: who answers first counts.
+
+    Args:
+        live: where pages show what is asked, and answer.
+        terminal: None where nobody sits there.
+    """
+
+    def __init__(self, live: LiveLink, terminal: Hand | None) -> None:
+        self._live = live
+        self._terminal = terminal
+
+    def ask(self, current_A: float) -> None:
+        """On the page and at the terminal."""
+        self._live.ask_current(current_A)
+        if self._terminal is not None:
+            self._terminal.ask(current_A)
+
+    def answered(self) -> bool:
+        """Whether this question was confirmed at either place.
+
+        Raises:
+            OSError: the terminal is gone.
+        """
+        typed = self._terminal is not None and self._terminal.answered()
+        if not (self._live.current_is_set or typed):
+            return False
+        self._live.forget_question()
+        return True
+
+
+def hand_of(bench: Bench, *, attended: bool, live: LiveLink | None = None) -> Hand | None:
+    """Whoever sets the current of this bench; None where a device drives it.
+
+    Args:
+        bench: the bench.
+        attended: somebody sits at the terminal.
+        live: where an operator's page is served; None without one.
+    """
     if not bench.ecu.by_hand:
         return None
-    return TerminalHand(sys.stdin.fileno()) if bench.ecu.rehearsal is None else RehearsedHand()
+    if bench.ecu.rehearsal is not None:
+        return RehearsedHand()
+    terminal = TerminalHand(sys.stdin.fileno()) if attended else None
+    return terminal if live is None else PageHand(live, terminal)
 
 
 def check_hand(bench: Bench, *, attended: bool) -> None:
@@ -92,7 +133,7 @@ def check_hand(bench: Bench, *, attended: bool) -> None:
 
     Args:
         bench: the bench.
-        attended: somebody sits at the terminal and can read what is asked.
+        attended: somebody sits at the terminal and can read what is asked, or has the operator's page.
 
     Raises:
         Refused: nobody does (`by-hand-unattended`).
@@ -101,6 +142,6 @@ def check_hand(bench: Bench, *, attended: bool) -> None:
         raise Refused(
             UNATTENDED,
             "the bench's current is set by hand ([ecu] by_hand = true), and nobody can be asked for it here: run it at "
-            "a terminal, without --json, standard input and output not redirected; or rehearse it with --simulate; "
-            "nothing was moved",
+            "a terminal, without --json, standard input and output not redirected; or with --page, to confirm it "
+            "there; or rehearse it with --simulate; nothing was moved",
         )

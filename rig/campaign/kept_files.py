@@ -8,10 +8,12 @@ from pathlib import Path
 
 from rig.bench import named_files
 from rig.errors import FileProblem, Refused
+from rig.matrix import signal_files
 from rig.recording.atomic_write import write_durably
 from rig.text_file import read_text
 
 LARGEST_BENCH_BYTES = 262_144
+LARGEST_MATRIX_BYTES = 1_048_576
 
 
 def copy_into(source: Path, folder: Path, name: str) -> None:
@@ -27,6 +29,27 @@ def copy_into(source: Path, folder: Path, name: str) -> None:
         raise FileProblem(str(source), [f"cannot be read: {error.strerror}"]) from error
     try:
         write_durably(folder / name, content)
+    except OSError as error:
+        raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error
+
+
+def keep_matrix(source: Path, folder: Path, name: str) -> None:
+    """Keep a matrix file with the roads and records that it names, so that the copy needs nothing beside the campaign.
+
+    Raises:
+        Refused: one cannot be copied.
+        FileProblem: one cannot be read.
+    """
+    written = read_text(source, LARGEST_MATRIX_BYTES)
+    text, files = signal_files.kept(written, source.absolute().parent)
+    if not files:
+        copy_into(source, folder, name)
+        return
+    try:
+        (folder / signal_files.FOLDER).mkdir(exist_ok=True)
+        for own, content in files.items():
+            write_durably(folder / signal_files.FOLDER / own, content)
+        write_durably(folder / name, text.encode())
     except OSError as error:
         raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rig.campaign.results import CampaignResult, PointResult
+from rig.campaign.results import NOT_RUN, CampaignResult, PointResult
 from rig.clock import monotonic_ns, utc_now
 from rig.matrix.plan import Plan
 from rig.station.live_folder import PLAN, RESULTS, STATE, replace_json
@@ -66,8 +66,7 @@ class LiveDisplay:
 
     def point_done(self, result: PointResult) -> None:
         """A point's verdict."""
-        told = {"verdict": result.verdict, "reasons": list(result.reasons), "slugs": list(result.slugs)}
-        self._results[result.id] = told
+        self._results[result.id] = _told(result)
         self._replace(RESULTS, self._results)
 
     def message(self, level: str, text: str) -> None:
@@ -77,8 +76,20 @@ class LiveDisplay:
         self._messages.append({"number": self._said, "utc": utc, "level": level, "text": text})
         self._write()
 
+    def refused(self, slug: str, text: str) -> None:
+        """It did not begin, or broke off, and why; stays until the next campaign."""
+        self._state["ended"] = {"refused": slug, "lines": [text]}
+        self._write()
+
     def ended(self, result: CampaignResult, lines: list[str]) -> None:
-        """How it ended, with the lines that the operator reads at the terminal; stays until the next campaign."""
+        """How it ended, with the lines that the operator reads at the terminal; stays until the next campaign.
+
+        Verdicts are told again: what the whole session showed may have changed those of points.
+        """
+        for point in result.points:
+            if point.id in self._results or point.verdict != NOT_RUN:
+                self._results[point.id] = _told(point)
+        self._replace(RESULTS, self._results)
         self._state["ended"] = {
             "valid": result.valid, "total": result.total, "rig_state": str(result.rig_state),
             "stopped_by": result.stopped_by, "exit_code": result.exit_code, "lines": lines,
@@ -93,3 +104,7 @@ class LiveDisplay:
         # What pages are shown is worth no stop, and shared memory that is full now may not be so the next time.
         with contextlib.suppress(OSError):
             replace_json(self._folder / name, value)
+
+
+def _told(result: PointResult) -> dict[str, Any]:
+    return {"verdict": result.verdict, "reasons": list(result.reasons), "slugs": list(result.slugs)}

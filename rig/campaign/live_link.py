@@ -69,6 +69,8 @@ class LiveLink:
         paused: a pause was asked for.
         held: nothing has begun yet.
         confirm: earlier stops that a start of a held campaign must name, each with `slug` and `text`'s parts.
+        asked: the current (A) that somebody is to set by hand now; None: none.
+        paged: an operator's page is served with the campaign.
 
     Raises:
         OSError: the folder or its socket cannot be made.
@@ -80,6 +82,10 @@ class LiveLink:
         self.paused = False
         self.held = held
         self.confirm: tuple[Mapping[str, str], ...] = ()
+        self.asked: float | None = None
+        self.paged = False
+        self.current_is_set = False
+        self._questions = 0
         self.display = LiveDisplay(self.folder, self._standing)
         self._log: CampaignLog | None = None
 
@@ -89,7 +95,18 @@ class LiveLink:
         return str(self.folder / STATION_SOCKET)
 
     def _standing(self) -> dict[str, Any]:
-        return {"paused": self.paused, "held": self.held, "confirm": [dict(stop) for stop in self.confirm]}
+        asked = None if self.asked is None else {"current_A": self.asked, "number": self._questions}
+        confirm = [dict(stop) for stop in self.confirm]
+        return {"paused": self.paused, "held": self.held, "confirm": confirm, "asked": asked}
+
+    def ask_current(self, current_A: float) -> None:
+        """Show a question for a current (A); answers to earlier ones are none to it."""
+        self._questions += 1
+        self.asked, self.current_is_set = current_A, False
+
+    def forget_question(self) -> None:
+        """It was answered, or no longer matters."""
+        self.asked, self.current_is_set = None, False
 
     @contextmanager
     def told_of(self, log: CampaignLog) -> Iterator[None]:
@@ -132,6 +149,9 @@ class LiveLink:
             return Wish(Asked(do), by)
         elif do == Asked.START:
             return self._start(message, by)
+        elif do == "set" and self.asked is not None and message.get("number") == self._questions:
+            self.current_is_set = True
+            self._note("set", by, current_A=self.asked)
         return None
 
     def _start(self, message: Mapping[str, Any], by: str) -> Wish | None:

@@ -23,7 +23,7 @@ from rig import __version__
 from rig.bench.model import Bench
 from rig.bench.supply_settings import supply_of
 from rig.campaign.confirmation import EarlierStop, resume_command
-from rig.campaign.kept_files import copy_into, keep_bench
+from rig.campaign.kept_files import keep_bench, keep_matrix
 from rig.campaign.machine_resources import locked
 from rig.campaign.results import CampaignOptions, Display
 from rig.campaign.sequencer.point_preparation import MOST_STEPS
@@ -143,7 +143,7 @@ def _keep_files(folder: Path, options: CampaignOptions, bench: Bench | None, mat
         Refused: they cannot be written.
         FileProblem: one of them cannot be read.
     """
-    copy_into(options.matrix_path, folder, "matrix.toml")
+    keep_matrix(options.matrix_path, folder, "matrix.toml")
     if options.bench_path is not None:
         keep_bench(options.bench_path, folder, "bench.toml")
     write_description(folder, bench, matrix, options)

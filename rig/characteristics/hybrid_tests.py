@@ -20,6 +20,8 @@ from rig.recording.journal.campaign_log import read_lines
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.signals.arrays import FloatArray
+from rig.vehicle.laws import Law, law_named
+from rig.vehicle.motion import Ride
 
 KIND = "hybrid"
 REFERENCE = "reference"
@@ -38,6 +40,7 @@ class HybridTest:
     Attributes:
         id: of its point.
         compensator: what led the set-points.
+        law: what commanded the current.
         verdict: of its point.
         record: its course; None where too little was recorded.
         numbers: what the record says; None where there is none.
@@ -46,6 +49,7 @@ class HybridTest:
 
     id: str
     compensator: str
+    law: Law
     verdict: str
     record: Record | None
     numbers: Assessment | None
@@ -56,7 +60,7 @@ class HybridTest:
         numbers, told = self.numbers, self.told
         delay_s = told.get("delay_s")
         return {
-            "id": self.id, "compensation": self.compensator, "verdict": self.verdict,
+            "id": self.id, "compensation": self.compensator, "law": self.law, "verdict": self.verdict,
             "steps": told.get("steps", 0), "late_steps": told.get("late_steps"), "p99_step_ms": told.get("p99_step_ms"),
             "delay_ms": None if delay_s is None else 1e3 * delay_s, "energy_error": told.get("energy_share"),
             "tracking_nrms": None if numbers is None else numbers.tracking_nrms,
@@ -118,21 +122,22 @@ def _test(
     point: RecordedPoint, table: HybridTable, prior: str, lines: Sequence[Mapping[str, Any]]
 ) -> HybridTest:
     raw = {name: point.raw(f"hybrid_{name}") for name in ("time", "target", "seen", "body", "wheel")}
-    compensator = str(point.id).removeprefix("hybrid-")
+    compensator = str(point.id).removeprefix("hybrid-").partition("-")[0]
+    law = law_named(str(point.test.get("law")))
     verdict = point.quality.verdict.verdict
     times = raw["time"]
     if times is None or any(values is None for values in raw.values()):
-        return HybridTest(point.id, compensator, verdict, None, None, {})
+        return HybridTest(point.id, compensator, law, verdict, None, None, {})
     told = {
         **_told(lines, int(times["host_ns"][0]), int(times["host_ns"][-1])), "steps": int(times["sequence"][-1]),
     }  # fmt: skip
     columns = {name: values for name, values in raw.items() if values is not None}
-    record = _record(columns, table, prior)
+    record = _record(columns, table.quarter_car(prior, law).reference())
     numbers = None if record is None else assess(record)
-    return HybridTest(point.id, compensator, verdict, record, numbers, told)
+    return HybridTest(point.id, compensator, law, verdict, record, numbers, told)
 
 
-def _record(raw: Mapping[str, Mapping[str, Any]], table: HybridTable, prior: str) -> Record | None:
+def _record(raw: Mapping[str, Mapping[str, Any]], reference: tuple[float, Ride]) -> Record | None:
     """Everything on equal steps of the test's own time."""
     count = min(len(values["value"]) for values in raw.values())
     columns = {name: np.asarray(values["value"], np.float64)[:count] for name, values in raw.items()}
@@ -141,15 +146,15 @@ def _record(raw: Mapping[str, Mapping[str, Any]], table: HybridTable, prior: str
     if count < 3 or not np.all(np.diff(test_s) > 0.0) or not known.any():
         return None
     time_s = np.arange(test_s[0], test_s[-1], float(np.median(np.diff(test_s))))
-    reference_step_s, ride = table.quarter_car(prior).reference()
+    reference_step_s, ride = reference
     whole_s = np.arange(len(ride.time_s)) * reference_step_s
-    reference = np.column_stack([
+    wanted = np.column_stack([
         np.interp(time_s, whole_s, values)
         for values in (ride.extension_m[:, 0], ride.place[:, 0], ride.place[:, 1])
     ])
     target, body, wheel = (np.interp(time_s, test_s, columns[name]) for name in ("target", "body", "wheel"))
     seen = np.interp(time_s, test_s[known], columns["seen"][known])
-    return Record(time_s, target, seen, body, wheel, reference)
+    return Record(time_s, target, seen, body, wheel, wanted)
 
 
 def _told(lines: Sequence[Mapping[str, Any]], first_ns: int, last_ns: int) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.cli.options import Command, json_option
-from rig.cli.output import console, say, write_json
+from rig.cli.output import console, on_a4, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     examples=(
         "rig compare logs/BEFORE logs/AFTER",
         "rig compare logs/20260102T030405Z-MR-001-ab12cd --bands examples/acceptance-bands.toml",
-        "rig compare logs/BEFORE logs/AFTER --bands examples/acceptance-bands.toml --out comparison.html",
+        "rig compare logs/BEFORE logs/AFTER --bands examples/acceptance-bands.toml --out comparison.html --pdf",
     ),
 )
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
@@ -30,9 +30,12 @@ if TYPE_CHECKING:
     help="Acceptance bands file: every value passes or fails, with its margin; exit 8 where one does not pass.",
 )  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path), help="Write the comparison as a page (HTML) to this file.")
+@click.option("--pdf", "on_paper", is_flag=True, help="With --out: the page on A4 too, in a PDF beside it.")
 @click.option("--all", "everything", is_flag=True, help="Show every value, not only what changed or did not pass.")
 @json_option
-def command(runs: tuple[Path, ...], bands: Path | None, out: Path | None, everything: bool, as_json: bool) -> int:
+def command(
+    runs: tuple[Path, ...], bands: Path | None, out: Path | None, on_paper: bool, everything: bool, as_json: bool
+) -> int:
     """Hold recorded RUNs against the first of them, and against acceptance bands.
 
     A damper before and after endurance, two specimens, or one against bands. Only valid points count; motions that
@@ -40,21 +43,37 @@ def command(runs: tuple[Path, ...], bands: Path | None, out: Path | None, everyt
     """
     from rig.comparison import compare
 
+    _check_page(out, on_paper=on_paper)
     compared = compare(runs, bands)
-    if out is not None:
-        from rig.recording.atomic_write import write_text_durably
-        from rig.report.comparison import comparison_page
-
-        write_text_durably(out, comparison_page(compared))
-    page = None if out is None else str(out.resolve())
+    pages: list[str] = [] if out is None else _written(compared, out.resolve(), on_paper=on_paper)
     if as_json:
-        write_json({**compared.to_json(), "report": page})
+        report, paper = [*pages, None, None][:2]
+        write_json({**compared.to_json(), "report": report, "pdf": paper})
     else:
         _show(compared, everything=everything)
-        if page is not None:
+        for page in pages:
             say(page)
     accepted = compared.judgement is None or compared.judgement.passed
     return EXIT_DONE if accepted else EXIT_NOT_ACCEPTED
+
+
+def _check_page(out: Path | None, *, on_paper: bool) -> None:
+    """Refuse a PDF of a page that is not written.
+
+    Raises:
+        UsageError: it is none.
+    """
+    if on_paper and (out is None or out.suffix == ".pdf"):
+        raise click.UsageError("--pdf writes a PDF beside the page: name that one, --out FILE.html")
+
+
+def _written(compared: Comparison, page: Path, *, on_paper: bool) -> list[str]:
+    """Write the page, and the PDF if that is wanted; their paths."""
+    from rig.recording.atomic_write import write_text_durably
+    from rig.report.comparison import comparison_page
+
+    write_text_durably(page, comparison_page(compared))
+    return [str(page), *([str(on_a4(page))] if on_paper else [])]
 
 
 def _show(compared: Comparison, *, everything: bool) -> None:

@@ -22,8 +22,8 @@ from rig.errors import EXIT_DONE
 @click.argument("source", type=click.Path(path_type=Path))
 @click.option(
     "--to", "name", required=True, metavar="NAME",
-    help="Format: csv, parquet, mat, mf4, netcdf (of a run); json, c, fmi, octave, python, table, inverse (of a fit); "
-    "or a plug-in's.",
+    help="Format: csv, parquet, mat, mf4, netcdf (of a run); json, c, fmi, modelica, octave, python, table, inverse ("
+    "of a fit); or a plug-in's.",
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), required=True,
@@ -33,8 +33,8 @@ from rig.errors import EXIT_DONE
 def command(source: Path, name: str, out: Path, as_json: bool) -> int:
     """Write SOURCE in another format: a campaign directory, or the file of a fit.
 
-    c, octave and python are the fitted model as source code, fmi is an FMU 2.0 for co-simulation; table is its force
-    over speed and current.
+    c, modelica, octave and python are the fitted model as source code, fmi is an FMU 2.0 for co-simulation; table is
+    its force over speed and current.
 
     An unknown NAME lists those there are; `rig plugins` lists the ones that other packages bring.
     """

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         "rig identify RUN --model all --holdout frequency_Hz=2",
         "rig identify RUN --model kwok --current per-current-lagrange",
         "rig identify RUN --model asymmetric --current-law saturating",
+        "rig identify RUN --method c_foa --bounds wide --budget 16000",
     ),
 )
 @click.argument("runs", type=click.Path(path_type=Path), nargs=-1, required=True)
@@ -67,6 +68,10 @@ if TYPE_CHECKING:
     help="Model evaluations of a search.",
 )
 @click.option("--population", type=click.IntRange(2), default=50, show_default=True, help="Candidates per generation.")
+@click.option(
+    "--bounds", type=click.Choice(["model", "wide", "none"]), default="model", show_default=True,
+    help="Where a search looks: each parameter's own range, +-10,000 (SI) for all, or anywhere, as the papers do.",
+)  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed of stochastic methods.")
 @click.option("--profile", is_flag=True, help="Also compute profile likelihoods of the nonlinear parameters.")
 @click.option(
@@ -94,6 +99,7 @@ def command(
     loss: str,
     budget: int,
     population: int,
+    bounds: str,
     seed: int,
     profile: bool,
     profile_of: tuple[str, ...],
@@ -105,13 +111,12 @@ def command(
     """Fit a damper model to RUNS and write fit.json into the first; an earlier fit.json is kept under another name.
 
     A run is a campaign directory, a folder with exactly one campaign, or a point file.
-
     Parameters that the tests do not determine are reported as not identifiable, with the reason. Exit 6 if nothing can
     be fitted.
     """
     from rig.identification import Method, identify_run
 
-    settings = Method(method, weight=weight, loss=loss, budget=budget, population=population, seed=seed)
+    settings = Method(method, weight, loss, budget, population, seed, bounds)
     with _searching(settings, scheduler) as where:
         fit = identify_run(
             runs,

@@ -12,6 +12,8 @@ import unicodedata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rig.errors import RigError
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -85,3 +87,19 @@ def say(text: object, *, err: bool = False) -> None:
     stream = sys.stderr if err else sys.stdout
     stream.write(f"{text}\n")
     stream.flush()
+
+
+def on_a4(report: Path) -> Path:
+    """The PDF of a page of ours, beside it.
+
+    Raises:
+        RigError: its library is not installed, or its fonts are missing.
+    """
+    try:
+        from rig.report.pdf import write_pdf
+    except ImportError as error:
+        raise RigError(
+            f"{report} is written, but no PDF: {error.name or 'reportlab'} is missing; install it with "
+            "pip install 'reportlab>=4.2', or print the page with a browser (it has a style for A4)"
+        ) from error
+    return write_pdf(report)

@@ -13,7 +13,7 @@ import click
 
 from rig.cli.options import Command, json_option, run_argument
 from rig.cli.output import say, write_json
-from rig.errors import EXIT_DONE, FileProblem
+from rig.errors import EXIT_DONE, FileProblem, RigError
 
 if TYPE_CHECKING:
     from rig.campaign.live_link import LiveLink
@@ -74,6 +74,11 @@ class RunLink:
         self.link = link
         self.url = None if page is None else page.url
 
+    def refused(self, error: RigError) -> None:
+        """Show that it did not begin, or broke off, and why."""
+        if self.link is not None:
+            self.link.display.refused(error.slug, str(error))
+
     def ended(self, result: CampaignResult) -> None:
         """Show how the campaign ended."""
         from rig.cli.words import ending
@@ -93,6 +98,7 @@ def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[
     Raises:
         PageProblem: the page cannot be served; nothing was begun.
         OSError: it has no live folder.
+        RigError: the block's own; the page shows it first.
     """
     from dataclasses import replace
 
@@ -107,15 +113,20 @@ def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[
         return
     with contextlib.ExitStack() as ends:
         ends.callback(link.close)
-        if settings is None:
-            yield RunLink(link)
-            return
-        from rig.page.started import PageProcess
+        page = None
+        if settings is not None:
+            from rig.page.started import PageProcess
 
-        page = PageProcess.start(replace(settings, live=str(link.folder)))
-        ends.callback(page.close)
-        say(f"page: {page.url}", err=True)
-        yield RunLink(link, page)
+            page = PageProcess.start(replace(settings, live=str(link.folder)))
+            ends.callback(page.close)
+            say(f"page: {page.url}", err=True)
+            link.paged = True
+        shown = RunLink(link, page)
+        try:
+            yield shown
+        except RigError as error:
+            shown.refused(error)
+            raise
 
 
 @click.command(

@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from rig.cli.options import Command, json_option, run_argument
-from rig.cli.output import say, write_json
-from rig.errors import EXIT_DONE, RigError
+from rig.cli.output import on_a4, say, write_json
+from rig.errors import EXIT_DONE
 
 
 @click.command(name="report", cls=Command, examples=(
@@ -24,7 +24,7 @@ def command(run: Path, on_paper: bool, as_json: bool) -> int:
     from rig.report import write_report
 
     path = write_report(run).resolve()
-    paper = _paper(path) if on_paper else None
+    paper = on_a4(path) if on_paper else None
     if as_json:
         characteristics = json.loads((path.parent / "characteristics.json").read_text(encoding="utf-8"))
         answer = {"campaign": str(run.resolve()), "report": str(path), "pdf": None if paper is None else str(paper)}
@@ -34,19 +34,3 @@ def command(run: Path, on_paper: bool, as_json: bool) -> int:
         if paper is not None:
             say(paper)
     return EXIT_DONE
-
-
-def _paper(report: Path) -> Path:
-    """The report's PDF.
-
-    Raises:
-        RigError: its library is not installed, or its fonts are missing.
-    """
-    try:
-        from rig.report.pdf import write_pdf
-    except ImportError as error:
-        raise RigError(
-            f"{report} is written, but no PDF: {error.name or 'reportlab'} is missing; install it with "
-            "pip install 'reportlab>=4.2', or print the page with a browser (it has a style for A4)"
-        ) from error
-    return write_pdf(report)

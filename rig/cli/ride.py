@@ -14,7 +14,7 @@ from rig.errors import EXIT_DONE
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from rig.vehicle.control import Law
+    from rig.vehicle.laws import Law
     from rig.vehicle.ride import RideStudy
 
 LAW_NAMES = ("passive", "skyhook", "groundhook", "hybrid", "inverse")
@@ -57,8 +57,8 @@ def command(
     from rig.study.ride_draws import drawn_again
     from rig.vehicle.answer import as_json as plain
     from rig.vehicle.car import load_car
-    from rig.vehicle.control import Control
     from rig.vehicle.fitted_damper import fitted_damper
+    from rig.vehicle.laws import Control
     from rig.vehicle.ride import ride_study
     from rig.vehicle.road_file import load_road
 
@@ -89,7 +89,7 @@ def command(
 
 
 def _check_currents(given: dict[str, float]) -> None:
-    from rig.vehicle.control import MOST_A
+    from rig.vehicle.laws import MOST_A
 
     for name, value in given.items():
         if not 0.0 <= value <= MOST_A:

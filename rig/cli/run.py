@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rig.cli.job import JobResult
+    from rig.matrix.model import Matrix
 
 
 @click.command(
@@ -91,6 +92,7 @@ def command(
 
     path = _matrix_path(matrix, resume)
     tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
+    simulator_args = following(tests, simulator_args, usual=simulate and bench is None and resume is None)
     bench, simulator_args = _rig(bench, simulator_args, simulate=simulate)
     identify = tests.identify
     if not no_identify:
@@ -143,6 +145,15 @@ def _rig(
     from rig.campaign.simulated_rig import wearing
 
     return None, (*wearing(bench), *simulator_args)
+
+
+def following(tests: Matrix, simulator_args: tuple[str, ...], *, usual: bool) -> tuple[str, ...]:
+    """Arguments of the usual simulated rig: it follows set-points where the matrix has signals, unless one is named."""
+    from rig.campaign.simulated_rig import STREAMED
+
+    named = any(argument.partition("=")[0] in {"--actuator", "--register-map"} for argument in simulator_args)
+    follows = usual and bool(tests.sweep.signals) and not named
+    return (f"--actuator={STREAMED}", *simulator_args) if follows else simulator_args
 
 
 def _requalified(text: str | None, resume: Path | None) -> str:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
     from rig.matrix.plan import Plan, PlannedPoint
+    from rig.matrix.point import TestPoint
 
 FEW = 40
 """Up to so many points all rows are shown."""
@@ -164,11 +165,17 @@ def _rows(items: Sequence[PlannedPoint], plan: Plan, width: int, left_out: int =
 def _cells(item: PlannedPoint) -> tuple[str, ...]:
     point = item.point
     return (
-        point.id, "feasible" if item.feasible else "infeasible", point.waveform, f"{point.amplitude_m * 1e3:.4g}",
+        point.id, "feasible" if item.feasible else "infeasible", _motion(point), f"{point.amplitude_m * 1e3:.4g}",
         f"{point.frequency_Hz:.4g}", f"{point.current_A:.3g}", f"{point.peak_speed_m_s:.3f}",
         f"{point.peak_acceleration_m_s2:.2f}", number(item.predicted_force_N), number(item.energy_J),
         duration(item.duration_s),
     )  # fmt: skip
+
+
+def _motion(point: TestPoint) -> str:
+    """A point's waveform; of a road or a file its name too."""
+    record = point.record
+    return point.waveform if record is None or record.name == point.waveform else f"{point.waveform} {record.name}"
 
 
 def _aligned(row: Sequence[str], widths: Sequence[int], gap: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,7 +84,12 @@ class Comparison:
             lines.append("the runs have no motion in common")
         if len({run.load_cell for run in self.runs if run.load_cell}) > 1:
             lines.append("different load cells or sensitivities: their calibrations count in the differences")
+        given = Counter(run.identity for run in self.runs)
+        if max(given.values()) > 1:
+            lines.append("one run is given more than once: between itself and itself nothing can have changed")
         for run in self.runs:
+            if run.not_recorded:
+                lines.append(f"{run.name}: {len(run.not_recorded)} planned point(s) were not recorded")
             if run.left_out:
                 lines.append(f"{run.name}: {len(run.left_out)} thing(s) left out; first: {run.left_out[0]}")
         return tuple(lines)

@@ -131,6 +131,7 @@ def judge(bands: Bands, runs: Sequence[RunReadings], file: str = "bands") -> Jud
             if band.low is not None or band.high is not None:
                 results += [_result(bands, band, run, value) for value in values]
             if band.most_change is not None and index > 0:
+                values += _gone(key, band, run, runs[0])
                 results += [_changed(bands, band, run, value, runs[0], key) for value in values]
     return Judgement(bands, tuple(results))
 
@@ -170,14 +171,36 @@ def _values(key: str, band: Band, run: RunReadings) -> Iterator[_Value]:
         why = "no valid friction test" if reading is None else ""
         yield _Value(key, unit, "slow triangle at 0 A", reading or NONE, why=why)
         return
-    passive = key == "dynamic_range" and band.current_A is None
-    loops = [loop for loop in run.loops if band.holds(loop) and not (passive and loop.motion.current_A == 0.0)]
+    loops = _chosen(key, band, run.loops)
     if not loops:
         yield _Value(key, unit, band.where or "any loop", NONE, why="no valid point of the run is such a test")
+        return
     for loop in loops:
         known = loop.values.get(key)
         why = "could not be measured there" if known is None else ""
         yield _Value(key, unit, loop.motion.label, known or NONE, loop.ids, why, loop)
+    for loop in _chosen(key, band, run.lacking):
+        yield _Value(key, unit, loop.motion.label, NONE, loop.ids, "no point of this motion is valid", loop)
+    if run.not_recorded and not band.where:
+        why = f"{len(run.not_recorded)} planned point(s) were not recorded: the campaign ended early"
+        yield _Value(key, unit, "any loop", NONE, why=why)
+
+
+def _chosen(key: str, band: LoopBand, loops: Sequence[LoopReading]) -> list[LoopReading]:
+    """The loops that a band is about."""
+    passive = key == "dynamic_range" and band.current_A is None
+    return [loop for loop in loops if band.holds(loop) and not (passive and loop.motion.current_A == 0.0)]
+
+
+def _gone(key: str, band: Band, run: RunReadings, first: RunReadings) -> list[_Value]:
+    """Motions that the first run has and a band is about, but that a later run was not tested with."""
+    if not isinstance(band, LoopBand) or band.point is not None or not _chosen(key, band, run.loops):
+        return []
+    told = (*run.loops, *run.lacking)
+    return [
+        _Value(key, QUANTITIES[key].unit, loop.motion.label, NONE, (), f"{run.name} was not tested so", loop)
+        for loop in _chosen(key, band, first.loops) if not any(loop.motion.same_as(other.motion) for other in told)
+    ]
 
 
 def _parameter(band: ParameterBand, run: RunReadings) -> _Value:
@@ -201,7 +224,8 @@ def _changed(
     """A value's change against the first run's, in percent."""
     most = 100.0 * (band.most_change or 0.0)
     before = _before(band, value, first, key)
-    why = value.why or ("" if before is not None else f"{first.name} has no such value")
+    same = "it is the same run as the first: nothing can have changed" if run.identity == first.identity else ""
+    why = value.why or same or ("" if before is not None else f"{first.name} has no such value")
     known = None if why or before is None else change(
         before, value.reading, same_gauge=bool(run.load_cell) and run.load_cell == first.load_cell
     )

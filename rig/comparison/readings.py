@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,8 @@ from rig.text_file import read_json
 COVERAGE = 2.0
 """Expanded uncertainties are so many standard ones: about 95 %."""
 CURRENT_STEP_A, IMPORTED_CURRENT_A = 1e-3, 0.02
+PEAK_OF_MEAN = {"sine": math.pi / 2.0, "triangle": 1.0}
+"""Peak speed of a waveform over its mean one, which is four amplitudes a cycle."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,8 @@ class RunReadings:
         model: of the fit, empty without one; `parameters` of it by name.
         load_cell: serial number and sensitivity of the load cell, empty where none is recorded.
         left_out: what was not used, a line each.
+        lacking: a reading without values of each motion that was recorded, but in no valid point.
+        not_recorded: ids of points that the campaign planned and that have no file.
     """
 
     run: Run
@@ -134,6 +138,13 @@ class RunReadings:
     parameters: Mapping[str, FittedReading]
     load_cell: str
     left_out: tuple[str, ...]
+    lacking: tuple[LoopReading, ...] = ()
+    not_recorded: tuple[str, ...] = ()
+
+    @property
+    def identity(self) -> str:
+        """By which a copy of the run is known as the same one."""
+        return str(self.run.campaign.get("id") or self.run.path.resolve())
 
     @property
     def name(self) -> str:
@@ -155,10 +166,32 @@ def readings_of(run: Run) -> RunReadings:
     points = {point.id: point for point in run.valid}
     model, parameters = fitted_of(run)
     first = next(iter(run.points))
+    loops = _loops(characteristics, points)
+    others = [line for line in characteristics.left_out if not line.endswith(": invalid")]  # the run has said why
     return RunReadings(
-        run, _specimen(run), _loops(characteristics, points), _singles(characteristics, points), model, parameters,
-        _load_cell(first), tuple(dict.fromkeys((*run.left_out, *characteristics.left_out))),
+        run, _specimen(run), loops, _singles(characteristics, points), model, parameters,
+        _load_cell(first), tuple(dict.fromkeys((*run.left_out, *others))),
+        tuple(_lacking(run, loops)), _not_recorded(run),
     )
+
+
+def _lacking(run: Run, loops: Sequence[LoopReading]) -> Iterator[LoopReading]:
+    for point in run.points:
+        if point.kind != "loop" or any(point.id in loop.ids for loop in loops):
+            continue
+        motion = Motion(
+            point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A, bool(point.imported)
+        )
+        if not any(motion.same_as(loop.motion) for loop in loops):
+            turn = PEAK_OF_MEAN.get(point.waveform, math.nan)
+            yield LoopReading(motion, (point.id,), 4.0 * turn * point.amplitude_m * point.frequency_Hz, {})
+
+
+def _not_recorded(run: Run) -> tuple[str, ...]:
+    """Points of the campaign that it ended before."""
+    planned, recorded = run.campaign.get("points"), {point.id for point in run.points}
+    names = [name for name in planned if isinstance(name, str)] if isinstance(planned, list) else []
+    return tuple(name for name in names if name not in recorded)
 
 
 def _loops(characteristics: Characteristics, points: Mapping[str, RecordedPoint]) -> tuple[LoopReading, ...]:

@@ -205,8 +205,11 @@ class TableLaw(CurrentLaw):
             for k in range(1, last):
                 if current > levels[k]:
                     place = k
-            low = p[first + place - 1] if place > 0 else levels[0]
-            high = p[first + place] if place + 1 < last else levels[last]
+            low, high = levels[0], levels[last]
+            if place > 0:  # not an expression: some languages look at both sides of it
+                low = p[first + place - 1]
+            if place + 1 < last:
+                high = p[first + place]
             share = (current - levels[place]) / (levels[place + 1] - levels[place])
             return float(low + share * (high - low))
 

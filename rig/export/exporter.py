@@ -112,7 +112,7 @@ def exporter_of_plug_in(name: str, brought: object) -> Exporter:
 
 
 def _write_c(source: Source, out: Path) -> list[Path]:
-    from rig.export.model_files import write_c  # loads numba, as the next three do
+    from rig.export.model_files import write_c  # loads numba, as the next four do
 
     return write_c(source.fitted, out)
 
@@ -121,6 +121,12 @@ def _write_fmu(source: Source, out: Path) -> list[Path]:
     from rig.export.fmu import write_fmu
 
     return write_fmu(source.fitted, out)
+
+
+def _write_modelica(source: Source, out: Path) -> list[Path]:
+    from rig.export.model_files import write_modelica
+
+    return write_modelica(source.fitted, out)
 
 
 def _write_octave(source: Source, out: Path) -> list[Path]:
@@ -150,6 +156,7 @@ OWN = (
              source, out: [write_values(source.fit, out / f"{source.name}-parameters.json")]),
     Exporter("c", "fit", "the model as C99 source, verified against this program's", _write_c),
     Exporter("fmi", "fit", "the model as an FMU 2.0 for co-simulation, sources inside", _write_fmu),
+    Exporter("modelica", "fit", "a model without internal states as a Modelica block", _write_modelica),
     Exporter("octave", "fit", "the model as a function for Octave and MATLAB", _write_octave),
     Exporter("python", "fit", "the model as a Python module that needs nothing else", _write_python),
     Exporter("table", "fit", "force over speed and current as CSV, within what was tested", _write_table),

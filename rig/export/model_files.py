@@ -7,7 +7,8 @@ import math
 from pathlib import Path
 
 from rig.export.code.c_source import c_functions
-from rig.export.code.functions import Library
+from rig.export.code.functions import Library, NotTranslatable
+from rig.export.code.modelica_source import modelica_functions
 from rig.export.code.octave_source import octave_functions
 from rig.export.code.program import Program, program_of
 from rig.export.code.python_source import python_functions
@@ -172,4 +173,39 @@ def force(u, v, a, current, dt):
     samples = list(zip(u, v, a, current))
     return [start(d, *samples[0])] + [step(d, *sample, dt) for sample in samples[1:]]
 ''')
+    return [path]
+
+
+def write_modelica(fitted: FittedModel, folder: Path) -> list[Path]:
+    """Write a model without internal states as a Modelica block that needs no library.
+
+    Raises:
+        NotTranslatable: the model has internal states or a table in it, or its kernel cannot be translated.
+    """
+    library = Library([fitted.model.kernel().force])
+    unproved = "internal states" if fitted.model.states else "a table in its equation" if library.arrays else ""
+    if unproved:
+        raise NotTranslatable(
+            f"{fitted.model.name} has {unproved}: as Modelica no tool could prove it, so it is not offered; --to fmi "
+            "is an FMU, which Modelica tools import"
+        )
+    called = library.functions[-1].name
+    name = source_name(fitted)
+    told = "\n".join(f"// {line}".rstrip() for line in fitted.described())
+    path = folder / f"{name}.mo"
+    write_text_durably(path, f"""{told}
+block {name} "MR damper, force of motion and coil current"
+  input Real u(unit = "m") "extension about mid-stroke";
+  input Real v(unit = "m/s") "velocity, positive in rebound";
+  input Real a(unit = "m/s2") "acceleration";
+  input Real current(unit = "A") "the coil's own";
+  output Real force(unit = "N") "positive where it resists extension";
+  constant Real p[{len(fitted.vector)}] = {{{_numbers(fitted)}}}; // {", ".join(fitted.model.names)}
+
+{modelica_functions(library)}
+
+equation
+  force = {called}(p, 0.0, 0.0, u, v, a, current);
+end {name};
+""")
     return [path]

@@ -107,6 +107,13 @@ ROWS = (
         code=67, detector="device's own set-point, or the rod, three times in a row too far from what was sent",
     ),
     FaultRow(
+        slug="hybrid-unstable", fault="Hybrid test does not follow, or runs away",
+        where="process", place="process", detected_by="energy error, bounds of the computed motion, each step",
+        occasion="next step", reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=68,
+        detector="hybrid test: delay, computed motion or energy error beyond its bounds, or no fresh force",
+    ),
+    FaultRow(
         slug="register-layout", fault="Word order/scale wrong",
         where="wire", place="controller", detected_by="signature register",
         occasion="connect", reaction="R", end=Ending.REFUSE, disk="N", resume="c",

@@ -46,10 +46,6 @@ ROWS = (
         detector="controller's sensor bit, or no finite position, velocity or force from it",
     ),
     FaultRow(
-        slug="hybrid-unstable", end=StopKind.FADE_OUT, code=68,
-        detector="hybrid test: delay, computed motion or energy error beyond its bounds, or no fresh force",
-    ),
-    FaultRow(
         slug="controller-trip", end=StopKind.FADE_OUT, code=38,
         detector="controller tripped by itself, not at a limit above",
     ),

@@ -21,6 +21,7 @@ from rig.hybrid.delay_probe import DelayMeasurement, Probe
 from rig.hybrid.lead import Lead
 from rig.hybrid.motion_bounds import Bounds, Measured, Problem, Watch
 from rig.hybrid.substructure import Sent, Substructure, Target, dot
+from rig.vehicle.laws import CONTROL, Control, wanted_current
 
 PAUSE_S = 0.5
 RETURN_S = 1.0
@@ -50,7 +51,7 @@ class HybridOrder:
         bounds: what the test must keep to.
         probe: how the delay is measured.
         compensator: one of `rig.hybrid.lead.COMPENSATORS`.
-        current_A: of the coil, for the assumed damper's force.
+        control: the law of the coil's current.
         centre_m: where the specimen's extension is 0, in the rig's coordinate.
     """
 
@@ -58,7 +59,7 @@ class HybridOrder:
     bounds: Bounds
     probe: Probe
     compensator: str
-    current_A: float = 0.0
+    control: Control = CONTROL
     centre_m: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
@@ -72,10 +73,11 @@ class HybridOrder:
         Raises:
             TypeError: something is missing, or there is something too much.
             KeyError: one of the tables is missing.
+            ValueError: there is no such law of the current, or not with these numbers.
         """
         tables = {
             "part": Substructure.from_json(given["part"]), "bounds": Bounds(**given["bounds"]),
-            "probe": Probe(**given["probe"]),
+            "probe": Probe(**given["probe"]), "control": Control(**given["control"]),
         }
         return cls(**{**given, **tables})
 
@@ -122,6 +124,7 @@ class HybridMotion:
         problem: why it must be stopped; None while nothing is found.
         moment: what is to be recorded of the last step; None outside of the test itself.
         delay_s: of the rod behind its set-points; NaN before it is known.
+        current_A: that the law asks for now; outside of the test itself the one to begin with.
     """
 
     def __init__(self, order: HybridOrder) -> None:
@@ -129,7 +132,9 @@ class HybridMotion:
         self.problem: Problem | None = None
         self.moment: Moment | None = None
         self.delay_s = math.nan
+        self.current_A = order.control.current_A
         self._order = order
+        self._law = order.control.vector
         self._part = order.part
         self._centre_m = order.centre_m
         self._begin_s = order.probe.duration_s + PAUSE_S
@@ -220,6 +225,7 @@ class HybridMotion:
         since_s = test_s - self._step * part.step_s
         now = part.target(self._state, self._force_N, self._step).after(since_s)
         self._check(now, here)
+        self.current_A = self._wanted_A(self._state)
         self.moment = Moment(
             test_s, now.extension_m, here.extension_m,
             dot(part.body, self._state) + since_s * dot(part.body_speed, self._state),
@@ -256,7 +262,7 @@ class HybridMotion:
 
     def _forecast(self, ahead_s: float) -> Target:
         """The target so much after the last step, the force changing as the assumed damper's does."""
-        part, current_A = self._part, self._order.current_A
+        part, current_A = self._part, self.current_A
         state, force_N, step = self._state, self._force_N, self._step
         now_N = part.assumed_N(dot(part.speed, state), current_A)
         steps = int(ahead_s / part.step_s)
@@ -267,13 +273,22 @@ class HybridMotion:
             force_N, step = after_N, step + 1
         return part.target(state, force_N, step).after(ahead_s - steps * part.step_s)
 
+    def _wanted_A(self, state: list[float]) -> float:
+        """The current that the law asks for in a state."""
+        part = self._part
+        speed_m_s, high_A = dot(part.speed, state), part.force_currents_A[-1]
+        return wanted_current(
+            self._law, dot(part.body_speed, state), dot(part.wheel_speed, state), part.extension[0],
+            part.assumed_N(speed_m_s, 0.0), part.assumed_N(speed_m_s, high_A),
+        )
+
     def _check(self, now: Target, here: Measured) -> None:
         self._watch.add(now, here, self._force_N)
         self.problem = self.problem or self._watch.problem(now)
 
     def _return(self, since_s: float) -> Sent:
         """From where the test left the rod to its centre, without going far beyond."""
-        self.phase = Phase.RETURN
+        self.phase, self.current_A = Phase.RETURN, self._order.control.current_A
         rate, position_m = RETURN_RATE_1_S, self._left.position_m
         slope = self._left.velocity_m_s + rate * position_m
         share = math.exp(-rate * since_s)

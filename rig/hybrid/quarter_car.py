@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from rig.hybrid.discretisation import along_a_line
 from rig.hybrid.substructure import Substructure
 from rig.signals.arrays import FloatArray
 from rig.vehicle.car import Car
-from rig.vehicle.control import Control
+from rig.vehicle.laws import CONTROL, Control
 from rig.vehicle.motion import CornerDamper, DrivenCar, Ride
 from rig.vehicle.road import Road
 from rig.vehicle.structure import structure
@@ -24,6 +23,8 @@ FINE_S = 1e-3
 TABLE_SPEEDS_M_S = tuple(math.copysign(abs(s) ** 2, s) for s in np.linspace(-1.0, 1.0, 41).tolist())
 EQUIVALENT_SPEED_M_S = 0.1
 SWEEP_Hz = (0.05, 200.0, 4000)
+LEVELS = 5
+"""Currents at which the assumed damper's force is known to a law."""
 
 
 @dataclass(frozen=True)
@@ -34,21 +35,25 @@ class QuarterCar:
         car: its masses, springs and tyre.
         road: what it drives over.
         damper: what is assumed of the specimen.
-        current_A: of its coil.
+        control: the law of its coil's current.
         fixture_kg: moving mass of the rig between load cell and specimen, kg.
     """
 
     car: Car
     road: Road
     damper: CornerDamper
-    current_A: float = 0.0
+    control: Control = CONTROL
     fixture_kg: float = 0.0
 
     def reference(self) -> tuple[float, Ride]:
         """The whole car computed, the assumed damper in it: step (s) and motion."""
         _, height_m, rate_m_s = self.road.under(self.car, FINE_S)
-        driven = DrivenCar(structure(self.car), self.damper, control=Control(current_A=self.current_A))
+        driven = DrivenCar(structure(self.car), self.damper, control=self.control)
         return FINE_S, driven.drive(height_m, rate_m_s, FINE_S)
+
+    def stiffest(self) -> QuarterCar:
+        """The same with the most current that its law may ask for, all the time."""
+        return replace(self, control=Control(current_A=self.control.range_A[1]))
 
     def _matrices(self) -> tuple[FloatArray, FloatArray, float]:
         """State matrix (4, 4), inputs (4, 2) of damper and road force, and the motion ratio.
@@ -66,8 +71,14 @@ class QuarterCar:
         inputs[2:, 1] = inverse @ np.array([0.0, 1.0])
         return state, inputs, float(own.damper[0, 0])
 
-    def part(self, step_s: float, currents_A: Sequence[float]) -> Substructure:
-        """The computed part in steps of `step_s`, with the assumed damper's force at these currents."""
+    def currents_A(self) -> list[float]:
+        """From the least to the most current of the law, A."""
+        low_A, high_A = self.control.range_A
+        return [low_A] if low_A == high_A else [float(level) for level in np.linspace(low_A, high_A, LEVELS)]
+
+    def part(self, step_s: float) -> Substructure:
+        """The computed part in steps of `step_s`, with the assumed damper's force at the law's currents."""
+        currents_A, rest_A = self.currents_A(), self.control.current_A
         state, inputs, ratio = self._matrices()
         transition, before, after = along_a_line(state, inputs, step_s)
         extension = ratio * np.array([1.0, -1.0])
@@ -81,8 +92,8 @@ class QuarterCar:
             acceleration_road=float(by_input[1]), body=[1.0, 0.0, 0.0, 0.0], wheel=[0.0, 1.0, 0.0, 0.0],
             body_speed=[0.0, 0.0, 1.0, 0.0], wheel_speed=[0.0, 0.0, 0.0, 1.0],
             inertia_kg=self.damper.inertia_kg + self.fixture_kg, force_speeds_m_s=list(TABLE_SPEEDS_M_S),
-            force_currents_A=list(currents_A),
-            force_N=[steady_force_N(self.damper, current_A).tolist() for current_A in currents_A],
+            force_currents_A=currents_A,
+            force_N=[steady_force_N(self.damper, current_A, rest_A).tolist() for current_A in currents_A],
         )
 
     def road_lost(self, step_s: float) -> float:
@@ -105,12 +116,12 @@ class QuarterCar:
     def critical_delay_s(self) -> float:
         """How late a linear damper's force may be before the loop is unstable, s; infinite where it never is.
 
-        The damper's damping is the assumed one's force at 0.1 m/s, whichever way is more, divided by that. A pure
-        delay: 1 + G(s) c s exp(-s tau) crosses where |G c s| = 1, and tau makes up its phase.
+        The damper's damping is the assumed one's force at 0.1 m/s, whichever way and current of the law is more,
+        divided by that. A pure delay: 1 + G(s) c s exp(-s tau) crosses where |G c s| = 1, and tau makes up its phase.
         """
         at = [int(np.argmin(np.abs(np.array(TABLE_SPEEDS_M_S) - side * EQUIVALENT_SPEED_M_S))) for side in (-1, 1)]
-        forces = steady_force_N(self.damper, self.current_A)
-        damping = max(float(forces[i]) / TABLE_SPEEDS_M_S[i] for i in at)
+        forces = [steady_force_N(self.damper, current_A, current_A) for current_A in self.currents_A()]
+        damping = max(float(force_N[i]) / TABLE_SPEEDS_M_S[i] for force_N in forces for i in at)
         state, inputs, ratio = self._matrices()
         row = ratio * np.array([0.0, 0.0, 1.0, -1.0])
         frequencies = np.geomspace(*SWEEP_Hz)
@@ -123,7 +134,7 @@ class QuarterCar:
         return float(min(turns / (2.0 * np.pi * frequencies[crossed]), default=math.inf))
 
 
-def steady_force_N(damper: CornerDamper, current_A: float) -> FloatArray:
-    """What a damper adds to its force at rest at each of `TABLE_SPEEDS_M_S` once that speed has lasted, N."""
-    at = damper.model.force_at(damper.values, [0.0, *TABLE_SPEEDS_M_S], current_A)
-    return np.asarray(at[1:] - at[0], np.float64)
+def steady_force_N(damper: CornerDamper, current_A: float, rest_A: float) -> FloatArray:
+    """What a damper adds to its force at rest with `rest_A` at each of `TABLE_SPEEDS_M_S` once that has lasted, N."""
+    rest_N = float(damper.model.force_at(damper.values, 0.0, rest_A))
+    return np.asarray(damper.model.force_at(damper.values, TABLE_SPEEDS_M_S, current_A), np.float64) - rest_N

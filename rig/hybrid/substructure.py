@@ -55,7 +55,8 @@ class Substructure:
         inertia_kg: of rod and fixture between load cell and damper, which is part of the computed masses and is taken
             off the measured force.
         force_speeds_m_s: speeds (m,), ascending, of `force_N`.
-        force_N: what the assumed damper adds to its force at rest at these speeds, for each of `force_currents_A`.
+        force_N: what the assumed damper adds to its force at rest, as it is before the test, at these speeds, for each
+            of `force_currents_A`.
         force_currents_A: ascending.
     """
 

@@ -200,7 +200,8 @@ CAUSES = {
     ),
     "signs-reversed": (
         "the force's middle at low speed is {offset_N:+.3g} N, towards extension, against the gas that pushes the rod "
-        "out: probably the signs of both force and displacement are reversed"
+        "out: probably the signs of both force and displacement are reversed, unless the load cell's zero is off by "
+        "that"
     ),
     "skew": (
         "a delay of {skew_ms:+.3g} ms of the force behind the displacement explains {percent_explained:.0f} % of the "
@@ -262,7 +263,7 @@ NEXT = {
     "next-units-velocity": "give displacement in m, velocity in m/s, acceleration in m/s^2 and the interval in s",
     "next-signs-reversed": (
         "check the signs by a slow extension by hand: displacement rises, force is positive; if both are reversed, "
-        "multiply both by -1"
+        "multiply both by -1; if neither is, check the load cell's zero"
     ),
     "next-skew": "measure the delay of both channels with one sharp motion, or shift the force by it before the fit",
     "next-force-drift": (

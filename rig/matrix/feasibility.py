@@ -16,6 +16,7 @@ from rig.bench.settings import Limits
 from rig.matrix.forecast import Forecast
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
+from rig.signals.record import Record
 from rig.signals.waveform import waveform_named
 from rig.units import show
 
@@ -49,10 +50,11 @@ def reasons_against(point: TestPoint, force_N: float | None, matrix: Matrix, ben
     limits, specimen = bench.limits, matrix.specimen
     if _beyond(point.peak_speed_m_s, limits.speed_m_s):
         reached, limit = point.peak_speed_m_s, limits.speed_m_s
-        yield Reason("speed", f"speed {reached:.3g} m/s is above the bench's {limit:.3g} m/s")
+        yield Reason("speed", f"speed {reached:.3g} m/s{_when(point, 0)} is above the bench's {limit:.3g} m/s")
     if _beyond(point.peak_acceleration_m_s2, limits.acceleration_m_s2):
         reached, limit = point.peak_acceleration_m_s2, limits.acceleration_m_s2
-        yield Reason("acceleration", f"acceleration {reached:.3g} m/s^2 is above the bench's {limit:.3g} m/s^2")
+        text = f"acceleration {reached:.3g} m/s^2{_when(point, 1)} is above the bench's {limit:.3g} m/s^2"
+        yield Reason("acceleration", text)
     low, high = limits.position_m
     room = f"; {show(HEADROOM_M, 'mm')} must be left at each end"
     if _beyond(point.amplitude_m, _room_m(point, limits)):
@@ -116,7 +118,9 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
         yield Reason("specimen-current", f"current {point.current_A:.3g} A is above the specimen's {own:.3g} A")
     if point.kind == "hybrid" and matrix.hybrid is not None:
         yield from (Reason(*given) for given in matrix.hybrid.reasons(point, matrix.specimen.prior or "", bench))
-    if point.kind in {"current_step", "hybrid"}:
+    if point.record is not None:
+        yield from _of_record(point, point.record, bench)
+    if point.kind in {"current_step", "hybrid", "signal"}:
         return
     rate_Hz = min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
     if _beyond(SAMPLES_A_CYCLE * point.frequency_Hz, rate_Hz):
@@ -135,6 +139,37 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
         if bench.clock.device_rate > 1.0:
             text += f": --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} at most"
         yield Reason("sampling", text)
+
+
+def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reason]:
+    """Whether sensors and set-points carry a signal's highest frequency, and whether there are set-points at all."""
+    highest_Hz, rate_Hz = record.highest_Hz, min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
+    upto = f"a cycle of its highest frequency, {highest_Hz:.3g} Hz"
+    if _beyond(SAMPLES_A_CYCLE * highest_Hz, rate_Hz):
+        text = f"{rate_Hz / highest_Hz:.3g} samples {upto}, at {rate_Hz:.4g} Hz; a signal needs {SAMPLES_A_CYCLE}"
+        yield Reason("sampling", text)
+    streamed_s = bench.actuator.setpoints_s
+    if streamed_s is None:
+        yield Reason(
+            "waveform", f"a {point.waveform} is streamed, set-point by set-point; this bench's controller makes its "
+            "motion itself and has no generator for it: an actuator with streamed set-points is needed",
+        )
+        return
+    told = 1.0 / (highest_Hz * streamed_s * bench.clock.device_rate)
+    if _beyond(FEWEST_SETPOINTS, told):
+        poll_ms = 1e3 * streamed_s
+        text = f"{told:.3g} set-points {upto}, at a poll of {poll_ms:.3g} ms; a signal needs {FEWEST_SETPOINTS}"
+        if bench.clock.device_rate > 1.0 and told * bench.clock.device_rate >= FEWEST_SETPOINTS:
+            text += f": --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} at most"
+        elif point.waveform != "sweep":
+            fits_Hz = 1.0 / (FEWEST_SETPOINTS * streamed_s * bench.clock.device_rate)
+            text += f': highest_frequency = "{fits_Hz:.3g} Hz" would do'
+        yield Reason("sampling", text)
+
+
+def _when(point: TestPoint, which: int) -> str:
+    """Where in a signal its speed (0) or acceleration (1) is largest; empty for cycles."""
+    return "" if point.record is None else f" at {point.record.fastest_s[which]:.2f} s"
 
 
 def _travel(matrix: Matrix, bench: Bench) -> Limits:
@@ -211,7 +246,7 @@ def sampling_hints(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]
         points: all points of a plan.
         bench: rates, declared bandwidths and delays of its sensors.
     """
-    moving = [point for point in points if point.kind not in {"current_step", "hybrid"}]
+    moving = [point for point in points if point.kind not in {"current_step", "hybrid", "signal"}]
     hints: list[str] = []
     for name, sensor in (("load cell", bench.load_cell), ("LVDT", bench.lvdt)):
         hints += _rate(name, sensor, moving)

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from rig.matrix.point import TestPoint
 from rig.matrix.sections import Specimen
+from rig.signals.record import STEP_S
 
 Forecast = Callable[[TestPoint], tuple[float | None, float | None]]
 """Largest force (N) and energy turned to heat over the whole program (J); None where unknown."""
 
 STEPS_A_CYCLE = 400
+EVERY = 2
+"""Samples of a record, of which the force is computed."""
 
 
 def forecaster(specimen: Specimen) -> Forecast:
@@ -32,8 +37,10 @@ def _of_waveforms(specimen: Specimen) -> Forecast:
         return lambda _point: (None, None)
 
     def bounded(point: TestPoint) -> tuple[float | None, float | None]:
-        rectangle_J = 4.0 * point.amplitude_m * bound_N * _full_cycles(point)
-        return bound_N, rectangle_J + _coil_J(point, specimen)
+        way_m = 4.0 * point.amplitude_m * _full_cycles(point)
+        if point.record is not None:
+            way_m = point.amplitude_m * float(np.sum(np.abs(np.diff(point.record.shape))))
+        return bound_N, bound_N * way_m + _coil_J(point, specimen)
 
     return bounded
 
@@ -49,14 +56,17 @@ def _coil_J(point: TestPoint, specimen: Specimen) -> float:
 
 
 def _from_prior(specimen: Specimen, name: str) -> Forecast:
-    import numpy as np
-
     from rig.dampers import model, parameter_set
 
     prior = parameter_set(name)
     damper = model(prior.model, "printed" if prior.hysteresis == "printed" else "kwok")
 
     def predicted(point: TestPoint) -> tuple[float | None, float | None]:
+        if point.record is not None:
+            u, v, a = point.record.motion(point.amplitude_m, EVERY)
+            force_N = damper.force(prior.values, u, v, a, point.current_A, EVERY * STEP_S)
+            work_J = float(np.sum(force_N * v)) * EVERY * STEP_S
+            return float(np.max(np.abs(force_N))), work_J + _coil_J(point, specimen)
         # Two cycles; the second counts, because models with memory start at rest.
         dt_s = 1.0 / (point.frequency_Hz * STEPS_A_CYCLE)
         phase = (np.arange(2 * STEPS_A_CYCLE) + 0.5) / STEPS_A_CYCLE

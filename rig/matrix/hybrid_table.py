@@ -1,29 +1,30 @@
 """`[hybrid]` of a matrix file: the car around the damper, computed, while the damper itself is moved.
 
-Each compensator is one point. What it is forecast to do, and with which delay it would be stable, is known before
-anything moves: by the same car with the specimen's `prior` in it.
+Each compensator with each law of the current is one point. What it is forecast to do, and with which delay it would be
+stable, is known before anything moves: by the same car with the specimen's `prior` in it.
 """
 
 from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from rig.bench.model import Bench
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
 from rig.hybrid.delay_probe import Probe
 from rig.hybrid.hybrid_motion import PAUSE_S, RETURN_S, HybridOrder
-from rig.hybrid.lead import COMPENSATORS
 from rig.hybrid.motion_bounds import Bounds
 from rig.matrix.point import Forecast, TestPoint
 from rig.signals.waveform import HOLD
 from rig.vehicle.car import Car
-from rig.vehicle.road_file import RoadFile
+from rig.vehicle.laws import Control, Law, law_named
+from rig.vehicle.road_file import RoadFile, Speed
 
 if TYPE_CHECKING:  # they load the compiler
     from rig.hybrid.quarter_car import QuarterCar
@@ -54,26 +55,38 @@ class HybridCar(Car):
     name: str = Field(default="quarter car", min_length=1, max_length=120)
     kind: Literal["quarter"] = "quarter"
 
+    @field_validator("rear", mode="before")
+    @classmethod
+    def _one_corner(cls, value: object) -> object:
+        text = "a hybrid test has one corner of a car; take this table out: [hybrid.car.front] is that corner"
+        raise PydanticCustomError("one_corner", text)
+
 
 class HybridRoad(RoadFile):
     """`[hybrid.road]`: the entries of a road file, without recorded profiles."""
 
     format: Literal[1] = 1
     name: str = Field(default="road", min_length=1, max_length=120)
+    speed_m_s: Speed = Field(alias="speed", description="of the car")
+    kinds: ClassVar[tuple[str, ...]] = ("sweep", "random", "bump", "pothole")
+    heading: ClassVar[str] = "hybrid.road."
+
+    @field_validator("profile", "drive", mode="before")
+    @classmethod
+    def _computed(cls, value: object) -> object:
+        shown = ", ".join(f"[{cls.heading}{name}]" for name in cls.kinds)
+        text = f"a hybrid test has no recorded road; take this table out and give one of {shown}"
+        raise PydanticCustomError("recorded_road", text)
 
     @model_validator(mode="after")
-    def _in_this_file(self) -> Self:
-        recorded: list[Problem] = [
-            ((name,), "a hybrid test's road stands in its own file; give sweep, random, bump or pothole")
-            for name in ("profile", "drive") if getattr(self, name) is not None
-        ]  # fmt: skip
-        table = self.sweep or self.random or self.bump or self.pothole
-        if table is not None and table.duration_s > LONGEST_S:
-            text = f"{table.duration_s:g} s; a hybrid test lasts {LONGEST_S:g} s at most"
-            name = next(name for name in ("sweep", "random", "bump", "pothole") if getattr(self, name) is table)
-            recorded.append(((name, "duration"), text))
-        if recorded:
-            raise located(recorded)
+    def _short(self) -> Self:
+        problems: list[Problem] = [
+            ((name, "duration"), f"{table.duration_s:g} s; a hybrid test lasts {LONGEST_S:g} s at most")
+            for name in self.kinds
+            if (table := getattr(self, name)) is not None and table.duration_s > LONGEST_S
+        ]
+        if problems:
+            raise located(problems)
         return self
 
 
@@ -85,6 +98,18 @@ class HybridTable(Section):
     current_A: Annotated[float, Quantity("current", "0 A", "20 A")] = Field(default=0.0, alias="current")
     compensation: tuple[Compensator, ...] = Field(
         default=("model", "none"), min_length=1, description="what leads the set-points; one point each"
+    )
+    law: tuple[Law, ...] = Field(
+        default=("passive",), min_length=1, description="of the coil's current, as `rig ride --law`; one point each"
+    )
+    most_current_A: Annotated[float, Quantity("current", "0 A", "20 A", above=True)] = Field(
+        default=1.0, alias="most_current", description="of every law but passive"
+    )
+    sky_share: Annotated[float, Quantity("ratio", "0 %", "100 %")] = Field(
+        default=0.7, description="of the laws hybrid and inverse: all for the body, none of it for the wheel"
+    )
+    law_damping_N_s_m: Annotated[float, Quantity("damping", "1 N s/m", "100 kN s/m")] = Field(
+        default=3000.0, alias="law_damping", description="that the law inverse asks for"
     )
     largest_delay_s: Delay = Field(
         default=0.015, alias="largest_delay", description="of the actuator, with which the test may still begin"
@@ -101,21 +126,30 @@ class HybridTable(Section):
 
     @model_validator(mode="after")
     def _each_once(self) -> Self:
-        twice = [name for name in COMPENSATORS if self.compensation.count(name) > 1]
-        if twice:
-            raise located([(("compensation",), f"{', '.join(twice)} is given twice; keep one")])
+        problems: list[Problem] = [
+            ((entry,), f"{name} is given twice; keep one")
+            for entry, given in (("compensation", self.compensation), ("law", self.law))
+            for name in dict.fromkeys(given) if tuple(given).count(name) > 1
+        ]  # fmt: skip
+        if problems:
+            raise located(problems)
         return self
+
+    def control(self, law: Law) -> Control:
+        """A law with this table's numbers."""
+        return Control(law, self.current_A, self.most_current_A, self.sky_share, self.law_damping_N_s_m)
 
     @property
     def probe(self) -> Probe:
         """The small motion that measures the delay."""
         return Probe(self.probe_amplitude_m, self.probe_frequency_Hz)
 
-    def quarter_car(self, prior: str, fixture_kg: float = 0.0) -> QuarterCar:
+    def quarter_car(self, prior: str, law: Law, fixture_kg: float = 0.0) -> QuarterCar:
         """The car with the assumed damper.
 
         Args:
             prior: name of its parameter set.
+            law: of its coil's current.
             fixture_kg: the rig's moving mass between load cell and specimen.
         """
         from rig.dampers import model, parameter_set
@@ -126,31 +160,41 @@ class HybridTable(Section):
         damper = CornerDamper(
             model(known.model, "printed" if known.hysteresis == "printed" else "kwok"), dict(known.values)
         )
-        return QuarterCar(self.car, self.road.road(Path()), damper, self.current_A, fixture_kg)
+        return QuarterCar(self.car, self.road.road(Path()), damper, self.control(law), fixture_kg)
 
     def points(self, prior: str, centre_m: float) -> list[TestPoint]:
-        """One point for each compensator, its forecast by the reference."""
-        step_s, ride = _reference(self, prior)
+        """One point for each law and compensator, its forecast by the reference."""
+        return [
+            point
+            for law in self.law
+            for point in self._points_of(law, prior, centre_m)
+        ]
+
+    def _points_of(self, law: Law, prior: str, centre_m: float) -> list[TestPoint]:
+        """The tests with one law. Force and heat are the worse of its own and of its most current all the time."""
+        step_s, ride, stiffest = _reference(self, prior, law)
         acceleration = np.gradient(ride.speed_m_s[:, 0], step_s)
         forecast = Forecast(
             float(np.max(np.abs(ride.speed_m_s))), float(np.max(np.abs(acceleration))),
-            float(np.max(np.abs(ride.force_N))) + _rest_N(self, prior),
-            float(np.sum(np.abs(ride.force_N * ride.speed_m_s)) * step_s),
+            max(float(np.max(np.abs(driven.force_N))) for driven in (ride, stiffest)) + _rest_N(self, prior),
+            max(float(np.sum(np.abs(driven.force_N * driven.speed_m_s)) * step_s) for driven in (ride, stiffest)),
         )  # fmt: skip
         amplitude_m = max(float(np.max(np.abs(ride.extension_m))), self.probe_amplitude_m)
         whole_s = self.probe.duration_s + PAUSE_S + float(ride.time_s[-1]) + RETURN_S
+        passive = law == "passive"
         return [
             TestPoint(
-                id=f"hybrid-{name}", waveform=HOLD.name, amplitude_m=amplitude_m, frequency_Hz=1.0 / whole_s,
-                current_A=self.current_A, cycles=1, ramp_in_cycles=0.0, ramp_out_cycles=0.0, centre_m=centre_m,
-                kind="hybrid", forecast=forecast, compensator=name,
+                id=f"hybrid-{name}" if passive else f"hybrid-{name}-{law}", waveform=HOLD.name,
+                amplitude_m=amplitude_m, frequency_Hz=1.0 / whole_s, current_A=self.control(law).range_A[1], cycles=1,
+                ramp_in_cycles=0.0, ramp_out_cycles=0.0, centre_m=centre_m, kind="hybrid",
+                steps_A=() if passive else (self.current_A,), forecast=forecast, compensator=name, law=law,
             )
             for name in self.compensation
         ]
 
     def reasons(self, point: TestPoint, prior: str, bench: Bench) -> list[tuple[str, str]]:
         """Slug and words of why a test cannot be run on a bench, beside the limits that every motion has."""
-        car, poll_s = self.quarter_car(prior), bench.actuator.setpoints_s
+        car, poll_s = self.quarter_car(prior, law_named(point.law)), bench.actuator.setpoints_s
         if poll_s is None:
             return [(
                 "hybrid", "a hybrid test needs an actuator that follows streamed set-points; this bench's controller "
@@ -160,6 +204,11 @@ class HybridTable(Section):
         if bench.clock.device_rate != 1.0:
             rate = bench.clock.device_rate
             against.append(("hybrid", f"the bench runs at {rate:g} times real time; a hybrid test runs at 1"))
+        if law_named(point.law) != "passive" and (bench.ecu.by_hand or bench.ecu.url is not None):
+            against.append(("hybrid", (
+                f"the law {point.law} commands the coil at every step, and this bench's current source is not on CAN: "
+                'law = ["passive"]'
+            )))
         critical_s, share = car.critical_delay_s(), 1.0 if point.compensator == "none" else LEFT_SHARE
         acting_s = share * self.largest_delay_s
         if not acting_s * DELAY_MARGIN <= critical_s:
@@ -174,7 +223,7 @@ class HybridTable(Section):
                 "sampling", f"{1.0 / (hop_Hz * poll_s):.3g} steps in a period of the wheel ({hop_Hz:.3g} Hz) at a poll "
                 f"of {1e3 * poll_s:g} ms; {FEWEST_STEPS} are needed: a shorter poll, or a softer tyre",
             ))
-        return against + _of_road(self, prior, poll_s)
+        return against + _of_road(self, prior, law_named(point.law), poll_s)
 
     def order(self, point: TestPoint, prior: str, bench: Bench, room_m: tuple[float, float]) -> HybridOrder:
         """What the station is told.
@@ -191,19 +240,18 @@ class HybridTable(Section):
         poll_s, limits = bench.actuator.setpoints_s, bench.limits
         if poll_s is None:
             raise ValueError("this bench's actuator follows no set-points; the plan refuses it")
-        car = self.quarter_car(prior, bench.fixture.moving_mass_kg)
+        car = self.quarter_car(prior, law_named(point.law), bench.fixture.moving_mass_kg)
         room = min(room_m[1] - point.centre_m, point.centre_m - room_m[0])
         bounds = Bounds(
             min(TRAVEL_MARGIN * point.amplitude_m + TRAVEL_BESIDE_M, room), limits.speed_m_s,
             limits.acceleration_m_s2, self.largest_energy_error, self.largest_delay_s,
         )
-        part = car.part(poll_s, [self.current_A])
-        return HybridOrder(part, bounds, self.probe, point.compensator, self.current_A, point.centre_m)
+        return HybridOrder(car.part(poll_s), bounds, self.probe, point.compensator, car.control, point.centre_m)
 
 
-def _of_road(table: HybridTable, prior: str, poll_s: float) -> list[tuple[str, str]]:
+def _of_road(table: HybridTable, prior: str, law: Law, poll_s: float) -> list[tuple[str, str]]:
     """Slug and words of why a road is none for a test: it hardly moves the damper, or is over between two steps."""
-    _, ride = _reference(table, prior)
+    _, ride, _ = _reference(table, prior, law)
     travel_m = float(np.max(np.abs(ride.extension_m)))
     if not travel_m >= LEAST_TRAVEL_M:
         return [(
@@ -211,7 +259,7 @@ def _of_road(table: HybridTable, prior: str, poll_s: float) -> list[tuple[str, s
             "higher road, on the left side, that begins within its duration and is no shorter than "
             "the way of a few milliseconds",
         )]
-    lost = table.quarter_car(prior).road_lost(poll_s)
+    lost = table.quarter_car(prior, law).road_lost(poll_s)
     if not lost <= ROAD_LOST:
         return [(
             "sampling", f"steps of {1e3 * poll_s:g} ms lose {100 * lost:.3g} % of the road's force, RMS; allowed "
@@ -222,11 +270,13 @@ def _of_road(table: HybridTable, prior: str, poll_s: float) -> list[tuple[str, s
 
 def _rest_N(table: HybridTable, prior: str) -> float:
     """What the assumed damper pulls at rest (N), either way."""
-    damper = table.quarter_car(prior).damper
+    damper = table.quarter_car(prior, "passive").damper
     return abs(float(damper.model.force_at(damper.values, 0.0, table.current_A)))
 
 
 @cache
-def _reference(table: HybridTable, prior: str) -> tuple[float, Ride]:
-    """The whole car computed; once for each table."""
-    return table.quarter_car(prior).reference()
+def _reference(table: HybridTable, prior: str, law: Law) -> tuple[float, Ride, Ride]:
+    """Step (s), the whole car computed, and it again with the law's most current all the time; once for each table."""
+    car = table.quarter_car(prior, law)
+    step_s, ride = car.reference()
+    return step_s, ride, ride if law == "passive" else car.stiffest().reference()[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import random
 from collections import Counter
@@ -10,7 +11,7 @@ from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -19,6 +20,7 @@ from rig.bench.model import Bench
 from rig.bench.problems import WrongKind, load_section
 from rig.bench.section import Section, located
 from rig.errors import FileProblem, FileProblems
+from rig.matrix import signal_files
 from rig.matrix.hybrid_table import HybridTable
 from rig.matrix.point import TestPoint
 from rig.matrix.sections import (
@@ -31,7 +33,7 @@ from rig.matrix.sections import (
     Sweep,
     Temperature,
 )  # fmt: skip
-from rig.signals.waveform import HOLD, TRIANGLE
+from rig.signals.waveform import HOLD, SIGNAL_NAMES, TRIANGLE
 
 POINT_LIMIT = 10_000
 
@@ -54,7 +56,8 @@ class Matrix(Section):
         """Every point in the order in which it is run.
 
         Identifiers count in written order, so that a point keeps its name whatever the order. As written: waveform
-        varies slowest, then current, amplitude, frequency; the extra points follow; repeats come round after that.
+        varies slowest, then current, amplitude, frequency, of a signal its records; the extra points follow; repeats
+        come round after that.
         """
         return self._ordered
 
@@ -73,24 +76,26 @@ class Matrix(Section):
     @property
     def wants_fit(self) -> bool:
         """A model is to be identified; not from hybrid tests alone, whose damper is assumed."""
-        tests_only = self.hybrid is not None and all(point.kind != "loop" for point in self.points())
+        tests_only = self.hybrid is not None and all(point.kind not in {"loop", "signal"} for point in self.points())
         return self.identify.enabled and not tests_only
 
     @property
     def digest(self) -> str:
-        """SHA-256 (hex) of specimen and points; what is identified afterwards does not count."""
-        apart = {"identify"} if self.hybrid is not None else {"identify", "hybrid"}
-        text = self.model_dump_json(exclude=apart)
+        """SHA-256 (hex) of specimen and points; what is identified afterwards does not count.
+
+        A file that is named counts by its content, not by its path.
+        """
+        unused = {name for name in SIGNAL_NAMES if name not in self.sweep.signals}
+        apart: dict[str, Any] = {"identify": True, "sweep": unused}
+        text = self.model_dump_json(exclude=apart | ({"hybrid": True} if self.hybrid is None else {}))
+        for table in self.sweep.signals.values():
+            for written, digest in table.hashes.items():
+                text = text.replace(json.dumps(written, ensure_ascii=False), json.dumps(digest))
         return hashlib.sha256(text.encode()).hexdigest()
 
     def _written(self) -> list[TestPoint]:
         sweep = self.sweep
-        rows = [
-            self._point(waveform, amplitude_m, frequency_Hz, current_A)
-            for waveform, current_A, amplitude_m, frequency_Hz in product(
-                sweep.waveform, sweep.current_A, sweep.amplitude_m, sweep.frequency_Hz
-            )
-        ]
+        rows = [row for waveform in sweep.waveform for row in self._of(waveform)]
         for item in self.extra:
             row = self._point(item.waveform, item.amplitude_m, item.frequency_Hz, item.current_A)
             rows.append(replace(row, id=item.id or "", cycles=item.cycles or sweep.cycles))
@@ -100,6 +105,24 @@ class Matrix(Section):
                 name = f"p{len(points) + 1:03d}" if not row.id else row.id if repeat == 1 else f"{row.id}-{repeat}"
                 points.append(replace(row, id=name, repeat=repeat))
         return points + self._special()
+
+    def _of(self, waveform: str) -> list[TestPoint]:
+        """The points of one waveform of the product, without names."""
+        sweep = self.sweep
+        if waveform not in SIGNAL_NAMES:
+            return [
+                self._point(waveform, amplitude_m, frequency_Hz, current_A)
+                for current_A, amplitude_m, frequency_Hz in product(
+                    sweep.current_A, sweep.amplitude_m, sweep.frequency_Hz
+                )
+            ]
+        return [
+            replace(
+                self._point(waveform, record.amplitude_m, record.mean_rate_Hz, current_A),
+                kind="signal", record=record, cycles=1, ramp_in_cycles=0.0, ramp_out_cycles=0.0,
+            )
+            for current_A, record in product(sweep.current_A, sweep.signals[waveform].records)
+        ]
 
     def _special(self) -> list[TestPoint]:
         """The points that are no loops: they follow once, whatever the repeats."""
@@ -145,8 +168,10 @@ class Matrix(Section):
     @model_validator(mode="after")
     def _has_points(self) -> Self:
         sweep = self.sweep
-        sizes = [len(values) for values in (sweep.waveform, sweep.current_A, sweep.amplitude_m, sweep.frequency_Hz)]
-        count = (math.prod(sizes) + len(self.extra)) * sweep.repeats
+        cyclic = [name for name in sweep.waveform if name not in SIGNAL_NAMES]
+        sizes = [len(values) for values in (cyclic, sweep.current_A, sweep.amplitude_m, sweep.frequency_Hz)]
+        signals = len(sweep.current_A) * sum(len(table.records) for table in sweep.signals.values())
+        count = (math.prod(sizes) + signals + len(self.extra)) * sweep.repeats
         count += (self.friction is not None) + len(self.current_step)
         count += 0 if self.hybrid is None else len(self.hybrid.compensation)
         if count == 0:
@@ -156,7 +181,8 @@ class Matrix(Section):
             raise PydanticCustomError(
                 "too_many",
                 f"{count} test points; allowed: at most {POINT_LIMIT}; they are ({product_of} waveforms x currents x "
-                f"amplitudes x frequencies + {len(self.extra)} [[point]]) x {sweep.repeats} repeats: divide the matrix",
+                f"amplitudes x frequencies + {signals} signals + {len(self.extra)} [[point]]) x {sweep.repeats} "
+                "repeats: divide the matrix",
             )
         return self
 
@@ -197,7 +223,7 @@ def load_matrix(path: str | Path) -> Matrix:
     Raises:
         FileProblem: with every wrong entry of the file.
     """
-    return load_section(Path(path), Matrix, "matrix")[0]
+    return load_section(Path(path), Matrix, "matrix", signal_files.with_paths)[0]
 
 
 def load_files(matrix_path: Path, bench_path: Path) -> tuple[Matrix, Bench]:

@@ -163,9 +163,11 @@ def warm_up_point(points: Sequence[TestPoint], forecast: Forecast, temperature: 
         return load_of(point, forecast).power_W, point.peak_speed_m_s * (1.0 + point.current_A)
 
     best = max(loops, key=power)
-    return TestPoint(
-        "warm-up", best.waveform, best.amplitude_m, best.frequency_Hz, best.current_A, centre_m=best.centre_m
-    )
+    waveform, amplitude_m = best.waveform, best.amplitude_m
+    if best.record is not None:  # a sine that is no faster and goes no further
+        waveform = SINE.name
+        amplitude_m = min(amplitude_m, best.peak_speed_m_s / (SINE.peak_velocity * best.frequency_Hz))
+    return TestPoint("warm-up", waveform, amplitude_m, best.frequency_Hz, best.current_A, centre_m=best.centre_m)
 
 
 def fastest_order(loads: Sequence[Load], thermal: Thermal) -> tuple[int, ...]:

@@ -50,6 +50,7 @@ class PlannedPoint:
         return {
             "id": point.id,
             "waveform": point.waveform,
+            "record": None if point.record is None else point.record.name,
             "amplitude_m": point.amplitude_m,
             "frequency_Hz": point.frequency_Hz,
             "current_A": point.current_A,

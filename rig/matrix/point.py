@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from rig.signals.record import Record
 from rig.signals.waveform import Waveform, waveform_named
 
 
@@ -25,7 +26,10 @@ class TestPoint:
     (a slow triangle without current, for gas force and friction) or `current_step`: then `waveform` is `hold`, the
     amplitude 0, a cycle one step, `steps_A` the currents in turn and `current_A` the largest of them. Or it is
     `hybrid`: then `waveform` is `hold`, the amplitude the largest extension that is `forecast`, the whole test one
-    cycle, and `compensator` what leads the set-points.
+    cycle, `compensator` what leads the set-points, and `law` what commands the current: where that is not `passive`,
+    `current_A` is the most it may ask for, and `steps_A` the one to begin with. Or `signal`: then `record` is the
+    motion, its largest distance from the centre `amplitude_m`, the frequency how often it crosses its mean upwards, and
+    the whole of it one cycle.
 
     Raises:
         UnknownWaveform: `waveform` is no waveform's name.
@@ -48,6 +52,8 @@ class TestPoint:
     steps_A: tuple[float, ...] = ()
     forecast: Forecast | None = None
     compensator: str = ""
+    law: str = ""
+    record: Record | None = None
 
     def __post_init__(self) -> None:
         waveform_named(self.waveform)
@@ -67,6 +73,8 @@ class TestPoint:
         """Largest speed (m/s)."""
         if self.forecast is not None:
             return self.forecast.peak_speed_m_s
+        if self.record is not None:
+            return self.record.peak_velocity * self.amplitude_m
         return self.shape.peak_velocity * self.frequency_Hz * self.amplitude_m
 
     @property
@@ -74,9 +82,13 @@ class TestPoint:
         """Largest acceleration (m/s2), corners as the controller rounds them."""
         if self.forecast is not None:
             return self.forecast.peak_acceleration_m_s2
+        if self.record is not None:
+            return self.record.peak_acceleration * self.amplitude_m
         return self.shape.peak_acceleration * self.frequency_Hz**2 * self.amplitude_m
 
     @property
     def motion_s(self) -> float:
         """Duration of the programme, ramps included (s)."""
+        if self.record is not None:
+            return self.record.duration_s
         return (self.ramp_in_cycles + self.cycles + self.ramp_out_cycles) / self.frequency_Hz

@@ -11,11 +11,12 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from rig.bench.problems import close_match
-from rig.bench.quantity import Quantity, Wording
-from rig.bench.section import Section
+from rig.bench.quantity import Problem, Quantity, Wording
+from rig.bench.section import Section, located
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, check_method, method_names
+from rig.matrix.signal_tables import FileTable, RoadTable, SignalTable, SweepTable
 from rig.plugins import PlugInProblem
-from rig.signals.waveform import SINE, WAVEFORM_NAMES
+from rig.signals.waveform import SIGNAL_NAMES, SINE, WAVEFORM_NAMES
 from rig.units import show
 
 V = TypeVar("V", str, float)
@@ -23,6 +24,7 @@ V = TypeVar("V", str, float)
 NARROWEST_WINDOW_K = 2.0
 
 WaveformName = Literal[WAVEFORM_NAMES]  # type: ignore[valid-type]  # one list serves the schema and the message
+MotionName = Literal[(*WAVEFORM_NAMES, *SIGNAL_NAMES)]  # type: ignore[valid-type]  # the same
 Amplitude = Annotated[float, Quantity("length", "0 mm", "1 m", above=True)]
 Frequency = Annotated[float, Quantity("frequency", "0.001 Hz", "100 Hz")]
 CoilCurrent = Annotated[float, Quantity("current", "0 A", "20 A")]
@@ -71,9 +73,12 @@ class Specimen(Section):
 
 
 class Sweep(Section):
-    """The product of waveforms, currents, amplitudes and frequencies, and how each point is run."""
+    """The product of waveforms, currents, amplitudes and frequencies, and how each point is run.
 
-    waveform: tuple[WaveformName, ...] = Field(default=(SINE.name,), min_length=1)
+    Signals (`sweep`, `road`, `file`) have tables of their own; they are run at every current.
+    """
+
+    waveform: tuple[MotionName, ...] = Field(default=(SINE.name,), min_length=1)
     amplitude_m: tuple[Amplitude, ...] = Field(default=(), alias="amplitude")
     frequency_Hz: tuple[Frequency, ...] = Field(default=(), alias="frequency")
     current_A: tuple[CoilCurrent, ...] = Field(default=(), alias="current")
@@ -86,6 +91,15 @@ class Sweep(Section):
     seed: int | None = Field(default=None, ge=0)
     repeats: int = Field(default=1, ge=1, le=1000)
     rest_s: Annotated[float, Quantity("time", "0 s", "24 h")] = Field(default=0.0, alias="rest")
+    sweep: SweepTable | None = None
+    road: RoadTable | None = None
+    file: FileTable | None = None
+
+    @property
+    def signals(self) -> dict[str, SignalTable]:
+        """The tables of the signals among the waveforms, by name."""
+        tables: dict[str, SignalTable | None] = {"sweep": self.sweep, "road": self.road, "file": self.file}
+        return {name: table for name, table in tables.items() if table is not None}
 
     @field_validator("waveform")
     @classmethod
@@ -108,13 +122,44 @@ class Sweep(Section):
         return _no_value_twice(values, lambda value: show(value, "A", 10))
 
     @model_validator(mode="after")
+    def _each_signal_described(self) -> Self:
+        problems: list[Problem] = [
+            (("waveform",), f"{name} needs a table [matrix.{name}]; docs/files.md describes it")
+            for name in SIGNAL_NAMES if name in self.waveform and name not in self.signals
+        ]
+        problems += [
+            ((name,), f'nobody asks for it; write waveform = ["{name}"], or leave the table out')
+            for name in self.signals if name not in self.waveform
+        ]
+        if self.only_signals:
+            unused = {"amplitude": self.amplitude_m, "frequency": self.frequency_Hz}
+            problems += [
+                ((key,), "belongs to waveforms with cycles, and there is none; a signal's stands in its own table")
+                for key, values in unused.items() if values
+            ]
+            problems += [] if self.current_A else [(("current",), 'is missing; write for example current = ["0 A"]')]
+        if problems:
+            raise located(problems)
+        return self
+
+    @property
+    def only_signals(self) -> bool:
+        """No waveform of the product has cycles."""
+        return all(name in SIGNAL_NAMES for name in self.waveform)
+
+    @model_validator(mode="after")
     def _complete(self) -> Self:
+        if self.only_signals:
+            return self._seeded()
         given = {"amplitude": self.amplitude_m, "frequency": self.frequency_Hz, "current": self.current_A}
         missing = [key for key, values in given.items() if not values]
         if missing and len(missing) < len(given):
             raise PydanticCustomError(
                 "incomplete", f"{' and '.join(missing)} missing: give amplitude, frequency and current, or none of them"
             )
+        return self._seeded()
+
+    def _seeded(self) -> Self:
         if self.order == "random" and self.seed is None:
             raise PydanticCustomError("no_seed", 'order = "random" needs a seed, for example seed = 1')
         return self

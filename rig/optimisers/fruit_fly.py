@@ -20,8 +20,9 @@ As intended (default):
     it decides every kappa steps, comparing the attraction point's value with its own at the previous decision: a
     stagnation is seen as equality (18), and a contrast jump that did not pay within kappa steps is undone by the
     memory (19).
-Either way the true best is archived apart by the search. What keeps both from the optimum: signs are settled before
-magnitudes, and M only ever contracts.
+Either way K generations take N K + 1 evaluations, the start's and then those of N flies each time, and the true best is
+archived apart by the search. What keeps both from the optimum: signs are settled before magnitudes, and M only ever
+contracts.
 """
 
 from __future__ import annotations

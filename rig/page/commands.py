@@ -4,7 +4,9 @@
     {"do": "lease", "name": TEXT}, {"do": "release"}      an operator's client
     {"do": "pause"}, {"do": "start", "confirmed": [...]}  the holder of the lease
     {"do": "words", "operator" | "specimen" | "note" | "acknowledged": TEXT}
+    {"do": "set", "number": N}                            the holder: the current asked for by question N is set
     {"do": "explain", "slug": TEXT}                       every client
+    {"do": "recorded", "point": TEXT}                     every client: the loops of a point, once the run has ended
     {"do": "clock"}                                       every client: the host's time, for latencies
 
 There is no word that resets an interlock, moves the rod or sets a current. A stop goes to the station and to the
@@ -68,9 +70,11 @@ class Commands:
             return {"do": "clock", "ok": True, "host_s": monotonic_ns() * 1e-9, "sent": message.get("sent")}
         if do == "explain":
             return _explain(message.get("slug"))
+        if do == "recorded":
+            return {"do": do, "point": one_line(message.get("point"), LONGEST_KEY)}
         if do in {"lease", "release"}:
             return self._hand_over(message, client)
-        if do in {"pause", "start", "words"}:
+        if do in {"pause", "start", "set", "words"}:
             return self._command(message, client)
         return _refused("unknown-command")
 
@@ -113,16 +117,20 @@ class Commands:
         do, folder = message["do"], self._folder()
         if client.role is not Role.OPERATOR:
             return _refused("viewer", do)
-        if not self._lease.held_by(client.key):
-            return _refused("no-lease", do)
         if folder is None:
             return _refused("not-running", do)
+        if not self._lease.held_by(client.key):
+            return _refused("no-lease", do)
         passed: dict[str, Any] = {"do": do, "by": self._called(client)}
         if do == "start":
             confirmed = message.get("confirmed", [])
             if not isinstance(confirmed, list) or len(confirmed) > MOST_CONFIRMED:
                 return _refused("bad-message", do)
             passed["confirmed"] = [one_line(slug, LONGEST_KEY) for slug in confirmed]
+        elif do == "set":
+            if not isinstance(message.get("number"), int):
+                return _refused("bad-message", do)
+            passed["number"] = message["number"]
         elif do == "words":
             said = {name: str(message[name])[:most] for name, most in WORDS.items() if name in message}
             if not said:
@@ -130,7 +138,7 @@ class Commands:
             passed |= said
         if not self._say(folder / APPLICATION_SOCKET, passed):
             return _refused("not-reached", do)
-        return {"do": do, "ok": True}
+        return {"do": do, "ok": True, **({"note": message["note"]} if "note" in message else {})}
 
 
 def understood(text: str | bytes) -> dict[str, Any] | None:

@@ -39,11 +39,13 @@ class Lease:
         self._holder: Holder | None = None
         self._left_ns: int | None = None
         self._lock: int | None = None
+        self._of: Path | None = None
 
     @property
     def holder(self) -> Holder | None:
-        """Who has it now."""
-        if self._left_ns is not None and self._now_ns() - self._left_ns > GRACE_NS:
+        """Who has it now; a lease ends with its campaign."""
+        left = self._left_ns is not None and self._now_ns() - self._left_ns > GRACE_NS
+        if self._holder is not None and (left or self._folder() != self._of):
             self._end()
         return self._holder
 
@@ -64,6 +66,7 @@ class Lease:
                 folder = None
             if self._lock is None:
                 return "not-running" if folder is None else "lease-taken"
+            self._of = folder
         self._holder, self._left_ns = Holder(key, name), None
         return ""
 

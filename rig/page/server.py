@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
+import socket
 import ssl
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
+from weakref import WeakSet
 
 import numpy as np
 from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
@@ -36,12 +40,38 @@ from rig.station.live_folder import PLAN, RESULTS, STATE
 FRAME_S = 0.040
 NEWS_S = 0.200
 MOST_CLIENTS = 40
+FOR_OPERATORS = 8
+"""Of these; so many viewers as there may be, an operator finds a place."""
+MOST_CONNECTIONS = 120
+"""Those that have not said yet who they are among them; one more is hung up on."""
 MOST_MESSAGES = 60
 """Of one connection in a second; more end it."""
-MOST_UNSENT = 1 << 18
+MOST_UNSENT = 1 << 16
 """Bytes that may wait for a browser before frames are left out."""
+SENT_AHEAD = 1 << 16
+"""Bytes that the kernel may keep for a browser that reads slowly: what waits there grows old."""
 TOO_MUCH = 1008
 _NOTHING = np.zeros(0, RECORD_DTYPE)
+_OPEN: WeakSet[ServerConnection] = WeakSet()
+"""Of this process, those included that have not spoken yet."""
+
+
+class Caller(ServerConnection):
+    """A connection; where there are too many already it is hung up on."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Count it, and keep little for it."""
+        super().connection_made(transport)
+        sock = transport.get_extra_info("socket")
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENT_AHEAD)
+        _OPEN.add(self)
+        if len(_OPEN) > MOST_CONNECTIONS:
+            self.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """It is gone."""
+        _OPEN.discard(self)
+        super().connection_lost(exc)
 
 
 class PageServer:
@@ -63,12 +93,15 @@ class PageServer:
         self._frames: tuple[RingReader, Frames] | None = None
         self._told_lease: object = None
         self._told_run: dict[str, Any] = {}
+        self._reading = asyncio.Lock()
+        self._recorded: dict[str, bytes | None] = {}
 
     async def serve(self, sock: Any, tls: ssl.SSLContext | None) -> Server:  # noqa: ANN401 - a bound socket
         """Begin to answer on a bound socket."""
         return await serve(
             self._speak, sock=sock, ssl=tls, process_request=self._answer, max_size=LONGEST_MESSAGE, max_queue=8,
             compression=None, open_timeout=5, ping_interval=10, ping_timeout=20, close_timeout=1, server_header=None,
+            create_connection=Caller,
         )  # fmt: skip
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -83,7 +116,8 @@ class PageServer:
             return Response(200, "OK", _headers(headers(), document()), document())
         if place != "/ws":
             return _response(404, "not here\n")
-        return _response(503, "refused: too-many-clients\n") if len(self._clients) >= MOST_CLIENTS else None
+        most = MOST_CLIENTS if judged is Role.OPERATOR else MOST_CLIENTS - FOR_OPERATORS
+        return _response(503, "refused: too-many-clients\n") if len(self._clients) >= most else None
 
     async def _speak(self, connection: ServerConnection) -> None:
         """One browser, from its first to its last message."""
@@ -93,9 +127,8 @@ class PageServer:
         self._clients[connection] = client
         self._lease.back(client.key)
         try:
-            for message in (self._run.description(), self._run.results(), self._run.state(), self._all_events()):
-                await connection.send(json.dumps(message))
-            await connection.send(json.dumps(self._standing(client)))
+            for message in (*self._whole(), self._standing(client)):
+                await connection.send(written(message))
             await self._listen(connection)
         except ConnectionClosed:
             pass  # however it went, it is gone
@@ -125,12 +158,33 @@ class PageServer:
                 return
             client = self._clients[connection]
             answer = self._commands.take(text, client)
-            await connection.send(json.dumps({"type": "answer", **answer}))
+            if answer.get("do") == "recorded" and "refused" not in answer:
+                await self._send_recorded(connection, str(answer["point"]))
+                continue
+            with suppress(ConnectionClosed):  # it has left: a stop that it sent before is taken all the same
+                await connection.send(written({"type": "answer", **answer}))
             if answer.get("do") in {"lease", "release"}:
                 self._tell_lease()
 
-    def _all_events(self) -> dict[str, Any]:
-        return {"type": "events", "events": list(self._run.events), "all": True}
+    async def _send_recorded(self, connection: ServerConnection, point: str) -> None:
+        """A recorded point, where the campaign has ended: beside one that runs no file is read."""
+        frame, refused = None, "still-running"
+        if self._run.live_folder is None:
+            refused = "not-recorded"
+            async with self._reading:  # one file at a time, however many ask
+                if point not in self._recorded:
+                    self._recorded.clear()
+                    self._recorded[point] = await asyncio.to_thread(self._run.recorded, point)
+                frame = self._recorded[point]
+        told = {"refused": refused} if frame is None else {"ok": True, "point": point}
+        await connection.send(written({"type": "answer", "do": "recorded", **told}))
+        if frame is not None:
+            await connection.send(frame)
+
+    def _whole(self) -> tuple[dict[str, Any], ...]:
+        """All that there is to tell of the run."""
+        events = {"type": "events", "events": list(self._run.events), "all": True}
+        return self._run.description(), self._run.results(), self._run.state(), events
 
     def _standing(self, client: Client) -> dict[str, Any]:
         """What this browser may do."""
@@ -144,7 +198,7 @@ class PageServer:
     def _tell_lease(self) -> None:
         self._told_lease = self._lease.holder
         for connection, client in self._clients.items():
-            broadcast([connection], json.dumps(self._standing(client)))
+            broadcast([connection], written(self._standing(client)))
 
     async def send_frames(self) -> None:
         """Samples to everybody, until cancelled; while nobody looks nothing is read."""
@@ -152,6 +206,8 @@ class PageServer:
             began_ns = self._now_ns()
             if self._clients:
                 self.send_frame()
+            else:
+                self._frames = None  # who comes next sees what is new then
             await asyncio.sleep(max(0.005, FRAME_S - (self._now_ns() - began_ns) * 1e-9))
 
     def send_frame(self) -> None:
@@ -175,23 +231,42 @@ class PageServer:
     def send_changes(self) -> None:
         """Plan, verdicts, state, events and lease, each where it has changed."""
         told: list[dict[str, Any]] = []
+        anew = self._run.began_or_ended()
+        if anew:
+            self._recorded.clear()
         planned = self._run.changed(PLAN)
-        if planned or not self._told_run.get("devices"):
+        if anew or planned or (self._run.live_folder is not None and not self._told_run.get("devices")):
             description = self._run.description()
             if description != self._told_run:
                 self._told_run = description
                 told.append(description)
-        if self._run.changed(RESULTS):
+        if self._run.changed(RESULTS) or anew:
             told.append(self._run.results())
-        if self._run.changed(STATE):
+        if self._run.changed(STATE) or anew:
             told.append(self._run.state())
         events = self._run.news()
         if events:
             told.append({"type": "events", "events": events, "all": False})
         for message in told:
-            broadcast(self._clients, json.dumps(message))
+            broadcast(self._clients, written(message))
         if self._lease.holder != self._told_lease:
             self._tell_lease()
+
+
+def written(message: dict[str, Any]) -> str:
+    """A message as JSON that every browser reads: a number that is none, or has no end, becomes null."""
+    try:
+        return json.dumps(message, allow_nan=False)
+    except ValueError:
+        return json.dumps(_finite(message), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:  # noqa: ANN401 - what JSON carries
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    return [_finite(one) for one in value] if isinstance(value, (list, tuple)) else value
 
 
 def _response(status: int, text: str) -> Response:

@@ -11,6 +11,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
+from rig.page.ended_run import EndedRun
 from rig.recording.journal.ring_reader import RingProblem, RingReader
 from rig.station.live_folder import LINK_FILE, LOCK, PLAN, RESULTS, STATE, held, read_json
 
@@ -22,7 +23,7 @@ QUIET = frozenset({"sent", "stop", "setpoints", "late"})
 
 
 class WatchedRun:
-    """One run, looked at again and again.
+    """One run, looked at again and again: while it runs, after its end, and when it is resumed.
 
     Args:
         run: its directory; None while the application has not made it.
@@ -32,9 +33,10 @@ class WatchedRun:
     def __init__(self, run: Path | None, live: Path | None = None) -> None:
         self._run = run
         self._live = live
-        self._stamps: dict[str, int] = {}
+        self._stamps: dict[str, object] = {}
         self._journal = Journal()
         self._ring: RingReader | None = None
+        self._ended: EndedRun | None = None
         self.events: deque[dict[str, Any]] = deque(maxlen=KEPT_EVENTS)
 
     @property
@@ -48,54 +50,92 @@ class WatchedRun:
     @property
     def live_folder(self) -> Path | None:
         """Where its application takes wishes; None once it has ended."""
-        if self._live is None and self._run is not None:
-            named = str(read_json(self._run / LINK_FILE).get("folder", ""))
-            self._live = Path(named) if named else None
-        return self._live if self._live is not None and held(self._live / LOCK) else None
+        if self._live is not None and held(self._live / LOCK):
+            return self._live
+        named = "" if self._run is None else str(read_json(self._run / LINK_FILE).get("folder", ""))
+        if named and held(Path(named) / LOCK):
+            self._live = Path(named)  # it began, or was resumed, after this page
+            return self._live
+        return None
+
+    @property
+    def ended(self) -> EndedRun | None:
+        """What it left; None while there is no directory."""
+        if self._ended is None and self.run is not None:
+            self._ended = EndedRun(self.run)
+        return self._ended
 
     def description(self) -> dict[str, Any]:
         """What does not change while the run lasts: its name, limits, devices, plan."""
-        run = self.run
-        station = {} if run is None else read_json(run / "station.json")
-        plan = {} if self._live is None else read_json(self._live / PLAN)
-        if not plan and run is not None:
-            plan = _plan_of_an_ended(run)
+        run, live = self.run, self.live_folder
+        station = self._station()
+        plan = {} if live is None else read_json(live / PLAN)
+        if live is None and run is not None:
+            described = read_json(run / "campaign.json")
+            plan = {
+                "specimen": described.get("specimen", ""), "bench": described.get("bench", ""),
+                "points": [] if self.ended is None else self.ended.result["points"],
+            }
+        ecu = station.get("ecu")
         return {
             "type": "run", "name": "" if run is None else run.name, "specimen": plan.get("specimen", ""),
             "bench": plan.get("bench", ""), "points": plan.get("points", []), "limits": station.get("limits", {}),
             "devices": devices(station), "device_rate": station.get("device_rate", 1.0),
+            "by_hand": isinstance(ecu, dict) and bool(ecu.get("by_hand")), "ring": station.get("ring_path", ""),
         }
+
+    def _station(self) -> dict[str, Any]:
+        return {} if self.run is None else read_json(self.run / "station.json")
 
     def frames_of(self) -> tuple[float, float]:
         """Device seconds in a host second, and the displacement sensor's rate (Hz)."""
-        run = self.run
-        station = {} if run is None else read_json(run / "station.json")
+        station = self._station()
         return float(station.get("device_rate", 1.0)), float(station.get("lvdt", {}).get("rate_Hz", 250.0))
 
     def ring(self) -> RingReader | None:
-        """The station's ring; None before there is one."""
-        run = self.run
-        if self._ring is None and run is not None:
-            named = read_json(run / "station.json").get("ring_path")
-            with contextlib.suppress(RingProblem):
-                self._ring = RingReader(Path(str(named))) if named else None
+        """The station's ring; None before there is one, and once the campaign has ended."""
+        if self._ring is not None:
+            return self._ring
+        if self.live_folder is None:
+            return None
+        named = self._station().get("ring_path")
+        with contextlib.suppress(RingProblem):
+            self._ring = RingReader(Path(str(named))) if named else None
         return self._ring
 
     def state(self) -> dict[str, Any]:
         """What changes: phase, point, time left, messages, verdicts."""
-        live = self._live
-        state = {} if live is None else read_json(live / STATE)
-        if not state and self.run is not None:
-            state = {"ended": _result_of(self.run), "phase": "ended"}
-        return {"type": "state", **state, "running": self.live_folder is not None}
+        live = self.live_folder
+        if live is not None:
+            state = read_json(live / STATE)
+            state.pop("messages", None)  # the terminal's; what matters of them is among the events
+            return {"type": "state", **state, "running": True}
+        state = {} if self._live is None else read_json(self._live / STATE)
+        ended = state.get("ended")
+        if ended is None and self.ended is not None:
+            ended = {key: value for key, value in self.ended.result.items() if key != "points"}
+        if ended is None:
+            return {"type": "state", "running": False}  # nothing has begun yet
+        return {"type": "state", "phase": "ended", "ended": ended, "running": False}
 
     def results(self) -> dict[str, Any]:
         """Verdicts by point."""
-        points = {} if self._live is None else read_json(self._live / RESULTS)
-        if not points and self.run is not None:
-            ended = _result_of(self.run) or {}
-            points = {str(point.get("id")): point for point in ended.get("points", [])}
-        return {"type": "results", "points": points}
+        live = self.live_folder
+        if live is not None:
+            return {"type": "results", "points": read_json(live / RESULTS)}
+        return {"type": "results", "points": {} if self.ended is None else self.ended.points}
+
+    def recorded(self, point_id: str) -> bytes | None:
+        """A frame of a recorded point of a run that has ended; None where there is none."""
+        return None if self.ended is None else self.ended.frame(point_id)
+
+    def began_or_ended(self) -> bool:
+        """Whether the campaign began, ended or was resumed since the last call; then all must be told again."""
+        live = self.live_folder
+        changed = self._differs("live", live)
+        if changed:
+            self.close()
+        return changed
 
     def changed(self, name: str) -> bool:
         """Whether one of the live files was replaced since the last call."""
@@ -103,7 +143,10 @@ class WatchedRun:
             stamp = 0 if self._live is None else (self._live / name).stat().st_mtime_ns
         except OSError:
             stamp = 0
-        before, self._stamps[name] = self._stamps.get(name), stamp
+        return self._differs(name, stamp)
+
+    def _differs(self, name: str, stamp: object) -> bool:
+        before, self._stamps[name] = self._stamps.get(name, ""), stamp
         return stamp != before
 
     def news(self) -> list[dict[str, Any]]:
@@ -131,6 +174,8 @@ class Journal:
     def lines(self, path: Path) -> list[dict[str, Any]]:
         """The whole lines that came since the last call; what is no JSON object is left out."""
         try:
+            if path.stat().st_size == self._offset:
+                return []
             with path.open("rb") as file:
                 file.seek(self._offset)
                 data = file.read(LONGEST_READ)
@@ -178,23 +223,3 @@ def devices(station: dict[str, Any]) -> list[dict[str, Any]]:
             stale_s = settings.get("stale_after_s") or 0.5
             named.append({"name": name, "channel": channel, "stale_after_s": stale_s, "unit": settings.get("unit", "")})
     return named
-
-
-def _result_of(run: Path) -> dict[str, Any] | None:
-    """How a run ended, by its journal's last result."""
-    results = [event for event in Journal().lines(run / "journal.jsonl") if event.get("event") == "result"]
-    if not results:
-        return None
-    result = results[-1]
-    keys = ("valid", "total", "rig_state", "stopped_by", "points")
-    lines = [str(result["detail"])] if result.get("detail") else []
-    return {**{key: result.get(key) for key in keys}, "lines": lines}
-
-
-def _plan_of_an_ended(run: Path) -> dict[str, Any]:
-    ended = _result_of(run) or {}
-    described = read_json(run / "campaign.json")
-    return {
-        "specimen": described.get("specimen", ""), "bench": described.get("bench", ""),
-        "points": ended.get("points", []),
-    }  # fmt: skip

@@ -21,7 +21,7 @@ from rig.recording.foreign.columns import (
 from rig.recording.foreign.foreign_file import Dialect, ForeignFile
 from rig.recording.foreign.formats import open_foreign
 from rig.signals.arrays import FloatArray
-from rig.signals.cycles import measured_motion
+from rig.signals.cycles import cycle_rate_Hz
 from rig.signals.plausibility import TestSize, doubts
 
 FEWEST_ROWS = 16
@@ -84,6 +84,9 @@ def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]
         raise FileProblem("--accept", [f"{slug!r} is none of {', '.join(DOUBTS)}" for slug in unknown])
     if wanted.rate_Hz is not None and not 0.0 < wanted.rate_Hz < np.inf:
         raise FileProblem("--rate", [f"{wanted.rate_Hz!r} Hz; a rate is greater than 0"])
+    twice = list(_said_twice(files, wanted))
+    if twice:
+        raise FileProblem("import", twice)
     tests: list[ImportedTest] = []
     problems: dict[str, list[Path]] = {}
     for file in files:
@@ -97,6 +100,15 @@ def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]
     if problems:
         raise FileProblem("import", [f"{_named(where)}: {problem}" for problem, where in problems.items()])
     return tests
+
+
+def _said_twice(files: Sequence[Path], wanted: WantedTests) -> Iterator[str]:
+    """What is told in two ways, of which one would be left out in silence, or counted twice."""
+    if wanted.rate_Hz is not None and "time" in wanted.columns:
+        yield f"--rate and --column time={wanted.columns['time']} both say when a sample was taken: leave one out"
+    places = [Path(file).resolve() for file in files]
+    for place in dict.fromkeys(place for place in places if places.count(place) > 1):
+        yield f"{place} is given {places.count(place)} times: repeats of one test would make it surer than it is"
 
 
 def _named(files: Sequence[Path]) -> str:
@@ -286,12 +298,12 @@ def _doubtful(table: Mapping[str, FloatArray], accept: Sequence[str]) -> Iterato
                f"{FASTEST_Hz:g} Hz: is the unit of the time right? --accept {RATE} takes it as it is")  # fmt: skip
     if not (np.any(np.isfinite(x)) and np.any(np.isfinite(force))):
         return
-    motion = measured_motion(time_s, x)
+    frequency_Hz = cycle_rate_Hz(time_s, x)
     span = float(np.nanmax(x) - np.nanmin(x))
     size = TestSize(
         span_m=span, force_N=float(np.nanmax(np.abs(force - np.nanmean(force)))),
-        cycle_s=None if motion is None else 1.0 / motion.frequency_Hz,
-        speed_m_s=None if motion is None else 2.0 * np.pi * motion.frequency_Hz * span / 2.0,
+        cycle_s=None if frequency_Hz is None else 1.0 / frequency_Hz,
+        speed_m_s=None if frequency_Hz is None else 2.0 * np.pi * frequency_Hz * span / 2.0,
     )
     for doubt in doubts(size):
         if doubt.slug not in accept:

@@ -148,6 +148,8 @@ RING_CHANNELS: dict[int, Description] = {
     62: Description("hybrid_seen", "m", "Hybrid test: where the specimen was seen at that step, about its centre"),
     63: Description("hybrid_body", "m", "Hybrid test: computed height of the body"),
     64: Description("hybrid_wheel", "m", "Hybrid test: computed height of the wheel"),
+    65: Description("signal_time", "s", "Signal: time since its beginning, of each set-point"),
+    66: Description("signal_target", "m", "Signal: where the rod was to be at that time, about its centre"),
 }
 #: Channel name -> number in the ring.
 NUMBER: dict[str, int] = {description.name: number for number, description in RING_CHANNELS.items()}
@@ -168,6 +170,7 @@ def good_values(records: NDArray[Any]) -> FloatArray:
 LOOP = "loop"
 CURRENT_STEP = "current_step"
 HYBRID = "hybrid"
+SIGNAL = "signal"
 
 
 @dataclass(frozen=True)
@@ -213,10 +216,13 @@ class WantedPoint:
         amplitude_m, frequency_Hz, current_A, cycles: the wanted values, 0 where there is none.
         ramp_in_cycles, ramp_out_cycles, centre_m, repeat, rest_s: the rest of the program.
         kind: `loop` where it is not stated.
-        steps_A: levels of a current that is stepped, as one text.
+        steps_A: levels of a current that is stepped, as one text; of one that a law commands the first.
+        law: of the current of a hybrid test; `current_A` is then the most it asks for, but for `passive`.
         commanded_amplitude_m, commanded_centre_m: of the program that made the motion.
         amplitude_tolerance: relative, of a command that was compensated; None: the usual limits.
         temperature_low_degC, temperature_high_degC: window of the coil's temperature; None: any.
+        record, record_sha256: of a signal the name of its record, and the SHA-256 (hex) of the file it came from.
+        record_s, record_ramp_s, record_highest_Hz: its duration with both ramps, either ramp, its highest frequency.
     """
 
     id: str
@@ -232,11 +238,17 @@ class WantedPoint:
     rest_s: float | None = None
     kind: str | None = None
     steps_A: str | None = None
+    law: str | None = None
     commanded_amplitude_m: float | None = None
     commanded_centre_m: float | None = None
     amplitude_tolerance: float | None = None
     temperature_low_degC: float | None = None
     temperature_high_degC: float | None = None
+    record: str | None = None
+    record_sha256: str | None = None
+    record_s: float | None = None
+    record_ramp_s: float | None = None
+    record_highest_Hz: float | None = None
 
     @property
     def standing(self) -> bool:
@@ -246,7 +258,12 @@ class WantedPoint:
     @property
     def cyclic(self) -> bool:
         """Whether its motion repeats itself, so that its cycles can be counted and compared."""
-        return self.kind not in {CURRENT_STEP, HYBRID}
+        return self.kind not in {CURRENT_STEP, HYBRID, SIGNAL}
+
+    @property
+    def commanded_A(self) -> float | None:
+        """The one current of the whole point; None where it is commanded anew at each step."""
+        return None if self.kind == HYBRID and self.law not in {None, "", "passive"} else self.current_A
 
     @property
     def levels_A(self) -> tuple[float, ...]:

@@ -18,13 +18,15 @@ Range = tuple[float, float]
 
 LEFT, RIGHT, TOP, BOTTOM = 52, 8, 8, 36
 WANTED_TICKS = 5
+CROSS = 3.0
+"""Half the size of the cross that a value without neighbours is drawn as."""
 
 
 @dataclass(frozen=True)
 class Trace:
-    """One line: `x`, `y` (n,) in the axes' units, broken where a value is NaN; `style` is a class of the style sheet.
+    """One line: `x`, `y` (n,) in the axes' units, broken where a value is NaN, a cross where it has no neighbour.
 
-    `colour` overrides the style's; `name` appears when the pointer rests on the line.
+    `style` is a class of the style sheet, `colour` overrides its own; `name` appears when the pointer rests on it.
     """
 
     x: FloatArray
@@ -103,9 +105,13 @@ class Chart:
         x = np.round(self._x(trace.x, x_range), 1)
         y = np.round(self._y(trace.y, y_range), 1)
         good = np.isfinite(x) & np.isfinite(y)
+        edged = np.concatenate(([False], good, [False]))
+        alone = good & ~edged[:-2] & ~edged[2:]
         words, pen_up = [], True
-        for px, py, usable in zip(x.tolist(), y.tolist(), good.tolist(), strict=True):
-            if usable:
+        for px, py, usable, single in zip(x.tolist(), y.tolist(), good.tolist(), alone.tolist(), strict=True):
+            if single:
+                words.append(f"M{px - CROSS:g} {py:g}H{px + CROSS:g}M{px:g} {py - CROSS:g}V{py + CROSS:g}")
+            elif usable:
                 words.append(f"{'M' if pen_up else 'L'}{px:g} {py:g}")
             pen_up = not usable
         colour = f' style="stroke:{trace.colour}"' if trace.colour else ""

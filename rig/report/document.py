@@ -40,6 +40,7 @@ from rig.report.loops import PointView, view_of
 from rig.report.over_current import parameters_over_current
 from rig.report.plugin_sections import brought_sections
 from rig.report.point_tables import achieved_table, conditions, points_table, time_base
+from rig.report.signals import signals_part
 from rig.report.specimen import described_specimen, specimen_of
 from rig.report.traces import time_traces
 from rig.text_file import read_json
@@ -73,7 +74,8 @@ def write_report(run_dir: Path) -> Path:
     if hybrid:
         write_hybrid(run, hybrid)
     parts = [
-        header(run, fit), doubts_of(run), warnings(run, fit), remark, hybrid_part(hybrid), loops.overview(views),
+        header(run, fit), doubts_of(run), warnings(run, fit), remark, hybrid_part(hybrid), signals_part(views),
+        loops.overview(views),
     ]
     if fit is not None:
         parts += [fit_part.parameters(fit), parameters_over_current(fit)]

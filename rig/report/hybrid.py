@@ -23,7 +23,7 @@ from rig.report.style import FITTED, MEASURED, OVERLAID
 from rig.signals.arrays import FloatArray
 
 HEAD = (
-    "Point", "Compensation", "Delay ms", "Tracking %", "Body to 3 Hz %", "Wheel, 8 to 15 Hz %", "Energy error %",
+    "Point", "Compensation", "Law", "Delay ms", "Tracking %", "Body to 3 Hz %", "Wheel, 8 to 15 Hz %", "Energy error %",
     "Late set-points", "J1 ms", "J2 %", "J4 %", "J6 %", "J7 %",
 )
 NOTE = (
@@ -41,7 +41,7 @@ def hybrid_part(tests: Sequence[HybridTest]) -> str:
     if not tests:
         return ""
     rows = [(text(test.id), _row(test)) for test in tests]
-    parts = [heading("Hybrid tests", NOTE), table(HEAD, [("", (name, *cells)) for name, cells in rows], range(2, 13))]
+    parts = [heading("Hybrid tests", NOTE), table(HEAD, [("", (name, *cells)) for name, cells in rows], range(3, 14))]
     missing = [text(test.id) for test in tests if test.record is None]
     if missing:
         parts.append(box("warn", f"Too little was recorded of {', '.join(missing)} to compare."))
@@ -54,7 +54,7 @@ def _row(test: HybridTest) -> tuple[str, ...]:
     criteria = shown["criteria"]
     percent = (shown["tracking_nrms"], shown["reference_error"], shown["hop_error"], shown["energy_error"])
     return (
-        text(test.compensator), _number(shown["delay_ms"]),
+        text(test.compensator), text(test.law), _number(shown["delay_ms"]),
         *(_number(None if value is None else 100.0 * value) for value in percent),
         NOTHING if shown["late_steps"] is None else str(shown["late_steps"]),
         *(_number(criteria.get(name)) for name in ("J1", "J2", "J4", "J6", "J7")),

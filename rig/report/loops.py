@@ -67,7 +67,8 @@ def details(views: Sequence[PointView], *, fitted: bool) -> str:
     keys = key("measured", MEASURED)
     if fitted:
         keys += key("fitted", FITTED, dashed=True) + key("residual", RESIDUAL)
-    parts = [heading("Loops of every point") + key_line("One cycle from the middle of the test.", keys)]
+    note = "One cycle from the middle of the test; of a motion without cycles all of it."
+    parts = [heading("Loops of every point") + key_line(note, keys)]
     ordered = sorted(views, key=lambda view: (view.point.current_A, view.point.waveform, view.point.frequency_Hz))
     for current, group in _grouped(ordered, lambda view: view.point.current_A):
         loops = [view.loop for view in group if view.loop is not None]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rig.errors import RigError
+from rig.recording.layout import SIGNAL
 from rig.report.chart import Chart, Trace
 from rig.report.fragment import block, card, heading, key, key_line, text
 from rig.report.loops import FORCE, PointView, motion_of
@@ -70,7 +71,7 @@ def trace_charts(view: PointView) -> dict[str, Chart]:
         trace = Trace(at_s - at_s[0], drawn_values, "m thin", name)
         drawn[name] = Chart(f"{label} over time s", "", [trace], WIDTH, HEIGHT, title=f"{label} over time, {point.id}")
     loop = view.loop
-    if loop is not None and point.frequency_Hz > 0.0:
+    if loop is not None and point.frequency_Hz > 0.0 and point.kind != SIGNAL:
         at_ms = 1e3 * loop.phase / point.frequency_Hz
         traces = [Trace(at_ms, loop.force_N, "m", "measured")]
         if loop.fitted_N is not None:

@@ -44,6 +44,29 @@ def loop_error_A(time_s: FloatArray, current_A: FloatArray, wanted_A: float, sta
     return max(_medians(stretches), default=None)
 
 
+def law_error_A(
+    time_s: FloatArray, current_A: FloatArray, commanded_s: FloatArray, commanded_A: FloatArray
+) -> float | None:
+    """By how much the mean of the measured current missed that of the commands (A).
+
+    A current that follows late has the same mean: what is late at a rise is late at a fall.
+
+    Args:
+        time_s: (n,) s, increasing.
+        current_A: measured current (n,), A; NaN where unknown.
+        commanded_s: when commands were sent (m,), s, increasing.
+        commanded_A: what they asked for (m,), A.
+
+    Returns:
+        None where no current was measured, or none was commanded.
+    """
+    if not len(commanded_s):
+        return None
+    held = np.clip(np.searchsorted(commanded_s, time_s, side="right") - 1, 0, None)
+    known = np.isfinite(current_A) & (time_s >= commanded_s[0])
+    return abs(float(np.mean(current_A[known] - commanded_A[held][known]))) if known.any() else None
+
+
 def steps_error_A(
     time_s: FloatArray, current_A: FloatArray, levels_A: Sequence[float], hold_s: float,
 ) -> float | None:

@@ -196,6 +196,20 @@ class MeasuredMotion:
     fundamental_amplitude_m: float | None = None
 
 
+def cycle_rate_Hz(time_s: FloatArray, displacement_m: FloatArray) -> float | None:
+    """Full cycles a second; None when there is not one.
+
+    Args:
+        time_s: (n,) s, increasing.
+        displacement_m: (n,) m; NaN where nothing was measured.
+    """
+    try:
+        full = full_cycles(find_cycles(time_s, displacement_m))
+    except NoCycles:
+        return None
+    return len(full) / float(full.start_s[-1] - full.start_s[0])
+
+
 def measured_motion(
     time_s: FloatArray, displacement_m: FloatArray, waveform: str = SINE.name
 ) -> MeasuredMotion | None:

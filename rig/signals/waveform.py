@@ -137,19 +137,22 @@ HOLD = Waveform("hold", "none", _hold)
 WAVEFORMS = {waveform.name: waveform for waveform in (SINE, TRIANGLE)}
 """Those a matrix file may ask for, by name."""
 WAVEFORM_NAMES = tuple(WAVEFORMS)
+SIGNAL_NAMES = ("sweep", "road", "file")
+"""Motions without cycles that a matrix may ask for: each a record (`rig.signals.record`), no waveform."""
 
 
 def waveform_named(name: str) -> Waveform:
-    """The waveform of this name.
+    """The waveform of this name; of a motion that is a record `HOLD`: it has no shape of its own.
 
     Raises:
         UnknownWaveform: there is none.
     """
     if not is_waveform(name):
-        raise UnknownWaveform(f"unknown waveform {name!r:.40}; known: {', '.join(WAVEFORM_NAMES)}")
+        known = ", ".join((*WAVEFORM_NAMES, *SIGNAL_NAMES))
+        raise UnknownWaveform(f"unknown waveform {name!r:.40}; known: {known}")
     return WAVEFORMS.get(name, HOLD)
 
 
 def is_waveform(name: object) -> bool:
-    """Whether a waveform has this name."""
-    return isinstance(name, str) and (name in WAVEFORMS or name == HOLD.name)
+    """Whether a waveform, or a motion that is a record, has this name."""
+    return isinstance(name, str) and (name in WAVEFORMS or name == HOLD.name or name in SIGNAL_NAMES)

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
+from drivers.errors import DriverError
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from drivers.roles import state_name
 from drivers.setpoint_generator import Setpoint
@@ -22,12 +24,24 @@ from rig.station.interlocks.finding import Finding
 from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
 from rig.station.safe_stop import Movement
 from rig.station.supervisor import Supervisor
+from rig.station.threads.current_source_thread import CurrentSourceThread
 from rig.station.threads.devices import Devices
 
 SLUG = "hybrid-unstable"
+LEAST_CHANGE_A = 1e-3
+"""A law's current is commanded anew when it has changed by so much."""
 Answer = dict[str, object]
 Reading = Callable[[int], float | None]
 """Host time (ns) -> the newest good value, SI; None when it is stale."""
+
+
+class Sensors(NamedTuple):
+    """The load cell's force (N) and the LVDT's position (m)."""
+
+    force_N: Reading
+    position_m: Reading
+
+
 CHANNELS = (
     Channel.HYBRID_TIME, Channel.HYBRID_TARGET, Channel.HYBRID_SEEN, Channel.HYBRID_BODY, Channel.HYBRID_WHEEL,
 )
@@ -39,27 +53,29 @@ class HybridSource:
 
     Args (construction):
         motion: the test.
-        force_N, position_m: the load cell and the LVDT.
+        sensors: what it sees.
         supervisor: is told of problems and of the test's course.
         append: takes records into the ring.
+        coil: is commanded at every step; None where its current stays as it is.
     """
 
     def __init__(
-        self, motion: HybridMotion, force_N: Reading, position_m: Reading, supervisor: Supervisor,
-        append: Callable[[list[Record]], None],
+        self, motion: HybridMotion, sensors: Sensors, supervisor: Supervisor, append: Callable[[list[Record]], None],
+        coil: CurrentSourceThread | None = None,
     ) -> None:
         self._motion = motion
-        self._force_N = force_N
-        self._position_m = position_m
+        self._sensors = sensors
         self._supervisor = supervisor
         self._append = append
+        self._coil = coil
+        self._commanded_A = motion.current_A
         self._said = ""
         self._stopped = False
 
     def at(self, elapsed_s: float) -> Setpoint | None:
         """The set-point so much (s) after the motion's begin; None once it is over."""
         motion, now_ns = self._motion, monotonic_ns()
-        force_N, position_m = self._force_N(now_ns), self._position_m(now_ns)
+        force_N, position_m = self._sensors.force_N(now_ns), self._sensors.position_m(now_ns)
         sent = motion.at(elapsed_s, Measured(_or_nan(force_N), _or_nan(position_m)))
         if motion.moment is not None:
             self._append(_records(motion.moment, motion.outcome.steps, now_ns))
@@ -71,7 +87,26 @@ class HybridSource:
             self._tell(now_ns)
             problem = motion.problem
             self._supervisor.report([Finding(SLUG, problem.text, now_ns, problem.value, problem.limit)])
+        if self._coil is not None:
+            self._command(self._coil, now_ns)
+            if sent is None:
+                self._coil.law_judge.follow(law=False)
         return None if sent is None else Setpoint(sent.position_m, sent.velocity_m_s)
+
+    def _command(self, coil: CurrentSourceThread, now_ns: int) -> None:
+        """Ask for the law's current; nothing once the test is stopped or a trip has taken it away."""
+        wanted_A = self._motion.current_A
+        if self._stopped or abs(wanted_A - self._commanded_A) < LEAST_CHANGE_A:
+            return
+        try:
+            coil.set_current(wanted_A)
+        except StationRefused:
+            self._coil = None  # 0 A is latched: a trip is under way
+        except DriverError as error:
+            self._coil = None
+            self._supervisor.report([Finding("can-lost", f"the law's current could not be sent: {error}", now_ns)])
+        else:
+            self._commanded_A = wanted_A
 
     def _tell(self, now_ns: int) -> None:
         """Tell the application where in its course the test is, and what it says of itself."""
@@ -108,9 +143,13 @@ def start_hybrid(given: object, devices: Devices, supervisor: Supervisor, comman
     """
     config = devices.config
     order = hybrid_order(given, config.limits)
-    source = HybridSource(
-        HybridMotion(order), devices.load_cell.value, devices.lvdt.position_m, supervisor, devices.append
-    )
+    commanded = order.control.law != "passive"
+    if commanded and (config.ecu.by_hand or config.ecu.url is not None):
+        raise StationRefused("matrix-infeasible", "start: a law commands the current, and its source is not on CAN")
+    sensors = Sensors(devices.load_cell.value, devices.lvdt.position_m)
+    coil = devices.coil if commanded else None
+    source = HybridSource(HybridMotion(order), sensors, supervisor, devices.append, coil)
+    devices.coil.law_judge.follow(law=commanded)
     halted_s = config.limits.speed_m_s / config.actuator.halt_deceleration_m_s2
     supervisor.movement = Movement(halted_s + SPEED_WINDOW_S)
     devices.actuator.judge.expect_program(order.duration_s, 1.0)
@@ -132,7 +171,7 @@ def hybrid_order(given: object, limits: Limits) -> HybridOrder:
         raise StationRefused("bad-request", "start: hybrid is no table of numbers")
     try:
         order = HybridOrder.from_json(given)
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise StationRefused("bad-request", f"start: not a hybrid test: {error}") from error
     centre_m = order.centre_m
     reach_m = max(order.bounds.extension_m, order.probe.amplitude_m)
@@ -143,6 +182,7 @@ def hybrid_order(given: object, limits: Limits) -> HybridOrder:
             ("travel to minus", "m", reach_m - centre_m, -limits.position_min_m),
             ("speed", "m/s", order.bounds.speed_m_s, limits.speed_m_s),
             ("acceleration", "m/s^2", order.bounds.acceleration_m_s2, limits.acceleration_m_s2),
+            ("current", "A", order.control.range_A[1], limits.current_A),
         )
         if not value <= limit * (1.0 + 1e-6)
     ]

@@ -9,7 +9,7 @@
     move         target_m, speed_m_s
     set_current  current_A
     start        waveform, amplitude_m, frequency_Hz, centre_m, cycles, ramp_in_cycles, ramp_out_cycles[, table];
-                 or hybrid (a hybrid test)
+                 or hybrid (a hybrid test), or signal (a motion without cycles, sample by sample)
     stop         kind=S2|S1|SO, reason[, detail]
     reset                                            after a stop, at standstill and 0 A, with no fault left
     disarm                                           0 A, hydraulics off, lease given back
@@ -40,6 +40,7 @@ from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
 from rig.station.interlocks.setpoint_interlock import unfollowable
 from rig.station.preparation import Preparation
 from rig.station.safe_stop import STILL_S, Movement
+from rig.station.signal_source import start_signal
 from rig.station.supervisor import Supervisor
 from rig.station.threads.devices import Devices, slug_of
 
@@ -216,6 +217,8 @@ class Requests:
         self._require_motion("start")
         if "hybrid" in arguments:
             return start_hybrid(arguments["hybrid"], self._devices, self._supervisor, self._commands)
+        if "signal" in arguments:
+            return start_signal(arguments["signal"], self._devices, self._supervisor, self._commands)
         name = str(arguments.get("waveform")).upper()
         if name not in Waveform.__members__:
             raise StationRefused("bad-request", f"start: waveform {arguments.get('waveform')!r} is not known")

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rig.identification.models.measurement import Measurement
+from rig.identification.models.problem import unmirrored
 from rig.study import printed_values
 from rig.study.outputs import Cell, Table, known
 from rig.study.parallel_timing import parallel_key
@@ -183,22 +184,6 @@ def parameter_tables(study: StudyFile, results: Lines, units: Mapping[str, str])
         title = f"Optimised model parameter values using {titles}"
         tables.append(Table(f"table-{number:02d}", f"Table {number}", title, columns, tuple(rows), note))
     return tables
-
-
-def unmirrored(values: Mapping[str, float]) -> dict[str, float]:
-    """The same force with a positive beta: tanh is odd, so beta, delta, Fya and Fyb may change their signs together.
-
-    Args:
-        values: Parameters by name; those of a model without beta and Fya come back as they are. In the printed form,
-            beta (v + lambda sgn u), lambda keeps its sign.
-
-    Returns:
-        Parameters by name.
-    """
-    if not {"beta", "Fya"} <= values.keys() or values["beta"] >= 0.0:
-        return dict(values)
-    turned = {"beta", "delta", "Fya", "Fyb"}
-    return {name: -value if name in turned else value for name, value in values.items()}
 
 
 def sensitivity_tables(study: StudyFile, results: Lines) -> list[Table]:

@@ -9,8 +9,8 @@ import numpy as np
 
 from rig.dampers import DamperModel
 from rig.dampers.arrays import FloatArray
-from rig.vehicle.control import CONTROL, Control
 from rig.vehicle.corner_speeds import COIL_SHARE, Corners, Equations, Motion
+from rig.vehicle.laws import CONTROL, Control
 from rig.vehicle.stepping import GAMMA, loop_of
 from rig.vehicle.structure import Structure
 
@@ -139,4 +139,4 @@ class DrivenCar:
             states[corner, : max(1, damper.model.states)] = damper.model.initial_state()
         coils = np.zeros((3, len(states)))
         coils[COIL_SHARE] = [1.0 - math.exp(-damper.lag_1_s * step_s) for damper in self.dampers]
-        return Corners(front.vector, rear.vector, states, states.copy(), coils, self.control.vector)
+        return Corners(front.vector, rear.vector, states, states.copy(), coils, np.array(self.control.vector))

@@ -13,8 +13,8 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.errors import RigError
 from rig.vehicle.car import Car
-from rig.vehicle.control import Control
 from rig.vehicle.fitted_damper import FittedDamper
+from rig.vehicle.laws import Control
 from rig.vehicle.motion import CornerDamper, DrivenCar, Ride
 from rig.vehicle.response import BANDS, Response, difference_dB, figures, response
 from rig.vehicle.road import Road

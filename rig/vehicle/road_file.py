@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -82,7 +82,15 @@ class RecordedTable(Section):
 
 
 class RoadFile(Section):
-    """One road."""
+    """One road.
+
+    Attributes:
+        kinds: the tables of which one says what the road is.
+        heading: of the table that this stands in, with a full stop; a road file is a table of its own.
+    """
+
+    kinds: ClassVar[tuple[str, ...]] = ("sweep", "random", "bump", "pothole", "profile", "drive")
+    heading: ClassVar[str] = ""
 
     format: Literal[1]
     name: str = Field(min_length=1, max_length=120)
@@ -97,12 +105,12 @@ class RoadFile(Section):
 
     @model_validator(mode="after")
     def _one_road(self) -> Self:
-        tables = ("sweep", "random", "bump", "pothole", "profile", "drive")
-        given = [name for name in tables if getattr(self, name) is not None]
+        given = [name for name in self.kinds if getattr(self, name) is not None]
         problems: list[Problem] = []
         if len(given) != 1:
-            shown = ", ".join(f"[{name}]" for name in tables)
-            problems.append(((given[1],) if given else ("name",), f"a road is one of {shown}; {len(given)} are given"))
+            shown = ", ".join(f"[{self.heading}{name}]" for name in self.kinds)
+            what = f"{len(given)} are given, keep one: {', '.join(given)}" if given else "none is given; write one"
+            problems.append(((given[1],) if given else (), f"a road is one of {shown}; {what}"))
         elif given == ["drive"] and self.speed_m_s is not None:
             problems.append((("speed",), "a drive file moves posts; leave the speed out"))
         elif given != ["drive"] and self.speed_m_s is None:

@@ -23,7 +23,6 @@ from rig.dampers import DamperModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
 from rig.dampers.kernel import Compiled, advance_of, cached, fingerprint
-from rig.vehicle.control import wanted_current
 from rig.vehicle.corner_speeds import (
     ACCELERATION,
     BESIDE_N,
@@ -67,6 +66,7 @@ from rig.vehicle.corner_speeds import (
     newton_of,
     pull_of,
 )
+from rig.vehicle.laws import wanted_current
 
 GAMMA = 2.0 - math.sqrt(2.0)
 BEGUN = 1.0 / (GAMMA * (2.0 - GAMMA))
@@ -203,7 +203,7 @@ def _command(pull: Compiled) -> Compiled:
 
 
 _pulled: Compiled = math.sin
-_current: Compiled = wanted_current
+_current: Compiled = njit()(wanted_current)
 _newtons: Compiled = math.sin
 _halves: Compiled = math.sin
 _commands: Compiled = math.sin
@@ -214,7 +214,7 @@ _commands: Compiled = math.sin
 def _sources() -> int:
     """CRC-32 over what the loop is made of in this room: another one, another entry of the compiled cache."""
     crc = 0
-    for name in ("control.py", "corner_speeds.py", "stepping.py"):
+    for name in ("corner_speeds.py", "laws.py", "stepping.py"):
         crc = zlib.crc32(Path(__file__).with_name(name).read_bytes(), crc)
     return crc
 

@@ -16,6 +16,7 @@ from rig.bench.model import Bench
 from rig.campaign.setup import accepted
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix, load_files, load_matrix
+from rig.matrix.signal_files import with_whole_names
 from rig.text_file import read_text
 from simulators.bench import Addresses, bench_text
 from simulators.injection import NEEDS_AUXILIARY
@@ -210,7 +211,7 @@ def _given(files: Files) -> tuple[Given, tuple[str, ...]]:
         return _drawn_matrices(files.bench, text)
     matrix, bench = load_files(files.matrix, files.bench)
     user = UserBench.load(files.bench, matrix)
-    given = _forecast(matrix, bench, read_text(files.matrix, LARGEST_MATRIX))
+    given = _forecast(matrix, bench, _text_of(files.matrix))
     return _on_bench(given, text, user), user.stood_in
 
 
@@ -263,7 +264,12 @@ def _on_the_usual_rig(path: Path) -> Given:
     with tempfile.TemporaryDirectory(prefix="worlds-") as folder:
         bench = Path(folder) / "bench.toml"
         bench.write_text(bench_text(RigOptions(), addresses, 1.0, relaxed=False), encoding="utf-8")
-        return _forecast(matrix, Bench.load(bench), read_text(path, LARGEST_MATRIX))
+        return _forecast(matrix, Bench.load(bench), _text_of(path))
+
+
+def _text_of(path: Path) -> str:
+    """A matrix file's text for another folder: the roads and records that it names are whole paths."""
+    return with_whole_names(read_text(path, LARGEST_MATRIX), path.parent)
 
 
 def _loaded(text: str, path: Path) -> Matrix:

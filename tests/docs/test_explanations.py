@@ -5,14 +5,13 @@ from __future__ import annotations
 import ast
 import json
 import re
-import subprocess
-import sys
 import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 import pytest
+from in_process import rig
 
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.catalogue import make_hand_source
@@ -147,16 +146,11 @@ def test_a_stop_of_the_matrix_says_how_the_rig_was_stopped_and_how_to_go_on() ->
     assert (broken_coil.exit_code, explained("not-tared").exit_code, explained("config-absurd").exit_code) == (4, 3, 2)
 
 
-def rig(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "rig.cli.main", "explain", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60, check=False)
-
-
 def test_the_command_explains_lists_and_guesses_what_was_meant() -> None:
-    answer = json.loads(rig("watchdog-absent", "--json").stdout)
+    answer = json.loads(rig("explain", "watchdog-absent", "--json").stdout)
     assert {"slug", "means", "done", "look_at", "resume", "exit_code", "reaction"} == answer.keys()
-    listed = {entry["slug"] for entry in json.loads(rig("--json").stdout)["slugs"]}
+    listed = {entry["slug"] for entry in json.loads(rig("explain", "--json").stdout)["slugs"]}
     assert listed == set(texts())
-    wrong = rig("watchdog-abset")
+    wrong = rig("explain", "watchdog-abset")
     assert wrong.returncode == 2
     assert "did you mean watchdog-absent" in wrong.stderr

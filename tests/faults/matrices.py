@@ -27,6 +27,39 @@ TWO_POINTS = matrix_text("0.5 A", "1.5 A", more='[campaign]\ncurrent_settled = "
 """Each point moves for 4 s; the second one's cycles begin a little more than 4 s after the first one's."""
 PERIOD_S = 0.5
 
+HYBRID = """
+format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[hybrid]
+current = "0.3 A"
+largest_delay = "20 ms"
+probe_frequency = "10 Hz"
+compensation = ["model", "ats"]
+[hybrid.car]
+source = "a test"
+[hybrid.car.body]
+mass = "600 kg"
+[hybrid.car.front]
+unsprung_mass = "90 kg"
+wheel_rate = "40 kN/m"
+tyre_stiffness = "220 kN/m"
+tyre_damping = "300 N s/m"
+[hybrid.road]
+speed = "20 m/s"
+[hybrid.road.sweep]
+duration = "2 s"
+first_frequency = "2 Hz"
+last_frequency = "4 Hz"
+first_height = "20 mm"
+last_height = "15 mm"
+"""
+"""Two hybrid tests of a quarter car. From the start of each: 0.8 s in which the delay is measured, 0.5 s of rest,
+2 s of road, 1 s to return.
+"""
+
 BRISK_POINTS = TWO_POINTS.replace('"2 Hz"', '"4 Hz"')
 """For tests at speed 1: each point moves for 2 s."""
 

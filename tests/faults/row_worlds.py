@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from end_states import assert_never_moved, assert_no_current, assert_still
-from matrices import ONE_LONG_POINT, ONE_POINT
+from matrices import HYBRID, ONE_LONG_POINT, ONE_POINT
 from watched_campaign import Ending
 from world_campaign import Setting, WorldCampaign
 
@@ -44,6 +44,7 @@ class RowWorld:
     Attributes:
         setting: what the campaign begins with.
         around: what happens around its devices, while the point moves.
+        begins: what is waited for before that.
         judge: in place of what the row's reaction asks for.
         also: what must be true beside it.
         allowed_s: from the fault to the stop command, where the row counts from something else.
@@ -53,6 +54,7 @@ class RowWorld:
 
     setting: Setting = ONCE
     around: Around | None = None
+    begins: Around = WorldCampaign.move
     judge: Judge | None = None
     also: Judge = nothing
     allowed_s: float | None = None
@@ -227,6 +229,31 @@ def fades_by_set_points(campaign: WorldCampaign, ending: Ending) -> None:
     assert 0.01 < told["worst_s"] < 0.1
 
 
+def servo_slows(campaign: WorldCampaign) -> None:
+    """On the road of a hybrid test the actuator follows ten times as late: cold oil, a worn valve."""
+    campaign.run_on(0.6)
+    campaign.stage.rig.plant.constants["servo_rad_s"][0] *= 0.1
+
+
+def hybrid_test_is_ended(campaign: WorldCampaign, ending: Ending) -> None:
+    """Its own watch ends it by what following late brings into the car; the set-points end in a halt."""
+    truth = ending.truth
+    assert ending.exit_code == 4, ending.said
+    assert ending.trips() == [("hybrid-unstable", "S2")]
+    assert ending.answer["rig_state"] == "safe"
+    assert ending.stopped_from_ns is not None
+    (trip,) = (line for line in ending.log if line.get("what") == "trip")
+    took_s = (trip["t_ns"] - ending.stopped_from_ns) / 1e9
+    assert 0.0 < took_s < 1.2, (took_s, trip["detail"])
+    assert "following wrongly" in trip["detail"]
+    zero = truth.all("SET_CURRENT", text="0.000")[-1]
+    assert (zero.host_ns - trip["t_ns"]) / 1e9 < 0.1
+    assert_still(truth, zero.time_s + 0.4)
+    assert_no_current(truth, zero.time_s)
+    assert_pressure_off(campaign)
+    assert ending.verdicts() == {"hybrid-model": "invalid"}
+
+
 def program_runs_on(campaign: WorldCampaign, ending: Ending) -> None:
     """Not over when it should be: stopped by command, and as that is ignored too, by taking the pressure away."""
     truth = ending.truth
@@ -322,6 +349,9 @@ def within_s(slug: str) -> float:
     return COARSE_S + (0.1 if limit_s is None else limit_s)
 
 
+ALONE_HYBRID = replace(
+    ONCE, simulator=("--actuator", "setpoints"), matrix=HYBRID.replace('"model", "ats"', '"model"')
+)
 NO_FOLDER = replace(ONCE, out="matrix.toml/runs")
 BEYOND = replace(ONCE, matrix=ONE_POINT.replace('"20 mm"', '"90 mm"'))
 
@@ -331,6 +361,9 @@ ROW_WORLDS: dict[str, RowWorld] = {
     "stop-ignored": RowWorld(faulty(f"stop-ignored@{FAULT_S}"), judge=program_runs_on),
     "host-silent": RowWorld(around=silent),
     "setpoints-late": RowWorld(faulty(f"setpoints-late@{FAULT_S}"), judge=fades_by_set_points),
+    "hybrid-unstable": RowWorld(
+        ALONE_HYBRID, around=servo_slows, begins=WorldCampaign.on_the_road, judge=hybrid_test_is_ended
+    ),
     "current-stuck": RowWorld(faulty(f"current-stuck@{FAULT_S}"), judge=current_stays),
     "supply-not-zero": RowWorld(faulty("supply-not-zero", "--supply", "generic-scpi"), judge=left_as_it_was),
     # Three polls, each behind two waits for what the devices hand over in a world.

@@ -56,6 +56,7 @@ def test_beside_busy_processes_nothing_is_lost_and_every_point_is_valid(
     assert len(ending.answer["points"]) == points
 
 
+@pytest.mark.nightly
 def test_without_waiting_a_reader_that_stands_still_loses_what_its_port_cannot_hold(tmp_path: Path) -> None:
     """The same rig with `--drop-unread`: one host that opens its ports, reads a little and then nothing any more."""
     lost: dict[tuple[str, ...], int] = {}

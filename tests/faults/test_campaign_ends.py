@@ -66,6 +66,7 @@ def test_a_disk_that_fills_between_two_points_ends_the_campaign_with_the_pressur
     campaign.assert_completed(requalified="looked at: the disk was full, nothing else")
 
 
+@pytest.mark.nightly
 def test_a_folder_that_is_taken_away_ends_the_campaign_with_the_pressure_off(begin_world: BeginWorld) -> None:
     campaign = after_the_first_point(begin_world)
     points = campaign.folder / "points"
@@ -135,6 +136,7 @@ def on_a_terminal(tmp_path: Path) -> tuple[subprocess.Popen[bytes], int, Path]:
     return process, ours, out
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_a_terminal_that_is_closed_stops_the_rig_and_the_exit_code_says_so(tmp_path: Path) -> None:
     process, ours, out = on_a_terminal(tmp_path)

@@ -33,7 +33,7 @@ def test_an_ecu_without_supply_stops_the_rig(run: Run) -> None:
     assert_stopped(run("ecu-overtemp:undervoltage@6.3"), "ecu-overtemp")
 
 
-@pytest.mark.few(1)
+@pytest.mark.nightly
 @pytest.mark.parametrize(("fault", "bit"), [("coil-open-short", "OPEN"), ("coil-open-short:short", "SHORT")])
 def test_a_broken_coil_stops_the_rig(run: Run, fault: str, bit: str) -> None:
     ending = run(f"{fault}@6.3")

@@ -42,7 +42,7 @@ def judge_row(slug: str, here: RowWorld, begin_world: Start) -> None:
     campaign = begin_world(here.setting)
     fault_ns = None
     if here.around is not None:
-        campaign.move()
+        here.begins(campaign)
         fault_ns = campaign.now_ns
         here.around(campaign)
     ending = campaign.finish(fault_ns)

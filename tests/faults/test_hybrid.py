@@ -65,3 +65,24 @@ def test_a_wire_pulled_in_the_middle_ends_as_its_row_says(tmp_path: Path) -> Non
     test = hybrid_tests(Run.open(ending.folder))[0]
     assert test.verdict == "invalid"
     assert 50 < test.told["steps"] < 300, "in the middle of the road"
+
+
+@pytest.mark.apart
+def test_a_law_commands_the_coil_until_a_pulled_wire_takes_the_current_away(tmp_path: Path) -> None:
+    text = SHORT.replace('"model", "none"', '"model"').replace(
+        "[hybrid]\n", '[hybrid]\nlaw = ["skyhook"]\nmost_current = "0.8 A"\n'
+    )
+    ending = ended(tmp_path, text, "--fault", "loadcell-pulled@5.2")
+    assert ending.exit_code == 4, ending.said
+    assert ending.trips()[0] == ("loadcell-pulled", "S2")
+    fault = ending.truth.first("FAULT")
+    assert_no_current(ending.truth, fault.time_s + 0.2)
+    point = ending.point("hybrid-model-skyhook")
+    commands, measured = point.raw("commanded_current"), point.raw("coil_current")
+    assert commands is not None
+    assert measured is not None
+    assert set(commands["value"].tolist()) == {0.0, 0.8}
+    assert sum(abs(commands["value"][1:] - commands["value"][:-1]) > 0.1) > 10
+    assert measured["value"].max() == pytest.approx(0.8, abs=0.02)
+    assert (point.test["law"], point.test["current_A"]) == ("skyhook", 0.8)
+    assert hybrid_tests(Run.open(ending.folder))[0].to_json()["law"] == "skyhook"

@@ -1,4 +1,4 @@
-"""The matrix itself: sixty-four rows, each with its world."""
+"""The matrix itself: sixty-five rows, each with its world."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from rig.faults.matrix import MATRIX, REACTIONS
 from simulators.injection import INJECTORS
 
 
-def test_the_matrix_has_sixty_four_rows_each_once() -> None:
-    assert len(MATRIX) == 64
+def test_the_matrix_has_sixty_five_rows_each_once() -> None:
+    assert len(MATRIX) == 65
 
 
 def test_every_row_has_its_world_or_a_reason_why_it_cannot_have_one() -> None:

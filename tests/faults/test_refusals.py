@@ -128,6 +128,7 @@ def test_an_absurd_bench_is_refused_with_key_and_value_before_anything_is_connec
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.nightly
 def test_another_damper_than_the_first_sessions_is_not_resumed(moving: InMotion) -> None:
     campaign = moving()
     campaign.end_by(signal.SIGINT)

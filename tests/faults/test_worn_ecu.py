@@ -44,7 +44,7 @@ ROWS = ("ecu-silent", "ecu-late", "ecu-crc", "ecu-restart", "ecu-overtemp", "coi
         "can-busoff", "can-malformed", "can-babble", "can-foreign")  # fmt: skip
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.apart
 @pytest.mark.parametrize("slug", ROWS)
 def test_a_row_of_the_ecu_ends_the_same_with_a_users_files(slug: str, begin_world: Start) -> None:
@@ -59,7 +59,7 @@ def test_a_row_of_the_ecu_ends_the_same_with_a_users_files(slug: str, begin_worl
         assert_stopped_in_time(campaign, ending, slug, here)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("slug", ["", "ecu-silent", "ecu-crc", "coil-open-short"])
 def test_can_fd_with_floats_profile_5_and_a_share_of_full_scale(slug: str, run: Run, tmp_path: Path) -> None:
     dbc, roles = tmp_path / "amp.dbc", tmp_path / "amp.toml"

@@ -132,6 +132,15 @@ class WorldCampaign(Campaign):
         self.wait_for("START")
         self.run_on(seconds)
 
+    def on_the_road(self, count: int = 1) -> None:
+        """Let so many hybrid tests, counted from the first, come to their road."""
+        journal = self.folder / "journal.jsonl"
+        self.until(
+            lambda: self.process.poll() is not None or journal.read_text("utf-8").count('"phase": "test"') >= count,
+            f"{count} x the road",
+        )
+        assert self.process.poll() is None, "it ended before the road"
+
     def hold(self, role: str, seconds: float) -> None:
         """Keep a process from running for so long on the host's clock."""
         (process,) = self.stage.named(role)

@@ -67,8 +67,9 @@ CATALOGUES = {
 ONE_IMPORTER = {
     "rig.campaign.live_display": "what is shown, beside what may be asked for: a display like the terminal's",
     "rig.page.server": "answers and sends; signals, sockets and the end of the process are its process's",
+    "rig.matrix.record_file": "lines and columns of a file; the tables know of none",
+    "rig.page.ended_run": "files of a run that is over; what watches one that lives reads none of them",
     "rig.hybrid.delay_margin": "of any linear structure with a specimen, whatever is run with it",
-    "rig.hybrid.virtual_test": "compiled: loads numba, and only where tests are run",
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
     "rig.cli.comparison_tables": "loads rich and numpy, and only where a comparison is shown",
     "drivers.stamp_clock": "a clock without a bus, beside the port's I/O",
@@ -78,7 +79,6 @@ ONE_IMPORTER = {
     "rig.vehicle.comfort": "the weightings of a standard, whatever is weighted",
     "rig.dampers.leaning_loop": "compiled: loads numba, and only where its model is integrated",
     "rig.study.loop_figures": "drawn from recordings; the other figures are of results",
-    "rig.identification.diagnosis.groups": "its own search, for two dampers; the ranking only asks it",
     "rig.identification.points.faint_orders": "its own estimate of weak harmonics; the motion only asks it",
     "rig.identification.diagnosis.force_channel": "samples of one channel, before any cause is fitted",
     "rig.identification.diagnosis.plausibility": "needs no misfit, and is looked at in every fit",

@@ -99,6 +99,7 @@ def test_what_is_not_named_or_not_known_is_a_usage_error(tmp_path: Path) -> None
     assert {"current source:demo", "frame16"} <= set(said.strip().partition("known: ")[2].split(", "))
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_a_driver_that_repeats_old_values_and_swallows_errors_fails_by_name(install: Install) -> None:
     folder = install("bad-lab", {"mr_rig.sensors": {"bad_cell": "bad_lab:Driver"}}, BAD_DRIVER)

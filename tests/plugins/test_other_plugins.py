@@ -61,6 +61,7 @@ def run(tmp_path: Path) -> Run:
     return Run(tmp_path / "a-run", (point,))
 
 
+@pytest.mark.nightly
 def test_a_plug_ins_model_is_known_wherever_models_are_named(my_lab: Path) -> None:
     model = dampers.model("my_lab_friction")
     assert "my_lab_friction" in list(dampers.MODELS)

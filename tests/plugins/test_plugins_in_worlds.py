@@ -42,6 +42,7 @@ def asked_files(folder: Path, sensor: str, matrix: str = MATRIX) -> Files:
     return Files(folder / "matrix.toml", folder / "bench.toml")
 
 
+@pytest.mark.nightly
 def test_a_plug_ins_driver_records_the_force_of_a_plug_ins_model(my_lab: Path) -> None:
     plan = replace(asked_for(asked_files(my_lab, "my_lab_cell"), (), None).plan(3), happenings=())
     (my_lab / "world").mkdir()

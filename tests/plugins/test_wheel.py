@@ -63,6 +63,7 @@ def ran(python: Path, *arguments: str, cwd: Path) -> subprocess.CompletedProcess
     return subprocess.run(command, cwd=cwd, env=surroundings, capture_output=True, text=True, check=False, timeout=300)
 
 
+@pytest.mark.nightly
 def test_the_wheel_brings_its_pytest_plug_in_and_finds_the_labs_plug_ins(installed: Path, tmp_path: Path) -> None:
     listed = ran(installed, "rig.cli.main", "plugins", cwd=tmp_path)
     assert listed.returncode == 0, listed.stdout + listed.stderr

@@ -58,6 +58,7 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> TwoSessions:
         return TwoSessions(stopped, first.resumed(stopped.folder).end())
 
 
+@pytest.mark.nightly
 def test_a_cold_damper_is_warmed_before_the_first_point(sessions: TwoSessions) -> None:
     assert sessions.stopped.exit_code == 4
     phases = sessions.stopped.phases()

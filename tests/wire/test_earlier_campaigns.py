@@ -58,6 +58,7 @@ def test_a_report_is_made_of_it(earlier: Path) -> None:
     assert "p001" in page
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["stopped", "killed"])
 def test_it_is_resumed_to_its_end(earlier: Path, name: str) -> None:
     folder = earlier / name

@@ -52,6 +52,7 @@ def test_points_whose_names_begin_like_others_are_all_valid_and_all_there(
     assert not [path.name for path in (ended.folder / "points").iterdir() if path.suffix != ".h5"]
 
 
+@pytest.mark.nightly
 @pytest.mark.wire
 def test_a_killed_application_leaves_nothing_in_shared_memory(tmp_path: Path) -> None:
     if not SHARED_MEMORY.is_dir():

@@ -177,6 +177,7 @@ def started_rig(folder: Path, *arguments: str) -> tuple[subprocess.Popen[str], P
     return process, Path(process.stdout.readline().strip())
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("arguments", [("--actuator", "rtu"), ("--ports", "socket")], ids=["rtu", "sockets"])
 @pytest.mark.wire
 def test_a_rig_started_by_hand_on_other_wires_runs_the_same_job(

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.wire
 
 HERE = Path(__file__).parent / "plain_actuator"
 LATE_S = 0.03
-MATRIX = matrix_text("0.5 A", "1.0 A", amplitude="10 mm", frequency="1 Hz", cycles=5)
+MATRIX = matrix_text("0.5 A", "1.0 A", amplitude="10 mm", frequency="2 Hz", cycles=5)
 
 
 @pytest.fixture

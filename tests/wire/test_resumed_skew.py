@@ -6,6 +6,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pytest
 from matrices import matrix_text
 from simulated_campaign import session
 
@@ -23,6 +24,7 @@ def suspect_for_its_skew(file: Path) -> None:
         quality["blamed"] = np.array([b"bench"])
 
 
+@pytest.mark.nightly
 def test_a_kept_point_judged_again_is_entered_as_its_file_says(tmp_path: Path) -> None:
     with session(tmp_path, MATRIX, speed=4.0, seed=7) as first:
         first.until(lambda line: line["event"] == "judged")

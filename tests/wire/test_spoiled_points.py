@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from matrices import matrix_text
 from simulated_campaign import Ended, options, simulated
 
@@ -65,6 +66,7 @@ def test_a_point_with_a_gap_is_repeated_and_mended(tmp_path: Path) -> None:
     assert second.lost_samples == 0
 
 
+@pytest.mark.nightly
 def test_a_damper_that_heats_is_named_and_repeated(tmp_path: Path) -> None:
     heating = (
         "damper.heat_capacity_J_K=8.0", "damper.heat_loss_W_K=0.1", "damper.coil_heat_capacity_J_K=1.0",
@@ -76,6 +78,7 @@ def test_a_damper_that_heats_is_named_and_repeated(tmp_path: Path) -> None:
     assert set(ending.recorded()) == {"p001", "p001-attempt2"}
 
 
+@pytest.mark.nightly
 def test_a_fixture_that_slips_is_named_and_repeated(tmp_path: Path) -> None:
     ending = run(tmp_path, *options("damper.free_play_m=0.002"), currents=("1 A",))
     assert ending.exit_code == 5, ending.said

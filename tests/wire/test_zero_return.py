@@ -33,6 +33,7 @@ def test_a_load_cell_whose_zero_creeps_is_found_at_the_end_and_kept_with_both_wi
     assert finding["text"] in ended.said.replace("\n", " ")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("speed", [5.0, 50.0])
 def test_a_clean_rig_says_nothing(tmp_path: Path, speed: float) -> None:
     ended = simulated(tmp_path, MATRIX, speed=speed)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import base64
 import queue
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -12,6 +13,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.observer import Observer, WantedMotion
@@ -27,6 +30,7 @@ from rig.matrix.feasibility import command_room
 from rig.matrix.point import TestPoint
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.recorder import PointRecorder
+from rig.signals.record import STEP_S, Record
 from rig.station.client import StationClient, StationLost, StationRefused
 
 CENTRING_SPEED_M_S = 0.05
@@ -221,7 +225,7 @@ class ActionExecutor:
 
     def _ask_operator(self, action: act.AskOperator) -> None:
         if self.campaign.hand is not None:
-            self.campaign.hand.ask()
+            self.campaign.hand.ask(action.current_A)
 
     def operator_answers(self) -> list[ev.Event]:
         """What somebody who sets the current by hand has confirmed since the last call.
@@ -242,6 +246,9 @@ class ActionExecutor:
         )
         if point.kind == "hybrid":
             self._requests.ask(Request.START, hybrid=hybrid_order(self.campaign, point))
+            return
+        if point.record is not None:
+            self._requests.ask(Request.START, signal=signal_order(point, point.record))
             return
         self._requests.ask(
             Request.START,
@@ -302,6 +309,21 @@ class ActionExecutor:
 
     def _finish(self, action: act.Finish) -> None:
         self._deadline = None
+
+
+SENT_EVERY = 4
+"""Samples of a record: between two of those that are sent the station goes along a cubic."""
+
+
+def signal_order(point: TestPoint, record: Record) -> dict[str, Any]:
+    """What the station is told of a point whose motion is a record."""
+    position_m, velocity_m_s, _ = record.motion(point.amplitude_m, SENT_EVERY)
+    if (len(record.shape) - 1) % SENT_EVERY:  # its last sample, at rest at the centre, is none of them
+        position_m, velocity_m_s = np.append(position_m, 0.0), np.append(velocity_m_s, 0.0)
+    return {
+        "step_s": SENT_EVERY * STEP_S, "centre_m": point.centre_m,
+        "samples": base64.b64encode(np.concatenate((position_m, velocity_m_s)).astype("<f4").tobytes()).decode(),
+    }
 
 
 def hybrid_order(campaign: CampaignContext, point: TestPoint) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from rig.signals.arrays import FloatArray
 from rig.signals.clock_model import unwrapped
 from rig.signals.cycles import measured_motion
 from rig.signals.load_train import CURRENT_APART_A, EDGE_MODULUS, CycleTrack, LoadTrain
-from rig.signals.waveform import HOLD
+from rig.signals.waveform import HOLD, SIGNAL_NAMES
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
@@ -109,7 +109,7 @@ class MotionMeasurement:
             None when its waveform is none, when there is not one full cycle, or no two cycles beside the ones next to a
             ramp agree on one.
         """
-        if self._kept == 0 or self._wanted.waveform == HOLD.name:
+        if self._kept == 0 or self._wanted.waveform in {HOLD.name, *SIGNAL_NAMES}:
             return None
         samples, wanted = np.frombuffer(b"".join(self._parts), RECORD_DTYPE), self._wanted
         clocked = bool(np.all(samples["device_us"] >= 0))

@@ -6,6 +6,7 @@ import traceback
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from rig import __version__
 from rig.bench.model import Bench
@@ -267,12 +268,25 @@ def _wanted(campaign: CampaignContext, point: TestPoint, name: str, commanded: T
         rest_s=point.rest_s,
         kind=point.kind,
         steps_A=" ".join(f"{step_A:g}" for step_A in point.steps_A),
+        law=point.law or None,
         commanded_amplitude_m=commanded.amplitude_m,
         commanded_centre_m=commanded.centre_m,
         amplitude_tolerance=sweep.amplitude_tolerance if sweep.adapt_amplitude else None,
         temperature_low_degC=low_degC,
         temperature_high_degC=high_degC,
+        **_of_record(point),
     )
+
+
+def _of_record(point: TestPoint) -> dict[str, Any]:
+    """What is wanted of a signal beyond its amplitude and rate."""
+    record = point.record
+    if record is None:
+        return {}
+    return {
+        "record": record.name, "record_sha256": record.sha256 or None, "record_s": record.duration_s,
+        "record_ramp_s": record.ramp_s, "record_highest_Hz": record.highest_Hz,
+    }
 
 
 def _provenance(campaign: CampaignContext, point: TestPoint, attempt: int) -> dict[str, str]:

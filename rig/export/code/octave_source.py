@@ -72,7 +72,9 @@ class OctavePrinter(Printer):
         return held
 
     def hoisted(self, node: ast.expr) -> str:
-        """See `Printer.hoisted`."""
+        """See `Printer.hoisted`; a conversion around the call says nothing in a language with one kind of number."""
+        while isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in CONVERSIONS:
+            node = node.args[0]
         function = self.called_by(node)
         if function is None or not isinstance(node, ast.Call) or not self.library.changes(function):
             return self.text(node)
@@ -108,6 +110,7 @@ class OctavePrinter(Printer):
         self.line("return;")
 
 
+CONVERSIONS = frozenset(("bool", "float"))
 CHOOSE = """function result = mr_choose(test, then, other)
     if test
         result = then;

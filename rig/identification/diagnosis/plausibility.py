@@ -12,6 +12,7 @@ from rig.identification.uncertainty.fit import Cause
 from rig.identification.words import say
 from rig.signals.plausibility import TestSize, doubts
 
+SIGNS = "signs-reversed"
 SAME_RATE = (0.5, 2.0)  # of the displacement's rate over the velocity given, between which one belongs to the other
 NEAR_MIDDLE = 0.3  # of the amplitude
 OFFSET_OF_PEAK = 0.01  # by which the force must be off towards extension to be no gas force
@@ -73,7 +74,7 @@ def _both_signs(tests: Sequence[Measurement]) -> list[Cause]:
     clear = CLEAR_OF_PEAK if growth_N > 0.0 else OFFSET_OF_PEAK
     if offset_N <= max(clear * peak_N, least_N):
         return []
-    return [_certain("signs-reversed", offset_N=offset_N)]
+    return [_certain(SIGNS, offset_N=offset_N)]
 
 
 def law_from_two_currents(
@@ -93,7 +94,7 @@ def law_from_two_currents(
         for at_A in (0.0, top_A)
     ]
     zero_N, top_N = (float(2.0 * halves[k + 2] - halves[k]) for k in (0, 1))
-    if zero_N < AT_ZERO * top_N:
+    if top_N <= 0.0 or zero_N < AT_ZERO * top_N:
         return []
     numbers = {"low_A": low_A, "top_A": top_A, "zero_N": zero_N, "percent": 100.0 * zero_N / top_N}
     return [Cause("current-law", say("current-law-two", **numbers), 0.0, say("next-current-law-two", **numbers))]

@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig.dampers.arrays import FloatArray
+from rig.dampers.arrays import BoolArray, FloatArray
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.diagnosis import distortions as of
 from rig.identification.diagnosis.descent import Explained, explain, first_step, residual_N
 from rig.identification.diagnosis.force_channel import beyond, ends_N, outliers
 from rig.identification.diagnosis.groups import two_groups
-from rig.identification.diagnosis.plausibility import implausible, law_from_two_currents
+from rig.identification.diagnosis.plausibility import SIGNS, implausible, law_from_two_currents
 from rig.identification.diagnosis.stretches import Stretch, stretches
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.projection import Weighting
@@ -31,12 +31,13 @@ from rig.identification.words import say, some
 AN_AMOUNT = 0.02  # of the logarithm of what is left, that each amount of a cause must be worth
 WORTH_NAMING = 0.15  # share of the misfit from which a cause is listed
 MISFIT_OF_NOISE = 0.02  # of the noise's sum of squares: less than this is no misfit
-FEWEST_OUTLIERS = 3
 SAME_CURRENT_A = 0.05
 MOST_BENDS = 3
+OTHER_AMPLITUDE = 1.2  # smallest stroke of some tests over the largest of the others, from which they differ
 SKEWS_S = (0.0, 1e-3, 3e-3, -1e-3, -3e-3)  # to start from where a model jumps at the reversals, which show the skew
 SMALLEST_SKEW_S, SKEW_ERRORS = 2e-4, 3.0  # a delay that is worth a word: so long, and so many of its stated errors
 BEYOND_DOUBT = 10.0  # standard errors of white noise; noise of a filtered channel has a few times those
+SMALLEST_DRIFT = 0.05  # of the force, over all that it follows, which is worth a word in an adequate fit
 SMALLEST_TEMPERATURE_SPAN_K = 1.0
 NEAR_REVERSAL_m = 1e-3
 
@@ -63,7 +64,7 @@ class _Trial:
 
 
 def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
-    """What probably explains the misfit of a fit, most first; wrong units and signs alone where there are any.
+    """What probably explains the misfit of a fit, most first; wrong units alone, reversed signs before the others.
 
     Args:
         fitted: the fit.
@@ -71,10 +72,10 @@ def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
             at in any case.
     """
     wrong = implausible(fitted.tests)
-    if wrong:
+    if any(cause.slug != SIGNS for cause in wrong):
         return tuple(wrong)
-    causes = [*_saturated(fitted.tests)]
-    causes += _of_misfit(fitted) if misfit else _hidden_skew(fitted)
+    causes = [*wrong, *_saturated(fitted.tests)]
+    causes += _of_misfit(fitted) if misfit else _hidden(fitted)
     return (*causes, *law_from_two_currents(fitted.model, fitted.values, fitted.tests))
 
 
@@ -84,24 +85,49 @@ def _saturated(tests: Sequence[Measurement]) -> list[Cause]:
     return [Cause("clipping", say("clipping-left-out", tests=some(ids)), 1.0, say("next-clipping"))] if ids else []
 
 
-def _hidden_skew(fitted: Fitted) -> list[Cause]:
-    """A delay that the tests show beyond doubt though what it leaves is within their scatter."""
+def _hidden(fitted: Fitted) -> list[Cause]:
+    """A delay or a drift that the tests show beyond doubt though what it leaves is within their scatter.
+
+    A drift from cycle to cycle is part of a scatter that two cycles show, and of none where a test has a single one.
+    """
     model, tests = fitted.model, fitted.tests
     parts = stretches(model, tests, fitted.weighting)
-    floor = sum(part.floor for part in parts)
+    floor, nothing = sum(part.floor for part in parts), of.Distortion()
+    left = sum(float(np.sum((part.weights * _residual_N(fitted, part)) ** 2)) for part in parts)
     count = sum(int(np.count_nonzero(part.weights)) for part in parts)
-    step = first_step(model, fitted.values, fitted.names, parts, of.Skew())
-    skew_s = abs(float(step.amounts[0]))
     least_s = max(SMALLEST_SKEW_S, SKEW_ERRORS * max(test.skew_std_s for test in tests))
-    if not (floor > 0.0 and skew_s >= least_s and step.gain * count >= BEYOND_DOUBT**2 * floor):
+    looked_for: list[tuple[str, of.Distortion, float]] = [("skew", of.Skew(), least_s)]
+    looked_for += [(slug, of.Trend(trend), SMALLEST_DRIFT) for slug, trend in _trends(tests)]
+    trials = []
+    for slug, distortion, least in looked_for:
+        step = first_step(model, fitted.values, fitted.names, parts, distortion)
+        if floor > 0.0 and abs(step.amounts[0]) >= least and step.gain * count >= BEYOND_DOUBT**2 * max(floor, left):
+            reached = explain(model, fitted.values, fitted.names, parts, distortion)
+            trials.append(_Trial(slug, reached.squares, len(distortion.start), _numbers(slug, reached)))
+    if not trials:
         return []
-    base = explain(model, fitted.values, fitted.names, parts, of.Distortion())
-    skewed = explain(model, fitted.values, fitted.names, parts, of.Skew())
-    gain, numbers = base.squares - skewed.squares, {"skew_ms": 1e3 * float(skewed.amounts[0])}
+    base = explain(model, fitted.values, fitted.names, parts, nothing)
+    best = min(trials, key=lambda trial: _score(trial, floor))
+    gain = base.squares - best.squares
     share = min(1.0, gain / max(base.squares - floor, gain)) if gain > 0.0 else 0.0
-    if share < WORTH_NAMING:
-        return []
-    return [Cause("skew", say("skew", **numbers, percent_explained=100.0 * share), share, say("next-skew", **numbers))]
+    return [_cause(best, share)] if share >= WORTH_NAMING else []
+
+
+def _numbers(slug: str, reached: Explained) -> dict[str, object]:
+    """What is said of a delay or a trend."""
+    if slug == "skew":
+        return {"skew_ms": 1e3 * float(reached.amounts[0])}
+    gain, zero_N = reached.amounts.tolist()
+    return {"percent": 100.0 * gain, "zero_N": zero_N}
+
+
+def _cause(trial: _Trial, share: float) -> Cause:
+    text = say(trial.slug, **trial.numbers, percent_explained=100.0 * share)
+    return Cause(trial.slug, text, share, say(f"next-{trial.slug}", **trial.numbers))
+
+
+def _residual_N(fitted: Fitted, part: Stretch) -> FloatArray:
+    return residual_N(fitted.model, fitted.values, part, of.Distortion(), np.zeros(0))
 
 
 def _of_misfit(fitted: Fitted) -> list[Cause]:
@@ -122,15 +148,14 @@ def _of_misfit(fitted: Fitted) -> list[Cause]:
         for trial in (*_distorted(fitted, parts, base), *_two_dampers(fitted, parts, base))
     ]
     count = sum(int(np.count_nonzero(one)) for one in alone)
-    if count >= FEWEST_OUTLIERS:
+    if count:
         percent = 100.0 * count / sum(test.u_m.size for test in tests)
         trials.append(_Trial("outliers", base.squares, 1, {"count": count, "percent": percent}))
     causes: list[Cause] = []
     for trial in sorted(trials, key=lambda trial: _score(trial, floor)):
         share = min(1.0, max(0.0, (whole.squares - trial.squares) / excess))
         if share >= WORTH_NAMING and trial.slug not in {cause.slug for cause in causes}:
-            text = say(trial.slug, **trial.numbers, percent_explained=100.0 * share)
-            causes.append(Cause(trial.slug, text, share, say(f"next-{trial.slug}", **trial.numbers)))
+            causes.append(_cause(trial, share))
     return causes
 
 
@@ -147,11 +172,10 @@ def _distorted(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Ite
 
     starts = SKEWS_S if fitted.model.jumps_at == "reversal" else (0.0,)
     skewed = min((left(of.Skew(start_s)) for start_s in starts), key=lambda reached: reached.squares)
-    yield _Trial("skew", skewed.squares, 1, {"skew_ms": 1e3 * float(skewed.amounts[0])})
+    yield _Trial("skew", skewed.squares, 1, _numbers("skew", skewed))
     for slug, trend in _trends(fitted.tests):
         reached = left(of.Trend(trend))
-        gain, zero_N = reached.amounts.tolist()
-        yield _Trial(slug, reached.squares, 2, {"percent": 100.0 * gain, "zero_N": zero_N})
+        yield _Trial(slug, reached.squares, 2, _numbers(slug, reached))
     yield from _clipped(fitted, parts, base)
     yield from _compliant(fitted, parts, base)
     levels = _levels(fitted.tests)
@@ -169,7 +193,7 @@ def _near_reversals(fitted: Fitted, parts: Sequence[Stretch]) -> float:
     """Part (%) of the misfit within 1 mm after a reversal."""
     near = total = 0.0
     for part in parts:
-        squares = (part.weights * residual_N(fitted.model, fitted.values, part, of.Distortion(), np.zeros(0))) ** 2
+        squares = (part.weights * _residual_N(fitted, part)) ** 2
         near, total = near + float(np.sum(squares[part.since_m < NEAR_REVERSAL_m])), total + float(np.sum(squares))
     return 100.0 * near / max(total, 1e-300)
 
@@ -227,10 +251,17 @@ def _compliant(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Ite
 
 def _two_dampers(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Iterator[_Trial]:
     reached = two_groups(fitted.model, base, fitted.names, parts)
-    if reached is not None:
+    if reached is not None and not _by_amplitude(fitted.tests, reached.second):
         minor = reached.second if 2 * np.count_nonzero(reached.second) <= reached.second.size else ~reached.second
         ids = [test.id for test, other in zip(fitted.tests, minor.tolist(), strict=True) if other]
         yield _Trial("mixed-specimens", reached.squares, len(fitted.names) + 1, {"tests": some(ids)})
+
+
+def _by_amplitude(tests: Sequence[Measurement], second: BoolArray) -> bool:
+    """Whether one part has all the larger strokes: what a model lacks over the amplitude parts the tests like that."""
+    spans = np.array([float(np.ptp(test.u_m)) for test in tests])
+    one, other = spans[second], spans[~second]
+    return any(bool(np.min(large) > OTHER_AMPLITUDE * np.max(small)) for large, small in ((one, other), (other, one)))
 
 
 def _levels(tests: Sequence[Measurement]) -> list[float]:

@@ -261,3 +261,20 @@ class FixedParameters:
             ValueError: the vector's length is not `n_parameters`.
         """
         return np.asarray(math.sqrt(self._scale) * self.problem.residuals(self.whole(vector[None, :])[0]))
+
+
+def unmirrored(values: Mapping[str, float]) -> dict[str, float]:
+    """The same force with a positive beta: tanh is odd, so beta, delta and the yield force may change signs together.
+
+    Args:
+        values: Parameters by name; those of a model without tanh come back as they are. In the printed form,
+            beta (v + lambda sgn u), lambda keeps its sign.
+
+    Returns:
+        Parameters by name.
+    """
+    of_tanh = {"beta", "Fya"} <= values.keys() or {"beta", "delta", "alpha"} <= values.keys()
+    if not of_tanh or values["beta"] >= 0.0:
+        return dict(values)
+    turned = {"beta", "delta", "Fya", "Fyb", "alpha", "alpha_b"}
+    return {name: -value if name in turned else value for name, value in values.items()}

@@ -22,7 +22,7 @@ from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
-from rig.identification.models.problem import FixedParameters, Problem
+from rig.identification.models.problem import FixedParameters, Problem, unmirrored
 from rig.identification.models.projection import Weight, Weighting
 from rig.identification.models.separable import Solution, motion_scale, solve_loop, solve_separable
 from rig.identification.models.undetermined import Undetermined
@@ -34,6 +34,8 @@ SEPARABLE = "separable"
 SQUARES = "squares"
 LOSSES = (SQUARES, "huber")
 WEIGHTS = (None, "1", "v", "relative")
+BOUNDS = ("model", "wide", "none")
+WIDE = 1e4  # half of the papers' unknown range, in each parameter's own unit
 THREE_STEPS = "zhu_three_step"
 GUARD_S = 1e-3
 ROBUST_ROUNDS = 8
@@ -51,12 +53,15 @@ class Method:
         budget: evaluations of equation (12) for the papers' algorithms.
         population: candidates a generation.
         seed: of every random draw.
+        bounds: where the papers' algorithms search: "model", each parameter's own range; "wide", +-10,000 in SI for
+            all of them, or "none", as the papers do with parameters of which nothing is known. Without the model's
+            ranges there is no start but the algorithm's own.
         callback: called with the progress after each generation.
         executor: evaluates parts of populations.
         chunks: parts a population is cut into for the executor; None: one for each processor of this machine.
 
     Raises:
-        IdentificationFailed: an unknown weight or loss.
+        IdentificationFailed: an unknown weight, loss or bounds, or bounds of a method that searches none.
     """
 
     name: str = SEPARABLE
@@ -65,14 +70,23 @@ class Method:
     budget: int = 16_000
     population: int = 50
     seed: int = 0
+    bounds: str = "model"
     callback: Callable[[Any], bool | None] | None = None
     executor: Executor | None = None
     chunks: int | None = None
 
     def __post_init__(self) -> None:
-        for setting, value, known in (("weight", self.weight, WEIGHTS), ("loss", self.loss, LOSSES)):
+        settings: tuple[tuple[str, str | None, tuple[str | None, ...]], ...] = (
+            ("weight", self.weight, WEIGHTS), ("loss", self.loss, LOSSES), ("bounds", self.bounds, BOUNDS),
+        )  # fmt: skip
+        for setting, value, known in settings:
             if value not in known:
                 raise IdentificationFailed(f"method: {setting} = {value!r}; known: {', '.join(map(repr, known))}")
+        if self.bounds != "model" and self.name in {SEPARABLE, THREE_STEPS}:
+            raise IdentificationFailed(
+                f"method: {self.name} needs no range to search in; bounds {self.bounds!r} go with the papers' "
+                "algorithms, such as method 'c_foa'"
+            )
         if self.weight == "relative" and self.name != SEPARABLE:
             raise IdentificationFailed(
                 f"method: {self.name} minimises equation (12), which has weights '1' and 'v'; 'relative' goes with "
@@ -206,7 +220,7 @@ def _robust(
 def _search(
     model: DamperModel, measurements: Sequence[Measurement], method: Method, findings: Undetermined
 ) -> Solution:
-    """One of the papers' algorithms on equation (12), within the bounds of the parameters that are not held.
+    """One of the papers' algorithms on equation (12), over the parameters that are not held.
 
     Raises:
         IdentificationFailed: no candidate gave a finite force.
@@ -216,11 +230,12 @@ def _search(
     problem = Problem(measurements, model, "1" if method.weight == "1" else "v")
     held = dict.fromkeys(findings.held, 0.0) | {name: model.parameter(name).start for name in findings.fixed}
     objective = FixedParameters(problem, held)
+    own, wide = method.bounds == "model", np.tile([-WIDE, WIDE], (objective.n_parameters, 1))
     result = minimise(
         objective,
         method=method.name,
-        start=objective.start,
-        bounds=objective.bounds,
+        start=objective.start if own else None,
+        bounds=objective.bounds if own else wide if method.bounds == "wide" else None,
         population=method.population,
         budget=method.budget,
         seed=method.seed,
@@ -232,7 +247,8 @@ def _search(
         raise IdentificationFailed(
             f"{method.name} found no candidate with a finite force within {method.budget} evaluations"
         )
-    return Solution(problem.values(objective.whole(result.best[None, :])[0]), float(result.value), result.evaluations)
+    values = unmirrored(problem.values(objective.whole(result.best[None, :])[0]))
+    return Solution(values, float(result.value), result.evaluations)
 
 
 HUBER = 1.345  # standard deviations beyond which the loss grows linearly; 95 % efficient on normal noise

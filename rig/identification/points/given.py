@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     Tests = Run | Sequence[RecordedPoint] | Sequence[Measurement]
 
 
+FITTED = frozenset({"loop", "signal"})
+"""Kinds of points that a model is fitted to, or scored on."""
+
+
 @dataclass(frozen=True)
 class Given:
     """What is fitted, what is held out, and what else the recordings tell.
@@ -98,7 +102,7 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
         return [item for item in group if isinstance(item, RecordedPoint)]
 
     recorded = points_of(tests)
-    points = [point for point in recorded if point.kind == "loop"]
+    points = [point for point in recorded if point.kind in FITTED]
     fitted = [] if isinstance(tests, Run) else [item for item in tests if isinstance(item, Measurement)]
     kept_out: list[RecordedPoint] = []
     held_out: list[Measurement] = []
@@ -113,7 +117,7 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
             raise IdentificationFailed(f"holdout {holdout!r} matches every point; nothing is left to fit")
     elif holdout is not None:
         others = holdout
-        kept_out = [point for point in points_of(others) if point.kind == "loop"]
+        kept_out = [point for point in points_of(others) if point.kind in FITTED]
         held_out = [] if isinstance(others, Run) else [item for item in others if isinstance(item, Measurement)]
         count = len(others.valid if isinstance(others, Run) else others)
         if not count:

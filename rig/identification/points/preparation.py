@@ -32,6 +32,7 @@ LOW_ORDERS = 7  # of the motion's series that are always in it
 MOST_FOR_FAINT = 40_000  # samples of a test, whose noise more of them average so far that the orders stand out
 HIGHEST_OF_RATE = 0.4  # frequency of the highest, as a share of the displacement's sampling rate
 SATURATED_OF_NEXT = 4.0  # samples at the extreme value over those one step from it: a smooth top has at most 2.5 times
+DRIFTS = 1.25  # of the scatter from cycle to cycle over that beside one gain and zero a cycle, if there is a drift
 SATURATED_RUN = 5  # equal extreme values in a row that mean that the force stood at the end of its range
 
 
@@ -252,7 +253,8 @@ def cycle_scatter_N(
     Each sample is compared with the next cycle's force, interpolated at the same phase. The median of the differences
     is taken, so that the corners of the loop, where interpolation errs, do not count. A median of quantised values is
     itself a whole number of steps, so each value first gets a random part of a step (the same in every call), whose
-    variance is taken off again.
+    variance is taken off again. Where most of it is one gain and one zero a cycle, that is left out: a drift is no
+    scatter, and must not hide behind itself.
     """
     if len(cycles) < 2:
         return math.nan
@@ -263,10 +265,16 @@ def cycle_scatter_N(
     low = np.minimum(position.astype(np.int64), phase.size - 2)
     inside &= usable[low] & usable[low + 1]
     share = (position - low)[inside]
+    first = force_N[inside]
     later = force_N[low[inside]] * (1.0 - share) + force_N[low[inside] + 1] * share
     spread = np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
-    differences = (force_N[inside] - later) / spread
+    differences = (first - later) / spread
     if differences.size == 0:
         return math.nan
-    scatter_N = float(np.median(np.abs(differences - np.median(differences)))) / MEDIAN_OF_NORMAL
+    trend = np.column_stack((np.ones(first.size), first + later)) / spread[:, None]
+    steady = differences - trend @ np.linalg.lstsq(trend, differences, rcond=None)[0]
+    scatter_N, without_drift_N = (
+        float(np.median(np.abs(left_N - np.median(left_N)))) / MEDIAN_OF_NORMAL for left_N in (differences, steady)
+    )
+    scatter_N = without_drift_N if scatter_N > DRIFTS * without_drift_N else scatter_N
     return math.sqrt(max(0.0, scatter_N**2 - step_N**2 / 12.0))

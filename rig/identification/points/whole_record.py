@@ -17,7 +17,7 @@ import numpy as np
 
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
-from rig.identification.points.channels import current_at, force_on_grid, temperature_at
+from rig.identification.points.channels import FEWEST_SAMPLES, current_at, force_on_grid, temperature_at
 from rig.identification.words import Saying, say
 from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
@@ -27,12 +27,14 @@ from rig.signals.loop_shape import noise_of
 from rig.signals.waveform import WAVEFORMS
 
 SAMPLES_A_CROSSING = 80
+HIGHEST_SHARE = 0.5
+"""Of a signal's highest frequency, whose crossings keep so many samples too."""
 LAST = re.compile(r"\s*last\s+(\d+(?:\.\d+)?)\s*%\s*")
 LEAST_PERCENT, MOST_PERCENT = 1.0, 90.0
 
 
 def has_cycles(point: RecordedPoint) -> bool:
-    """Whether a point's motion repeats: that of a waveform of the matrix."""
+    """Whether a point's motion repeats: that of a waveform of the matrix; not of a sweep, a road or a file's record."""
     return point.waveform in WAVEFORMS
 
 
@@ -51,11 +53,16 @@ def prepare_whole(point: RecordedPoint, skew: PointSkew | None = None) -> Measur
     if known_s.size == 0:
         raise IdentificationFailed("no displacement was measured")
     shift_s = 0.0 if skew is None else skew.shift_s
-    grid_s, force_N, usable = force_on_grid(point, shift_s, float(known_s[0]), float(known_s[-1]))
-    rate_Hz = mean_rate_Hz(point.time_s, point.displacement_m)
+    first_s, last_s, judged_s = _stretch(point, float(known_s[0]), float(known_s[-1]))
+    grid_s, force_N, usable = force_on_grid(point, shift_s, first_s, last_s)
+    usable &= (grid_s >= judged_s[0]) & (grid_s <= judged_s[1])
+    rate_Hz = max(mean_rate_Hz(point.time_s, point.displacement_m), HIGHEST_SHARE * _highest_Hz(point))
     dt_s = float(grid_s[-1] - grid_s[0]) / (grid_s.size - 1)
     every = max(1, int(1.0 / (SAMPLES_A_CROSSING * rate_Hz * dt_s))) if rate_Hz > 0.0 else 1
     rows = slice(0, grid_s.size, every)
+    if np.count_nonzero(usable) < FEWEST_SAMPLES:
+        count = np.count_nonzero(usable)
+        raise IdentificationFailed(f"{count} force samples between its ramps; at least {FEWEST_SAMPLES} are needed")
     noise_N, step_N = noise_of(force_N[usable]), quantisation_step(force_N[usable])
     grid_s, force_N, usable = grid_s[rows], force_N[rows], usable[rows]
     motion = free_motion(point.time_s, point.displacement_m, grid_s)
@@ -85,6 +92,24 @@ def prepare_whole(point: RecordedPoint, skew: PointSkew | None = None) -> Measur
         temperature_degC=temperature_at(point, grid_s),
         warnings=tuple(warned),
     )
+
+
+def _stretch(point: RecordedPoint, first_s: float, last_s: float) -> tuple[float, float, tuple[float, float]]:
+    """Where a model begins and ends (s), and between which times (s) it is scored.
+
+    A signal is run from its beginning, where the damper stood, and scored between its ramps; any other motion is scored
+    over all of the record.
+    """
+    signal = point.quality.signal
+    if signal is None or signal.start_s is None or signal.end_s is None:
+        return first_s, last_s, (first_s, last_s)
+    begin_s, end_s = max(first_s, signal.start_s), min(last_s, signal.end_s)
+    return begin_s, end_s, (signal.judged_start_s or begin_s, signal.judged_end_s or end_s)
+
+
+def _highest_Hz(point: RecordedPoint) -> float:
+    """The highest frequency of a signal; 0 where nobody stated it."""
+    return float(point.test.get("record_highest_Hz", 0.0))
 
 
 def last_share(holdout: str) -> float | None:

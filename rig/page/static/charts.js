@@ -1,7 +1,7 @@
 "use strict";
 // Binary frames to series, series to canvases. Nothing here knows of the rig but the frame's layout (samples.py).
 
-const LOOP_X = 201, LOOP_V = 202, LOOP_F = 203, WINDOW_S = 20;
+const LOOP_X = 201, LOOP_V = 202, LOOP_F = 203, WINDOW_S = 20, RECORDED = 2;
 let loop_keep_s = 10;
 
 class Series {
@@ -18,7 +18,8 @@ class Series {
   get last_t() { return this.t.length ? this.t[this.t.length - 1] : -Infinity; }
 }
 
-function read_frame(buffer, series) {
+function kind_of(buffer) { return new DataView(buffer).getUint32(0, true); }
+function read_frame(buffer, series, keep_s) {
   const view = new DataView(buffer);
   const blocks = view.getUint32(4, true), base = view.getFloat64(8, true), now = view.getFloat64(16, true);
   let at = 24;
@@ -26,16 +27,20 @@ function read_frame(buffer, series) {
     const channel = view.getUint16(at, true), n = view.getUint32(at + 4, true);
     const times = new Float32Array(buffer, at + 8, n), values = new Float32Array(buffer, at + 8 + 4 * n, n);
     at += 8 + 8 * n;
-    if (!series.has(channel)) series.set(channel, new Series(WINDOW_S + 1));
+    if (!series.has(channel)) series.set(channel, new Series(keep_s));
     const one = series.get(channel);
     for (let index = 0; index < n; index++) one.add(base + times[index], values[index]);
-    if (channel >= LOOP_X) one.keep_s = loop_keep_s;
-    one.trim(now);
+    if (channel >= LOOP_X && isFinite(keep_s)) one.keep_s = loop_keep_s;
+    one.trim(channel >= LOOP_X ? one.last_t : now); // a loop's clock is its own
   }
   return now;
 }
 
-function colour(name) { return getComputedStyle(document.documentElement).getPropertyValue(name).trim(); }
+let colours = new Map(); // asked for some hundred times a second; thrown away with the theme
+function colour(name) {
+  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
+  return colours.get(name);
+}
 
 function prepared(canvas) {
   const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
@@ -87,7 +92,7 @@ class LoopChart {
       }
       pen.stroke();
     }
-    if (n > first) {
+    if (n > first && isFinite(period_s)) {
       pen.beginPath(); pen.fillStyle = colour("--second");
       pen.arc(px(xs.y[n - 1] * this.x_factor), py(fs.y[n - 1]), 0.32 * size, 0, 7); pen.fill();
     }
@@ -95,7 +100,7 @@ class LoopChart {
   }
   span(before, most) {
     const wanted = round_up(1.08 * most);
-    return before > 0 && most <= before && most > 0.55 * before ? before : wanted;
+    return before > 0 && 1.02 * most <= before && most > 0.55 * before ? before : wanted;
   }
   frame(pen, place, limits) {
     const { left, right, top, bottom, size, px, py } = place;
@@ -130,16 +135,36 @@ function number(value) {
   return value.toFixed(size >= 100 || size === 0 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3).replace(/^-(0\.?0*)$/, "$1");
 }
 
+// Thousands of samples on some hundred columns of pixels: of each column the first, the extremes and the last.
+function draw_by_columns(pen, one, since, px, py) {
+  let column = NaN, x = 0, first = 0, low = 0, high = 0, last = 0, on = false;
+  const put = (y) => { if (on) pen.lineTo(x, y); else pen.moveTo(x, y); on = true; };
+  const flush = () => {
+    put(first);
+    if (low < Math.min(first, last)) put(low);
+    if (high > Math.max(first, last)) put(high);
+    if (last !== first) put(last);
+  };
+  for (let i = 0; i < one.t.length; i++) {
+    if (one.t[i] < since) continue;
+    const at = px(one.t[i]), y = py(one.y[i]);
+    if (Math.floor(at) === column) { low = Math.min(low, y); high = Math.max(high, y); last = y; continue; }
+    if (!isNaN(column)) flush();
+    column = Math.floor(at); x = at; first = low = high = last = y;
+  }
+  if (!isNaN(column)) flush();
+}
+
 class StripChart {
   constructor(canvas, lanes) { this.canvas = canvas; this.lanes = lanes; }
-  draw(series, now) {
+  draw(series, now, [first, last], window_s = WINDOW_S) {
     const { pen, width, height, size } = prepared(this.canvas);
     const left = 4.6 * size, right = width - 0.4 * size, lane_height = (height - 1.3 * size) / this.lanes.length;
     this.lanes.forEach((lane, row) => {
       const top = row * lane_height + 0.3 * size, bottom = (row + 1) * lane_height - 0.2 * size;
       const shown = lane.channels.map((channel) => series.get(channel)).filter(Boolean);
       let low = Infinity, high = -Infinity;
-      for (const one of shown) for (let i = 0; i < one.t.length; i++) if (one.t[i] > now - WINDOW_S) {
+      for (const one of shown) for (let i = 0; i < one.t.length; i++) if (one.t[i] > now - window_s) {
         low = Math.min(low, one.y[i] * lane.factor); high = Math.max(high, one.y[i] * lane.factor);
       }
       if (!isFinite(low)) { low = -1; high = 1; }
@@ -158,19 +183,13 @@ class StripChart {
       shown.forEach((one, index) => {
         pen.strokeStyle = colour(["--now", "--second", "--third", "--fourth"][index % 4]);
         pen.setLineDash(index ? [0.5 * size, 0.3 * size] : []); pen.lineWidth = 1.8 * size / 16; pen.beginPath();
-        let on = false;
-        for (let i = 0; i < one.t.length; i++) {
-          if (one.t[i] < now - WINDOW_S) continue;
-          const x = left + (right - left) * (1 - (now - one.t[i]) / WINDOW_S);
-          if (on) pen.lineTo(x, py(one.y[i] * lane.factor)); else pen.moveTo(x, py(one.y[i] * lane.factor));
-          on = true;
-        }
+        draw_by_columns(pen, one, now - window_s, (t) => left + (right - left) * (1 - (now - t) / window_s), (y) => py(y * lane.factor));
         pen.stroke(); pen.setLineDash([]);
       });
       pen.restore();
     });
-    pen.fillStyle = colour("--dim"); pen.textAlign = "left"; pen.fillText("20 s ago", left, height - 0.2 * size);
-    pen.textAlign = "right"; pen.fillText("now", right, height - 0.2 * size);
+    pen.fillStyle = colour("--dim"); pen.textAlign = "left"; pen.fillText(first, left, height - 0.2 * size);
+    pen.textAlign = "right"; pen.fillText(last, right, height - 0.2 * size);
   }
 }
 

@@ -76,6 +76,7 @@ FROM_WIRE: dict[str, str] = {
     "trip": "value = the station's code of the interlock",
     "loop_late": "value = measured by the station",
     **dict.fromkeys(("hybrid_time", "hybrid_target", "hybrid_body", "hybrid_wheel"), "value = computed by the station"),
+    **dict.fromkeys(("signal_time", "signal_target"), "value = computed by the station"),
     "hybrid_seen": "value = the newest sample of the displacement, less the centre",
 }
 """Channel -> how its SI values were made of what was on the wire."""

@@ -82,7 +82,7 @@ def _change(point: RecordedPoint, skew: PointSkew | None, instruments: Verdict |
     if skew is None:
         return None
     before = point.quality.verdict
-    after = with_skew(before, skew.trusted_std_s, point.frequency_Hz)
+    after = with_skew(before, skew.trusted_std_s, float(point.test.get("record_highest_Hz", point.frequency_Hz)))
     judged = before if instruments is None else instruments
     reasons = [reason for reason in judged.entries if reason.slug in SLUGS]
     if abs(skew.shift_s) > max(CERTAIN * skew.std_s, MATTERS_S):

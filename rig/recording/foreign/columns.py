@@ -20,7 +20,7 @@ FOREIGN = {
 }
 """Units that only other programs' files have."""
 WORDS = {
-    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millisecond": "ms",
+    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millisecond": "ms",
     "milliseconds": "ms", "usec": "us", "metre": "m", "meter": "m", "metres": "m", "meters": "m", "millimetre": "mm",
     "millimeter": "mm", "millimetres": "mm", "millimeters": "mm", "inch": "in", "inches": "in", "newton": "N",
     "newtons": "N", "kilonewton": "kN", "kilonewtons": "kN", "kips": "kip", "lb": "lbf", "lbs": "lbf", "kp": "kgf",
@@ -140,7 +140,9 @@ def _found(columns: Sequence[ForeignColumn], text: str) -> tuple[int, str]:
         if len(places) == 1:
             return places[0], given
         if places:
-            others = ", ".join(columns[place].full or f"#{place + 1}" for place in places)
+            full = [columns[place].full for place in places]
+            apart = all(full) and len({*full}) == len(full)
+            others = ", ".join(full if apart else [f"#{place + 1}" for place in places])
             raise ValueError(f"{len(places)} columns are called {wanted!r}; name one of them by {others}")
     shown = ", ".join(column.name for column in columns[:MOST_SHOWN])
     more = f" and {len(columns) - MOST_SHOWN} more" if len(columns) > MOST_SHOWN else ""

@@ -24,10 +24,17 @@ SHOWN = {"\t": "tab", " ": "white space"}
 NOTHING = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--"))
 POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
 COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?", re.IGNORECASE)
-GROUPED = {".": re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?"), ",": re.compile(r"[+-]?\d{1,3}(\.\d{3})+(,\d*)?")}
+GROUPED = {
+    ".": re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?"), ",": re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?"),
+}  # fmt: skip
 CLOCK = r"\d{1,2}:\d{2}:\d{2}([.,]\d{1,9})?"
 ISO = rf"\d{{4}}-\d{{2}}-\d{{2}}[T ]{CLOCK}(Z|[+-]\d{{2}}:?\d{{2}})?"
 STAMP = re.compile(rf"({ISO})|(\d{{2}}\.\d{{2}}\.\d{{4}} {CLOCK})|({CLOCK})")
+MARKS = {
+    b"\xff\xfe\0\0": "utf-32", b"\0\0\xfe\xff": "utf-32", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16",
+}  # fmt: skip
+"""First bytes of a text and its encoding."""
+WORD_WITH_UNIT = re.compile(r"\S+(?:\s?[\[(][^\[\]()]*[\])])?")
 UNITLESS = frozenset(("", "-", "1", "[-]", "[]", "()", "(-)", "n/a"))
 
 
@@ -64,7 +71,7 @@ def decoded(file: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
     Raises:
         FileProblem: no text, or not in that encoding; with the line.
     """
-    wanted = encoding or ("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+    wanted = encoding or next((name for mark, name in MARKS.items() if data.startswith(mark)), "utf-8-sig")
     if b"\0" in data and not wanted.lower().replace("_", "-").startswith(("utf-16", "utf-32")):
         raise FileProblem(str(file), ["not a text file: it contains zero bytes (UTF-16? write --encoding utf-16-le)"])
     try:
@@ -77,17 +84,17 @@ def decoded(file: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
             return data.decode("cp1252", errors="replace"), "cp1252"
         line = data.count(b"\n", 0, start) + 1
         shown = "UTF-8" if wanted == "utf-8-sig" else wanted
-        raise FileProblem(str(file), [f"line {line}: not {shown} text; --encoding says another one"]) from error
+        told = f"line {line}: not {shown} text; --encoding says another one, such as cp1252"
+        raise FileProblem(str(file), [told]) from error
 
 
 def _in_the_head(data: bytes) -> bool:
     """Whether all bytes that are not ASCII stand before the first numbers."""
-    lines = data.split(b"\n")
+    lines = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
     last = max(k for k, line in enumerate(lines) if not line.isascii())
     if last >= LOOKED_AT:
         return False
-    text = data.decode("cp1252", errors="replace")
-    layout = _first_rows(text.split("\n")[:LOOKED_AT], Dialect())
+    layout = _first_rows([line.decode("cp1252", errors="replace") for line in lines[:LOOKED_AT]], Dialect())
     return layout is not None and last < layout[1]
 
 
@@ -96,7 +103,10 @@ def cells_of(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split()
     if '"' in line:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+        try:
+            return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+        except csv.Error:
+            return [cell.strip() for cell in line.split(separator)]
     return [cell.strip() for cell in line.split(separator)]
 
 
@@ -115,13 +125,14 @@ def layout_of(file: Path, text: str, encoding: str, said: Dialect) -> CsvLayout:
         ])  # fmt: skip
     separator, first, count = rows
     sample = [cells for line in lines[first : first + 200] if (cells := cells_of(line, separator))]
-    decimal, thousands = _decimal(file, sample, said.decimal, separator)
+    decimal, thousands = _decimal(file, sample, said.decimal)
     header, units = _head(lines, first, separator, said)
-    names = _padded(lines, header, separator, count) if header else [f"#{k + 1}" for k in range(count)]
-    told = _padded(lines, units, separator, count) if units else [""] * count
+    named = _fitting(lines, header, separator, count, sample)
+    names = named or [f"#{k + 1}" for k in range(count)]
+    told = (_fitting(lines, units, separator, count, ()) or [""] * count) if units else [""] * count
     told = ["" if text in UNITLESS else text.strip("[]()").strip() for text in told]
     return CsvLayout(
-        separator, decimal, thousands, encoding, header, units, first + 1, tuple(names), tuple(told),
+        separator, decimal, thousands, encoding, header if named else 0, units, first + 1, tuple(names), tuple(told),
         tuple(next((cells[k] for cells in sample if k < len(cells) and cells[k].lower() not in NOTHING), "")
               for k in range(count)),
     )  # fmt: skip
@@ -174,8 +185,13 @@ def _numbers_in(cells: Sequence[str], separator: str, words: bool) -> int:
 
 
 def _is_number(cell: str, decimal: str) -> bool:
+    return is_number(cell, decimal, grouped=True)
+
+
+def is_number(cell: str, decimal: str, *, grouped: bool) -> bool:
+    """Whether a cell is a number with that decimal sign; `grouped`: its thousands may be parted by the other one."""
     whole = POINT if decimal == "." else COMMA
-    return bool(whole.fullmatch(cell) or GROUPED[decimal].fullmatch(cell))
+    return bool(whole.fullmatch(cell) or (grouped and GROUPED[decimal].fullmatch(cell)))
 
 
 def _grouped(decimal: str, cell: str) -> bool:
@@ -187,24 +203,32 @@ def is_stamp(cell: str) -> bool:
     return STAMP.fullmatch(cell) is not None
 
 
-def _decimal(file: Path, rows: Sequence[Sequence[str]], said: str | None, separator: str) -> tuple[str, str]:
+def _decimal(file: Path, rows: Sequence[Sequence[str]], said: str | None) -> tuple[str, str]:
     """Decimal and thousands sign.
 
     Raises:
-        FileProblem: some numbers have a comma, others a point, and none has both.
+        FileProblem: some numbers have a comma, others a point, and none has both; or every one may be thousands.
     """
     cells = [cell for row in rows for cell in row if not is_stamp(cell)]
     both = [cell for cell in cells if "," in cell and "." in cell and any(map(_grouped, ".,", (cell, cell)))]
     decimal = said or next(("," if cell.rfind(",") > cell.rfind(".") else "." for cell in both), "")
-    commas = next((cell for cell in cells if COMMA.fullmatch(cell) and "," in cell), "")
-    points = next((cell for cell in cells if POINT.fullmatch(cell) and "." in cell), "")
+    commas = [cell for cell in cells if COMMA.fullmatch(cell) and "," in cell]
+    points = [cell for cell in cells if POINT.fullmatch(cell) and "." in cell]
     if not decimal and commas and points:
         raise FileProblem(str(file), [
-            f"{commas!r} and {points!r} are both numbers in it: --decimal ',' or --decimal . says which sign is meant",
+            f"{commas[0]!r} and {points[0]!r} are both numbers in it: --decimal ',' or --decimal . says which sign is "
+            "meant",
+        ])  # fmt: skip
+    unclear = commas or points
+    if not decimal and unclear and all(_grouped("." if commas else ",", cell) for cell in unclear):
+        whole = re.sub("[.,]", "", unclear[0])
+        raise FileProblem(str(file), [
+            f"{unclear[0]!r} may be {whole}, or a number with three decimals, and so may every other one with that "
+            "sign: --decimal ',' or --decimal . says which sign is meant",
         ])  # fmt: skip
     decimal = decimal or ("," if commas else ".")
     other = "," if decimal == "." else "."
-    grouped = separator != other and any(other in cell and _grouped(decimal, cell) for cell in cells)
+    grouped = any(other in cell and _grouped(decimal, cell) for cell in cells)
     return decimal, other if grouped and (both or said) else ""
 
 
@@ -232,8 +256,22 @@ def _is_units(cells: Sequence[str]) -> bool:
     return bool(known) and short and all(cell in UNITLESS or known_unit(cell) or len(cells) > 2 for cell in cells)
 
 
-def _padded(lines: Sequence[str], line: int, separator: str, count: int) -> list[str]:
-    if line > len(lines):
-        return [""] * count
-    cells = [cell.strip("\ufeff") for cell in cells_of(lines[line - 1], separator)]
+def _fitting(
+    lines: Sequence[str], line: int, separator: str, count: int, sample: Sequence[Sequence[str]]
+) -> list[str] | None:
+    """The cells of a line of names or units (from 1), one for each column; None where nobody can tell which is whose.
+
+    Fewer than columns with numbers: which one has none? Between white space also more, unless units in brackets or
+    wider gaps tell.
+    """
+    if not 1 <= line <= len(lines):
+        return None
+    text = lines[line - 1].strip("\ufeff")
+    cells = [cell.strip("\ufeff") for cell in cells_of(text, separator)]
+    if separator == " " and len(cells) != count:
+        wide, bracketed = re.split(r"\s{2,}|\t", text.strip()), WORD_WITH_UNIT.findall(text)
+        return next((split for split in (wide, bracketed) if len(split) == count), None)
+    held = max((k + 1 for row in sample for k, cell in enumerate(row) if cell.lower() not in NOTHING), default=0)
+    if len(cells) < held:
+        return None
     return [*cells, *[""] * (count - len(cells))][:count]

@@ -10,11 +10,22 @@ import numpy as np
 
 from rig.errors import FileProblem
 from rig.recording.foreign.columns import split_heading
-from rig.recording.foreign.csv_dialect import NOTHING, CsvLayout, cells_of, decoded, is_stamp, layout_of
+from rig.recording.foreign.csv_dialect import (
+    NOTHING,
+    POINT,
+    CsvLayout,
+    cells_of,
+    decoded,
+    is_number,
+    is_stamp,
+    layout_of,
+)
 from rig.recording.foreign.foreign_file import Dialect, ForeignColumn
 from rig.signals.arrays import FloatArray
 
 MOST_PROBLEMS = 5
+LINES_BEFORE = 50
+"""By which the last line of a file is judged."""
 
 
 class CsvFile:
@@ -70,23 +81,53 @@ class CsvFile:
         """
         import pandas as pd
 
-        layout = self._layout
+        layout, beyond = self._layout, len(self._layout.names)
         stamps = [place for place in places if self.is_stamps(place)]
         separator = r"\s+" if layout.separator == " " else layout.separator
+        widest = layout.separator.join(["nan"] * (beyond + 1)) + "\n"  # makes pandas see a column more
         try:
             table = pd.read_csv(
-                io.StringIO(self._body()), sep=separator, header=None, names=list(range(len(layout.names))),
-                usecols=sorted(set(places)), index_col=False, skipinitialspace=True, skip_blank_lines=False,
+                io.StringIO(widest + self._body()), sep=separator, header=None, names=list(range(beyond + 1)),
+                usecols=sorted({*places, beyond}), index_col=False, skipinitialspace=True, skip_blank_lines=False,
                 decimal=layout.decimal, thousands=layout.thousands or None, na_values=sorted(NOTHING),
-                dtype={place: "object" if place in stamps else np.float64 for place in places},
+                dtype={place: "object" if place in (*stamps, beyond) else np.float64 for place in (*places, beyond)},
             )  # fmt: skip
         except (ValueError, OverflowError) as error:
             wrong = list(self._wrong_values(places))
             raise FileProblem(str(self._file), wrong or [" ".join(str(error).split())]) from error
-        columns = {place: table[place].to_numpy() for place in places if place not in stamps}
+        table = table.iloc[1:]
+        if self._too_wide(table[beyond].tolist()) or layout.thousands:
+            wrong = list(self._wrong_values(places))
+            if wrong:
+                raise FileProblem(str(self._file), wrong)
+        columns = {place: table[place].to_numpy(copy=True) for place in places if place not in stamps}
         self._refuse_infinite(columns)
         columns |= {place: self._seconds(table[place].tolist(), place) for place in stamps}
+        for place in {*self._cut_off()} & {*places}:
+            columns[place][-1] = np.nan
         return [np.asarray(columns[place], np.float64) for place in places]
+
+    @staticmethod
+    def _too_wide(beyond: list[object]) -> bool:
+        """Whether rows have a number after their last column: a thousands sign taken for a separator, perhaps."""
+        return any(isinstance(cell, str) and POINT.fullmatch(cell.strip()) for cell in beyond)
+
+    def _cut_off(self) -> list[int]:
+        """Columns whose last number a recording that was cut off may have in part: its line has no end.
+
+        Told by fewer cells than in the lines before, or fewer decimals than in any of these.
+        """
+        layout = self._layout
+        if self._text.endswith("\n"):
+            return []
+        *before, last = (cells_of(line, layout.separator) for line in self._text.rsplit("\n", LINES_BEFORE)[1:])
+        widths = [len(cells) for cells in before if cells]
+        if not last or not widths or len(last) > min(widths):
+            return []
+        end = len(last) - 1
+        decimals = [len(cells[end].partition(layout.decimal)[2]) for cells in before if cells]
+        short = len(last[end].partition(layout.decimal)[2]) < min(decimals)
+        return [end] if short or len(last) < min(widths) else []
 
     def _body(self) -> str:
         start = 0
@@ -140,11 +181,13 @@ class CsvFile:
         for line, row in enumerate(self._body().split("\n"), start=layout.first_line):
             cells = cells_of(row, layout.separator)
             problems = []
-            if len(cells) > len(layout.names) and any(cells[len(layout.names) :]):
+            if any(POINT.fullmatch(cell) for cell in cells[len(layout.names) :]):
                 problems.append(f"line {line}: {len(cells)} values for {len(layout.names)} columns")
             for place in places:
                 cell = cells[place] if place < len(cells) else ""
-                if cell.lower() not in NOTHING and not self.is_stamps(place) and not self._is_number(cell):
+                if cell.lower() not in NOTHING and not self.is_stamps(place) and not is_number(
+                    cell, layout.decimal, grouped=bool(layout.thousands)
+                ):
                     hint = f"; decimals are taken to be written with {layout.decimal!r}" if "," in cell else ""
                     name = self.columns[place].name
                     problems.append(f"line {line}, column {name!r}: {cell[:40]!r} is not a number{hint}")
@@ -153,12 +196,3 @@ class CsvFile:
             if told >= MOST_PROBLEMS:
                 yield "and maybe more"
                 return
-
-    def _is_number(self, cell: str) -> bool:
-        if self._layout.thousands:
-            cell = cell.replace(self._layout.thousands, "")
-        try:
-            float(cell.replace(self._layout.decimal, "."))
-        except ValueError:
-            return False
-        return True

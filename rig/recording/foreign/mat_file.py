@@ -1,4 +1,8 @@
-"""MATLAB files, version 5 and 7.3: vectors, columns of matrices, fields of structs."""
+"""MATLAB files, version 5 and 7.3: vectors, columns of matrices, fields of structs.
+
+Elements of version 5 are counted before they are read: how much they hold, and how deep they may nest. Source:
+MathWorks, MAT-File Format, "Level 5 MAT-File Format": data element tags, array flags, compressed elements.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +17,21 @@ import h5py
 import numpy as np
 
 from rig.errors import FileProblem
-from rig.recording.foreign.foreign_file import ForeignColumn, check_size, stream, unreadable
+from rig.recording.foreign.foreign_file import MOST_NUMBERS, ForeignColumn, check_size, stream, unreadable
 from rig.signals.arrays import FloatArray
 
 FEWEST_ROWS = 2
 MOST_COLUMNS = 4096
 DEEPEST = 6
-COMPRESSED = 15
-"""Data type of a compressed element in a file of version 5."""
+SIGNATURE = b"\x89HDF"
+"""Of HDF5, which version 7.3 is."""
+HEAD_BYTES = 128
+ARRAY, COMPRESSED = 14, 15
+HOLDERS = frozenset((1, 2, 3, 16, 17))
+"""Classes of arrays that hold others: cell, struct, object, function, opaque."""
+MOST_HOLDERS = 1000
+"""More could be nested deeper than the stack of the reader is."""
+MOST_ELEMENTS = 100_000
 
 
 class MatFile:
@@ -36,7 +47,7 @@ class MatFile:
             FileProblem: it is damaged, or claims to hold too much.
         """
         self._file = file
-        hdf5 = data[:4] != b"MATL" or b"MATLAB 7.3" in data[:20] or data[512:516] == b"\x89HDF"
+        hdf5 = data[:4] != b"MATL" or b"MATLAB 7.3" in data[:20] or data[512:516] == SIGNATURE
         self.read_as = "MATLAB 7.3" if hdf5 else "MATLAB 5"
         try:
             with warnings.catch_warnings():
@@ -81,60 +92,89 @@ def _version_5(file: Path, data: bytes) -> Mapping[str, Any]:
     from scipy.io import loadmat
 
     if data[124:126] in (b"\x00\x01", b"\x01\x00") and len(data) >= 128:
-        check_size(file, _inflated_bytes(data) // 8)
+        _check_elements(file, data)
     loaded = loadmat(stream(data), simplify_cells=True)  # type: ignore[arg-type]  # stub: paths only
     return {name: value for name, value in loaded.items() if not name.startswith("__")}
 
 
-def _inflated_bytes(data: bytes) -> int:
-    """Bytes of a version 5 file's elements once they are decompressed; counted without keeping them."""
+def _check_elements(file: Path, data: bytes) -> None:
+    """Refuse what claims to hold more than can be read.
+
+    Raises:
+        FileProblem: more numbers than 1 GiB, more than 1000 cells, structs and objects, or 100000 elements.
+    """
     order = "<" if data[126:128] == b"IM" else ">"
-    place, total = 128, 0
+    numbers = holders = elements = 0
+    for part in _plain(data, order):
+        numbers += len(part) // 8
+        check_size(file, numbers)
+        for holds in _elements(part, order):
+            elements, holders = elements + 1, holders + holds
+            if holders > MOST_HOLDERS or elements > MOST_ELEMENTS:
+                raise FileProblem(str(file), [
+                    f"holds more than {MOST_HOLDERS} cells, structs or objects, or {MOST_ELEMENTS} elements: save the "
+                    "columns alone"
+                ])  # fmt: skip
+
+
+def _plain(data: bytes, order: str) -> Iterator[bytes]:
+    """The file's elements, those that are compressed inflated as far as they may go, the others together."""
+    place = first = HEAD_BYTES
     while place + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, place)
         if kind == COMPRESSED:
-            inflate, rest = zlib.decompressobj(), data[place + 8 : place + 8 + size]
-            while rest and total < 1 << 33:
-                part = inflate.decompress(rest, 1 << 20)
-                rest = inflate.unconsumed_tail
-                total += len(part)
-        else:
-            total += size
+            yield data[first:place]
+            yield zlib.decompressobj().decompress(data[place + 8 : place + 8 + size], 8 * MOST_NUMBERS + 8)
+            first = place + 8 + size
         place += 8 + size
-    return total
+    yield data[first:]
+
+
+def _elements(data: bytes, order: str) -> Iterator[bool]:
+    """For each element, in the order in which a reader comes to them, whether it is an array that holds others.
+
+    Sizes of arrays are not believed.
+    """
+    place = 0
+    while place + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, place)
+        if kind == ARRAY:
+            flags = struct.unpack_from(f"{order}I", data, place + 16)[0] if place + 20 <= len(data) else 0
+            place += 8
+            yield flags & 0xFF in HOLDERS
+        else:
+            place += 8 if kind >> 16 else 8 + size + -size % 8
+            yield False
 
 
 def _hdf5(file: Path, data: bytes) -> Mapping[str, Any]:
+    if all(data[place : place + 4] != SIGNATURE for place in (0, 512, 1024, 2048)):
+        raise FileProblem(str(file), ["is no MATLAB file of version 5 or 7.3: save it with -v7 or -v7.3"])
     with h5py.File(stream(data), "r") as held:
-        numbers = _numbers_below(held, 0)
-        check_size(file, numbers)
-        return _group(held, 0)
+        arrays = dict(_datasets(held, "", set(), 0))
+        check_size(file, sum(int(one.size or 0) for one in arrays.values()))
+        return {name: np.asarray(one[()]).T for name, one in arrays.items()}
 
 
-def _numbers_below(group: h5py.Group, depth: int) -> int:
-    total = 0
-    for name in group:
-        one = group[name] if group.get(name, getlink=True).__class__ is h5py.HardLink else None
-        if isinstance(one, h5py.Dataset):
-            total += int(one.size or 0)
-        elif isinstance(one, h5py.Group) and depth < DEEPEST:
-            total += _numbers_below(one, depth + 1)
-    return total
+def _datasets(group: h5py.Group, prefix: str, seen: set[int], depth: int) -> Iterator[tuple[str, h5py.Dataset]]:
+    """Arrays of numbers below a group, by name; every group once, and no link to anywhere else is followed.
 
-
-def _group(group: h5py.Group, depth: int) -> dict[str, Any]:
-    """Numbers of a group by name, as MATLAB has them (HDF5 holds them transposed); links are not followed."""
-    held: dict[str, Any] = {}
+    MATLAB's are transposed in HDF5.
+    """
     for name in group:
         if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue
         one = group[name]
         if isinstance(one, h5py.Group):
-            if depth < DEEPEST:
-                held[name] = _group(one, depth + 1)
-        elif one.dtype.kind in "fiu" and "MATLAB_empty" not in one.attrs and one.ndim <= 2:
-            held[name] = np.asarray(one[()]).T
-    return held
+            address = h5py.h5o.get_info(one.id).addr
+            if depth < DEEPEST and address not in seen:
+                seen.add(address)
+                yield from _datasets(one, f"{prefix}{name}.", seen, depth + 1)
+        elif (
+            isinstance(one, h5py.Dataset) and one.dtype.kind in "fiu" and "MATLAB_empty" not in one.attrs
+            and one.ndim <= 2 and not one.external and not one.is_virtual
+        ):  # fmt: skip
+            yield f"{prefix}{name}", one
 
 
 def columns_in(held: Mapping[str, Any], prefix: str = "", depth: int = 0) -> Iterator[tuple[str, FloatArray]]:

@@ -64,7 +64,8 @@ class TdmsFile:
         if len(waves) > 1:
             told = ", ".join(f"{self.columns[place].name}: {_wave(self._channels[place].properties)}"
                              for place in places)  # fmt: skip
-            raise FileProblem(str(self._file), [f"its channels were not sampled together (start, step in s): {told}"])
+            problem = f"its channels were not sampled together (start, step in s, begun): {told}"
+            raise FileProblem(str(self._file), [problem])
         (wave,) = waves
         if wave is None:
             return None
@@ -90,10 +91,11 @@ def _unit(properties: Any) -> str:  # noqa: ANN401 - of a library without annota
     return next((str(properties[name]).strip() for name in UNITS if properties.get(name)), "")
 
 
-def _wave(properties: Any) -> tuple[float, float] | None:  # noqa: ANN401 - of a library without annotations
-    """Start and step (s) of a wave form."""
+def _wave(properties: Any) -> tuple[float, float, str] | None:  # noqa: ANN401 - of a library without annotations
+    """Start and step (s) of a wave form, and the date and time that it counts from, empty where it says none."""
     try:
         step, start = float(properties["wf_increment"]), float(properties.get("wf_start_offset", 0.0))
     except (KeyError, TypeError, ValueError):
         return None
-    return (start, step) if np.isfinite(step) and step > 0.0 and np.isfinite(start) else None
+    begun = str(properties.get("wf_start_time", ""))
+    return (start, step, begun) if np.isfinite(step) and step > 0.0 and np.isfinite(start) else None

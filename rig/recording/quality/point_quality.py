@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from rig.recording.layout import Attribute
+from rig.recording.quality.tracking import SignalQuality
 from rig.recording.quality.verdict import Attributes, Section, Stored, Verdict, estimate, section, stored
 from rig.signals.arrays import FloatArray
 from rig.signals.clock_model import EDGES
@@ -341,7 +342,7 @@ class PointQuality(Section):
         lost_samples: samples that no channel delivered; `loss_counted_by` how a loss would have been seen: `sequence`,
             `rate` or `nothing`.
         recovered: whether the campaign did not end by itself.
-        skew, motion, current, force, displacement, loop, rest: what was measured.
+        skew, motion, current, force, displacement, loop, rest: what was measured; signal: only of such a motion.
         tolerances: what the bench allowed; None where the file does not say.
         coil_low_degC, coil_high_degC: the coil's temperature over the full cycles.
         judged_again, judged_again_utc: why and when the verdict was changed after the file was made.
@@ -353,6 +354,7 @@ class PointQuality(Section):
     recovered: bool | None = stored("recovered", Stored.FLAG)
     skew: SkewQuality = field(default_factory=SkewQuality, metadata=section(SkewQuality))
     motion: MotionQuality = field(default_factory=MotionQuality, metadata=section(MotionQuality))
+    signal: SignalQuality | None = field(default=None, metadata=section(SignalQuality, optional=True))
     current: CurrentQuality = field(default_factory=CurrentQuality, metadata=section(CurrentQuality))
     force: SensorQuality = field(default_factory=SensorQuality, metadata=FORCE)
     displacement: SensorQuality = field(default_factory=SensorQuality, metadata=DISPLACEMENT)
@@ -392,8 +394,7 @@ def measured_quality(
         loss_counted_by=alignment.loss_counted_by(context.device_rate),
         skew=skew_quality(alignment), motion=motion_quality(context, motion, alignment),
         current=current_quality(motion, light, context.current_told_by),
-        force=sensor_quality("force", alignment),
-        displacement=sensor_quality("displacement", alignment),
+        force=sensor_quality("force", alignment), displacement=sensor_quality("displacement", alignment),
         loop=loop_quality(shape),
         tolerances=calibration.tolerances, rest=calibration.rest, coil_low_degC=low_degC, coil_high_degC=high_degC,
     )

@@ -21,10 +21,11 @@ from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.cross_checks import point_reasons
 from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
 from rig.recording.quality.point_quality import PointQuality, measured_quality
+from rig.recording.quality.tracking import Tracking, signal_quality, tracking_of, tracking_reasons
 from rig.recording.quality.verdict import Kind, Reason
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Values, parts
-from rig.signals.current_error import loop_error_A, steps_error_A
+from rig.signals.current_error import law_error_A, loop_error_A, steps_error_A
 from rig.signals.cycles import MeasuredMotion, measured_motion
 from rig.signals.loop_shape import LoopShape, Standing, loop_shape, standing
 
@@ -53,11 +54,13 @@ def judged(
     wanted = context.point
     seen = _overview(alignment, wanted.frequency_Hz)
     motion = measured_motion(seen.time_s, seen.displacement_m, wanted.waveform) if wanted.cyclic else None
-    evidence, shape = examine(content, context, alignment, seen, motion)
+    tracking = tracking_of(wanted, alignment, seen)
+    evidence, shape = examine(content, context, alignment, seen, motion, tracking)
     quality = measured_quality(context, alignment, seen, motion, evidence, shape)
     if instruments is None:
         instruments = point_reasons(wanted.id, test, quality)
-    return replace(quality, verdict=judge(replace(evidence, extra=(*evidence.extra, *instruments))))
+    verdict = judge(replace(evidence, extra=(*evidence.extra, *instruments)))
+    return replace(quality, signal=signal_quality(tracking), verdict=verdict)
 
 
 def _overview(alignment: Alignment, frequency_Hz: float) -> Overview:
@@ -86,6 +89,7 @@ def _every(values: Values, every: int) -> FloatArray:
 
 def examine(
     content: JournalContent, context: PointContext, alignment: Alignment, seen: Overview, motion: MeasuredMotion | None,
+    tracking: Tracking | None = None,
 ) -> tuple[PointEvidence, LoopShape | None]:
     """Everything a verdict is given by, and the shape of the loop (None where it cannot be told)."""
     end = content.end or {}
@@ -93,6 +97,9 @@ def examine(
     inside = np.ones(len(seen.time_s), bool)
     starts = np.array([seen.time_s[0], np.nextafter(seen.time_s[-1], np.inf)])
     shape = None
+    if tracking is not None:
+        starts = np.array(tracking.window.judged_s)
+        inside = (seen.time_s >= starts[0]) & (seen.time_s < starts[1])
     if motion is not None:
         inside = (seen.time_s >= motion.start_s) & (seen.time_s < motion.end_s)
         starts = motion.start_s + np.arange(motion.cycles + 1) * (motion.end_s - motion.start_s) / motion.cycles
@@ -103,18 +110,18 @@ def examine(
         sensors={name: _counts(alignment.timed[name], sensor, alignment, motion) if name in alignment.timed
                  else SensorCounts(0) for name, sensor in context.sensors.items()},
         wanted_cycles=float(wanted.cycles) if wanted.cyclic else 0.0, wanted_amplitude_m=wanted.amplitude_m,
-        wanted_frequency_Hz=frequency_Hz, current_tolerance_A=context.current_tolerance_A,
+        wanted_frequency_Hz=wanted.record_highest_Hz or frequency_Hz, current_tolerance_A=context.current_tolerance_A,
         measured_cycles=None if motion is None else motion.cycles,
         measured_amplitude_m=None if motion is None else motion.amplitude_m,
         amplitude_std_m=None if motion is None else motion.amplitude_std_m,
         measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
-        current_error_A=_steps_error_A(seen, wanted) if wanted.standing
-        else loop_error_A(seen.time_s, seen.current_A, wanted.current_A, starts),
+        current_error_A=_current_error_A(seen, wanted, alignment, starts),
         amplitude_tolerance=wanted.amplitude_tolerance if wanted.kind in {None, LOOP} else None,
         extra=[
             *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
               if event.code in VERDICT_REMARKS),
             *_disorder(context, alignment),
+            *tracking_reasons(wanted, tracking, stopped=content.end is None or end.get("stopped_by") is not None),
         ],
         temperature_degC=_range(seen.temperature_degC[inside]),
         temperature_share=_share_known(seen.time_s, seen.temperature_degC, inside),
@@ -159,8 +166,19 @@ def _range(values: FloatArray) -> tuple[float, float] | None:
     return (float(np.min(known)), float(np.max(known))) if len(known) else None
 
 
-def _steps_error_A(seen: Overview, wanted: WantedPoint) -> float | None:
-    return steps_error_A(seen.time_s, seen.current_A, wanted.levels_A, 1.0 / wanted.frequency_Hz)
+def _current_error_A(
+    seen: Overview, wanted: WantedPoint, alignment: Alignment, starts: FloatArray
+) -> float | None:
+    """How far the measured current was off: of its level, of each of its steps, or of what was commanded meanwhile."""
+    if wanted.standing:
+        return steps_error_A(seen.time_s, seen.current_A, wanted.levels_A, 1.0 / wanted.frequency_Hz)
+    if wanted.commanded_A is not None:
+        return loop_error_A(seen.time_s, seen.current_A, wanted.commanded_A, starts)
+    commands = alignment.timed.get("commanded_current")
+    if commands is None:
+        return None
+    at_s = np.asarray(commands.time_s[:]) - alignment.origin_s
+    return law_error_A(seen.time_s, seen.current_A, at_s, commands.records["value"])
 
 
 def _counts(

@@ -25,6 +25,7 @@ from rig.clock import monotonic_ns
 from rig.station.errors import StationRefused
 from rig.station.interlocks.current_interlock import BusInterlock, CurrentInterlock, EcuInterlock, thrown_away
 from rig.station.interlocks.finding import Finding
+from rig.station.interlocks.law_interlock import LawInterlock
 from rig.station.log import say
 from rig.station.safe_stop import CURRENT_LIMIT_S, ZERO_CURRENT_A
 from rig.station.supervisor import Supervisor
@@ -62,6 +63,7 @@ class CurrentSourceThread(ReadingThread):
         self._bus_judge = BusInterlock(config.bitrate)
         self._settle_s = driver.traits.settling_s / min(1.0, supervisor.config.device_rate)
         self._current_judge = CurrentInterlock(self._stale_ns, driver.timing, driver.traits.settling_s)
+        self.law_judge = LawInterlock(driver.timing, driver.traits.settling_s)
         self._set_points = 0
         self._bus_errors = 0
         self._errors_before = 0
@@ -346,6 +348,7 @@ class CurrentSourceThread(ReadingThread):
             if not late and self._driver.traits.measures:
                 # What waited may be from before the set-point.
                 findings += self._current_judge.judge(status, commanded_A, now_ns, self._set_points)
+                findings += self.law_judge.judge(status, commanded_A, now_ns)
         self._tell_stamps()
         if batch.statuses:
             # Errors that came with the last status frame may be the beginning of what silences the bus.

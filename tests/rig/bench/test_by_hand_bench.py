@@ -103,7 +103,7 @@ def test_only_an_empty_line_typed_after_the_question_confirms() -> None:
         hand = TerminalHand(slave)
         os.write(master, b"\n")
         assert not hand.answered(), "nothing was asked"
-        hand.ask()
+        hand.ask(0.5)
         assert not hand.answered(), "it was typed before the question"
         os.write(master, b"no\n")
         assert not hand.answered()

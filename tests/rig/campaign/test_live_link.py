@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
+from rig.campaign.hand import PageHand, RehearsedHand
 from rig.campaign.live_link import Asked, LiveLink, Wish
 from rig.campaign.operator_link import Signals
 from rig.campaign.results import PointResult
@@ -130,9 +132,48 @@ def test_what_is_shown_of_a_campaign_stands_in_whole_files(link: LiveLink) -> No
     assert (state["phase"], state["point"], state["cycles"], state["time_left_s"]) == ("running", "p001", 3, 12.5)
     assert state["messages"][0]["text"] == "<b>"
     assert read_json(link.folder / "results.json")["p001"]["verdict"] == "valid"
-    ended = SimpleNamespace(valid=1, total=1, rig_state="safe", stopped_by=None, exit_code=0)
+    doubted = replace(result, verdict="suspect", reasons=("zero-return: 12 N",))
+    never = PointResult("p002", None, "not run", (), "sine", 0.03, 2.0, 1.0, 0)
+    points = (doubted, never)
+    ended = SimpleNamespace(points=points, valid=0, total=2, rig_state="safe", stopped_by=None, exit_code=5)
     link.display.ended(cast("Any", ended), ["done"])
     assert read_json(link.folder / "state.json")["ended"]["lines"] == ["done"]
+    told = {name: point["verdict"] for name, point in read_json(link.folder / "results.json").items()}
+    assert told == {"p001": "suspect"}, "a verdict that the end of the session changed does not stay as it was"
+
+
+def test_a_current_set_by_hand_is_confirmed_on_the_page_for_this_question_alone(link: LiveLink) -> None:
+    hand = PageHand(link, None)
+    say(link, do="set", by="Ada", number=1)
+    link.take()
+    assert not hand.answered(), "nothing was asked"
+    for number, current_A in ((1, 0.5), (2, 0.0)):
+        hand.ask(current_A)
+        link.display.phase("asking")
+        assert read_json(link.folder / "state.json")["asked"] == {"current_A": current_A, "number": number}
+        for wrong in (number - 1, number + 1, str(number), None):
+            say(link, do="set", by="Ada", number=wrong)
+            link.take()
+            assert not hand.answered(), f"{wrong!r} is no answer to question {number}"
+        say(link, do="set", by="Ada", number=number)
+        link.take()
+        assert hand.answered()
+        assert not hand.answered(), "once"
+    link.display.phase("running")
+    assert read_json(link.folder / "state.json")["asked"] is None
+
+
+def test_who_answers_first_of_page_and_terminal_counts(link: LiveLink) -> None:
+    hand = PageHand(link, RehearsedHand())
+    hand.ask(0.5)
+    assert hand.answered()
+    assert link.asked is None, "the page no longer asks"
+
+
+def test_why_a_campaign_did_not_begin_stands_on_the_page(link: LiveLink) -> None:
+    link.display.refused("infeasible", "p001 is too fast")
+    ended = read_json(link.folder / "state.json")["ended"]
+    assert (ended["refused"], ended["lines"]) == ("infeasible", ["p001 is too fast"])
 
 
 def test_the_folder_goes_with_the_campaign(tmp_path: Path) -> None:

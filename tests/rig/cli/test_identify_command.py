@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from in_process import rig
 
 from rig.dampers import model, parameter_set
 
 DEMO = dict(parameter_set("demo").values)
 OTHER = {**DEMO, "Fyb": 130.0, "Ca_plus": 1800.0}
 COLUMNS = ("time=t_s", "displacement=x_mm", "force=F_N")
-
-
-def rig(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "rig.cli.main", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
 
 
 def make_run(

@@ -28,6 +28,7 @@ def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
     return process.returncode, out, err
 
 
+@pytest.mark.nightly
 def test_a_simulated_run_ends_in_exit_0_with_the_documented_json_and_its_files(tmp_path: Path) -> None:
     code, out, err = finish(start("run", QUICK, "--simulate", "--speed", "20", "--out", str(tmp_path), "--json"))
     assert code == 0, out + err

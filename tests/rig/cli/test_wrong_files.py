@@ -99,7 +99,7 @@ WRONG_MATRICES = {
     "negative current": ('["0 A"]', '["-1 A"]', 'matrix.current[1] = "-1 A": too small (allowed: 0 A to 20 A)'),
     "two cycles": ("cycles = 10", "cycles = 2", "matrix.cycles = 2: too small (allowed: 3 to 10000)"),
     "no repeats": ("cycles = 10", "repeats = 0", "too small (allowed: 1 to 1000)"),
-    "unknown waveform": ("cycles = 10", 'waveform = ["sinus"]', "must be 'sine' or 'triangle'; did you mean sine?"),
+    "unknown waveform": ("cycles = 10", 'waveform = ["sinus"]', "'road' or 'file'; did you mean sine?"),
     "frequency left out": ('frequency = ["1 Hz"]\n', "", "frequency missing: give amplitude, frequency and current"),
     "serial number with a blank": ('"MR-001"', '"MR 001"', '- or _ (32 at most), for example "MR-001"'),
     "path as serial number": ('"MR-001"', '"../x"', "must be a letter or digit, then letters, digits"),

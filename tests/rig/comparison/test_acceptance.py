@@ -135,6 +135,58 @@ def test_a_change_is_judged_of_every_later_run_against_the_first(made_run: Make,
         compare([before], bands(text.format(10)))
 
 
+def test_a_band_is_not_passed_by_what_was_left_of_a_run(made_run: Make, made_point: Make, bands: Make) -> None:
+    """A motion without a valid point, and points that were planned and not recorded, are missing."""
+    folder, band = made_run("a"), '[[rebound_force]]\nlow = "0 N"\n'
+    assert judged(compare([folder], bands(band))).passed
+    invalid = made_point(folder, "p002", 1000.0, frequency_Hz=2.0, verdict="invalid")
+    compared = compare([folder], bands(band))
+    assert states(compared) == ["pass", "missing"]
+    assert judged(compared).results[1].why == "no point of this motion is valid"
+    assert compared.remarks == ("a: 1 thing(s) left out; first: p002 left out: invalid (estop: stopped)",)
+    assert states(compare([folder], bands(f'{band}frequency = "1 Hz"\n'))) == ["pass"]
+    invalid.unlink()
+    (folder / "campaign.json").write_text(json.dumps({"id": "a", "points": ["p001", "p002", "p003"]}))
+    compared = compare([folder], bands(band))
+    assert states(compared) == ["pass", "missing"]
+    assert judged(compared).results[1].why.startswith("2 planned point(s) were not recorded")
+    assert compared.remarks == ("a: 2 planned point(s) were not recorded",)
+    assert states(compare([folder], bands(f'{band}frequency = "1 Hz"\n'))) == ["pass"]
+
+
+def test_a_repeat_makes_up_for_an_invalid_point(made_run: Make, made_point: Make, bands: Make) -> None:
+    folder = made_run("a")
+    made_point(folder, "p002", 1000.0, verdict="invalid")
+    assert states(compare([folder], bands('[[rebound_force]]\nlow = "0 N"\n'))) == ["pass"]
+
+
+def test_a_change_is_not_passed_by_motions_that_only_the_first_run_has(
+    made_run: Make, made_point: Make, bands: Make
+) -> None:
+    before, after = made_run("before"), made_run("after")
+    made_point(before, "p002", 1000.0, frequency_Hz=2.0)
+    band = '[[energy]]\nmost_change = "15 %"\n'
+    compared = compare([before, after], bands(band))
+    told = {result.where: (str(result.state), result.why) for result in judged(compared).results}
+    assert told == {
+        "sine, 20 mm, 1 Hz, 0.5 A": ("pass", ""),
+        "sine, 20 mm, 2 Hz, 0.5 A": ("missing", "after was not tested so"),
+    }
+    assert states(compare([before, after], bands(f'{band}frequency = "1 Hz"\n'))) == ["pass"]
+
+
+def test_a_run_and_itself_or_its_copy_have_no_change_that_could_pass(made_run: Make, bands: Make) -> None:
+    first, copy = made_run("a"), made_run("b")
+    for folder in (first, copy):
+        (folder / "campaign.json").write_text(json.dumps({"id": "20260102T030405Z-S-ab12cd"}))
+    for later in (first, copy):
+        compared = compare([first, later], bands('[[energy]]\nmost_change = "15 %"\n'))
+        (result,) = judged(compared).results
+        assert str(result.state) == "missing"
+        assert result.why == "it is the same run as the first: nothing can have changed"
+        assert any("given more than once" in remark for remark in compared.remarks)
+
+
 def test_every_wrong_entry_of_a_bands_file_is_told_at_once_with_its_line(bands: Make) -> None:
     with pytest.raises(FileProblem) as told:
         load_bands(bands(

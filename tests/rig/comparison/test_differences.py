@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import pypdf
 import pytest
 
 from rig.cli.main import main
@@ -105,3 +106,22 @@ def test_the_page_begins_with_the_verdict_and_shows_loops_over_each_other_and_ev
     assert "<b>\N{MINUS SIGN}10</b>" in table
     assert '<span class="chip poor">fail</span>' in page
     assert '<span class="chip good">pass</span>' in page
+
+
+def test_the_page_is_put_on_paper_too(
+    made_run: Make, bands: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = [str(made_run("before")), str(made_run("after", 900.0))]
+    band = str(bands('[[damping]]\nlow = "950 N s/m"\n'))
+    page = tmp_path / "comparison.html"
+    assert main(["compare", *runs, "--bands", band, "--out", str(page), "--pdf", "--json"]) == 8
+    told = json.loads(capsys.readouterr().out)
+    assert (told["report"], told["pdf"]) == (str(page), str(page.with_suffix(".pdf")))
+    sheets = pypdf.PdfReader(told["pdf"]).pages
+    text = "\n".join(sheet.extract_text() for sheet in sheets)
+    assert all(words in text for words in ("Not accepted", "drawing 4711", "sine, 20 mm, 1 Hz, 0.5 A", "page 1 of"))
+    assert main(["compare", *runs, "--pdf"]) == 2
+    assert "--out FILE.html" in capsys.readouterr().err
+    assert main(["compare", *runs, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["report"], told["pdf"]) == (None, None)

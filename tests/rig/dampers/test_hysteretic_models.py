@@ -128,7 +128,7 @@ def slopes(name: str, p: dict[str, float]) -> Slopes:
     )
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("name", "changed"),
     [

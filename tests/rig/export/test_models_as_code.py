@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import json
 import os
 import shutil
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rig.dampers import model as damper_model
 from rig.dampers.catalogue import CATALOGUE
 from rig.dampers.model import DamperModel
 from rig.errors import EXIT_USAGE, FileProblem
@@ -166,6 +168,46 @@ def test_the_python_module_needs_nothing_else_and_its_force_is_the_models(tmp_pa
         as_close_as_asked(model, np.array(force), expected(model))
         assert parameters == values_of(model)
         assert digest == hashlib.sha256((tmp_path / name / "fit.json").read_bytes()).hexdigest()
+
+
+BEHIND_A_LAW = {"asymmetric+saturating": {"k_sat": 0.9}, "lugre+per-current@0,1,2": {"x at 1 A": 1.2}}
+
+
+def test_models_behind_a_current_law_are_what_they_are_in_c_octave_and_python(tmp_path: Path) -> None:
+    gcc, octave = tool("gcc", "C compiler"), tool("octave-cli", "Octave")
+    rows = "\n".join(" ".join(repr(float(x)) for x in row) for row in zip(*motion(), strict=True))
+    (tmp_path / "motion.txt").write_text(rows)
+    script, wanted = ["x = load('motion.txt');"], {}
+    for text, law in BEHIND_A_LAW.items():
+        lawed = damper_model(text)
+        values = {**damper_model(text.partition("+")[0]).demonstration, **law}
+        parameters = {name: ENOUGH | {"value": value, "unit": ""} for name, value in values.items()}
+        (tmp_path / "fit.json").write_text(json.dumps(
+            {"model": text, "hysteresis": lawed.hysteresis, "parameters": parameters,
+             "tested": {"displacement_m": [-0.03, 0.03], "velocity_m_s": [-0.3, 0.3], "current_A": [0.0, 2.0]}}))
+        stem = export(tmp_path / "fit.json", "octave", tmp_path)[0].stem
+        wanted[stem] = lawed, np.asarray(lawed.force(values, *motion(), DT_S))
+        script.append(f"F = {stem}(x(:,1), x(:,2), x(:,3), x(:,4), 1e-3);")
+        script.append(f"save('-ascii', '-double', '{stem}.txt', 'F');")
+        _, source = export(tmp_path / "fit.json", "c", tmp_path)
+        name = stem.removeprefix("damper_")
+        (tmp_path / "main.c").write_text(MAIN.format(name=name, upper=name.upper()))
+        build = [gcc, "-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "main.c", source.name, "-lm"]
+        subprocess.run([*build, "-o", stem], cwd=tmp_path, check=True, timeout=60)
+        told = subprocess.run([tmp_path / stem], input=rows, capture_output=True, text=True, check=True, timeout=60)
+        as_close_as_asked(lawed, np.array(told.stdout.split(), dtype=float), wanted[stem][1])
+        (module,) = export(tmp_path / "fit.json", "python", tmp_path)
+        spec = importlib.util.spec_from_file_location(stem, module)
+        assert spec is not None
+        assert spec.loader is not None
+        loaded = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(loaded)
+        as_close_as_asked(lawed, np.array(loaded.force(*(part.tolist() for part in motion()), DT_S)), wanted[stem][1])
+    (tmp_path / "compare.m").write_text("\n".join(script))
+    ran = subprocess.run([octave, "--norc", "compare.m"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert ran.returncode == 0, ran.stderr
+    for stem, (lawed, force) in wanted.items():
+        as_close_as_asked(lawed, np.loadtxt(tmp_path / f"{stem}.txt"), force)
 
 
 def test_the_files_say_equation_units_ranges_covariance_and_the_hash_of_the_fit(tmp_path: Path) -> None:

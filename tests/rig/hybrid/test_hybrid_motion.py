@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from rig.hybrid.motion_bounds import Bounds, Measured, Watch
 from rig.hybrid.quarter_car import QuarterCar
 from rig.hybrid.substructure import Sent
 from rig.vehicle.car import Car
+from rig.vehicle.laws import Control
 from rig.vehicle.motion import CornerDamper
 from rig.vehicle.road import Sweep, sweep_road
 
@@ -57,7 +59,7 @@ def order(car: QuarterCar, compensator: str, step_s: float = 0.01, **bounds: flo
         "extension_m": 0.2, "speed_m_s": 5.0, "acceleration_m_s2": 500.0, "energy_share": 0.3, "delay_s": 0.03,
         **bounds,
     })  # fmt: skip
-    return HybridOrder(car.part(step_s, [0.0]), within, Probe(1e-3, 5.0), compensator, centre_m=0.05)
+    return HybridOrder(car.part(step_s), within, Probe(1e-3, 5.0), compensator, centre_m=0.05)
 
 
 def run(
@@ -86,7 +88,7 @@ def run(
 
 
 def test_the_computed_part_answers_as_an_independent_solver_says() -> None:
-    part = quarter_car(linear_damper(0.0)).part(0.005, [0.0])
+    part = quarter_car(linear_damper(0.0)).part(0.005)
 
     def force_N(t_s: float) -> float:
         return 300.0 * t_s
@@ -279,3 +281,58 @@ def test_the_critical_delay_is_where_a_delayed_damper_turns_unstable() -> None:
     critical_s = quarter_car(linear_damper(DAMPING)).critical_delay_s()
     assert 0.01 < critical_s < 0.05
     assert steady_after(0.93 * critical_s, DAMPING) < 1.0 < steady_after(1.07 * critical_s, DAMPING)
+
+
+def commanded(control: Control, damper: CornerDamper) -> tuple[HybridMotion, list[Moment], list[float]]:
+    """A test at 250 steps a second with a law: its course, and the current asked for at each step of the road."""
+    car = dataclasses.replace(quarter_car(damper, 2.0), control=control)
+    asked = dataclasses.replace(order(car, "none", 0.004), control=control)
+    motion, moments, currents, place_m, t_s = HybridMotion(asked), [], [], 0.05, 0.0
+    last_m_s = 0.0
+    while (sent := motion.at(t_s, Measured(DAMPING * last_m_s, place_m))) is not None and motion.problem is None:
+        place_m, last_m_s, t_s = sent.position_m, sent.velocity_m_s, t_s + 0.004
+        if motion.moment is None:
+            assert motion.current_A == control.current_A, "outside of the road"
+        else:
+            moments.append(motion.moment)
+            currents.append(motion.current_A)
+    assert motion.phase is Phase.OVER
+    return motion, moments, currents
+
+
+def test_skyhook_asks_for_the_whole_current_where_the_damper_can_hold_the_body() -> None:
+    """Karnopp: on where the body's speed and the damper's have one sign, off elsewhere; speeds by differences here."""
+    control = Control("skyhook", current_A=0.2, most_A=1.5)
+    _, moments, currents = commanded(control, linear_damper(DAMPING))
+    rows = np.array(moments)
+    body, wheel = (np.gradient(rows[:, column], 0.004) for column in (3, 4))
+    product = body * (body - wheel)
+    clear = np.abs(product) > 0.02 * np.max(np.abs(product))
+    assert 0.2 * len(rows) < np.count_nonzero(clear & (product > 0.0)) < 0.8 * len(rows)
+    assert np.array_equal(np.array(currents)[clear], np.where(product > 0.0, 1.5, 0.0)[clear])
+
+
+def test_the_clipped_inverse_asks_for_the_current_at_which_the_assumed_damper_pulls_what_is_wanted() -> None:
+    known = dampers.parameter_set("demo")
+    damper = CornerDamper(dampers.model(known.model), dict(known.values))
+    control = Control("inverse", most_A=2.0, sky_share=0.7, damping_N_s_m=2500.0)
+    motion, moments, currents = commanded(control, damper)
+    rows = np.array(moments)
+    body, wheel = (np.gradient(rows[:, column], 0.004)[2:-2] for column in (3, 4))
+    asked = np.array(currents)[2:-2]
+    rest_N = float(damper.model.force_at(damper.values, 0.0, 0.0))
+    reached_N = damper.model.force_at(damper.values, body - wheel, asked) - rest_N
+    wanted_N = 2500.0 * (0.7 * body - 0.3 * wheel)
+    between = (asked > 0.05) & (asked < 1.95)
+    assert np.count_nonzero(between) > 40
+    assert np.sqrt(np.mean((reached_N - wanted_N)[between] ** 2)) < 0.05 * np.std(wanted_N)
+    assert {0.0, 2.0} <= set(asked.tolist()), "clipped at both ends"
+    assert motion.current_A == 0.0
+
+
+def test_more_current_leaves_less_time_before_the_loop_is_unstable() -> None:
+    known = dampers.parameter_set("demo")
+    car = quarter_car(CornerDamper(dampers.model(known.model), dict(known.values)))
+    alone = dataclasses.replace(car, control=Control(current_A=1.0)).critical_delay_s()
+    assert dataclasses.replace(car, control=Control("skyhook", most_A=1.0)).critical_delay_s() == pytest.approx(alone)
+    assert alone < 0.8 * car.critical_delay_s()

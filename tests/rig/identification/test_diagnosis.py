@@ -159,6 +159,24 @@ def test_tests_of_two_dampers_are_told_apart() -> None:
     assert "p002, p005, p008 and 1 more" in fit.diagnosis[0].text
 
 
+def test_a_model_that_lacks_the_amplitude_makes_no_second_damper() -> None:
+    """Large and small strokes of a damper whose yield force grows with the stroke, which the model does not know."""
+    large = damper_tests(currents_A=(0.0, 1.0), values_of=lambda number: {**DEMO, "Fyb": 300.0, "Fya": 60.0})
+    small = [
+        replace(test.moved(0.2 * test.u_m, 0.2 * test.v_m_s, 0.2 * test.a_m_s2), id=f"s{test.id}", amplitude_m=6e-3,
+                force_N=small_N(test)) for test in damper_tests(currents_A=(0.0, 1.0))
+    ]  # fmt: skip
+    assert "mixed-specimens" not in {cause.slug for cause in identify([*large, *small]).diagnosis}
+
+
+def small_N(test: Measurement) -> np.ndarray:
+    """The demo damper's force at a fifth of a test's motion, with its noise (N)."""
+    motion = (test.u_m, test.v_m_s, test.a_m_s2)
+    whole_N = DAMPER.force(DEMO, *motion, test.current_A, test.dt_s)
+    fifth_N = DAMPER.force(DEMO, *(0.2 * part for part in motion), test.current_A, test.dt_s)
+    return np.asarray(test.force_N - whole_N + fifth_N)
+
+
 def test_a_recorded_temperature_is_named_before_a_drift() -> None:
     def temperature_degC(number: int, share: np.ndarray) -> np.ndarray:
         return np.asarray(25.0 + 30.0 * (1.0 - np.exp(-0.3 * (number + share))))
@@ -194,6 +212,15 @@ def test_both_signs_reversed_are_named() -> None:
         replace(test.moved(-test.u_m, -test.v_m_s, -test.a_m_s2), force_N=-test.force_N) for test in damper_tests()
     ]
     assert named_first(identify(turned)) == "signs-reversed"
+
+
+def test_reversed_signs_do_not_hide_what_explains_a_misfit() -> None:
+    turned = [
+        replace(test.moved(-test.u_m, -test.v_m_s, -test.a_m_s2), force_N=-test.force_N)
+        for test in damper_tests(skew_s=3e-3)
+    ]
+    slugs = [cause.slug for cause in identify(turned).diagnosis]
+    assert slugs[:2] == ["signs-reversed", "skew"]
 
 
 def test_a_model_without_hysteresis_is_told_what_it_lacks() -> None:
@@ -235,3 +262,24 @@ def test_a_delay_is_named_though_the_fit_ended_beyond_a_parameters_limit() -> No
     fit = identify(loops_of_the_normalised_model(skew_s=3e-3), model="normalized_bouc_wen")
     assert fit.values["sigma"] < model("normalized_bouc_wen").parameter("sigma").low
     assert named_first(fit) == "skew"
+
+
+def test_a_drift_that_hides_in_the_scatter_from_cycle_to_cycle_is_named() -> None:
+    def shown(number: int, share: np.ndarray, force_N: np.ndarray) -> np.ndarray:
+        return np.asarray(force_N * (1.0 + 0.1 * share))
+
+    masked = [replace(test, noise_N=10.0 * NOISE_N) for test in damper_tests(shown=shown)]
+    fit = identify(masked)
+    assert fit.adequate
+    assert named_first(fit) == "force-drift"
+    assert identify([replace(test, noise_N=10.0 * NOISE_N) for test in damper_tests()]).diagnosis == ()
+
+
+def test_one_sample_that_lies_alone_is_an_outlier() -> None:
+    tests = damper_tests(currents_A=(0.0, 1.0))
+    force_N = tests[1].force_N.copy()
+    force_N[101] += 900.0
+    fit = identify([tests[0], replace(tests[1], force_N=force_N), *tests[2:]])
+    assert fit.adequate is False
+    assert named_first(fit) == "outliers"
+    assert fit.diagnosis[0].text.startswith("1 sample")

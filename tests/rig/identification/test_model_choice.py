@@ -54,7 +54,7 @@ def recorded(force: Force, noise_N: float, seed: int) -> tuple[list[Measurement]
     return kept, held_out
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("set_name", "noise_N"),
     [
@@ -103,7 +103,7 @@ def _with_stop(test: Measurement) -> np.ndarray:
     return plant("demo-normalized-bouc-wen")(test) + 4e3 * np.sign(test.u_m) * beyond
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("law", "noise_N"), [(_with_seal, 5.0), (_with_stop, 5.0), (_with_gap, 20.0), (_warming, 5.0)])
 def test_a_plant_of_no_model_is_said_not_to_fit(law: Force, noise_N: float) -> None:
     kept, held_out = recorded(law, noise_N, seed=7)

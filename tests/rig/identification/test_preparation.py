@@ -135,3 +135,13 @@ def test_two_cycles_are_used_whole_with_a_warning(
     measurement = prepare(replace(point, arrays=arrays))
     assert any("none could be dropped" in text for text in measurement.warnings)
     assert measurement.u_m.size == pytest.approx(1000, abs=4)
+
+
+def test_a_drift_is_no_scatter_from_cycle_to_cycle(demo_points: list[RecordedPoint]) -> None:
+    point = demo_points[1]
+    samples = point.force_samples
+    growing = 1.0 + 0.25 * np.linspace(0.0, 1.0, samples.time_s.size)
+    noise_N = prepare(point).noise_N
+    assert prepare(with_force(point, samples.force_N * growing)).noise_N == pytest.approx(1.1 * noise_N, rel=0.15)
+    zero_N = 400.0 * np.linspace(0.0, 1.0, samples.time_s.size)
+    assert prepare(with_force(point, samples.force_N + zero_N)).noise_N == pytest.approx(noise_N, rel=0.1)

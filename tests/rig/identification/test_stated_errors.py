@@ -132,6 +132,7 @@ def test_the_errors_of_the_motion_widen_what_they_spoil(make_campaign: MakeCampa
     assert coarse.parameters["beta"].standard_error > 2.0 * exact.parameters["beta"].standard_error  # type: ignore[operator]
 
 
+@pytest.mark.nightly
 def test_a_parameter_at_its_limit_is_not_identified_and_says_which_limit(make_synthetic: Make) -> None:
     tests = make_synthetic({**DEMO, "delta": 0.0})
     fit = identify(tests, model="thinning_bouc_wen")

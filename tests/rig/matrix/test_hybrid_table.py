@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 from pathlib import Path
 
@@ -50,6 +51,49 @@ def test_each_compensator_is_one_point_of_the_whole_length(tmp_path: Path) -> No
 
 def test_the_example_fits_a_rig_that_follows_set_points(tmp_path: Path) -> None:
     assert reasons(tmp_path, EXAMPLE) == {"hybrid-model": set(), "hybrid-none": set()}
+
+
+def with_laws(*laws: str, **entries: str) -> str:
+    """The example with laws of the current; other entries of [hybrid] as they are given."""
+    more = "".join(f'{name} = "{value}"\n' for name, value in entries.items())
+    return EXAMPLE.replace("[hybrid]\n", f"[hybrid]\nlaw = {json.dumps(laws)}\n{more}")
+
+
+def test_each_law_is_a_test_of_its_own_that_begins_with_the_constant_current(tmp_path: Path) -> None:
+    text = with_laws("passive", "skyhook", most_current="1.5 A").replace('current = "0 A"', 'current = "0.5 A"')
+    points = load(tmp_path, text).points()
+    assert [point.id for point in points] == [
+        "hybrid-model", "hybrid-none", "hybrid-model-skyhook", "hybrid-none-skyhook",
+    ]  # fmt: skip
+    assert [(point.first_current_A, point.current_A) for point in points[1:3]] == [(0.5, 0.5), (0.5, 1.5)]
+
+
+def test_the_plan_judges_a_law_by_its_most_current(tmp_path: Path) -> None:
+    """Coil: 1.5 A squared times 5 ohm for the test's 24.2 s, whatever the law will ask for in it."""
+    warm = with_laws("skyhook", most_current="1.5 A").replace(
+        'prior = "demo" ', 'coil_resistance = "5 ohm"\nprior = "demo" '
+    )
+    cold = warm.replace('coil_resistance = "5 ohm"\n', "")
+    heat = [plan(load(tmp_path, text), bench(tmp_path)).points[0].energy_J for text in (warm, cold)]
+    assert heat[0] is not None
+    assert heat[1] is not None
+    assert heat[0] - heat[1] == pytest.approx(1.5**2 * 5.0 * (8.0 / 3.0 + 21.5), rel=1e-6)
+    constant = plan(load(tmp_path, EXAMPLE.replace('current = "0 A"', 'current = "1.5 A"')), bench(tmp_path)).points[0]
+    law = plan(load(tmp_path, with_laws("skyhook", most_current="1.5 A")), bench(tmp_path)).points[0]
+    assert law.predicted_force_N is not None
+    assert constant.predicted_force_N is not None
+    assert law.predicted_force_N >= constant.predicted_force_N
+    too_much = reasons(tmp_path, with_laws("skyhook", most_current="9 A"))["hybrid-model-skyhook"]
+    assert "current" in too_much
+
+
+def test_a_law_needs_a_current_source_on_can(tmp_path: Path) -> None:
+    rig = bench(tmp_path)
+    rig = rig.model_copy(update={"ecu": dataclasses.replace(rig.ecu, by_hand=True)})
+    judged = plan(load(tmp_path, with_laws("groundhook", most_current="0.5 A")), rig).points[0]
+    assert [cause.slug for cause in judged.causes] == ["hybrid"]
+    assert "not on CAN" in judged.reasons[0]
+    assert reasons(tmp_path, with_laws("groundhook", most_current="0.5 A"))["hybrid-model-groundhook"] == set()
 
 
 def test_every_wrong_entry_is_named_with_its_line(tmp_path: Path) -> None:
@@ -101,6 +145,43 @@ def test_a_rig_that_cannot_follow_fast_enough_or_far_enough_is_refused(tmp_path:
 
 
 SWEEP = EXAMPLE[EXAMPLE.index("[hybrid.road.sweep]") : EXAMPLE.index("[campaign]")]
+
+
+REAR = '[hybrid.car.rear]\nunsprung_mass = "-1 kg"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "way_out"),
+    [
+        (EXAMPLE.replace("[hybrid.road]\n", f"{REAR}[hybrid.road]\n"), "hybrid.car.rear", "take this table out"),
+        (EXAMPLE.replace(SWEEP, '[hybrid.road.drive]\nfile = "a.csv"\n'), "hybrid.road.drive", "[hybrid.road.sweep]"),
+        (EXAMPLE.replace(SWEEP, "[hybrid.road.profile]\n"), "hybrid.road.profile", "[hybrid.road.bump]"),
+        (EXAMPLE.replace(SWEEP, ""), "hybrid.road", "none is given; write one"),
+        (EXAMPLE.replace(SWEEP, f'{SWEEP}[hybrid.road.bump]\nheight = "1 mm"\nlength = "2 m"\n'),
+         "hybrid.road.bump", "2 are given, keep one: sweep, bump"),
+        (EXAMPLE.replace('[hybrid.road]\nspeed = "20 m/s"\n', "").replace(SWEEP, ""), "hybrid.road",
+         "write a table [hybrid.road] with speed"),
+    ],
+)  # fmt: skip
+def test_what_a_hybrid_test_has_not_is_named_where_it_stands_with_the_way_out(
+    text: str, place: str, way_out: str, tmp_path: Path
+) -> None:
+    with pytest.raises(FileProblem) as caught:
+        load(tmp_path, text)
+    (said,) = caught.value.problems
+    line, where, message = said.split(": ", 2)
+    assert (where, way_out in message) == (place, True), said
+    heading = text.splitlines()[int(line.removeprefix("line ")) - 1]
+    assert heading in {f"[{place}]", "[hybrid]"}
+
+
+def test_a_wrong_value_beside_a_needless_table_is_told_with_it(tmp_path: Path) -> None:
+    text = EXAMPLE.replace("[hybrid.road]\n", f"{REAR}[hybrid.road]\n").replace('"600 kg"', '"-6 kg"')
+    with pytest.raises(FileProblem) as caught:
+        load(tmp_path, text)
+    assert [said.split(": ")[1].split(" = ")[0] for said in caught.value.problems] == [
+        "hybrid.car.body.mass", "hybrid.car.rear"
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

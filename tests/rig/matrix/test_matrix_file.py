@@ -109,7 +109,7 @@ def test_points_are_centred_on_the_specimens_mid_stroke(tmp_path: Path) -> None:
         (HEAD, "no test point"),
         (HEAD + "[matrix]\nwaveform = []", "matrix.waveform = []: is empty"),
         (HEAD + '[matrix]\namplitude = ["50 mm"]', "frequency and current missing: give amplitude, frequency"),
-        (HEAD + SWEEP + 'waveform = ["sinus"]', 'matrix.waveform[1] = "sinus": must be \'sine\' or \'triangle\''),
+        (HEAD + SWEEP + 'waveform = ["sinus"]', 'matrix.waveform[1] = "sinus": must be \'sine\', \'triangle\', '),
         (HEAD + SWEEP.replace('"0 A"', '"-1 A"'), "too small (allowed: 0 A to 20 A)"),
         (HEAD + SWEEP.replace('"0 A"', "1"), "the number 1 has no unit"),
         (HEAD + SWEEP.replace('["50 mm"]', '"50 mm"'), "must be a list in [ ]"),

@@ -129,6 +129,26 @@ def test_nothing_is_taken_once_the_campaign_has_ended(desk: Desk) -> None:
     assert desk.said == []
 
 
+def test_a_lease_ends_with_its_campaign_and_is_none_of_the_next_ones(desk: Desk, tmp_path: Path) -> None:
+    desk.ask(ADA, do="lease", name="Ada")
+    again = tmp_path / "again"
+    again.mkdir()
+    desk.folder, _ = make_live_folder(again)
+    assert desk.ask(ADA, do="start")["refused"] == "no-lease"
+    assert desk.ask(BOB, do="lease", name="Bob")["ok"] is True
+
+
+@pytest.mark.parametrize(("client", "refused"), [(GUEST, "viewer"), (BOB, "no-lease"), (ADA, None)])
+def test_a_current_set_by_hand_is_confirmed_by_the_holder_alone(
+    desk: Desk, client: Client, refused: str | None
+) -> None:
+    desk.ask(ADA, do="lease", name="Ada")
+    desk.said.clear()
+    assert desk.ask(client, do="set", number=3).get("refused") == refused
+    assert desk.said == ([] if refused else [("application.sock", {"do": "set", "by": "Ada", "number": 3})])
+    assert desk.ask(ADA, do="set", number="3")["refused"] == "bad-message"
+
+
 def test_a_stop_that_nobody_takes_is_not_said_to_be_taken(desk: Desk) -> None:
     desk.reached = False
     assert desk.ask(ADA, do="stop")["refused"] == "not-reached"

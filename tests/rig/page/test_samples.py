@@ -83,6 +83,35 @@ def test_a_loop_is_displacement_its_slope_and_the_force_of_the_same_moment(rate:
         assert force_N == pytest.approx(damping * v_m_s, abs=4.0)
 
 
+def test_a_loop_stays_whole_on_a_rig_that_is_slower_than_asked_and_whose_samples_come_when_they_may() -> None:
+    asked, rate, frame_s = 10.0, 6.0, 0.04
+    frames, points = Frames(asked, 250.0), []
+    omega, damping, amplitude_m = 2.0 * math.pi, 2000.0, 0.02
+    draw = np.random.default_rng(3)
+    sent = {DISPLACEMENT: 0, FORCE: 0}
+    for number in range(1, 200):
+        rows = []
+        for channel in (DISPLACEMENT, FORCE):  # each channel's newest samples wait somewhere for up to half a frame
+            until = int(rate * (number * frame_s - draw.uniform(0.0, 0.5 * frame_s)) * 250.0)
+            for n in range(sent[channel], until):
+                time_s = n / 250.0
+                value = amplitude_m * math.sin(omega * time_s)
+                if channel == FORCE:
+                    value = damping * amplitude_m * omega * math.cos(omega * time_s)
+                epoch_us = 0 if channel == DISPLACEMENT else 7_000_000
+                rows.append((int((50.0 + number * frame_s) * 1e9), 4000 * n + epoch_us, value, n, channel, 0))
+            sent[channel] = max(sent[channel], until)
+        _, _, series = unpacked(frames.frame(records(*rows), 50.0 + number * frame_s))
+        if 201 in series and number > 50:
+            points += [(x[0], v[1], f[1]) for x, v, f in zip(series[201], series[202], series[203], strict=True)]
+    times = [time_s for time_s, _, _ in points]
+    assert np.all(np.diff(times) > 0.0)
+    assert times[-1] - times[0] == pytest.approx(149 * frame_s * rate / asked, rel=0.05)
+    peak_N = damping * amplitude_m * omega
+    assert len(points) > 7000
+    assert max(abs(force_N - damping * v_m_s) for _, v_m_s, force_N in points) < 0.15 * peak_N
+
+
 def test_force_that_stays_away_makes_no_loop_and_no_heap() -> None:
     frames = Frames(1.0, 250.0)
     for first in range(0, 100_000, 1000):

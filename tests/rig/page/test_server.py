@@ -3,28 +3,42 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import fcntl
 import http.client
 import json
+import math
 import os
 import socket
+import ssl
+import subprocess
 from collections.abc import Awaitable, Callable, Iterator
+from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 from websockets.asyncio.client import ClientConnection, connect
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 
 from drivers.ring import RingWriter
 from rig.page.access import Access, Role
 from rig.page.document import document
 from rig.page.process import listening
-from rig.page.server import MOST_MESSAGES, PageServer
+from rig.page.server import (
+    FOR_OPERATORS,
+    MOST_CLIENTS,
+    MOST_CONNECTIONS,
+    MOST_MESSAGES,
+    MOST_UNSENT,
+    PageServer,
+)
 from rig.page.settings import PageSettings
 from rig.page.watched_run import WatchedRun
 from rig.station.live_folder import bound, make_live_folder, received, replace_json
 
+HERE = PageSettings()
 HOSTILE = "<script>alert(1)</script>"
 
 
@@ -37,6 +51,7 @@ class Rig:
     station: socket.socket
     application: socket.socket
     ring: RingWriter
+    lock: int
 
 
 @pytest.fixture
@@ -55,7 +70,7 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
     (run / "journal.jsonl").write_text(
         json.dumps({"utc": "2026-01-02T03:04:05", "event": "warning", "slug": "sample-gap", "text": HOSTILE}) + "\n"
     )
-    made = Rig(run, live, bound(live / "station.sock"), bound(live / "application.sock"), ring)
+    made = Rig(run, live, bound(live / "station.sock"), bound(live / "application.sock"), ring, lock)
     yield made
     made.station.close()
     made.application.close()
@@ -63,14 +78,14 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
     os.close(lock)
 
 
-def served(rig: Rig, do: Callable[[PageServer, Access], Awaitable[None]]) -> None:
+def served(rig: Rig, do: Callable[[PageServer, Access], Awaitable[None]], settings: PageSettings = HERE) -> None:
     """Run the server and a test against it."""
 
     async def both() -> None:
-        sock = listening(PageSettings())
-        access = Access("127.0.0.1", sock.getsockname()[1])
+        sock, tls = listening(settings), settings.context()
+        access = Access(settings.host, sock.getsockname()[1], tls is not None)
         page = PageServer(WatchedRun(None, rig.live), access)
-        server = await page.serve(sock, None)
+        server = await page.serve(sock, tls)
         try:
             await asyncio.wait_for(do(page, access), 20.0)
         finally:
@@ -92,6 +107,12 @@ async def answer(connection: ClientConnection, **message: object) -> dict[str, A
         told = json.loads(text) if isinstance(text, str) else {}
         if told.get("type") == "answer":
             return dict(told)
+
+
+async def swallow(connection: ClientConnection) -> None:
+    with contextlib.suppress(ConnectionClosed):
+        async for _ in connection:
+            pass
 
 
 async def ended_by(connection: ClientConnection, messages: list[str]) -> int | None:
@@ -218,6 +239,113 @@ def test_a_browser_that_floods_is_shown_the_door_and_others_still_stop_the_rig(r
     served(rig, do)
     assert received(rig.station) == {"do": "stop", "by": "operator"}
     assert received(rig.station) is None
+
+
+def test_numbers_that_are_none_arrive_as_null(rig: Rig) -> None:
+    replace_json(rig.live / "results.json", {"p001": {"verdict": "valid", "reasons": [], "score": math.nan}})
+
+    async def do(page: PageServer, access: Access) -> None:
+        async with opened(access) as operator:
+            texts = [await operator.recv() for _ in range(5)]
+        assert not any("NaN" in str(text) or "Infinity" in str(text) for text in texts)
+        assert json.loads(texts[1])["points"]["p001"] == {"verdict": "valid", "reasons": [], "score": None}
+
+    served(rig, do)
+
+
+def test_viewers_leave_places_for_operators(rig: Rig) -> None:
+    async def do(page: PageServer, access: Access) -> None:
+        async with AsyncExitStack() as ends:
+            for number in range(MOST_CLIENTS - FOR_OPERATORS):
+                await ends.enter_async_context(opened(access, Role.VIEWER, f"v{number}"))
+            with pytest.raises(InvalidStatus) as refusal:
+                await opened(access, Role.VIEWER, "one-more")
+            assert refusal.value.response.status_code == 503
+            operator = await ends.enter_async_context(opened(access, client="o"))
+            assert (await answer(operator, do="stop"))["ok"] is True
+
+    served(rig, do)
+
+
+def test_sockets_that_say_nothing_are_hung_up_on_and_a_stop_gets_through(rig: Rig) -> None:
+    async def do(page: PageServer, access: Access) -> None:
+        async with opened(access) as operator:
+            silent = [await asyncio.open_connection("127.0.0.1", access.port) for _ in range(MOST_CONNECTIONS + 20)]
+            ended = [asyncio.create_task(reader.read()) for reader, _ in silent]
+            _, waiting = await asyncio.wait(ended, timeout=2.0, return_when=asyncio.FIRST_COMPLETED)
+            assert len(waiting) < MOST_CONNECTIONS + 20
+            assert (await answer(operator, do="stop"))["ok"] is True
+            for task in ended:
+                task.cancel()
+            for _, writer in silent:
+                writer.close()
+
+    served(rig, do)
+
+
+def test_a_browser_that_reads_nothing_holds_nobody_up_and_heaps_nothing(rig: Rig) -> None:
+    async def do(page: PageServer, access: Access) -> None:
+        async with opened(access, client="reads") as reads, opened(access, client="sleeps") as sleeps:
+            sleeps.transport.pause_reading()
+            asyncio.create_task(swallow(reads)).add_done_callback(lambda _: None)
+            for number in range(400):
+                rig.ring.append([(10**9 + number, 4000 * number, 1.0, number, c, 0) for c in (1, 2, 23)] * 40)
+                page.send_frame()
+                await asyncio.sleep(0)
+            heaps = [one.transport.get_write_buffer_size() for one in page._clients]
+            assert max(heaps) < 2 * MOST_UNSENT
+            sleeps.transport.resume_reading()
+
+    served(rig, do)
+
+
+def test_loops_of_recorded_points_are_not_read_beside_a_campaign_that_runs(rig: Rig) -> None:
+    async def do(page: PageServer, access: Access) -> None:
+        async with opened(access, Role.VIEWER) as viewer:
+            assert (await answer(viewer, do="recorded", point="p001"))["refused"] == "still-running"
+
+    served(rig, do)
+
+
+def test_a_campaign_that_is_killed_is_told_as_gone(rig: Rig) -> None:
+    async def do(page: PageServer, access: Access) -> None:
+        page.send_changes()
+        async with opened(access) as operator:
+            told = [json.loads(await operator.recv()) for _ in range(5)]
+            assert told[2]["running"] is True
+            fcntl.flock(rig.lock, fcntl.LOCK_UN)
+            page.send_changes()
+            while True:
+                message = json.loads(await operator.recv())
+                if message["type"] == "state":
+                    break
+            assert (message["running"], message["ended"]) == (False, {"cut_off": True})
+            assert (await answer(operator, do="stop"))["refused"] == "not-running"
+
+    served(rig, do)
+
+
+def test_over_tls_the_page_opens_by_its_name_alone(rig: Rig, tmp_path: Path) -> None:
+    cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost",
+         "-addext", "subjectAltName=DNS:localhost", "-keyout", str(key), "-out", str(cert)],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    trusting = ssl.create_default_context(cafile=str(cert))
+
+    async def do(page: PageServer, access: Access) -> None:
+        uri = f"wss://localhost:{access.port}/ws?token={access.tokens[Role.OPERATOR]}"
+        assert access.url(Role.OPERATOR).startswith("https://localhost:")
+        async with connect(uri, ssl=trusting, close_timeout=0.2) as operator:
+            assert (await answer(operator, do="stop"))["ok"] is True
+        plain = uri.replace("wss://", "ws://")
+        with pytest.raises((InvalidMessage, ConnectionError, EOFError)):
+            await connect(plain, open_timeout=5)
+        with pytest.raises(ssl.SSLCertVerificationError):
+            await connect(uri, ssl=ssl.create_default_context())
+
+    served(rig, do, PageSettings("localhost", str(cert), str(key)))
 
 
 def test_the_ring_is_only_read(rig: Rig) -> None:

@@ -12,7 +12,7 @@ from drivers.ring import Channel
 from rig.recording.conversion.conversion import build
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.quality.verdict import Verdict
-from rig.signals.current_error import loop_error_A, steps_error_A
+from rig.signals.current_error import law_error_A, loop_error_A, steps_error_A
 
 TIME_S = np.arange(0.0, 10.0, 0.004)
 STARTS_S = np.arange(11.0)
@@ -156,3 +156,15 @@ def test_a_current_step_point_is_judged_by_its_own_levels() -> None:
 
     assert judged(0.0) == []
     assert judged(0.2) == ["current-tracking"]
+
+
+def test_a_current_that_follows_its_commands_late_has_their_mean() -> None:
+    """Commands of 0 and 1 A by turns, 0.1 s each; measured 20 ms later, or 10 % too little."""
+    commanded_s = np.arange(0.0, 10.0, 0.1)
+    commanded_A = np.arange(100) % 2 * 1.0
+    time_s = np.arange(0.005, 10.0, 0.01)
+    late_A = np.where(time_s < 0.02, 0.0, commanded_A[np.clip(((time_s - 0.02) / 0.1).astype(int), 0, 99)])
+    assert law_error_A(time_s, late_A, commanded_s, commanded_A) == pytest.approx(0.002, abs=1e-6)
+    assert law_error_A(time_s, 0.9 * late_A, commanded_s, commanded_A) == pytest.approx(0.0518, abs=1e-6)
+    assert law_error_A(time_s, np.full(len(time_s), np.nan), commanded_s, commanded_A) is None
+    assert law_error_A(time_s, late_A, commanded_s[:0], commanded_A[:0]) is None

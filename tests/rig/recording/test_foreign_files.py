@@ -240,6 +240,33 @@ def test_channels_that_were_not_sampled_together_are_refused(tmp_path: Path) -> 
         read(tmp_path / "a.tdms", displacement="Stroke", force="Other/Load:kN")
 
 
+def test_wave_forms_that_began_at_another_time_were_not_sampled_together(tmp_path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    for second, problem in (("00", ""), ("01", "not sampled together")):
+        stroke = {"wf_increment": 0.004, "unit_string": "mm", "wf_start_time": np.datetime64("2024-01-01T00:00:00")}
+        load = {**stroke, "unit_string": "kN", "wf_start_time": np.datetime64(f"2024-01-01T00:00:{second}")}
+        with TdmsWriter(tmp_path / "a.tdms") as writer:
+            writer.write_segment([ChannelObject("g", "x", X_MM, stroke), ChannelObject("g", "F", F_N / 1e3, load)])
+        if problem:
+            with pytest.raises(FileProblem, match=problem):
+                read(tmp_path / "a.tdms", displacement="x", force="F")
+        else:
+            check(read(tmp_path / "a.tdms", displacement="x", force="F"))
+
+
+def test_columns_of_one_name_in_one_group_are_named_by_their_place(tmp_path: Path) -> None:
+    from asammdf import MDF, Signal
+
+    with MDF(version="4.10") as mdf:
+        mdf.append([Signal(X_MM, T, unit="mm", name="x"), Signal(0.0 * F_N, T, unit="kN", name="F"),
+                    Signal(F_N / 1e3, T, unit="kN", name="F")])  # fmt: skip
+        mdf.save(tmp_path / "a.mf4")
+    with pytest.raises(FileProblem, match="2 columns are called 'F'; name one of them by #2, #3"):
+        read(tmp_path / "a.mf4", displacement="x", force="F")
+    check(read(tmp_path / "a.mf4", displacement="x", force="#3"))
+
+
 def test_a_small_file_that_inflates_beyond_measure_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from scipy.io import savemat
 

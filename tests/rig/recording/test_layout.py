@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import h5py
@@ -89,6 +91,24 @@ def test_every_group_says_which_nexus_class_it_is(file: Path) -> None:
         assert data.attrs["signal"].decode() in data
         assert data.attrs["axes"].decode() in data
         assert data.attrs["time_indices"] == 0
+
+
+def nexus_errors(path: Path, home: Path) -> list[str]:
+    """What the NeXus validator punx calls an error: the place, and what is wrong with it."""
+    tool = Path(sys.executable).with_name("punx")
+    if not tool.exists():
+        pytest.skip("the NeXus validator punx is not installed")
+    environment = {**os.environ, "HOME": str(home), "XDG_CONFIG_HOME": str(home), "QT_QPA_PLATFORM": "offscreen"}
+    ran = subprocess.run([tool, "validate", path], env=environment, capture_output=True, text=True, timeout=300)
+    assert "NeXus definitions version" in ran.stdout, ran.stderr
+    return [" ".join(line.split()) for line in ran.stdout.split("\n") if " ERROR " in line and line.startswith("/")]
+
+
+def test_a_nexus_validator_finds_no_error(file: Path, tmp_path: Path) -> None:
+    assert nexus_errors(file, tmp_path) == []
+    with h5py.File(file, "r+") as opened:
+        opened["entry/data"].attrs["signal"] = b"absent"
+    assert any("not found: /entry/data/absent" in line for line in nexus_errors(file, tmp_path))
 
 
 def overhead_bytes(path: Path) -> int:

@@ -58,6 +58,7 @@ def test_the_file_of_a_long_point_equals_that_of_a_short_one(tmp_path: Path, mon
     assert sorted(path.name for path in (tmp_path / "long").iterdir()) == ["p001.h5"]
 
 
+@pytest.mark.nightly
 def test_memory_does_not_grow_with_the_points_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(channel_split, "MOST_BYTES_IN_MEMORY", 100_000)
     monkeypatch.setattr(chunked_column, "PART_SAMPLES", 5_000)

@@ -32,6 +32,17 @@ def test_a_line_is_broken_where_nothing_was_measured() -> None:
     assert svg.split('class="m" d="')[1].split('"')[0].count("M") == 2
 
 
+def test_a_value_without_neighbours_is_a_cross() -> None:
+    """Damping of a single speed is one value: as a line it would not be seen."""
+    svg = Chart("x", "y", [Trace(np.arange(4.0), np.array([1.0, 2.0, np.nan, 0.5]), "m")]).svg()
+    line, cross = svg.split('class="m" d="M')[1].split('"')[0].split("M", 1)
+    assert "L" in line
+    across, down = cross.split("M")
+    left, right = float(across.split()[0]), float(across.split("H")[1])
+    assert right - left == pytest.approx(6.0)
+    assert float(down.split()[0]) == pytest.approx((left + right) / 2.0, abs=0.1)
+
+
 def test_higher_values_are_drawn_higher() -> None:
     svg = Chart("x", "y", [Trace(np.array([0.0, 1.0]), np.array([0.0, 1.0]), "m")]).svg()
     first, second = svg.split('class="m" d="M')[1].split('"')[0].split("L")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rig.dampers import model
-from rig.study.paper1_tables import unmirrored
+from rig.identification.models.problem import unmirrored
 from rig.study.post_hoc import dunn
 from rig.study.printed_values import BEST, SETTINGS
 

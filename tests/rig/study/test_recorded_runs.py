@@ -101,6 +101,7 @@ def test_two_tests_at_a_current_are_refused_with_how_to_choose(run_folder: Path)
         Workbench(load_study(study_of(run_folder, currents='"0 A", "1 A"')))
 
 
+@pytest.mark.nightly
 def test_a_study_of_a_run_fills_table_1_and_says_what_a_method_could_not_do(run_folder: Path, tmp_path: Path) -> None:
     path = study_of(run_folder, currents='"0 A", "1 A"', current_select='select = "frequency_Hz=1"')
     outcome = run_study(path, tmp_path / "out", processes=1)

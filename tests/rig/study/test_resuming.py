@@ -76,6 +76,7 @@ def test_after_kill_9_the_study_goes_on_with_the_same_tables_and_no_worker_stays
     assert resumed.kruskal_wallis == straight.kruskal_wallis
 
 
+@pytest.mark.nightly
 def test_ctrl_c_ends_a_study_with_one_line_and_keeps_what_is_finished(small_study: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     with started(small_study, out) as process:

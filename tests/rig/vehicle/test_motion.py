@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from rig import dampers
 from rig.dampers.kernel import force_series
 from rig.vehicle.car import Car, load_car
-from rig.vehicle.control import Control
+from rig.vehicle.laws import Control
 from rig.vehicle.motion import CornerDamper, DrivenCar
 from rig.vehicle.road_file import load_road
 from rig.vehicle.structure import Structure, structure

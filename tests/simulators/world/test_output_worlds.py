@@ -69,6 +69,7 @@ def test_a_matrix_runs_by_an_output_that_nobody_measures_and_says_so(tmp_path: P
     assert "ecu-without-timeout: nothing says that the output goes to 0 A" in lacking(Run.open(world.folder))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("happening", "slug"),
     [("ecu-silent@0.4", "ecu-silent"), ("ecu-restart@0.4", "ecu-restart")],

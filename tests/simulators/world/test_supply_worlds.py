@@ -81,7 +81,7 @@ def test_a_matrix_runs_on_a_supply_described_by_a_file(tmp_path: Path) -> None:
     assert "ecu-without-timeout: the supply has no time-out of its own" in lacking(Run.open(world.folder))
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("happening", "slug", "stop"),
     [

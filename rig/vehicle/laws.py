@@ -1,4 +1,4 @@
-"""What commands the coils: laws of the current from what body and wheel do at each corner.
+"""What commands the coils: laws of the current from what body and wheel do at each corner; pure numbers, no numpy.
 
 passive     I = constant
 skyhook     Imax where zs' (zs' - zu') > 0, else 0          Karnopp, Crosby, Harwood 1974
@@ -9,13 +9,9 @@ inverse     the current at which the damper's force is c (sigma zs' - (1 - sigma
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
-
-import numpy as np
-
-from rig.dampers.arrays import FloatArray
-from rig.dampers.compiled_cache import njit
 
 Law = Literal["passive", "skyhook", "groundhook", "hybrid", "inverse"]
 LAWS: tuple[Law, ...] = ("passive", "skyhook", "groundhook", "hybrid", "inverse")
@@ -51,19 +47,28 @@ class Control:
             raise ValueError(f"share {self.sky_share}; allowed: 0 to 1")
 
     @property
-    def vector(self) -> FloatArray:
-        """As the compiled loop takes it: law, Imax, I, sigma, c."""
-        return np.array([
-            float(LAWS.index(self.law)), self.most_A, self.current_A, self.sky_share, self.damping_N_s_m,
-        ])
+    def vector(self) -> tuple[float, float, float, float, float]:
+        """As `wanted_current` takes it: law, Imax, I, sigma, c."""
+        return (float(LAWS.index(self.law)), self.most_A, self.current_A, self.sky_share, self.damping_N_s_m)
+
+    @property
+    def range_A(self) -> tuple[float, float]:
+        """The least and the most current that the law may ask for."""
+        if self.law == "passive":
+            return self.current_A, self.current_A
+        return 0.0, max(self.most_A, self.current_A)
 
 
 CONTROL = Control()
 
 
-@njit()
+def law_named(name: str) -> Law:
+    """The law of a name; passive where there is no such one."""
+    return next((law for law in LAWS if law == name), "passive")
+
+
 def wanted_current(
-    law: FloatArray, body_m_s: float, wheel_m_s: float, ratio: float, at_zero_N: float, at_most_N: float
+    law: Sequence[float], body_m_s: float, wheel_m_s: float, ratio: float, at_zero_N: float, at_most_N: float
 ) -> float:
     """Current (A) that a law asks for.
 

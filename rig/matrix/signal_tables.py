@@ -1,0 +1,215 @@
+"""`[matrix.sweep]`, `[matrix.road]`, `[matrix.file]`: motions of the rig that do not repeat, each point a record.
+
+What a table names is read with the matrix file: a record that cannot be used is refused with every other wrong entry.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal, Self, TypeVar
+
+import numpy as np
+from pydantic import Field, PrivateAttr, field_validator, model_validator
+
+from rig.bench.problems import load_section
+from rig.bench.quantity import Problem, Quantity
+from rig.bench.section import Section, located
+from rig.dampers.arrays import FloatArray
+from rig.errors import FileProblem
+from rig.matrix.record_file import LARGEST_BYTES, read_record
+from rig.signals.record import (
+    LONGEST_S,
+    STEP_S,
+    NoRecord,
+    Record,
+    SweepMotion,
+    record_of,
+    sweep_record,
+    through_rows,
+)
+from rig.text_file import read_bytes
+from rig.vehicle.road_file import FOLDER as ROADS
+from rig.vehicle.road_file import RoadFile
+from rig.vehicle.shipped import found
+
+MOST_ROAD_BYTES = 262_144
+MOST_RECORDS = 50
+
+S = TypeVar("S", bound=Section)
+Amplitude = Annotated[float, Quantity("length", "0 mm", "1 m", above=True)]
+Frequency = Annotated[float, Quantity("frequency", "0.01 Hz", "100 Hz")]
+Ramp = Annotated[float, Quantity("time", "0.1 s", "60 s")]
+Duration = Annotated[float, Quantity("time", "1 s", "600 s")]
+Name = Annotated[str, Field(min_length=1, max_length=1000)]
+Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=MOST_RECORDS)]
+RAMP = Field(default=1.0, alias="ramp", description="faded in and out at the ends: neither judged nor fitted")
+
+
+class SignalTable(Section):
+    """What the three tables have in common: their records."""
+
+    _records: tuple[Record, ...] = PrivateAttr(default=())
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """One point each, at every current."""
+        return self._records
+
+    @property
+    def hashes(self) -> Mapping[str, str]:
+        """Each file's name or path as the table holds it, and the SHA-256 (hex) of what it holds."""
+        return {}
+
+
+class SweepTable(SignalTable):
+    """`[matrix.sweep]`: a sine whose frequency and amplitude change."""
+
+    first_Hz: Frequency = Field(alias="first_frequency")
+    last_Hz: Frequency = Field(alias="last_frequency")
+    first_m: Amplitude = Field(alias="first_amplitude")
+    last_m: Amplitude | None = Field(default=None, alias="last_amplitude", description="as the first where left out")
+    duration_s: Duration = Field(alias="duration", description="with both ramps")
+    spacing: Literal["linear", "logarithmic"] = Field(
+        default="linear", description="frequency and amplitude change by equal amounts, or by equal factors, a second"
+    )
+    ramp_s: Ramp = RAMP
+
+    @model_validator(mode="after")
+    def _made(self) -> Self:
+        if self.first_Hz == self.last_Hz:
+            raise located([(("last_frequency",), "is the first one; a sweep goes from one frequency to another")])
+        last_m = self.first_m if self.last_m is None else self.last_m
+        motion = SweepMotion(
+            self.duration_s, self.first_Hz, self.last_Hz, self.first_m, last_m, self.spacing == "logarithmic"
+        )
+        self._records = _each(("duration",), [partial(sweep_record, motion, self.ramp_s)])
+        return self
+
+
+class RoadTable(SignalTable):
+    """`[matrix.road]`: the height of a road under a wheel, less its mean, as the motion of the rod."""
+
+    road: Names = Field(description="names of the program's roads, or road files", examples=[["iso8608-c"]])
+    amplitude_m: Amplitude = Field(alias="amplitude", description="scaled so: largest distance from the centre")
+    speed_m_s: Annotated[float, Quantity("speed", "0.1 m/s", "100 m/s")] | None = Field(
+        default=None, alias="speed", description="of the car; that of the road's file where left out"
+    )
+    duration_s: Duration | None = Field(default=None, alias="duration", description="from its beginning; all of it")
+    side: Literal["left", "right"] = "left"
+    highest_Hz: Frequency = Field(
+        default=5.0, alias="highest_frequency", description="what is faster is taken off, without phase"
+    )
+    ramp_s: Ramp = RAMP
+    _hashes: dict[str, str] = PrivateAttr(default_factory=dict)
+
+    @field_validator("road")
+    @classmethod
+    def _once(cls, values: tuple[str, ...]) -> tuple[str, ...]:
+        return _none_twice(values)
+
+    @model_validator(mode="after")
+    def _made(self) -> Self:
+        self._records = _each(("road",), [partial(self._record, name) for name in self.road])
+        return self
+
+    @property
+    def hashes(self) -> Mapping[str, str]:
+        """Of the road file, and of the CSV file that it names."""
+        return self._hashes
+
+    def _record(self, name: str) -> Record:
+        path = found(name, ROADS, "road")
+        file = load_section(path, RoadFile, "road")[0]
+        if self.speed_m_s is not None:
+            if file.drive is not None:
+                raise NoRecord("is a drive file, which moves posts in its own time; leave the speed out")
+            file = file.model_copy(update={"speed_m_s": self.speed_m_s})
+        content = read_bytes(path, MOST_ROAD_BYTES)
+        table = file.profile or file.drive
+        if table is not None:
+            content += hashlib.sha256(read_bytes(path.parent / table.file, LARGEST_BYTES)).digest()
+        self._hashes[name] = hashlib.sha256(content).hexdigest()
+        road = file.road(path.parent)
+        duration_s = min(road.duration_s, LONGEST_S if self.duration_s is None else self.duration_s)
+        time_s = STEP_S * np.arange(int(duration_s / STEP_S + 1e-6) + 1, dtype=np.float64)
+        height_m = road.heights(time_s, 1.0 if self.side == "left" else -1.0)
+        return record_of(
+            path.stem, height_m - np.mean(height_m), self.ramp_s, amplitude_m=self.amplitude_m,
+            highest_Hz=self.highest_Hz, sha256=self._hashes[name],
+        )
+
+
+class FileTable(SignalTable):
+    """`[matrix.file]`: CSV files of time and displacement about the centre."""
+
+    file: Names = Field(
+        description="CSV files with columns such as time_s and displacement_mm; 0 is the specimen's middle of stroke",
+        examples=[["drive.csv"]],
+    )
+    amplitude_m: Amplitude | None = Field(
+        default=None, alias="amplitude", description="scaled so: largest distance from the centre; else as written"
+    )
+    highest_Hz: Frequency | None = Field(
+        default=None, alias="highest_frequency", description="what is faster is taken off, without phase; nothing"
+    )
+    ramp_s: Ramp = RAMP
+    _hashes: dict[str, str] = PrivateAttr(default_factory=dict)
+
+    @field_validator("file")
+    @classmethod
+    def _once(cls, values: tuple[str, ...]) -> tuple[str, ...]:
+        return _none_twice(values)
+
+    @model_validator(mode="after")
+    def _made(self) -> Self:
+        self._records = _each(("file",), [partial(self._record, name) for name in self.file])
+        return self
+
+    @property
+    def hashes(self) -> Mapping[str, str]:
+        """Of each CSV file."""
+        return self._hashes
+
+    def _record(self, name: str) -> Record:
+        time_s, position_m, self._hashes[name] = read_record(Path(name))
+        even_m: FloatArray = through_rows(time_s, position_m)
+        return record_of(
+            Path(name).stem, even_m, self.ramp_s, amplitude_m=self.amplitude_m, highest_Hz=self.highest_Hz,
+            sha256=self._hashes[name],
+        )
+
+
+def _each(place: tuple[str, ...], made: Sequence[Callable[[], Record]]) -> tuple[Record, ...]:
+    """Every record, or what is wrong with any of them; of a list each at its place.
+
+    Raises:
+        wrong: with every problem.
+    """
+    records, problems = [], list[Problem]()
+    for number, make in enumerate(made):
+        where: tuple[str | int, ...] = place if place == ("duration",) else (*place, number)
+        try:
+            records.append(make())
+        except NoRecord as error:
+            problems.append((where, str(error)))
+        except FileProblem as error:
+            problems += [(where, problem) for problem in error.problems]
+    if problems:
+        wrong: Exception = located(problems)
+        raise wrong
+    return tuple(records)
+
+
+def _none_twice(values: tuple[str, ...]) -> tuple[str, ...]:
+    """The names as they are.
+
+    Raises:
+        ValueError: one stands there twice.
+    """
+    twice = sorted({value for value in values if values.count(value) > 1})
+    if twice:
+        raise ValueError(f"{', '.join(twice)} is given twice; to repeat points set `repeats = N`")
+    return values

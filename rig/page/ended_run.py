@@ -1,0 +1,138 @@
+"""What is left of a run that has ended, from its files: how it ended, its points' verdicts, and their loops.
+
+The journal is the campaign's own; a session that says nothing at its end was killed or cut off, whatever an earlier
+session said. Nothing here is read while a campaign runs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from drivers.ring import Channel
+from rig.page.samples import LOOP_F, LOOP_V, LOOP_X, RECORDED, packed, thinned
+
+TOLD = (b'"result"', b'"judged"', b'"connected"', b'"point"')
+"""Events of a journal that say how a run ended; other lines are not looked into."""
+KEYS = ("valid", "total", "rig_state", "stopped_by", "points")
+RANKS = ("invalid", "suspect", "valid")
+MOST_SHOWN = 4000
+READ_S = 30.0
+CHANNELS = {
+    Channel.FORCE: "force", Channel.DISPLACEMENT: "displacement", Channel.COIL_CURRENT: "current",
+    Channel.COIL_TEMPERATURE: "coil_temperature", Channel.COMMANDED_CURRENT: "commanded_current",
+}
+LOOP = {LOOP_X: "displacement", LOOP_V: "velocity", LOOP_F: "force"}
+
+
+class EndedRun:
+    """One run, read again when its journal has changed.
+
+    Args:
+        run: its directory.
+    """
+
+    def __init__(self, run: Path) -> None:
+        self._run = run
+        self._stamp: tuple[int, int] | None = None
+        self._result: dict[str, Any] | None = None
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """How it ended: `valid`, `total`, `rig_state`, `stopped_by`, `points`, `lines`; or `cut_off`, with `points`."""
+        try:
+            status = (self._run / "journal.jsonl").stat()
+        except OSError:
+            return {"cut_off": True, "points": []}
+        stamp = status.st_mtime_ns, status.st_size
+        if self._result is None or stamp != self._stamp:
+            self._stamp, self._result = stamp, _result(self._run / "journal.jsonl")
+        return self._result
+
+    @property
+    def points(self) -> dict[str, dict[str, Any]]:
+        """Verdicts by point, as pages are told them; `file` where there is one."""
+        kept = (point for point in self.result["points"] if isinstance(point, dict))
+        return {
+            str(point.get("id")): {
+                "verdict": str(point.get("verdict", "")), "reasons": list(point.get("reasons") or ()),
+                "file": self._file(point) is not None,
+            }
+            for point in kept
+        }  # fmt: skip
+
+    def _file(self, point: dict[str, Any]) -> Path | None:
+        """In this run's own folder, wherever it has been moved to."""
+        named = Path(str(point.get("file") or "")).name
+        path = self._run / "points" / named
+        return path if named and path.is_file() else None
+
+    def frame(self, point_id: str) -> bytes | None:
+        """The last cycles of a recorded point, and its last 20 s, as one frame; None where nothing can be read."""
+        point = next((known for known in self.result["points"] if known.get("id") == point_id), None)
+        path = None if point is None else self._file(point)
+        if path is None:
+            return None
+        with contextlib.suppress(OSError, KeyError, ValueError, IndexError, subprocess.SubprocessError, BadZipFile):
+            return _frame(path)
+        return None
+
+
+def _result(journal: Path) -> dict[str, Any]:
+    result: dict[str, Any] | None = None
+    points: dict[str, dict[str, Any]] = {}
+    for event in _events(journal):
+        kind = event.get("event")
+        if kind == "result":
+            result, points = event, {str(one.get("id")): one for one in event.get("points") or ()}
+        elif kind in {"connected", "point"}:
+            result = None
+        elif kind == "judged" and _rank(event) >= _rank(points.get(str(event.get("id")), {})):
+            points[str(event.get("id"))] = event
+    if result is None:
+        return {"cut_off": True, "points": list(points.values())}
+    lines = [str(result["detail"])] if result.get("detail") else []
+    lines += [str(one.get("text", "")) for one in result.get("findings") or () if isinstance(one, dict)]
+    return {**{key: result.get(key) for key in KEYS}, "points": list(points.values()), "lines": lines}
+
+
+def _rank(point: dict[str, Any]) -> int:
+    """Of a point's attempts the best counts, then the latest."""
+    verdict = point.get("verdict")
+    return RANKS.index(verdict) if verdict in RANKS else -1
+
+
+def _events(journal: Path) -> Iterator[dict[str, Any]]:
+    with contextlib.suppress(OSError), journal.open("rb") as file:
+        for line in file:
+            if any(word in line for word in TOLD):
+                with contextlib.suppress(ValueError, RecursionError):
+                    event = json.loads(line)
+                    if isinstance(event, dict):
+                        yield event
+
+
+def _frame(path: Path) -> bytes | None:
+    """One frame of a point's file; read by a process of its own, so that no file can harm the page."""
+    command = [sys.executable, "-m", "rig.recording.excerpt", str(path)]
+    silent = subprocess.DEVNULL
+    done = subprocess.run(
+        command, stdin=silent, stdout=subprocess.PIPE, stderr=silent, timeout=READ_S, check=False
+    )
+    if done.returncode:
+        return None
+    arrays = np.load(io.BytesIO(done.stdout), allow_pickle=False)
+    shown = {
+        int(channel): thinned(arrays[f"time_{name}"], arrays[name], MOST_SHOWN) for channel, name in CHANNELS.items()
+    }
+    shown |= {channel: (arrays["loop_time"], arrays[f"loop_{name}"]) for channel, name in LOOP.items()}
+    return packed(shown, float(arrays["time_force"][-1]), RECORDED)

@@ -1,0 +1,59 @@
+// The connection: whether what is shown is now, and what became of a stop. A socket that is open proves nothing: a phone that
+// slept or a cable that was pulled leaves it open for minutes, and one that is slow delivers old samples as if they were new.
+
+const SILENT_S = 2, GIVEN_UP_S = 6, STOP_TRIED_S = 10, STOP_SEEN_S = 15, ASK_EVERY_MS = 1000;
+let socket = null, opened_at = 0, heard_at = 0, asked_at = 0, clock = null, waiting = 0;
+let stop_asked = null; // { at, sent, taken, failed }: the last press of Stop
+
+const token = new URLSearchParams(location.search).get("token") || "";
+let key = sessionStorage.getItem("rig-page-key");
+if (!key) {
+  key = [...crypto.getRandomValues(new Uint8Array(18))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+  sessionStorage.setItem("rig-page-key", key);
+}
+
+function connect() {
+  clearTimeout(waiting);
+  if (socket) { socket.onopen = socket.onmessage = socket.onclose = null; socket.close(); }
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws?token=${encodeURIComponent(token)}&client=${key}`);
+  socket.binaryType = "arraybuffer"; opened_at = performance.now(); asked_at = 0; clock = null;
+  socket.onopen = () => { heard_at = performance.now(); ask_clock(); send_stop(); };
+  socket.onmessage = (event) => { heard_at = performance.now(); if (typeof event.data === "string") take(JSON.parse(event.data)); else frame(event.data); };
+  socket.onclose = () => { socket = null; judge(); waiting = setTimeout(connect, 1000); };
+}
+function is_open() { return Boolean(socket) && socket.readyState === WebSocket.OPEN; }
+function say(message) {
+  if (!is_open()) return false;
+  socket.send(JSON.stringify(message)); return true;
+}
+
+// An answer comes behind all that waits in the same connection: how long it takes is how old the picture is.
+function ask_clock() { if (!asked_at && say({ do: "clock", sent: performance.now() })) asked_at = performance.now(); }
+function clock_answered(message) {
+  const there = performance.now(), took = there - message.sent;
+  asked_at = 0;
+  if (!clock || took < clock.took || there - clock.at > 60000) clock = { took, at: there, offset_s: message.host_s - (there - took / 2) / 1000 };
+}
+function silence_s() {
+  const now = performance.now();
+  return Math.max(now - heard_at, asked_at ? now - asked_at : 0) / 1000;
+}
+function connected() { return is_open() && silence_s() < SILENT_S; }
+function look_after() {
+  if (socket && socket.readyState === WebSocket.CONNECTING ? performance.now() - opened_at > 1000 * GIVEN_UP_S : is_open() && silence_s() > GIVEN_UP_S) connect();
+  if (stop_asked && !stop_asked.taken && performance.now() - stop_asked.at > 1000 * STOP_TRIED_S) stop_asked.failed = true;
+  if (stop_asked && stop_asked.failed && connected()) { stop_asked = null; answer("Your last Stop did not reach the rig. Press it again."); }
+  if (stop_asked && stop_asked.taken && performance.now() - stop_asked.taken > 1000 * STOP_SEEN_S) stop_asked = null;
+  judge();
+}
+setInterval(ask_clock, ASK_EVERY_MS);
+document.addEventListener("visibilitychange", look_after);
+window.addEventListener("pageshow", look_after);
+
+// A stop pressed while the connection is away is sent as soon as it is back, for a few seconds; whether it was taken is shown.
+function stop() { stop_asked = { at: performance.now(), sent: false, taken: 0, failed: false }; send_stop(); judge(); }
+function send_stop() { if (stop_asked && !stop_asked.taken && !stop_asked.failed) stop_asked.sent = say({ do: "stop" }); }
+function stop_answered(message) {
+  if (message.ok && stop_asked) stop_asked.taken = performance.now();
+  if (!message.ok) stop_asked = null;
+}

@@ -1,0 +1,62 @@
+// What the banner says: the worst that is known, and nothing good that is not known now.
+
+const NEEDED = [23, 1, 2]; // controller, load cell, displacement: without them nothing is known of the machine
+
+function devices_late() {
+  if (!run || !state.running || !host_now) return [];
+  const late = run.devices.filter((one) => series.has(one.channel) && age_s(one.channel) > allowed_s(one.stale_after_s)).map((one) => one.name);
+  const missed = run.devices.filter((one) => NEEDED.includes(one.channel) && !series.has(one.channel) && first_frame_s() > allowed_s(one.stale_after_s) + 1);
+  if (moving()) late.push(...missed.map((one) => one.name));
+  if (state.host_ns && now_s() - state.host_ns * 1e-9 > 2) late.push("application");
+  return late;
+}
+function allowed_s(stale_after_s) { return Math.max(stale_after_s, 0.2) + 0.15; }
+function age_s(channel) { return now_s() - series.get(channel).last_t; }
+function first_frame_s() { return first_at ? (performance.now() - first_at) / 1000 : 0; }
+function moving() { return ["running", "adapting the amplitude", "warming up", "centring", "stepping the current"].includes(state.phase); }
+function heard_of() { return Boolean(run) && run.devices.some((one) => series.has(one.channel)); }
+function points_that_are(verdict) { return Object.entries(results).filter(([, one]) => one.verdict === verdict).map(([id]) => id); }
+
+function opinion() {
+  if (state.ended) return of_the_end(state.ended, connected() ? "" : " (The page has closed; this is how the campaign ended.)");
+  if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "No connection to the rig. Stop it there."];
+  if (!connected()) return ["bad", "✗", "NO CONNECTION", run ? "What is shown is old. Go and look; stop there." : "The page has lost the rig. Go and look; stop there."];
+  if (!state.running && state.phase === undefined) return ["wait", "…", "WAITING", "for the campaign"];
+  if (!state.running) return ["bad", "✗", "NOT OK", "The campaign's program is gone without a word: killed, or cut off. Its station stops the rig. Go and look."];
+  if (state.phase === "stopping" || (stop_asked && stop_asked.taken)) return ["bad", "■", "STOPPING", "coil to 0 A, motion fades out"];
+  if (stop_asked) return ["bad", "■", "STOP SENT", "not confirmed yet: be ready to stop at the rig"];
+  const late = devices_late(), invalid = points_that_are("invalid"), suspect = points_that_are("suspect");
+  const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.phase === "paused" ? "; paused, Start continues" : "";
+  if (late.length) return ["bad", "✗", "NOT OK", `no fresh data from: ${late.join(", ")}${todo}`];
+  if (invalid.length) return ["bad", "✗", "NOT OK", `invalid: ${invalid.join(", ")}${todo}`];
+  const doubt = suspect.length ? `; suspect: ${suspect.join(", ")}` : "";
+  if (state.asked) return ["wait", "?", "SET CURRENT", `${question(state.asked)}${doubt}`];
+  if (state.held) return ["wait", "Ⅱ", "READY", "waiting for Start"];
+  if (state.phase === "paused") return ["wait", "Ⅱ", "PAUSED", `Start continues${doubt}`];
+  const what = `${state.phase || ""}${state.paused ? "; pausing after this point" : ""}`;
+  if (suspect.length) return ["bad", "?", "LOOK", `suspect: ${suspect.join(", ")}; ${what}`];
+  return heard_of() ? ["good", "✓", "OK", what] : ["wait", "…", "STARTING", what];
+}
+
+function of_the_end(ended, note) {
+  const lines = (ended.lines || []).join(" ");
+  if (ended.refused) return ["bad", "✗", "REFUSED", lines + note];
+  if (ended.cut_off) return ["bad", "✗", "CUT OFF", `The campaign ended without a result: killed, or a power cut. Go and look before it is resumed.${note}`];
+  if (ended.rig_state === "unknown") return ["bad", "✗", "NOT OK", `RIG STATE UNKNOWN: go and look. ${lines}${note}`];
+  if (ended.stopped_by) return ["bad", "■", "STOPPED", (lines || ended.stopped_by) + note];
+  if (!(ended.valid >= ended.total)) return ["bad", "✗", "NOT OK", `${ended.valid} of ${ended.total} points valid. ${lines}${note}`];
+  if (lines) return ["bad", "?", "LOOK", `all ${ended.total} points valid, but: ${lines}${note}`];
+  return ["good", "✓", "OK", `finished: all ${ended.total} points valid${note}`];
+}
+
+function judge() {
+  const [kind, sign, verdict, why] = opinion(), banner = by_id("banner");
+  if (banner.className !== kind) banner.className = kind;
+  for (const [id, text] of [["sign", sign], ["verdict", verdict], ["why", why]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
+  by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken) && !state.ended);
+  const over = Boolean(state.ended) && !state.running; // nothing to stop, nothing to command: verdicts and loops alone
+  document.body.classList.toggle("over", over);
+  document.body.classList.toggle("old", (!connected() || !state.running) && !(over && recorded && recorded.series));
+  document.title = `${verdict} – MR damper rig`;
+  ages();
+}

@@ -1,0 +1,167 @@
+// Everything on the page but charts and banner, from what the server told. Every text is set as text, never as markup.
+
+function element(name, text, kind) {
+  const made = document.createElement(name);
+  if (text !== undefined) made.textContent = text;
+  if (kind) made.className = kind;
+  return made;
+}
+function push_button(text, title, press) {
+  const button = element("button", text); button.type = "button"; button.title = title; button.onclick = press;
+  return button;
+}
+function answer(text) { by_id("answer").textContent = text; }
+function duration(s) {
+  if (typeof s !== "number") return "";
+  return s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${Math.floor(s % 60)} s` : `${Math.max(0, Math.round(s))} s`;
+}
+function describe(one) {
+  return `${one.waveform} ${plain(1000 * one.amplitude_m)} mm, ${plain(one.frequency_Hz)} Hz, ${plain(one.current_A)} A`;
+}
+function question(asked) { return asked.current_A ? `set ${asked.current_A.toFixed(2)} A on the supply, then confirm` : "set 0 A on the supply and switch its output off, then confirm"; }
+
+function progress() {
+  const one = point(), total = run ? run.points.length : 0, done = Object.values(results).filter((each) => each.verdict !== "not run").length;
+  by_id("point").textContent = one && !state.ended ? `${one.id}: ${describe(one)}` : state.ended ? "ended" : "–";
+  by_id("phase").textContent = state.ended ? "" : `${state.phase || ""}${one && state.cycles ? `, cycle ${state.cycles} of ${Math.round(one.cycles)}` : ""}`;
+  by_id("left").textContent = state.ended || !state.running ? "" : typeof state.time_left_s === "number" ? `${duration(state.time_left_s)} left` : "";
+  const share = total ? 100 * Math.min(1, (done + (one && one.cycles && !results[one.id] ? Math.min(1, state.cycles / one.cycles) : 0)) / total) : 0;
+  by_id("done").style.width = `${share}%`;
+  by_id("bar").setAttribute("aria-valuenow", share.toFixed(0));
+  document.querySelectorAll("#matrix li").forEach((item) => item.classList.toggle("running", item.dataset.id === state.point && !state.ended));
+}
+
+function matrix() {
+  const list = by_id("matrix"), focused = document.activeElement && list.contains(document.activeElement) ? document.activeElement.dataset.name : "";
+  list.replaceChildren();
+  const points = run ? run.points : [];
+  for (const one of points) list.append(matrix_entry(one, results[one.id] || {}));
+  if (focused) { const again = list.querySelector(`[data-name="${CSS.escape(focused)}"]`); if (again) again.focus(); }
+  const judged = Object.entries(results).filter(([, one]) => one.verdict !== "not run"), valid = points_that_are("valid").length;
+  by_id("count").textContent = points.length ? `– ${valid} valid, ${judged.length} of ${points.length} done; specimen ${run.specimen}` : "";
+  const [last, found] = judged.pop() || [];
+  if (last) {
+    const one = points.find((each) => each.id === last);
+    by_id("last").textContent = `Last result: ${last} ${found.verdict}${one ? ` (${describe(one)})` : ""}${found.reasons && found.reasons.length ? `: ${found.reasons.join("; ")}` : ""}`;
+  } else by_id("last").textContent = "";
+  progress();
+}
+function matrix_entry(one, judged) {
+  const verdict = judged.verdict || "", mark = { valid: "✓", suspect: "?", invalid: "✗" }[verdict] || "·";
+  const item = element("li", undefined, verdict.replace(" ", "-")); item.dataset.id = one.id;
+  item.append(element("b", `${mark} ${one.id} `), element("span", verdict ? `${verdict} ` : ""));
+  if (judged.file) {
+    const show = push_button("loops", `loops of ${one.id} as recorded`, () => say({ do: "recorded", point: one.id }));
+    show.dataset.name = `loops ${one.id}`; show.setAttribute("aria-label", `loops of ${one.id}`);
+    show.setAttribute("aria-pressed", String(Boolean(recorded) && recorded.point === one.id)); item.append(show);
+  }
+  item.append(element("div", describe(one)));
+  for (const reason of judged.reasons || []) item.append(element("div", reason, "reason"));
+  return item;
+}
+
+function lamps() {
+  const list = by_id("lamps"); list.replaceChildren();
+  for (const one of [...run.devices, { name: "application", channel: -1, stale_after_s: 2 }]) {
+    const item = element("li"); item.dataset.channel = one.channel; item.dataset.stale = one.stale_after_s;
+    item.append(element("span", "·", "mark"), element("span", one.name), element("span", "", "age"));
+    list.append(item);
+  }
+}
+function ages() {
+  const live = connected() && state.running;
+  for (const item of document.querySelectorAll("#lamps li")) {
+    const channel = Number(item.dataset.channel), last = channel < 0 ? (state.host_ns || 0) * 1e-9 : series.has(channel) ? series.get(channel).last_t : 0;
+    const known = last > 0 && host_now > 0, age = Math.max(0, now_s() - last), over = age > allowed_s(Number(item.dataset.stale));
+    const kind = !known || !live ? "" : over ? "bad" : "good";
+    if (item.className !== kind) { item.className = kind; item.children[0].textContent = kind === "good" ? "✓" : kind === "bad" ? "✗" : "·"; }
+    const text = !live ? (state.running ? "not known" : "ended") : !known ? "nothing yet" : age < 1 ? "< 1 s old" : `${age.toFixed(age < 10 ? 1 : 0)} s old`;
+    if (item.children[2].textContent !== text) item.children[2].textContent = text;
+  }
+}
+
+const OLD_VALUE_S = 2.5;
+function gauges() {
+  for (const gauge of GAUGES) {
+    const one = series.get(gauge.channel);
+    if (!one || !isFinite(one.last)) continue;
+    if (!gauge.box) make_gauge(gauge);
+    const value = one.last * gauge.factor, [low, high] = gauge.range(), age = age_s(gauge.aged_by || gauge.channel);
+    const bounded = isFinite(low) && isFinite(high) && high > low, live = connected() && state.running && age < OLD_VALUE_S;
+    const over = live && bounded && (value < low || value > high);
+    gauge.text.textContent = live ? `${over ? "✗ beyond: " : ""}${number(value)} ${gauge.unit}` : "–";
+    gauge.track.hidden = !bounded || !live;
+    const limits = !bounded ? "" : gauge.one ? `limit ${plain(high)} ${gauge.unit}` : `limits ${plain(low)} to ${plain(high)} ${gauge.unit}`;
+    gauge.note.textContent = live ? limits : `last ${number(value)} ${gauge.unit}${state.running ? `, ${duration(age)} ago` : ""}`;
+    gauge.hand.style.left = bounded ? `${Math.min(100, Math.max(0, 100 * (value - low) / (high - low)))}%` : "0";
+    gauge.box.classList.toggle("over", over);
+  }
+}
+function make_gauge(gauge) {
+  gauge.box = element("div", undefined, gauge.one ? "gauge one" : "gauge");
+  gauge.value = element("div", undefined, "value"); gauge.text = element("b"); gauge.name_box = element("span", gauge.name);
+  gauge.value.append(gauge.name_box, gauge.text);
+  gauge.track = element("div", undefined, "track"); gauge.hand = element("div", undefined, "hand"); gauge.track.append(gauge.hand);
+  gauge.note = element("div", "", "small"); gauge.box.append(gauge.value, gauge.track, gauge.note);
+  const after = GAUGES.slice(GAUGES.indexOf(gauge) + 1).find((each) => each.box);
+  by_id("gauges").insertBefore(gauge.box, after ? after.box : null);
+}
+
+function events(message) {
+  const list = by_id("events");
+  if (message.all) list.replaceChildren();
+  for (const one of message.events) {
+    const item = element("li", undefined, one.level), mark = { error: "✗ ", warning: "! " }[one.level] || "";
+    item.append(element("span", `${mark}${one.utc.slice(11, 19)} `));
+    if (one.slug) item.append(push_button(one.slug, "explain", () => say({ do: "explain", slug: one.slug })));
+    item.append(element("span", ` ${one.by ? `${one.by}: ` : ""}${one.text}`));
+    if (one.slug && one.level !== "info") {
+      const seen = push_button("seen", "acknowledge", () => { if (say({ do: "words", acknowledged: one.slug }) && standing.mine) seen.disabled = true; });
+      item.append(" ", seen);
+    }
+    list.prepend(item);
+  }
+  while (list.children.length > 200) list.lastChild.remove();
+}
+let explained_from = null;
+function explain(message) {
+  const box = by_id("explanation"); box.replaceChildren(element("b", message.slug), element("p", message.means));
+  if (message.done) box.append(element("p", message.done));
+  const look = element("ul"); for (const text of message.look_at) look.append(element("li", `• look at: ${text}`));
+  const close = push_button("Close", "back to the events (Esc)", close_explanation);
+  if (box.hidden) explained_from = document.activeElement;
+  box.append(look, element("p", message.resume || ""), close); box.hidden = false; close.focus();
+}
+function close_explanation() {
+  const box = by_id("explanation"); if (box.hidden) return;
+  box.hidden = true; if (explained_from && explained_from.isConnected) explained_from.focus();
+}
+
+function show_standing() {
+  const mine = standing.mine, viewer = standing.role === "viewer", here = document.activeElement, move = mine && (here === by_id("take") || here === by_id("name"));
+  by_id("standing").textContent = mine ? `You have control, ${standing.holder}.` : standing.holder ? `${standing.holder} has control.` : viewer ? "You are looking on; you may stop." : "Nobody has control.";
+  by_id("lease").hidden = viewer; by_id("words").hidden = viewer; by_id("take").hidden = mine; by_id("release").hidden = !mine;
+  by_id("viewers").hidden = !standing.viewer_url; by_id("viewer-url").textContent = standing.viewer_url || "";
+  if (mine && by_id("answer").textContent === MESSAGES["no-lease"]) answer("");
+  buttons();
+  if (move) (["set", "start", "pause"].map(by_id).find((one) => !one.disabled && one.offsetParent) || by_id("release")).focus(); // the keyboard stays where the work is
+}
+function confirmations() {
+  const box = by_id("confirm"), stops = state.held ? state.confirm || [] : [], wanted = stops.map((one) => one.slug).join(" ");
+  if (box.dataset.slugs === wanted) return;
+  box.dataset.slugs = wanted; box.replaceChildren();
+  for (const one of stops) {
+    const label = element("label"), tick = element("input"); tick.type = "checkbox"; tick.value = one.slug; tick.onchange = buttons;
+    label.append(tick, element("span", `${one.slug} (${one.stop}): ${one.detail || ""} – looked at ${one.look_at || ""}, and mended`)); box.append(label);
+  }
+}
+function buttons() {
+  const ticks = [...document.querySelectorAll("#confirm input")], asked = state.ended ? null : state.asked;
+  const may = standing.mine && state.running && !state.ended && connected();
+  const pressable = { start: may && (state.held || state.paused) && ticks.every((tick) => tick.checked), pause: may && !state.held && !state.paused, keep: may, set: may && asked };
+  for (const [id, yes] of Object.entries(pressable)) if (by_id(id).disabled === Boolean(yes)) by_id(id).disabled = !yes;
+  by_id("start").textContent = state.paused && !state.held ? "Start (continue)" : "Start";
+  by_id("ask").hidden = !asked;
+  if (asked) { by_id("question").textContent = `To do: ${question(asked)}.`; by_id("set").textContent = asked.current_A ? `${asked.current_A.toFixed(2)} A is set` : "0 A is set, output off"; by_id("set").dataset.number = asked.number; }
+  for (const id of ["start", "pause", "take", "keep", "set"]) by_id(id).hidden = standing.role === "viewer" || (id === "take" && standing.mine);
+}

@@ -1,0 +1,185 @@
+"""A signal in its recording: when it began, what of it is judged, and how the rod followed it.
+
+Every set-point was recorded with its time since the motion began, so the motion is found in the recording by that; the
+ramps at its ends are left out. The rod is behind its set-points by the servo's delay, which no fit minds: the distance
+is taken at the delay at which it is smallest, and both are said.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.recording.layout import WantedPoint
+from rig.recording.quality.verdict import Kind, Reason, Section, invalid, stored
+from rig.signals.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from rig.recording.alignment.alignment import Alignment, Overview
+
+LONGEST_DELAY_S = 0.2
+DELAY_STEP_S = 0.5e-3
+MOST_COMPARED = 20_000
+TRACKING_SUSPECT, TRACKING_INVALID = 0.10, 0.25
+"""Distance from the target, RMS, as a share of the target's about its mean: standing far out is not following."""
+INCOMPLETE_SHARE = 0.005
+"""Of a signal's duration, which may be missing at its end: the last set-point lies a poll before it."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """Where a signal lies in a recording, s on the file's time base.
+
+    Attributes:
+        begin_s, end_s: of the motion.
+        judged_s: beginning and end of what is judged: without the ramps.
+    """
+
+    begin_s: float
+    end_s: float
+    judged_s: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How a signal was followed between its ramps.
+
+    Attributes:
+        window: where it lies.
+        played_s: of the signal, how much was sent (s).
+        nrms: root mean square of the rod's distance from its target (of its mean too), delay taken off, as a share of
+            the target's about the target's own mean.
+        delay_s: of the rod behind its target (s).
+        reached: the rod's span over the target's.
+        mean_m: of the rod's distance from its target (m).
+    """
+
+    window: Window
+    played_s: float
+    nrms: float
+    delay_s: float
+    reached: float
+    mean_m: float
+
+
+@dataclass(frozen=True)
+class SignalQuality(Section):
+    """A signal as it was followed, as `rig.recording.quality.tracking` measures it between its ramps.
+
+    `start_s`, `end_s` are of the whole motion on the file's time base, `judged_start_s`, `judged_end_s` without ramps.
+    """
+
+    start_s: float | None = stored("signal_start_s")
+    end_s: float | None = stored("signal_end_s")
+    judged_start_s: float | None = stored("signal_judged_start_s")
+    judged_end_s: float | None = stored("signal_judged_end_s")
+    played_s: float | None = stored("signal_played_s")
+    nrms: float | None = stored("tracking_nrms")
+    delay_s: float | None = stored("tracking_delay_s")
+    reached: float | None = stored("tracking_reached")
+    mean_m: float | None = stored("tracking_mean_m")
+
+
+def signal_quality(tracking: Tracking | None) -> SignalQuality | None:
+    """How a signal was followed; None where there is none."""
+    if tracking is None:
+        return None
+    window = tracking.window
+    return SignalQuality(
+        window.begin_s, window.end_s, *window.judged_s, tracking.played_s, tracking.nrms, tracking.delay_s,
+        tracking.reached, tracking.mean_m,
+    )
+
+
+def window_of(
+    time_s: FloatArray, elapsed_s: FloatArray, wanted_s: float, ramp_s: float
+) -> Window | None:
+    """The window of a signal by its recorded set-points; None where there are none.
+
+    Args:
+        time_s: when each was sent, on the file's time base (k,), s.
+        elapsed_s: which time of the signal it was for (k,), s.
+        wanted_s: duration of the signal (s).
+        ramp_s: of either ramp (s).
+    """
+    if len(time_s) < 2:
+        return None
+    begin_s = float(np.median(time_s - elapsed_s))
+    end_s = begin_s + min(wanted_s, float(elapsed_s[-1]))
+    return Window(begin_s, end_s, (begin_s + ramp_s, max(begin_s + ramp_s, min(end_s, begin_s + wanted_s - ramp_s))))
+
+
+def tracking_of(wanted: WantedPoint, alignment: Alignment, seen: Overview) -> Tracking | None:
+    """How a signal was followed; None where too little of it was recorded to say.
+
+    Args:
+        wanted: the point.
+        alignment: its channels.
+        seen: displacement over time.
+    """
+    sent, target = (alignment.timed.get(name) for name in ("signal_time", "signal_target"))
+    if sent is None or target is None or wanted.record_s is None or wanted.record_ramp_s is None:
+        return None
+    time_s = np.asarray(sent.time_s) - alignment.origin_s
+    elapsed_s, target_m = (np.asarray(channel.records[:]["value"], np.float64) for channel in (sent, target))
+    window = window_of(time_s, elapsed_s, wanted.record_s, wanted.record_ramp_s)
+    known = np.isfinite(seen.displacement_m)
+    if window is None or len(target_m) != len(elapsed_s) or np.count_nonzero(known) < 2:
+        return None
+    judged = (window.begin_s + elapsed_s >= window.judged_s[0]) & (window.begin_s + elapsed_s <= window.judged_s[1])
+    if np.count_nonzero(judged) < 2:
+        return None
+    rows = np.flatnonzero(judged)[:: max(1, int(np.count_nonzero(judged)) // MOST_COMPARED)]
+    delay_s, rod_m = _least(
+        seen.time_s[known], seen.displacement_m[known], window.begin_s + elapsed_s[rows],
+        target_m[rows] + (wanted.centre_m or 0.0),
+    )
+    asked_m = target_m[rows]
+    apart_m = rod_m - (wanted.centre_m or 0.0) - asked_m
+    size_m = float(np.std(asked_m))
+    span_m = float(np.ptp(asked_m))
+    return Tracking(
+        window, played_s=min(wanted.record_s, float(elapsed_s[-1])),
+        nrms=float(np.sqrt(np.mean(apart_m**2))) / size_m if size_m > 0.0 else np.inf, delay_s=delay_s,
+        reached=float(np.ptp(rod_m)) / span_m if span_m > 0.0 else np.inf, mean_m=float(np.mean(apart_m)),
+    )
+
+
+def tracking_reasons(wanted: WantedPoint, tracking: Tracking | None, *, stopped: bool) -> list[Reason]:
+    """What speaks against a signal's recording: what replaces the count and the amplitude of cycles.
+
+    Args:
+        wanted: the point.
+        tracking: how it was followed; None: too little was recorded.
+        stopped: the point was stopped, and that is said already.
+    """
+    if wanted.record_s is None or stopped:
+        return []
+    played_s = 0.0 if tracking is None else tracking.played_s
+    if tracking is None or played_s < (1.0 - INCOMPLETE_SHARE) * wanted.record_s:
+        return [invalid("signal-incomplete", f"{played_s:.4g} s of {wanted.record_s:.4g} s were played and recorded")]
+    if tracking.nrms <= TRACKING_SUSPECT:
+        return []
+    text = (
+        f"the rod was off its target by {100 * tracking.nrms:.3g} % of it, RMS, {1e3 * tracking.delay_s:.3g} ms of "
+        f"delay taken off (limit {100 * TRACKING_INVALID:g} %); it reached {100 * tracking.reached:.3g} % of the span"
+    )
+    kind = Kind.INVALID if tracking.nrms > TRACKING_INVALID else Kind.SUSPECT
+    return [Reason("tracking", kind, text, {"nrms": tracking.nrms, "delay_s": tracking.delay_s})]
+
+
+def _least(
+    time_s: FloatArray, displacement_m: FloatArray, wanted_s: FloatArray, target_m: FloatArray
+) -> tuple[float, FloatArray]:
+    """The delay (s) at which the rod is nearest to its target, and where the rod is then (k,)."""
+
+    def apart(delay_s: float) -> float:
+        return float(np.mean((np.interp(wanted_s + delay_s, time_s, displacement_m) - target_m) ** 2))
+
+    coarse = np.arange(-LONGEST_DELAY_S / 4.0, LONGEST_DELAY_S, 8.0 * DELAY_STEP_S)
+    near_s = float(min(coarse, key=apart))
+    fine = near_s + DELAY_STEP_S * np.arange(-8, 9)
+    best_s = float(min(fine, key=apart))
+    return best_s, np.interp(wanted_s + best_s, time_s, displacement_m)

@@ -1,0 +1,65 @@
+"""Interlock on a current that a law commands anew at every step: it never settles, but its mean follows. Pure.
+
+A current that follows its command with a lag of T has the command's mean, but for T times what it changed by between
+the ends of the window, divided by the window. So a source that does not follow is found though no command lasts.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from drivers.current_source import SourceStatus, SourceTiming
+from rig.station.interlocks.current_interlock import TRACKING_A, TRACKING_SHARE
+from rig.station.interlocks.finding import CONSECUTIVE, Finding
+
+WINDOW_S = 1.0
+WINDOW_SETTLINGS = 6.0
+"""The window is so many times what the current takes to settle, at least."""
+
+
+class LawInterlock:
+    """Compares the mean of the measured current with that of its commands over the last second or more.
+
+    Args (construction):
+        timing: how often the source tells its current.
+        settling_s: a new set-point's current is there after so long (s of its clock).
+    """
+
+    def __init__(self, timing: SourceTiming, settling_s: float) -> None:
+        window_s = max(WINDOW_S, WINDOW_SETTLINGS * settling_s)
+        self._statuses = max(CONSECUTIVE, round(window_s / timing.status_s))
+        self._settling = settling_s / window_s
+        self._seen: deque[tuple[float, float]] = deque(maxlen=self._statuses)
+        self._off = 0
+        self._commanded = False
+
+    def follow(self, *, law: bool) -> None:
+        """From now on the current is a law's, or one that stays as it is, of which nothing is judged here."""
+        self._seen = deque(maxlen=self._statuses)
+        self._off, self._commanded = 0, law
+
+    def judge(self, status: SourceStatus, commanded_A: float, t_ns: int) -> list[Finding]:
+        """Take one status.
+
+        Args:
+            status: the source's status.
+            commanded_A: what it was asked for when that came (A).
+            t_ns: host arrival of the status.
+        """
+        seen = self._seen
+        seen.append((status.current_A, commanded_A))
+        if not self._commanded or len(seen) < self._statuses:
+            return []
+        commands_A = [asked_A for _, asked_A in seen]
+        measured_A = sum(seen_A for seen_A, _ in seen) / self._statuses
+        asked_A = sum(commands_A) / self._statuses
+        span_A = max(commands_A) - min(commands_A)
+        allowed_A = TRACKING_A + TRACKING_SHARE * abs(asked_A) + self._settling * span_A
+        self._off = self._off + 1 if not abs(measured_A - asked_A) <= allowed_A else 0
+        if self._off != CONSECUTIVE:
+            return []
+        detail = (
+            f"measured {measured_A:.3f} A in the mean of {self._statuses} statuses, commanded {asked_A:.3f} A in the "
+            f"mean, allowed {allowed_A:.3f} A apart"
+        )
+        return [Finding("current-tracking", detail, t_ns, measured_A, asked_A)]

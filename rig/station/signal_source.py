@@ -1,0 +1,184 @@
+"""A prescribed motion without cycles in the station: samples in, set-points out, each recorded as it was asked for.
+
+The samples come with the start request and are judged here once more, against the machine's limits, before any is sent.
+Between two of them the set-point goes along the cubic that has their positions and speeds.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import math
+import sys
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from drivers.ring import NO_DEVICE_TIME, Channel, Record
+from drivers.roles import state_name
+from drivers.setpoint_generator import Setpoint
+from rig.bench.settings import Limits
+from rig.clock import monotonic_ns
+from rig.station.command_channel import CommandChannel
+from rig.station.errors import StationRefused
+from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
+from rig.station.safe_stop import Movement
+from rig.station.supervisor import Supervisor
+from rig.station.threads.devices import Devices
+
+MOST_SAMPLES = 200_000
+LARGEST_STEP_S = 0.02
+REST_M, REST_M_S = 1e-4, 0.01
+"""How far from the centre, and how fast, a motion may begin and end: it is faded there."""
+ROUNDING = 1.001
+
+Answer = dict[str, object]
+
+
+@dataclass(frozen=True)
+class SignalOrder:
+    """A motion as the application sends it: `step_s`, `centre_m` and `samples`.
+
+    The samples are little-endian float32, all positions, then all speeds, in base64: a text, as long as it may be, is
+    read at once, while 200,000 numbers keep every thread of the station waiting for a tenth of a second.
+
+    Attributes:
+        step_s: between two samples, s.
+        position_m, velocity_m_s: (n,) about the centre; at rest at the centre at both ends.
+        centre_m: in the rig's coordinate.
+    """
+
+    step_s: float
+    position_m: Sequence[float]
+    velocity_m_s: Sequence[float]
+    centre_m: float
+
+    @property
+    def duration_s(self) -> float:
+        """From the first sample to the last, s."""
+        return self.step_s * (len(self.position_m) - 1)
+
+    @classmethod
+    def from_json(cls, given: Mapping[str, Any]) -> SignalOrder:
+        """The order of a start request.
+
+        Raises:
+            KeyError: something is missing.
+            TypeError: an entry is no number or no text.
+            ValueError: it is no motion.
+        """
+        step_s, centre_m = float(given["step_s"]), float(given["centre_m"])
+        try:
+            content = base64.b64decode(given["samples"], validate=True)
+        except binascii.Error as error:
+            raise ValueError(f"samples: {error}") from error
+        numbers = array("f")
+        count, rest = divmod(len(content), 2 * numbers.itemsize)
+        if rest or not (2 <= count <= MOST_SAMPLES and 0.0 < step_s <= LARGEST_STEP_S):
+            raise ValueError(f"{len(content)} bytes of samples every {step_s:g} s")
+        numbers.frombytes(content)
+        if sys.byteorder == "big":
+            numbers.byteswap()
+        if not (math.isfinite(centre_m) and all(map(math.isfinite, numbers))):
+            raise ValueError("not all of it are finite numbers")
+        return cls(step_s, numbers[:count], numbers[count:], centre_m)
+
+    def at(self, elapsed_s: float) -> Setpoint:
+        """Position (m) and speed (m/s) in the rig's coordinate, so much after its begin (s, within its duration)."""
+        place = max(0.0, elapsed_s) / self.step_s
+        first = min(int(place), len(self.position_m) - 2)
+        share, h = min(1.0, place - first), self.step_s
+        begin_m, end_m = self.position_m[first], self.position_m[first + 1]
+        begin_m_s, end_m_s = self.velocity_m_s[first], self.velocity_m_s[first + 1]
+        way_m = end_m - begin_m
+        bend, twist = 3.0 * way_m - h * (2.0 * begin_m_s + end_m_s), h * (begin_m_s + end_m_s) - 2.0 * way_m
+        position_m = begin_m + share * (h * begin_m_s + share * (bend + share * twist))
+        velocity_m_s = begin_m_s + share * (2.0 * bend + 3.0 * share * twist) / h
+        return Setpoint(self.centre_m + position_m, velocity_m_s)
+
+
+class SignalSource:
+    """Source of set-points of one motion; lives on the actuator's thread.
+
+    Args (construction):
+        order: the motion.
+        append: takes records into the ring.
+    """
+
+    def __init__(self, order: SignalOrder, append: Callable[[list[Record]], None]) -> None:
+        self._order = order
+        self._append = append
+        self._count = 0
+
+    def at(self, elapsed_s: float) -> Setpoint | None:
+        """The set-point so much (s) after the motion's begin; None once it is over: the rod is at its centre."""
+        order = self._order
+        if elapsed_s > order.duration_s + LARGEST_STEP_S and self._count:
+            return None
+        setpoint = order.at(min(elapsed_s, order.duration_s))
+        now_ns, self._count = monotonic_ns(), self._count + 1
+        values = ((Channel.SIGNAL_TIME, elapsed_s), (Channel.SIGNAL_TARGET, setpoint.position_m - order.centre_m))
+        self._append([(now_ns, NO_DEVICE_TIME, value, self._count, channel, 0) for channel, value in values])
+        return setpoint
+
+
+def start_signal(given: object, devices: Devices, supervisor: Supervisor, commands: CommandChannel) -> Answer:
+    """Begin a prescribed motion; the answer is that of any motion's start.
+
+    Args:
+        given: as `SignalOrder` says.
+        devices: of the rig.
+        supervisor: of the station.
+        commands: to the actuator.
+
+    Raises:
+        StationRefused: it is no motion, is beyond the machine's limits, or the actuator does not begin it.
+        DriverError: the actuator cannot be reached.
+    """
+    config = devices.config
+    order = signal_order(given, config.limits)
+    halted_s = config.limits.speed_m_s / config.actuator.halt_deceleration_m_s2
+    supervisor.movement = Movement(halted_s + SPEED_WINDOW_S)
+    devices.actuator.judge.expect_program(order.duration_s, 1.0)
+    status = commands.compute(SignalSource(order, devices.append))
+    return {"program_id": status.program_id, "state": state_name(status.state)}
+
+
+def signal_order(given: object, limits: Limits) -> SignalOrder:
+    """The motion of a start request, within the machine's limits.
+
+    Args:
+        given: as `SignalOrder` says.
+        limits: of the machine.
+
+    Raises:
+        StationRefused: it is none, is beyond a limit, or does not begin and end at rest at its centre.
+    """
+    if not isinstance(given, dict):
+        raise StationRefused("bad-request", "start: signal is no table of numbers")
+    try:
+        order = SignalOrder.from_json(given)
+    except (KeyError, TypeError, ValueError) as error:
+        raise StationRefused("bad-request", f"start: not a signal: {error!r}") from error
+    positions, speeds = order.position_m, order.velocity_m_s
+    speed_m_s = max(map(abs, speeds))
+    change_m_s2 = max(abs(after - before) for before, after in pairwise(speeds)) / order.step_s
+    way_m_s = max(abs(after - before) for before, after in pairwise(positions)) / order.step_s
+    centre_m = order.centre_m
+    wide = [
+        f"{what} {value:.6g} {unit}, allowed {limit:g} {unit}"
+        for what, unit, value, limit in (
+            ("travel to", "m", centre_m + max(positions), limits.position_max_m),
+            ("travel to minus", "m", -centre_m - min(positions), -limits.position_min_m),
+            ("speed", "m/s", max(speed_m_s, way_m_s), limits.speed_m_s),
+            ("acceleration", "m/s^2", change_m_s2, limits.acceleration_m_s2),
+            ("begin or end off centre by", "m", max(abs(positions[0]), abs(positions[-1])), REST_M),
+            ("begin or end at", "m/s", max(abs(speeds[0]), abs(speeds[-1])), REST_M_S),
+        )
+        if not value <= limit * ROUNDING
+    ]
+    if wide:
+        raise StationRefused("matrix-infeasible", f"start: a signal is beyond the machine's limits: {'; '.join(wide)}")
+    return order

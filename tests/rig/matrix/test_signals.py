@@ -1,0 +1,273 @@
+"""`waveform = "sweep" | "road" | "file"`: the points they make, what is wrong with them, and what a rig cannot do."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from rig.bench.model import Bench
+from rig.campaign.execution.action_executor import signal_order
+from rig.campaign.kept_files import keep_matrix
+from rig.cli.run import following
+from rig.errors import FileProblem
+from rig.matrix.model import Matrix, load_matrix
+from rig.matrix.plan import Plan, plan
+from rig.station.signal_source import signal_order as station_order
+
+ROOT = Path(__file__).resolve().parents[3]
+HEAD = 'format = 1\n[specimen]\nserial_number = "MR-001"\nstroke = "170 mm"\nmax_force = "1 kN"\n'
+SWEEP = (
+    '[matrix.sweep]\nfirst_frequency = "1 Hz"\nlast_frequency = "4 Hz"\nfirst_amplitude = "10 mm"\nduration = "10 s"\n'
+)
+ROAD = '[matrix.road]\nroad = ["bump", "paper-sweep"]\namplitude = "10 mm"\nduration = "6 s"\n'
+FILE = '[matrix.file]\nfile = ["drive.csv"]\n'
+
+
+def matrix_of(*waveforms: str, more: str = 'current = ["0 A", "1 A"]\n') -> str:
+    listed = ", ".join(f'"{name}"' for name in waveforms)
+    return f"{HEAD}[matrix]\nwaveform = [{listed}]\n{more}"
+
+
+def rows(count: int = 501, amplitude_mm: float = 12.0, step_s: float = 0.01) -> str:
+    lines = [f"{k * step_s:.4f},{amplitude_mm * math.sin(math.tau * k * step_s):.6f}" for k in range(count)]
+    return "time_s,displacement_mm\n" + "\n".join(lines) + "\n"
+
+
+def load(folder: Path, text: str, drive: str | None = None) -> Matrix:
+    (folder / "matrix.toml").write_text(text, encoding="utf-8")
+    if drive is not None:
+        (folder / "drive.csv").write_text(drive, encoding="utf-8")
+    return load_matrix(folder / "matrix.toml")
+
+
+def bench(folder: Path, **changes: str) -> Bench:
+    text = (ROOT / "examples" / "streamed-bench.toml").read_text(encoding="utf-8")
+    for key, value in changes.items():
+        text = re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", text, count=1)
+    (folder / "bench.toml").write_text(text, encoding="utf-8")
+    return Bench.load(folder / "bench.toml")
+
+
+def planned(folder: Path, text: str, drive: str | None = None, **of_bench: str) -> Plan:
+    return plan(load(folder, text, drive), bench(folder, **of_bench))
+
+
+def test_each_signal_is_run_at_every_current_beside_points_with_cycles(tmp_path: Path) -> None:
+    more = 'current = ["0 A", "1 A"]\namplitude = ["5 mm"]\nfrequency = ["1 Hz", "2 Hz"]\n'
+    text = matrix_of("sine", "sweep", "road", "file", more=more) + SWEEP + ROAD + FILE
+    points = load(tmp_path, text, rows()).points()
+    shown = [(point.id, point.waveform, point.current_A, point.record.name if point.record else "") for point in points]
+    assert shown == [
+        ("p001", "sine", 0.0, ""), ("p002", "sine", 0.0, ""), ("p003", "sine", 1.0, ""), ("p004", "sine", 1.0, ""),
+        ("p005", "sweep", 0.0, "sweep"), ("p006", "sweep", 1.0, "sweep"),
+        ("p007", "road", 0.0, "bump"), ("p008", "road", 0.0, "paper-sweep"),
+        ("p009", "road", 1.0, "bump"), ("p010", "road", 1.0, "paper-sweep"),
+        ("p011", "file", 0.0, "drive"), ("p012", "file", 1.0, "drive"),
+    ]  # fmt: skip
+    assert [point.motion_s for point in points[4:6]] == pytest.approx([10.0, 10.0])
+    assert {point.kind for point in points[4:]} == {"signal"}
+    assert points[10].amplitude_m == pytest.approx(0.012, rel=1e-4), "as written"
+
+
+def test_the_plan_knows_peaks_energy_and_duration(tmp_path: Path) -> None:
+    (item,) = planned(tmp_path, matrix_of("file", more='current = ["0 A"]\n') + FILE, rows()).points
+    assert item.feasible
+    # 12 mm at 1 Hz: 2 pi 0.012 = 75.4 mm/s, (2 pi)^2 0.012 = 0.474 m/s^2.
+    assert item.point.peak_speed_m_s == pytest.approx(0.0754, rel=2e-3)
+    assert 0.474 <= item.point.peak_acceleration_m_s2 < 1.1 * 0.474, "the fade adds a little"
+    # At most 1 kN along its way: 48 mm a cycle, three whole cycles and two that a raised cosine fades, half of each.
+    assert item.energy_J == pytest.approx(1000.0 * 0.048 * 4.0, rel=0.03)
+    assert item.predicted_force_N == 1000.0
+    assert item.duration_s == pytest.approx(5.5)
+
+
+def test_a_known_damper_says_force_and_heat(tmp_path: Path) -> None:
+    text = matrix_of("sweep", more='current = ["0 A"]\n').replace('max_force = "1 kN"', 'prior = "demo"') + SWEEP
+    (item,) = planned(tmp_path, text).points
+    assert item.predicted_force_N is not None
+    assert 100.0 < item.predicted_force_N < 1000.0
+    assert item.energy_J is not None
+    way_J = item.predicted_force_N * 0.01 * 4.0 * 25.0
+    assert 0.1 * way_J < item.energy_J < 0.9 * way_J
+
+
+@pytest.mark.parametrize(
+    ("text", "of_bench", "slug", "said"),
+    [
+        (SWEEP, {"speed": '"0.2 m/s"'}, "speed", r"speed 0\.\d+ m/s at \d\.\d+ s is above the bench's 0.2 m/s"),
+        (SWEEP, {"acceleration": '"3 m/s^2"'}, "acceleration", r"acceleration \d\.\d+ m/s\^2 at \d\.\d+ s is above"),
+        (SWEEP.replace("10 mm", "90 mm"), {}, "stroke", "exceed the specimen's stroke 170 mm"),
+        (SWEEP, {"register_map": '"demo"'}, "waveform", "no generator for it"),
+        (SWEEP.replace('"4 Hz"', '"6 Hz"'), {}, "sampling", "16.7 set-points a cycle of its highest frequency, 6 Hz"),
+        (SWEEP.replace('"4 Hz"', '"12 Hz"'), {}, "sampling", "20.8 samples a cycle of its highest frequency, 12 Hz"),
+    ],
+)  # fmt: skip
+def test_what_the_rig_cannot_do_is_refused_with_numbers(
+    tmp_path: Path, text: str, of_bench: dict[str, str], slug: str, said: str
+) -> None:
+    (item,) = planned(tmp_path, matrix_of("sweep", more='current = ["0 A"]\n') + text, **of_bench).points
+    assert slug in {cause.slug for cause in item.causes}
+    assert re.search(said, "; ".join(item.reasons)), item.reasons
+
+
+def test_the_amplitude_that_would_fit_is_told(tmp_path: Path) -> None:
+    text = matrix_of("sweep", more='current = ["0 A"]\n') + SWEEP
+    (item,) = planned(tmp_path, text, speed='"0.1 m/s"').points
+    share = 0.1 / item.point.peak_speed_m_s
+    assert item.would_fit_m == pytest.approx(share * item.point.amplitude_m, abs=1e-5)
+
+
+def test_a_jump_in_a_file_is_faster_than_the_rig_and_told_where(tmp_path: Path) -> None:
+    drive = rows().replace("\n2.5000,0.000000", "\n2.5000,30.000000")
+    assert "30.0" in drive
+    (item,) = planned(tmp_path, matrix_of("file", more='current = ["0 A"]\n') + FILE, drive).points
+    assert {"speed", "acceleration"} <= {cause.slug for cause in item.causes}
+    assert re.search(r"speed [\d.]+ m/s at 2\.(49|50|51) s", item.reasons[0]), item.reasons
+
+
+@pytest.mark.parametrize(
+    ("drive", "said"),
+    [
+        ("", "is empty"),
+        ("t,x\n0,1\n", "no column of time"),
+        ("time_s,displacement\n0,1\n", "displacement_mm"),
+        (rows().replace("\n1.0000,", "\n1.0000,nan,").replace("nan,", "nan#", 1), "line 102"),
+        (rows().replace("\n1.0000,-0.000000", "\n1.0000,nan"), "line 102: '1.0000,nan' is no row"),
+        (rows().replace("\n1.0000,", "\n0.9800,"), "line 102: time 0.98 is not after 0.99"),
+        (rows(4), "0.03 s long; allowed 3 s"),
+        (rows(3), "3 rows are no motion"),
+        (rows(62_000), "619.99 s long|620 s long"),
+        ("time_h,displacement_mm\n0,0\n1e6,1\n2e6,3\n3e6,0\n", r"1\.08e\+10 s long; at most 600 s"),
+        ("time_s,displacement_mm\n0,0\n1e300,1\n2e300,3\n3e300,0\n", "line 3: '1e300,1' is no row"),
+        ("time_us,displacement_mm\n0,0\n1e-310,1\n2e-310,3\n3e-310,0\n", "rows 1 and 2 are less than 1e-09 s apart"),
+        ("time_s;displacement_mm\n0,00;0,0\n0,01;1,5\n", "line 2: .*; a decimal point is a point"),
+        ("time_s,displacement_mm\n" + "".join(f"{k / 10},5\n" for k in range(50)), "nothing moves between the ramps"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_no_motion_is_refused_with_its_line(tmp_path: Path, drive: str, said: str) -> None:
+    with pytest.raises(FileProblem) as caught:
+        load(tmp_path, matrix_of("file") + FILE, drive)
+    told = "\n".join(caught.value.problems)
+    assert re.search(said, told), told
+    assert "matrix.file.file[1]" in told
+
+
+def test_other_columns_may_hold_anything_that_stands_in_quotes(tmp_path: Path) -> None:
+    plain = rows().splitlines()
+    noted = [f'{plain[0]},note'] + [f'{line},"cold, new oil"' for line in plain[1:]]
+    text = matrix_of("file") + FILE
+    told = [load(tmp_path, text, "\n".join(lines)).points()[0].record for lines in (plain, noted)]
+    assert told[0] is not None
+    assert told[1] is not None
+    assert told[0].mark == told[1].mark
+
+
+@pytest.mark.parametrize(("made", "said"), [("nothing", "no such file"), ("pipe", "is a pipe, not a file")])
+def test_a_road_whose_record_is_missing_or_a_pipe_is_refused_at_its_line(tmp_path: Path, made: str, said: str) -> None:
+    if made == "pipe":
+        os.mkfifo(tmp_path / "track.csv")
+    (tmp_path / "own.toml").write_text('format = 1\nspeed = "9 m/s"\nname = "x"\n[profile]\nfile = "track.csv"\n')
+    with pytest.raises(FileProblem, match=rf"matrix\.road\.road\[2\].*{said}"):
+        load(tmp_path, matrix_of("road") + ROAD.replace("paper-sweep", "own.toml"))
+
+
+def test_an_obstacle_that_is_passed_in_the_ramp_is_no_motion(tmp_path: Path) -> None:
+    # It begins at 10 m: after 0.1 s at 100 m/s.
+    with pytest.raises(FileProblem, match=r"road\[1\].*nothing moves between the ramps.* in a ramp of 1 s"):
+        load(tmp_path, matrix_of("road") + ROAD.replace(', "paper-sweep"', "") + 'speed = "100 m/s"\n')
+
+
+def test_a_file_that_is_named_as_another_entry_spoils_no_copy(tmp_path: Path) -> None:
+    (tmp_path / "demo").write_text(rows(), encoding="utf-8")
+    text = matrix_of("file").replace('max_force = "1 kN"', 'prior = "demo"') + FILE.replace("drive.csv", "demo")
+    load(tmp_path, text)
+    with pytest.raises(FileProblem, match="a name that is no other entry"):
+        keep_matrix(tmp_path / "matrix.toml", tmp_path, "kept.toml")
+
+
+@pytest.mark.parametrize("length_ms", [6000, 6001, 6002, 6003])
+def test_whatever_the_plan_allows_begins_and_ends_at_rest_at_the_station(tmp_path: Path, length_ms: int) -> None:
+    # 40 mm off the centre at both ends, faded in 0.2 s: without its last sample 0.02 mm and 15 mm/s are left.
+    lines = [f"{k * length_ms / 5e5:.6f},{40 + 2 * math.sin(k / 20):.6f}" for k in range(501)]
+    drive = "time_s,displacement_mm\n" + "\n".join(lines) + "\n"
+    text = matrix_of("file", more='current = ["0 A"]\n') + FILE + 'ramp = "200 ms"\n'
+    (item,) = planned(tmp_path, text, drive).points
+    assert item.feasible
+    assert item.point.record is not None
+    order = station_order(signal_order(item.point, item.point.record), bench(tmp_path).limits)
+    assert [values[end] for values in (order.position_m, order.velocity_m_s) for end in (0, -1)] == [0.0] * 4
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileProblem, match=r"matrix\.file\.file\[1\].*drive\.csv"):
+        load(tmp_path, matrix_of("file") + FILE)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (matrix_of("sweep"), r"matrix.waveform.* needs a table \[matrix.sweep\]"),
+        (matrix_of("sine") + SWEEP, "matrix.sweep: nobody asks for it"),
+        (matrix_of("sweep", more="") + SWEEP, "matrix.current: is missing"),
+        (matrix_of("sweep", more='current = ["0 A"]\nfrequency = ["1 Hz"]\n') + SWEEP, "matrix.frequency.*belongs to"),
+        (matrix_of("sweep") + SWEEP.replace('"4 Hz"', '"1 Hz"'), "matrix.sweep.last_frequency"),
+        (matrix_of("sweep") + SWEEP.replace('"10 s"', '"2 s"'), "matrix.sweep.duration.*2 s long"),
+        (matrix_of("road") + ROAD.replace("bump", "bumpp"), r"matrix.road.road\[1\].*known: bump"),
+        (matrix_of("road") + ROAD.replace('"bump"', '"paper-sweep"'), "paper-sweep is given twice"),
+        (matrix_of("sweeps"), "did you mean sweep"),
+    ],
+)  # fmt: skip
+def test_every_wrong_entry_has_its_place_and_a_way_out(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(FileProblem) as caught:
+        load(tmp_path, text)
+    assert re.search(said, "\n".join(caught.value.problems)), caught.value.problems
+
+
+def test_the_copy_in_a_campaign_needs_nothing_beside_it_and_is_the_same_matrix(tmp_path: Path) -> None:
+    own, run = tmp_path / "own", tmp_path / "run"
+    (own / "deep").mkdir(parents=True)
+    run.mkdir()
+    (own / "deep" / "drive.csv").write_text(rows(), encoding="utf-8")
+    (own / "track.csv").write_text("distance_m,height\n0,0\n100,0.01\n200,0\n", encoding="utf-8")
+    (own / "own.toml").write_text(
+        'format = 1\nname = "own"\nspeed = "20 m/s"\n[profile]\nfile = "track.csv"\n', encoding="utf-8"
+    )
+    text = matrix_of("road", "file") + ROAD.replace('"paper-sweep"', '"own.toml"') + FILE.replace(
+        '"drive.csv"', f"'{own}/deep/drive.csv'"
+    )
+    written = load(own, text)
+    keep_matrix(own / "matrix.toml", run, "matrix.toml")
+    assert sorted(path.name for path in (run / "records").iterdir()) == ["drive.csv", "own.toml", "track.csv"]
+    for path in (own / "deep" / "drive.csv", own / "own.toml", own / "track.csv"):
+        path.unlink()
+    kept = load_matrix(run / "matrix.toml")
+    assert kept.digest == written.digest
+    assert [point.record for point in kept.points()] == [point.record for point in written.points()]
+    copy = run / "records" / "drive.csv"
+    copy.write_text(rows(amplitude_mm=11.0), encoding="utf-8")
+    assert load_matrix(run / "matrix.toml").digest != written.digest, "a changed copy is another matrix"
+
+
+def test_the_example_fits_the_bench_that_follows(tmp_path: Path) -> None:
+    judged = plan(load_matrix(ROOT / "examples" / "signals.toml"), bench(tmp_path))
+    assert judged.feasible
+    assert [item.point.waveform for item in judged.points] == ["sine"] * 2 + ["sweep"] * 2 + ["road"] * 2 + ["file"] * 2
+
+
+@pytest.mark.parametrize(
+    ("matrix", "given", "usual", "told"),
+    [
+        ("signals.toml", (), True, ("--actuator=setpoints",)),
+        ("signals.toml", ("--actuator", "rtu"), True, ("--actuator", "rtu")),
+        ("signals.toml", (), False, ()),
+        ("quick.toml", (), True, ()),
+    ],
+)
+def test_the_usual_simulated_rig_follows_set_points_where_there_are_signals(
+    matrix: str, given: tuple[str, ...], *, usual: bool, told: tuple[str, ...]
+) -> None:
+    assert following(load_matrix(ROOT / "examples" / matrix), given, usual=usual) == told

@@ -1,0 +1,115 @@
+"""What the page shows of a run that has ended: from its files, whatever they say."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import struct
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from rig.page.ended_run import EndedRun
+from rig.page.watched_run import WatchedRun
+from rig.station.live_folder import replace_json
+
+FIRST_VERSION = Path(__file__).parents[1] / "recording" / "first_version.h5"
+RESULT = {
+    "event": "result", "valid": 1, "total": 2, "rig_state": "safe", "stopped_by": "operator", "detail": "Ctrl-C",
+    "points": [
+        {"id": "p001", "file": "/elsewhere/points/p001.h5", "verdict": "valid", "reasons": []},
+        {"id": "p002", "file": None, "verdict": "not run", "reasons": []},
+    ],
+}  # fmt: skip
+
+
+def journal(run: Path, *events: dict[str, Any]) -> EndedRun:
+    (run / "points").mkdir(exist_ok=True)
+    (run / "journal.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
+    return EndedRun(run)
+
+
+def test_the_last_result_says_how_it_ended_however_long_the_journal(tmp_path: Path) -> None:
+    filling = [{"event": "station", "what": "late", "text": "x" * 1000}] * 1500
+    ended = journal(tmp_path, *filling, RESULT)
+    assert (ended.result["valid"], ended.result["stopped_by"], ended.result["lines"]) == (1, "operator", ["Ctrl-C"])
+    assert {name: point["verdict"] for name, point in ended.points.items()} == {"p001": "valid", "p002": "not run"}
+
+
+def test_a_session_that_says_nothing_at_its_end_is_cut_off_whatever_the_one_before_said(tmp_path: Path) -> None:
+    again = {"event": "judged", "id": "p002", "file": "p002.h5", "verdict": "suspect", "reasons": ["skew"]}
+    worse = {"event": "judged", "id": "p001", "file": "p001-2.h5", "verdict": "invalid", "reasons": []}
+    ended = journal(tmp_path, RESULT, {"event": "connected"}, again, worse)
+    assert ended.result["cut_off"] is True
+    assert {name: point["verdict"] for name, point in ended.points.items()} == {"p001": "valid", "p002": "suspect"}
+    state = WatchedRun(tmp_path).state()
+    assert (state["running"], state["ended"]) == (False, {"cut_off": True})
+
+
+@pytest.mark.parametrize("text", ["", "[]\nnull\n{\n", '{"event": "result", "points": null}\n'])
+def test_a_journal_that_says_little_is_no_reason_to_fail(tmp_path: Path, text: str) -> None:
+    (tmp_path / "journal.jsonl").write_text(text)
+    assert EndedRun(tmp_path).points == {}
+    assert EndedRun(tmp_path).frame("p001") is None
+
+
+def test_loops_are_those_of_the_file_in_the_runs_own_folder(tmp_path: Path) -> None:
+    ended = journal(tmp_path, RESULT)
+    assert ended.points["p001"]["file"] is False
+    assert ended.frame("p001") is None
+    shutil.copy(FIRST_VERSION, tmp_path / "points" / "p001.h5")
+    assert EndedRun(tmp_path).points["p001"]["file"] is True
+    frame = ended.frame("p001")
+    assert frame is not None
+    kind, blocks, base_s, end_s = struct.unpack_from("<IIdd", frame)
+    place, series = 24, {}
+    for _ in range(blocks):
+        channel, _, count = struct.unpack_from("<HHI", frame, place)
+        series[channel] = np.frombuffer(frame, "<f4", 2 * count, place + 8).reshape(2, count)
+        place += 8 + 8 * count
+    assert (kind, place) == (2, len(frame))
+    with h5py.File(FIRST_VERSION) as file:
+        data = {name: np.float64(file["entry/data"][name][:]) for name in ("time", "force", "displacement")}
+    assert end_s == data["time"][-1]
+    at = np.searchsorted(data["time"], base_s + np.float64(series[203][0]) - 1e-4)
+    assert len(at) > 50
+    assert np.array_equal(series[203][1], np.float32(data["force"][at]))
+    assert np.array_equal(series[201][1], np.float32(data["displacement"][at]))
+
+
+def test_a_damaged_file_and_an_unknown_point_show_nothing(tmp_path: Path) -> None:
+    ended = journal(tmp_path, RESULT)
+    (tmp_path / "points" / "p001.h5").write_bytes(FIRST_VERSION.read_bytes()[:3000])
+    assert ended.frame("p001") is None
+    assert ended.frame("../../etc/passwd") is None
+
+
+def test_a_page_of_a_run_that_is_resumed_twice_follows_it_each_time(tmp_path: Path) -> None:
+    from rig.campaign.live_link import LiveLink
+    from rig.recording.journal.campaign_log import CampaignLog
+
+    run = tmp_path / "run"
+    run.mkdir()
+    journal(run, RESULT)
+    watched = WatchedRun(run)
+    assert watched.state()["ended"]["stopped_by"] == "operator"
+    for session in range(2):
+        link = LiveLink(place=tmp_path)
+        log = CampaignLog(run)
+        with link.told_of(log):
+            link.display.phase(f"session {session}")
+            assert watched.began_or_ended()
+            assert not watched.began_or_ended()
+            assert (watched.state()["running"], watched.state()["phase"]) == (True, f"session {session}")
+        log.close()
+        link.close()
+        assert watched.state()["running"] is False
+
+
+def test_a_ring_is_shown_only_while_its_campaign_lives(tmp_path: Path) -> None:
+    journal(tmp_path, RESULT)
+    replace_json(tmp_path / "station.json", {"ring_path": str(tmp_path / "gone.ring")})
+    assert WatchedRun(tmp_path).ring() is None

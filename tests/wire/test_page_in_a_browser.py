@@ -1,0 +1,261 @@
+"""The page in a real browser, without a rig: its contrast, the keyboard, and what it says when nothing comes."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
+
+import pytest
+from test_page import ARGUMENTS, CHROMIUM, COUNT_INK, WAIT_MS
+
+from drivers.ring import Record, RingWriter
+from rig.campaign.live_link import Asked, LiveLink
+from rig.campaign.results import PointResult
+from rig.clock import monotonic_ns
+from rig.page.settings import PageSettings
+from rig.page.started import PageProcess
+from rig.recording.journal.campaign_log import CampaignLog
+from rig.station.live_folder import replace_json
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+CONTRAST = (Path(__file__).parent / "contrast.js").read_text()
+FIRST_VERSION = Path(__file__).parents[1] / "rig" / "recording" / "first_version.h5"
+HOSTILE = "<script>document.title='taken'</script>"
+VERDICTS = {"p001": "valid", "p002": "suspect", "p003": "invalid"}
+FOCUS = """() => { const e = document.activeElement, s = getComputedStyle(e), r = e.getBoundingClientRect();
+  return [e.id || e.textContent, parseFloat(s.outlineWidth), s.outlineStyle, r.top < innerHeight && r.bottom > 0]; }"""
+FOCUSABLE = """() => [...document.querySelectorAll('button, input, textarea, [tabindex="0"]')]
+  .filter(e => !e.disabled && e.checkVisibility()).map(e => e.id || e.textContent)"""
+
+
+class Beside:
+    """A campaign's live side without a campaign: a ring that is fed, a live folder, a page."""
+
+    def __init__(self, folder: Path, ends: ExitStack) -> None:
+        self.run = folder / "run"
+        self.run.mkdir()
+        self.ring = RingWriter(folder / "ring", 1 << 14)
+        ends.callback(self.ring.close)
+        sensor = {"rate_Hz": 250.0, "stale_after_s": 1.0}
+        replace_json(self.run / "station.json", {
+            "ring_path": str(self.ring.path), "device_rate": 1.0, "actuator": sensor, "ecu": sensor,
+            "load_cell": sensor, "lvdt": sensor, "auxiliary": [{"name": HOSTILE, **sensor}],
+            "limits": {"force_N": 500.0, "position_m": [-0.08, 0.08], "speed_m_s": 1.0, "current_A": 3.0},
+        })  # fmt: skip
+        self.live = ends.enter_context(ExitStack())
+        self.link = LiveLink()
+        self.live.callback(self.link.close)
+        self.log = CampaignLog(self.run)
+        ends.callback(self.log.close)
+        self.live.enter_context(self.link.told_of(self.log))
+        motion = {"waveform": "sine", "amplitude_m": 0.05, "frequency_Hz": 2.0, "current_A": 1.0, "cycles": 10}
+        points = [{"id": f"p00{number}", **motion} for number in range(1, 7)]
+        replace_json(self.link.folder / "plan.json", {"specimen": HOSTILE, "bench": HOSTILE, "points": points})
+        self.log.write("warning", slug="sample-gap", text=HOSTILE)
+        self.link.display.phase("running")
+        self._fed = threading.Event()
+        self._feeder = threading.Thread(target=self._feed, daemon=True)
+        self._feeder.start()
+        ends.callback(self.stop_feeding)
+        self.page = PageProcess.start(PageSettings(live=str(self.link.folder)))
+        ends.callback(self.page.close)
+
+    def _feed(self) -> None:
+        tick = 0
+        while not self._fed.wait(0.02):
+            now_ns, records = monotonic_ns(), list[Record]()
+            for number in range(tick, tick + 5):
+                angle = 2.0 * math.pi * number / 125.0
+                for channel, value in ((1, 800.0 * math.cos(angle)), (2, 0.05 * math.sin(angle)), (3, 25.0)):
+                    records.append((now_ns, 4000 * number, value, number, channel, 0))
+            records += [(now_ns, 4000 * tick, 1.0, tick, channel, 0) for channel in (10, 11, 12, 16, 20, 23)]
+            self.ring.append(records)
+            self.link.display.progress("p004", 3, 100.0, {})
+            tick += 5
+
+    def stop_feeding(self) -> None:
+        self._fed.set()
+        self._feeder.join()
+
+    def judged(self, verdicts: dict[str, str]) -> tuple[PointResult, ...]:
+        return tuple(
+            PointResult(name, None, verdict, (HOSTILE,) if verdict != "valid" else (), "sine", 0.05, 2.0, 1.0, 0)
+            for name, verdict in verdicts.items()
+        )
+
+    def wish(self, do: Asked) -> str:
+        """Who asks for this next; whatever else is asked for before fails."""
+        end_s = time.monotonic() + 60.0
+        while time.monotonic() < end_s:
+            for wish in self.link.take():
+                assert wish.do is do
+                return wish.by
+            time.sleep(0.02)
+        raise AssertionError(f"nobody asks for {do}")
+
+
+@pytest.fixture
+def beside(tmp_path: Path) -> Iterator[Beside]:
+    with ExitStack() as ends:
+        yield Beside(tmp_path, ends)
+
+
+def says(page: Page, verdict: str) -> None:
+    page.wait_for_function(f"document.getElementById('verdict').textContent === '{verdict}'", timeout=WAIT_MS)
+
+
+def check_contrast(page: Page) -> None:
+    for scheme in ("dark", "light"):
+        page.emulate_media(color_scheme=scheme)
+        is_dark = str(scheme == "dark").lower()
+        page.wait_for_function(f"document.documentElement.classList.contains('dark') === {is_dark}")
+        found = page.evaluate(CONTRAST)
+        assert found["weak"] == [], scheme
+        assert found["looked_at"] > 20
+
+
+def tabbed_to(page: Page, name: str, key: str = "Tab") -> None:
+    for _ in range(60):
+        if page.evaluate(FOCUS)[0] == name:
+            return
+        page.keyboard.press(key)
+    raise AssertionError(f"{key} never comes to {name}")
+
+
+def walk_with_tab(page: Page) -> None:
+    """Tab goes to everything that can be pressed or typed into, is seen where it is, and comes round."""
+    wanted = page.evaluate(FOCUSABLE)
+    met: list[str] = []
+    while met.count(wanted[0]) < 2 and len(met) <= 2 * len(wanted):
+        page.keyboard.press("Tab")
+        name, width, style, inside = page.evaluate(FOCUS)
+        if name in wanted:
+            assert (width >= 2.0, style, inside) == (True, "solid", True), name
+            met.append(name)
+    assert set(met) == set(wanted)
+    assert met.count(wanted[0]) >= 2, "it comes round"
+
+
+def command_by_keyboard(beside: Beside, page: Page) -> None:
+    tabbed_to(page, "name")
+    page.keyboard.type("Ada s")  # an s typed into a field stops nothing
+    page.keyboard.press("Enter")
+    page.wait_for_function("document.getElementById('standing').textContent === 'You have control, Ada s.'")
+    tabbed_to(page, "pause")
+    page.keyboard.press("Space")
+    assert beside.wish(Asked.PAUSE) == "Ada s"
+    tabbed_to(page, "note")
+    page.keyboard.type("s oil is warm")
+    tabbed_to(page, "keep")
+    page.keyboard.press("Enter")
+    page.wait_for_function("document.getElementById('note').value === ''", timeout=WAIT_MS)
+    tabbed_to(page, "sample-gap")
+    page.keyboard.press("Enter")
+    page.wait_for_function("!document.getElementById('explanation').hidden", timeout=WAIT_MS)
+    check_contrast(page)
+    page.keyboard.press("Escape")
+    assert page.evaluate(FOCUS)[0] == "sample-gap", "back to where it was"
+    beside.link.ask_current(0.5)
+    why = "document.getElementById('why').textContent"
+    page.wait_for_function(f"{why} === 'invalid: p003; to do: set 0.50 A on the supply, then confirm'", timeout=WAIT_MS)
+    tabbed_to(page, "set", "Shift+Tab")
+    page.keyboard.press("Enter")
+    while not beside.link.current_is_set:
+        assert beside.link.take() == []
+        time.sleep(0.02)
+    beside.link.forget_question()
+    tabbed_to(page, "stop", "Shift+Tab")
+    page.keyboard.press("Enter")
+    assert beside.wish(Asked.STOP) == "Ada s"
+
+
+def lose_the_page(beside: Beside, page: Page) -> None:
+    """A page process that stands still: nothing old is shown as live, and a Stop is not called sent."""
+    os.kill(beside.page.pid, signal.SIGSTOP)
+    says(page, "NO CONNECTION")
+    assert page.evaluate("[...document.querySelectorAll('.gauge b')].every(e => e.textContent === '–') || 'live'")
+    assert page.evaluate("document.body.classList.contains('old')")
+    page.keyboard.press("s")
+    says(page, "STOP NOT SENT")
+    os.kill(beside.page.pid, signal.SIGCONT)
+    beside.wish(Asked.STOP)
+
+
+def end_it(beside: Beside, page: Page) -> None:
+    """A point that the end of the session made suspect: no OK is left standing, the last word stays."""
+    points = beside.judged({"p001": "valid", "p002": "suspect"})
+    ended = SimpleNamespace(points=points, valid=1, total=2, rig_state="safe", stopped_by=None, exit_code=5)
+    beside.link.display.ended(cast("Any", ended), [])
+    says(page, "NOT OK")
+    beside.page.close()
+    why = "document.getElementById('why').textContent"
+    page.wait_for_function(f"{why}.includes('The page has closed')", timeout=WAIT_MS)
+    assert page.evaluate("document.getElementById('verdict').textContent") == "NOT OK"
+    assert page.title() != "taken"
+
+
+def show_ended(beside: Beside, browser: Browser) -> None:
+    """`rig page` of a run that is over: the loops of its points, of each by the keyboard."""
+    (beside.run / "points").mkdir()
+    points = []
+    for name in ("p001", "p002"):
+        shutil.copy(FIRST_VERSION, beside.run / "points" / f"{name}.h5")
+        motion = {"waveform": "sine", "amplitude_m": 0.05, "frequency_Hz": 1.0, "current_A": 0.5}
+        points.append({"id": name, "file": f"{name}.h5", "verdict": "valid", "reasons": [], **motion})
+    beside.log.write("result", points=points, valid=2, total=2, rig_state="safe", stopped_by=None, detail="")
+    beside.stop_feeding()
+    beside.live.close()
+    again = PageProcess.start(PageSettings(run=str(beside.run)))
+    try:
+        page = browser.new_page(viewport={"width": 390, "height": 844}, bypass_csp=True)
+        page.goto(again.url)
+        says(page, "OK")
+        shown = "document.getElementById('head-fx').textContent"
+        page.wait_for_function(f"{shown}.startsWith('Force over displacement – p001 as recorded')", timeout=WAIT_MS)
+        assert page.evaluate(COUNT_INK, "fx") != page.evaluate(COUNT_INK, "fv")
+        check_contrast(page)
+        assert not page.is_visible("#stop"), "there is nothing to stop"
+        tabbed_to(page, "loops")
+        page.keyboard.press("Tab")
+        page.keyboard.press("Enter")
+        page.wait_for_function(f"{shown}.includes('p002 as recorded')", timeout=WAIT_MS)
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "a phone scrolls one way only"
+    finally:
+        again.close()
+
+
+@pytest.mark.wire
+@pytest.mark.skipif(CHROMIUM is None and "CI" not in os.environ, reason="no chromium on this machine")
+def test_the_page_is_read_by_everybody_worked_by_keys_and_never_passes_off_what_is_old(beside: Beside) -> None:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        page = browser.new_page(viewport={"width": 1366, "height": 768}, bypass_csp=True)
+        wrong: list[str] = []
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.goto(beside.page.url)
+        says(page, "OK")
+        for judged in beside.judged(VERDICTS):
+            beside.link.display.point_done(judged)
+        says(page, "NOT OK")
+        page.wait_for_function("document.querySelector('.gauge.over')", timeout=WAIT_MS)  # 800 N, 500 N allowed
+        check_contrast(page)
+        walk_with_tab(page)
+        command_by_keyboard(beside, page)
+        lose_the_page(beside, page)
+        end_it(beside, page)
+        show_ended(beside, browser)
+        browser.close()
+    assert wrong == []
