@@ -22,6 +22,7 @@ from rig.comparison.readings import (
     readings_of,
 )
 from rig.errors import RigError
+from rig.recording.layout import SIGNAL
 from rig.recording.run import Run
 
 MOST_RUNS = 12
@@ -81,13 +82,18 @@ class Comparison:
         if len(models) > 1:
             lines.append(f"different models were fitted ({', '.join(sorted(models))}): parameters are not compared")
         if len(self.runs) > 1 and not any(all(row.loops) for row in self.rows):
-            lines.append("the runs have no motion in common")
+            lines.append("the runs have no motion with cycles in common")
         if len({run.load_cell for run in self.runs if run.load_cell}) > 1:
             lines.append("different load cells or sensitivities: their calibrations count in the differences")
         given = Counter(run.identity for run in self.runs)
         if max(given.values()) > 1:
             lines.append("one run is given more than once: between itself and itself nothing can have changed")
         for run in self.runs:
+            if signals := [point.id for point in run.run.points if point.kind == SIGNAL]:
+                lines.append(
+                    f"{run.name}: signals (sweep, road, file) have no loop and are not compared, only their "
+                    f"fit: {', '.join(signals[:3])}{', ...' if len(signals) > 3 else ''}"
+                )
             if run.not_recorded:
                 lines.append(f"{run.name}: {len(run.not_recorded)} planned point(s) were not recorded")
             if run.left_out:

@@ -30,7 +30,7 @@ class Recorder:
 
     def point(
         self, folder: Path, name: str, damping_N_s_m: float, *, current_A: float = 0.5, frequency_Hz: float = 1.0,
-        verdict: str = "valid", percent: float | None = None,
+        verdict: str = "valid", percent: float | None = None, kind: str = "loop",
     ) -> Path:
         duration_s = CYCLES / frequency_Hz
         time_s = np.arange(round((duration_s + 0.4) * RATE_HZ)) / RATE_HZ
@@ -46,7 +46,7 @@ class Recorder:
              AlignedChannel("force", force_N, "N", "Force"),
              AlignedChannel("current", np.full(len(u_m), current_A), "A", "Current")],
             test={"id": name, "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": frequency_Hz,
-                  "current_A": current_A, "mid_stroke_m": 0.0, **stated},
+                  "current_A": current_A, "mid_stroke_m": 0.0, "kind": kind, **stated},
             quality={"verdict": verdict, "reasons": ("estop: stopped",) if verdict == "invalid" else ()},
             provenance={"bench": "a bench", "specimen": "S"},
         ))  # fmt: skip

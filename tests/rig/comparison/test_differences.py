@@ -65,6 +65,14 @@ def test_parameters_of_different_models_are_not_compared(made_run: Make, made_fi
     assert "different models" in compare([first, second]).remarks[0]
 
 
+def test_signals_are_told_as_not_compared(made_run: Make, made_point: Make) -> None:
+    first, second = made_run("a"), made_run("b")
+    made_point(second, "p002", 1000.0, kind="signal")
+    (remark,) = compare([first, second]).remarks
+    assert remark.startswith("b: signals (sweep, road, file)")
+    assert remark.endswith(": p002")
+
+
 def test_text_says_what_differs_within_eighty_columns(made_run: Make, capsys: pytest.CaptureFixture[str]) -> None:
     before, after = made_run("before"), made_run("after", 900.0)
     assert main(["compare", str(before), str(after)]) == 0
