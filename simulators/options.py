@@ -231,6 +231,19 @@ class LimitOptions:
 
 
 @dataclass(frozen=True)
+class TransferOptions:
+    """The hybrid benchmark's transfer system in the place of servo and damper (`simulators.plant.transfer`).
+
+    Its four parameters as in `rig.hybrid.transfer_system.TransferSystem`; with a stiffness of 0 there is none.
+    """
+
+    a3: float = 3.3
+    beta1: float = 425.0
+    beta2: float = 9.9976e4
+    stiffness_N_m: float = 0.0
+
+
+@dataclass(frozen=True)
 class RigOptions:
     """The whole simulated rig; NaN clocks and the like are drawn from the seed."""
 
@@ -248,6 +261,7 @@ class RigOptions:
     lvdt: SensorOptions = LVDT
     auxiliary: SensorOptions = AUXILIARY
     limits: LimitOptions = field(default_factory=LimitOptions)
+    transfer: TransferOptions = field(default_factory=TransferOptions)
 
 
 POSITIVE = {

@@ -31,8 +31,9 @@ from simulators.named_port import NamedPort
 from simulators.options import RigOptions, SensorOptions
 from simulators.pace import Backpressure, Pace
 from simulators.plant import step as plant_step
-from simulators.plant.plant import MAXIMUM_STEPS, Plant
+from simulators.plant.plant import MAXIMUM_STEPS
 from simulators.plant.records import EVENT_PULSE, EVENT_TRIP
+from simulators.plant.transfer import plant_of
 from simulators.schedule import BY_ID, ScheduledFault
 from simulators.sensor import Sensor
 from simulators.serial_port import CAPACITY, open_port
@@ -96,7 +97,7 @@ class SimulatedRig:
     def __init__(self, options: RigOptions, run: RunOptions) -> None:
         self.options = options
         self.run_options = run
-        self.plant = Plant(options)
+        self.plant = plant_of(options)
         self.truth = Truth(run.truth, self.plant, options.truth_rate_Hz) if run.truth is not None else None
         self._draws = iter(np.random.default_rng(run.seed).spawn(24))
         controller, coil = options.controller, options.coil
@@ -382,8 +383,7 @@ class SimulatedRig:
             clocks[f"clock_offset_us_{name}"] = clock.offset_us
             clocks[f"clock_ppm_{name}"] = clock.ppm
         return {
-            "seed": self.run_options.seed,
-            "speed": self.run_options.speed,
+            "seed": self.run_options.seed, "speed": self.run_options.speed,
             "options": repr(dataclasses.asdict(self.options)),
             **clocks,
         }

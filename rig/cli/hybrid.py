@@ -1,4 +1,4 @@
-"""`rig hybrid`: a hybrid test of the damper in a computed car; `--benchmark`: the published benchmark, in process."""
+"""`rig hybrid`: a hybrid test of the damper in a computed car; `--benchmark`: the published benchmark."""
 
 from __future__ import annotations
 
@@ -13,13 +13,18 @@ from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_REFUSED
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rich.console import Console
 
     from rig.cli.job import JobResult
     from rig.hybrid.benchmark import Result
+    from rig.hybrid.earthquake import Earthquake
 
 RATES = ("4096", "1024", "250")
 NAMES = ("none", "sample", "polynomial", "inverse", "ats", "adaptive-model")
+PLANTS, PLANTS_ON_WIRES = 20, 1
+CASES = (1, 2, 3, 4)
 SEED = 2020
 FOLLOWS = ("--actuator", "setpoints")
 """The simulated rig's controller without a function generator."""
@@ -38,6 +43,7 @@ DESCRIPTION = (
         "rig hybrid my-hybrid.toml --bench my-bench.toml",
         "rig hybrid --benchmark --rate 250",
         "rig hybrid --benchmark --case 1 --earthquake el-centro.csv --json",
+        "rig hybrid --benchmark --wires --plants 5",
     ),
 )
 @click.argument("file", type=click.Path(path_type=Path), required=False)
@@ -46,7 +52,7 @@ DESCRIPTION = (
 @click.option("--simulate", is_flag=True, help="Start a simulated rig that follows set-points and test on it.")
 @click.option("--seed", type=click.IntRange(0), help="Of the simulated rig; with --benchmark of plants and noise.")
 @out_option
-@click.option("--benchmark", is_flag=True, help="The benchmark problem of Silva et al. 2020, in process.")
+@click.option("--benchmark", is_flag=True, help="The benchmark problem of Silva et al. 2020.")
 @click.option("--case", "cases", type=click.IntRange(1, 4), multiple=True, help="Building case.  [default: all four]")
 @click.option("--rate", "rates", type=click.Choice(RATES), multiple=True, help="Steps a second.  [default: all three]")
 @click.option(
@@ -56,7 +62,8 @@ DESCRIPTION = (
     multiple=True,
     help="What compensates the delay.  [default: all]",
 )
-@click.option("--plants", type=click.IntRange(1, 1000), default=20, show_default=True, help="Perturbed plants a case.")
+@click.option("--plants", type=click.IntRange(1, 1000), help="Perturbed plants a case.  [default: 20; with --wires 1]")
+@click.option("--wires", is_flag=True, help="The benchmark through a simulated rig's Modbus, 250 Hz, in real time.")
 @click.option(
     "--earthquake",
     type=click.Path(path_type=Path),
@@ -89,22 +96,23 @@ def command(
     would not be stable or the rig cannot do it; nothing moves then.
 
     With --benchmark: criteria J1 to J9 of the published benchmark beside the published ones. Exit code 3 when what is
-    asked of this program's own compensator (adaptive-model) is not reached.
+    asked of this program's own compensator (adaptive-model) is not reached. All in process, or with --wires the plant
+    behind Modbus TCP: 45 s for each plant and compensator (by default adaptive-model alone).
     """
     if benchmark:
-        _all_in_process(alone=file is None and bench is None and not simulate)
+        _without_a_rig(alone=file is None and bench is None and not simulate)
         return _benchmark(BenchmarkOptions(**of_benchmark), SEED if seed is None else seed, as_json=as_json)
     return run_hybrid(Asked(_given(file), bench, simulate, seed, simulator_args, out), as_json=as_json)
 
 
-def _all_in_process(*, alone: bool) -> None:
+def _without_a_rig(*, alone: bool) -> None:
     """Refuse a benchmark with a rig.
 
     Raises:
         UsageError: a file or a rig is given.
     """
     if not alone:
-        raise click.UsageError("--benchmark is all in process: leave FILE, --bench and --simulate out")
+        raise click.UsageError("--benchmark brings its own plant: leave FILE, --bench and --simulate out")
 
 
 def _given(file: Path | None) -> Path:
@@ -124,33 +132,62 @@ class BenchmarkOptions(NamedTuple):
     cases: tuple[int, ...]
     rates: tuple[str, ...]
     compensators: tuple[str, ...]
-    plants: int
+    plants: int | None
+    wires: bool
     earthquake: Path | None
     intensity: float
     latency_steps: int
 
 
 def _benchmark(asked: BenchmarkOptions, seed: int, *, as_json: bool) -> int:
-    from rig.hybrid.benchmark import run_benchmark
     from rig.hybrid.earthquake import read, synthesised
 
     motion = synthesised() if asked.earthquake is None else read(asked.earthquake, asked.intensity)
-    problems = [(case, int(rate)) for case in asked.cases or (1, 2, 3, 4) for rate in asked.rates or RATES]
+    answer: dict[str, Any] = {"benchmark": "Silva et al. 2020", "earthquake": motion.name, "seed": seed}
+    answer |= {"plants": asked.plants or (PLANTS_ON_WIRES if asked.wires else PLANTS)}
+    answer |= {"latency_steps": asked.latency_steps, "wires": None}
     results: list[Result] = []
-    compensators = asked.compensators or NAMES
-    for result in run_benchmark(problems, compensators, motion, asked.plants, seed, asked.latency_steps):
+    for result in _on_wires(asked, motion, answer) if asked.wires else _in_process(asked, motion, answer):
         results.append(result)
         if not as_json:
             say(f"case {result.case}, {result.rate_Hz} Hz, {result.compensator}: done", err=True)
-    refused = [result for result in results if result.refused]
-    code = EXIT_REFUSED if refused else EXIT_DONE
+    code = EXIT_REFUSED if any(result.refused for result in results) else EXIT_DONE
     if as_json:
-        answer = {"benchmark": "Silva et al. 2020", "earthquake": motion.name, "seed": seed, "plants": asked.plants}
-        answer["latency_steps"] = asked.latency_steps
         write_json({**answer, "results": [_plain(result) for result in results], "exit_code": code})
-    else:
-        _show(results, motion.name)
+        return code
+    _show(results, motion.name)
+    if answer["wires"] is not None:
+        wires = answer["wires"]
+        say(f"{wires['late_steps']} of {wires['steps']} steps late; 99 % within {wires['p99_step_ms']:.2g} ms, worst "
+            f"{wires['worst_step_ms']:.2g} ms{'' if wires['real_time'] else ', without real-time rights'}")  # fmt: skip
     return code
+
+
+def _in_process(asked: BenchmarkOptions, motion: Earthquake, answer: dict[str, Any]) -> Iterator[Result]:
+    from rig.hybrid.benchmark import run_benchmark
+
+    problems = [(case, int(rate)) for case in asked.cases or CASES for rate in asked.rates or RATES]
+    return run_benchmark(
+        problems, asked.compensators or NAMES, motion, answer["plants"], answer["seed"], asked.latency_steps
+    )
+
+
+def _on_wires(asked: BenchmarkOptions, motion: Earthquake, answer: dict[str, Any]) -> Iterator[Result]:
+    """The results, one after the other; in the end `answer` has how the steps went.
+
+    Raises:
+        UsageError: another rate or latency than that of the wires.
+    """
+    if set(asked.rates) - {"250"} or asked.latency_steps:
+        raise click.UsageError("--wires: 250 steps a second, and what the wires are late by: leave --rate and "
+                               "--latency-steps out")  # fmt: skip
+    from rig.campaign.wired_benchmark import LATENCY_STEPS, Wires
+    from rig.station.process import real_time_priority
+
+    lacking, wires = real_time_priority(True), Wires()
+    compensators = asked.compensators or NAMES[-1:]
+    yield from wires.results(asked.cases or CASES, compensators, motion, answer["plants"], answer["seed"])
+    answer |= {"latency_steps": LATENCY_STEPS, "wires": {**wires.count.to_json(), "real_time": lacking is None}}
 
 
 def _plain(result: Result) -> dict[str, Any]:

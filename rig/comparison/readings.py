@@ -167,9 +167,10 @@ def readings_of(run: Run) -> RunReadings:
     model, parameters = fitted_of(run)
     first = next(iter(run.points))
     loops = _loops(characteristics, points)
+    others = [line for line in characteristics.left_out if not line.endswith(": invalid")]  # the run has said why
     return RunReadings(
         run, _specimen(run), loops, _singles(characteristics, points), model, parameters,
-        _load_cell(first), tuple(dict.fromkeys((*run.left_out, *characteristics.left_out))),
+        _load_cell(first), tuple(dict.fromkeys((*run.left_out, *others))),
         tuple(_lacking(run, loops)), _not_recorded(run),
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +14,12 @@ from rig.hybrid.criteria import criteria
 from rig.hybrid.delay_margin import critical_delay_s
 from rig.hybrid.earthquake import Earthquake
 from rig.hybrid.published import CRITERIA, asked_percent, sample_controller
-from rig.hybrid.transfer_system import perturbed
-from rig.hybrid.virtual_test import Benchmark
+from rig.hybrid.transfer_system import TransferSystem, perturbed
+from rig.hybrid.virtual_test import Benchmark, VirtualTest
 
 RATES_Hz = (4096, 1024, 250)
+Run = Callable[[Benchmark, str, TransferSystem, int], VirtualTest]
+"""One test: problem, compensator, transfer system, seed of the noise."""
 
 
 @dataclass(frozen=True)
@@ -89,13 +91,26 @@ def run_benchmark(
     for case, rate_Hz in problems:
         problem = Benchmark(case, rate_Hz, earthquake, latency_steps)
         for compensator in compensators:
-            yield _one(problem, case, compensator, plants, seed)
+            yield result_over(problem, case, compensator, (perturbed(plants, seed), seed))
 
 
-def _one(problem: Benchmark, case: int, compensator: str, plants: int, seed: int) -> Result:
+def result_over(
+    problem: Benchmark, case: int, compensator: str, drawn: tuple[list[TransferSystem], int],
+    run: Run = Benchmark.test,
+) -> Result:  # fmt: skip
+    """One case and compensator over transfer systems.
+
+    Args:
+        problem: the case under an earthquake at a rate.
+        case: its number.
+        compensator: by name.
+        drawn: the transfer systems, and the seed of the first one's sensor noise.
+        run: runs one test; by default in process.
+    """
     rows, stops = [], []
-    for number, plant in enumerate(perturbed(plants, seed)):
-        test = problem.test(compensator, plant, seed + number)
+    plants, seed = drawn
+    for number, plant in enumerate(plants):
+        test = run(problem, compensator, plant, seed + number)
         if test.stopped_s is None:
             values = criteria(test.floors_m, test.measured_m, test.reference_m, test.step_s)
             rows.append([values[name] for name in CRITERIA])
@@ -104,7 +119,7 @@ def _one(problem: Benchmark, case: int, compensator: str, plants: int, seed: int
     mean = np.mean(rows, axis=0).tolist() if rows else []
     worst = np.max(rows, axis=0).tolist() if rows else []
     return Result(
-        case, problem.rate_Hz, compensator, plants, len(stops), min(stops, default=None),
+        case, problem.rate_Hz, compensator, len(plants), len(stops), min(stops, default=None),
         dict(zip(CRITERIA, mean, strict=False)), dict(zip(CRITERIA, worst, strict=False)),
         1e3 * critical_delay_s(computed_part(problem.whole, Specimen()), Specimen()),
     )  # fmt: skip

@@ -73,6 +73,21 @@ class Signals(NamedTuple):
     force_noise: FloatArray
 
 
+class Computed(NamedTuple):
+    """What goes on from step to step: computed state, inputs before, what is known, target, commands under way.
+
+    `seen` (2,) are the plant's position (m) and force (N) at a step, `out` (n, 4) the floors and the measured position.
+    """
+
+    state: FloatArray
+    before: FloatArray
+    known: FloatArray
+    target: FloatArray
+    under_way: FloatArray
+    seen: FloatArray
+    out: FloatArray
+
+
 @dataclass(frozen=True)
 class VirtualTest:
     """What one test gave.
@@ -92,38 +107,51 @@ class VirtualTest:
     step_s: float
 
 
+@njit()
+def _step(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, at: Computed, k: int) -> float:
+    """One step of the computed part and its compensator from what is seen; the command (m) that arrives now."""
+    measured = at.seen[0] + signals.position_noise[k]
+    ground, force_N = signals.ground[k], at.seen[1] + signals.force_noise[k]
+    for i in range(6):
+        total = loop.earlier[i, 0] * at.before[0] + loop.earlier[i, 1] * at.before[1]
+        total += loop.later[i, 0] * ground + loop.later[i, 1] * force_N
+        for j in range(6):
+            total += loop.transition[i, j] * at.state[j]
+        at.known[i] = total
+    at.state[:] = at.known[:6]
+    at.known[6], at.known[7] = ground, signals.ground_rate[k]
+    at.before[0], at.before[1] = ground, force_N
+    at.target[0] = at.state[0]
+    if chosen.kind == ADAPTIVE_MODEL:
+        for i in range(TERMS):
+            at.target[i] = 0.0
+            for j in range(8):
+                at.target[i] += loop.derivatives[i, j] * at.known[j]
+    wanted = command(at.target, measured, chosen, memory)
+    wanted = min(max(np.floor(wanted / QUANTUM + 0.5) * QUANTUM, -SATURATION), SATURATION)
+    at.under_way[k % at.under_way.size] = wanted
+    arrived = at.under_way[(k + 1) % at.under_way.size]
+    said(arrived if chosen.kind == ADAPTIVE_MODEL else wanted, memory)
+    at.out[k, 0], at.out[k, 1], at.out[k, 2], at.out[k, 3] = at.state[0], at.state[1], at.state[2], measured
+    return float(arrived)
+
+
 @njit(cache=True, nogil=True)
-def _run(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, out: FloatArray) -> int:
+def _once(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, at: Computed, k: int) -> float:
+    """One step for a plant that is somewhere else; the command (m) that leaves now."""
+    _step(loop, signals, chosen, memory, at, k)
+    return float(at.under_way[k % at.under_way.size])
+
+
+@njit(cache=True, nogil=True)
+def _run(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, at: Computed) -> int:
     """Run the loop; returns the number of steps until the capacity was exceeded, or all."""
-    plant, computed, known = np.zeros(ORDER), np.zeros(6), np.zeros(8)
-    before, now, target = np.zeros(2), np.zeros(2), np.zeros(TERMS)
-    under_way = np.zeros(chosen.latency_steps + 1)
+    plant = np.zeros(ORDER)
     for k in range(signals.ground.size):
         if not abs(plant[FORCE]) < ACTUATOR_CAPACITY_N:
             return k
-        measured = plant[POSITION] + signals.position_noise[k]
-        now[0], now[1] = signals.ground[k], plant[FORCE] + signals.force_noise[k]
-        for i in range(6):
-            total = loop.earlier[i, 0] * before[0] + loop.earlier[i, 1] * before[1]
-            total += loop.later[i, 0] * now[0] + loop.later[i, 1] * now[1]
-            for j in range(6):
-                total += loop.transition[i, j] * computed[j]
-            known[i] = total
-        computed[:] = known[:6]
-        known[6], known[7] = now[0], signals.ground_rate[k]
-        before[0], before[1] = now[0], now[1]
-        target[0] = computed[0]
-        if chosen.kind == ADAPTIVE_MODEL:
-            for i in range(TERMS):
-                target[i] = 0.0
-                for j in range(8):
-                    target[i] += loop.derivatives[i, j] * known[j]
-        wanted = command(target, measured, chosen, memory)
-        wanted = min(max(np.floor(wanted / QUANTUM + 0.5) * QUANTUM, -SATURATION), SATURATION)
-        under_way[k % under_way.size] = wanted
-        arrived = under_way[(k + 1) % under_way.size]
-        said(arrived if chosen.kind == ADAPTIVE_MODEL else wanted, memory)
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = computed[0], computed[1], computed[2], measured
+        at.seen[0], at.seen[1] = plant[POSITION], plant[FORCE]
+        arrived = _step(loop, signals, chosen, memory, at, k)
         was = plant.copy()
         for i in range(ORDER):
             total = loop.driven[i] * arrived
@@ -204,19 +232,68 @@ class Benchmark:
             plant: the transfer system as it is.
             seed: of the sensors' noise.
         """
-        chosen = _compensator(compensator, self.rate_Hz, self.latency_steps)
-        n, step_s = len(self.ground), 1.0 / self.rate_Hz
-        noise = np.random.default_rng(seed).standard_normal((2, n)) * np.sqrt(self.rate_Hz)
-        noise *= np.sqrt([[POSITION_NOISE], [FORCE_NOISE]])
-        out = np.zeros((n, 4))
-        signals = Signals(self.ground, self.ground_rate, noise[0], noise[1])
-        steps = _run(self._loop(plant), signals, chosen, fresh(chosen), out)
-        stopped_s = None if steps == n else steps * step_s
-        return VirtualTest(out[:steps, :3], out[:steps, 3], self.reference_m[:steps], stopped_s, step_s)
+        course = StepwiseTest(self, compensator, plant, seed)
+        return course.result(_run(*course.parts))
 
-    def _loop(self, plant: TransferSystem) -> Loop:
+    def signals(self, seed: int) -> Signals:
+        """The ground's motion, and sensor noise drawn with this seed."""
+        noise = np.random.default_rng(seed).standard_normal((2, len(self.ground))) * np.sqrt(self.rate_Hz)
+        noise *= np.sqrt([[POSITION_NOISE], [FORCE_NOISE]])
+        return Signals(self.ground, self.ground_rate, noise[0], noise[1])
+
+    def loop(self, plant: TransferSystem) -> Loop:
+        """The matrices of this problem with a transfer system."""
         step_s = 1.0 / self.rate_Hz
         computed = building.computed_part(self.whole, plant.specimen)
         transition, earlier, later = along_a_line(*computed.state_space(building.ground_and_force(self.whole)), step_s)
         moved, driven = held(*plant.state_space(), step_s)
         return Loop(transition, earlier, later, moved, driven[:, 0].copy(), self._derivatives)
+
+
+class StepwiseTest:
+    """One test of a problem, step by step.
+
+    Args (construction):
+        problem: case, earthquake, rate, and how many steps late a command arrives.
+        compensator: one of `compensators.NAMES`.
+        plant: the transfer system; the computed part is the building without this specimen.
+        seed: of the sensors' noise.
+
+    Attributes:
+        steps: so far.
+        capacity_exceeded: the actuator's force was beyond its capacity: the test is over.
+    """
+
+    def __init__(self, problem: Benchmark, compensator: str, plant: TransferSystem, seed: int) -> None:
+        chosen = _compensator(compensator, problem.rate_Hz, problem.latency_steps)
+        n = len(problem.ground)
+        self.steps = 0
+        self.capacity_exceeded = False
+        self._problem = problem
+        self._at = Computed(
+            np.zeros(6), np.zeros(2), np.zeros(8), np.zeros(TERMS), np.zeros(chosen.latency_steps + 1), np.zeros(2),
+            np.zeros((n, 4)),
+        )  # fmt: skip
+        self.parts = (problem.loop(plant), problem.signals(seed), chosen, fresh(chosen), self._at)
+
+    @property
+    def over(self) -> bool:
+        """The record has ended, or the capacity was exceeded."""
+        return self.capacity_exceeded or self.steps == len(self._problem.ground)
+
+    def step(self, position_m: float, force_N: float) -> float:
+        """The command (m) that leaves now, from what is measured now; 0 once the test is over."""
+        self.capacity_exceeded = self.capacity_exceeded or not abs(force_N) < ACTUATOR_CAPACITY_N
+        if self.over:
+            return 0.0
+        self._at.seen[:] = position_m, force_N
+        wanted = _once(*self.parts, self.steps)
+        self.steps += 1
+        return float(wanted)
+
+    def result(self, steps: int) -> VirtualTest:
+        """What so many steps gave."""
+        out, problem = self._at.out, self._problem
+        step_s = 1.0 / problem.rate_Hz
+        stopped_s = None if steps == len(out) else steps * step_s
+        return VirtualTest(out[:steps, :3], out[:steps, 3], problem.reference_m[:steps], stopped_s, step_s)

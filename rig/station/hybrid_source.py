@@ -89,6 +89,8 @@ class HybridSource:
             self._supervisor.report([Finding(SLUG, problem.text, now_ns, problem.value, problem.limit)])
         if self._coil is not None:
             self._command(self._coil, now_ns)
+            if sent is None:
+                self._coil.law_judge.follow(law=False)
         return None if sent is None else Setpoint(sent.position_m, sent.velocity_m_s)
 
     def _command(self, coil: CurrentSourceThread, now_ns: int) -> None:

@@ -88,9 +88,13 @@ class Plant:
             self._events,
         )
         self.out = self._buffer[:steps]
+        self._moved()
         self.position_input.take(self.out[:, PISTON])
         self.force_input.take(self.out[:, FORCE])
         return [(float(time_s), int(kind), float(value)) for time_s, kind, value in self._events[:count]]
+
+    def _moved(self) -> None:
+        """Where another system than the servo moves the rod: its outputs in place of those of the last slice."""
 
     def value(self, name: str) -> float:
         """One field of the state, SI."""

@@ -70,7 +70,6 @@ ONE_IMPORTER = {
     "rig.matrix.record_file": "lines and columns of a file; the tables know of none",
     "rig.page.ended_run": "files of a run that is over; what watches one that lives reads none of them",
     "rig.hybrid.delay_margin": "of any linear structure with a specimen, whatever is run with it",
-    "rig.hybrid.virtual_test": "compiled: loads numba, and only where tests are run",
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
     "rig.cli.comparison_tables": "loads rich and numpy, and only where a comparison is shown",
     "drivers.stamp_clock": "a clock without a bus, beside the port's I/O",

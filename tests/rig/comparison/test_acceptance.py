@@ -143,6 +143,7 @@ def test_a_band_is_not_passed_by_what_was_left_of_a_run(made_run: Make, made_poi
     compared = compare([folder], bands(band))
     assert states(compared) == ["pass", "missing"]
     assert judged(compared).results[1].why == "no point of this motion is valid"
+    assert compared.remarks == ("a: 1 thing(s) left out; first: p002 left out: invalid (estop: stopped)",)
     assert states(compare([folder], bands(f'{band}frequency = "1 Hz"\n'))) == ["pass"]
     invalid.unlink()
     (folder / "campaign.json").write_text(json.dumps({"id": "a", "points": ["p001", "p002", "p003"]}))
