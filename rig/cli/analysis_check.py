@@ -9,7 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
-from rig.errors import FileProblem
+from rig.errors import FileProblem, IdentificationFailed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -59,6 +59,9 @@ def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[
     """What is wrong with the filter, and the points that it leaves to be fitted."""
     if text is None:
         return [], loops
+    in_time = _end_of_time(text, loops)
+    if in_time is not None:
+        return in_time, loops
     if Path(text).exists():
         if (Path(text) / "points").is_dir():
             return [], loops
@@ -77,6 +80,23 @@ def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[
     if not fitted:
         return [f'holdout = "{text}": matches all {len(loops)} points; nothing would be left to fit'], loops
     return [], fitted
+
+
+def _end_of_time(text: str, loops: list[TestPoint]) -> list[str] | None:
+    """What is wrong with holding the end of the time out, `last 30 %`; None where the text says something else."""
+    from rig.identification.points.whole_record import last_share
+
+    try:
+        share = last_share(text)
+    except IdentificationFailed as error:
+        return [f"holdout: {error}"]
+    cyclic = [point.id for point in loops if point.record is None]
+    if share is None or not cyclic:
+        return None if share is None else []
+    return [
+        f'holdout = "{text}": the end of {", ".join(cyclic[:3])} repeats its beginning; the last part of the time is '
+        "held out of signals alone: hold out whole points, such as waveform=road"
+    ]
 
 
 def _combination(wanted: Identify) -> list[str]:

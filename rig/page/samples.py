@@ -39,8 +39,9 @@ REMEMBERED = 6
 """Frames over which a device's clock is compared with the host's."""
 RATE_OVER, CLOCKS_OVER, MEDIAN_EVERY = 50, 250, 25
 """Frames over which a rig's own rate is measured, and two devices' clocks are compared; how often that is looked at."""
+FORCE, DISPLACEMENT = int(Channel.FORCE), int(Channel.DISPLACEMENT)
 SHOWN = (
-    Channel.FORCE, Channel.DISPLACEMENT, *range(Channel.AUXILIARY_1, Channel.AUXILIARY_7 + 1), Channel.COIL_CURRENT,
+    FORCE, DISPLACEMENT, *range(Channel.AUXILIARY_1, Channel.AUXILIARY_7 + 1), Channel.COIL_CURRENT,
     Channel.COIL_TEMPERATURE, Channel.ECU_TEMPERATURE, Channel.COMMANDED_CURRENT, Channel.POSITION, Channel.STATE,
     Channel.SUPPLY_PRESSURE,
 )  # fmt: skip
@@ -74,16 +75,25 @@ class DeviceTime:
         if device_us[0] == NO_DEVICE_TIME:
             arrivals: Floats = host_ns * 1e-9
             return arrivals
+        if not self._measured:
+            device_ns = device_us * self._scale_ns
+            self._offsets_ns.append(float((host_ns - device_ns).min()))
+            return self._onwards((device_ns + min(self._offsets_ns)) * 1e-9)
         self._arrivals.append((float(host_ns[-1]), float(device_us[-1])))
         (host_0, device_0), (host_1, device_1) = self._arrivals[0], self._arrivals[-1]
         scale_ns = self._scale_ns
-        if self._measured and device_1 > device_0 and host_1 > host_0:
+        if device_1 > device_0 and host_1 > host_0:
             scale_ns = (host_1 - host_0) / (device_1 - device_0)
         since_ns = (device_us - device_us[-1]) * scale_ns
         self._offsets_ns.append(float((host_ns - since_ns).min()) - host_1)
-        times: Floats = np.maximum((since_ns + host_1 + self._soonest(scale_ns)) * 1e-9, self._last_s)
-        self._last_s = float(times[-1])
-        return times
+        return self._onwards((since_ns + host_1 + self._soonest(scale_ns)) * 1e-9)
+
+    def _onwards(self, times_s: Floats) -> Floats:
+        """Never before what was shown already."""
+        if times_s[0] < self._last_s:
+            times_s = np.maximum(times_s, self._last_s)
+        self._last_s = float(times_s[-1])
+        return times_s
 
     def _soonest(self, scale_ns: float) -> float:
         """The least delay of the last moments, against the last sample's arrival (ns)."""
@@ -148,8 +158,8 @@ class Loop:
         half = max(FEWEST_FITTED, round(FITTED_S * rate_Hz)) // 2
         self._width = 2 * half + 1
         self._half = half
-        self._weights = np.arange(-half, half + 1, dtype=float)
-        self._rate_Hz = rate_Hz
+        steps = np.arange(-half, half + 1, dtype=float)
+        self._weights = steps * (rate_Hz / float(steps @ steps))
         self._x: tuple[Floats, Floats] = (np.empty(0), np.empty(0))
         self._f: tuple[Floats, Floats] = (np.empty(0), np.empty(0))
 
@@ -174,14 +184,16 @@ class Loop:
         if count <= 0:
             self._cut(max(0, len(time) - 10 * self._width - MOST_LOOP_POINTS))
             return np.empty(0), np.empty(0), np.empty(0), np.empty(0)
-        windows = np.lib.stride_tricks.sliding_window_view(x, self._width)[:count]
         centre = slice(self._half, self._half + count)
         # By the sensor's own rate: arrivals at the host are no measure of a step of 4 ms.
-        velocity = windows @ self._weights * (self._rate_Hz / float(self._weights @ self._weights))
-        known = time[centre] >= self._f[0][0]
-        shown = time[centre][known], x[centre][known], velocity[known], np.interp(time[centre][known], *self._f)
+        velocity = np.correlate(x[: count + self._width - 1], self._weights, "valid")
+        shown = time[centre], x[centre], velocity
+        if shown[0][0] < self._f[0][0]:
+            known = shown[0] >= self._f[0][0]
+            shown = shown[0][known], shown[1][known], velocity[known]
+        force_N = np.interp(shown[0], *self._f)
         self._cut(count)
-        return shown
+        return *shown, force_N
 
     def _cut(self, count: int) -> None:
         time, x = self._x
@@ -208,10 +220,14 @@ class Frames:
         """One frame of new records of the ring, (n,) of `RECORD_DTYPE`."""
         block = RecordBlock(records)
         whole = {channel: _whole(block.of(channel)) for channel in SENSORS if channel in block}
-        series = {
-            channel: self._placed(channel, whole[channel]) if channel in whole else _arrived(block.of(channel))
-            for channel in SHOWN if channel in block
-        }
+        arrived_s, all_values = block.arrived_s, block.values
+        series: dict[int, Series] = {}
+        for channel in SHOWN:
+            if channel in whole:
+                series[channel] = self._placed(channel, whole[channel])
+            elif channel in block:
+                place = block.place(channel)
+                series[channel] = arrived_s[place], all_values[place]
         time, *values = self._loop.points(*self._together(whole, series))
         stride = max(1, -(-len(time) // MOST_LOOP_POINTS))
         loop = {
@@ -225,12 +241,12 @@ class Frames:
         self, whole: Mapping[int, NDArray[Any]], series: Mapping[int, Series]
     ) -> tuple[Series, Series]:
         """Displacement and force on one clock; where one of them has none, as they arrived."""
-        x, f = (whole.get(channel, _NONE) for channel in (Channel.DISPLACEMENT, Channel.FORCE))
+        x, f = (whole.get(channel, _NONE) for channel in (DISPLACEMENT, FORCE))
         if all(len(one) == 0 or one["device_us"][0] != NO_DEVICE_TIME for one in (x, f)):
             x_s, f_s = self._loop_clock.times(x, f)
             return (x_s, x["value"]), (f_s, f["value"][: len(f_s)])
         empty = np.empty(0), np.empty(0)
-        return series.get(Channel.DISPLACEMENT, empty), series.get(Channel.FORCE, empty)
+        return series.get(DISPLACEMENT, empty), series.get(FORCE, empty)
 
     def _placed(self, channel: int, records: NDArray[Any]) -> Series:
         if len(records) == 0:
@@ -239,10 +255,6 @@ class Frames:
 
 
 _NONE = np.zeros(0, RECORD_DTYPE)
-
-
-def _arrived(records: NDArray[Any]) -> Series:
-    return records["host_ns"] * 1e-9, records["value"]
 
 
 def _whole(records: NDArray[Any]) -> NDArray[Any]:
@@ -254,12 +266,16 @@ def _whole(records: NDArray[Any]) -> NDArray[Any]:
 def packed(shown: Mapping[int, tuple[Floats, Floats]], now_s: float, kind: int = SAMPLES) -> bytes:
     """A frame of these series by channel: times (s, host) and values, (n,) each."""
     blocks = [(channel, time, value) for channel, (time, value) in shown.items() if len(time)]
-    base_s = min((float(time[0]) for _, time, _ in blocks), default=now_s)
-    parts: list[bytes] = [HEADER.pack(kind, len(blocks), base_s, now_s)]
-    for channel, time, value in blocks:
-        parts += (
-            BLOCK.pack(channel, 0, len(time)), (time - base_s).astype("<f4").tobytes(), value.astype("<f4").tobytes(),
-        )
+    if not blocks:
+        return HEADER.pack(kind, 0, now_s, now_s)
+    base_s = min(float(time[0]) for _, time, _ in blocks)
+    times = (np.concatenate([time for _, time, _ in blocks]) - base_s).astype("<f4").tobytes()
+    values = np.concatenate([value for _, _, value in blocks]).astype("<f4").tobytes()
+    parts, begin = [HEADER.pack(kind, len(blocks), base_s, now_s)], 0
+    for channel, time, _ in blocks:
+        end = begin + 4 * len(time)
+        parts += BLOCK.pack(channel, 0, len(time)), times[begin:end], values[begin:end]
+        begin = end
     return b"".join(parts)
 
 

@@ -135,6 +135,26 @@ function number(value) {
   return value.toFixed(size >= 100 || size === 0 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3).replace(/^-(0\.?0*)$/, "$1");
 }
 
+// Thousands of samples on some hundred columns of pixels: of each column the first, the extremes and the last.
+function draw_by_columns(pen, one, since, px, py) {
+  let column = NaN, x = 0, first = 0, low = 0, high = 0, last = 0, on = false;
+  const put = (y) => { if (on) pen.lineTo(x, y); else pen.moveTo(x, y); on = true; };
+  const flush = () => {
+    put(first);
+    if (low < Math.min(first, last)) put(low);
+    if (high > Math.max(first, last)) put(high);
+    if (last !== first) put(last);
+  };
+  for (let i = 0; i < one.t.length; i++) {
+    if (one.t[i] < since) continue;
+    const at = px(one.t[i]), y = py(one.y[i]);
+    if (Math.floor(at) === column) { low = Math.min(low, y); high = Math.max(high, y); last = y; continue; }
+    if (!isNaN(column)) flush();
+    column = Math.floor(at); x = at; first = low = high = last = y;
+  }
+  if (!isNaN(column)) flush();
+}
+
 class StripChart {
   constructor(canvas, lanes) { this.canvas = canvas; this.lanes = lanes; }
   draw(series, now, [first, last], window_s = WINDOW_S) {
@@ -163,13 +183,7 @@ class StripChart {
       shown.forEach((one, index) => {
         pen.strokeStyle = colour(["--now", "--second", "--third", "--fourth"][index % 4]);
         pen.setLineDash(index ? [0.5 * size, 0.3 * size] : []); pen.lineWidth = 1.8 * size / 16; pen.beginPath();
-        let on = false;
-        for (let i = 0; i < one.t.length; i++) {
-          if (one.t[i] < now - window_s) continue;
-          const x = left + (right - left) * (1 - (now - one.t[i]) / window_s);
-          if (on) pen.lineTo(x, py(one.y[i] * lane.factor)); else pen.moveTo(x, py(one.y[i] * lane.factor));
-          on = true;
-        }
+        draw_by_columns(pen, one, now - window_s, (t) => left + (right - left) * (1 - (now - t) / window_s), (y) => py(y * lane.factor));
         pen.stroke(); pen.setLineDash([]);
       });
       pen.restore();

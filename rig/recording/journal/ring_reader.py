@@ -166,6 +166,22 @@ class RecordBlock:
     def __contains__(self, channel: int) -> bool:
         return channel in self._places
 
+    def place(self, channel: int) -> slice:
+        """Where a channel's records are in `arrived_s` and `values`."""
+        return self._places.get(channel, slice(0, 0))
+
+    @property
+    def arrived_s(self) -> NDArray[np.float64]:
+        """When each record arrived (host's monotonic s), by channel, oldest first, (n,)."""
+        times: NDArray[np.float64] = self._sorted["host_ns"] * 1e-9
+        return times
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Their values (SI), in the same order, (n,)."""
+        values: NDArray[np.float64] = self._sorted["value"]
+        return values
+
     def of(self, channel: int) -> NDArray[Any]:
         """The records of one channel, oldest first, as a view of all; empty when there are none."""
         return self._sorted[self._places.get(channel, slice(0, 0))]

@@ -30,6 +30,8 @@ POINTS = load_matrix(EXAMPLES / "quick.toml").points()
         ({"holdout": "current_A"}, "is not a condition"),
         ({"holdout": "current_A=fast"}, "is not a number"),
         ({"holdout": str(EXAMPLES)}, "is no run"),
+        ({"holdout": "last 30 %"}, "the end of p001, p002 repeats its beginning"),
+        ({"holdout": "last 95 %"}, "from 1 to 90 %"),
         ({"method": "zhu_three_step"}, "normalized_bouc_wen only"),
         ({"model": "all", "series_spring": True}, "goes with one model"),
         ({"model": "all", "current": "per-current-affine"}, "goes with one model"),
@@ -40,6 +42,12 @@ def test_what_cannot_be_identified_is_said_with_its_key(wanted: dict[str, object
     (problem,) = analysis_problems(Identify.model_validate(wanted), POINTS)
     assert said in problem
     assert problem.partition(" ")[0].rstrip(":") in {"holdout", "method", "series_spring", "current"}
+
+
+def test_the_end_of_the_time_may_be_held_out_of_signals() -> None:
+    signals = [point for point in load_matrix(EXAMPLES / "signals.toml").points() if point.kind == "signal"]
+    assert analysis_problems(Identify.model_validate({"holdout": "last 30 %"}), signals) == []
+    assert analysis_problems(Identify.model_validate({"holdout": "waveform=road"}), signals) == []
 
 
 @pytest.mark.parametrize(
