@@ -81,11 +81,12 @@ class DamperModel(ABC):
         Raises:
             KeyError: a name is missing or unknown.
         """
-        missing = [name for name in self.names if name not in values]
-        unknown = [name for name in values if name not in self.names]
-        if missing or unknown:
-            raise KeyError(f"{self.name}: missing {missing}, unknown {unknown}; it takes {', '.join(self.names)}")
-        return np.array([float(values[name]) for name in self.names])
+        names = self.names
+        if values.keys() != set(names):
+            missing = [name for name in names if name not in values]
+            unknown = [name for name in values if name not in names]
+            raise KeyError(f"{self.name}: missing {missing}, unknown {unknown}; it takes {', '.join(names)}")
+        return np.array([float(values[name]) for name in names])
 
     def values(self, vector: Sequence[float] | FloatArray) -> dict[str, float]:
         """The inverse of `vector`: names to values (SI).

@@ -6,8 +6,8 @@ columns are left alone. Empty lines and lines that begin with # are passed over.
 
 from __future__ import annotations
 
+import csv
 import hashlib
-import math
 from itertools import pairwise
 from pathlib import Path
 
@@ -21,6 +21,8 @@ from rig.text_file import read_bytes
 LARGEST_BYTES = 50_000_000
 FEWEST_ROWS = 4
 MOST_SHOWN = 8
+LARGEST_VALUE = 1e16
+"""Of a time or a displacement as written: microseconds since 1970 are 2e15; beyond it no wholes are told apart."""
 SEPARATORS = ",;\t"
 WANTED = {"time": "time_s", "displacement": "displacement_mm"}
 DIMENSION = {"time": "time", "displacement": "length"}
@@ -82,15 +84,18 @@ def _numbers(
     """The rows that are finite numbers, each with its line, and what is wrong with the others."""
     rows, problems = [], []
     for number, line in lines:
-        cells = line.split(separator)
+        cells = next(csv.reader([line], delimiter=separator)) if '"' in line else line.split(separator)
         try:
             values = [float(cells[place]) for place in places] if len(cells) == columns else []
         except ValueError:
             values = []
-        if len(values) == len(places) and all(map(math.isfinite, values)):
+        if len(values) == len(places) and all(abs(value) <= LARGEST_VALUE for value in values):
             rows.append((number, values))
         else:
-            problems.append(f"line {number}: {line.strip()[:60]!r} is no row of {columns} columns with finite numbers")
+            comma = "; a decimal point is a point" if separator != "," and "," in line else ""
+            problems.append(
+                f"line {number}: {line.strip()[:60]!r} is no row of {columns} columns with finite numbers{comma}"
+            )
     return rows, problems
 
 

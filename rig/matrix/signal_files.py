@@ -69,7 +69,7 @@ def kept(text: str, folder: Path) -> tuple[str, dict[str, bytes]]:
         FileProblem: one cannot be read, or its name stands in the file in a way that cannot be replaced.
     """
     files: dict[str, bytes] = {}
-    renamed: dict[str, tuple[str, ...]] = {}
+    original, renamed = text, dict[str, dict[str, str]]()
     for table, names in named(tomllib.loads(text)).items():
         for name in names:
             content, beside = _read(folder / name), dict[str, bytes]()
@@ -78,10 +78,21 @@ def kept(text: str, folder: Path) -> tuple[str, dict[str, bytes]]:
             own = _free(PurePath(name).name, files)
             files |= {own: content, **beside}
             text = _replaced(text, name, f"{FOLDER}/{own}")
-            renamed[table] = (*renamed.get(table, ()), f"{FOLDER}/{own}")
-    if named(tomllib.loads(text)) != renamed:
-        raise FileProblem(FOLDER, ["a file's name cannot be replaced in the copy; write it plainly in quotes"])
+            renamed.setdefault(table, {})[name] = f"{FOLDER}/{own}"
+    if tomllib.loads(text) != _expected(tomllib.loads(original), renamed):
+        raise FileProblem(
+            FOLDER, ["a file's name cannot be replaced in the copy: write it plainly in quotes, and give the file "
+                     "a name that is no other entry of the matrix file"],
+        )
     return text, files
+
+
+def _expected(data: dict[str, Any], renamed: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+    """The data of a matrix file with its files renamed, and nothing else changed."""
+    for table, names in renamed.items():
+        inside = data["matrix"][table]
+        inside[table] = [names.get(name, name) for name in inside[table]]
+    return data
 
 
 def _road(content: bytes, folder: Path, taken: Mapping[str, bytes]) -> tuple[bytes, dict[str, bytes]]:

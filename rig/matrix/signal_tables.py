@@ -19,7 +19,7 @@ from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
-from rig.matrix.record_file import read_record
+from rig.matrix.record_file import LARGEST_BYTES, read_record
 from rig.signals.record import (
     LONGEST_S,
     STEP_S,
@@ -130,7 +130,7 @@ class RoadTable(SignalTable):
         content = read_bytes(path, MOST_ROAD_BYTES)
         table = file.profile or file.drive
         if table is not None:
-            content += hashlib.sha256((path.parent / table.file).read_bytes()).digest()
+            content += hashlib.sha256(read_bytes(path.parent / table.file, LARGEST_BYTES)).digest()
         self._hashes[name] = hashlib.sha256(content).hexdigest()
         road = file.road(path.parent)
         duration_s = min(road.duration_s, LONGEST_S if self.duration_s is None else self.duration_s)

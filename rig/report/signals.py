@@ -21,8 +21,8 @@ HEAD = (
 )
 NOTE = (
     "Each was streamed set-point by set-point. Judged and fitted is what lies between the ramps. Tracking: distance of "
-    "the rod from its target, RMS, as a share of the target's, the delay taken off. The fitted model runs freely from "
-    "the motion's beginning."
+    "the rod from its target, RMS, as a share of the target's about its mean, the delay taken off. The fitted model "
+    "runs freely from the motion's beginning."
 )
 SHOWN_S = 2.0
 """Of rod and target, about the middle: more is not legible."""

@@ -25,9 +25,12 @@ POWER_BELOW = 0.95
 """Of the velocity's power, which lies below a record's highest frequency."""
 LARGEST_GAP = 20.0
 """Between two rows, in median intervals: a curve through more would be invented."""
+CLOSEST_S = 1e-9
 FINEST_Hz = 100.0
 """What rows closer than `STEP_S` tell above this is taken off before they are thinned."""
 FILTER_ORDER = 4
+LEAST_MOTION = 0.01
+"""Between the ramps, of the largest distance from the centre: what moves less there stands, or has moved in a ramp."""
 
 
 class NoRecord(ValueError):
@@ -70,6 +73,7 @@ class Record:
     @cached_property
     def _unit(self) -> tuple[FloatArray, FloatArray]:
         velocity = np.asarray(np.gradient(self.shape, STEP_S), np.float64)
+        velocity[[0, -1]] = 0.0  # where it is faded out, the fade has no slope
         acceleration = np.diff(self.shape, 2, prepend=0.0, append=0.0) / STEP_S**2
         return velocity, np.asarray(acceleration, np.float64)
 
@@ -170,10 +174,16 @@ def through_rows(time_s: FloatArray, position_m: FloatArray) -> FloatArray:
         position_m: (k,) m.
 
     Raises:
-        NoRecord: a gap is so wide that the curve across it would be invented.
+        NoRecord: it is too long, two rows are at one time, or a gap is so wide that the curve across it would be
+            invented.
     """
     from scipy.interpolate import CubicSpline
 
+    if time_s[-1] - time_s[0] > LONGEST_S + STEP_S:
+        raise NoRecord(f"{time_s[-1] - time_s[0]:.4g} s long; at most {LONGEST_S:g} s")
+    closest = int(np.argmin(np.diff(time_s)))
+    if not time_s[closest + 1] - time_s[closest] >= CLOSEST_S:
+        raise NoRecord(f"rows {closest + 1} and {closest + 2} are less than {CLOSEST_S:g} s apart")
     apart_s = np.diff(time_s)
     usual_s, widest = float(np.median(apart_s)), int(np.argmax(apart_s))
     if apart_s[widest] > LARGEST_GAP * usual_s:
@@ -212,6 +222,12 @@ def _faded(
     largest_m = float(np.max(np.abs(faded)))
     if not largest_m > 0.0:
         raise NoRecord("nothing moves")
+    moved = float(np.ptp(faded[left_s >= ramp_s - 0.5 * STEP_S])) / largest_m
+    if not moved >= LEAST_MOTION:
+        raise NoRecord(
+            f"nothing moves between the ramps, where it is judged and fitted: {100 * moved:.2g} % of the largest "
+            f"distance from the centre, at least {100 * LEAST_MOTION:g} %; what moves may lie in a ramp of {ramp_s:g} s"
+        )
     shape = np.asarray(faded / largest_m, np.float64)
     mark = hashlib.sha256(shape.tobytes()).hexdigest()
     own_Hz = _highest_Hz(shape) if highest_Hz is None else highest_Hz

@@ -318,6 +318,8 @@ SENT_EVERY = 4
 def signal_order(point: TestPoint, record: Record) -> dict[str, Any]:
     """What the station is told of a point whose motion is a record."""
     position_m, velocity_m_s, _ = record.motion(point.amplitude_m, SENT_EVERY)
+    if (len(record.shape) - 1) % SENT_EVERY:  # its last sample, at rest at the centre, is none of them
+        position_m, velocity_m_s = np.append(position_m, 0.0), np.append(velocity_m_s, 0.0)
     return {
         "step_s": SENT_EVERY * STEP_S, "centre_m": point.centre_m,
         "samples": base64.b64encode(np.concatenate((position_m, velocity_m_s)).astype("<f4").tobytes()).decode(),

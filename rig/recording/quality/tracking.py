@@ -23,7 +23,7 @@ LONGEST_DELAY_S = 0.2
 DELAY_STEP_S = 0.5e-3
 MOST_COMPARED = 20_000
 TRACKING_SUSPECT, TRACKING_INVALID = 0.10, 0.25
-"""Distance from the target as a share of it, RMS."""
+"""Distance from the target, RMS, as a share of the target's about its mean: standing far out is not following."""
 INCOMPLETE_SHARE = 0.005
 """Of a signal's duration, which may be missing at its end: the last set-point lies a poll before it."""
 
@@ -49,8 +49,8 @@ class Tracking:
     Attributes:
         window: where it lies.
         played_s: of the signal, how much was sent (s).
-        nrms: root mean square of the rod's distance from its target as a share of the target's, delay taken off; the
-            rod's mean too.
+        nrms: root mean square of the rod's distance from its target (of its mean too), delay taken off, as a share of
+            the target's about the target's own mean.
         delay_s: of the rod behind its target (s).
         reached: the rod's span over the target's.
         mean_m: of the rod's distance from its target (m).
@@ -138,7 +138,7 @@ def tracking_of(wanted: WantedPoint, alignment: Alignment, seen: Overview) -> Tr
     )
     asked_m = target_m[rows]
     apart_m = rod_m - (wanted.centre_m or 0.0) - asked_m
-    size_m = float(np.sqrt(np.mean(asked_m**2)))
+    size_m = float(np.std(asked_m))
     span_m = float(np.ptp(asked_m))
     return Tracking(
         window, played_s=min(wanted.record_s, float(elapsed_s[-1])),

@@ -176,3 +176,11 @@ def test_the_tanhs_argument_changes_with_its_shape_as_finite_differences_say() -
 def test_a_parameter_the_model_does_not_have_is_named_with_those_it_has() -> None:
     with pytest.raises(KeyError, match="bingham has no parameter 'beta'; it has fc, fc_b"):
         model("bingham").parameter("beta")
+
+
+def test_values_by_name_come_in_the_kernels_order_and_a_wrong_set_of_names_is_told() -> None:
+    bingham = model("bingham")
+    values = {"f0": 5.0, "c0_b": 4.0, "c0": 3.0, "fc_b": 2.0, "fc": 1.0}
+    assert bingham.vector(values).tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
+    with pytest.raises(KeyError, match=r"missing \['fc'\], unknown \['Fc', 'mass'\]; it takes fc, fc_b, c0, c0_b, f0"):
+        bingham.vector({"f0": 5.0, "c0_b": 4.0, "c0": 3.0, "fc_b": 2.0, "Fc": 1.0, "mass": 0.0})

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from pathlib import Path
 
 import pytest
 
 from rig.bench.model import Bench
+from rig.campaign.execution.action_executor import signal_order
 from rig.campaign.kept_files import keep_matrix
 from rig.cli.run import following
 from rig.errors import FileProblem
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
+from rig.station.signal_source import signal_order as station_order
 
 ROOT = Path(__file__).resolve().parents[3]
 HEAD = 'format = 1\n[specimen]\nserial_number = "MR-001"\nstroke = "170 mm"\nmax_force = "1 kN"\n'
@@ -138,6 +141,11 @@ def test_a_jump_in_a_file_is_faster_than_the_rig_and_told_where(tmp_path: Path) 
         (rows(4), "0.03 s long; allowed 3 s"),
         (rows(3), "3 rows are no motion"),
         (rows(62_000), "619.99 s long|620 s long"),
+        ("time_h,displacement_mm\n0,0\n1e6,1\n2e6,3\n3e6,0\n", r"1\.08e\+10 s long; at most 600 s"),
+        ("time_s,displacement_mm\n0,0\n1e300,1\n2e300,3\n3e300,0\n", "line 3: '1e300,1' is no row"),
+        ("time_us,displacement_mm\n0,0\n1e-310,1\n2e-310,3\n3e-310,0\n", "rows 1 and 2 are less than 1e-09 s apart"),
+        ("time_s;displacement_mm\n0,00;0,0\n0,01;1,5\n", "line 2: .*; a decimal point is a point"),
+        ("time_s,displacement_mm\n" + "".join(f"{k / 10},5\n" for k in range(50)), "nothing moves between the ramps"),
     ],
 )  # fmt: skip
 def test_a_file_that_is_no_motion_is_refused_with_its_line(tmp_path: Path, drive: str, said: str) -> None:
@@ -146,6 +154,52 @@ def test_a_file_that_is_no_motion_is_refused_with_its_line(tmp_path: Path, drive
     told = "\n".join(caught.value.problems)
     assert re.search(said, told), told
     assert "matrix.file.file[1]" in told
+
+
+def test_other_columns_may_hold_anything_that_stands_in_quotes(tmp_path: Path) -> None:
+    plain = rows().splitlines()
+    noted = [f'{plain[0]},note'] + [f'{line},"cold, new oil"' for line in plain[1:]]
+    text = matrix_of("file") + FILE
+    told = [load(tmp_path, text, "\n".join(lines)).points()[0].record for lines in (plain, noted)]
+    assert told[0] is not None
+    assert told[1] is not None
+    assert told[0].mark == told[1].mark
+
+
+@pytest.mark.parametrize(("made", "said"), [("nothing", "no such file"), ("pipe", "is a pipe, not a file")])
+def test_a_road_whose_record_is_missing_or_a_pipe_is_refused_at_its_line(tmp_path: Path, made: str, said: str) -> None:
+    if made == "pipe":
+        os.mkfifo(tmp_path / "track.csv")
+    (tmp_path / "own.toml").write_text('format = 1\nspeed = "9 m/s"\nname = "x"\n[profile]\nfile = "track.csv"\n')
+    with pytest.raises(FileProblem, match=rf"matrix\.road\.road\[2\].*{said}"):
+        load(tmp_path, matrix_of("road") + ROAD.replace("paper-sweep", "own.toml"))
+
+
+def test_an_obstacle_that_is_passed_in_the_ramp_is_no_motion(tmp_path: Path) -> None:
+    # It begins at 10 m: after 0.1 s at 100 m/s.
+    with pytest.raises(FileProblem, match=r"road\[1\].*nothing moves between the ramps.* in a ramp of 1 s"):
+        load(tmp_path, matrix_of("road") + ROAD.replace(', "paper-sweep"', "") + 'speed = "100 m/s"\n')
+
+
+def test_a_file_that_is_named_as_another_entry_spoils_no_copy(tmp_path: Path) -> None:
+    (tmp_path / "demo").write_text(rows(), encoding="utf-8")
+    text = matrix_of("file").replace('max_force = "1 kN"', 'prior = "demo"') + FILE.replace("drive.csv", "demo")
+    load(tmp_path, text)
+    with pytest.raises(FileProblem, match="a name that is no other entry"):
+        keep_matrix(tmp_path / "matrix.toml", tmp_path, "kept.toml")
+
+
+@pytest.mark.parametrize("length_ms", [6000, 6001, 6002, 6003])
+def test_whatever_the_plan_allows_begins_and_ends_at_rest_at_the_station(tmp_path: Path, length_ms: int) -> None:
+    # 40 mm off the centre at both ends, faded in 0.2 s: without its last sample 0.02 mm and 15 mm/s are left.
+    lines = [f"{k * length_ms / 5e5:.6f},{40 + 2 * math.sin(k / 20):.6f}" for k in range(501)]
+    drive = "time_s,displacement_mm\n" + "\n".join(lines) + "\n"
+    text = matrix_of("file", more='current = ["0 A"]\n') + FILE + 'ramp = "200 ms"\n'
+    (item,) = planned(tmp_path, text, drive).points
+    assert item.feasible
+    assert item.point.record is not None
+    order = station_order(signal_order(item.point, item.point.record), bench(tmp_path).limits)
+    assert [values[end] for values in (order.position_m, order.velocity_m_s) for end in (0, -1)] == [0.0] * 4
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
