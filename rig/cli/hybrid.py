@@ -26,8 +26,6 @@ NAMES = ("none", "sample", "polynomial", "inverse", "ats", "adaptive-model")
 PLANTS, PLANTS_ON_WIRES = 20, 1
 CASES = (1, 2, 3, 4)
 SEED = 2020
-FOLLOWS = ("--actuator", "setpoints")
-"""The simulated rig's controller without a function generator."""
 DESCRIPTION = (
     "J1: delay of the specimen behind its target, ms. RMS in %: J2 tracking; J4, J6, J7 floors 1, 2, 3.",
     "Peak in %: J3 tracking; J5, J8, J9 floors 1, 2, 3. The floors are compared with the whole building's.",
@@ -261,6 +259,7 @@ def run_hybrid(asked: Asked, *, as_json: bool) -> int:
         raise click.UsageError("--seed and arguments after -- belong to the simulated rig: give --simulate")
     from rig.campaign.results import CampaignOptions
     from rig.cli.job import run_job
+    from rig.cli.run import following, rig_of
     from rig.errors import FileProblem
     from rig.matrix.model import load_files, load_matrix
 
@@ -268,7 +267,8 @@ def run_hybrid(asked: Asked, *, as_json: bool) -> int:
     if matrix.hybrid is None:
         text = "has no table [hybrid], which says what car and road the damper is tested in; docs/files.md describes it"
         raise FileProblem(str(asked.file), [text])
-    bench, simulator_args = _rig(asked)
+    simulator_args = following(matrix, asked.simulator_args, usual=asked.simulate and asked.bench is None)
+    bench, simulator_args = rig_of(asked.bench, simulator_args, simulate=asked.simulate)
     shown = console(as_json=as_json)
     options = CampaignOptions(
         matrix_path=asked.file, out=asked.out, bench_path=bench, simulate=asked.simulate, speed=1.0,
@@ -284,17 +284,6 @@ def run_hybrid(asked: Asked, *, as_json: bool) -> int:
         _show_tests(numbers, shown)
         show_result(result, shown)
     return result.exit_code
-
-
-def _rig(asked: Asked) -> tuple[Path | None, tuple[str, ...]]:
-    """Bench file, and arguments of the simulated rig: with the devices of a bench file, or one that follows."""
-    if not asked.simulate:
-        return asked.bench, ()
-    if asked.bench is None:
-        return None, (*FOLLOWS, *asked.simulator_args)
-    from rig.campaign.simulated_rig import wearing
-
-    return None, (*wearing(asked.bench), *asked.simulator_args)
 
 
 def _numbers(result: JobResult) -> dict[str, Any]:

@@ -93,7 +93,7 @@ def command(
     path = _matrix_path(matrix, resume)
     tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
     simulator_args = following(tests, simulator_args, usual=simulate and bench is None and resume is None)
-    bench, simulator_args = _rig(bench, simulator_args, simulate=simulate)
+    bench, simulator_args = rig_of(bench, simulator_args, simulate=simulate)
     identify = tests.identify
     if not no_identify:
         check_analysis(path, tests)
@@ -136,7 +136,7 @@ def _attended(*, as_json: bool) -> bool:
     return not as_json and sys.stdin.isatty() and sys.stdout.isatty()
 
 
-def _rig(
+def rig_of(
     bench: Path | None, simulator_args: tuple[str, ...], *, simulate: bool
 ) -> tuple[Path | None, tuple[str, ...]]:
     """Bench file and arguments of the simulated rig; one with the devices of a bench file writes its own."""
@@ -148,11 +148,11 @@ def _rig(
 
 
 def following(tests: Matrix, simulator_args: tuple[str, ...], *, usual: bool) -> tuple[str, ...]:
-    """Arguments of the usual simulated rig: it follows set-points where the matrix has signals, unless one is named."""
+    """Arguments of the usual simulated rig: it follows set-points where the matrix needs that, unless one is named."""
     from rig.campaign.simulated_rig import STREAMED
 
     named = any(argument.partition("=")[0] in {"--actuator", "--register-map"} for argument in simulator_args)
-    follows = usual and bool(tests.sweep.signals) and not named
+    follows = usual and (bool(tests.sweep.signals) or tests.hybrid is not None) and not named
     return (f"--actuator={STREAMED}", *simulator_args) if follows else simulator_args
 
 

@@ -26,7 +26,7 @@ TOLD = (b'"result"', b'"judged"', b'"connected"', b'"point"')
 KEYS = ("valid", "total", "rig_state", "stopped_by", "points")
 RANKS = ("invalid", "suspect", "valid")
 MOST_SHOWN = 4000
-READ_S = 30.0
+READ_S = 60.0
 CHANNELS = {
     Channel.FORCE: "force", Channel.DISPLACEMENT: "displacement", Channel.COIL_CURRENT: "current",
     Channel.COIL_TEMPERATURE: "coil_temperature", Channel.COMMANDED_CURRENT: "commanded_current",

@@ -171,8 +171,10 @@ def command_by_keyboard(beside: Beside, page: Page) -> None:
     page.wait_for_function(f"{why} === 'invalid: p003; to do: set 0.50 A on the supply, then confirm'", timeout=WAIT_MS)
     tabbed_to(page, "set", "Shift+Tab")
     page.keyboard.press("Enter")
+    end_s = time.monotonic() + 60.0
     while not beside.link.current_is_set:
         assert beside.link.take() == []
+        assert time.monotonic() < end_s
         time.sleep(0.02)
     beside.link.forget_question()
     tabbed_to(page, "stop", "Shift+Tab")
@@ -184,7 +186,7 @@ def lose_the_page(beside: Beside, page: Page) -> None:
     """A page process that stands still: nothing old is shown as live, and a Stop is not called sent."""
     os.kill(beside.page.pid, signal.SIGSTOP)
     says(page, "NO CONNECTION")
-    assert page.evaluate("[...document.querySelectorAll('.gauge b')].every(e => e.textContent === '–') || 'live'")
+    page.wait_for_function("[...document.querySelectorAll('.gauge b')].every(e => e.textContent === '–')")
     assert page.evaluate("document.body.classList.contains('old')")
     page.keyboard.press("s")
     says(page, "STOP NOT SENT")
@@ -219,6 +221,7 @@ def show_ended(beside: Beside, browser: Browser) -> None:
     again = PageProcess.start(PageSettings(run=str(beside.run)))
     try:
         page = browser.new_page(viewport={"width": 390, "height": 844}, bypass_csp=True)
+        page.set_default_timeout(WAIT_MS)
         page.goto(again.url)
         says(page, "OK")
         shown = "document.getElementById('head-fx').textContent"
@@ -243,6 +246,7 @@ def test_the_page_is_read_by_everybody_worked_by_keys_and_never_passes_off_what_
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
         page = browser.new_page(viewport={"width": 1366, "height": 768}, bypass_csp=True)
+        page.set_default_timeout(WAIT_MS)
         wrong: list[str] = []
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.goto(beside.page.url)

@@ -254,7 +254,8 @@ def _two_dampers(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> I
     if reached is not None and not _by_amplitude(fitted.tests, reached.second):
         minor = reached.second if 2 * np.count_nonzero(reached.second) <= reached.second.size else ~reached.second
         ids = [test.id for test, other in zip(fitted.tests, minor.tolist(), strict=True) if other]
-        yield _Trial("mixed-specimens", reached.squares, len(fitted.names) + 1, {"tests": some(ids)})
+        amounts = len(fitted.names) + len(fitted.tests)  # another damper, and whose each test is
+        yield _Trial("mixed-specimens", reached.squares, amounts, {"tests": some(ids)})
 
 
 def _by_amplitude(tests: Sequence[Measurement], second: BoolArray) -> bool:

@@ -45,6 +45,7 @@ function look_after() {
   if (stop_asked && stop_asked.failed && connected()) { stop_asked = null; answer("Your last Stop did not reach the rig. Press it again."); }
   if (stop_asked && stop_asked.taken && performance.now() - stop_asked.taken > 1000 * STOP_SEEN_S) stop_asked = null;
   judge();
+  if (!connected()) gauges(); // no frame comes that would say that they are old
 }
 setInterval(ask_clock, ASK_EVERY_MS);
 document.addEventListener("visibilitychange", look_after);

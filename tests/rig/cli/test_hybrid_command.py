@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
 from rig.cli.main import main
+from rig.cli.run import following
+from rig.matrix.model import load_matrix
 
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
@@ -31,3 +34,12 @@ def test_wires_have_a_rate_and_a_latency_of_their_own(
     more: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert told(capsys, "--wires", *more)[0] == 2
+
+
+def test_the_usual_simulated_rig_follows_set_points_for_a_hybrid_test_whichever_command_starts_it() -> None:
+    examples = Path(__file__).resolve().parents[3] / "examples"
+    hybrid, loops = (load_matrix(examples / name) for name in ("hybrid-quarter.toml", "table1.toml"))
+    assert following(hybrid, ("--fault", "estop@3"), usual=True) == ("--actuator=setpoints", "--fault", "estop@3")
+    assert following(hybrid, ("--actuator", "rtu"), usual=True) == ("--actuator", "rtu")
+    assert following(hybrid, (), usual=False) == ()
+    assert following(loops, (), usual=True) == ()

@@ -283,3 +283,13 @@ def test_one_sample_that_lies_alone_is_an_outlier() -> None:
     assert fit.adequate is False
     assert named_first(fit) == "outliers"
     assert fit.diagnosis[0].text.startswith("1 sample")
+
+
+def test_an_end_stop_is_a_shape_over_the_stroke_and_no_second_damper() -> None:
+    stopped = []
+    for test in damper_tests():
+        beyond_m = np.maximum(np.abs(test.u_m) - 0.6 * AMPLITUDE_m, 0.0)
+        stopped.append(replace(test, force_N=test.force_N + 2e9 * np.sign(test.u_m) * beyond_m**3))
+    fit = identify(stopped)
+    assert fit.adequate is False
+    assert named_first(fit) == "stroke-shape"

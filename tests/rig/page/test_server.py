@@ -9,6 +9,7 @@ import http.client
 import json
 import math
 import os
+import shutil
 import socket
 import ssl
 import subprocess
@@ -325,6 +326,7 @@ def test_a_campaign_that_is_killed_is_told_as_gone(rig: Rig) -> None:
     served(rig, do)
 
 
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl to make a certificate with")
 def test_over_tls_the_page_opens_by_its_name_alone(rig: Rig, tmp_path: Path) -> None:
     cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
     subprocess.run(
