@@ -297,6 +297,7 @@ class PointContext:
         simulated: True when no real damper was tested.
         current_by_hand: the current is what the operator said to have set; nobody measured it.
         current_unmeasured: the current is what an analogue output was told; nobody measured it.
+        streamed: the motion was made of set-points sent one by one.
         calibration: what is known of the instruments before the point, by attribute of `/entry/quality`: what the bench
             allows them to differ by, and what they showed at rest before the first motion.
         provenance: flat text attributes: software version, bench and matrix names and hashes, device identities,
@@ -313,6 +314,7 @@ class PointContext:
     simulated: bool = False
     current_by_hand: bool = False
     current_unmeasured: bool = False
+    streamed: bool = False
     calibration: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
 

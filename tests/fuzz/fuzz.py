@@ -236,7 +236,10 @@ CSV = csv_text()
 
 
 def fuzz_csv(source: random.Random) -> None:
-    """Foreign tests: refused with the line, or every force is the number in its line; NaN where the line has none."""
+    """Foreign tests: refused with the line, or every force is the number in its line; NaN where the line has none.
+
+    A last line that was cut off may have its number in part, or no place: nothing is believed of it.
+    """
     data = damaged(CSV, source)
     with file_of(data, "a.csv") as path, contextlib.suppress(FileProblem):
         run = Run.open(import_tests([path], columns=COLUMNS, out=path.parent / "out", current_A=0.5))
@@ -244,7 +247,10 @@ def fuzz_csv(source: random.Random) -> None:
         column = [name.strip() for name in lines[0]].index("F_N")
         cells = [line[column].strip() if len(line) > column else "" for line in lines[1:]]
         expected = np.array([float(cell) if cell else math.nan for cell in cells])
-        np.testing.assert_allclose(run.points[0].force_N, expected, rtol=1e-6, atol=1e-3)
+        force_N = run.points[0].force_N
+        if not data.endswith(b"\n") and (len(force_N) < len(expected) or np.isnan(force_N[-1])):
+            force_N, expected = force_N[: len(expected) - 1], expected[:-1]
+        np.testing.assert_allclose(force_N, expected, rtol=1e-6, atol=1e-3)
 
 
 def hdf5_bytes() -> bytes:

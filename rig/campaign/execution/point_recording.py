@@ -244,6 +244,7 @@ def point_context(campaign: CampaignContext, action: act.BeginRecording, name: s
         current_tolerance_A=campaign.matrix.campaign.current_settled_A,
         simulated=campaign.simulated,
         current_by_hand=campaign.bench.ecu.by_hand,
+        streamed=campaign.bench.actuator.setpoints_s is not None,
         current_unmeasured=not (campaign.bench.ecu.measured or campaign.bench.ecu.by_hand),
         provenance=_provenance(campaign, action.point, action.attempt),
         calibration=campaign.at_rest,

@@ -39,6 +39,7 @@ from rig.signals.delay_estimation.delay_model import (
     weighed,
     weighed_alone_s,
 )
+from rig.signals.delay_estimation.poll_locked import corrected
 from rig.signals.delay_estimation.sample_match import Match, match
 from rig.signals.fourier import Series
 
@@ -240,6 +241,8 @@ def _by_signal(tie: _Tie, context: PointContext) -> SensorClock:
     sensor, drifting = tie.sensor, None
     if tie.reference is not None and context.controller_delay_s is not None:
         drifting = _drifting(tie, tie.reference, reach_s)
+        if drifting is not None and context.streamed and tie.name != "displacement":
+            drifting = corrected(drifting, tie.reference.record.time_s, TimeSeries(tie.thin_s, tie.thin))
     if drifting is None or abs(drifting.drift) > LARGEST_DRIFT:
         doubt_s = math.hypot(weighed_alone_s(sensor.delay_s), tie.miscount_s)
         sure = replace(tie.clock, std_s=math.hypot(tie.clock.std_s, doubt_s))
