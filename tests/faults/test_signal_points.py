@@ -24,8 +24,8 @@ stroke = "170 mm"
 prior = "demo"
 [matrix]
 waveform = ["sine", "file"]
-amplitude = ["5 mm"]
-frequency = ["4 Hz"]
+amplitude = ["10 mm"]
+frequency = ["2 Hz"]
 current = ["0.5 A"]
 cycles = 4
 [matrix.file]
