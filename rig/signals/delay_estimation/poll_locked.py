@@ -23,7 +23,7 @@ DOUBT_SHARE = 0.4
 UNKNOWN_SHARE = 0.125
 """Of the time between polls: what steps may do to the lag where their effect on it cannot be told."""
 LARGEST_FEEDBACK = 1.25
-"""The phase comes from the lag that is sought: beyond about 1 several lags explain themselves, and all of it is in doubt."""
+"""The phase comes from the lag that is sought: beyond about 1 several lags explain themselves, and none is taken."""
 
 
 def corrected(laid: Match, reference_s: FloatArray, sensor: TimeSeries) -> Match:
