@@ -67,6 +67,7 @@ def test_a_wire_pulled_in_the_middle_ends_as_its_row_says(tmp_path: Path) -> Non
     assert 50 < test.told["steps"] < 300, "in the middle of the road"
 
 
+@pytest.mark.nightly
 @pytest.mark.apart
 def test_a_law_commands_the_coil_until_a_pulled_wire_takes_the_current_away(tmp_path: Path) -> None:
     text = SHORT.replace('"model", "none"', '"model"').replace(

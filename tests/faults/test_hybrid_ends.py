@@ -32,6 +32,7 @@ def begun(stage: Stage, folder: Path, matrix: str, *simulator: str) -> WorldCamp
     return campaign
 
 
+@pytest.mark.nightly
 @pytest.mark.apart
 def test_a_pause_waits_for_the_test_and_a_killed_one_is_repeated_by_resume(tmp_path: Path) -> None:
     """Ctrl-Z in the first test: it is finished. Again: the second begins; the application is killed on its road."""

@@ -66,8 +66,8 @@ def _steps(laid: Match, reference_s: FloatArray, sensor: TimeSeries) -> tuple[fl
     at_s, slope, rest, poll = at_s[used], slope[used], rest[used], poll[used]
     phase = 2.0 * np.pi * (at_s - reference_s[poll]) / (reference_s[poll + 1] - reference_s[poll])
     design = slope[:, None] * np.column_stack([np.cos(phase), np.sin(phase)])
-    found, _, rank, _ = np.linalg.lstsq(design, rest, rcond=1e-6)
+    effects, _, rank, _ = np.linalg.lstsq(design, rest, rcond=1e-6)
     if rank < design.shape[1]:
         return unknown
-    variances = float(np.mean((rest - design @ found) ** 2)) * np.diag(np.linalg.inv(design.T @ design))
-    return float(found[0]), float(found[1]), float(np.sqrt(np.max(variances)))
+    variances = float(np.mean((rest - design @ effects) ** 2)) * np.diag(np.linalg.inv(design.T @ design))
+    return float(effects[0]), float(effects[1]), float(np.sqrt(np.max(variances)))

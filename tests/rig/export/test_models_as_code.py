@@ -99,7 +99,7 @@ int main(void) {{
 """
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("model", CATALOGUE, ids=NAMED)
 def test_gcc_compiles_the_model_without_a_warning_and_its_force_is_the_models(
     model: DamperModel, tmp_path: Path
