@@ -12,6 +12,7 @@ from rig.errors import EXIT_REFUSED
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, StopKind
 from simulators.controller_firmware import Command
+from simulators.injection import BEYOND_LIMITS
 from simulators.world.plan import DISK, FOREIGN, SIGNALS
 from simulators.world.view import NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
 
@@ -25,8 +26,9 @@ SEEN_NS = 300e6
 """By then the station has looked at the controller again, whatever was sent meanwhile."""
 SENT_S = 0.25
 LATE_JOURNAL_S = 0.5
-UNNOTICED_S, UNNOTICED_TIMES = 1.0, 10.0
-"""So long the rod may move with a fault that everybody can see: that, or so many times what its row allows."""
+UNNOTICED_S, UNNOTICED_GROWING_S, UNNOTICED_TIMES = 0.5, 1.0, 10.0
+"""So long the rod may move with a fault that everybody can see: that (longer where it goes beyond a limit slowly),
+or so many times what its row allows."""
 MOVING_M_S = 0.02
 SEEN_LATER = frozenset({
     "load-train", "stop-ignored", "current-stuck", "coil-open-short", "current-tracking", "second-master:jumps",
@@ -211,20 +213,19 @@ def nothing_is_asked_while_stopped(view: View) -> Findings:
                 )
 
 
-def a_lasting_fault_ends_the_motion(view: View) -> Findings:
-    """Nobody moves the rod for long with a fault that stops the rig, unless something else has stopped it."""
+def a_fault_ends_the_motion(view: View) -> Findings:
+    """Nobody moves the rod for long with a fault that stops the rig, while it lasts and nothing else has stopped it."""
     if view.session.answer is None:
         return
     until_ns = min((float(trip["latched_ns"]) for trip in view.station("trip")), default=view.session.ended_ns)
     for at_ns, fault in view.begun(until_ns):
         row = MATRIX.get(fault.partition(":")[0])
-        if row is None or not isinstance(row.end, StopKind) or not view.stays(fault):
+        if row is None or not isinstance(row.end, StopKind) or SEEN_LATER & {row.slug, fault}:
             continue
-        if SEEN_LATER & {row.slug, fault}:
-            continue
-        rows = view.between(at_ns, until_ns)
+        rows = view.between(at_ns, min(until_ns, at_ns + 1e9 * view.lasts_s(fault)))
         moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
-        if moved_s > max(UNNOTICED_S, UNNOTICED_TIMES * (row.limit_s or 0.0)):
+        least_s = UNNOTICED_GROWING_S if fault in BEYOND_LIMITS else UNNOTICED_S
+        if moved_s > max(least_s, UNNOTICED_TIMES * (row.limit_s or 0.0)):
             yield f"{fault}: the rod moved on for {moved_s:.1f} s", at_ns
 
 
@@ -285,6 +286,6 @@ STOP_CHECKS: dict[str, Callable[[View], Findings]] = {
     "foreign-noticed": a_foreign_stop_is_noticed,
     "foreign-stop": no_start_after_a_foreign_stop,
     "noticed": a_stop_fault_is_noticed,
-    "moves-on": a_lasting_fault_ends_the_motion,
+    "moves-on": a_fault_ends_the_motion,
     "spoiled": what_is_spoiled_is_not_valid,
 }
