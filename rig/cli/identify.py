@@ -27,13 +27,18 @@ if TYPE_CHECKING:
         "rig identify logs/20260102T030405Z-MR-001-ab12cd",
         "rig identify SINE_RUN --holdout TRIANGLE_RUN --json",
         "rig identify RUN --model all --holdout frequency_Hz=2",
+        "rig identify RUN --model lost_motion --unseen pairs",
         "rig identify RUN --model kwok --current per-current-lagrange",
         "rig identify RUN --model asymmetric --current-law saturating",
         "rig identify RUN --method c_foa --bounds wide --budget 16000",
     ),
 )
 @click.argument("runs", type=click.Path(path_type=Path), nargs=-1, required=True)
-@click.option("--model", default="asymmetric", show_default=True, help="Damper model, or `all` to compare every model.")
+@click.option(
+    "--model",
+    help="Damper model; `few` to compare three, `all` every one.  [default: few; asymmetric with an option that goes "
+    "with one model: a search, --current, --series-spring, --profile-of, --hysteresis printed]",
+)
 @click.option(
     "--method", type=MethodName(), default="separable", show_default=True, help="Fitting method."
 )
@@ -83,11 +88,15 @@ if TYPE_CHECKING:
     "--bootstrap", type=click.IntRange(20), metavar="N",
     help="Draw the tests N times again (1000 for a publication): intervals that hold where no model fits.",
 )  # fmt: skip
+@click.option(
+    "--unseen", type=click.Choice(["pairs"]),
+    help="Also foretell each amplitude and frequency from the others: the error on motions not fitted.",
+)
 @scheduler_option
 @json_option
 def command(
     runs: tuple[Path, ...],
-    model: str,
+    model: str | None,
     method: str,
     holdout: str | None,
     hysteresis: Hysteresis,
@@ -105,6 +114,7 @@ def command(
     profile_of: tuple[str, ...],
     diagnose: bool,
     bootstrap: int | None,
+    unseen: str | None,
     scheduler: str | None,
     as_json: bool,
 ) -> int:
@@ -115,8 +125,11 @@ def command(
     be fitted.
     """
     from rig.identification import Method, identify_run
+    from rig.identification.fitting import ALL, FEW
 
     settings = Method(method, weight, loss, budget, population, seed, bounds)
+    alone = method != "separable" or dependence != "affine" or series_spring or profile_of or hysteresis != "kwok"
+    model = model or ("asymmetric" if alone else FEW)
     with _searching(settings, scheduler) as where:
         fit = identify_run(
             runs,
@@ -131,7 +144,8 @@ def command(
             series_spring=series_spring,
             diagnose=True if diagnose else None,
             bootstrap=bootstrap or 0,
-            on_progress=None if model != "all" else lambda line: click.echo(line, err=True),
+            unseen=unseen,
+            on_progress=None if model not in {ALL, FEW} else lambda line: click.echo(line, err=True),
         )
     if fit.kept is not None:
         click.echo(f"the earlier fit is kept as {fit.kept.resolve()}", err=True)
