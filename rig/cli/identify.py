@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,8 +16,10 @@ from rig.errors import EXIT_DONE
 from rig.matrix.methods import DEPENDENCES, LAWS
 
 if TYPE_CHECKING:
-    from rig.dampers import Hysteresis
     from rig.identification import Method
+
+SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
+"""Options that are the method's; what `command` does not name otherwise goes to `identify_run` as it is."""
 
 
 @click.command(
@@ -98,25 +100,14 @@ def command(
     runs: tuple[Path, ...],
     model: str | None,
     method: str,
-    holdout: str | None,
-    hysteresis: Hysteresis,
     dependence: str,
-    current_law: str,
-    series_spring: bool,
-    suspect: bool,
-    weight: str | None,
-    loss: str,
-    budget: int,
-    population: int,
-    bounds: str,
-    seed: int,
     profile: bool,
     profile_of: tuple[str, ...],
     diagnose: bool,
     bootstrap: int | None,
-    unseen: str | None,
     scheduler: str | None,
     as_json: bool,
+    **options: Any,
 ) -> int:
     """Fit a damper model to RUNS and write fit.json into the first; an earlier fit.json is kept under another name.
 
@@ -127,25 +118,20 @@ def command(
     from rig.identification import Method, identify_run
     from rig.identification.fitting import ALL, FEW
 
-    settings = Method(method, weight, loss, budget, population, seed, bounds)
-    alone = method != "separable" or dependence != "affine" or series_spring or profile_of or hysteresis != "kwok"
-    model = model or ("asymmetric" if alone else FEW)
+    settings = Method(method, **{name: options.pop(name) for name in SETTINGS})
+    single = method != "separable" or dependence != "affine" or profile_of or options["series_spring"]
+    model = model or ("asymmetric" if single or options["hysteresis"] != "kwok" else FEW)
     with _searching(settings, scheduler) as where:
         fit = identify_run(
             runs,
             model=model,
             method=where,
-            holdout=holdout,
-            hysteresis=hysteresis,
-            suspect=suspect,
             profile=(*(["nonlinear"] if profile else []), *profile_of),
             current=dependence,
-            current_law=current_law,
-            series_spring=series_spring,
             diagnose=True if diagnose else None,
             bootstrap=bootstrap or 0,
-            unseen=unseen,
             on_progress=None if model not in {ALL, FEW} else lambda line: click.echo(line, err=True),
+            **options,
         )
     if fit.kept is not None:
         click.echo(f"the earlier fit is kept as {fit.kept.resolve()}", err=True)
