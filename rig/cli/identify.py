@@ -107,7 +107,7 @@ def command(
     bootstrap: int | None,
     scheduler: str | None,
     as_json: bool,
-    **options: Any,
+    **options: Any,  # noqa: ANN401 - click has judged each by its own type
 ) -> int:
     """Fit a damper model to RUNS and write fit.json into the first; an earlier fit.json is kept under another name.
 
