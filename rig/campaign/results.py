@@ -163,6 +163,8 @@ class StopReport:
         moved: anything had moved before.
         unfinished: id of the point that was prepared or running; empty when there was none.
         resume: fault matrix's word on going on: `a`, `c` (typing `--resume` confirms), `n` (requalify first).
+        halted: the motion was brought to rest where it was, not faded out over a cycle: a stop of kind `SO`, or a
+            motion without cycles.
     """
 
     kind: str
@@ -173,6 +175,7 @@ class StopReport:
     moved: bool
     unfinished: str
     resume: str
+    halted: bool
 
 
 @dataclass(frozen=True)

@@ -173,7 +173,7 @@ class Matrix(Section):
         signals = len(sweep.current_A) * sum(len(table.records) for table in sweep.signals.values())
         count = (math.prod(sizes) + signals + len(self.extra)) * sweep.repeats
         count += (self.friction is not None) + len(self.current_step)
-        count += 0 if self.hybrid is None else len(self.hybrid.compensation)
+        count += 0 if self.hybrid is None else len(self.hybrid.compensation) * len(self.hybrid.law)
         if count == 0:
             raise PydanticCustomError("no_points", "no test point; fill [matrix] or add [[point]]")
         if count > POINT_LIMIT:

@@ -80,6 +80,7 @@ def test_ctrl_c_on_the_road_stops_the_rig_safely(tmp_path: Path) -> None:
         assert_still(ending.truth, zero.time_s + 0.5)
         assert not stage.rig.plant.command["pressure"][0]
         assert ending.verdicts() == {"hybrid-model": "invalid"}
+        assert "Stopped by operator (Ctrl-C): motion halted, coil at 0 A, hydraulics off." in ending.said
 
 
 @pytest.mark.apart

@@ -120,7 +120,8 @@ def test_an_unknown_rig_state_is_shouted() -> None:
 
 
 STOPPED = StopReport(
-    "S2", "sigint", proved=True, current_zero=True, pressure_off=True, moved=True, unfinished="p003", resume="c"
+    "S2", "sigint", proved=True, current_zero=True, pressure_off=True, moved=True, unfinished="p003", resume="c",
+    halted=False,
 )
 
 
@@ -142,7 +143,7 @@ def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
     ("change", "said"),
     [
         ({"moved": False}, "nothing had moved"),
-        ({"kind": "SO"}, "motion halted"),
+        ({"halted": True}, "motion halted"),
         ({"current_zero": False}, "coil current not proved"),
         ({"pressure_off": False}, "HYDRAULICS STILL ON"),
         ({"proved": False}, "standstill is not proved"),
