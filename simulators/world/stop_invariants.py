@@ -12,7 +12,6 @@ from rig.errors import EXIT_REFUSED
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, StopKind
 from simulators.controller_firmware import Command
-from simulators.injection import BEYOND_LIMITS
 from simulators.world.plan import DISK, FOREIGN, SIGNALS
 from simulators.world.view import NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
 
@@ -26,9 +25,8 @@ SEEN_NS = 300e6
 """By then the station has looked at the controller again, whatever was sent meanwhile."""
 SENT_S = 0.25
 LATE_JOURNAL_S = 0.5
-UNNOTICED_S, UNNOTICED_GROWING_S, UNNOTICED_TIMES = 0.5, 1.0, 10.0
-"""So long the rod may move with a fault that everybody can see: that (longer where it goes beyond a limit slowly),
-or so many times what its row allows."""
+UNNOTICED_S, UNNOTICED_TIMES = 1.0, 10.0
+"""So long the rod may move with a fault that everybody can see: that, or so many times what its row allows."""
 MOVING_M_S = 0.02
 SEEN_LATER = frozenset({
     "load-train", "stop-ignored", "current-stuck", "coil-open-short", "current-tracking", "second-master:jumps",
@@ -42,8 +40,10 @@ OTHER_NAMES = {
     "actuator-frozen:slips": {"position-disagreement", "load-train"}, "load-train:jammed": {"force-limit"},
     "ecu-overtemp:coil": {"coil-temperature"}, "current-stuck:full": {"overcurrent", "load-train"},
     "sensor-stuck": {"sensor-saturated"}, "sensor-stuck:lvdt": {"sensor-saturated"}, "modbus-mismatch": {"rtu-crc"},
+    "sample-gap": {"loadcell-pulled"}, "sample-gap:lvdt": {"lvdt-pulled"},
 }
-"""Faults that the station may name otherwise than their row."""
+"""Faults that the station may name otherwise than their row; a gap of 16 ms is silence where a device hands over every
+10 ms besides."""
 OF_ANY_FAULT = frozenset({"hybrid-unstable"})
 """What a hybrid test's own watch names: whatever is wrong with force, motion or current brings it about."""
 DISK_SLUGS = {"disk-full", "dir-readonly", "fsync-error", "disk-error", "recorder-unwell", "task-dies", "slow-consumer"}
@@ -224,8 +224,7 @@ def a_fault_ends_the_motion(view: View) -> Findings:
             continue
         rows = view.between(at_ns, min(until_ns, at_ns + 1e9 * view.lasts_s(fault)))
         moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
-        least_s = UNNOTICED_GROWING_S if fault in BEYOND_LIMITS else UNNOTICED_S
-        if moved_s > max(least_s, UNNOTICED_TIMES * (row.limit_s or 0.0)):
+        if moved_s > max(UNNOTICED_S, UNNOTICED_TIMES * (row.limit_s or 0.0)):
             yield f"{fault}: the rod moved on for {moved_s:.1f} s", at_ns
 
 
