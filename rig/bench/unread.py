@@ -17,7 +17,7 @@ class NotRead(Exception):
 
 
 class Unread:
-    """An entry that is given and could not be read; whatever is asked of it, of what type it is too, raises `NotRead`."""
+    """An entry that is given and could not be read; whatever is asked of it, even its type, raises `NotRead`."""
 
     def _refuse(self, *_: object) -> NoReturn:
         raise NotRead

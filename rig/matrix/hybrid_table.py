@@ -63,6 +63,10 @@ class HybridCar(Car):
         text = "a hybrid test has one corner of a car; take this table out: [hybrid.car.front] is that corner"
         raise PydanticCustomError("one_corner", text)
 
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`; of a rear axle all is said."""
+        return super().problems() if self.rear is None else iter(())
+
 
 class HybridRoad(RoadFile):
     """`[hybrid.road]`: the entries of a road file, without recorded profiles."""
@@ -81,8 +85,9 @@ class HybridRoad(RoadFile):
         raise PydanticCustomError("recorded_road", text)
 
     def problems(self) -> Iterator[Problem]:
-        """See `Section.problems`."""
-        yield from as_far_as_read(super().problems, self._short)
+        """See `Section.problems`; a recorded road is told already, with those that may stand in its place."""
+        if self.profile is None and self.drive is None:
+            yield from as_far_as_read(super().problems, self._short)
 
     def _short(self) -> Iterator[Problem]:
         for name in self.kinds:

@@ -169,7 +169,11 @@ class Matrix(Section):
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
-        yield from as_far_as_read(self._counted, self._heat_known, self._damper_assumed, self._unique_ids)
+        miscounted = [*as_far_as_read(self._counted)]
+        yield from miscounted
+        yield from as_far_as_read(self._heat_known, self._damper_assumed)
+        if not miscounted:  # there may be millions of them
+            yield from as_far_as_read(self._unique_ids)
 
     def _counted(self) -> Iterator[Problem]:
         sweep = self.sweep
