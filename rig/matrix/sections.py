@@ -250,10 +250,11 @@ class Identify(Section):
         from rig.dampers.current_law import PER_CURRENT, UnknownLaw, current_law
 
         base, plus, law = value.partition("+")
-        known = ["all", *MODELS]
-        if base not in known or (base == "all" and plus):
+        several = ("all", "few")
+        known = [*several, *MODELS]
+        if base not in known or (base in several and plus):
             raise ValueError(_unknown("model", value, known))
-        for name in MODELS if value == "all" else (base,):
+        for name in MODELS if value == "all" else () if value == "few" else (base,):
             _usable(MODELS.__getitem__, name)
         if plus and law != PER_CURRENT:
             try:

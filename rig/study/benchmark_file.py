@@ -14,9 +14,9 @@ from rig.bench.problems import load_section
 from rig.bench.quantity import Problem
 from rig.bench.section import Section
 from rig.errors import FileProblem, IdentificationFailed
+from rig.identification.pairs import LEFT_OUT as PAIRS
 from rig.identification.points.whole_record import last_share
 
-PAIRS = "leave-one-pair-out"
 SEPARABLE = "separable"
 REVISION = 1
 """Of split and scorer: to be raised with every change after which an entry's result is another one."""
