@@ -245,10 +245,11 @@ def _happenings(seed: int, actuator: str, motion_s: float) -> tuple[Happening, .
     for _ in range(chance.choice(MORE_IN_TURN if chosen else HAPPENINGS)):
         before = chosen[-1] if chosen else None
         if chance.random() < FAULT_SHARE:
-            chosen.append(_fault(chance.choice(possible), chance, began_s, max(LATEST_FAULT_S, motion_s)))
+            within_s = max(LATEST_FAULT_S, motion_s) - max(0.0, began_s - FIRST_CYCLE_S)
+            chosen.append(_fault(chance.choice(possible), chance, began_s, within_s))
         else:
-            latest_s = began_s + max(LATEST_S, motion_s)
-            chosen.append(_around(chance.choice(AROUND), chance.uniform(began_s, latest_s), chance))
+            at_s = chance.uniform(began_s, max(LATEST_S, motion_s))
+            chosen.append(_around(chance.choice(AROUND), at_s, chance))
         if before is not None and None not in (before.at_s, chosen[-1].at_s) and chance.random() < SUDDEN_SHARE:
             chosen[-1] = chosen[-1].begun_at(before.begins_s + chance.uniform(0.0, SUDDEN_S))
     if chance.random() < COMBINED_SHARE:
