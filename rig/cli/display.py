@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rig.campaign.results import PointResult
     from rig.matrix.plan import Plan
     from rig.matrix.point import TestPoint
+    from rig.recording.recorded_point import RecordedPoint
 
 # Live value -> (label, factor, unit, number format).
 LIVE = {
@@ -29,6 +30,11 @@ LIVE = {
 }
 MARKS = {"valid": "✓", "suspect": "?", "invalid": "✗"}
 LEVELS = {"info": "", "warning": "yellow", "error": "red"}
+
+
+def described(point: RecordedPoint) -> str:
+    """A point that was not planned here, in one phrase: "sine 50 mm 1.5 Hz 1 A"."""
+    return f"{point.waveform} {1e3 * point.amplitude_m:.4g} mm {point.frequency_Hz:.4g} Hz {point.current_A:.3g} A"
 
 
 class PlainDisplay:

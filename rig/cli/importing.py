@@ -156,10 +156,11 @@ def _show(folder: Path, as_json: bool) -> int:
         ]  # fmt: skip
         write_json({"campaign": folder.resolve(), "points": points, "valid": valid, "total": len(points)})
     else:
+        from rig.cli.display import described
+
         shown = console()
         for point in run.points:
-            motion = f"{point.waveform} {1e3 * point.amplitude_m:.4g} mm {point.frequency_Hz:.4g} Hz"
-            text = f"{motion} {point.current_A:.3g} A"
+            text = described(point)
             line = f"{point.id:<24}{text:<32}{'; '.join((point.verdict, *point.reasons))}"
             shown.print(line, markup=False)
         say(folder.resolve())
