@@ -56,9 +56,7 @@ class Stand:
 
     def __getattr__(self, name: str) -> object:
         if self._real is not None and (name in self._same or name.isupper() or name[:3] in {"SIG", "LOC"}):
-            found: object = getattr(self._real, name)
-            self.__dict__[name] = found  # not asked for again
-            return found
+            return self.__dict__.setdefault(name, getattr(self._real, name))
         raise NoCounterpart(f"{self._name}.{name} has no counterpart in a world")
 
 
