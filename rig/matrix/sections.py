@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from rig.bench.problems import close_match
 from rig.bench.quantity import Problem, Quantity, Wording
 from rig.bench.section import Section, located
-from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, check_method, method_names
+from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, TEMPERATURE_LAWS, check_method, method_names
 from rig.matrix.signal_tables import FileTable, RoadTable, SignalTable, SweepTable
 from rig.plugins import PlugInProblem
 from rig.signals.waveform import SIGNAL_NAMES, SINE, WAVEFORM_NAMES
@@ -255,6 +255,7 @@ class Identify(Section):
     series_spring: bool = False
     current: Literal[DEPENDENCES] = "affine"  # type: ignore[valid-type]  # one list serves the schema and the message
     current_law: Literal[LAWS] = "affine"  # type: ignore[valid-type]  # the same
+    temperature_law: Literal[TEMPERATURE_LAWS] = "none"  # type: ignore[valid-type]  # the same
 
     @field_validator("model")
     @classmethod

@@ -11,6 +11,7 @@ import rig.dampers
 from rig.characteristics import characterise
 from rig.characteristics.hybrid_tests import hybrid_tests, write_hybrid
 from rig.dampers import DamperModel
+from rig.dampers.temperature_law import law_of_entries
 from rig.errors import FileProblem, RigError
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.journal.campaign_log import read_lines
@@ -114,6 +115,7 @@ def read_fit(folder: Path) -> dict[str, Any] | None:
 def views_of(run: Run, fit: Mapping[str, Any] | None) -> tuple[list[PointView], str]:
     """What to show of every point, and a remark where the fit's curves cannot be computed again."""
     model, values, remark = _fitted_model(fit)
+    warmth = None if fit is None or model is None else law_of_entries(fit.get("temperature"), fit["parameters"])
     error = (fit or {}).get("error") or {}
     kept = {entry.get("id"): entry for entry in error.get("per_test") or ()}
     apart = {entry.get("id"): entry for entry in (error.get("holdout") or {}).get("per_test") or ()}
@@ -121,7 +123,7 @@ def views_of(run: Run, fit: Mapping[str, Any] | None) -> tuple[list[PointView], 
     views = [
         view_of(
             point, model, values, kept.get(point.id) or apart.get(point.id), held_out=point.id in apart,
-            skew=skews.get(point.id),
+            skew=skews.get(point.id), warmth=warmth,
         )
         for point in run.points
     ]
@@ -135,6 +137,7 @@ def _fitted_model(fit: Mapping[str, Any] | None) -> tuple[DamperModel | None, di
     try:
         model = rig.dampers.model(str(fit.get("model")), fit.get("hysteresis", "kwok"))
         missing = [name for name in model.names if name not in values and name != "eta"]
+        values = {name: value for name, value in values.items() if missing or name in {*model.names, "eta"}}
     except RigError as error:
         return None, {}, box("warn", f"The fit's curves are not drawn: {text(error)}")
     if missing:

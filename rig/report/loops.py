@@ -9,10 +9,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rig.dampers import DamperModel
+from rig.dampers.temperature_law import TemperatureLaw
 from rig.errors import RigError
 from rig.identification.models.coil import with_lag
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.softening import force_change_N
 from rig.identification.points.preparation import prepare
 from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
@@ -161,11 +163,12 @@ class PointView:
 
 def view_of(
     point: RecordedPoint, model: DamperModel | None, values: Mapping[str, float], error: Mapping[str, Any] | None,
-    *, held_out: bool = False, skew: PointSkew | None = None,
+    *, held_out: bool = False, skew: PointSkew | None = None, warmth: TemperatureLaw | None = None,
 ) -> PointView:
     """Prepare a point for drawing; what keeps it from being drawn is said, never hidden.
 
-    `skew` is what the campaign as a whole knows of the sensors' delays, as for the fit.
+    `skew` is what the campaign as a whole knows of the sensors' delays, as for the fit; `warmth` how the fitted damper
+    follows the recorded temperature.
     """
     if point.kind == "current_step":
         return PointView(point, None, "the rod stood still; the current was stepped", error or {}, held_out)
@@ -178,6 +181,8 @@ def view_of(
     if "eta" in values:
         measured = with_lag(measured, values["eta"])
     fitted = None if model is None else modelled_force(model, values, measured)
+    if model is not None and fitted is not None and warmth is not None:
+        fitted = fitted + force_change_N(model, values, warmth, measured)
     return PointView(point, _middle_cycle(measured, fitted), "", error or {}, held_out, measured)
 
 

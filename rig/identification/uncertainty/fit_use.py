@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -11,11 +12,13 @@ from numpy.typing import ArrayLike
 
 import rig.dampers
 from rig.dampers.parameter import Hysteresis
+from rig.dampers.temperature_law import RATES, TemperatureLaw
 from rig.errors import IdentificationFailed
 from rig.identification.application.law import Law
 from rig.identification.application.tested_range import TestedRange
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.relation import CurrentRelations
+from rig.identification.uncertainty.temperature_term import TemperatureTerm
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,6 +41,8 @@ class Found(Protocol):
     def parameters(self) -> Mapping[str, Any]: ...  # noqa: D102 - as in `Fit`
     @property
     def current(self) -> CurrentRelations | None: ...  # noqa: D102 - as in `Fit`
+    @property
+    def temperature(self) -> TemperatureTerm | None: ...  # noqa: D102 - as in `Fit`
     @property
     def series(self) -> Any: ...  # noqa: ANN401, D102 - as in `Fit`, whose module imports this one
     @property
@@ -74,7 +79,11 @@ class FitUse:
         estimated = {name: estimate.value for name, estimate in self.parameters.items()}
         if self.coil_eta_1_s is not None:
             estimated["eta"] = self.coil_eta_1_s
-        return Law.of(rig.dampers.model(self.model, form), estimated, self.current)
+        law = Law.of(rig.dampers.model(self.model, form), estimated, self.current)
+        if self.temperature is None:
+            return law
+        rates = {name: float(estimated[name] or 0.0) for name in RATES[self.temperature.law]}
+        return replace(law, temperature=TemperatureLaw(self.temperature.reference_degC, rates))
 
     @property
     def equation(self: Found) -> str:
@@ -139,6 +148,7 @@ class FitUse:
         current_A: ArrayLike,
         *,
         velocity_m_s: ArrayLike | None = None,
+        temperature_degC: ArrayLike | None = None,
         lag: bool = False,
         mid_stroke_m: float = 0.0,
     ) -> pd.DataFrame:
@@ -149,6 +159,8 @@ class FitUse:
             displacement_m: displacement (m), shape (n,).
             current_A: current (A), shape (n,) or one number: the coil's own, or with `lag` the commanded one.
             velocity_m_s: velocity (m/s), shape (n,); differentiated from the displacement where it is not given.
+            temperature_degC: temperature (degC), shape (n,) or one number, of a fit with a temperature law; by default
+                its reference, which `attrs["assumed"]` says.
             lag: let the coil follow the command at the fitted rate eta.
             mid_stroke_m: displacement (m) at the damper's mid-stroke.
 
@@ -163,7 +175,7 @@ class FitUse:
         from rig.identification.application.prediction import simulate
 
         motion = {"displacement_m": displacement_m, "velocity_m_s": velocity_m_s}
-        table = {"time_s": time_s, "current_A": current_A, **motion}
+        table = {"time_s": time_s, "current_A": current_A, "temperature_degC": temperature_degC, **motion}
         return simulate(self.law, self.tested, table, mid_stroke_m, lag=lag)
 
     def inverse(
@@ -175,6 +187,7 @@ class FitUse:
         state: ArrayLike | None = None,
         time_s: ArrayLike | None = None,
         acceleration_m_s2: ArrayLike | None = None,
+        temperature_degC: float | None = None,
     ) -> pd.DataFrame:
         """The coil current that makes the damper give a force: I(F, v, u, state).
 
@@ -186,6 +199,7 @@ class FitUse:
             time_s: evenly spaced times (s), shape (n,): the states then follow from rest with the currents that are
                 found.
             acceleration_m_s2: acceleration (m/s^2); by default from the velocity over `time_s`, else 0.
+            temperature_degC: temperature (degC) of a fit with a temperature law; by default its reference.
 
         Returns:
             `current_A` with its 95 % band `low_A`, `high_A`; `attainable` (if not, `current_A` gives the nearest
@@ -205,15 +219,17 @@ class FitUse:
         table = {
             "time_s": time_s, "displacement_m": displacement_m, "velocity_m_s": velocity_m_s,
             "acceleration_m_s2": acceleration_m_s2, "current_A": np.zeros(count), "force_N": given,
+            "temperature_degC": temperature_degC,
         }  # fmt: skip
         motion = motion_of(table, 0.0)
         wanted = np.ascontiguousarray(np.broadcast_to(given, (motion.u_m.size,)))
         chosen = None if state is None else np.asarray(state, dtype=float)
-        return inverse(self.law, self.tested, motion, wanted, chosen)
+        return inverse(self.law.at(temperature_degC), self.tested, motion, wanted, chosen)
 
-    def control_range(self: Found) -> pd.DataFrame:
+    def control_range(self: Found, *, temperature_degC: float | None = None) -> pd.DataFrame:
         """What the current can do at each tested speed: forces, dF/dI, whether they can be inverted, passivity.
 
+        At `temperature_degC` of a fit with a temperature law; by default at its reference.
         See `rig.identification.application.inversion.control_range`.
 
         Raises:
@@ -221,11 +237,12 @@ class FitUse:
         """
         from rig.identification.application.inversion import control_range
 
-        return control_range(self.law, self.tested)
+        return control_range(self.law.at(temperature_degC), self.tested)
 
-    def inverse_table(self: Found) -> pd.DataFrame:
+    def inverse_table(self: Found, *, temperature_degC: float | None = None) -> pd.DataFrame:
         """The current over speed and force, for controllers that look it up.
 
+        At `temperature_degC` of a fit with a temperature law; by default at its reference.
         See `rig.identification.application.inversion.inverse_table`.
 
         Raises:
@@ -233,14 +250,20 @@ class FitUse:
         """
         from rig.identification.application.inversion import inverse_table
 
-        return inverse_table(self.law, self.tested)
+        return inverse_table(self.law.at(temperature_degC), self.tested)
 
     def controller(
-        self: Found, dt_s: float, *, limits_A: tuple[float, float] | None = None, mid_stroke_m: float = 0.0
+        self: Found,
+        dt_s: float,
+        *,
+        limits_A: tuple[float, float] | None = None,
+        mid_stroke_m: float = 0.0,
+        temperature_degC: float | None = None,
     ) -> Controller:
         """Current commands for wanted forces, one `step` a sampling interval of `dt_s` (s), the coil's lag undone.
 
-        See `rig.identification.application.controller.Controller`.
+        See `rig.identification.application.controller.Controller`; at `temperature_degC` of a fit with a temperature
+        law, by default at its reference.
 
         Raises:
             FileProblem: an interval or limits that are none.
@@ -248,7 +271,7 @@ class FitUse:
         """
         from rig.identification.application.controller import Controller
 
-        return Controller(self.law, self.tested, dt_s, limits_A, mid_stroke_m)
+        return Controller(self.law.at(temperature_degC), self.tested, dt_s, limits_A, mid_stroke_m)
 
 
 class FitPlots:
