@@ -265,7 +265,7 @@ class Identify(Section):
 
         base, plus, law = value.partition("+")
         several = ("all", "few")
-        known = [*several, *MODELS]
+        known = ["all", *MODELS, "few"]
         if base not in known or (base in several and plus):
             raise ValueError(_unknown("model", value, known))
         for name in MODELS if value == "all" else () if value == "few" else (base,):
