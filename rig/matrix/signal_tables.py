@@ -7,17 +7,18 @@ from __future__ import annotations
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, PrivateAttr, model_validator
+from pydantic import AfterValidator, Field, PrivateAttr
 
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
+from rig.bench.unread import UNREAD, NotRead
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
 from rig.matrix.record_file import LARGEST_BYTES, read_record
@@ -70,10 +71,21 @@ class SignalTable(Section, ABC):
     _records: tuple[Record, ...] = PrivateAttr(default=())
     _hashes: dict[str, str] = PrivateAttr(default_factory=dict)
 
-    @model_validator(mode="after")
-    def _made(self) -> Self:
-        self._records = _all_made(self._makers())
-        return self
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`: every record is made, or it is said why it cannot be; of a list each at its place."""
+        self._records = UNREAD  # type: ignore[assignment]  # how many there are is known once each was made
+        makers, records = self._makers(), list[Record]()
+        for where, make in makers:
+            try:
+                records.append(make())
+            except NotRead:
+                continue
+            except NoRecord as error:
+                yield where, str(error)
+            except FileProblem as error:
+                yield from ((where, problem) for problem in error.problems)
+        if len(records) == len(makers):
+            self._records = tuple(records)
 
     @abstractmethod
     def _makers(self) -> list[Maker]: ...
@@ -180,23 +192,3 @@ class FileTable(SignalTable):
             Path(name).stem, even_m, self.ramp_s, amplitude_m=self.amplitude_m, highest_Hz=self.highest_Hz,
             sha256=self._hashes[name],
         )
-
-
-def _all_made(makers: Sequence[Maker]) -> tuple[Record, ...]:
-    """Every record, or what is wrong with any of them.
-
-    Raises:
-        wrong: with every problem, each at its entry.
-    """
-    records, problems = [], list[Problem]()
-    for where, make in makers:
-        try:
-            records.append(make())
-        except NoRecord as error:
-            problems.append((where, str(error)))
-        except FileProblem as error:
-            problems += [(where, problem) for problem in error.problems]
-    if problems:
-        wrong: Exception = located(problems)
-        raise wrong
-    return tuple(records)
