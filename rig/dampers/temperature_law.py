@@ -49,9 +49,11 @@ class TemperatureLaw:
 
     def rate_1_K(self, parameter: Parameter) -> float:
         """The rate (1/K) that a parameter follows; 0 where it does not soften, or its rate is not part of this law."""
-        if not parameter.softens:
-            return 0.0
-        return self.rates.get(COMMON, 0.0) + self.rates.get(softens_by(parameter), 0.0)
+        return sum(rate for name, rate in self.rates.items() if self.follows(parameter, name))
+
+    def follows(self, parameter: Parameter, rate: str) -> bool:
+        """Whether a parameter falls at the rate of this name."""
+        return parameter.softens and rate in {COMMON, softens_by(parameter)}
 
     def vectors(self, model: DamperModel, values: Mapping[str, float], temperature_degC: FloatArray) -> FloatArray:
         """The model's parameters at temperatures (degC) of shape (n,): (n, parameters), in the kernel's order.
@@ -68,7 +70,7 @@ class TemperatureLaw:
         followers: dict[str, list[str]] = {}
         for parameter in model.parameters:
             for name in self.rates:
-                if parameter.softens and name in {COMMON, softens_by(parameter)}:
+                if self.follows(parameter, name):
                     followers.setdefault(name, []).append(parameter.name)
         parts = [
             f"{', '.join(names)} times exp(-{rate} (T - {self.reference_degC:.4g} degC))"

@@ -101,8 +101,8 @@ def at_one_temperature(
     if len(models) > 1:
         raise IdentificationFailed("a temperature law goes with one model: name it, such as `asymmetric`")
     refuse_without(held_out)
-    found = find_softening(models[0], fitted, method, temperature_law)
-    return found, found.corrected(models[0], fitted), found.corrected(models[0], held_out)
+    told = find_softening(models[0], fitted, method, temperature_law)
+    return told, told.corrected(models[0], fitted), told.corrected(models[0], held_out)
 
 
 def refuse_without(tests: Sequence[Measurement]) -> list[FloatArray]:

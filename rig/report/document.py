@@ -36,7 +36,7 @@ from rig.report.fragment import (
 )
 from rig.report.hybrid import hybrid_part
 from rig.report.instruments import calibrations, doubts_of, instruments
-from rig.report.loops import PointView, view_of
+from rig.report.loops import PointView, REFERENCE_degC, view_of
 from rig.report.over_current import parameters_over_current
 from rig.report.plugin_sections import brought_sections
 from rig.report.point_tables import achieved_table, conditions, points_table, time_base
@@ -114,7 +114,6 @@ def read_fit(folder: Path) -> dict[str, Any] | None:
 def views_of(run: Run, fit: Mapping[str, Any] | None) -> tuple[list[PointView], str]:
     """What to show of every point, and a remark where the fit's curves cannot be computed again."""
     model, values, remark = _fitted_model(fit)
-    warmth = None if fit is None or model is None else law_of_entries(fit.get("temperature"), fit["parameters"])
     error = (fit or {}).get("error") or {}
     kept = {entry.get("id"): entry for entry in error.get("per_test") or ()}
     apart = {entry.get("id"): entry for entry in (error.get("holdout") or {}).get("per_test") or ()}
@@ -122,7 +121,7 @@ def views_of(run: Run, fit: Mapping[str, Any] | None) -> tuple[list[PointView], 
     views = [
         view_of(
             point, model, values, kept.get(point.id) or apart.get(point.id), held_out=point.id in apart,
-            skew=skews.get(point.id), warmth=warmth,
+            skew=skews.get(point.id),
         )
         for point in run.points
     ]
@@ -136,11 +135,12 @@ def _fitted_model(fit: Mapping[str, Any] | None) -> tuple[DamperModel | None, di
     try:
         model = rig.dampers.model(str(fit.get("model")), fit.get("hysteresis", "kwok"))
         missing = [name for name in model.names if name not in values and name != "eta"]
-        values = {name: value for name, value in values.items() if missing or name in {*model.names, "eta"}}
     except RigError as error:
         return None, {}, box("warn", f"The fit's curves are not drawn: {text(error)}")
     if missing:
         return None, {}, box("warn", f"The fit's curves are not drawn: fit.json lacks {text(', '.join(missing))}.")
+    if warmth := law_of_entries(fit.get("temperature"), fit["parameters"]):
+        values[REFERENCE_degC] = warmth.reference_degC
     return model, values, ""
 
 

@@ -74,6 +74,8 @@ def inverse(
     start = _start(law, motion, state)
     answer = solve(law, grid, start, motion, wanted_N)
     used = replace(motion, current_A=answer[:, 0])
+    if law.at_degC is not None:
+        used = replace(used, temperature_degC=np.full(answer.shape[0], law.at_degC))
     columns = {"current_A": answer[:, 0], "force_N": answer[:, 1]}
     frame = with_band(columns, used, tested)
     half_A = np.minimum(current_band_A(tested, answer), grid[-1] - grid[0])
@@ -136,7 +138,7 @@ def control_range(law: Law, tested: TestedRange | None) -> pd.DataFrame:
         of them), `monotone` (whether every force has one current), `resolvable` (see `inverse`), `passive` (whether F v
         >= 0 at every current, the force at rest left out). `attrs["invertible_from_m_s"]`: the least speed from which
         on all rows are resolvable and monotone; None where there is none. `attrs["extrapolation"]`: that the
-        temperature which was asked for lies beyond the tests; empty otherwise.
+        temperature of the fit (`Fit.at`) lies beyond the tests; empty otherwise.
 
     Raises:
         IdentificationFailed: the tests ran at one current.
@@ -170,7 +172,7 @@ def control_range(law: Law, tested: TestedRange | None) -> pd.DataFrame:
 
 
 def _too_warm(law: Law, tested: TestedRange | None) -> str:
-    """That the temperature which was asked for lies beyond the tests; empty where it does not."""
+    """That the temperature at which the law holds lies beyond the tests; empty where it does not."""
     if law.at_degC is None or tested is None:
         return ""
     still, degC = np.zeros(1), np.array([law.at_degC])

@@ -30,7 +30,7 @@ class Law:
         eta_1_s: rate of the coil's first-order lag (1/s); None where it is not known.
         felt: the current law and its values; None where the current is felt as it is.
         temperature: how warm oil weakens the damper; None where that is not known. The values are at its reference.
-        at_degC: temperature (degC) that was asked for, where the values are those at it; None otherwise.
+        at_degC: the only temperature (degC) at which it holds; None where there is no such.
     """
 
     model: DamperModel
@@ -65,13 +65,11 @@ class Law:
             return cls(model.base, values, None, eta_1_s, (model.law, bend))
         return cls(model, values, None, eta_1_s)
 
-    def at(self, temperature_degC: float | None) -> Law:
-        """The law at one temperature (degC), whatever it is later; None: at the reference."""
+    def at_reference(self) -> Law:
+        """The law at its reference temperature, whatever the temperature is."""
         if self.temperature is None:
-            return replace(self, at_degC=temperature_degC)
-        degC = self.temperature.reference_degC if temperature_degC is None else temperature_degC
-        vector = self.temperature.vectors(self.model, self.values, np.array([degC]))[0]
-        return replace(self, values=self.model.values(vector), temperature=None, at_degC=temperature_degC)
+            return self
+        return replace(self, temperature=None, at_degC=self.temperature.reference_degC)
 
     def vectors(self, current_A: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Parameters at currents (A), shape (1 or n, P), and the current that the equation sees there, shape (n,)."""

@@ -34,8 +34,9 @@ def predict(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: fl
     """
     reason = f"{law.model.name} has internal states, which follow the motion in time" if law.model.states else ""
     motion = motion_of(table, mid_stroke_m, needs_time=reason)
-    force_N, _ = along(law, motion)
-    return _assuming(with_band({"force_N": force_N}, motion, tested), law, motion)
+    known = _at_a_temperature(law, motion)
+    force_N, _ = along(law, known)
+    return _assuming(with_band({"force_N": force_N}, known, tested), law, motion)
 
 
 def simulate(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: float, *, lag: bool) -> pd.DataFrame:
@@ -52,12 +53,13 @@ def simulate(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: f
                 "tests with current steps",
             ])  # fmt: skip
         motion = replace(motion, current_A=coil_current(motion.current_A, law.eta_1_s, motion.dt_s))
+    given, motion = motion, _at_a_temperature(law, motion)
     force_N, states = along(law, motion)
     columns = {
         "displacement_m": motion.u_m, "velocity_m_s": motion.v_m_s, "current_A": motion.current_A, "force_N": force_N,
     }  # fmt: skip
     columns |= {f"state_{place + 1}": states[:, place] for place in range(law.model.states)}
-    result = _assuming(with_band(columns, motion, tested), law, motion)
+    result = _assuming(with_band(columns, motion, tested), law, given)
     if "time_s" not in (result.index.name,):
         result.insert(0, "time_s", motion.time_s)
     return result
@@ -79,6 +81,13 @@ def along(law: Law, motion: Motion) -> tuple[FloatArray, FloatArray]:
     data = (motion.u_m, motion.v_m_s, motion.a_m_s2, seen_A)
     force, states = trajectory_of(model)(vectors, start, *data, motion.dt_s)
     return force, states
+
+
+def _at_a_temperature(law: Law, motion: Motion) -> Motion:
+    """The motion, at the law's reference temperature where it tells none and the law follows one."""
+    if law.temperature is None or motion.temperature_degC is not None:
+        return motion
+    return replace(motion, temperature_degC=np.full(motion.u_m.size, law.temperature.reference_degC))
 
 
 def _assuming(frame: pd.DataFrame, law: Law, motion: Motion) -> pd.DataFrame:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,6 +59,9 @@ class Found(Protocol):
     def law(self) -> Law: ...  # noqa: D102 - as in `FitUse`
 
 
+Kind = TypeVar("Kind")
+
+
 class FitUse:
     """Use of a fit; part of `Fit`."""
 
@@ -92,6 +95,20 @@ class FitUse:
 
         values = {name: (estimate.value, estimate.unit) for name, estimate in self.parameters.items()}
         return formula(self.form, values, self.current)
+
+    def at(self: Kind, temperature_degC: float) -> Kind:
+        """The same fit with its values, intervals and correlations at another temperature (degC).
+
+        What takes no temperature (`simulate`, `inverse`, `controller`, `control_range`, a table without one) is then at
+        that temperature, and says where it lies beyond the tests.
+
+        Raises:
+            IdentificationFailed: the fit has no temperature law, or this is no temperature.
+        """
+        from rig.identification.uncertainty.temperature_term import at_temperature
+
+        moved: Kind = at_temperature(self, temperature_degC)
+        return moved
 
     @property
     def plot(self: Found) -> FitPlots:
@@ -148,7 +165,6 @@ class FitUse:
         current_A: ArrayLike,
         *,
         velocity_m_s: ArrayLike | None = None,
-        temperature_degC: ArrayLike | None = None,
         lag: bool = False,
         mid_stroke_m: float = 0.0,
     ) -> pd.DataFrame:
@@ -159,8 +175,6 @@ class FitUse:
             displacement_m: displacement (m), shape (n,).
             current_A: current (A), shape (n,) or one number: the coil's own, or with `lag` the commanded one.
             velocity_m_s: velocity (m/s), shape (n,); differentiated from the displacement where it is not given.
-            temperature_degC: temperature (degC), shape (n,) or one number, of a fit with a temperature law; by default
-                its reference, which `attrs["assumed"]` says.
             lag: let the coil follow the command at the fitted rate eta.
             mid_stroke_m: displacement (m) at the damper's mid-stroke.
 
@@ -175,7 +189,7 @@ class FitUse:
         from rig.identification.application.prediction import simulate
 
         motion = {"displacement_m": displacement_m, "velocity_m_s": velocity_m_s}
-        table = {"time_s": time_s, "current_A": current_A, "temperature_degC": temperature_degC, **motion}
+        table = {"time_s": time_s, "current_A": current_A, **motion}
         return simulate(self.law, self.tested, table, mid_stroke_m, lag=lag)
 
     def inverse(
@@ -187,7 +201,6 @@ class FitUse:
         state: ArrayLike | None = None,
         time_s: ArrayLike | None = None,
         acceleration_m_s2: ArrayLike | None = None,
-        temperature_degC: float | None = None,
     ) -> pd.DataFrame:
         """The coil current that makes the damper give a force: I(F, v, u, state).
 
@@ -199,7 +212,6 @@ class FitUse:
             time_s: evenly spaced times (s), shape (n,): the states then follow from rest with the currents that are
                 found.
             acceleration_m_s2: acceleration (m/s^2); by default from the velocity over `time_s`, else 0.
-            temperature_degC: temperature (degC) of a fit with a temperature law; by default its reference.
 
         Returns:
             `current_A` with its 95 % band `low_A`, `high_A`; `attainable` (if not, `current_A` gives the nearest
@@ -219,17 +231,15 @@ class FitUse:
         table = {
             "time_s": time_s, "displacement_m": displacement_m, "velocity_m_s": velocity_m_s,
             "acceleration_m_s2": acceleration_m_s2, "current_A": np.zeros(count), "force_N": given,
-            "temperature_degC": temperature_degC,
         }  # fmt: skip
         motion = motion_of(table, 0.0)
         wanted = np.ascontiguousarray(np.broadcast_to(given, (motion.u_m.size,)))
         chosen = None if state is None else np.asarray(state, dtype=float)
-        return inverse(self.law.at(temperature_degC), self.tested, motion, wanted, chosen)
+        return inverse(self.law.at_reference(), self.tested, motion, wanted, chosen)
 
-    def control_range(self: Found, *, temperature_degC: float | None = None) -> pd.DataFrame:
+    def control_range(self: Found) -> pd.DataFrame:
         """What the current can do at each tested speed: forces, dF/dI, whether they can be inverted, passivity.
 
-        At `temperature_degC` of a fit with a temperature law; by default at its reference.
         See `rig.identification.application.inversion.control_range`.
 
         Raises:
@@ -237,12 +247,11 @@ class FitUse:
         """
         from rig.identification.application.inversion import control_range
 
-        return control_range(self.law.at(temperature_degC), self.tested)
+        return control_range(self.law.at_reference(), self.tested)
 
-    def inverse_table(self: Found, *, temperature_degC: float | None = None) -> pd.DataFrame:
+    def inverse_table(self: Found) -> pd.DataFrame:
         """The current over speed and force, for controllers that look it up.
 
-        At `temperature_degC` of a fit with a temperature law; by default at its reference.
         See `rig.identification.application.inversion.inverse_table`.
 
         Raises:
@@ -250,20 +259,14 @@ class FitUse:
         """
         from rig.identification.application.inversion import inverse_table
 
-        return inverse_table(self.law.at(temperature_degC), self.tested)
+        return inverse_table(self.law.at_reference(), self.tested)
 
     def controller(
-        self: Found,
-        dt_s: float,
-        *,
-        limits_A: tuple[float, float] | None = None,
-        mid_stroke_m: float = 0.0,
-        temperature_degC: float | None = None,
+        self: Found, dt_s: float, *, limits_A: tuple[float, float] | None = None, mid_stroke_m: float = 0.0
     ) -> Controller:
         """Current commands for wanted forces, one `step` a sampling interval of `dt_s` (s), the coil's lag undone.
 
-        See `rig.identification.application.controller.Controller`; at `temperature_degC` of a fit with a temperature
-        law, by default at its reference.
+        See `rig.identification.application.controller.Controller`.
 
         Raises:
             FileProblem: an interval or limits that are none.
@@ -271,7 +274,7 @@ class FitUse:
         """
         from rig.identification.application.controller import Controller
 
-        return Controller(self.law.at(temperature_degC), self.tested, dt_s, limits_A, mid_stroke_m)
+        return Controller(self.law.at_reference(), self.tested, dt_s, limits_A, mid_stroke_m)
 
 
 class FitPlots:

@@ -36,7 +36,7 @@ LIKELY = {
     "force": ("f", "force", "load", "kraft", "fuerza"),
     "current": ("i", "current", "strom", "corriente"),
     "voltage": ("voltage", "volt", "spannung", "voltaje"),
-    "temperature": ("temp", "temperature", "temperatur", "temperatura"),
+    "temperature": ("temp", "temperature", "temperatura"),
 }  # fmt: skip
 """Names to suggest a column by; nothing is taken for a quantity because of its name."""
 

@@ -131,21 +131,39 @@ def test_the_force_is_foretold_at_any_temperature_and_said_where_beyond(fit: Fit
     bare = fit.predict({name: values for name, values in table.items() if name != "temperature_degC"} | {
         "displacement_m": [0.0, 0.0]})  # fmt: skip
     assert "no temperature given" in bare.attrs["assumed"]
-    cold, warm = (fit.inverse(150.0, 0.1, temperature_degC=degC) for degC in (20.0, 45.0))
+    cold, warm = (fit.at(degC).inverse(150.0, 0.1) for degC in (20.0, 45.0))
     assert warm["current_A"][0] > cold["current_A"][0] + 0.1
     again = fit.predict({"displacement_m": 0.0, "velocity_m_s": 0.1, "current_A": warm["current_A"],
                          "temperature_degC": 45.0})  # fmt: skip
     assert again["force_N"][0] == pytest.approx(150.0, abs=0.5)
-    assert fit.inverse(150.0, 0.1, temperature_degC=80.0)["beyond"][0] == "temperature_degC"
-    assert "temperature_degC" in fit.control_range(temperature_degC=80.0).attrs["extrapolation"]
-    assert fit.controller(0.001, temperature_degC=80.0).step(300.0, 0.0, 0.1).extrapolates
-    assert not fit.controller(0.001, temperature_degC=30.0).step(300.0, 0.0, 0.1).extrapolates
+    assert fit.at(80.0).inverse(150.0, 0.1)["beyond"][0] == "temperature_degC"
+    assert "temperature_degC" in fit.at(80.0).control_range().attrs["extrapolation"]
+    assert fit.at(80.0).controller(0.001).step(300.0, 0.0, 0.1).extrapolates
+    assert not fit.at(30.0).controller(0.001).step(300.0, 0.0, 0.1).extrapolates
     file = tmp_path / "fit.json"
     file.write_text(json.dumps(fit.to_json()))
     loaded = Fit.load(file)
     assert loaded.temperature == fit.temperature
     assert loaded.predict(table)["force_N"].tolist() == foretold["force_N"].tolist()
     assert "k_viscous (T - " in loaded.equation
+
+
+def test_a_fit_at_another_temperature_is_what_tests_there_would_give(fit: Fit) -> None:
+    warm = fit.at(45.0)
+    direct = identify(run_at((40.0, 45.0, 50.0), seed=9), temperature_law="both").at(45.0)
+    for name in ("Fyb", "Ca_plus", "Ca_minus"):
+        one, other = warm.parameters[name], direct.parameters[name]
+        apart = np.hypot(one.standard_error or 0.0, other.standard_error or 0.0)
+        assert abs(warm.values[name] - direct.values[name]) < 4.0 * apart, name
+    assert (warm.parameters["Ca_plus"].standard_error or 0.0) > (fit.parameters["Ca_plus"].standard_error or 0.0)
+    assert "(T - 45 degC)" in warm.equation
+    table = {"displacement_m": 0.0, "velocity_m_s": 0.3, "current_A": 1.0}
+    there = fit.predict(table | {"temperature_degC": 45.0})
+    assert warm.predict(table)["force_N"][0] == pytest.approx(there["force_N"][0])
+    assert warm.at(20.0).at(45.0).values == pytest.approx(warm.values)
+    assert fit.at(80.0).predict(table)["beyond"][0] == "temperature_degC"
+    with pytest.raises(IdentificationFailed, match="no temperature law"):
+        replace(fit, temperature=None).at(45.0)
 
 
 def test_what_the_recordings_do_not_tell_is_refused_with_the_way_out(tests: list[Measurement]) -> None:
