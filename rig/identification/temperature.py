@@ -27,7 +27,8 @@ from rig.identification.models.softening import force_change_N
 from rig.identification.models.solving import SEPARABLE, SQUARES, Method, solve
 from rig.identification.models.undetermined import Undetermined, examine
 from rig.identification.uncertainty.covariance import quantile
-from rig.identification.uncertainty.fit import Estimate, Fit
+from rig.identification.uncertainty.fit import Fit
+from rig.identification.uncertainty.fit_entries import Estimate
 from rig.identification.uncertainty.scoring import score_forces
 from rig.identification.uncertainty.temperature_term import TemperatureTerm
 
