@@ -85,7 +85,7 @@ def student(freedom: int) -> float:
 
 def match(
     reference: TimeSeries, sensor: TimeSeries, period_s: float,
-    *, reach_s: float, with_drift: bool, cycle_s: float = np.inf,
+    *, reach_s: float, with_drift: bool, cycle_s: float = np.inf, least_half: int = 0,
 ) -> Match | None:
     """Lay a sensor's samples over the controller's record of the same quantity.
 
@@ -96,6 +96,7 @@ def match(
         reach_s: the lag is searched within plus and minus this (s).
         with_drift: fit a drift of the sensor's clock too.
         cycle_s: period of the motion: errors at equal phase repeat, so they count once.
+        least_half: of `smoothed`.
 
     Returns:
         None when the two cannot be laid over each other: too few samples, nothing moves, or no likeness.
@@ -109,7 +110,7 @@ def match(
     finite = np.isfinite(values)
     if len(at_s) < FEWEST_SAMPLES or np.count_nonzero(finite) < FEWEST_SAMPLES or np.ptp(wanted) == 0.0:
         return None
-    smooth = smoothed(values)
+    smooth = smoothed(values, least_half)
     if smooth is None:
         return None
     values, finite = smooth, np.isfinite(smooth)
@@ -138,17 +139,23 @@ def match(
     )
 
 
-def smoothed(values: FloatArray) -> FloatArray | None:
+def smoothed(values: FloatArray, least_half: int = 0) -> FloatArray | None:
     """The samples under the narrowest local parabola that leaves little noise in their slope; None when none does.
 
     The window is symmetric, so it moves no feature in time. NaN within half a window of a missing sample.
+
+    Args:
+        values: (n,).
+        least_half: the window has so many samples either side at least, as far as windows go; what is narrower than
+            that is meant to be smoothed away, and no jump is left out for it. 0: as narrow as may be.
     """
     third = np.diff(values, 3)
     third = third[np.isfinite(third)]
     if len(third) == 0:
         return None
     noise = float(np.median(np.abs(third))) / (0.6745 * np.sqrt(20.0))
-    for half in HALF_WIDTHS:
+    least_half = min(least_half, HALF_WIDTHS[-1])
+    for half in (half for half in HALF_WIDTHS if half >= least_half):
         if len(values) <= 2 * half + 4:
             return None
         offsets = np.arange(-half, half + 1)
@@ -158,7 +165,7 @@ def smoothed(values: FloatArray) -> FloatArray | None:
         slope = np.convolve(values, inverse[1][::-1], "valid")
         slope = slope[np.isfinite(slope)]
         if len(slope) and noise**2 * float(inverse[1] @ inverse[1]) <= (SLOPE_NOISE**2) * float(np.mean(slope**2)):
-            return _resolved(values, smooth, noise, half)
+            return smooth if least_half else _resolved(values, smooth, noise, half)
     return None
 
 
