@@ -255,9 +255,10 @@ def fit_tables(fit: Mapping[str, Any], truth: Mapping[str, float] | None = None)
         table.add_row(*row, style="" if entry["identifiable"] else "yellow")
     told = fit.get("formula") or fit.get("equation")
     equation = [Text(str(told))] if told else []
-    return [*_ranking(fit), table, *equation, *_unseen(fit), *_remarks(fit), *_to_try(fit)]
+    return [*_ranking(fit), table, *equation, *_held_out(fit), *_pairs(fit), *_remarks(fit), *_to_try(fit)]
 
 
+COMPARED_UNASKED = {"asymmetric", "normalized_bouc_wen", "lost_motion"}
 REFERENCES = {"mean_cycle": "no model: its own other cycles", "regression": "no model: regression"}
 
 
@@ -280,7 +281,7 @@ def _ranking(fit: Mapping[str, Any]) -> list[Table]:
     return [table]
 
 
-def _unseen(fit: Mapping[str, Any]) -> list[Table]:
+def _held_out(fit: Mapping[str, Any]) -> list[Table]:
     """The error of each held-out test; none where no test was held out."""
     tests = (fit["error"].get("holdout") or {}).get("per_test") or ()
     if not tests:
@@ -294,13 +295,35 @@ def _unseen(fit: Mapping[str, Any]) -> list[Table]:
     return [table]
 
 
+def _pairs(fit: Mapping[str, Any]) -> list[Table]:
+    """The error of each amplitude and frequency foretold from the others; none where that was not asked for."""
+    unseen = fit.get("unseen")
+    if not unseen:
+        return []
+    title = f"Foretold from the others: {number(unseen['nrmse_percent_of_peak'], 3)} % of peak on the mean"
+    table = Table(title=title, title_justify="left")
+    for name in ("amplitude mm", "frequency Hz", "tests", "error, % of peak", "worst test", "its error"):
+        table.add_column(name, justify="left" if name == "worst test" else "right")
+    for pair in unseen["per_pair"]:
+        motion = pair["amplitude_m"], pair["frequency_Hz"]
+        tests = [test for test in unseen["per_test"] if (test["amplitude_m"], test["frequency_Hz"]) == motion]
+        worst = max(tests, key=lambda test: float(test["nrmse_percent_of_peak"]))
+        errors = (pair["nrmse_percent_of_peak"], worst["nrmse_percent_of_peak"])
+        mean, most = (number(error, 3) for error in errors)
+        row = (number(1e3 * motion[0]), number(motion[1]), str(pair["tests"]), mean, str(worst["id"]), most)
+        table.add_row(*row)
+    return [table]
+
+
 def _to_try(fit: Mapping[str, Any]) -> list[Text]:
     """What else this command can do with the same tests, where it would tell more."""
     hints = []
-    if fit.get("adequate") is False and len(fit.get("selection") or ()) < 2:
+    if fit.get("adequate") is False and {entry["model"] for entry in fit.get("selection") or ()} <= COMPARED_UNASKED:
         hints.append("rig identify RUN --model all: compares every model on tests it has not seen")
     if fit["error"].get("holdout") is None:
         hints.append("rig identify RUN --holdout frequency_Hz=...: measures the error on tests that are not fitted")
+        if not fit.get("unseen"):
+            hints.append("rig identify RUN --unseen pairs: foretells each amplitude and frequency from the others")
     return [Text(f"try: {hint}", style="cyan") for hint in hints]
 
 
