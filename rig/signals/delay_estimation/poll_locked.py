@@ -102,7 +102,7 @@ def _by_phase(
     at_s, slope, rest, poll, course = at_s[used], slope[used], rest[used], poll[used], smooth[used]
     phase = (at_s - reference_s[poll]) / (reference_s[poll + 1] - reference_s[poll])
     seen = np.bincount((BINS * phase).astype(np.int64), slope**2, BINS)
-    harmonics = min(HARMONICS, (np.count_nonzero(seen > LEAST_SHARE * np.mean(seen)) - 1) // 2)
+    harmonics = min(HARMONICS, (int(np.count_nonzero(seen > LEAST_SHARE * np.mean(seen))) - 1) // 2)
     if harmonics < FEWEST_HARMONICS:
         return None
     waves, course = _waves(phase, harmonics), (course - np.mean(course)) / np.std(course)
