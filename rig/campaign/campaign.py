@@ -20,7 +20,7 @@ from rig.campaign.live_link import LiveLink
 from rig.campaign.machine_resources import station_in_use
 from rig.campaign.operator_link import Signals, operator_link
 from rig.campaign.preflight.proof_move import read_baseline
-from rig.campaign.preflight.rest_check import zeros_returned
+from rig.campaign.preflight.zero_return import zeros_returned
 from rig.campaign.results import CampaignOptions, CampaignResult, Display, PointResults, RigState, StopReport
 from rig.campaign.resume import Stock
 from rig.campaign.setup import (
