@@ -40,7 +40,7 @@ from rig.signals.delay_estimation.delay_model import (
     weighed_alone_s,
 )
 from rig.signals.delay_estimation.poll_locked import corrected, half_window
-from rig.signals.delay_estimation.sample_match import Match, match
+from rig.signals.delay_estimation.sample_match import Course, Match, match
 from rig.signals.fourier import Series
 
 EDGE_COUNT_MODULO = 256
@@ -303,10 +303,9 @@ def _sample_by_sample(
     tie: _Tie, reference: Reference, reach_s: float, cycles: CycleStretch | None, *, with_drift: bool,
     least_half: int = 0,
 ) -> Match | None:
-    return match(
-        reference.record, TimeSeries(tie.thin_s, tie.thin), tie.period_s, reach_s=reach_s, with_drift=with_drift,
-        cycle_s=np.inf if cycles is None else cycles.period_s, least_half=least_half,
-    )
+    course = Course(math.inf if cycles is None else cycles.period_s, least_half)
+    sensor = TimeSeries(tie.thin_s, tie.thin)
+    return match(reference.record, sensor, tie.period_s, reach_s=reach_s, with_drift=with_drift, course=course)
 
 
 def _span_s(local_s: Values) -> float:

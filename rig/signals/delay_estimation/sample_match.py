@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,6 +73,21 @@ class Match:
         return replace(self, lag_std_s=lag_std_s, coupling=self.coupling * factor)
 
 
+class Course(NamedTuple):
+    """What is known of a motion.
+
+    Attributes:
+        cycle_s: its period, s: errors at equal phase repeat, so they count once.
+        least_half: samples either side that smoothing takes in at least, as `smoothed`.
+    """
+
+    cycle_s: float = math.inf
+    least_half: int = 0
+
+
+COURSE = Course()
+
+
 def student(freedom: int) -> float:
     """By how much Student's t of so many degrees of freedom is wider than a normal distribution, for 95 % of it."""
     if freedom < 1:
@@ -85,7 +101,7 @@ def student(freedom: int) -> float:
 
 def match(
     reference: TimeSeries, sensor: TimeSeries, period_s: float,
-    *, reach_s: float, with_drift: bool, cycle_s: float = np.inf, least_half: int = 0,
+    *, reach_s: float, with_drift: bool, course: Course = COURSE,
 ) -> Match | None:
     """Lay a sensor's samples over the controller's record of the same quantity.
 
@@ -95,8 +111,7 @@ def match(
         period_s: nominal sample period of the sensor, s.
         reach_s: the lag is searched within plus and minus this (s).
         with_drift: fit a drift of the sensor's clock too.
-        cycle_s: period of the motion: errors at equal phase repeat, so they count once.
-        least_half: of `smoothed`.
+        course: of the motion.
 
     Returns:
         None when the two cannot be laid over each other: too few samples, nothing moves, or no likeness.
@@ -110,7 +125,7 @@ def match(
     finite = np.isfinite(values)
     if len(at_s) < FEWEST_SAMPLES or np.count_nonzero(finite) < FEWEST_SAMPLES or np.ptp(wanted) == 0.0:
         return None
-    smooth = smoothed(values, least_half)
+    smooth = smoothed(values, course.least_half)
     if smooth is None:
         return None
     values, finite = smooth, np.isfinite(smooth)
@@ -118,7 +133,7 @@ def match(
         return None
     lag_s = _coarse(at_s, wanted, time_s[finite], values[finite], reach_s)
     drift, middle_s = 0.0, float(np.mean(at_s))
-    problem = _Problem(at_s, wanted, time_s, values, period_s, middle_s, with_drift, cycle_s)
+    problem = _Problem(at_s, wanted, time_s, values, period_s, middle_s, with_drift, course.cycle_s)
     used: BoolArray | None = None
     step = None
     for _ in range(ROUNDS):

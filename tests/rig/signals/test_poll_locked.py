@@ -7,7 +7,7 @@ import pytest
 
 from rig.signals.arrays import FloatArray, TimeSeries
 from rig.signals.delay_estimation.poll_locked import corrected, half_window
-from rig.signals.delay_estimation.sample_match import Match, match, smoothed
+from rig.signals.delay_estimation.sample_match import Course, Match, match, smoothed
 
 SETPOINT_S, SERVO_S = 0.010, 0.007
 SECONDS, FINE_S = 5.0, 1e-4
@@ -45,7 +45,7 @@ def overlaid(
     reference = TimeSeries(polls_s, np.interp(polls_s, fine_s, told) + random.normal(0.0, 2.0 * noise, len(polls_s)))
     seen = np.interp(samples_s, fine_s, told) + random.normal(0.0, noise, len(samples_s))
     sensor, half = TimeSeries(samples_s + late_s, seen), half_window(polls_s, sample_s)
-    laid = match(reference, sensor, sample_s, reach_s=0.012, with_drift=True, cycle_s=0.5, least_half=half)
+    laid = match(reference, sensor, sample_s, reach_s=0.012, with_drift=True, course=Course(0.5, half))
     assert laid is not None
     return laid, corrected(laid, polls_s, sensor, half)
 
