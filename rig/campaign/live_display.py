@@ -45,7 +45,8 @@ class LiveDisplay:
         """The plan, once."""
         points = [
             {
-                **item.to_json(), "motion_s": item.point.motion_s, "kind": item.point.kind,
+                **item.to_json(), "described": item.point.described, "repeats": item.point.has_frequency,
+                "motion_s": item.point.motion_s, "kind": item.point.kind,
                 "cycles": item.point.ramp_in_cycles + item.point.cycles + item.point.ramp_out_cycles,
             }
             for item in plan.points

@@ -77,6 +77,7 @@ class PointResult:
     current_A: float
     lost_samples: int
     quality: Mapping[str, float] = field(default_factory=dict)
+    described: str = ""
 
     @property
     def slugs(self) -> tuple[str, ...]:
@@ -94,6 +95,7 @@ class PointResult:
             "amplitude_m": self.amplitude_m,
             "frequency_Hz": self.frequency_Hz,
             "current_A": self.current_A,
+            "described": self.described,
             "lost_samples": self.lost_samples,
             "blamed": [blamed(reason) for reason in self.reasons],
             "quality": {name: value for name, value in self.quality.items() if math.isfinite(value)},
@@ -390,4 +392,5 @@ def _result(point: TestPoint, file: Path | None, verdict: str, reasons: tuple[st
         frequency_Hz=point.frequency_Hz,
         current_A=point.current_A,
         lost_samples=lost,
+        described=point.described,
     )

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
     from rig.matrix.plan import Plan, PlannedPoint
-    from rig.matrix.point import TestPoint
 
 FEW = 40
 """Up to so many points all rows are shown."""
 FIRST, LAST = 3, 2
 """Of a longer group, so many rows from its beginning and its end."""
 NARROWEST = 20
+NO_VALUE = "-"
 
 HEADINGS = (
     ("point", ""), ("verdict", ""), ("waveform", ""), ("ampl.", "mm"), ("freq.", "Hz"), ("current", "A"),
@@ -131,12 +131,13 @@ def _groups(items: Sequence[PlannedPoint], plan: Plan, width: int) -> Iterator[L
 def _ranges(items: Sequence[PlannedPoint]) -> str:
     values = {
         "mm": [1e3 * item.point.amplitude_m for item in items],
-        "Hz": [item.point.frequency_Hz for item in items],
+        "Hz": [item.point.frequency_Hz for item in items if item.point.has_frequency],
         "A": [item.point.current_A for item in items],
     }
     return ", ".join(
         f"{min(all_of):.4g} {unit}" if min(all_of) == max(all_of) else f"{min(all_of):.4g} to {max(all_of):.4g} {unit}"
         for unit, all_of in values.items()
+        if all_of
     )
 
 
@@ -164,18 +165,13 @@ def _rows(items: Sequence[PlannedPoint], plan: Plan, width: int, left_out: int =
 
 def _cells(item: PlannedPoint) -> tuple[str, ...]:
     point = item.point
+    frequency = f"{point.frequency_Hz:.4g}" if point.has_frequency else NO_VALUE
     return (
-        point.id, "feasible" if item.feasible else "infeasible", _motion(point), f"{point.amplitude_m * 1e3:.4g}",
-        f"{point.frequency_Hz:.4g}", f"{point.current_A:.3g}", f"{point.peak_speed_m_s:.3f}",
+        point.id, "feasible" if item.feasible else "infeasible", point.motion, f"{point.amplitude_m * 1e3:.4g}",
+        frequency, f"{point.current_A:.3g}", f"{point.peak_speed_m_s:.3f}",
         f"{point.peak_acceleration_m_s2:.2f}", number(item.predicted_force_N), number(item.energy_J),
         duration(item.duration_s),
     )  # fmt: skip
-
-
-def _motion(point: TestPoint) -> str:
-    """A point's waveform; of a road or a file its name too."""
-    record = point.record
-    return point.waveform if record is None or record.name == point.waveform else f"{point.waveform} {record.name}"
 
 
 def _aligned(row: Sequence[str], widths: Sequence[int], gap: int) -> str:
@@ -188,8 +184,9 @@ def _block(item: PlannedPoint, width: int, style: str) -> Iterator[Line]:
     name, verdict, waveform, *values = _cells(item)
     amplitude, frequency, current, speed, acceleration, force, heat, time = values
     yield from _wrapped(f"{name} {verdict}", width, style)
+    often = () if frequency == NO_VALUE else (f"{frequency} Hz",)
     parts = (
-        f"{waveform} {amplitude} mm", f"{frequency} Hz", f"{current} A", f"speed {speed} m/s",
+        f"{waveform} {amplitude} mm", *often, f"{current} A", f"speed {speed} m/s",
         f"accel. {acceleration} m/s^2", f"force {force}{'' if force == 'unknown' else ' N'}",
         f"heat {heat}{'' if heat == 'unknown' else ' J'}", time,
     )  # fmt: skip

@@ -204,6 +204,7 @@ def end_it(beside: Beside, page: Page) -> None:
     why = "document.getElementById('why').textContent"
     page.wait_for_function(f"{why}.includes('The page has closed')", timeout=WAIT_MS)
     assert page.evaluate("document.getElementById('verdict').textContent") == "NOT OK"
+    assert not page.is_visible("#stop"), "there is nothing to stop, and nobody has control"
     assert page.title() != "taken"
 
 

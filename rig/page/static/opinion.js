@@ -54,7 +54,7 @@ function judge() {
   if (banner.className !== kind) banner.className = kind;
   for (const [id, text] of [["sign", sign], ["verdict", verdict], ["why", why]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken) && !state.ended);
-  const over = Boolean(state.ended) && !state.running; // nothing to stop, nothing to command: verdicts and loops alone
+  const over = Boolean(state.ended) && (!state.running || !connected()); // nothing to stop, nothing to command: verdicts and loops alone
   document.body.classList.toggle("over", over);
   document.body.classList.toggle("old", (!connected() || !state.running) && !(over && recorded && recorded.series));
   document.title = `${verdict} – MR damper rig`;

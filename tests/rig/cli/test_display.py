@@ -30,7 +30,8 @@ def terminal(*, is_terminal: bool) -> tuple[Console, io.StringIO]:
 
 
 def result(verdict: str, *reasons: str) -> PointResult:
-    return PointResult("p001", Path("p001.h5"), verdict, reasons, "sine", 0.03, 2.0, 0.5, 0)
+    told = "sine 30 mm 2 Hz 0.5 A"
+    return PointResult("p001", Path("p001.h5"), verdict, reasons, "sine", 0.03, 2.0, 0.5, 0, described=told)
 
 
 def campaign(
