@@ -14,7 +14,7 @@ from rig.signals.arrays import FloatArray, TimeSeries
 from rig.signals.clock_model import by_order
 from rig.signals.delay_estimation.cycle_match import CycleStretch, cycle_series, match_cycles
 from rig.signals.delay_estimation.delay_model import Seen, Skew, at_likely_compliance, weighed
-from rig.signals.delay_estimation.sample_match import Match, match
+from rig.signals.delay_estimation.sample_match import Course, Match, match
 
 
 def test_a_delay_nobody_declared_is_found_and_taken_out() -> None:
