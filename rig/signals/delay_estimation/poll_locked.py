@@ -24,7 +24,7 @@ FEWEST_SAMPLES = 100
 HARMONICS = 4
 """Of the polls, in B, at most: as many as the phases that the samples see can tell apart."""
 FEWEST_HARMONICS = 2
-DOUBT_SHARE = 0.5
+DOUBT_SHARE = 0.4
 """What is locked to the polls is not all in proportion to the slope: so much of B's amplitude stays in doubt."""
 SENSOR_SHARE = 1.25
 """The lag's own error knows nothing of the smoothed samples' noise."""
