@@ -26,7 +26,8 @@ from rig.identification.points.given import given
 from rig.identification.selection import candidates_of, compare, groups_of, weighted_by_misfit
 from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
-from rig.identification.uncertainty.fit import Cause, ErrorSummary, Estimate, Fit, SeriesSpring
+from rig.identification.uncertainty.fit import Fit
+from rig.identification.uncertainty.fit_entries import Cause, ErrorSummary, Estimate, SeriesSpring
 from rig.identification.uncertainty.scoring import score
 from rig.identification.words import say, some
 

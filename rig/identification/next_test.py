@@ -21,7 +21,8 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.model_slope import modelled_force, parameter_slopes
-from rig.identification.uncertainty.fit import Fit, NextTest
+from rig.identification.uncertainty.fit import Fit
+from rig.identification.uncertainty.fit_entries import NextTest
 from rig.matrix.point import TestPoint
 
 AMPLITUDES, FREQUENCIES, CURRENTS = 5, 6, 5

@@ -142,6 +142,7 @@ def test_laws_are_compared_under_names_of_their_own(road: str) -> None:
     assert [fit["law"] for fit in answer["fits"]] == ["passive", "skyhook"]
 
 
+@pytest.mark.nightly
 def test_the_terminal_tells_differences_numbers_and_that_the_car_is_an_estimate(road: str) -> None:
     result = ride(*PAPER[:2], "--road", road)
     for word in ("heave", "4-8 Hz", "antiphase", "estimate", "weighted RMS"):
