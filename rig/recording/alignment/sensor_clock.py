@@ -39,8 +39,8 @@ from rig.signals.delay_estimation.delay_model import (
     weighed,
     weighed_alone_s,
 )
-from rig.signals.delay_estimation.poll_locked import corrected, half_window
-from rig.signals.delay_estimation.sample_match import Course, Match, match
+from rig.signals.delay_estimation.poll_locked import corrected
+from rig.signals.delay_estimation.sample_match import Match, match
 from rig.signals.fourier import Series
 
 EDGE_COUNT_MODULO = 256
@@ -133,8 +133,7 @@ def timed_sensors(
         for name, sensor in context.sensors.items() if name in by_name and len(by_name[name])
     }
     clocks = {name: _by_signal(tie, context) for name, tie in ties.items() if not tie.by_edges}
-    compared = {name: tie for name, tie in ties.items() if tie.by_edges and tie.reference is not None}
-    matches = _stepped(compared) if context.streamed else _matches(compared)
+    matches = _matches({name: tie for name, tie in ties.items() if tie.by_edges and tie.reference is not None})
     skew = given
     if skew is None:
         force, displacement = (_seen(ties.get(name), matches.get(name)) for name in ("force", "displacement"))
@@ -220,15 +219,6 @@ def _matches(ties: Mapping[str, _Tie]) -> dict[str, Match]:
     return matches
 
 
-def _stepped(ties: Mapping[str, _Tie]) -> dict[str, Match]:
-    """Each sensor's signal over the controller's where the motion was made of set-points."""
-    laid = {
-        name: _over_steps(tie, tie.reference, DELAY_REACH_S, with_drift=False)
-        for name, tie in ties.items() if tie.reference is not None
-    }
-    return {name: match_ for name, match_ in laid.items() if match_ is not None}
-
-
 def _common_cycles(ties: Mapping[str, _Tie]) -> CycleStretch | None:
     """The stretch of cycles to compare over, its period as the displacement shows it; None for no cycles."""
     for name in ("displacement", "force"):
@@ -250,8 +240,9 @@ def _by_signal(tie: _Tie, context: PointContext) -> SensorClock:
     reach_s = ARRIVAL_REACH * max(tie.clock.std_s, UNKNOWN_LATENCY_S * context.device_rate)
     sensor, drifting = tie.sensor, None
     if tie.reference is not None and context.controller_delay_s is not None:
-        laid = _over_steps if context.streamed else _drifting
-        drifting = laid(tie, tie.reference, reach_s)
+        drifting = _drifting(tie, tie.reference, reach_s)
+        if drifting is not None and context.streamed and tie.name != "displacement":
+            drifting = corrected(drifting, tie.reference.record.time_s, TimeSeries(tie.thin_s, tie.thin))
     if drifting is None or abs(drifting.drift) > LARGEST_DRIFT:
         doubt_s = math.hypot(weighed_alone_s(sensor.delay_s), tie.miscount_s)
         sure = replace(tie.clock, std_s=math.hypot(tie.clock.std_s, doubt_s))
@@ -291,21 +282,13 @@ def _drifting(tie: _Tie, reference: Reference, reach_s: float) -> Match | None:
     )
 
 
-def _over_steps(tie: _Tie, reference: Reference, reach_s: float, *, with_drift: bool = True) -> Match | None:
-    """The signal over the controller's where both go in steps with its polls: sample by sample, without the steps."""
-    polls_s = reference.record.time_s
-    half = half_window(polls_s, tie.period_s)
-    rough = _sample_by_sample(tie, reference, reach_s, reference.cycles, with_drift=with_drift, least_half=half)
-    return None if rough is None else corrected(rough, polls_s, TimeSeries(tie.thin_s, tie.thin), half)
-
-
 def _sample_by_sample(
     tie: _Tie, reference: Reference, reach_s: float, cycles: CycleStretch | None, *, with_drift: bool,
-    least_half: int = 0,
 ) -> Match | None:
-    course = Course(math.inf if cycles is None else cycles.period_s, least_half)
-    sensor = TimeSeries(tie.thin_s, tie.thin)
-    return match(reference.record, sensor, tie.period_s, reach_s=reach_s, with_drift=with_drift, course=course)
+    return match(
+        reference.record, TimeSeries(tie.thin_s, tie.thin), tie.period_s, reach_s=reach_s, with_drift=with_drift,
+        cycle_s=np.inf if cycles is None else cycles.period_s,
+    )
 
 
 def _span_s(local_s: Values) -> float:
