@@ -139,7 +139,7 @@ def next_tests(
 def _loop(
     model: DamperModel, fit: Fit, measurements: Sequence[Measurement], allowance: Allowance
 ) -> Iterator[NextTest]:
-    values = {name: value for name, value in fit.values.items() if name != "eta"}
+    values = {name: value for name, value in fit.values.items() if name != "eta" and name in model.names}
     names = tuple(values)
     if not names or len(fit.residuals) != len(measurements):
         return

@@ -35,6 +35,7 @@ from rig.identification.uncertainty.fit_file import (
 from rig.identification.uncertainty.fit_use import FitUse
 from rig.identification.uncertainty.no_model import Reference
 from rig.identification.uncertainty.residuals import Residual
+from rig.identification.uncertainty.temperature_term import TemperatureTerm
 from rig.identification.uncertainty.unseen import Unseen
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ class Fit(FitUse):
         series: spring in series with the damper, where it was looked for; the parameters are the damper's behind it.
         current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
         loss: "squares" or "huber".
+        temperature: how the damper follows its temperature, by rates among `parameters`; None where not looked for.
         unseen: errors of tests foretold from the others, where that was asked for; None otherwise.
         form: the model's equation, as it was fitted, with its source; `equation` has the numbers too.
         tested: what the fitted tests covered, and how far the model was off; None in files of earlier versions.
@@ -111,6 +113,7 @@ class Fit(FitUse):
     series: SeriesSpring | None = None
     current: CurrentRelations | None = None
     loss: str = "squares"
+    temperature: TemperatureTerm | None = None
     unseen: Unseen | None = None
     form: str = ""
     tested: TestedRange | None = None
@@ -148,6 +151,7 @@ class Fit(FitUse):
                 profiles={name: record(Profile, entry) for name, entry in (content.get("profiles") or {}).items()},
                 next_tests=tuple(record(NextTest, entry) for entry in content.get("next_tests") or ()),
                 diagnosis=tuple(record(Cause, entry) for entry in content.get("diagnosis") or ()),
+                temperature=TemperatureTerm.from_json(content.get("temperature")),
                 unseen=Unseen.from_json(content.get("unseen")),
                 series=None if spring is None else record(SeriesSpring, spring),
                 current=CurrentRelations.from_json(related),
@@ -209,6 +213,7 @@ class Fit(FitUse):
             "profiles": {name: vars(profile) for name, profile in self.profiles.items()},
             "next_tests": [plain(proposal) for proposal in self.next_tests],
             "bootstrap": None if self.drawn is None else self.drawn.to_json(),
+            "temperature": None if self.temperature is None else plain(self.temperature),
             "unseen": None if self.unseen is None else self.unseen.to_json(),
             "diagnosis": [plain(cause) for cause in self.diagnosis],
             "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
