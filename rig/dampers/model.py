@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -57,7 +58,7 @@ class DamperModel(ABC):
     hysteresis: Hysteresis = "kwok"
     parameters: tuple[Parameter, ...]
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Parameter names in the kernel's order."""
         return tuple(parameter.name for parameter in self.parameters)
