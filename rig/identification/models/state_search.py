@@ -180,14 +180,14 @@ def solve_states(
             )
         )  # fmt: skip
     theta, left = short.minimise(best[0], ITERATIONS, ROUGH)
-    found = unknowns.values(theta)
-    bound = tuple(name for name in model.non_negative if found[name] < 0.0)
+    natural = unknowns.values(theta)
+    bound = tuple(name for name in model.non_negative if natural[name] < 0.0)
     if bound:
-        found |= dict.fromkeys(bound, 0.0)
-        unknowns = search.unknowns(found, held | frozenset(bound))
+        natural |= dict.fromkeys(bound, 0.0)
+        unknowns = search.unknowns(natural, held | frozenset(bound))
         short = StateSquares(search, unknowns, few, weighting, short.evaluations)
         full = StateSquares(search, unknowns, measurements, weighting)
-        theta, left = short.minimise(unknowns.theta(found), ITERATIONS, ROUGH)
+        theta, left = short.minimise(unknowns.theta(natural), ITERATIONS, ROUGH)
     finish = LAST_ITERATIONS if start is None and left <= DESCRIBED * short.noise_power else 0
     theta, objective = full.minimise(theta, finish) if finish else (theta, full.value(theta))
     evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
