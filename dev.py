@@ -29,7 +29,7 @@ import tempfile
 import time
 import venv
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -121,60 +121,66 @@ def wheel_smoke_test(told: IO[str]) -> int:
 
 
 def checks(arguments: list[str]) -> int:
-    """Run all checks, or only the named tests; the first failing check decides the exit code."""
+    """Run all checks, or only the named tests; the first failing check decides the exit code.
+
+    The types are checked beside all others, and beside the first tests.
+    """
     if arguments:
         return run(program("python"), "-m", "pytest", *arguments)
     packages = [*PACKAGES, "tests", "docs", "examples", "README.md", "CHANGELOG.md"]
-    code = at_once([
-        ("mypy", partial(run, program("mypy"))),
-        ("ruff", partial(run, program("ruff"), "check", ".")),
-        ("codespell", partial(run, program("codespell"), *packages)),
-        ("import-linter", partial(run, program("lint-imports"), "--no-cache")),
-        ("wheel smoke test", wheel_smoke_test),
-        *((f"branches of {package} by {tests}", partial(branches_taken, package, tests, least))
-          for package, (tests, least) in BRANCHES.items()),
-    ])
-    started = time.perf_counter()
-    code = code or all_tests("--short")
+    with ThreadPoolExecutor(1) as beside:
+        types = beside.submit(checked, "mypy", partial(run, program("mypy")))
+        codes = [
+            checked("ruff", partial(run, program("ruff"), "check", ".")),
+            checked("codespell", partial(run, program("codespell"), *packages)),
+            checked("import-linter", partial(run, program("lint-imports"), "--no-cache")),
+            checked("wheel smoke test", wheel_smoke_test),
+        ]
+        started = time.perf_counter()
+        code = max(codes, key=abs) or all_tests("--short", beside=types) or types.result()
     print("dev.py: all checks passed" if code == 0 else f"dev.py: FAILED (exit {code})", end=", ")
     print(f"tests {time.perf_counter() - started:.0f} s", flush=True)
     return code
 
 
-def at_once(steps: list[tuple[str, Callable[..., int]]]) -> int:
-    """Run checks side by side, what each says in one piece when it ends. Returns the worst exit code."""
-
-    def check(step: tuple[str, Callable[..., int]]) -> int:
-        name, work = step
-        started = time.perf_counter()
-        with tempfile.TemporaryFile("w+") as told:
-            code = work(told=told)
-            told.seek(0)
-            end = "ok" if code == 0 else f"FAILED (exit {code})"
-            print(f"{told.read()}dev.py: {name} {end}, {time.perf_counter() - started:.0f} s", flush=True)
-        return code
-
-    with ThreadPoolExecutor(SIDE_BY_SIDE) as pool:
-        return max(pool.map(check, steps), key=abs)
+def nightly() -> int:
+    """All tests, and the branches that packages' own tests take."""
+    branches = [
+        checked(f"branches of {package} by {tests}", partial(branches_taken, package, tests, least))
+        for package, (tests, least) in BRANCHES.items()
+    ]
+    return max(branches, key=abs) or all_tests()
 
 
-def all_tests(*options: str) -> int:
+def checked(name: str, work: Callable[..., int]) -> int:
+    """Run a check and show what it says in one piece when it ends. Returns its exit code."""
+    started = time.perf_counter()
+    with tempfile.TemporaryFile("w+") as said:
+        code = work(told=said)
+        said.seek(0)
+        end = "ok" if code == 0 else f"FAILED (exit {code})"
+        print(f"{said.read()}dev.py: {name} {end}, {time.perf_counter() - started:.0f} s", flush=True)
+    return code
+
+
+def all_tests(*options: str, beside: Future[int] | None = None) -> int:
     """Run what waits for nothing real in several processes, then alone what needs real processes and wires.
 
     The names of all tests that failed are shown at the end. Returns the first exit code that is not 0.
 
     Args:
         options: of pytest, `--short` for all but the nightly ones.
+        beside: work that goes on beside the first tests: until it ends one process fewer runs tests.
     """
     with tempfile.TemporaryDirectory() as name:
         failures = Path(name) / "failures"
-        code = side_by_side([program("python"), "-m", "pytest", "tests", f"--failures={failures}", *options])
+        code = side_by_side([program("python"), "-m", "pytest", "tests", f"--failures={failures}", *options], beside)
         if failures.exists() and failures.read_text(encoding="utf-8"):
             print(f"dev.py: these tests failed:\n{failures.read_text(encoding='utf-8')}", end="", flush=True)
     return code
 
 
-def side_by_side(command: list[str]) -> int:
+def side_by_side(command: list[str], beside: Future[int] | None = None) -> int:
     """Run pytest's command in several processes, each of which takes the next tests that are free.
 
     When the others have ended, the first one runs the tests on real processes and wires, alone. Its output is shown at
@@ -187,6 +193,8 @@ def side_by_side(command: list[str]) -> int:
         others_run = files.enter_context((Path(folder) / "others").open("w"))
         fcntl.flock(others_run, fcntl.LOCK_SH)
         first = subprocess.Popen([*command, "--then-wires"], cwd=ROOT)
+        if beside is not None:
+            wait([beside])
         command = [*command, "-m", "not wire"]
         others = [subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in told]
         try:
@@ -261,7 +269,7 @@ def main(arguments: list[str]) -> int:
     if command == "worlds":
         return run(program("rig"), "worlds", *rest)
     if command == "nightly":
-        return all_tests()
+        return nightly()
     if command == "coverage":
         return coverage()
     return checks(rest) if command == "test" else 0

@@ -1,7 +1,9 @@
 """What the operator's page costs and how fast it is: processor, memory, Stop, and a sample's way to the screen.
 
     python benchmarks/page.py [--seconds 30] [--viewers 1] [--stops 200] [--no-browser] [--json]
+    python benchmarks/page.py periods [--minutes 5] [--poll-ms 4] [--no-real-time] [--json]
 
+`periods` is another question: whether the page costs the station any of its periods (`page_periods.py`).
 A ring is filled here as a station fills it (3 sensors x 250 Hz, controller and ECU 100 Hz); the page is a process as
 `rig run --page` starts it. A stop is timed from a browser's end of the WebSocket to the station's call that stops the
 rig; `stop_latency.py` has the way from there to the wire.
@@ -25,6 +27,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
+from page_periods import periods, table
 from websockets.asyncio.client import connect
 from websockets.sync.client import connect as connect_now
 
@@ -186,12 +189,20 @@ def quantiles(values: list[float]) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", nargs="?", choices=("cost", "periods"), default="cost")
+    parser.add_argument("--minutes", type=float, default=5.0, help="of each row of periods")
+    parser.add_argument("--poll-ms", type=float, default=4.0, help="periods: the station's")
+    parser.add_argument("--no-real-time", action="store_true", help="periods: the station without real-time priority")
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--viewers", type=int, default=1)
     parser.add_argument("--stops", type=int, default=200)
     parser.add_argument("--no-browser", action="store_true")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
+    if arguments.what == "periods":
+        counted = periods(arguments.minutes, arguments.poll_ms, not arguments.no_real_time)
+        print(json.dumps(counted) if arguments.json else table(counted))
+        return
     browser = not arguments.no_browser and shutil.which("chromium") is not None
     with tempfile.TemporaryDirectory() as folder:
         found = {"machine": platform.machine(), "cores": os.cpu_count(), "load": round(os.getloadavg()[0], 1)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from functools import cached_property
 
 from drivers.register_maps.condition import Condition, Values
 from drivers.register_maps.quantity import Quantity
@@ -87,7 +88,7 @@ class Bits:
             result |= member if condition.holds(values) else 0
         return result
 
-    @property
+    @cached_property
     def members(self) -> int:
         """All of the rig's bits that this device can show."""
         result = 0

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from rig import units
 from rig.bench import named_files
 from rig.bench.address import command_timeout_s, current_range_A, status_period_s
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
-from rig.bench.section import Section, located
+from rig.bench.section import Section
 from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
 from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Station
 from rig.bench.supply_settings import supply_of
+from rig.bench.unread import as_far_as_read
 
 ZERO_SHARE_OF_RANGE = 0.0025
 CHANGE_OF_ZERO = 0.4
@@ -134,14 +136,11 @@ class Bench(Section):
             name for name, item in sensors.items() if item.calibration.due is not None and item.calibration.due < today
         )
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        problems = [
-            *self._shared_ports(), *self._shared_names(), *self._ranges(), *self._current(), *self._periods()
-        ]
-        if problems:
-            raise located(problems)
-        return self
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
+        yield from as_far_as_read(
+            self._shared_ports, self._shared_names, self._ranges, self._current, self._periods
+        )
 
     def _sensors(self) -> dict[tuple[str | int, ...], SensorConfig]:
         sensors: dict[tuple[str | int, ...], SensorConfig] = {("load_cell",): self.load_cell, ("lvdt",): self.lvdt}

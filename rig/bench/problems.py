@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-import json
 import re
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
@@ -13,9 +11,11 @@ from pydantic.fields import FieldInfo
 
 from protocols.toml_lines import Place
 from rig import units
-from rig.bench.quantity import Quantity, Settings, Text, Wording
+from rig.bench.places import as_written, close_match, dotted, field_at, keys_of, problem_at, section_in, shown, value_at
+from rig.bench.quantity import Quantity, Text, Wording
 from rig.bench.section import Section, Table, constraints, fields_of, key_of, quantity_of, suffixed_keys
-from rig.bench.toml_source import TomlSource, printable, read_toml
+from rig.bench.toml_source import TomlSource, read_toml
+from rig.bench.unread import UNREAD, NotRead
 from rig.errors import FileProblem
 
 if TYPE_CHECKING:
@@ -114,48 +114,71 @@ def load_section(
         for other, tables in TABLES.items():
             if source.data.keys() & tables:
                 raise WrongKind(path, other, kind)
+    data = source.data if located is None else located(source.data, path.absolute().parent)
     try:
-        data = source.data if located is None else located(source.data, path.absolute().parent)
         return model.model_validate(data), source
     except ValidationError as error:
-        details = _without_echoes(error.errors(include_url=False), model)
+        details = _with_hidden(error, data, model, source)
         lines = [line for item in details[:MOST_SHOWN] for line in _lines(item, model, source)]
         if len(details) > MOST_SHOWN:
             lines.append(f"{len(details) - MOST_SHOWN} more wrong entries are not shown; mend these first")
         raise FileProblem(str(path), lines, "config-absurd") from error
 
 
-def problem_at(source: TomlSource, place: Place, message: str) -> str:
-    """One line about one place: `line 4: limits.speed = "9 m/s": too fast`."""
-    line = source.line(place)
-    value = _value_at(source.data, place)
-    entry = dotted(place) + (f" = {shown(value)}" if value is not None and not isinstance(value, dict) else "")
-    return f"{f'line {line}: ' if line else ''}{entry}: {message}" if entry else message
+def _with_hidden(
+    error: ValidationError, data: Mapping[str, Any], model: type[Section], source: TomlSource
+) -> list[ErrorDetails]:
+    """What is wrong, and what it hides: the validator checks what entries say together once each of them is right.
+
+    So those that are wrong are put there as unread, and the rest is looked at again, until nothing more is found.
+    """
+    told: dict[str, ErrorDetails] = {}
+    while True:
+        wrong = error.errors(include_url=False)
+        fresh = {str((item["loc"], item["msg"], item.get("ctx"))): item for item in _without_echoes(wrong, model)}
+        places = [place for item in wrong for place in _places(item, model, source)]
+        if fresh.keys() <= told.keys() or len(told | fresh) > MOST_SHOWN or () in places:
+            return [*(told | fresh).values()]
+        told |= fresh
+        for place in places:
+            data = _unread_at(data, place, model, source)
+        try:
+            model.model_validate(data)
+        except NotRead:
+            return [*told.values()]
+        except ValidationError as hidden:
+            error = hidden
+        else:
+            return [*told.values()]
 
 
-def dotted(place: Place) -> str:
-    """`("point", 1, "current")` as a user knows it: "point[2].current" (lists count from 1)."""
-    text = ""
+def _unread_at(data: Mapping[str, Any], place: Place, model: Table, source: TomlSource) -> Mapping[str, Any]:
+    """The data with what could not be read at a place, for the innermost key on the way there.
+
+    An unknown key is taken out; the key that was meant is given, and could not be read.
+    """
+    keys: Place = ()
     for part in place:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{printable(part)}" if text else printable(part)
-    return text
+        if not isinstance(value_at(source.data, keys), dict | list | tuple):
+            break
+        keys = (*keys, part)
+    while isinstance(keys[-1], int):
+        keys = keys[:-1]
+    section, field = field_at(model, keys)
+    written = keys if field is None else as_written(keys, section, source)
+    meant = _meant(section, str(keys[-1])) if field is None else str(keys[-1])
+    changed: Mapping[str, Any] = _changed(data, keys[:-1], str(written[-1]), {meant: UNREAD} if meant else {})
+    return changed
 
 
-def shown(value: object) -> str:
-    """A value as TOML writes it, shortened."""
-    if isinstance(value, (str, bool)):
-        text = json.dumps(value, ensure_ascii=False)
-    elif isinstance(value, (tuple, list)):
-        text = "[" + ", ".join(shown(item) for item in value[:6]) + (", ..." if len(value) > 6 else "") + "]"
-    else:
-        text = str(value)
-    return printable(text, 70)
-
-
-def close_match(name: str, known: list[str]) -> str | None:
-    """The known name a user most likely meant."""
-    matches = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    return matches[0] if matches else None
+def _changed(data: Any, place: Place, gone: str, instead: dict[str, object]) -> Any:  # noqa: ANN401 - of any depth
+    """The data with another entry in place of the one that is called `gone`, in the table at a place."""
+    if data is UNREAD:
+        return data
+    if not place:
+        return {key: value for key, value in data.items() if key != gone} | instead
+    inside = {place[0]: _changed(data[place[0]], place[1:], gone, instead)}
+    return {**data, **inside} if isinstance(data, dict) else tuple(inside.get(k, item) for k, item in enumerate(data))
 
 
 def _without_echoes(details: list[ErrorDetails], model: Table) -> list[ErrorDetails]:
@@ -165,26 +188,51 @@ def _without_echoes(details: list[ErrorDetails], model: Table) -> list[ErrorDeta
     misspelt = set[tuple[str | int, ...]]()
     for item in details[:MOST_SHOWN]:
         if item["type"] in _UNKNOWN:
-            section, _ = _field_at(model, item["loc"])
-            suffixed = suffixed_keys(section)
-            meant = close_match(str(item["loc"][-1]), [*_keys(section), *suffixed])
-            misspelt.add((*item["loc"][:-1], suffixed.get(meant or "", (meant or "",))[0]))
+            section, _ = field_at(model, item["loc"])
+            misspelt.add((*item["loc"][:-1], _meant(section, str(item["loc"][-1]))))
     gone = {"too_short": lists, "missing": missing & misspelt}
     return [item for item in details if item["loc"] not in gone.get(item["type"], ())]
+
+
+def _meant(section: Table, key: str) -> str:
+    """The key that an unknown one resembles, without the unit that may end it; empty where there is none."""
+    suffixed = suffixed_keys(section)
+    meant = close_match(key, [*keys_of(section), *suffixed]) or ""
+    return suffixed.get(meant, (meant,))[0]
+
+
+def _place(detail: ErrorDetails, source: TomlSource) -> Place:
+    """Where something is wrong; of several things the validator may have tried, none is named."""
+    place: Place = ()
+    for part in detail["loc"]:
+        if isinstance(part, int) or "[" not in part or value_at(source.data, (*place, part)) is not None:
+            place = (*place, part)
+    return place
+
+
+def _places(detail: ErrorDetails, model: Table, source: TomlSource) -> list[Place]:
+    """`_place`, or the places inside it that a check of the whole table names; the table of an entry that it misses."""
+    outer, problems = _place(detail, source), (detail.get("ctx") or {}).get("problems")
+    if problems is None:
+        return [outer]
+    places = [(*outer, *inside) for inside, _ in problems]
+    return [place if not place or _stands_at(place, model, source) else place[:-1] for place in places]
+
+
+def _stands_at(place: Place, model: Table, source: TomlSource) -> bool:
+    section, field = field_at(model, place)
+    return value_at(source.data, place if field is None else as_written(place, section, source)) is not None
 
 
 def _lines(detail: ErrorDetails, model: Table, source: TomlSource) -> list[str]:
     context: dict[str, Any] = detail.get("ctx") or {}
     if "problems" in context:
         return [problem_at(source, (*detail["loc"], *place), message) for place, message in context["problems"]]
-    place: Place = ()
-    for part in detail["loc"]:
-        if isinstance(part, int) or "[" not in part or _value_at(source.data, (*place, part)) is not None:
-            place = (*place, part)
-    section, field = _field_at(model, place)
+    place = _place(detail, source)
+    section, field = field_at(model, place)
     written = place
     if field is not None and quantity_of(field) is not None:
-        written = _as_written(place, section, source)
+        written = as_written(place, section, source)
     if detail["type"] in _UNKNOWN:
         message = _unknown_key(model, section, str(place[-1]))
     elif detail["type"] == "missing":
@@ -196,10 +244,10 @@ def _lines(detail: ErrorDetails, model: Table, source: TomlSource) -> list[str]:
 
 def _unknown_key(model: Table, section: Table, key: str) -> str:
     """Where an unknown key belongs, else which key was meant, else which there are."""
-    homes = [f"[{name}]" for name, table in _tables(model) if table is not section and key in _keys(table)]
+    homes = [f"[{name}]" for name, table in _tables(model) if table is not section and key in keys_of(table)]
     if homes:
         return f"unknown key here; it belongs under {' or '.join(homes)}"
-    known = _keys(section)
+    known = keys_of(section)
     match = close_match(key, [*known, *suffixed_keys(section)])
     return f"unknown key; did you mean {match}?" if match else f"unknown key; known here: {', '.join(known)}"
 
@@ -207,14 +255,10 @@ def _unknown_key(model: Table, section: Table, key: str) -> str:
 def _tables(model: Table) -> Iterator[tuple[str, Table]]:
     """Name and section of every table that a file may have."""
     for name, field in fields_of(model).items():
-        table = _section_in(field.annotation)
+        table = section_in(field.annotation)
         if table is not None:
             yield key_of(model, name), table
             yield from ((f"{key_of(model, name)}.{inner}", below) for inner, below in _tables(table))
-
-
-def _keys(section: Table) -> list[str]:
-    return [key_of(section, name) for name in fields_of(section)]
 
 
 def _missing(field: FieldInfo | None, place: Place) -> str:
@@ -224,12 +268,12 @@ def _missing(field: FieldInfo | None, place: Place) -> str:
         return "missing"
     if isinstance(key, int):
         return f"missing; the list needs {len(get_args(field.annotation))} entries"
-    table = _section_in(field.annotation)
+    table = section_in(field.annotation)
     if table is not None:
         needed = [key_of(table, name) for name, inner in fields_of(table).items() if inner.is_required()]
         # Where one of several kinds of device may stand, no key is needed by all: the first kind's are shown.
         heading = key if any(isinstance(part, int) for part in place) else dotted(place)
-        return f"missing; write a table [{heading}] with {', '.join(needed or _keys(table)[:2])}"
+        return f"missing; write a table [{heading}] with {', '.join(needed or keys_of(table)[:2])}"
     example = _example(field)
     return "missing" + (f"; write for example {key} = {example}" if example else "")
 
@@ -237,7 +281,7 @@ def _missing(field: FieldInfo | None, place: Place) -> str:
 def _message(detail: ErrorDetails, field: FieldInfo | None) -> str:
     kind, context = detail["type"], detail.get("ctx") or {}
     limits = [] if field is None else list(constraints(field))
-    if kind == "tuple_type" and field is not None and _section_in(field.annotation) is not None:
+    if kind == "tuple_type" and field is not None and section_in(field.annotation) is not None:
         return f"each has a heading of its own in two brackets: [[{detail['loc'][-1]}]]"
     if kind in _KINDS:
         return f"must be {_KINDS[kind]}{_allowed(limits)}"
@@ -310,47 +354,3 @@ def _example(field: FieldInfo) -> str:
     return "1" if get_args(field.annotation) == (1,) else ""
 
 
-def _field_at(model: Table, place: Place) -> tuple[Table, FieldInfo | None]:
-    """The section that holds a place, and its field there (None for an unknown key)."""
-    section, field = model, None
-    for part in place:
-        if isinstance(part, int):
-            continue
-        if field is not None:
-            inner = _section_in(field.annotation)
-            if inner is None:
-                return section, field
-            section = inner
-        field = next((f for name, f in fields_of(section).items() if key_of(section, name) == part), None)
-        if field is None:
-            return section, None
-    return section, field
-
-
-def _section_in(annotation: object) -> Table | None:
-    if isinstance(annotation, type) and issubclass(annotation, (Section, Settings)):
-        return annotation
-    return next(filter(None, map(_section_in, get_args(annotation))), None)
-
-
-def _as_written(place: Place, section: Table, source: TomlSource) -> Place:
-    """The place with the key as it stands in the file: `amplitude` may be written `amplitude_mm`."""
-    index = max(i for i, part in enumerate(place) if isinstance(part, str))
-    if _value_at(source.data, place[: index + 1]) is not None:
-        return place
-    for written, (key, _) in suffixed_keys(section).items():
-        candidate = (*place[:index], written)
-        if key == place[index] and _value_at(source.data, candidate) is not None:
-            return (*candidate, *place[index + 1 :])
-    return place
-
-
-def _value_at(data: object, place: Place) -> object:
-    for part in place:
-        inside = data.get(part) if isinstance(data, dict) else None
-        if isinstance(data, (tuple, list)) and isinstance(part, int) and part < len(data):
-            inside = data[part]
-        if inside is None:
-            return None
-        data = inside
-    return data

@@ -9,8 +9,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import typing
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, get_args
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
 from pydantic.fields import FieldInfo
@@ -19,6 +19,23 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from rig import units
 from rig.bench.quantity import Check, Problem, Quantity, Settings
+from rig.bench.unread import UNREAD, as_far_as_read
+
+
+def _let_unread_pass(schema: Any) -> None:  # noqa: ANN401 - a table's schema, of whatever layers
+    """Take an entry that could not be read, whatever it should be; `schema` is changed in place."""
+    while schema["type"] not in {"model-fields", "dataclass-args"}:
+        schema = schema["schema"]
+    fields = schema["fields"]
+    for field in fields.values() if isinstance(fields, dict) else fields:
+        # What is left out is filled in by the outermost layer, which has to stay there.
+        layer = field["schema"] if field["schema"]["type"] == "default" else field
+        if layer["schema"].get("function", {}).get("function") is not _as_read:
+            layer["schema"] = core_schema.no_info_wrap_validator_function(_as_read, layer["schema"])
+
+
+def _as_read(value: object, handler: Callable[[object], object]) -> object:
+    return value if value is UNREAD else handler(value)
 
 
 class Section(BaseModel):
@@ -33,6 +50,21 @@ class Section(BaseModel):
     @classmethod
     def _fold_unit_suffixes(cls, data: object) -> object:
         return folded(cls, data)
+
+    def problems(self) -> Iterable[Problem]:
+        """What its entries, each right by itself, say wrong together; a check ends at an entry that was not read."""
+        return ()
+
+    @model_validator(mode="after")
+    def _together(self) -> Self:
+        _check(self)
+        return self
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        result: CoreSchema = handler(source)
+        _let_unread_pass(handler.resolve_ref_schema(result))
+        return result
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
@@ -135,6 +167,18 @@ def located(problems: Sequence[Problem]) -> PydanticCustomError:
     return PydanticCustomError("inconsistent", "entries contradict each other", {"problems": list(problems)})
 
 
+def _check(table: Section | Settings) -> None:
+    """Nothing where its entries go together.
+
+    Raises:
+        wrong: with every problem.
+    """
+    problems = tuple(as_far_as_read(table.problems))
+    if problems:
+        wrong: Exception = located(problems)
+        raise wrong
+
+
 def _core_schema_of(table: type[Settings], source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
     """The validator's schema of a table of settings: unit suffixes first, its entries, what they say together last."""
     result = handler(source)
@@ -142,10 +186,10 @@ def _core_schema_of(table: type[Settings], source: object, handler: GetCoreSchem
     own: Any = {**definition, "strict": False}  # its entries are strict; the table itself comes as a mapping
     name = own.pop("ref", None)
 
+    _let_unread_pass(own)
+
     def together(value: Any) -> Any:  # noqa: ANN401 - an instance of `table`
-        problems = tuple(value.problems())
-        if problems:
-            raise located(problems)
+        _check(value)
         return value
 
     checked = core_schema.no_info_after_validator_function(together, own)

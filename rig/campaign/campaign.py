@@ -20,7 +20,7 @@ from rig.campaign.live_link import LiveLink
 from rig.campaign.machine_resources import station_in_use
 from rig.campaign.operator_link import Signals, operator_link
 from rig.campaign.preflight.proof_move import read_baseline
-from rig.campaign.preflight.rest_check import zeros_returned
+from rig.campaign.preflight.zero_return import zeros_returned
 from rig.campaign.results import CampaignOptions, CampaignResult, Display, PointResults, RigState, StopReport
 from rig.campaign.resume import Stock
 from rig.campaign.setup import (
@@ -34,12 +34,15 @@ from rig.campaign.simulated_rig import rig_in_use
 from rig.campaign.words import say
 from rig.clock import utc_now
 from rig.errors import FileProblem, RigError, UnknownRigState
+from rig.faults.row import StopKind
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.campaign_log import CampaignLog
 
 DISK = frozenset({"disk-full", "dir-readonly", "fsync-error"})
+HALTED = frozenset({"hybrid", "signal"})
+"""Kinds of points whose motion is brought to rest where it is: without cycles there is nothing to fade along."""
 TRUTH_AFTER_STOP_S = 1.0
 """What a simulated rig's truth still shows after a stop (s, its own clock): the coil empty, the rod at rest."""
 
@@ -287,4 +290,5 @@ def _stop_report(runner: Runner) -> StopReport | None:
         moved=state.moved,
         unfinished=state.queue[0].id if state.queue else "",
         resume=REQUALIFY if REQUALIFY in classes else CONFIRM,
+        halted=state.latch.stop is StopKind.HALT or (bool(state.queue) and state.queue[0].kind in HALTED),
     )

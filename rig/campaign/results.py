@@ -77,6 +77,7 @@ class PointResult:
     current_A: float
     lost_samples: int
     quality: Mapping[str, float] = field(default_factory=dict)
+    described: str = ""
 
     @property
     def slugs(self) -> tuple[str, ...]:
@@ -94,6 +95,7 @@ class PointResult:
             "amplitude_m": self.amplitude_m,
             "frequency_Hz": self.frequency_Hz,
             "current_A": self.current_A,
+            "described": self.described,
             "lost_samples": self.lost_samples,
             "blamed": [blamed(reason) for reason in self.reasons],
             "quality": {name: value for name, value in self.quality.items() if math.isfinite(value)},
@@ -163,6 +165,8 @@ class StopReport:
         moved: anything had moved before.
         unfinished: id of the point that was prepared or running; empty when there was none.
         resume: fault matrix's word on going on: `a`, `c` (typing `--resume` confirms), `n` (requalify first).
+        halted: the motion was brought to rest where it was, not faded out over a cycle: a stop of kind `SO`, or a
+            motion without cycles.
     """
 
     kind: str
@@ -173,6 +177,7 @@ class StopReport:
     moved: bool
     unfinished: str
     resume: str
+    halted: bool
 
 
 @dataclass(frozen=True)
@@ -387,4 +392,5 @@ def _result(point: TestPoint, file: Path | None, verdict: str, reasons: tuple[st
         frequency_Hz=point.frequency_Hz,
         current_A=point.current_A,
         lost_samples=lost,
+        described=point.described,
     )

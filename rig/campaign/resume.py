@@ -206,6 +206,7 @@ def _result(point: TestPoint, recorded: RecordedPoint) -> PointResult:
         frequency_Hz=point.frequency_Hz,
         current_A=point.current_A,
         lost_samples=recorded.lost_samples,
+        described=point.described,
     )
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rig.matrix.point import TestPoint
     from rig.matrix.sections import Identify
 
-ALL = "all"
+SEVERAL = ("all", "few")
 AFFINE = "affine"
 THREE_STEPS = "zhu_three_step"
 MODEL_OF_THREE_STEPS = "normalized_bouc_wen"
@@ -107,10 +107,10 @@ def _combination(wanted: Identify) -> list[str]:
             f'method = "{THREE_STEPS}": identifies {MODEL_OF_THREE_STEPS} only; set model = "{MODEL_OF_THREE_STEPS}"'
         )
     bent = wanted.current_law != AFFINE or "+" in wanted.model
-    if wanted.current != AFFINE and (wanted.model == ALL or wanted.series_spring or bent):
+    if wanted.current != AFFINE and (wanted.model in SEVERAL or wanted.series_spring or bent):
         problems.append(
             f'current = "{wanted.current}": goes with one model, without series_spring and without a current law'
         )
-    if wanted.series_spring and wanted.model == ALL:
+    if wanted.series_spring and wanted.model in SEVERAL:
         problems.append('series_spring: goes with one model; name it, such as model = "asymmetric"')
     return problems

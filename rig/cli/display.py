@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rig.campaign.results import PointResult
     from rig.matrix.plan import Plan
     from rig.matrix.point import TestPoint
+    from rig.recording.recorded_point import RecordedPoint
 
 # Live value -> (label, factor, unit, number format).
 LIVE = {
@@ -31,9 +32,9 @@ MARKS = {"valid": "✓", "suspect": "?", "invalid": "✗"}
 LEVELS = {"info": "", "warning": "yellow", "error": "red"}
 
 
-def describe(waveform: str, amplitude_m: float, frequency_Hz: float, current_A: float) -> str:
-    """A point in one phrase: "sine 50 mm 1.5 Hz 1 A"."""
-    return f"{waveform} {amplitude_m * 1e3:.4g} mm {frequency_Hz:.4g} Hz {current_A:.3g} A"
+def described(point: RecordedPoint) -> str:
+    """A point that was not planned here, in one phrase: "sine 50 mm 1.5 Hz 1 A"."""
+    return f"{point.waveform} {1e3 * point.amplitude_m:.4g} mm {point.frequency_Hz:.4g} Hz {point.current_A:.3g} A"
 
 
 class PlainDisplay:
@@ -75,8 +76,7 @@ class PlainDisplay:
         """Print a point's verdict, its reasons and the time left."""
         self.done += 1
         line = Text(f"{MARKS.get(result.verdict, '-')} {result.id}  ", style=COLOURS.get(result.verdict, ""))
-        motion = describe(result.waveform, result.amplitude_m, result.frequency_Hz, result.current_A)
-        line.append(motion.ljust(31) + " ", style="none")
+        line.append(result.described.ljust(31) + " ", style="none")
         line.append(verdict_words(result))
         line.append(f"   {self.done}/{self.total}, {duration(self.time_left_s)} left", style="dim")
         self.console.print(line)
@@ -136,11 +136,10 @@ class LiveDisplay(PlainDisplay):
         point = self._points.get(point_id)
         if point is not None:
             total = round(point.ramp_in_cycles + point.cycles + point.ramp_out_cycles)
-            text = describe(point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A)
+            note = f"cycles, {point.described}" if point.has_frequency else point.motion
             self._bars.update(
-                self._point, description=point.id, total=total, completed=cycles_done, note=f"cycles, {text}",
-                visible=True,
-            )  # fmt: skip
+                self._point, description=point.id, total=total, completed=cycles_done, note=note, visible=True
+            )
         else:
             self._bars.update(self._point, visible=False)
         self._numbers.plain = "   ".join(

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from rig.hybrid.benchmark import Result
     from rig.hybrid.earthquake import Earthquake
 
+    Outcome = tuple[list[Result], dict[str, Any]]
+    """Results, and how they came about: plants, steps of latency, and on wires how the steps went."""
+
 RATES = ("4096", "1024", "250")
 NAMES = ("none", "sample", "polynomial", "inverse", "ats", "adaptive-model")
 PLANTS, PLANTS_ON_WIRES = 20, 1
@@ -141,37 +144,30 @@ def _benchmark(asked: BenchmarkOptions, seed: int, *, as_json: bool) -> int:
     from rig.hybrid.earthquake import read, synthesised
 
     motion = synthesised() if asked.earthquake is None else read(asked.earthquake, asked.intensity)
-    answer: dict[str, Any] = {"benchmark": "Silva et al. 2020", "earthquake": motion.name, "seed": seed}
-    answer |= {"plants": asked.plants or (PLANTS_ON_WIRES if asked.wires else PLANTS)}
-    answer |= {"latency_steps": asked.latency_steps, "wires": None}
-    results: list[Result] = []
-    for result in _on_wires(asked, motion, answer) if asked.wires else _in_process(asked, motion, answer):
-        results.append(result)
-        if not as_json:
-            say(f"case {result.case}, {result.rate_Hz} Hz, {result.compensator}: done", err=True)
+    results, how = (_on_wires if asked.wires else _in_process)(asked, motion, seed, as_json)
     code = EXIT_REFUSED if any(result.refused for result in results) else EXIT_DONE
     if as_json:
+        answer = {"benchmark": "Silva et al. 2020", "earthquake": motion.name, "seed": seed, **how}
         write_json({**answer, "results": [_plain(result) for result in results], "exit_code": code})
         return code
     _show(results, motion.name)
-    if answer["wires"] is not None:
-        wires = answer["wires"]
+    if (wires := how["wires"]) is not None:
         say(f"{wires['late_steps']} of {wires['steps']} steps late; 99 % within {wires['p99_step_ms']:.2g} ms, worst "
             f"{wires['worst_step_ms']:.2g} ms{'' if wires['real_time'] else ', without real-time rights'}")  # fmt: skip
     return code
 
 
-def _in_process(asked: BenchmarkOptions, motion: Earthquake, answer: dict[str, Any]) -> Iterator[Result]:
+def _in_process(asked: BenchmarkOptions, motion: Earthquake, seed: int, as_json: bool) -> Outcome:
     from rig.hybrid.benchmark import run_benchmark
 
     problems = [(case, int(rate)) for case in asked.cases or CASES for rate in asked.rates or RATES]
-    return run_benchmark(
-        problems, asked.compensators or NAMES, motion, answer["plants"], answer["seed"], asked.latency_steps
-    )
+    plants, latency = asked.plants or PLANTS, asked.latency_steps
+    results = run_benchmark(problems, asked.compensators or NAMES, motion, plants, seed, latency)
+    return _told(results, as_json), {"plants": plants, "latency_steps": latency, "wires": None}
 
 
-def _on_wires(asked: BenchmarkOptions, motion: Earthquake, answer: dict[str, Any]) -> Iterator[Result]:
-    """The results, one after the other; in the end `answer` has how the steps went.
+def _on_wires(asked: BenchmarkOptions, motion: Earthquake, seed: int, as_json: bool) -> Outcome:
+    """As `_in_process`.
 
     Raises:
         UsageError: another rate or latency than that of the wires.
@@ -182,10 +178,21 @@ def _on_wires(asked: BenchmarkOptions, motion: Earthquake, answer: dict[str, Any
     from rig.campaign.wired_benchmark import LATENCY_STEPS, Wires
     from rig.station.process import real_time_priority
 
-    lacking, wires = real_time_priority(True), Wires()
+    lacking, wires, plants = real_time_priority(True), Wires(), asked.plants or PLANTS_ON_WIRES
     compensators = asked.compensators or NAMES[-1:]
-    yield from wires.results(asked.cases or CASES, compensators, motion, answer["plants"], answer["seed"])
-    answer |= {"latency_steps": LATENCY_STEPS, "wires": {**wires.count.to_json(), "real_time": lacking is None}}
+    results = _told(wires.results(asked.cases or CASES, compensators, motion, plants, seed), as_json)
+    went = {**wires.count.to_json(), "real_time": lacking is None}
+    return results, {"plants": plants, "latency_steps": LATENCY_STEPS, "wires": went}
+
+
+def _told(results: Iterator[Result], as_json: bool) -> list[Result]:
+    """All of them; where the answer is no JSON each is told as it comes."""
+    kept: list[Result] = []
+    for result in results:
+        kept.append(result)
+        if not as_json:
+            say(f"case {result.case}, {result.rate_Hz} Hz, {result.compensator}: done", err=True)
+    return kept
 
 
 def _plain(result: Result) -> dict[str, Any]:

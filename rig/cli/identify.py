@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,8 +16,10 @@ from rig.errors import EXIT_DONE
 from rig.matrix.methods import DEPENDENCES, LAWS
 
 if TYPE_CHECKING:
-    from rig.dampers import Hysteresis
     from rig.identification import Method
+
+SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
+"""Options that are the method's; what `command` does not name otherwise goes to `identify_run` as it is."""
 
 
 @click.command(
@@ -27,13 +29,18 @@ if TYPE_CHECKING:
         "rig identify logs/20260102T030405Z-MR-001-ab12cd",
         "rig identify SINE_RUN --holdout TRIANGLE_RUN --json",
         "rig identify RUN --model all --holdout frequency_Hz=2",
+        "rig identify RUN --model lost_motion --unseen pairs",
         "rig identify RUN --model kwok --current per-current-lagrange",
         "rig identify RUN --model asymmetric --current-law saturating",
         "rig identify RUN --method c_foa --bounds wide --budget 16000",
     ),
 )
 @click.argument("runs", type=click.Path(path_type=Path), nargs=-1, required=True)
-@click.option("--model", default="asymmetric", show_default=True, help="Damper model, or `all` to compare every model.")
+@click.option(
+    "--model",
+    help="Damper model; `few` to compare three, `all` every one.  [default: few; asymmetric with an option that goes "
+    "with one model: a search, --current, --series-spring, --profile-of, --hysteresis printed]",
+)
 @click.option(
     "--method", type=MethodName(), default="separable", show_default=True, help="Fitting method."
 )
@@ -83,30 +90,24 @@ if TYPE_CHECKING:
     "--bootstrap", type=click.IntRange(20), metavar="N",
     help="Draw the tests N times again (1000 for a publication): intervals that hold where no model fits.",
 )  # fmt: skip
+@click.option(
+    "--unseen", type=click.Choice(["pairs"]),
+    help="Also foretell each amplitude and frequency from the others: the error on motions not fitted.",
+)
 @scheduler_option
 @json_option
 def command(
     runs: tuple[Path, ...],
-    model: str,
+    model: str | None,
     method: str,
-    holdout: str | None,
-    hysteresis: Hysteresis,
     dependence: str,
-    current_law: str,
-    series_spring: bool,
-    suspect: bool,
-    weight: str | None,
-    loss: str,
-    budget: int,
-    population: int,
-    bounds: str,
-    seed: int,
     profile: bool,
     profile_of: tuple[str, ...],
     diagnose: bool,
     bootstrap: int | None,
     scheduler: str | None,
     as_json: bool,
+    **options: Any,  # noqa: ANN401 - click has judged each by its own type
 ) -> int:
     """Fit a damper model to RUNS and write fit.json into the first; an earlier fit.json is kept under another name.
 
@@ -115,23 +116,22 @@ def command(
     be fitted.
     """
     from rig.identification import Method, identify_run
+    from rig.identification.fitting import ALL, FEW
 
-    settings = Method(method, weight, loss, budget, population, seed, bounds)
+    settings = Method(method, **{name: options.pop(name) for name in SETTINGS})
+    single = method != "separable" or dependence != "affine" or profile_of or options["series_spring"]
+    model = model or ("asymmetric" if single or options["hysteresis"] != "kwok" else FEW)
     with _searching(settings, scheduler) as where:
         fit = identify_run(
             runs,
             model=model,
             method=where,
-            holdout=holdout,
-            hysteresis=hysteresis,
-            suspect=suspect,
             profile=(*(["nonlinear"] if profile else []), *profile_of),
             current=dependence,
-            current_law=current_law,
-            series_spring=series_spring,
             diagnose=True if diagnose else None,
             bootstrap=bootstrap or 0,
-            on_progress=None if model != "all" else lambda line: click.echo(line, err=True),
+            on_progress=None if model not in {ALL, FEW} else lambda line: click.echo(line, err=True),
+            **options,
         )
     if fit.kept is not None:
         click.echo(f"the earlier fit is kept as {fit.kept.resolve()}", err=True)

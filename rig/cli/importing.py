@@ -156,11 +156,11 @@ def _show(folder: Path, as_json: bool) -> int:
         ]  # fmt: skip
         write_json({"campaign": folder.resolve(), "points": points, "valid": valid, "total": len(points)})
     else:
-        from rig.cli.display import describe
+        from rig.cli.display import described
 
         shown = console()
         for point in run.points:
-            text = describe(point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A)
+            text = described(point)
             line = f"{point.id:<24}{text:<32}{'; '.join((point.verdict, *point.reasons))}"
             shown.print(line, markup=False)
         say(folder.resolve())

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
     from rig.matrix.plan import Plan, PlannedPoint
-    from rig.matrix.point import TestPoint
 
 FEW = 40
 """Up to so many points all rows are shown."""
 FIRST, LAST = 3, 2
 """Of a longer group, so many rows from its beginning and its end."""
 NARROWEST = 20
+NO_VALUE = "-"
 
 HEADINGS = (
     ("point", ""), ("verdict", ""), ("waveform", ""), ("ampl.", "mm"), ("freq.", "Hz"), ("current", "A"),
@@ -131,12 +131,13 @@ def _groups(items: Sequence[PlannedPoint], plan: Plan, width: int) -> Iterator[L
 def _ranges(items: Sequence[PlannedPoint]) -> str:
     values = {
         "mm": [1e3 * item.point.amplitude_m for item in items],
-        "Hz": [item.point.frequency_Hz for item in items],
+        "Hz": [item.point.frequency_Hz for item in items if item.point.has_frequency],
         "A": [item.point.current_A for item in items],
     }
     return ", ".join(
         f"{min(all_of):.4g} {unit}" if min(all_of) == max(all_of) else f"{min(all_of):.4g} to {max(all_of):.4g} {unit}"
         for unit, all_of in values.items()
+        if all_of
     )
 
 
@@ -164,18 +165,13 @@ def _rows(items: Sequence[PlannedPoint], plan: Plan, width: int, left_out: int =
 
 def _cells(item: PlannedPoint) -> tuple[str, ...]:
     point = item.point
+    frequency = f"{point.frequency_Hz:.4g}" if point.has_frequency else NO_VALUE
     return (
-        point.id, "feasible" if item.feasible else "infeasible", _motion(point), f"{point.amplitude_m * 1e3:.4g}",
-        f"{point.frequency_Hz:.4g}", f"{point.current_A:.3g}", f"{point.peak_speed_m_s:.3f}",
+        point.id, "feasible" if item.feasible else "infeasible", point.motion, f"{point.amplitude_m * 1e3:.4g}",
+        frequency, f"{point.current_A:.3g}", f"{point.peak_speed_m_s:.3f}",
         f"{point.peak_acceleration_m_s2:.2f}", number(item.predicted_force_N), number(item.energy_J),
         duration(item.duration_s),
     )  # fmt: skip
-
-
-def _motion(point: TestPoint) -> str:
-    """A point's waveform; of a road or a file its name too."""
-    record = point.record
-    return point.waveform if record is None or record.name == point.waveform else f"{point.waveform} {record.name}"
 
 
 def _aligned(row: Sequence[str], widths: Sequence[int], gap: int) -> str:
@@ -188,8 +184,9 @@ def _block(item: PlannedPoint, width: int, style: str) -> Iterator[Line]:
     name, verdict, waveform, *values = _cells(item)
     amplitude, frequency, current, speed, acceleration, force, heat, time = values
     yield from _wrapped(f"{name} {verdict}", width, style)
+    often = () if frequency == NO_VALUE else (f"{frequency} Hz",)
     parts = (
-        f"{waveform} {amplitude} mm", f"{frequency} Hz", f"{current} A", f"speed {speed} m/s",
+        f"{waveform} {amplitude} mm", *often, f"{current} A", f"speed {speed} m/s",
         f"accel. {acceleration} m/s^2", f"force {force}{'' if force == 'unknown' else ' N'}",
         f"heat {heat}{'' if heat == 'unknown' else ' J'}", time,
     )  # fmt: skip
@@ -255,9 +252,10 @@ def fit_tables(fit: Mapping[str, Any], truth: Mapping[str, float] | None = None)
         table.add_row(*row, style="" if entry["identifiable"] else "yellow")
     told = fit.get("formula") or fit.get("equation")
     equation = [Text(str(told))] if told else []
-    return [*_ranking(fit), table, *equation, *_unseen(fit), *_remarks(fit), *_to_try(fit)]
+    return [*_ranking(fit), table, *equation, *_held_out(fit), *_pairs(fit), *_remarks(fit), *_to_try(fit)]
 
 
+COMPARED_UNASKED = {"asymmetric", "normalized_bouc_wen", "lost_motion"}
 REFERENCES = {"mean_cycle": "no model: its own other cycles", "regression": "no model: regression"}
 
 
@@ -280,7 +278,7 @@ def _ranking(fit: Mapping[str, Any]) -> list[Table]:
     return [table]
 
 
-def _unseen(fit: Mapping[str, Any]) -> list[Table]:
+def _held_out(fit: Mapping[str, Any]) -> list[Table]:
     """The error of each held-out test; none where no test was held out."""
     tests = (fit["error"].get("holdout") or {}).get("per_test") or ()
     if not tests:
@@ -294,13 +292,35 @@ def _unseen(fit: Mapping[str, Any]) -> list[Table]:
     return [table]
 
 
+def _pairs(fit: Mapping[str, Any]) -> list[Table]:
+    """The error of each amplitude and frequency foretold from the others; none where that was not asked for."""
+    unseen = fit.get("unseen")
+    if not unseen:
+        return []
+    title = f"Foretold from the others: {number(unseen['nrmse_percent_of_peak'], 3)} % of peak on the mean"
+    table = Table(title=title, title_justify="left")
+    for name in ("amplitude mm", "frequency Hz", "tests", "error, % of peak", "worst test", "its error"):
+        table.add_column(name, justify="left" if name == "worst test" else "right")
+    for pair in unseen["per_pair"]:
+        motion = pair["amplitude_m"], pair["frequency_Hz"]
+        tests = [test for test in unseen["per_test"] if (test["amplitude_m"], test["frequency_Hz"]) == motion]
+        worst = max(tests, key=lambda test: float(test["nrmse_percent_of_peak"]))
+        errors = (pair["nrmse_percent_of_peak"], worst["nrmse_percent_of_peak"])
+        mean, most = (number(error, 3) for error in errors)
+        row = (number(1e3 * motion[0]), number(motion[1]), str(pair["tests"]), mean, str(worst["id"]), most)
+        table.add_row(*row)
+    return [table]
+
+
 def _to_try(fit: Mapping[str, Any]) -> list[Text]:
     """What else this command can do with the same tests, where it would tell more."""
     hints = []
-    if fit.get("adequate") is False and len(fit.get("selection") or ()) < 2:
+    if fit.get("adequate") is False and {entry["model"] for entry in fit.get("selection") or ()} <= COMPARED_UNASKED:
         hints.append("rig identify RUN --model all: compares every model on tests it has not seen")
     if fit["error"].get("holdout") is None:
         hints.append("rig identify RUN --holdout frequency_Hz=...: measures the error on tests that are not fitted")
+        if not fit.get("unseen"):
+            hints.append("rig identify RUN --unseen pairs: foretells each amplitude and frequency from the others")
     return [Text(f"try: {hint}", style="cyan") for hint in hints]
 
 

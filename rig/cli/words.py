@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from rig.campaign.confirmation import resume_command
 from rig.campaign.results import INVALID, NOT_RUN, RigState
 from rig.campaign.stop_cause import OPERATOR, StopCause
-from rig.faults.row import StopKind
 
 if TYPE_CHECKING:
     from rig.campaign.results import CampaignResult, PointResult, StopReport
@@ -51,7 +50,7 @@ def stands(stop: StopReport) -> str:
         return "nothing had moved"
     if not stop.proved:
         return "standstill is not proved"
-    said = ["motion halted" if stop.kind == StopKind.HALT else "motion faded out"]
+    said = ["motion halted" if stop.halted else "motion faded out"]
     said.append("coil at 0 A" if stop.current_zero else "coil current not proved")
     said.append("hydraulics off" if stop.pressure_off else "HYDRAULICS STILL ON")
     return ", ".join(said)

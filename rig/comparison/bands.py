@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
-from rig.bench.section import Section, located
+from rig.bench.section import Section
+from rig.bench.unread import as_far_as_read
 from rig.comparison.readings import QUANTITIES, LoopReading, Motion
 
 Change = Annotated[float, Quantity("ratio", "0 %", "1000 %", above=True)]
@@ -33,16 +35,12 @@ class Band(Section):
         """Which tests it is about; empty for all."""
         return ""
 
-    @model_validator(mode="after")
-    def _limits(self) -> Self:
-        problems: list[Problem] = []
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
         if self.low is None and self.high is None and self.most_change is None:
-            problems.append(((), "a band needs low, high or most_change"))
+            yield (), "a band needs low, high or most_change"
         if self.low is not None and self.high is not None and not self.low < self.high:
-            problems.append((("low",), "must be below high"))
-        if problems:
-            raise located(problems)
-        return self
+            yield ("low",), "must be below high"
 
 
 class LoopBand(Band):
@@ -100,12 +98,16 @@ class ReboundForce(ForceLimits, LoopBand):
 class JounceForce(ForceLimits, LoopBand):
     """`[[jounce_force]]`: force at peak velocity in compression; negative."""
 
-    @model_validator(mode="after")
-    def _negative(self) -> Self:
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
+        yield from as_far_as_read(super().problems, self._negative)
+
+    def _negative(self) -> Iterator[Problem]:
         if self.low is not None and self.low >= 0.0:
-            raise located([(("low",), "forces in jounce are negative here: a damper that gives 900 to 1100 N has "
-                            'low = "-1100 N", high = "-900 N"')])
-        return self
+            yield ("low",), (
+                "forces in jounce are negative here: a damper that gives 900 to 1100 N has "
+                'low = "-1100 N", high = "-900 N"'
+            )
 
 
 class Energy(LoopBand):
@@ -163,12 +165,11 @@ class Bands(Section):
     gas_force: tuple[SingleForce, ...] = ()
     parameter: tuple[ParameterBand, ...] = ()
 
-    @model_validator(mode="after")
-    def _any(self) -> Self:
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
         if not self.all:
             names = ", ".join(f"[[{key}]]" for key in (*QUANTITIES, "parameter"))
-            raise located([(("name",), f"the file has no band; at least one of {names}")])
-        return self
+            yield ("name",), f"the file has no band; at least one of {names}"
 
     @property
     def all(self) -> tuple[tuple[str, Band], ...]:

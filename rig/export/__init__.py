@@ -1,5 +1,6 @@
 """Runs and fits in other programs' formats: one exporter a format, all in one catalogue, plug-ins among them.
 
+`code` prints a model's equation in other languages.
 Nothing is measured, judged or fitted here.
 """
 

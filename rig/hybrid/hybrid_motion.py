@@ -165,7 +165,7 @@ class HybridMotion:
         here = Measured(seen.force_N, seen.extension_m - self._centre_m)
         test_s = t_s - self._begin_s
         if test_s >= self._part.duration_s + RETURN_S:
-            self.phase = Phase.OVER
+            self.phase, self.current_A = Phase.OVER, self._order.control.current_A
             return None
         sent = self._goes_on(t_s, test_s, here) if self.problem is None else self._left
         if self.problem is None:
@@ -276,10 +276,10 @@ class HybridMotion:
     def _wanted_A(self, state: list[float]) -> float:
         """The current that the law asks for in a state."""
         part = self._part
-        speed_m_s, high_A = dot(part.speed, state), part.force_currents_A[-1]
+        speed_m_s = dot(part.speed, state)
         return wanted_current(
             self._law, dot(part.body_speed, state), dot(part.wheel_speed, state), part.extension[0],
-            part.assumed_N(speed_m_s, 0.0), part.assumed_N(speed_m_s, high_A),
+            part.assumed_N(speed_m_s, 0.0), part.assumed_N(speed_m_s, self._order.control.most_A),
         )
 
     def _check(self, now: Target, here: Measured) -> None:

@@ -2,10 +2,11 @@
 
 Sub-rooms, each of which may import those named before it: `models` (what is fitted, and how a model is solved for),
 `points` (from recorded points to measurements), `application` (what is done with a fitted model), `uncertainty`
-(what is known of the result, and the fit). Beside them the entries: `bootstrap` (tests drawn again),
-`fitting` (measurements to a fit), `runs` (recorded runs to `fit.json`), `selection`, `per_current`, `series_spring`,
-`next_test`; every sentence for people is made in `words`. Reads runs through `rig.recording`; writes nothing but
-`fit.json`. A name is loaded when it is first asked for: a process that only fits does not load what assesses a fit.
+(what is known of the result, and the fit), `diagnosis` (what explains a misfit). Beside them the entries: `bootstrap`
+(tests drawn again), `fitting` (measurements to a fit), `runs` (recorded runs to `fit.json`), `selection`,
+`per_current`, `series_spring`, `next_test`; every sentence for people is made in `words`. Reads runs through
+`rig.recording`; writes nothing but `fit.json`. A name is loaded when it is first asked for: a process that only fits
+does not load what assesses a fit.
 """
 
 from importlib import import_module

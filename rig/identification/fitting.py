@@ -26,16 +26,19 @@ from rig.identification.points.given import given
 from rig.identification.selection import candidates_of, compare, groups_of, weighted_by_misfit
 from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
-from rig.identification.uncertainty.fit import Cause, Estimate, Fit, SeriesSpring
+from rig.identification.uncertainty.fit import Cause, ErrorSummary, Estimate, Fit, SeriesSpring
 from rig.identification.uncertainty.scoring import score
-from rig.identification.words import say
+from rig.identification.words import say, some
 
 if TYPE_CHECKING:
     from rig.identification.points.current_steps import CurrentLag
     from rig.identification.points.given import Tests
+    from rig.identification.uncertainty.unseen import Unseen
     from rig.recording.recorded_point import RecordedPoint
 
-ALL = "all"
+ALL, FEW = "all", "few"
+FEW_MODELS = ("asymmetric", "normalized_bouc_wen", "lost_motion")
+"""A hysteretic tanh, the hysteresis that most publications use, and what fits real dampers best: seconds together."""
 DRAWN_SAMPLES = 250  # samples of a cycle that figures show
 
 
@@ -55,14 +58,15 @@ def identify(
     campaign: Sequence[RecordedPoint] = (),
     diagnose: bool | None = None,
     bootstrap: int = 0,
+    unseen: str | None = None,
     on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a damper model to recorded tests.
 
     Args:
         tests: a run, its points, or measurements already prepared.
-        model: a name in `rig.dampers.MODELS`, with a current law or without (`asymmetric+saturating`), or "all" to
-            compare them.
+        model: a name in `rig.dampers.MODELS`, with a current law or without (`asymmetric+saturating`), "few" to
+            compare `FEW_MODELS`, or "all" to compare every one.
         method: "separable", one of the papers' algorithms, or a `Method` with its settings.
         holdout: tests kept out of the fit and scored apart: a filter such as "waveform=triangle" on `tests`, or others;
             of motion without cycles also "last 30 %" of the time of each test.
@@ -83,10 +87,11 @@ def identify(
             at in any case.
         bootstrap: draw the tests so often again, for intervals that know of misfit (`rig.identification.bootstrap`); 0
             for not at all.
+        unseen: "pairs": also fit the model to all but one amplitude and frequency, each in turn, and score it there.
         on_progress: called with a line of text before each model is fitted and each comparison.
 
     Returns:
-        The fit; with "all", that of the recommended model.
+        The fit; with "few" or "all", that of the recommended model.
 
     Raises:
         IdentificationFailed: nothing can be identified; the message names what the data lack.
@@ -98,10 +103,11 @@ def identify(
     known = given(tests, holdout, campaign)
     fitted, held_out = known.fitted, known.held_out
     refuse_reversed_signs(fitted)
+    _refuse_unseen(unseen, fitted, alone=current == AFFINE and not series_spring)
     warnings = (*known.warnings, *contradictions(fitted), *known.unusable_steps)
     wanted = Wanted(settings, declared, profile, warnings, started, laws_over(fitted, current_law), diagnose)
     if current != AFFINE:
-        if model == ALL or profile or series_spring or bootstrap or PLUS in model or current_law != AFFINE:
+        if model in {ALL, FEW} or profile or series_spring or bootstrap or PLUS in model or current_law != AFFINE:
             raise IdentificationFailed(
                 f"current dependence {current!r} goes with one model, without profiles, without a series spring, "
                 "without a bootstrap and without a current law"
@@ -109,13 +115,13 @@ def identify(
         chosen = _model(model, hysteresis)
         related = identify_per_current(chosen, fitted, held_out, current, wanted, on_progress)
         return _usable(related, fitted, held_out, known.temperature_degC)
-    names = list(rig.dampers.MODELS) if model == ALL else [named_over(model, fitted)]
+    names = _names(model, fitted)
     models = [_model(name, hysteresis) for name in names]
     if len(wanted.laws) == 1 and wanted.laws[0] != AFFINE:
         models = [with_law(one, wanted.laws[0]) for one in models]
     spring = None
     if series_spring:
-        if model == ALL:
+        if len(models) > 1:
             raise IdentificationFailed("a series spring goes with one model: name it, such as `asymmetric`")
         spring, fitted, held_out = _behind_spring(models[0], fitted, held_out, settings)
     eta_1_s = _found_lag(models, fitted, settings, on_progress) if needs_lag(fitted) else None
@@ -137,7 +143,42 @@ def identify(
         from rig.identification.bootstrap import bootstrap as drawn_again
 
         fit = replace(fit, drawn=drawn_again(replace(fit, series=spring), fitted, count=bootstrap).kept())
+    fit = replace(fit, unseen=None if unseen is None else _foretold(fit, known.fitted, settings, on_progress))
     return replace(fit, series=spring, next_tests=next_tests(best.model, fit, fitted, allowance), diagnosis=causes)
+
+
+def _refuse_unseen(unseen: str | None, tests: Sequence[Measurement], *, alone: bool) -> None:
+    """Refuse a split that there is not, beside what it does not go with, or of tests that have none.
+
+    Raises:
+        IdentificationFailed: one of these.
+    """
+    if unseen is None:
+        return
+    if unseen != "pairs":
+        raise IdentificationFailed(f"unseen = {unseen!r}; known: 'pairs'")
+    if not alone:
+        raise IdentificationFailed("unseen 'pairs' goes without a series spring and without a fit for each current")
+    from rig.identification.pairs import refuse_one_pair
+
+    refuse_one_pair(tests)
+
+
+def _foretold(
+    fit: Fit, tests: Sequence[Measurement], method: Method, on_progress: Callable[[str], None] | None
+) -> Unseen:
+    """What the fit's model foretells of each amplitude and frequency that is left out."""
+    from rig.identification.pairs import foretold
+
+    form: Hysteresis = "printed" if fit.hysteresis == "printed" else "kwok"
+
+    def error_of(rest: list[Measurement], group: list[Measurement]) -> ErrorSummary:
+        if on_progress is not None:
+            on_progress(f"foretelling {some([test.id for test in group])}")
+        apart = identify(rest, model=fit.model, method=method, holdout=group, hysteresis=form, diagnose=False)
+        return apart.error if apart.holdout is None else apart.holdout
+
+    return foretold(tests, error_of)
 
 
 def _diagnosis(best: Candidate, fit: Fit, fitted: Sequence[Measurement], *, misfit: bool) -> tuple[Cause, ...]:
@@ -217,6 +258,13 @@ def _behind_spring(
         return spring, fitted, held_out
     compliance_m_N = 1.0 / spring.stiffness_N_m
     return spring, Softened(fitted).by(compliance_m_N), Softened(held_out).by(compliance_m_N)
+
+
+def _names(model: str, fitted: Sequence[Measurement]) -> list[str]:
+    """Names of the models that `model` stands for."""
+    if model == ALL:
+        return list(rig.dampers.MODELS)
+    return list(FEW_MODELS) if model == FEW else [named_over(model, fitted)]
 
 
 def _model(name: str, hysteresis: Hysteresis) -> DamperModel:

@@ -37,6 +37,7 @@ def identify_run(
     series_spring: bool = False,
     diagnose: bool | None = None,
     bootstrap: int = 0,
+    unseen: str | None = None,
     on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit recorded runs and write `fit.json` into the first of them, or beside the file it is.
@@ -54,6 +55,7 @@ def identify_run(
         series_spring: as in `identify`.
         diagnose: as in `identify`.
         bootstrap: as in `identify`.
+        unseen: as in `identify`.
         on_progress: as in `identify`.
 
     Raises:
@@ -92,6 +94,7 @@ def identify_run(
         series_spring=series_spring,
         diagnose=diagnose,
         bootstrap=bootstrap,
+        unseen=unseen,
         allowance=bench_of(runs[0].path),
         campaign=[point for run in tested for point in run.usable],
         on_progress=on_progress,

@@ -120,8 +120,7 @@ WARNINGS = {
         "polynomial gives the velocity, and its errors are in no interval"
     ),
     "whole-record": (
-        "the motion has no cycles: the whole record is used, every {every}. sample; errors of its velocity are in no "
-        "interval"
+        "the motion has no cycles: the whole record is used, {used}; errors of its velocity are in no interval"
     ),
     "command-steps": "no current was measured; eta is found with the commanded one",
     "command-steady": "no current was measured; the commanded {current_A:g} A is used",

@@ -6,17 +6,19 @@ stable, is known before anything moves: by the same car with the specimen's `pri
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from rig.bench.model import Bench
 from rig.bench.quantity import Problem, Quantity
-from rig.bench.section import Section, located
+from rig.bench.section import Section
+from rig.bench.unread import as_far_as_read
 from rig.hybrid.delay_probe import Probe
 from rig.hybrid.hybrid_motion import PAUSE_S, RETURN_S, HybridOrder
 from rig.hybrid.motion_bounds import Bounds
@@ -61,6 +63,10 @@ class HybridCar(Car):
         text = "a hybrid test has one corner of a car; take this table out: [hybrid.car.front] is that corner"
         raise PydanticCustomError("one_corner", text)
 
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`; of a rear axle all is said."""
+        return super().problems() if self.rear is None else iter(())
+
 
 class HybridRoad(RoadFile):
     """`[hybrid.road]`: the entries of a road file, without recorded profiles."""
@@ -78,16 +84,16 @@ class HybridRoad(RoadFile):
         text = f"a hybrid test has no recorded road; take this table out and give one of {shown}"
         raise PydanticCustomError("recorded_road", text)
 
-    @model_validator(mode="after")
-    def _short(self) -> Self:
-        problems: list[Problem] = [
-            ((name, "duration"), f"{table.duration_s:g} s; a hybrid test lasts {LONGEST_S:g} s at most")
-            for name in self.kinds
-            if (table := getattr(self, name)) is not None and table.duration_s > LONGEST_S
-        ]
-        if problems:
-            raise located(problems)
-        return self
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`; a recorded road is told already, with those that may stand in its place."""
+        if self.profile is None and self.drive is None:
+            yield from as_far_as_read(super().problems, self._short)
+
+    def _short(self) -> Iterator[Problem]:
+        for name in self.kinds:
+            table = getattr(self, name)
+            if table is not None and table.duration_s > LONGEST_S:
+                yield (name, "duration"), f"{table.duration_s:g} s; a hybrid test lasts {LONGEST_S:g} s at most"
 
 
 class HybridTable(Section):
@@ -124,16 +130,12 @@ class HybridTable(Section):
         default=3.0, alias="probe_frequency"
     )
 
-    @model_validator(mode="after")
-    def _each_once(self) -> Self:
-        problems: list[Problem] = [
-            ((entry,), f"{name} is given twice; keep one")
-            for entry, given in (("compensation", self.compensation), ("law", self.law))
-            for name in dict.fromkeys(given) if tuple(given).count(name) > 1
-        ]  # fmt: skip
-        if problems:
-            raise located(problems)
-        return self
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
+        for entry, given in (("compensation", self.compensation), ("law", self.law)):
+            for name in dict.fromkeys(given):
+                if tuple(given).count(name) > 1:
+                    yield (entry,), f"{name} is given twice; keep one"
 
     def control(self, law: Law) -> Control:
         """A law with this table's numbers."""

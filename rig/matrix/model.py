@@ -7,18 +7,20 @@ import json
 import math
 import random
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
 from rig.bench.model import Bench
 from rig.bench.problems import WrongKind, load_section
-from rig.bench.section import Section, located
+from rig.bench.quantity import Problem
+from rig.bench.section import Section
+from rig.bench.unread import as_far_as_read
 from rig.errors import FileProblem, FileProblems
 from rig.matrix import signal_files
 from rig.matrix.hybrid_table import HybridTable
@@ -165,56 +167,54 @@ class Matrix(Section):
             rest_s=self.sweep.rest_s,
         )
 
-    @model_validator(mode="after")
-    def _has_points(self) -> Self:
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
+        miscounted = [*as_far_as_read(self._counted)]
+        yield from miscounted
+        yield from as_far_as_read(self._heat_known, self._damper_assumed)
+        if not miscounted:  # there may be millions of them
+            yield from as_far_as_read(self._unique_ids)
+
+    def _counted(self) -> Iterator[Problem]:
         sweep = self.sweep
         cyclic = [name for name in sweep.waveform if name not in SIGNAL_NAMES]
         sizes = [len(values) for values in (cyclic, sweep.current_A, sweep.amplitude_m, sweep.frequency_Hz)]
         signals = len(sweep.current_A) * sum(len(table.records) for table in sweep.signals.values())
         count = (math.prod(sizes) + signals + len(self.extra)) * sweep.repeats
         count += (self.friction is not None) + len(self.current_step)
-        count += 0 if self.hybrid is None else len(self.hybrid.compensation)
+        count += 0 if self.hybrid is None else len(self.hybrid.compensation) * len(self.hybrid.law)
         if count == 0:
-            raise PydanticCustomError("no_points", "no test point; fill [matrix] or add [[point]]")
+            yield (), "no test point; fill [matrix] or add [[point]]"
         if count > POINT_LIMIT:
             product_of = " x ".join(map(str, sizes))
-            raise PydanticCustomError(
-                "too_many",
+            yield (), (
                 f"{count} test points; allowed: at most {POINT_LIMIT}; they are ({product_of} waveforms x currents x "
                 f"amplitudes x frequencies + {signals} signals + {len(self.extra)} [[point]]) x {sweep.repeats} "
-                "repeats: divide the matrix",
+                "repeats: divide the matrix"
             )
-        return self
 
-    @model_validator(mode="after")
-    def _heat_known(self) -> Self:
+    def _heat_known(self) -> Iterator[Problem]:
         if self.sweep.order != "by heat":
-            return self
+            return
         if self.temperature is None:
-            raise PydanticCustomError("no_window", 'order = "by heat" needs [temperature] window')
+            yield (), 'order = "by heat" needs [temperature] window'
         if self.specimen.prior is None and self.specimen.max_force_N is None:
-            raise PydanticCustomError("no_heat", 'order = "by heat" needs specimen.prior or specimen.max_force')
-        return self
+            yield (), 'order = "by heat" needs specimen.prior or specimen.max_force'
 
-    @model_validator(mode="after")
-    def _damper_assumed(self) -> Self:
+    def _damper_assumed(self) -> Iterator[Problem]:
         if self.hybrid is not None and self.specimen.prior is None:
             text = 'is missing; a hybrid test is forecast with the assumed damper: name a parameter set, prior = "demo"'
-            raise located([(("specimen", "prior"), text)])
-        return self
+            yield ("specimen", "prior"), text
 
-    @model_validator(mode="after")
-    def _unique_ids(self) -> Self:
+    def _unique_ids(self) -> Iterator[Problem]:
         counts = Counter(point.id.casefold() for point in self._written() if point.kind != "hybrid")
         twice = sorted(name for name, count in counts.items() if count > 1)
         if twice:
             shown = ", ".join(twice[:10]) + (", ..." if len(twice) > 10 else "")
-            raise PydanticCustomError(
-                "duplicate_id",
+            yield (), (
                 f"two points are called {shown}; give each [[point]] an id of its own (points without one are called "
-                "p001, p002 ...; repeats add -2, -3 ...; upper and lower case count as the same)",
+                "p001, p002 ...; repeats add -2, -3 ...; upper and lower case count as the same)"
             )
-        return self
 
 
 def load_matrix(path: str | Path) -> Matrix:

@@ -92,3 +92,27 @@ class TestPoint:
         if self.record is not None:
             return self.record.duration_s
         return (self.ramp_in_cycles + self.cycles + self.ramp_out_cycles) / self.frequency_Hz
+
+    @property
+    def has_frequency(self) -> bool:
+        """Whether the motion repeats itself; else `frequency_Hz` is no frequency that people know it by."""
+        return self.kind not in {"signal", "hybrid"}
+
+    @property
+    def motion(self) -> str:
+        """What moves, by name: "sine", "road iso8608-c", "hybrid test", "current steps"."""
+        name = {"hybrid": "hybrid test", "current_step": "current steps"}.get(self.kind, self.waveform)
+        return name if self.record is None or self.record.name == name else f"{name} {self.record.name}"
+
+    @property
+    def described(self) -> str:
+        """In one phrase: "sine 50 mm 1.5 Hz 1 A"; of what does not repeat itself, how far and for how long."""
+        if self.kind == "current_step":
+            motion = f"{self.motion} for {self.motion_s:.3g} s"
+        elif self.has_frequency:
+            motion = f"{self.motion} {1e3 * self.amplitude_m:.4g} mm {self.frequency_Hz:.4g} Hz"
+        else:
+            motion = f"{self.motion} up to {1e3 * self.amplitude_m:.3g} mm for {self.motion_s:.3g} s"
+        most = "up to " if self.kind == "current_step" or self.law not in {"", "passive"} else ""
+        law = f" by {self.law}" if most and self.law else ""
+        return f"{motion}, {most}{self.current_A:.3g} A{law}" if most else f"{motion} {self.current_A:.3g} A"

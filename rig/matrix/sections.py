@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable
-from typing import Annotated, Any, Literal, Self, TypeVar
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import Field, field_validator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, field_validator
 
-from rig.bench.problems import close_match
+from rig.bench.places import close_match
 from rig.bench.quantity import Problem, Quantity, Wording
-from rig.bench.section import Section, located
+from rig.bench.section import Section
+from rig.bench.unread import as_far_as_read
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, check_method, method_names
 from rig.matrix.signal_tables import FileTable, RoadTable, SignalTable, SweepTable
 from rig.plugins import PlugInProblem
@@ -65,11 +65,10 @@ class Specimen(Section):
             _usable(PARAMETER_SETS.__getitem__, value)
         return value
 
-    @model_validator(mode="after")
-    def _one_prediction(self) -> Self:
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
         if self.prior is not None and self.max_force_N is not None:
-            raise PydanticCustomError("two_priors", "give prior or max_force, not both")
-        return self
+            yield (), "give prior or max_force, not both"
 
 
 class Sweep(Section):
@@ -121,48 +120,39 @@ class Sweep(Section):
     def _no_current_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
         return _no_value_twice(values, lambda value: show(value, "A", 10))
 
-    @model_validator(mode="after")
-    def _each_signal_described(self) -> Self:
-        problems: list[Problem] = [
-            (("waveform",), f"{name} needs a table [matrix.{name}]; docs/files.md describes it")
-            for name in SIGNAL_NAMES if name in self.waveform and name not in self.signals
-        ]
-        problems += [
-            ((name,), f'nobody asks for it; write waveform = ["{name}"], or leave the table out')
-            for name in self.signals if name not in self.waveform
-        ]
-        if self.only_signals:
-            unused = {"amplitude": self.amplitude_m, "frequency": self.frequency_Hz}
-            problems += [
-                ((key,), "belongs to waveforms with cycles, and there is none; a signal's stands in its own table")
-                for key, values in unused.items() if values
-            ]
-            problems += [] if self.current_A else [(("current",), 'is missing; write for example current = ["0 A"]')]
-        if problems:
-            raise located(problems)
-        return self
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
+        yield from as_far_as_read(self._described, self._product, self._seeded)
+
+    def _described(self) -> Iterator[Problem]:
+        """Every signal that is asked for has its table, and no other."""
+        for name in SIGNAL_NAMES:
+            if name in self.waveform and name not in self.signals:
+                yield ("waveform",), f"{name} needs a table [matrix.{name}]; docs/files.md describes it"
+            if name in self.signals and name not in self.waveform:
+                yield (name,), f'nobody asks for it; write waveform = ["{name}"], or leave the table out'
 
     @property
     def only_signals(self) -> bool:
         """No waveform of the product has cycles."""
         return all(name in SIGNAL_NAMES for name in self.waveform)
 
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        if self.only_signals:
-            return self._seeded()
+    def _product(self) -> Iterator[Problem]:
+        """Of waveforms with cycles amplitude, frequency and current are given, or none of them."""
         given = {"amplitude": self.amplitude_m, "frequency": self.frequency_Hz, "current": self.current_A}
+        if self.only_signals:
+            if not self.current_A:
+                yield ("current",), 'is missing; write for example current = ["0 A"]'
+            text = "belongs to waveforms with cycles, and there is none; a signal's stands in its own table"
+            yield from (((key,), text) for key in ("amplitude", "frequency") if given[key])
+            return
         missing = [key for key, values in given.items() if not values]
         if missing and len(missing) < len(given):
-            raise PydanticCustomError(
-                "incomplete", f"{' and '.join(missing)} missing: give amplitude, frequency and current, or none of them"
-            )
-        return self._seeded()
+            yield (), f"{' and '.join(missing)} missing: give amplitude, frequency and current, or none of them"
 
-    def _seeded(self) -> Self:
+    def _seeded(self) -> Iterator[Problem]:
         if self.order == "random" and self.seed is None:
-            raise PydanticCustomError("no_seed", 'order = "random" needs a seed, for example seed = 1')
-        return self
+            yield (), 'order = "random" needs a seed, for example seed = 1'
 
 
 class ExtraPoint(Section):
@@ -198,22 +188,19 @@ class Temperature(Section):
     longest_s: Annotated[float, Quantity("time", "1 s", "24 h")] = Field(default=3600.0, alias="longest")
     warm_up: WarmUp | None = None
 
-    @model_validator(mode="after")
-    def _possible(self) -> Self:
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
         low, high = self.window_degC
         if not high - low >= NARROWEST_WINDOW_K:
-            raise PydanticCustomError(
-                "no_window",
+            yield (), (
                 f"window: the first must lie at least {NARROWEST_WINDOW_K:g} K below the second, as in "
-                '["25 degC", "45 degC"]',
+                '["25 degC", "45 degC"]'
             )
         if high <= self.ambient_degC:
-            raise PydanticCustomError(
-                "window_below_ambient",
+            yield (), (
                 f"window: no damper cools to {high:g} degC by itself where it is {self.ambient_degC:g} degC; raise the "
-                "window above ambient, or correct ambient",
+                "window above ambient, or correct ambient"
             )
-        return self
 
 
 class Friction(Section):
@@ -263,10 +250,11 @@ class Identify(Section):
         from rig.dampers.current_law import PER_CURRENT, UnknownLaw, current_law
 
         base, plus, law = value.partition("+")
-        known = ["all", *MODELS]
-        if base not in known or (base == "all" and plus):
+        several = ("all", "few")
+        known = [*several, *MODELS]
+        if base not in known or (base in several and plus):
             raise ValueError(_unknown("model", value, known))
-        for name in MODELS if value == "all" else (base,):
+        for name in MODELS if value == "all" else () if value == "few" else (base,):
             _usable(MODELS.__getitem__, name)
         if plus and law != PER_CURRENT:
             try:

@@ -6,17 +6,19 @@ What a table names is read with the matrix file: a record that cannot be used is
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import AfterValidator, Field, PrivateAttr
 
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
+from rig.bench.unread import UNREAD, NotRead
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
 from rig.matrix.record_file import LARGEST_BYTES, read_record
@@ -38,20 +40,55 @@ from rig.vehicle.shipped import found
 MOST_ROAD_BYTES = 262_144
 MOST_RECORDS = 50
 
-S = TypeVar("S", bound=Section)
+
+
+def _none_twice(values: tuple[str, ...]) -> tuple[str, ...]:
+    """The names as they are.
+
+    Raises:
+        ValueError: one stands there twice.
+    """
+    twice = sorted({value for value in values if values.count(value) > 1})
+    if twice:
+        raise ValueError(f"{', '.join(twice)} is given twice; to repeat points set `repeats = N`")
+    return values
+
+
 Amplitude = Annotated[float, Quantity("length", "0 mm", "1 m", above=True)]
 Frequency = Annotated[float, Quantity("frequency", "0.01 Hz", "100 Hz")]
 Ramp = Annotated[float, Quantity("time", "0.1 s", "60 s")]
 Duration = Annotated[float, Quantity("time", "1 s", "600 s")]
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
-Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=MOST_RECORDS)]
+Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=MOST_RECORDS), AfterValidator(_none_twice)]
 RAMP = Field(default=1.0, alias="ramp", description="faded in and out at the ends: neither judged nor fitted")
+Maker = tuple[tuple[str | int, ...], Callable[[], Record]]
+"""The entry that asks for a record, and what makes it."""
 
 
-class SignalTable(Section):
+class SignalTable(Section, ABC):
     """What the three tables have in common: their records."""
 
     _records: tuple[Record, ...] = PrivateAttr(default=())
+    _hashes: dict[str, str] = PrivateAttr(default_factory=dict)
+
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`: every record is made, or it is said why it cannot be; of a list each at its place."""
+        self._records = UNREAD  # type: ignore[assignment]  # how many there are is known once each was made
+        makers, records = self._makers(), list[Record]()
+        for where, make in makers:
+            try:
+                records.append(make())
+            except NotRead:
+                continue
+            except NoRecord as error:
+                yield where, str(error)
+            except FileProblem as error:
+                yield from ((where, problem) for problem in error.problems)
+        if len(records) == len(makers):
+            self._records = tuple(records)
+
+    @abstractmethod
+    def _makers(self) -> list[Maker]: ...
 
     @property
     def records(self) -> tuple[Record, ...]:
@@ -60,8 +97,11 @@ class SignalTable(Section):
 
     @property
     def hashes(self) -> Mapping[str, str]:
-        """Each file's name or path as the table holds it, and the SHA-256 (hex) of what it holds."""
-        return {}
+        """Each file's name or path as the table holds it, and the SHA-256 (hex) of what it holds.
+
+        Of a road file with that of the CSV file that it names.
+        """
+        return self._hashes
 
 
 class SweepTable(SignalTable):
@@ -77,16 +117,14 @@ class SweepTable(SignalTable):
     )
     ramp_s: Ramp = RAMP
 
-    @model_validator(mode="after")
-    def _made(self) -> Self:
+    def _makers(self) -> list[Maker]:
         if self.first_Hz == self.last_Hz:
             raise located([(("last_frequency",), "is the first one; a sweep goes from one frequency to another")])
         last_m = self.first_m if self.last_m is None else self.last_m
         motion = SweepMotion(
             self.duration_s, self.first_Hz, self.last_Hz, self.first_m, last_m, self.spacing == "logarithmic"
         )
-        self._records = _each(("duration",), [partial(sweep_record, motion, self.ramp_s)])
-        return self
+        return [(("duration",), partial(sweep_record, motion, self.ramp_s))]
 
 
 class RoadTable(SignalTable):
@@ -103,22 +141,9 @@ class RoadTable(SignalTable):
         default=5.0, alias="highest_frequency", description="what is faster is taken off, without phase"
     )
     ramp_s: Ramp = RAMP
-    _hashes: dict[str, str] = PrivateAttr(default_factory=dict)
 
-    @field_validator("road")
-    @classmethod
-    def _once(cls, values: tuple[str, ...]) -> tuple[str, ...]:
-        return _none_twice(values)
-
-    @model_validator(mode="after")
-    def _made(self) -> Self:
-        self._records = _each(("road",), [partial(self._record, name) for name in self.road])
-        return self
-
-    @property
-    def hashes(self) -> Mapping[str, str]:
-        """Of the road file, and of the CSV file that it names."""
-        return self._hashes
+    def _makers(self) -> list[Maker]:
+        return [(("road", number), partial(self._record, name)) for number, name in enumerate(self.road)]
 
     def _record(self, name: str) -> Record:
         path = found(name, ROADS, "road")
@@ -156,22 +181,9 @@ class FileTable(SignalTable):
         default=None, alias="highest_frequency", description="what is faster is taken off, without phase; nothing"
     )
     ramp_s: Ramp = RAMP
-    _hashes: dict[str, str] = PrivateAttr(default_factory=dict)
 
-    @field_validator("file")
-    @classmethod
-    def _once(cls, values: tuple[str, ...]) -> tuple[str, ...]:
-        return _none_twice(values)
-
-    @model_validator(mode="after")
-    def _made(self) -> Self:
-        self._records = _each(("file",), [partial(self._record, name) for name in self.file])
-        return self
-
-    @property
-    def hashes(self) -> Mapping[str, str]:
-        """Of each CSV file."""
-        return self._hashes
+    def _makers(self) -> list[Maker]:
+        return [(("file", number), partial(self._record, name)) for number, name in enumerate(self.file)]
 
     def _record(self, name: str) -> Record:
         time_s, position_m, self._hashes[name] = read_record(Path(name))
@@ -180,36 +192,3 @@ class FileTable(SignalTable):
             Path(name).stem, even_m, self.ramp_s, amplitude_m=self.amplitude_m, highest_Hz=self.highest_Hz,
             sha256=self._hashes[name],
         )
-
-
-def _each(place: tuple[str, ...], made: Sequence[Callable[[], Record]]) -> tuple[Record, ...]:
-    """Every record, or what is wrong with any of them; of a list each at its place.
-
-    Raises:
-        wrong: with every problem.
-    """
-    records, problems = [], list[Problem]()
-    for number, make in enumerate(made):
-        where: tuple[str | int, ...] = place if place == ("duration",) else (*place, number)
-        try:
-            records.append(make())
-        except NoRecord as error:
-            problems.append((where, str(error)))
-        except FileProblem as error:
-            problems += [(where, problem) for problem in error.problems]
-    if problems:
-        wrong: Exception = located(problems)
-        raise wrong
-    return tuple(records)
-
-
-def _none_twice(values: tuple[str, ...]) -> tuple[str, ...]:
-    """The names as they are.
-
-    Raises:
-        ValueError: one stands there twice.
-    """
-    twice = sorted({value for value in values if values.count(value) > 1})
-    if twice:
-        raise ValueError(f"{', '.join(twice)} is given twice; to repeat points set `repeats = N`")
-    return values

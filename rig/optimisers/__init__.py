@@ -1,8 +1,8 @@
 """Optimisers: the papers' algorithms, vectorised over the population, and the bounded least squares that fits use.
 
 They know bounds, an objective and a budget: numbers in, numbers out. What may not live here: a damper model, a
-recording, a file; nothing but numpy, SciPy, the standard library and `rig.errors` is imported. A name is loaded when it
-is first asked for: a fit by least squares does not load the algorithms.
+recording, a file; nothing but numpy, SciPy, the standard library, `rig.errors` and `rig.plugins` is imported. A name is
+loaded when it is first asked for: a fit by least squares does not load the algorithms.
 """
 
 from importlib import import_module

@@ -69,18 +69,17 @@ async def serve_page(settings: PageSettings, announce: Callable[[str], object]) 
         os.set_blocking(sys.stdin.fileno(), False)
         loop.add_reader(sys.stdin.fileno(), _watch_input, ending)
     server = await page.serve(sock, tls)
-    tasks = [asyncio.create_task(page.send_frames()), asyncio.create_task(page.send_news())]
-    waiting = asyncio.create_task(ending.wait())
+    sending, waiting = asyncio.create_task(page.send()), asyncio.create_task(ending.wait())
     try:
         announce(access.url(Role.OPERATOR))
-        done, _ = await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
+        done, _ = await asyncio.wait([waiting, sending], return_when=asyncio.FIRST_COMPLETED)
         for task in done:
             task.result()  # a loop that failed ends the page with its traceback
         if settings.tied:
             page.send_changes()
             await asyncio.sleep(LAST_WORDS_S)
     finally:
-        for task in (waiting, *tasks):
+        for task in (waiting, sending):
             task.cancel()
         server.close()
         await server.wait_closed()

@@ -14,18 +14,19 @@ from wherever it was first heard, and fall behind the host's on a simulated rig 
 
 from __future__ import annotations
 
+import math
 import struct
+from array import array
+from bisect import bisect_left, bisect_right
 from collections import deque
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from itertools import accumulate, pairwise
+from operator import mul, sub
+from statistics import median
+from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from drivers.ring import NO_DEVICE_TIME, Channel
+from drivers.ring import NO_DEVICE_TIME, RECORD, Channel
 from protocols.quality import NO_VALUE
-from rig.recording.journal.ring_reader import RecordBlock
-from rig.recording.layout import RECORD_DTYPE
 
 HEADER = struct.Struct("<IIdd")
 BLOCK = struct.Struct("<HHI")
@@ -39,17 +40,54 @@ REMEMBERED = 6
 """Frames over which a device's clock is compared with the host's."""
 RATE_OVER, CLOCKS_OVER, MEDIAN_EVERY = 50, 250, 25
 """Frames over which a rig's own rate is measured, and two devices' clocks are compared; how often that is looked at."""
-FORCE, DISPLACEMENT = int(Channel.FORCE), int(Channel.DISPLACEMENT)
-SHOWN = (
-    FORCE, DISPLACEMENT, *range(Channel.AUXILIARY_1, Channel.AUXILIARY_7 + 1), Channel.COIL_CURRENT,
+SHOWN = tuple(map(int, (
+    Channel.FORCE, Channel.DISPLACEMENT, *range(Channel.AUXILIARY_1, Channel.AUXILIARY_7 + 1), Channel.COIL_CURRENT,
     Channel.COIL_TEMPERATURE, Channel.ECU_TEMPERATURE, Channel.COMMANDED_CURRENT, Channel.POSITION, Channel.STATE,
     Channel.SUPPLY_PRESSURE,
-)  # fmt: skip
-SENSORS = range(Channel.FORCE, Channel.AUXILIARY_7 + 1)
+)))  # fmt: skip
+FORCE, DISPLACEMENT = int(Channel.FORCE), int(Channel.DISPLACEMENT)
+SENSORS = range(int(Channel.FORCE), int(Channel.AUXILIARY_7) + 1)
+_SHOWN, _NO_VALUE = frozenset(SHOWN), int(NO_VALUE)
 
-Floats = NDArray[np.float64]
-Series = tuple[Floats, Floats]
-"""Times (s) and values, (n,) each."""
+Series = tuple[Sequence[float], Sequence[float]]
+"""Times (s) and values, as long as each other."""
+
+
+class Column(NamedTuple):
+    """Records of one channel, oldest first: arrivals at the host (ns), device times (us), values (SI)."""
+
+    host_ns: Sequence[int]
+    device_us: Sequence[int]
+    values: Sequence[float]
+
+    @property
+    def clocked(self) -> bool:
+        """Whether the device has a clock of its own, as far as these say."""
+        return not self.host_ns or self.device_us[0] != NO_DEVICE_TIME
+
+
+NOTHING = Column((), (), ())
+
+
+def columns(records: Any) -> dict[int, Column]:  # noqa: ANN401 - a buffer: records of the ring as they lie there
+    """The shown channels' records; of sensors those that carry a value."""
+    rows: dict[int, list[tuple[Any, ...]]] = {}
+    for row in RECORD.iter_unpack(records):
+        channel = row[4]
+        if channel in _SHOWN:
+            if channel in rows:
+                rows[channel].append(row)
+            else:
+                rows[channel] = [row]
+    return {channel: _column(channel, of_one) for channel, of_one in rows.items()}
+
+
+def _column(channel: int, rows: Sequence[tuple[Any, ...]]) -> Column:
+    host_ns, device_us, values, _, _, flags = zip(*rows, strict=True)
+    if channel not in SENSORS or (not any(flags) and all(map(math.isfinite, values))):
+        return Column(host_ns, device_us, values)
+    known = [row[:3] for row in rows if not row[5] & _NO_VALUE and math.isfinite(row[2])]
+    return Column(*zip(*known, strict=True)) if known else NOTHING
 
 
 class DeviceTime:
@@ -65,34 +103,35 @@ class DeviceTime:
     def __init__(self, rate: float) -> None:
         self._scale_ns = 1000.0 / rate
         self._measured = rate != 1.0
-        self._arrivals: deque[tuple[float, float]] = deque(maxlen=RATE_OVER)
+        self._arrivals: deque[tuple[int, int]] = deque(maxlen=RATE_OVER)
         self._offsets_ns: deque[float] = deque(maxlen=REMEMBERED)
-        self._last_s = -np.inf
+        self._last_s = -math.inf
 
-    def host_s(self, records: NDArray[Any]) -> Floats:
-        """Times of one channel's records, (n,), s; of a device without a clock the arrivals."""
-        host_ns, device_us = records["host_ns"], records["device_us"]
-        if device_us[0] == NO_DEVICE_TIME:
-            arrivals: Floats = host_ns * 1e-9
-            return arrivals
-        if not self._measured:
-            device_ns = device_us * self._scale_ns
-            self._offsets_ns.append(float((host_ns - device_ns).min()))
-            return self._onwards((device_ns + min(self._offsets_ns)) * 1e-9)
-        self._arrivals.append((float(host_ns[-1]), float(device_us[-1])))
-        (host_0, device_0), (host_1, device_1) = self._arrivals[0], self._arrivals[-1]
+    def host_s(self, column: Column) -> list[float]:
+        """Times of one channel's records, s; of a device without a clock the arrivals."""
+        host_ns, device_us = column.host_ns, column.device_us
+        if not host_ns or device_us[0] == NO_DEVICE_TIME:
+            return [at_ns * 1e-9 for at_ns in host_ns]
         scale_ns = self._scale_ns
+        if not self._measured:
+            self._offsets_ns.append(min(map(sub, host_ns, map(scale_ns.__mul__, device_us))))
+            offset_ns = min(self._offsets_ns)
+            return self._onwards([(at_us * scale_ns + offset_ns) * 1e-9 for at_us in device_us])
+        self._arrivals.append((host_ns[-1], device_us[-1]))
+        (host_0, device_0), (host_1, device_1) = self._arrivals[0], self._arrivals[-1]
         if device_1 > device_0 and host_1 > host_0:
             scale_ns = (host_1 - host_0) / (device_1 - device_0)
-        since_ns = (device_us - device_us[-1]) * scale_ns
-        self._offsets_ns.append(float((host_ns - since_ns).min()) - host_1)
-        return self._onwards((since_ns + host_1 + self._soonest(scale_ns)) * 1e-9)
+        since_ns = [(at_us - device_1) * scale_ns for at_us in device_us]
+        self._offsets_ns.append(min(at_ns - host_1 - since for at_ns, since in zip(host_ns, since_ns, strict=True)))
+        offset_ns = host_1 + self._soonest(scale_ns)
+        return self._onwards([(since + offset_ns) * 1e-9 for since in since_ns])
 
-    def _onwards(self, times_s: Floats) -> Floats:
+    def _onwards(self, times_s: list[float]) -> list[float]:
         """Never before what was shown already."""
-        if times_s[0] < self._last_s:
-            times_s = np.maximum(times_s, self._last_s)
-        self._last_s = float(times_s[-1])
+        last_s = self._last_s
+        if times_s[0] < last_s:
+            times_s = [max(time_s, last_s) for time_s in times_s]
+        self._last_s = times_s[-1]
         return times_s
 
     def _soonest(self, scale_ns: float) -> float:
@@ -119,32 +158,35 @@ class LoopClock:
         self._anchor_s: float | None = None
         self._last_us = -1
 
-    def times(self, displacement: NDArray[Any], force: NDArray[Any]) -> tuple[Floats, Floats]:
-        """Times (s) of both sensors' records; of force none before both were heard."""
-        if len(displacement):
-            newest = displacement[-1]
-            if self._anchor_s is None or displacement["device_us"][0] <= self._last_us:  # or switched off and on
+    def together(self, displacement: Column, force: Column) -> tuple[Series, Series]:
+        """Both sensors' records on one clock (s); of force none before both were heard."""
+        if displacement.host_ns:
+            newest_us = displacement.device_us[-1]
+            if self._anchor_s is None or displacement.device_us[0] <= self._last_us:  # or switched off and on
                 self._apart_s.clear()
                 self._compared = 0
-                self._anchor_s = float(newest["host_ns"]) * 1e-9 - float(newest["device_us"]) * 1e-6 / self._rate
-            self._last_us = int(newest["device_us"])
-            if len(force):
+                self._anchor_s = displacement.host_ns[-1] * 1e-9 - newest_us * 1e-6 / self._rate
+            self._last_us = newest_us
+            if force.host_ns:
                 self._compare(displacement, force)
         if self._anchor_s is None or not self._apart_s:
-            force = force[:0]
-        anchor_s = self._anchor_s or 0.0
-        x_s: Floats = displacement["device_us"] * (1e-6 / self._rate) + anchor_s
-        f_s: Floats = (force["device_us"] * 1e-6 + self._median_s) / self._rate + anchor_s
-        return x_s, f_s
+            force = NOTHING
+        anchor_s, scale_s = self._anchor_s or 0.0, 1e-6 / self._rate
+        force_anchor_s = anchor_s + self._median_s / self._rate
+        x_s = [at_us * scale_s + anchor_s for at_us in displacement.device_us]
+        f_s = [at_us * scale_s + force_anchor_s for at_us in force.device_us]
+        return (x_s, displacement.values), (f_s, force.values)
 
-    def _compare(self, displacement: NDArray[Any], force: NDArray[Any]) -> None:
+    def _compare(self, displacement: Column, force: Column) -> None:
         self._apart_s.append(self._lag_s(force) - self._lag_s(displacement))
         self._compared += 1
         if self._compared <= MEDIAN_EVERY or self._compared % MEDIAN_EVERY == 0:
-            self._median_s = float(np.median(self._apart_s))
+            self._median_s = median(self._apart_s)
 
-    def _lag_s(self, records: NDArray[Any]) -> float:
-        return float((records["host_ns"] * (1e-9 * self._rate) - records["device_us"] * 1e-6).min())
+    def _lag_s(self, column: Column) -> float:
+        scale_s = 1e-9 * self._rate
+        lag_s: float = min(map(sub, map(scale_s.__mul__, column.host_ns), map((1e-6).__mul__, column.device_us)))
+        return lag_s
 
 
 class Loop:
@@ -156,55 +198,77 @@ class Loop:
 
     def __init__(self, rate_Hz: float) -> None:
         half = max(FEWEST_FITTED, round(FITTED_S * rate_Hz)) // 2
-        self._width = 2 * half + 1
         self._half = half
-        steps = np.arange(-half, half + 1, dtype=float)
-        self._weights = steps * (rate_Hz / float(steps @ steps))
-        self._x: tuple[Floats, Floats] = (np.empty(0), np.empty(0))
-        self._f: tuple[Floats, Floats] = (np.empty(0), np.empty(0))
+        # By the sensor's own rate: arrivals at the host are no measure of a step of 4 ms.
+        self._weight = 3.0 * rate_Hz / (half * (half + 1) * (2 * half + 1))
+        self._x: tuple[list[float], list[float]] = [], []
+        self._f: tuple[list[float], list[float]] = [], []
 
-    def points(
-        self, displacement: tuple[Floats, Floats], force: tuple[Floats, Floats]
-    ) -> tuple[Floats, Floats, Floats, Floats]:
-        """New points from new samples.
+    def points(self, displacement: Series, force: Series) -> tuple[list[float], list[float], list[float], list[float]]:
+        """New points from new samples, at most `MOST_LOOP_POINTS`.
 
         Args:
-            displacement: times (s, host) and values (m), (n,) each; may be empty.
-            force: times (s, host) and values (N).
+            displacement: times (s) and values (m); may be empty.
+            force: times (s, the same clock) and values (N).
 
         Returns:
-            Times (s, host), displacement (m), velocity (m/s), force (N), (n,) each.
+            Times (s), displacement (m), velocity (m/s), force (N), as long as each other.
         """
-        if len(displacement[0]) and len(self._x[0]) and displacement[0][0] < self._x[0][-1]:
-            self._x = self._f = np.empty(0), np.empty(0)  # its clock began anew
-        self._x, self._f = _joined(self._x, displacement), _joined(self._f, force)
-        time, x = self._x
-        ready = np.searchsorted(time, self._f[0][-1], "right") if len(self._f[0]) else 0
-        count = min(len(time) - self._width + 1, int(ready) - self._half)
+        if displacement[0] and self._x[0] and displacement[0][0] < self._x[0][-1]:
+            self._x, self._f = ([], []), ([], [])  # its clock began anew
+        for kept, came in ((self._x, displacement), (self._f, force)):
+            kept[0].extend(came[0])
+            kept[1].extend(came[1])
+        (time_s, x_m), (force_s, _), half = self._x, self._f, self._half
+        ready = bisect_right(time_s, force_s[-1]) if force_s else 0
+        count = min(len(time_s) - 2 * half, ready - half)
         if count <= 0:
-            self._cut(max(0, len(time) - 10 * self._width - MOST_LOOP_POINTS))
-            return np.empty(0), np.empty(0), np.empty(0), np.empty(0)
-        centre = slice(self._half, self._half + count)
-        # By the sensor's own rate: arrivals at the host are no measure of a step of 4 ms.
-        velocity = np.correlate(x[: count + self._width - 1], self._weights, "valid")
-        shown = time[centre], x[centre], velocity
-        if shown[0][0] < self._f[0][0]:
-            known = shown[0] >= self._f[0][0]
-            shown = shown[0][known], shown[1][known], velocity[known]
-        force_N = np.interp(shown[0], *self._f)
+            self._cut(max(0, len(time_s) - 20 * half - MOST_LOOP_POINTS))
+            return [], [], [], []
+        places = range(half, half + count)
+        if time_s[half] < force_s[0]:
+            places = places[bisect_left(time_s, force_s[0], half, half + count) - half :]
+        places = places[:: max(1, -(-len(places) // MOST_LOOP_POINTS))]
+        shown_s = [time_s[place] for place in places]
+        shown_m, slopes_m_s = [x_m[place] for place in places], self._slopes(places)
+        forces_N = [self._force(at_s) for at_s in shown_s]
         self._cut(count)
-        return *shown, force_N
+        return shown_s, shown_m, slopes_m_s, forces_N
+
+    def _slopes(self, places: range) -> list[float]:
+        """The displacement's slope about each place (m/s), by least squares, from running sums."""
+        if not places:
+            return []
+        half, x_m = self._half, self._x[1][: places[-1] + self._half + 1]
+        sums = [0.0, *accumulate(x_m)]
+        moments = [0.0, *accumulate(map(mul, x_m, range(len(x_m))))]
+        slopes = []
+        for place in places:
+            begin, end = place - half, place + half + 1
+            about = moments[end] - moments[begin] - place * (sums[end] - sums[begin])
+            slopes.append(self._weight * about)
+        return slopes
+
+    def _force(self, at_s: float) -> float:
+        """Between the two samples about a time (N)."""
+        times_s, force_N = self._f
+        after = bisect_left(times_s, at_s)
+        if after == 0 or times_s[after] == at_s:
+            return force_N[after]
+        before_s, before_N = times_s[after - 1], force_N[after - 1]
+        return before_N + (force_N[after] - before_N) * (at_s - before_s) / (times_s[after] - before_s)
 
     def _cut(self, count: int) -> None:
-        time, x = self._x
-        self._x = time[count:], x[count:]
-        if len(self._x[0]):
-            old = max(0, int(np.searchsorted(self._f[0], self._x[0][0])) - 1)
-            self._f = self._f[0][old:], self._f[1][old:]
+        for kept in self._x:
+            del kept[:count]
+        if self._x[0]:
+            old = max(0, bisect_left(self._f[0], self._x[0][0]) - 1)
+            for kept in self._f:
+                del kept[:old]
 
 
 class Frames:
-    """Records in, frames out.
+    """Records in, frames out; in plain Python, which costs less than numpy for so few numbers now and then.
 
     Args:
         device_rate: device seconds in a host second.
@@ -216,83 +280,52 @@ class Frames:
         self._loop = Loop(displacement_Hz)
         self._loop_clock = LoopClock(device_rate)
 
-    def frame(self, records: NDArray[Any], now_s: float) -> bytes:
-        """One frame of new records of the ring, (n,) of `RECORD_DTYPE`."""
-        block = RecordBlock(records)
-        whole = {channel: _whole(block.of(channel)) for channel in SENSORS if channel in block}
-        arrived_s, all_values = block.arrived_s, block.values
+    def frame(self, records: Any, now_s: float) -> bytes:  # noqa: ANN401 - a buffer
+        """One frame of new records of the ring: a buffer of them as they lie there."""
+        by_channel = columns(records)
         series: dict[int, Series] = {}
         for channel in SHOWN:
-            if channel in whole:
-                series[channel] = self._placed(channel, whole[channel])
-            elif channel in block:
-                place = block.place(channel)
-                series[channel] = arrived_s[place], all_values[place]
-        time, *values = self._loop.points(*self._together(whole, series))
-        stride = max(1, -(-len(time) // MOST_LOOP_POINTS))
-        loop = {
-            number: (time[::stride], value[::stride])
-            for number, value in zip((LOOP_X, LOOP_V, LOOP_F), values, strict=True)
-        }
-        shown = {**{channel: thinned(*pair) for channel, pair in series.items()}, **(loop if len(time) else {})}
+            column = by_channel.get(channel)
+            if column is not None:
+                clock = self._clocks.get(channel)
+                times = [at_ns * 1e-9 for at_ns in column.host_ns] if clock is None else clock.host_s(column)
+                series[channel] = times, column.values
+        time, *values = self._loop.points(*self._together(by_channel, series))
+        shown = {channel: thinned(*pair) for channel, pair in series.items()}
+        for channel, value in zip((LOOP_X, LOOP_V, LOOP_F), values, strict=True):
+            shown[channel] = time, value
         return packed(shown, now_s)
 
-    def _together(
-        self, whole: Mapping[int, NDArray[Any]], series: Mapping[int, Series]
-    ) -> tuple[Series, Series]:
+    def _together(self, by_channel: Mapping[int, Column], series: Mapping[int, Series]) -> tuple[Series, Series]:
         """Displacement and force on one clock; where one of them has none, as they arrived."""
-        x, f = (whole.get(channel, _NONE) for channel in (DISPLACEMENT, FORCE))
-        if all(len(one) == 0 or one["device_us"][0] != NO_DEVICE_TIME for one in (x, f)):
-            x_s, f_s = self._loop_clock.times(x, f)
-            return (x_s, x["value"]), (f_s, f["value"][: len(f_s)])
-        empty = np.empty(0), np.empty(0)
+        x, f = by_channel.get(DISPLACEMENT, NOTHING), by_channel.get(FORCE, NOTHING)
+        if x.clocked and f.clocked:
+            return self._loop_clock.together(x, f)
+        empty: Series = (), ()
         return series.get(DISPLACEMENT, empty), series.get(FORCE, empty)
 
-    def _placed(self, channel: int, records: NDArray[Any]) -> Series:
-        if len(records) == 0:
-            return np.empty(0), np.empty(0)
-        return self._clocks[channel].host_s(records), records["value"]
 
-
-_NONE = np.zeros(0, RECORD_DTYPE)
-
-
-def _whole(records: NDArray[Any]) -> NDArray[Any]:
-    """Those that carry a value."""
-    known: NDArray[np.bool_] = ((records["flags"] & NO_VALUE) == 0) & np.isfinite(records["value"])
-    return records if known.all() else records[known]
-
-
-def packed(shown: Mapping[int, tuple[Floats, Floats]], now_s: float, kind: int = SAMPLES) -> bytes:
-    """A frame of these series by channel: times (s, host) and values, (n,) each."""
+def packed(shown: Mapping[int, Series], now_s: float, kind: int = SAMPLES) -> bytes:
+    """A frame of these series by channel: times (s, host) and values, as long as each other."""
     blocks = [(channel, time, value) for channel, (time, value) in shown.items() if len(time)]
-    if not blocks:
-        return HEADER.pack(kind, 0, now_s, now_s)
-    base_s = min(float(time[0]) for _, time, _ in blocks)
-    times = (np.concatenate([time for _, time, _ in blocks]) - base_s).astype("<f4").tobytes()
-    values = np.concatenate([value for _, _, value in blocks]).astype("<f4").tobytes()
-    parts, begin = [HEADER.pack(kind, len(blocks), base_s, now_s)], 0
-    for channel, time, _ in blocks:
-        end = begin + 4 * len(time)
-        parts += BLOCK.pack(channel, 0, len(time)), times[begin:end], values[begin:end]
-        begin = end
+    base_s = min([float(time[0]) for _, time, _ in blocks], default=now_s)
+    parts = [HEADER.pack(kind, len(blocks), base_s, now_s)]
+    for channel, time, value in blocks:
+        since_s = array("f", [at_s - base_s for at_s in time])
+        parts += BLOCK.pack(channel, 0, len(since_s)), since_s.tobytes(), array("f", value).tobytes()
     return b"".join(parts)
 
 
-def thinned(time: Floats, value: Floats, most: int = MOST_POINTS) -> tuple[Floats, Floats]:
+def thinned(time: Sequence[float], value: Sequence[float], most: int = MOST_POINTS) -> Series:
     """At most `most` of a series: of each group the lowest and the highest, in their order."""
-    if len(time) <= most:
+    count = len(time)
+    if count <= most:
         return time, value
     groups = most // 2
-    edges = np.linspace(0, len(time), groups + 1).astype(int)
-    chosen = sorted({index for low, high in _pairs(edges) for index in (
-        low + int(np.argmin(value[low:high])), low + int(np.argmax(value[low:high])))})  # fmt: skip
-    return time[chosen], value[chosen]
-
-
-def _pairs(edges: NDArray[np.int_]) -> Iterable[tuple[int, int]]:
-    return zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
-
-
-def _joined(first: tuple[Floats, Floats], then: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    return np.concatenate((first[0], then[0])), np.concatenate((first[1], then[1]))
+    edges = [count * group // groups for group in range(groups + 1)]
+    chosen: set[int] = set()
+    for edge, then in pairwise(edges):
+        places = range(edge, then)
+        chosen |= {min(places, key=value.__getitem__), max(places, key=value.__getitem__)}
+    kept = sorted(chosen)
+    return [time[place] for place in kept], [value[place] for place in kept]

@@ -1,8 +1,8 @@
 """The page's server: two addresses, `/` for the page and `/ws` for its data, and nothing else.
 
-One loop sends a frame of samples 25 times a second to everybody, another what has changed of the run. A browser that
-does not read gets nothing more until it does; one that talks too much is shown the door. None of this is waited for by
-anybody else, least of all by the rig.
+One loop sends everybody a frame of samples 25 times a second, and now and then what has changed of the run. A browser
+that does not read gets nothing more until it does; one that talks too much is shown the door. None of this is waited
+for by anybody else, least of all by the rig.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 from weakref import WeakSet
 
-import numpy as np
 from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
@@ -31,14 +30,16 @@ from rig.page.access import Access, Denied, Role
 from rig.page.commands import LONGEST_KEY, LONGEST_MESSAGE, Client, Commands, one_line
 from rig.page.document import document, headers
 from rig.page.lease import Lease
-from rig.page.samples import Frames
+from rig.page.samples import Frames, packed
 from rig.page.watched_run import WatchedRun
 from rig.recording.journal.ring_reader import RingReader
-from rig.recording.layout import RECORD_DTYPE
 from rig.station.live_folder import PLAN, RESULTS, STATE
 
 FRAME_S = 0.040
 NEWS_S = 0.200
+SHORTEST_REST_S = 0.005
+MOST_UNREAD = 1 << 15
+"""Records of the ring that a page that stood still makes up for; more are left out: what is shown is now."""
 MOST_CLIENTS = 40
 FOR_OPERATORS = 8
 """Of these; so many viewers as there may be, an operator finds a place."""
@@ -51,7 +52,6 @@ MOST_UNSENT = 1 << 16
 SENT_AHEAD = 1 << 16
 """Bytes that the kernel may keep for a browser that reads slowly: what waits there grows old."""
 TOO_MUCH = 1008
-_NOTHING = np.zeros(0, RECORD_DTYPE)
 _OPEN: WeakSet[ServerConnection] = WeakSet()
 """Of this process, those included that have not spoken yet."""
 
@@ -200,33 +200,38 @@ class PageServer:
         for connection, client in self._clients.items():
             broadcast([connection], written(self._standing(client)))
 
-    async def send_frames(self) -> None:
-        """Samples to everybody, until cancelled; while nobody looks nothing is read."""
+    async def send(self) -> None:
+        """Samples, and what has changed of the run, until cancelled; while nobody looks no sample is read.
+
+        One loop for both: to wake up costs more than what is done then.
+        """
+        loop = asyncio.get_running_loop()
+        due_s = news_due_s = loop.time()
         while True:
-            began_ns = self._now_ns()
             if self._clients:
                 self.send_frame()
             else:
                 self._frames = None  # who comes next sees what is new then
-            await asyncio.sleep(max(0.005, FRAME_S - (self._now_ns() - began_ns) * 1e-9))
+            if due_s >= news_due_s:
+                self.send_changes()
+                news_due_s = due_s + NEWS_S - 0.5 * FRAME_S
+            due_s += FRAME_S if self._clients else NEWS_S
+            late_s = loop.time() - due_s
+            if late_s > 0.0:  # what was missed is not made up for
+                due_s += late_s + SHORTEST_REST_S
+            await asyncio.sleep(due_s - loop.time())
 
     def send_frame(self) -> None:
         """One frame of what is new in the ring; without a ring an empty one, for its time."""
         ring = self._run.ring()
         if ring is None:
-            frame = Frames(1.0, 1.0).frame(_NOTHING, self._now_ns() * 1e-9)
+            frame = packed({}, self._now_ns() * 1e-9)
         else:
-            if self._frames is None or self._frames[0] is not ring:
+            if self._frames is None or self._frames[0] is not ring or ring.unread > MOST_UNREAD:
                 ring.skip_to_newest()
                 self._frames = ring, Frames(*self._run.frames_of())
             frame = self._frames[1].frame(ring.read(), self._now_ns() * 1e-9)
         broadcast([one for one in self._clients if one.transport.get_write_buffer_size() < MOST_UNSENT], frame)
-
-    async def send_news(self) -> None:
-        """What has changed of the run, until cancelled."""
-        while True:
-            self.send_changes()
-            await asyncio.sleep(NEWS_S)
 
     def send_changes(self) -> None:
         """Plan, verdicts, state, events and lease, each where it has changed."""

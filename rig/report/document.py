@@ -29,7 +29,6 @@ from rig.report.fragment import (
     details,
     fact,
     heading,
-    lead,
     number,
     page,
     text,
@@ -207,14 +206,15 @@ def warnings(run: Run, fit: JsonObject | None) -> str:
     """Everything a reader must know before believing the rest."""
     boxes = []
     if _count(run, "invalid"):
-        boxes.append(box("bad", f"{_count(run, 'invalid')} point(s) are invalid and were left out of the fit."))
+        left_out = " and were left out of the fit" if fit is not None else ""
+        boxes.append(box("bad", f"{_count(run, 'invalid')} point(s) are invalid{left_out}."))
     if _count(run, "suspect"):
         boxes.append(box(
             "warn", f"{_count(run, 'suspect')} point(s) are suspect and were left out of the fit; "
             "<code>rig identify --suspect</code> takes them in.",
         ))
     if fit is None:
-        boxes.append(box("warn", "No fit is in this run: the loops below are measured only."))
+        boxes.append(box("warn", "No fit is in this run: what follows is measured only."))
     else:
         if fit.get("adequate") is False:
             boxes.append(box(
@@ -254,10 +254,11 @@ def provenance(run: Run, fit: JsonObject | None) -> str:
     shown["time alignment"] = "; ".join(methods)
     if fit is not None:
         shown["fit"] = f"{fit.get('evaluations', NOTHING)} evaluations, {number(fit.get('wall_s'), 3)} s"
-    return heading("Provenance") + data_list(shown) + lead(
+    note = (
         "Each point's file holds its raw samples, calibrations and clock models: "
         "<code>points/*.h5</code> (HDF5; h5dump, xarray, MATLAB, Octave)."
     )
+    return heading("Provenance", note) + data_list(shown)
 
 
 def _first(run: Run, name: str) -> str:

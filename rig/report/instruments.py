@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rig.campaign.preflight.rest_check import read_zero_checks
+from rig.campaign.preflight.zero_return import read_zero_checks
 from rig.recording.hdf5.reading import channel_attributes
 from rig.recording.quality.cross_checks import CheckState, CrossCheck, checked, cross_checks, doubts, instruments_of
 from rig.recording.run import Run

@@ -14,6 +14,7 @@ from rig.identification.models.coil import with_lag
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.points.preparation import prepare
+from rig.recording.layout import HYBRID, SIGNAL
 from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.chart import Chart, Range, Trace, span, thinned
@@ -23,6 +24,9 @@ from rig.signals.arrays import FloatArray
 
 K = TypeVar("K", bound=Hashable)
 FORCE, DISPLACEMENT, VELOCITY = "Force N", "Displacement about mid-stroke mm", "Velocity m/s"
+
+DRAWN_OF_CYCLE, DRAWN_OF_RECORD = 300, 1500
+"""Samples at most: a record has many reversals, which fewer would cut off."""
 
 
 def overview(views: Sequence[PointView]) -> str:
@@ -63,13 +67,16 @@ def overview_charts(views: Sequence[PointView]) -> dict[str, Chart]:
 
 
 def details(views: Sequence[PointView], *, fitted: bool) -> str:
-    """For each current one row of cards: both loops of every point, and what the fit leaves over."""
+    """For each current one row of cards: both loops of every point but hybrid tests, and what the fit leaves over."""
     keys = key("measured", MEASURED)
     if fitted:
         keys += key("fitted", FITTED, dashed=True) + key("residual", RESIDUAL)
     note = "One cycle from the middle of the test; of a motion without cycles all of it."
+    shown = [view for view in views if view.point.kind != HYBRID]
+    if not shown:
+        return ""
     parts = [heading("Loops of every point") + key_line(note, keys)]
-    ordered = sorted(views, key=lambda view: (view.point.current_A, view.point.waveform, view.point.frequency_Hz))
+    ordered = sorted(shown, key=lambda view: (view.point.current_A, view.point.waveform, view.point.frequency_Hz))
     for current, group in _grouped(ordered, lambda view: view.point.current_A):
         loops = [view.loop for view in group if view.loop is not None]
         force = span([loop.force_N for loop in loops] + [loop.fitted_N for loop in loops if loop.fitted_N is not None])
@@ -114,7 +121,8 @@ def loop_charts(view: PointView, force: Range | None = None, residual: Range | N
         over_u.append(Trace(loop.displacement_mm, loop.fitted_N, "p", "fitted"))
         over_v.append(Trace(loop.velocity_m_s, loop.fitted_N, "p", "fitted"))
         rest = Trace(loop.phase, _residual(loop), "e", "measured minus fitted")
-        made["residual"] = Chart("Share of the cycle", "Residual N", [rest], 610, 130, (0.0, 1.0), residual)
+        axis = f"Share of the {'record' if view.point.kind == SIGNAL else 'cycle'}"
+        made["residual"] = Chart(axis, "Residual N", [rest], 610, 130, (0.0, 1.0), residual)
     return made
 
 
@@ -123,9 +131,23 @@ def _residual(loop: Loop) -> FloatArray:
 
 
 def motion_of(view: PointView) -> str:
-    """A point's motion as people say it: "sine, 50 mm, 1 Hz"."""
+    """A point's motion as people say it: "sine, 50 mm, 1 Hz"; of what has no frequency, "road iso8608-c, 10 mm"."""
     point = view.point
+    if not has_frequency(point):
+        return f"{named(point)}, {1e3 * point.amplitude_m:.3g} mm"
     return f"{point.waveform}, {1e3 * point.amplitude_m:.4g} mm, {point.frequency_Hz:.4g} Hz"
+
+
+def has_frequency(point: RecordedPoint) -> bool:
+    """Whether it is known by its frequency; a signal's counts how often it crosses its mean."""
+    return point.kind not in {SIGNAL, HYBRID}
+
+
+def named(point: RecordedPoint) -> str:
+    """What moved, by name: "sine", "road iso8608-c", "hybrid test"."""
+    record = str(point.test.get("record", ""))
+    name = "hybrid test" if point.kind == HYBRID else point.waveform
+    return name if record in {"", name} else f"{name} {record}"
 
 
 def _grouped(views: Sequence[PointView], by: Callable[[PointView], K]) -> list[tuple[K, list[PointView]]]:
@@ -186,8 +208,11 @@ def _middle_cycle(measured: Measurement, fitted_N: FloatArray | None) -> Loop:
     per_cycle = min(measured.samples_per_cycle or count, count)
     start = (count // per_cycle // 2) * per_cycle
     start = min(start, count - per_cycle)
-    chosen = start + thinned(min(per_cycle + 1, count - start))
+    cyclic = measured.samples_per_cycle > 0
+    chosen = start + thinned(min(per_cycle + 1, count - start), DRAWN_OF_CYCLE if cyclic else DRAWN_OF_RECORD)
     force = np.where(measured.scored, measured.force_N, np.nan)
+    if fitted_N is not None and not cyclic:  # a record's ends are driven, and not judged
+        fitted_N = np.where(measured.scored, fitted_N, np.nan)
     return Loop(
         phase=(chosen - start) / per_cycle, displacement_mm=1e3 * measured.u_m[chosen],
         velocity_m_s=measured.v_m_s[chosen], force_N=force[chosen],

@@ -30,7 +30,7 @@ from rig.report.fragment import (
     table,
     text,
 )
-from rig.report.loops import PointView
+from rig.report.loops import PointView, has_frequency, named
 from rig.signals.estimate import Estimate
 
 TEMPERATURE_STEP_K = 0.1
@@ -104,13 +104,13 @@ POINT = words("Point", lambda view: view.point.id)
 
 TEST_POINTS = (
     POINT,
-    words("Waveform", lambda view: view.point.waveform),
+    words("Waveform", lambda view: named(view.point)),
     quantity("A mm", lambda point: point.amplitude_m, scale=1e3),
     quantity("A measured", lambda point: point.quality.motion.amplitude_m, scale=1e3),
-    quantity("f Hz", lambda point: point.frequency_Hz),
+    quantity("f Hz", lambda point: point.frequency_Hz if has_frequency(point) else None),
     quantity("f measured", lambda point: point.quality.motion.frequency_Hz),
     quantity("I A", lambda point: point.current_A),
-    quantity("Cycles", lambda point: point.quality.motion.cycles, digits=3),
+    quantity("Cycles", lambda point: point.quality.motion.cycles if has_frequency(point) else None, digits=3),
     Column("Lost", lambda view: str(view.point.lost_samples)),
     Column("Skew ms", _skew),
     Column("Verdict", _verdict, numeric=False),
@@ -295,6 +295,8 @@ def _pooled(points: Sequence[RecordedPoint]) -> str:
     """One sentence on the skew of all points together."""
     used = next(iter(pooled_skews([point for point in points if point.verdict != "invalid"]).values()), None)
     if used is None or used.delays.measured_s is None or used.delays.interval_s is None:
+        if any(point.quality.skew.checked for point in points):
+            return ""
         return paragraph("The declared delays could not be checked against the controller's own force and position.")
     low_s, high_s = used.delays.interval_s
     stated = "" if used.delays.checked else (

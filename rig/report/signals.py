@@ -11,7 +11,7 @@ from rig.recording.quality.tracking import SignalQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.chart import Chart, Trace, thinned
 from rig.report.fragment import NOTHING, card, charts, chip, heading, key, key_line, number, table, text
-from rig.report.loops import PointView
+from rig.report.loops import PointView, named
 from rig.report.style import MEASURED, OVERLAID, RESIDUAL
 from rig.signals.arrays import FloatArray
 
@@ -57,12 +57,6 @@ def _row(view: PointView) -> tuple[str, ...]:
         text(point.id), text(named(point)), *(NOTHING if value is None else number(value, 4) for value in values),
         chip(point.verdict, point.verdict),
     )
-
-
-def named(point: RecordedPoint) -> str:
-    """A signal as people say it: "road iso8608-c"."""
-    record = str(point.test.get("record", ""))
-    return point.waveform if record in {"", point.waveform} else f"{point.waveform} {record}"
 
 
 def _times(value: float | None, factor: float) -> float | None:

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from drivers.errors import DriverError
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from drivers.roles import state_name
 from drivers.setpoint_generator import Setpoint
 from rig.bench.settings import Limits
 from rig.clock import monotonic_ns
@@ -21,8 +20,7 @@ from rig.hybrid.motion_bounds import Measured
 from rig.station.command_channel import CommandChannel
 from rig.station.errors import StationRefused
 from rig.station.interlocks.finding import Finding
-from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
-from rig.station.safe_stop import Movement
+from rig.station.motion_start import Answer, Extent, begin, read_order, refuse_beyond
 from rig.station.supervisor import Supervisor
 from rig.station.threads.current_source_thread import CurrentSourceThread
 from rig.station.threads.devices import Devices
@@ -30,7 +28,8 @@ from rig.station.threads.devices import Devices
 SLUG = "hybrid-unstable"
 LEAST_CHANGE_A = 1e-3
 """A law's current is commanded anew when it has changed by so much."""
-Answer = dict[str, object]
+ROUNDING = 1e-6
+"""Share of a limit that the order's own arithmetic may add."""
 Reading = Callable[[int], float | None]
 """Host time (ns) -> the newest good value, SI; None when it is stale."""
 
@@ -141,20 +140,16 @@ def start_hybrid(given: object, devices: Devices, supervisor: Supervisor, comman
         StationRefused: it is no test, is wider than the machine's limits, or the actuator does not begin it.
         DriverError: the actuator cannot be reached.
     """
-    config = devices.config
-    order = hybrid_order(given, config.limits)
+    ecu = devices.config.ecu
+    order = hybrid_order(given, devices.config.limits)
     commanded = order.control.law != "passive"
-    if commanded and (config.ecu.by_hand or config.ecu.url is not None):
+    if commanded and (ecu.by_hand or ecu.url is not None):
         raise StationRefused("matrix-infeasible", "start: a law commands the current, and its source is not on CAN")
     sensors = Sensors(devices.load_cell.value, devices.lvdt.position_m)
     coil = devices.coil if commanded else None
     source = HybridSource(HybridMotion(order), sensors, supervisor, devices.append, coil)
     devices.coil.law_judge.follow(law=commanded)
-    halted_s = config.limits.speed_m_s / config.actuator.halt_deceleration_m_s2
-    supervisor.movement = Movement(halted_s + SPEED_WINDOW_S)
-    devices.actuator.judge.expect_program(order.duration_s, 1.0)
-    status = commands.compute(source)
-    return {"program_id": status.program_id, "state": state_name(status.state)}
+    return begin(source, order.duration_s, devices, supervisor, commands)
 
 
 def hybrid_order(given: object, limits: Limits) -> HybridOrder:
@@ -167,25 +162,15 @@ def hybrid_order(given: object, limits: Limits) -> HybridOrder:
     Raises:
         StationRefused: it is none, or its own bounds are wider than the machine's limits.
     """
-    if not isinstance(given, dict):
-        raise StationRefused("bad-request", "start: hybrid is no table of numbers")
-    try:
-        order = HybridOrder.from_json(given)
-    except (KeyError, TypeError, ValueError) as error:
-        raise StationRefused("bad-request", f"start: not a hybrid test: {error}") from error
-    centre_m = order.centre_m
-    reach_m = max(order.bounds.extension_m, order.probe.amplitude_m)
-    wide = [
-        f"{what} {value:g} {unit}, allowed {limit:g} {unit}"
-        for what, unit, value, limit in (
-            ("travel to", "m", centre_m + reach_m, limits.position_max_m),
-            ("travel to minus", "m", reach_m - centre_m, -limits.position_min_m),
-            ("speed", "m/s", order.bounds.speed_m_s, limits.speed_m_s),
-            ("acceleration", "m/s^2", order.bounds.acceleration_m_s2, limits.acceleration_m_s2),
-            ("current", "A", order.control.range_A[1], limits.current_A),
-        )
-        if not value <= limit * (1.0 + 1e-6)
-    ]
-    if wide:
-        raise StationRefused("matrix-infeasible", f"start: a hybrid test's bounds are too wide: {'; '.join(wide)}")
+    order = read_order(given, "a hybrid test", HybridOrder.from_json)
+    centre_m, bounds = order.centre_m, order.bounds
+    reach_m = max(bounds.extension_m, order.probe.amplitude_m)
+    extents = (
+        Extent("travel to", "m", centre_m + reach_m, limits.position_max_m),
+        Extent("travel to minus", "m", reach_m - centre_m, -limits.position_min_m),
+        Extent("speed", "m/s", bounds.speed_m_s, limits.speed_m_s),
+        Extent("acceleration", "m/s^2", bounds.acceleration_m_s2, limits.acceleration_m_s2),
+        Extent("current", "A", order.control.range_A[1], limits.current_A),
+    )
+    refuse_beyond(extents, "a hybrid test's bounds are", ROUNDING)
     return order

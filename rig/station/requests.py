@@ -20,13 +20,12 @@ A refusal carries a slug; motion is refused with `tripped` while a trip is latch
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 
 from drivers.errors import DriverError, RequestRefused
-from drivers.roles import ActuatorStatus, Command, Move, Program, State, Waveform, state_name
+from drivers.roles import ActuatorStatus, Command, Move, State, state_name
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.faults.row import StopKind
@@ -37,15 +36,12 @@ from rig.station.hybrid_source import start_hybrid
 from rig.station.interlocks.finding import Finding
 from rig.station.interlocks.link_faults import link_slug
 from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
-from rig.station.interlocks.setpoint_interlock import unfollowable
+from rig.station.motion_start import Answer, Arguments, number, start_cycles
 from rig.station.preparation import Preparation
 from rig.station.safe_stop import STILL_S, Movement
 from rig.station.signal_source import start_signal
 from rig.station.supervisor import Supervisor
 from rig.station.threads.devices import Devices, slug_of
-
-Arguments = Mapping[str, object]
-Answer = dict[str, object]
 
 HYDRAULICS_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 60.0
@@ -197,8 +193,8 @@ class Requests:
     def _move(self, arguments: Arguments) -> Answer:
         self._require_motion("move")
         limits = self._config.limits
-        target_m = _number(arguments, "target_m", limits.position_min_m, limits.position_max_m)
-        speed_m_s = _number(arguments, "speed_m_s", 0.0, limits.speed_m_s)
+        target_m = number(arguments, "target_m", limits.position_min_m, limits.position_max_m)
+        speed_m_s = number(arguments, "speed_m_s", 0.0, limits.speed_m_s)
         deceleration = self._config.actuator.halt_deceleration_m_s2
         self._supervisor.movement = Movement(fade_s=speed_m_s / deceleration + SPEED_WINDOW_S)
         status = self._commands.command(Command.MOVE_TO, Move(target_m, speed_m_s))
@@ -207,7 +203,7 @@ class Requests:
     def _set_current(self, arguments: Arguments) -> Answer:
         limit_A = self._config.limits.current_A
         lowest_A = self._devices.coil.lowest_A
-        current_A = _number(arguments, "current_A", -limit_A if lowest_A is None else max(-limit_A, lowest_A), limit_A)
+        current_A = number(arguments, "current_A", -limit_A if lowest_A is None else max(-limit_A, lowest_A), limit_A)
         if current_A != 0.0:
             self._require_motion("set_current")
         self._devices.coil.set_current(current_A)
@@ -219,58 +215,7 @@ class Requests:
             return start_hybrid(arguments["hybrid"], self._devices, self._supervisor, self._commands)
         if "signal" in arguments:
             return start_signal(arguments["signal"], self._devices, self._supervisor, self._commands)
-        name = str(arguments.get("waveform")).upper()
-        if name not in Waveform.__members__:
-            raise StationRefused("bad-request", f"start: waveform {arguments.get('waveform')!r} is not known")
-        waveform = Waveform[name]
-        if waveform is Waveform.TRIANGLE and not self._devices.actuator.capabilities.triangle:
-            raise StationRefused("matrix-infeasible", "start: this actuator moves in sines only")
-        amplitude_m = _number(arguments, "amplitude_m", 0.0, math.inf)
-        frequency_Hz = _number(arguments, "frequency_Hz", 1e-3, 1e3)
-        limits = self._config.limits
-        centre_m = _number(arguments, "centre_m", limits.position_min_m, limits.position_max_m)
-        for edge_m in (centre_m - amplitude_m, centre_m + amplitude_m):
-            if not limits.position_min_m <= edge_m <= limits.position_max_m:
-                raise StationRefused("matrix-infeasible", f"start: travel to {edge_m:g} m is beyond the stroke limits")
-        program = Program(
-            waveform, amplitude_m, frequency_Hz, centre_m,
-            cycles=_number(arguments, "cycles", 0.0, 1e6),
-            ramp_in_cycles=_number(arguments, "ramp_in_cycles", 0.0, 1e6),
-            ramp_out_cycles=_number(arguments, "ramp_out_cycles", 0.0, 1e6),
-            table_length=self._write_table(arguments) if waveform is Waveform.TABLE else 0,
-        )
-        period_s = 1.0 / frequency_Hz
-        self._require_followable(program)
-        self._supervisor.movement = Movement(self._config.actuator.fade_out_cycles * period_s, period_s)
-        self._devices.actuator.judge.expect_program(program.all_cycles * period_s, program.all_cycles)
-        status = self._commands.command(Command.START, program)
-        return {"program_id": status.program_id, "state": state_name(status.state)}
-
-    def _require_followable(self, program: Program) -> None:
-        """A motion that is streamed is within the machine's limits, and its cycle has enough set-points.
-
-        Raises:
-            StationRefused: it is not; an actuator with a generator of its own knows by itself.
-        """
-        poll_s = self._config.actuator.poll_s * self._config.device_rate
-        problems = unfollowable(program, self._config.limits, poll_s)
-        if problems and not self._devices.actuator.capabilities.generator:
-            raise StationRefused("matrix-infeasible", f"start: {'; '.join(problems)}")
-
-    def _write_table(self, arguments: Arguments) -> int:
-        """Load a table waveform; its number of values.
-
-        Raises:
-            StationRefused: the actuator plays none, or the values are none.
-        """
-        if not self._devices.actuator.capabilities.table:
-            raise StationRefused("matrix-infeasible", "start: this actuator plays no table waveforms")
-        table = arguments.get("table")
-        if not isinstance(table, list) or len(table) < 2:
-            raise StationRefused("bad-request", "start: waveform table needs `table`, a list of at least 2 values (m)")
-        values = [float(value) for value in table]
-        self._devices.actuator.call(lambda driver: driver.write_table(values), STOP_TIMEOUT_S)
-        return len(values)
+        return start_cycles(arguments, self._devices, self._supervisor, self._commands)
 
     # Stops
 
@@ -391,10 +336,3 @@ class Requests:
             raise StationRefused("tripped", f"{do}: {supervisor.trip.slug} is latched; reset first")
         if not supervisor.armed:
             raise StationRefused("not-armed", f"{do}: arm first")
-
-
-def _number(arguments: Arguments, name: str, low: float, high: float) -> float:
-    value = arguments.get(name)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
-        raise StationRefused("bad-request", f"{name}: expected a number from {low:g} to {high:g}, got {value!r}")
-    return float(value)

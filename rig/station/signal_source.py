@@ -17,14 +17,11 @@ from itertools import pairwise
 from typing import Any
 
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from drivers.roles import state_name
 from drivers.setpoint_generator import Setpoint
 from rig.bench.settings import Limits
 from rig.clock import monotonic_ns
 from rig.station.command_channel import CommandChannel
-from rig.station.errors import StationRefused
-from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
-from rig.station.safe_stop import Movement
+from rig.station.motion_start import Answer, Extent, begin, read_order, refuse_beyond
 from rig.station.supervisor import Supervisor
 from rig.station.threads.devices import Devices
 
@@ -32,9 +29,8 @@ MOST_SAMPLES = 200_000
 LARGEST_STEP_S = 0.02
 REST_M, REST_M_S = 1e-4, 0.01
 """How far from the centre, and how fast, a motion may begin and end: it is faded there."""
-ROUNDING = 1.001
-
-Answer = dict[str, object]
+ROUNDING = 1e-3
+"""Share of a limit that the samples' float32 and their finite differences may add."""
 
 
 @dataclass(frozen=True)
@@ -137,13 +133,8 @@ def start_signal(given: object, devices: Devices, supervisor: Supervisor, comman
         StationRefused: it is no motion, is beyond the machine's limits, or the actuator does not begin it.
         DriverError: the actuator cannot be reached.
     """
-    config = devices.config
-    order = signal_order(given, config.limits)
-    halted_s = config.limits.speed_m_s / config.actuator.halt_deceleration_m_s2
-    supervisor.movement = Movement(halted_s + SPEED_WINDOW_S)
-    devices.actuator.judge.expect_program(order.duration_s, 1.0)
-    status = commands.compute(SignalSource(order, devices.append))
-    return {"program_id": status.program_id, "state": state_name(status.state)}
+    order = signal_order(given, devices.config.limits)
+    return begin(SignalSource(order, devices.append), order.duration_s, devices, supervisor, commands)
 
 
 def signal_order(given: object, limits: Limits) -> SignalOrder:
@@ -156,29 +147,18 @@ def signal_order(given: object, limits: Limits) -> SignalOrder:
     Raises:
         StationRefused: it is none, is beyond a limit, or does not begin and end at rest at its centre.
     """
-    if not isinstance(given, dict):
-        raise StationRefused("bad-request", "start: signal is no table of numbers")
-    try:
-        order = SignalOrder.from_json(given)
-    except (KeyError, TypeError, ValueError) as error:
-        raise StationRefused("bad-request", f"start: not a signal: {error!r}") from error
-    positions, speeds = order.position_m, order.velocity_m_s
+    order = read_order(given, "a signal", SignalOrder.from_json)
+    positions, speeds, centre_m = order.position_m, order.velocity_m_s, order.centre_m
     speed_m_s = max(map(abs, speeds))
     change_m_s2 = max(abs(after - before) for before, after in pairwise(speeds)) / order.step_s
     way_m_s = max(abs(after - before) for before, after in pairwise(positions)) / order.step_s
-    centre_m = order.centre_m
-    wide = [
-        f"{what} {value:.6g} {unit}, allowed {limit:g} {unit}"
-        for what, unit, value, limit in (
-            ("travel to", "m", centre_m + max(positions), limits.position_max_m),
-            ("travel to minus", "m", -centre_m - min(positions), -limits.position_min_m),
-            ("speed", "m/s", max(speed_m_s, way_m_s), limits.speed_m_s),
-            ("acceleration", "m/s^2", change_m_s2, limits.acceleration_m_s2),
-            ("begin or end off centre by", "m", max(abs(positions[0]), abs(positions[-1])), REST_M),
-            ("begin or end at", "m/s", max(abs(speeds[0]), abs(speeds[-1])), REST_M_S),
-        )
-        if not value <= limit * ROUNDING
-    ]
-    if wide:
-        raise StationRefused("matrix-infeasible", f"start: a signal is beyond the machine's limits: {'; '.join(wide)}")
+    extents = (
+        Extent("travel to", "m", centre_m + max(positions), limits.position_max_m),
+        Extent("travel to minus", "m", -centre_m - min(positions), -limits.position_min_m),
+        Extent("speed", "m/s", max(speed_m_s, way_m_s), limits.speed_m_s),
+        Extent("acceleration", "m/s^2", change_m_s2, limits.acceleration_m_s2),
+        Extent("begin or end off centre by", "m", max(abs(positions[0]), abs(positions[-1])), REST_M),
+        Extent("begin or end at", "m/s", max(abs(speeds[0]), abs(speeds[-1])), REST_M_S),
+    )
+    refuse_beyond(extents, "a signal is", ROUNDING)
     return order

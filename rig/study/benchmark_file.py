@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
-from rig.bench.problems import load_section, problem_at
+from rig.bench.places import problem_at
+from rig.bench.problems import load_section
+from rig.bench.quantity import Problem
 from rig.bench.section import Section
 from rig.errors import FileProblem, IdentificationFailed
+from rig.identification.pairs import LEFT_OUT as PAIRS
 from rig.identification.points.whole_record import last_share
 
-PAIRS = "leave-one-pair-out"
 SEPARABLE = "separable"
 REVISION = 1
 """Of split and scorer: to be raised with every change after which an entry's result is another one."""
@@ -48,17 +50,17 @@ class Recordings(Section):
     split: str = Field(description='"leave-one-pair-out", or of motion without cycles "last 30 %"')
     published: tuple[Published, ...] = ()
 
-    @model_validator(mode="after")
-    def _fitting_split(self) -> Self:
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
         try:
             share = last_share(self.split)
         except IdentificationFailed as error:
-            raise PydanticCustomError("split", "{why}", {"why": str(error)}) from error
+            yield (), str(error)
+            return
         if self.split != PAIRS and share is None:
-            raise PydanticCustomError("split", f'split = "{self.split}": "{PAIRS}" or "last 30 %"')
-        if (share is None) == (self.waveform == "random"):
-            raise PydanticCustomError("split", f'"{PAIRS}" goes with cycles, "last 30 %" with waveform = "random"')
-        return self
+            yield (), f'split = "{self.split}": "{PAIRS}" or "last 30 %"'
+        elif (share is None) == (self.waveform == "random"):
+            yield (), f'"{PAIRS}" goes with cycles, "last 30 %" with waveform = "random"'
 
 
 class Benchmark(Section):

@@ -14,6 +14,7 @@ import numpy as np
 from rig.errors import FileProblem
 from rig.identification import Measurement, identify
 from rig.identification.models.coil import needs_lag, with_lag
+from rig.identification.pairs import pairs_of
 from rig.identification.points.preparation import prepare_all
 from rig.identification.points.whole_record import cut_in_time, last_share
 from rig.recording.importing import import_tests
@@ -112,14 +113,6 @@ def folds_of(found: Found) -> list[Fold]:
         folds = [Fold([test for other in groups if other is not group for test in other], group)
                  for groups in (pairs_of(tests),) for group in groups]  # fmt: skip
     return [_lagged(fold) for fold in folds]
-
-
-def pairs_of(tests: Sequence[Measurement]) -> list[list[Measurement]]:
-    """Tests of the same amplitude (0.1 mm) and frequency (0.01 Hz) together, whatever their current."""
-    groups: dict[tuple[float, float], list[Measurement]] = {}
-    for test in tests:
-        groups.setdefault((round(test.amplitude_m, 4), round(test.frequency_Hz, 2)), []).append(test)
-    return [groups[pair] for pair in sorted(groups)]
 
 
 def _lagged(fold: Fold) -> Fold:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
-from rig.bench.problems import load_section, problem_at
-from rig.bench.quantity import Quantity
+from rig.bench.places import problem_at
+from rig.bench.problems import load_section
+from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section
 from rig.errors import FileProblem
 
@@ -59,11 +60,10 @@ class Data(Section):
     select: str | None = Field(default=None, examples=["waveform=sine"])
     keep_every: int = Field(default=1, ge=1, le=1000, description="every how many-th sample the objective sees")
 
-    @model_validator(mode="after")
-    def _one_source(self) -> Self:
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
         if (self.simulate is None) == (not self.runs):
-            raise PydanticCustomError("one_source", 'give simulate = "table1" or runs = ["logs/..."], one of them')
-        return self
+            yield (), 'give simulate = "table1" or runs = ["logs/..."], one of them'
 
 
 class Comparison(Section):
@@ -119,15 +119,13 @@ class CurrentStudy(Section):
     degree: int = Field(default=2, ge=1, le=10, description="of the polynomial against current")
     bounds: dict[str, tuple[float, float]] = Field(default={}, description="search boxes (SI) instead of the built-in")
 
-    @model_validator(mode="after")
-    def _boxes_of_this_model(self) -> Self:
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
         for name, (low, high) in self.bounds.items():
             if name not in CURRENT_BOXES[self.model]:
-                known = ", ".join(CURRENT_BOXES[self.model])
-                raise PydanticCustomError("no_parameter", f"bounds: {name!r} is not searched; searched are {known}")
+                yield (), f"bounds: {name!r} is not searched; searched are {', '.join(CURRENT_BOXES[self.model])}"
             if not low < high:
-                raise PydanticCustomError("no_box", f"bounds: {name} = [{low:g}, {high:g}]: the first must be lower")
-        return self
+                yield (), f"bounds: {name} = [{low:g}, {high:g}]: the first must be lower"
 
     @property
     def boxes(self) -> dict[str, tuple[float, float]]:

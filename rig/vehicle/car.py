@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
-from rig.bench.section import Section, located
+from rig.bench.section import Section
+from rig.bench.unread import as_far_as_read
 from rig.vehicle.shipped import found, names_in
 
 FOLDER = Path(__file__).parent / "cars"
@@ -76,14 +78,12 @@ class Car(Section):
     front: Axle = Field(description="of a quarter car its only one")
     rear: Axle | None = None
 
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        problems = [*self._missing(), *self._beside()]
-        if not problems and self.kind == "full":
-            problems += self._beyond_its_size()
-        if problems:
-            raise located(problems)
-        return self
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
+        incomplete = [*as_far_as_read(self._missing, self._beside)]
+        yield from incomplete
+        if not incomplete and self.kind == "full":
+            yield from self._beyond_its_size()
 
     def _wanted(self) -> dict[tuple[str, ...], bool]:
         """Entries that not every kind of car has, and whether this one has them."""
@@ -98,28 +98,26 @@ class Car(Section):
     def _given(self, place: tuple[str, ...]) -> bool:
         if place == ("rear",):
             return self.rear is not None
-        table: Section | None = {"body": self.body, "front": self.front, "rear": self.rear}[place[0]]
+        table, kind = getattr(self, place[0]), Body if place[0] == "body" else Axle
         if table is None:
             return False
         return any(
             getattr(table, name) is not None
-            for name, field in type(table).model_fields.items() if field.alias == place[1]
+            for name, field in kind.model_fields.items() if field.alias == place[1]
         )  # fmt: skip
 
-    def _missing(self) -> list[Problem]:
-        return [
-            (place, f"is missing; a {self.kind} car needs it")
-            for place, wanted in self._wanted().items() if wanted and not self._given(place)
-        ]  # fmt: skip
+    def _missing(self) -> Iterator[Problem]:
+        for place, wanted in self._wanted().items():
+            if wanted and not self._given(place):
+                yield place, f"is missing; a {self.kind} car needs it"
 
-    def _beside(self) -> list[Problem]:
+    def _beside(self) -> Iterator[Problem]:
         def needs(entry: str) -> str:
             return "full" if entry in {"track", "roll_inertia"} else "half"
 
-        return [
-            (place, f"a {self.kind} car has none; leave it out, or say kind = \"{needs(place[-1])}\"")
-            for place, wanted in self._wanted().items() if not wanted and self._given(place)
-        ]  # fmt: skip
+        for place, wanted in self._wanted().items():
+            if not wanted and self._given(place):
+                yield place, f"a {self.kind} car has none; leave it out, or say kind = \"{needs(place[-1])}\""
 
     def _beyond_its_size(self) -> list[Problem]:
         """Inertias that no body between these wheels can have: all mass would have to be outside of them."""

@@ -38,7 +38,8 @@ def fitted_damper(given: str, members: int, seed: int = 0) -> FittedDamper:
     """The damper of a parameter set by name, of a fit.json, or of a run's folder with one.
 
     Args:
-        given: name or path; a path where there is one.
+        given: name or path. The name of a set is the set, whatever lies in the working folder: `./NAME` is what lies
+            there, and the remark says so where both are there.
         members: how many draws.
         seed: of the draws.
 
@@ -46,15 +47,16 @@ def fitted_damper(given: str, members: int, seed: int = 0) -> FittedDamper:
         FileProblem: neither a set nor a fit, or a fit without a value for every parameter.
     """
     path = Path(given)
-    if path.exists():
-        return _of_file(given, path / "fit.json" if path.is_dir() else path, members, seed)
-    if given not in dampers.PARAMETER_SETS:
+    if given in dampers.PARAMETER_SETS:
+        values = dampers.parameter_set(given)
+        damper = CornerDamper(dampers.model(values.model, values.hysteresis), dict(values.values))
+        beside = f"; for what is called so in this folder write ./{given}" if path.exists() else ""
+        return FittedDamper(given, damper, remark=f"a parameter set: no interval{beside}")
+    if not path.exists():
         raise FileProblem(
             given, ["there is no such fit.json, run, or parameter set; sets: " + ", ".join(dampers.PARAMETER_SETS)]
         )
-    values = dampers.parameter_set(given)
-    model = dampers.model(values.model, values.hysteresis)
-    return FittedDamper(given, CornerDamper(model, dict(values.values)), remark="a parameter set: no interval")
+    return _of_file(given, path / "fit.json" if path.is_dir() else path, members, seed)
 
 
 def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
-from rig.bench.section import Section, located
+from rig.bench.section import Section
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
 from rig.vehicle.road import (
@@ -45,11 +46,10 @@ class SweepTable(Section):
     last_m: Height = Field(default=1e-3, alias="last_height", description="peak to peak, at the end")
     phase_deg: float = Field(default=90.0, ge=-360.0, le=360.0, description="of the right side behind the left one")
 
-    def problems(self) -> list[Problem]:
-        """What its entries say together."""
-        if self.last_Hz > self.first_Hz:
-            return []
-        return [(("last_frequency",), "must be above first_frequency")]
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
+        if not self.last_Hz > self.first_Hz:
+            yield ("last_frequency",), "must be above first_frequency"
 
 
 class RandomTable(Section):
@@ -103,23 +103,17 @@ class RoadFile(Section):
     profile: RecordedTable | None = None
     drive: RecordedTable | None = None
 
-    @model_validator(mode="after")
-    def _one_road(self) -> Self:
+    def problems(self) -> Iterator[Problem]:
+        """See `Section.problems`."""
         given = [name for name in self.kinds if getattr(self, name) is not None]
-        problems: list[Problem] = []
         if len(given) != 1:
             shown = ", ".join(f"[{self.heading}{name}]" for name in self.kinds)
             what = f"{len(given)} are given, keep one: {', '.join(given)}" if given else "none is given; write one"
-            problems.append(((given[1],) if given else (), f"a road is one of {shown}; {what}"))
+            yield (given[1],) if given else (), f"a road is one of {shown}; {what}"
         elif given == ["drive"] and self.speed_m_s is not None:
-            problems.append((("speed",), "a drive file moves posts; leave the speed out"))
+            yield ("speed",), "a drive file moves posts; leave the speed out"
         elif given != ["drive"] and self.speed_m_s is None:
-            problems.append((("speed",), f"is missing; [{given[0]}] is driven over at a speed, such as \"25 m/s\""))
-        if self.sweep is not None:
-            problems += [(("sweep", *place), text) for place, text in self.sweep.problems()]
-        if problems:
-            raise located(problems)
-        return self
+            yield ("speed",), f'is missing; [{given[0]}] is driven over at a speed, such as "25 m/s"'
 
     def road(self, folder: Path) -> Road:
         """The road; CSV files are looked for in `folder`.

@@ -29,6 +29,7 @@ SKEW_SIGMAS, SKEW_S = 4.5, 20e-6
 TRUE_SHARE, TRUE_FORCE_N = 0.05, 60.0
 """So much may a recorded force's ends differ from the true ones: of its span, and noise beside."""
 TRUE_TRAVEL_M = 0.5e-3
+STOPPING = frozenset({Command.FADE_STOP.name, Command.HALT.name, Command.HYDRAULICS_OFF.name})
 UNSTOPPED_S = 0.3
 """So long in all the rod, the force or the current may be beyond a limit before a stop is latched."""
 UNSTOPPED_HOT_S = 1.0
@@ -225,6 +226,8 @@ def _unstopped(view: View) -> Iterator[tuple[float, float]]:
         at_ns for at_ns, happening in session.happened
         if happening.what in KILLING or (happening.what in STALLS and "station" in happening.what)
     ]
+    if any(happening.what == "power-cut" for _, happening in session.happened):  # it took the journal's last lines
+        away += [line.host_ns for line in session.truth.log if line.code in STOPPING]
     last_ns = min([*away, session.ended_ns])
     from_ns = float(session.began_ns)
     for trip in view.station("trip"):

@@ -6,11 +6,12 @@ import errno
 import json
 import math
 import random
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
+from rig.faults.row import Ending
 from simulators.injection import BEYOND_LIMITS, INJECTORS, NEEDS_AUXILIARY, PASSING_VARIANTS
 from simulators.schedule import ONLY_BY_ECU, ONLY_BY_SUPPLY, ONLY_ON, drawn_fault, parse_fault
 from simulators.world.kernel import HELD_UP_SHARE
@@ -32,7 +33,10 @@ LASTING = ("clock-step", "slow-disk", "pause")
 OTHERS = ("power-cut", "log-full", *LASTING, *FOREIGN)
 AROUND = (*DISK, *SIGNALS, *DEATHS, *STALLS, *OTHERS)
 """What happens around the devices; the rows of the fault matrix happen in them."""
-MOST_HAPPENINGS = 5
+HAPPENINGS, MORE_IN_TURN = (0, 1, 1, 1, 2, 2, 3, 4, 5), (0, 0, 0, 0, 1, 1, 2, 3, 4)
+"""How many are drawn, one of these numbers; so many more where one is the turn of a seed."""
+FAULT_SHARE = 0.6
+"""Of what happens besides: the rest is around the devices."""
 SUDDEN_SHARE = 0.2
 """Of what happens: so much comes within `SUDDEN_S` of what was drawn before it."""
 SUDDEN_S = 0.02
@@ -51,6 +55,10 @@ EARLY_S = (4.0, 7.0)
 BUSY_SHARE, BUSY_HELD_UP = 0.1, 0.3
 BEYOND_SHARE, BEYOND_LASTS_SHARE = 0.2, 0.8
 """Something drives the rig beyond its limits, and mostly does not stop by itself."""
+FIRST_CYCLE_S = 3.0
+"""The first cycle begins about so long after the application was started."""
+NONE_IN_TURN = 10
+"""So many seeds of a round have nothing in turn."""
 LATEST_S = 16.0
 LATEST_FAULT_S = 9.0
 COOLS_S = 30.0
@@ -79,6 +87,15 @@ class Happening:
     def around(self) -> bool:
         """It happens around the devices."""
         return self.what in AROUND
+
+    @property
+    def begins_s(self) -> float:
+        """When it begins, about: so long after the application was started (s)."""
+        return (self.at_s or 0.0) + (0.0 if self.around or self.at_s is None else FIRST_CYCLE_S)
+
+    def begun_at(self, begins_s: float) -> Happening:
+        """The same so long after the application was started (s), but not before the first cycle."""
+        return replace(self, at_s=round(max(0.0, begins_s - (0.0 if self.around else FIRST_CYCLE_S)), 3))
 
     def __str__(self) -> str:
         at = "" if self.at_s is None else f"@{self.at_s:g}"
@@ -180,7 +197,7 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
     actuator = "rtu" if chance.random() < 0.25 else "tcp"
     actuator = given.actuator or actuator
     # Each from a stream of its own, so that the others stay as they are, whatever is given in its place.
-    happenings = _happenings(random.Random(f"happenings {seed}"), actuator, given.motion_s)
+    happenings = _happenings(seed, actuator, given.motion_s)
     pace = random.Random(f"pace {seed}")
     tick_s, turn_s = pace.choice(TICKS_S), pace.choice(TURNS_S)
     text, named = (given.matrix, False) if given.matrix else _matrix(chance)
@@ -215,27 +232,52 @@ def happens_untold(what: str) -> bool:
     return happens_to_supply(what) and what != "application-killed" and (row is None or row.place not in {"can", "ecu"})
 
 
-def _happenings(chance: random.Random, actuator: str, motion_s: float) -> tuple[Happening, ...]:
-    """One to five things; rarely none at all."""
-    latest_s, latest_fault_s = max(LATEST_S, motion_s), max(LATEST_FAULT_S, motion_s)
-    chosen: list[Happening] = []
+def _happenings(seed: int, actuator: str, motion_s: float) -> tuple[Happening, ...]:
+    """What is a seed's turn, and up to four things that come later; or one to five of any kind; rarely none at all."""
+    chance = random.Random(f"happenings {seed}")
     possible = [
         slug for slug in sorted(INJECTORS) if ONLY_ON.get(slug, actuator) == actuator and slug not in NEVER_DRAWN
     ]
-    for _ in range(chance.choice((0, 1, 1, 1, 2, 2, 3, 4, MOST_HAPPENINGS))):
-        if chance.random() < 0.6:
-            slug = chance.choice(possible)
-            fault = drawn_fault(slug, chance, latest_fault_s)
-            lasts_s = min(fault.lasts_s, COOLS_S if slug == "ecu-overtemp" else math.inf)
-            chosen.append(Happening(fault.name, fault.after_s, None if lasts_s == math.inf else lasts_s))
+    chosen = _in_turn(seed, possible, chance, motion_s)
+    began_s = chosen[0].begins_s if chosen else 0.0
+    if chosen:  # what is refused would hide everything else
+        possible = [slug for slug in possible if MATRIX[slug].end is not Ending.REFUSE]
+    for _ in range(chance.choice(MORE_IN_TURN if chosen else HAPPENINGS)):
+        before = chosen[-1] if chosen else None
+        if chance.random() < FAULT_SHARE:
+            within_s = max(LATEST_FAULT_S, motion_s) - max(0.0, began_s - FIRST_CYCLE_S)
+            chosen.append(_fault(chance.choice(possible), chance, began_s, within_s))
         else:
-            chosen.append(_around(chance.choice(AROUND), chance.uniform(0.0, latest_s), chance))
-        before = chosen[-2].at_s if len(chosen) > 1 else None
-        if before is not None and chosen[-1].at_s is not None and chance.random() < SUDDEN_SHARE:
-            chosen[-1] = replace(chosen[-1], at_s=round(before + chance.uniform(0.0, SUDDEN_S), 3))
+            at_s = chance.uniform(began_s, max(LATEST_S, motion_s))
+            chosen.append(_around(chance.choice(AROUND), at_s, chance))
+        if before is not None and None not in (before.at_s, chosen[-1].at_s) and chance.random() < SUDDEN_SHARE:
+            chosen[-1] = chosen[-1].begun_at(before.begins_s + chance.uniform(0.0, SUDDEN_S))
     if chance.random() < COMBINED_SHARE:
         chosen += _combined(chance)
     return _in_order(chosen)
+
+
+def _in_turn(seed: int, possible: Sequence[str], chance: random.Random, motion_s: float) -> list[Happening]:
+    """What is a seed's turn, while the first points are run; nothing is the turn of some.
+
+    Each fault of the devices and each thing around them comes first in one world of some seventy: drawn alone, one
+    kind in ten came in none of two hundred worlds before something else had stopped the rig.
+    """
+    turns = [*possible, *AROUND, *[""] * NONE_IN_TURN]
+    number, place = divmod(seed, len(turns))
+    random.Random(f"turns {number}").shuffle(turns)
+    what = turns[place]
+    if what in AROUND:
+        return [_around(what, chance.uniform(0.0, max(EARLY_S[1], motion_s)), chance)]
+    return [_fault(what, chance, 0.0, max(EARLY_S[0], motion_s))] if what else []
+
+
+def _fault(slug: str, chance: random.Random, began_s: float, within_s: float) -> Happening:
+    """A fault of a row, within a time after something has begun: when, and for how long it lasts."""
+    fault = drawn_fault(slug, chance, within_s)
+    lasts_s = min(fault.lasts_s, COOLS_S if slug == "ecu-overtemp" else math.inf)
+    happening = Happening(fault.name, fault.after_s, None if lasts_s == math.inf else lasts_s)
+    return happening if fault.after_s is None else happening.begun_at(max(FIRST_CYCLE_S, began_s) + fault.after_s)
 
 
 def _in_order(chosen: Iterable[Happening]) -> tuple[Happening, ...]:

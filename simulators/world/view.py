@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -116,7 +117,12 @@ class View:
 
     def stays(self, fault: str) -> bool:
         """A fault that was drawn does not end by itself."""
-        return any(given.what == fault and given.lasts_s is None for given in self.world.plan.happenings)
+        return math.isinf(self.lasts_s(fault))
+
+    def lasts_s(self, fault: str) -> float:
+        """For how long a fault that was drawn lasts (s); 0 where none was."""
+        lasting = (given.lasts_s for given in self.world.plan.happenings if given.what == fault)
+        return max((math.inf if lasts_s is None else lasts_s for lasts_s in lasting), default=0.0)
 
     def restarted_ns(self, after_ns: float) -> float:
         """When the rig was started again after a stop; the session's end when it was not."""

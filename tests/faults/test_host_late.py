@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
+import pytest
 from matrices import BRISK_POINTS
 
 from protocols.quality import Quality
@@ -18,6 +19,7 @@ HELD_S = 0.025
 DEVICES = ("loadcell", "lvdt", "ecu", "can", "modbus", "actuator", "auxiliary", "serial", "usb", "controller")
 
 
+@pytest.mark.nightly
 def test_short_times_in_which_the_station_does_not_run_are_recorded_and_the_campaign_goes_on(
     begin_world: BeginWorld,
 ) -> None:

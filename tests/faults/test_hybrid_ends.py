@@ -80,6 +80,7 @@ def test_ctrl_c_on_the_road_stops_the_rig_safely(tmp_path: Path) -> None:
         assert_still(ending.truth, zero.time_s + 0.5)
         assert not stage.rig.plant.command["pressure"][0]
         assert ending.verdicts() == {"hybrid-model": "invalid"}
+        assert "Stopped by operator (Ctrl-C): motion halted, coil at 0 A, hydraulics off." in ending.said
 
 
 @pytest.mark.apart
@@ -112,6 +113,7 @@ def test_three_late_set_points_in_a_row_end_a_hybrid_test(tmp_path: Path) -> Non
         assert_no_current(ending.truth, fault.time_s + 0.5)
 
 
+@pytest.mark.nightly
 @pytest.mark.apart
 def test_a_seed_is_one_world_bit_by_bit_with_a_hybrid_test_and_a_pulled_wire_in_it(tmp_path: Path) -> None:
     text = (ROOT / "examples" / "demo-bench.toml").read_text(encoding="utf-8")

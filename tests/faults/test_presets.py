@@ -60,6 +60,7 @@ def test_a_matrix_runs_to_its_end(name: str, controller: type[OtherController], 
         assert ending.point(point).quality.motion.amplitude_m == pytest.approx(0.02, rel=0.02)
 
 
+@pytest.mark.few(1)
 @pytest.mark.apart
 @pytest.mark.parametrize(("name", "controller"), [("delta-rmc", DeltaRmc), ("float-drive", FloatDrive)])
 def test_set_points_that_are_lost_halt_it(name: str, controller: type[OtherController], tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
+@pytest.mark.few(1)
 @pytest.mark.wire
 @pytest.mark.parametrize("place", ["/sys/runs", "file/runs"])
 def test_a_folder_that_cannot_be_written_is_refused_before_a_rig_is_touched(tmp_path: Path, place: str) -> None:
@@ -49,6 +50,7 @@ def test_a_second_campaign_on_a_rig_is_refused_and_the_first_goes_on(in_motion: 
     assert len(ending.truth.all("START")) == 2
 
 
+@pytest.mark.nightly
 def test_a_changed_matrix_or_bench_is_not_resumed_and_a_double_id_not_loaded(
     moving: InMotion, tmp_path: Path
 ) -> None:
@@ -99,7 +101,7 @@ def test_a_matrix_beyond_the_rig_is_refused_whole_and_names_point_and_reason(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("good", "absurd"),
     [

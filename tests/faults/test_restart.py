@@ -78,12 +78,14 @@ def test_a_fault_that_stays_is_not_restarted_into(run: Run, slug: str) -> None:
     assert len(ending.truth.all("START")) == 2
 
 
+@pytest.mark.nightly
 def test_a_row_that_wants_the_operator_is_never_restarted_by_itself(run: Run) -> None:
     ending = run("can-foreign@6.3+0.3", matrix=POINTS)
     assert_stopped(ending, "can-foreign")
     assert len(ending.truth.all("START")) == 2
 
 
+@pytest.mark.nightly
 def test_ctrl_c_during_an_automatic_stop_ends_the_campaign(begin_world: BeginWorld) -> None:
     campaign = begin_world(simulator=("--fault", "ecu-crc@6.3+0.5"), matrix=POINTS, speed=2.0)
     campaign.wait_for("FADE_STOP")

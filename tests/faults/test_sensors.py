@@ -51,7 +51,7 @@ def test_bytes_without_one_valid_frame_stop_the_rig(run: Run, sensor: str) -> No
     assert_stopped(run(f"serial-baud{sensor}@5.5", speed=2.0), "serial-baud", speed=2.0)
 
 
-@pytest.mark.few(1)
+@pytest.mark.nightly
 @pytest.mark.parametrize("sensor", ["", *SENSORS])
 def test_a_wrong_baud_rate_from_the_start_is_refused(run: Run, sensor: str) -> None:
     assert_refused(run(f"serial-baud{sensor}", speed=20.0), "serial-baud")
@@ -90,6 +90,7 @@ def test_samples_that_are_no_numbers_spoil_the_point(run: Run, sensor: str) -> N
     assert_spoiled(run(f"sensor-nan{sensor}@6.3", speed=10.0), "sensor-nan")
 
 
+@pytest.mark.nightly
 def test_comma_and_nan_text_are_lost_samples_of_a_line_format(run: Run) -> None:
     ending = run("sensor-nan@6.3", simulator=("--force-format", "ascii"), speed=10.0)
     assert ending.exit_code in {4, 5}, ending.said
@@ -127,6 +128,7 @@ def test_a_sensor_that_was_not_tared_is_refused_before_arming(run: Run, sensor: 
     assert not ending.truth.all("ACQUIRE"), "refused before the controller was even taken"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("wrong", ["lvdt.gain=-1", "lvdt.gain=0.8", "load_cell.gain=-1"])
 def test_wrong_sign_and_scale_are_refused_by_the_slow_proof_move(run: Run, wrong: str) -> None:
     ending = run(simulator=("--option", wrong))

@@ -30,6 +30,7 @@ def quiet_after(ending: Ending, stop_s: float, zero_s: float) -> None:
     assert np.abs(truth.velocity_m_s[truth.since(stop_s + FADE_S)]).max() < 2e-3
 
 
+@pytest.mark.nightly
 def test_the_end_of_the_session_also_takes_the_pressure_away(moving: InMotion) -> None:
     assert_stopped(moving().end_by(signal.SIGHUP), "sigterm")
 

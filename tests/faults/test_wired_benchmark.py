@@ -41,6 +41,7 @@ def wired(folder: Path, problem: Benchmark, number: int) -> tuple[VirtualTest, W
     return test.result(test.steps), count
 
 
+@pytest.mark.nightly
 @pytest.mark.apart
 def test_the_structure_answers_through_the_wires_as_in_process(tmp_path: Path) -> None:
     problem = Benchmark(1, RATE_Hz, strong(), LATENCY_STEPS)

@@ -44,7 +44,7 @@ ROWS = ("ecu-silent", "ecu-late", "ecu-crc", "ecu-restart", "ecu-overtemp", "coi
         "can-busoff", "can-malformed", "can-babble", "can-foreign")  # fmt: skip
 
 
-@pytest.mark.few(1)
+@pytest.mark.nightly
 @pytest.mark.apart
 @pytest.mark.parametrize("slug", ROWS)
 def test_a_row_of_the_ecu_ends_the_same_with_a_users_files(slug: str, begin_world: Start) -> None:

@@ -28,7 +28,7 @@ def wearing(here: RowWorld, name: str, *more: str) -> RowWorld:
     return replace(here, setting=replace(here.setting, simulator=simulator))
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("name", "link"),
     [
@@ -60,7 +60,7 @@ ROWS = {
 }  # fmt: skip
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.apart
 @pytest.mark.parametrize(("name", "slug"), [(name, slug) for name, slugs in ROWS.items() for slug in slugs])
 def test_rows_end_as_the_matrix_says_on_a_users_map(name: str, slug: str, begin_world: Start) -> None:

@@ -21,7 +21,6 @@ DOCUMENTED = "a public call; its docstring is longer than its code"
 LONG_FUNCTIONS = {
     "rig.dampers.modified_bouc_wen:_own_step": "one integration step, compiled: its stages share all values",
     "rig.identification.fitting:identify": DOCUMENTED,
-    "rig.identification.points.preparation:prepare": DOCUMENTED,
     "rig.identification.runs:identify_run": DOCUMENTED,
     "rig.identification.uncertainty.assessment:judged": "one field of the fit after the other",
     "rig.optimisers.search:make_search": DOCUMENTED,

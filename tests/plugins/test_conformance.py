@@ -76,6 +76,7 @@ def test_a_good_method_and_a_good_model_pass(my_lab: Path) -> None:
     assert "29 passed" in said
 
 
+@pytest.mark.nightly
 def test_a_bad_method_and_a_bad_model_fail_by_name(install: Install) -> None:
     methods, models = {"bad_method": "bad_lab:Method"}, {"bad_model": "bad_lab:Model"}
     folder = install("bad-lab", {"mr_rig.methods": methods, "mr_rig.damper_models": models}, BAD)

@@ -74,6 +74,7 @@ def test_the_wheel_brings_its_pytest_plug_in_and_finds_the_labs_plug_ins(install
     assert f"{ROOT}/simulators" not in where.stdout
 
 
+@pytest.mark.nightly
 def test_the_labs_own_tests_pass_beside_the_wheel(installed: Path, tmp_path: Path) -> None:
     """A fault in a campaign on its bench: its driver in the station, its model in the plant."""
     lab = tmp_path / "my-lab"

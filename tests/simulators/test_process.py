@@ -159,6 +159,7 @@ def test_python_cans_own_slcan_sees_status_and_drives_current(start: Callable[..
                 bus.send(can.Message(arbitration_id=0x120, data=data, is_extended_id=False))
 
 
+@pytest.mark.nightly
 def test_two_can_clients_hear_each_other(start: Callable[..., Process]) -> None:
     channel = start().bench["ecu"]["channel"]
     with (
@@ -172,6 +173,7 @@ def test_two_can_clients_hear_each_other(start: Callable[..., Process]) -> None:
         assert any(message is not None and message.arbitration_id == 0x321 for message in heard)
 
 
+@pytest.mark.nightly
 def test_a_terminal_shows_load_cell_lines_in_ascii_mode(start: Callable[..., Process]) -> None:
     process = start("--force-format", "ascii", "--ports", "socket")
     assert process.bench["load_cell"]["format"] == "signed-decimal"
@@ -196,6 +198,7 @@ def test_an_unread_port_drops_and_counts_while_the_rig_runs_on(start: Callable[.
     assert 0 < unheard <= 2 * (simulated_s * 250 - 4095 // 16) + 60
 
 
+@pytest.mark.nightly
 def test_a_fault_given_from_the_start_meets_the_first_client(start: Callable[..., Process]) -> None:
     process = start("--fault", "modbus-busy")
     answer = process.modbus.read_holding_registers(0, count=2, device_id=1)
@@ -203,6 +206,7 @@ def test_a_fault_given_from_the_start_meets_the_first_client(start: Callable[...
     assert answer.exception_code == 6
 
 
+@pytest.mark.nightly
 def test_a_half_open_link_swallows_requests(start: Callable[..., Process]) -> None:
     from pymodbus.exceptions import ModbusIOException
 
@@ -272,7 +276,7 @@ def test_the_fault_list_names_all_sixty_five_rows() -> None:
     assert stuck["variants"] == ["sensor-stuck:lvdt"]
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "arguments",
     [["--fault", "sigkill"], ["--option", "load_cell.noize=1"], ["--model", "kwokk"], ["--speed", "0"],
@@ -297,6 +301,7 @@ def test_ctrl_c_ends_it_cleanly(start: Callable[..., Process]) -> None:
     assert not process.bench_path.exists()
 
 
+@pytest.mark.nightly
 def test_ctrl_c_the_moment_its_first_line_is_there_ends_it_cleanly_too(tmp_path: Path) -> None:
     """A full pipe holds it behind its first line, where it explains itself, until the signal is there."""
     truth = tmp_path / "truth.h5"

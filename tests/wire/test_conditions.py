@@ -69,6 +69,7 @@ def test_a_cold_damper_is_warmed_before_the_first_point(sessions: TwoSessions) -
     assert first["from_degC"] == pytest.approx(ROOM_DEGC, abs=0.3)
 
 
+@pytest.mark.nightly
 def test_a_resumed_campaign_warms_its_damper_again_before_it_measures(sessions: TwoSessions) -> None:
     phases = sessions.resumed.phases()
     assert phases.index("warming up") < phases.index("running")

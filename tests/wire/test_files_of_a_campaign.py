@@ -40,6 +40,7 @@ def matrix_of(ids: list[str], *, repeats: int = 3, seed: int = 11) -> str:
     return MATRIX.format(repeats=repeats, seed=seed) + "".join(points)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("ids", "seed"), [(["loop", "loop-1"], 11), (["x", "x-attempt1", "x-attempt4"], 5)])
 def test_points_whose_names_begin_like_others_are_all_valid_and_all_there(
     tmp_path: Path, ids: list[str], seed: int

@@ -182,6 +182,21 @@ def command_by_keyboard(beside: Beside, page: Page) -> None:
     assert beside.wish(Asked.STOP) == "Ada s"
 
 
+def stop_and_go_on(beside: Beside, page: Page) -> None:
+    """What follows a stop is no OK; what somebody must do then is said large."""
+    why = "document.getElementById('why').textContent"
+    beside.link.display.phase("stopping")
+    page.wait_for_function(f"{why} === 'coil to 0 A, motion fades out'", timeout=WAIT_MS)
+    beside.link.display.phase("hydraulics off")
+    page.wait_for_function(f"{why} === 'hydraulics off'", timeout=WAIT_MS)
+    assert page.evaluate("document.getElementById('verdict').textContent") == "STOPPING"
+    beside.link.ask_current(0.0)
+    says(page, "SET CURRENT")
+    beside.link.forget_question()
+    beside.link.display.phase("running")
+    says(page, "OK")
+
+
 def lose_the_page(beside: Beside, page: Page) -> None:
     """A page process that stands still: nothing old is shown as live, and a Stop is not called sent."""
     os.kill(beside.page.pid, signal.SIGSTOP)
@@ -204,6 +219,7 @@ def end_it(beside: Beside, page: Page) -> None:
     why = "document.getElementById('why').textContent"
     page.wait_for_function(f"{why}.includes('The page has closed')", timeout=WAIT_MS)
     assert page.evaluate("document.getElementById('verdict').textContent") == "NOT OK"
+    assert not page.is_visible("#stop"), "there is nothing to stop, and nobody has control"
     assert page.title() != "taken"
 
 
@@ -251,6 +267,7 @@ def test_the_page_is_read_by_everybody_worked_by_keys_and_never_passes_off_what_
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.goto(beside.page.url)
         says(page, "OK")
+        stop_and_go_on(beside, page)
         for judged in beside.judged(VERDICTS):
             beside.link.display.point_done(judged)
         says(page, "NOT OK")

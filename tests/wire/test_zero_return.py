@@ -9,7 +9,7 @@ import pytest
 from matrices import matrix_text
 from simulated_campaign import simulated
 
-from rig.campaign.preflight.rest_check import read_zero_checks
+from rig.campaign.preflight.zero_return import read_zero_checks
 
 MATRIX = matrix_text("0 A", "1 A", frequency="1 Hz", cycles=4)
 LONG = MATRIX.replace("cycles = 4", "cycles = 15")

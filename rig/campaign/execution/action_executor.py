@@ -20,7 +20,8 @@ from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.observer import Observer, WantedMotion
 from rig.campaign.execution.point_recording import PointRecording
 from rig.campaign.preflight.proof_move import PROOF_SPEED_M_S, Baseline, DamperCheck, ProofMove
-from rig.campaign.preflight.rest_check import RestCheck, ZeroReturn
+from rig.campaign.preflight.rest_check import RestCheck
+from rig.campaign.preflight.zero_return import ZeroReturn
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import PROOF_WALL_S, Request

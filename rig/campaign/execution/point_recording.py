@@ -341,5 +341,5 @@ def _sensor(sensor: SensorConfig, unit: str, long_name: str) -> SensorContext:
 
 def _text(value: object) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{key} {entry}" for key, entry in value.items())
-    return str(value)
+        return ", ".join(f"{key} {_text(entry)}" for key, entry in value.items())
+    return f"{value:.9g}" if isinstance(value, float) else str(value)

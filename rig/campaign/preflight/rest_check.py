@@ -1,7 +1,7 @@
 """The rig at rest: what it must show before it is armed (rows `not-tared`, `sensors-swapped`), and again at the end.
 
 Load cell and LVDT are compared with the controller's own force and position inputs, before the first motion and when
-the rod rests at 0 A at the end. What has changed between makes the session's points suspect.
+the rod rests at 0 A at the end (`zero_return` compares both).
 """
 
 from __future__ import annotations
@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,18 +20,14 @@ from rig.bench.model import CHANGE_OF_ZERO, Bench
 from rig.bench.settings import StationConfig
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.observer import Observer
-from rig.campaign.results import CampaignFinding
+from rig.campaign.preflight.zero_return import ZeroReturn
 from rig.campaign.sequencer import event as ev
-from rig.campaign.setup import ZERO_CHECKS, note_zeros
 from rig.campaign.stop_cause import StopCause, because
-from rig.campaign.words import say
-from rig.errors import FileProblem
 from rig.matrix.plan import Plan
 from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.quality.point_quality import Tolerances
-from rig.recording.run import read_campaign
 from rig.signals.arrays import FloatArray
-from rig.signals.rest import FEWEST_SAMPLES, SURE, AtRest, RestWindow, Spread, ZeroDrift
+from rig.signals.rest import FEWEST_SAMPLES, SURE, AtRest, RestWindow
 
 REST_FORCE_SHARE = 0.20
 REST_FORCE_NOISE_SHARE = 0.02
@@ -234,91 +228,6 @@ def watch_rest(observer: Observer, judge: Callable[[AtRest], ev.Event]) -> None:
 
 
 @dataclass
-class ZeroReturn:
-    """Both rest windows of a session, and how much was measured between them.
-
-    Attributes:
-        start: before the rig was armed; None when it never came so far.
-        end: at the end, at 0 A and standstill; None when the end did not allow it.
-        peak_force_N: largest force while points ran.
-        peak_displacement_m: largest distance from the start's rest while points ran.
-        force_step_N, displacement_step_m: least difference of two samples: the sensors' resolution.
-    """
-
-    start: RestWindow | None = None
-    end: RestWindow | None = None
-    peak_force_N: float = 0.0
-    peak_displacement_m: float = 0.0
-    force_step_N: float = math.inf
-    displacement_step_m: float = math.inf
-
-    def watch(self, block: RecordBlock) -> None:
-        """Take records of a running point."""
-        if self.start is None:
-            return
-        force, displacement = (_spread(block.of(channel)) for channel in (Channel.FORCE, Channel.DISPLACEMENT))
-        if force is not None:
-            self.peak_force_N = max(self.peak_force_N, abs(force.lowest), abs(force.highest))
-            self.force_step_N = min(self.force_step_N, force.step)
-        if displacement is not None:
-            rest_m = self.start.displacement_m.mean
-            apart_m = max(abs(displacement.lowest - rest_m), abs(displacement.highest - rest_m))
-            self.peak_displacement_m = max(self.peak_displacement_m, apart_m)
-            self.displacement_step_m = min(self.displacement_step_m, displacement.step)
-
-    def findings(self) -> tuple[CampaignFinding, ...]:
-        """What has drifted by more than the tests allow; nothing where a window is missing."""
-        start, end = self.start, self.end
-        if start is None or end is None:
-            return ()
-        force = ZeroDrift(
-            (start.force_N, start.controller_force_N), (end.force_N, end.controller_force_N),
-            self.peak_force_N, self.force_step_N, end.force_flagged,
-        )
-        displacement = ZeroDrift(
-            (start.displacement_m, start.position_m), (end.displacement_m, end.position_m),
-            self.peak_displacement_m, self.displacement_step_m, end.displacement_flagged,
-        )
-        pairs = (
-            _drift_finding(force, ("load cell", "controller's force input"), "N", 1.0),
-            _drift_finding(displacement, ("LVDT", "controller's position input"), "mm", 1e3),
-        )
-        return tuple(finding for finding in pairs if finding is not None)
-
-    def to_json(self) -> dict[str, Any]:
-        """One entry of `zero_checks` in `campaign.json`; null where a window is missing."""
-        return {
-            "start": None if self.start is None else self.start.to_json(),
-            "end": None if self.end is None else self.end.to_json(),
-            "peak_force_N": self.peak_force_N,
-            "peak_displacement_m": self.peak_displacement_m,
-            "force_step_N": None if math.isinf(self.force_step_N) else self.force_step_N,
-            "displacement_step_m": None if math.isinf(self.displacement_step_m) else self.displacement_step_m,
-            "findings": [finding.to_json() for finding in self.findings()],
-        }
-
-
-def _spread(records: NDArray[Any]) -> Spread | None:
-    return Spread.of(records["value"][(records["flags"] & np.uint16(NO_VALUE)) == 0])
-
-
-def _drift_finding(
-    zero: ZeroDrift, instruments: tuple[str, str], unit: str, factor: float
-) -> CampaignFinding | None:
-    """The finding when sensor and controller's input agree less at the end than at the start; `factor` from SI."""
-    drifted = zero.significant()
-    if drifted is None:
-        return None
-    measured, own = instruments
-    text = say(
-        "drifted-apart", measured=measured, own=own, drift=factor * drifted.drift, limit=factor * drifted.limit,
-        peak=factor * zero.peak, unit=unit,
-    )
-    values = {**drifted._asdict(), "largest_measured": zero.peak}
-    return CampaignFinding("zero-drift", "bench", text, instruments, values)
-
-
-@dataclass
 class RestCheck:
     """What the resting rig shows at both ends of a session: kept, written down, and at the start judged.
 
@@ -362,39 +271,3 @@ class RestCheck:
         temperatures = {name: self.observer.last.get(channel, math.nan) for name, channel in names.items()}
         cold = self.campaign.results.began_ns is None and all(map(math.isfinite, temperatures.values()))
         return temperatures if cold else {}
-
-
-def zeros_returned(zeros: ZeroReturn, campaign: CampaignContext) -> tuple[CampaignFinding, ...]:
-    """What the zeros show at a session's end, entered in `campaign.json`, in the points' files and in the books."""
-    findings = zeros.findings()
-    if zeros.start is not None:
-        try:
-            note_zeros(campaign.folder, zeros.to_json())
-        except (OSError, FileProblem) as error:
-            campaign.display.message("error", say("at-the-end", error=error))
-    warn = partial(campaign.display.message, "warning")
-    campaign.results.doubted(findings, warn, campaign.stock.results)
-    return findings
-
-
-def read_zero_checks(folder: Path) -> tuple[ZeroReturn, ...]:
-    """The zero checks of a campaign's sessions, oldest first.
-
-    Raises:
-        FileProblem: an entry is damaged.
-    """
-    checks = []
-    for entry in read_campaign(folder).get(ZERO_CHECKS, ()):
-        try:
-            start, end = (
-                None if entry[name] is None else RestWindow.from_json(entry[name]) for name in ("start", "end")
-            )
-            peaks = float(entry["peak_force_N"]), float(entry["peak_displacement_m"])
-            steps = (
-                math.inf if entry.get(name) is None else float(entry[name])
-                for name in ("force_step_N", "displacement_step_m")
-            )
-            checks.append(ZeroReturn(start, end, *peaks, *steps))
-        except (KeyError, TypeError, ValueError) as error:
-            raise FileProblem(str(folder / "campaign.json"), [f"{ZERO_CHECKS}: {error!r}"]) from error
-    return tuple(checks)

@@ -74,27 +74,15 @@ class CPrinter(Printer):
         ]
         return f"{array}[{shown[0]}]" if len(shown) == 1 else f"{array}[{COLUMNS} * {shown[0]} + {shown[1]}]"
 
-    def called(self, function: Function, arguments: list[ast.expr]) -> str:
-        """See `Printer.called`."""
-        return f"{function.name}({', '.join(self.text(argument) for argument in arguments)})"
-
     def several(self, function: Function, arguments: list[ast.expr]) -> str:
         """See `Printer.several`."""
         held = self.temporary(function.arity)
         self.line(f"{function.name}({', '.join([*(self.text(argument) for argument in arguments), held])});")
         return held
 
-    def hoisted(self, node: ast.expr) -> str:
-        """See `Printer.hoisted`; C changes arrays in place."""
-        return self.text(node)
-
     def alone(self, node: ast.Call) -> None:
         """See `Printer.alone`."""
         self.line(f"{self.text(node)};")
-
-    def let(self, target: str, value: str) -> str:
-        """See `Printer.let`."""
-        return f"{target} = {value};"
 
     def opened(self, kind: str, condition: str) -> str:
         """See `Printer.opened`."""

@@ -7,7 +7,6 @@ import ast
 from rig.export.code.functions import Function, Library
 from rig.export.code.printer import AND, ATOM, COMPARED, OR, Printer
 
-POWER = 8
 CLOSED = "end"
 CALLED = {"int": "integer"}
 
@@ -91,10 +90,6 @@ class ModelicaPrinter(Printer):
         text, binds = super().comparison(node)
         return text.replace(" && ", " and "), binds
 
-    def power(self, base: ast.expr, exponent: ast.expr) -> tuple[str, int]:
-        """See `Printer.power`."""
-        return f"{self.text(base, ATOM)} ^ {self.text(exponent, ATOM)}", POWER
-
     def element(self, array: str, places: list[ast.expr]) -> str:
         """See `Printer.element`."""
         shown = [
@@ -103,20 +98,6 @@ class ModelicaPrinter(Printer):
             for place in places
         ]  # fmt: skip
         return f"{array}[{', '.join(shown)}]"
-
-    def called(self, function: Function, arguments: list[ast.expr]) -> str:
-        """See `Printer.called`."""
-        return f"{function.name}({', '.join(self.text(argument) for argument in arguments)})"
-
-    def several(self, function: Function, arguments: list[ast.expr]) -> str:
-        """See `Printer.several`."""
-        held = self.temporary(function.arity)
-        self.line(f"{held} := {self.called(function, arguments)};")
-        return held
-
-    def hoisted(self, node: ast.expr) -> str:
-        """See `Printer.hoisted`."""
-        return self.text(node)
 
     def alone(self, node: ast.Call) -> None:
         """See `Printer.alone`; a call that changes nothing has nothing to say."""

@@ -5,9 +5,7 @@ from __future__ import annotations
 import ast
 
 from rig.export.code.functions import Function, Library
-from rig.export.code.printer import ATOM, Printer, number
-
-POWER = 8
+from rig.export.code.printer import Printer, number
 
 
 class OctavePrinter(Printer):
@@ -42,10 +40,6 @@ class OctavePrinter(Printer):
         """See `Printer.conditional`."""
         return f"mr_choose({test}, {then}, {otherwise})"
 
-    def power(self, base: ast.expr, exponent: ast.expr) -> tuple[str, int]:
-        """See `Printer.power`."""
-        return f"{self.text(base, ATOM)} ^ {self.text(exponent, ATOM)}", POWER
-
     def element(self, array: str, places: list[ast.expr]) -> str:
         """See `Printer.element`."""
         shown = [
@@ -63,13 +57,7 @@ class OctavePrinter(Printer):
         """
         if self.library.changes(function):
             raise self.function.refused(ast.Name(function.name), "changes an array inside of an expression")
-        return f"{function.name}({', '.join(self.text(argument) for argument in arguments)})"
-
-    def several(self, function: Function, arguments: list[ast.expr]) -> str:
-        """See `Printer.several`."""
-        held = self.temporary(function.arity)
-        self.line(f"{held} = {self.called(function, arguments)};")
-        return held
+        return super().called(function, arguments)
 
     def hoisted(self, node: ast.expr) -> str:
         """See `Printer.hoisted`; a conversion around the call says nothing in a language with one kind of number."""
@@ -88,10 +76,6 @@ class OctavePrinter(Printer):
     def alone(self, node: ast.Call) -> None:
         """See `Printer.alone`; a call that changes nothing has nothing to say."""
         self.hoisted(node)
-
-    def let(self, target: str, value: str) -> str:
-        """See `Printer.let`."""
-        return f"{target} = {value};"
 
     def opened(self, kind: str, condition: str) -> str:
         """See `Printer.opened`."""

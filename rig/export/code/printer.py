@@ -1,4 +1,4 @@
-"""Functions printed in a language whose expressions look like C's: what C and Octave have in common."""
+"""Functions printed in a language whose expressions look like C's: what C, Modelica and Octave have in common."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OPERATORS: dict[type[ast.operator], tuple[str, int]] = {
 COMPARISONS: dict[type[ast.cmpop], str] = {
     ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
 }  # fmt: skip
-OR, AND, COMPARED, UNARY, ATOM = 1, 2, 4, 7, 9
+OR, AND, COMPARED, UNARY, POWER, ATOM = 1, 2, 4, 7, 8, 9
 STATE_LENGTH = "2"
 """Of a state that asks: there is always room for two, and what is not used stays zero."""
 
@@ -57,32 +57,12 @@ class Printer(ABC):
         """`then` where `test` holds, else `otherwise`."""
 
     @abstractmethod
-    def power(self, base: ast.expr, exponent: ast.expr) -> tuple[str, int]:
-        """A power, and how tightly it binds."""
-
-    @abstractmethod
     def element(self, array: str, places: list[ast.expr]) -> str:
         """An array's element."""
 
     @abstractmethod
-    def called(self, function: Function, arguments: list[ast.expr]) -> str:
-        """A call whose value is a number."""
-
-    @abstractmethod
-    def several(self, function: Function, arguments: list[ast.expr]) -> str:
-        """A call whose value is a tuple: made a statement; the name of an array that holds it."""
-
-    @abstractmethod
-    def hoisted(self, node: ast.expr) -> str:
-        """The value of a call that also changes an array, of any other expression itself."""
-
-    @abstractmethod
     def alone(self, node: ast.Call) -> None:
         """A call as a statement."""
-
-    @abstractmethod
-    def let(self, target: str, value: str) -> str:
-        """An assignment."""
 
     @abstractmethod
     def opened(self, kind: str, condition: str) -> str:
@@ -95,6 +75,28 @@ class Printer(ABC):
     @abstractmethod
     def returned(self, node: ast.Return) -> None:
         """Statements that end the function."""
+
+    def power(self, base: ast.expr, exponent: ast.expr) -> tuple[str, int]:
+        """A power, and how tightly it binds."""
+        return f"{self.text(base, ATOM)} ^ {self.text(exponent, ATOM)}", POWER
+
+    def called(self, function: Function, arguments: list[ast.expr]) -> str:
+        """A call whose value is a number."""
+        return f"{function.name}({', '.join(self.text(argument) for argument in arguments)})"
+
+    def several(self, function: Function, arguments: list[ast.expr]) -> str:
+        """A call whose value is a tuple: made a statement; the name of an array that holds it."""
+        held = self.temporary(function.arity)
+        self.line(self.let(held, self.called(function, arguments)))
+        return held
+
+    def hoisted(self, node: ast.expr) -> str:
+        """The value of a call that also changes an array, of any other expression itself."""
+        return self.text(node)
+
+    def let(self, target: str, value: str) -> str:
+        """An assignment."""
+        return f"{target} = {value};"
 
     def call_name(self, name: str) -> str:
         """How a function of the language is called."""

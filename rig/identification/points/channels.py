@@ -1,4 +1,4 @@
-"""A recorded point on the times of its force samples: the force, the coil current or its command, the temperature."""
+"""A recorded point at the times of its force samples: force, coil current or its command, temperature; measurement."""
 
 from __future__ import annotations
 
@@ -8,12 +8,55 @@ from protocols.quality import DOUBTFUL
 from rig.dampers.arrays import BoolArray, FloatArray
 from rig.errors import IdentificationFailed
 from rig.identification.models.coil import SMALLEST_STEP_A
+from rig.identification.models.measurement import Measurement
 from rig.identification.words import Saying, say
+from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
+from rig.signals.derivatives import Motion
 
 FEWEST_SAMPLES = 50
 STEADY_CURRENT_A = 0.02  # below this scatter the current was constant and its mean is better than its samples
 LARGEST_MISSING_SHARE = 0.2
+
+
+def measured(
+    point: RecordedPoint, skew: PointSkew | None, motion: Motion, mean_m: float, force_N: FloatArray, usable: BoolArray
+) -> Measurement:
+    """A point's measurement at the times of its motion; what needs its cycles, or their absence, is left as it is.
+
+    Motion is about mid-stroke; the inertia of the fixture between load cell and damper is taken off the force.
+
+    Args:
+        point: the point.
+        skew: what the campaign as a whole knows of the sensors' delays; None: what the point's file says.
+        motion: at n times of the force.
+        mean_m: of the motion, mid-stroke where the point does not know its specimen's.
+        force_N: at these times, shape (n,).
+        usable: whether it was measured, shape (n,).
+    """
+    warned: list[Saying] = []
+    current_A, commanded = current_at(point, motion.time_s, warned)
+    return Measurement(
+        id=point.id,
+        file="" if point.path is None else str(point.path),
+        u_m=motion.u_m - (mean_m if point.mid_stroke_m is None else point.mid_stroke_m),
+        v_m_s=motion.v_m_s,
+        a_m_s2=motion.a_m_s2,
+        force_N=force_N - float(point.test.get("moving_mass_kg", 0.0)) * motion.a_m_s2,
+        current_A=current_A,
+        dt_s=float(motion.time_s[-1] - motion.time_s[0]) / (motion.time_s.size - 1),
+        waveform=point.waveform,
+        amplitude_m=point.amplitude_m,
+        frequency_Hz=point.frequency_Hz,
+        nominal_current_A=point.current_A,
+        usable=None if bool(np.all(usable)) else usable,
+        skew_std_s=point.skew_std_s if skew is None else skew.std_s,
+        force_zero_std_N=point.quality.rest.force_zero_std_N or 0.0,
+        commanded_A=None if commanded is None else commanded[1],
+        commanded_before_A=None if commanded is None else commanded[0],
+        temperature_degC=temperature_at(point, motion.time_s),
+        warnings=tuple(warned),
+    )
 
 
 def force_on_grid(

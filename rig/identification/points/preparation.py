@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from rig.dampers.arrays import BoolArray, FloatArray
 from rig.errors import IdentificationFailed, RigError
 from rig.identification.models.measurement import Measurement, MotionError
-from rig.identification.points.channels import FEWEST_SAMPLES, current_at, force_on_grid, refuse_too_few, temperature_at
+from rig.identification.points.channels import FEWEST_SAMPLES, force_on_grid, measured, refuse_too_few
 from rig.identification.points.faint_orders import FAINT_ORDERS, expected
 from rig.identification.points.whole_record import has_cycles, prepare_whole
 from rig.identification.words import Saying, say, some
@@ -109,48 +110,25 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
     time_s, displacement_m = _displacement_in(point, cycles)
     shift_s = 0.0 if skew is None else skew.shift_s
     grid_s, force_N, usable = force_on_grid(point, shift_s, float(cycles.start_s[0]), float(cycles.start_s[-1]))
-    warned: list[Saying] = []
-    current_A, commanded = current_at(point, grid_s, warned)
-    measured_N, frequency_Hz = np.where(usable, force_N, np.nan), float(np.mean(cycles.frequency_Hz))
-    motion, motion_error = _motion(time_s, displacement_m, frequency_Hz, grid_s, measured_N)
+    known_N, frequency_Hz = np.where(usable, force_N, np.nan), float(np.mean(cycles.frequency_Hz))
+    motion, motion_error = _motion(time_s, displacement_m, frequency_Hz, grid_s, known_N)
     if motion.harmonics is None:
         warnings.append(say("no-repeat" if len(cycles) > 1 else "one-cycle-no-series"))
     mean_m = motion.harmonics.mean_m if motion.harmonics is not None else cycles.mean_m
-    reference_m = mean_m if point.mid_stroke_m is None else point.mid_stroke_m
     step_N = quantisation_step(force_N[usable])
     usable, saturated = _without_saturation(force_N, usable, len(cycles), step_N)
-    warnings += saturated
-    dt_s = float(grid_s[-1] - grid_s[0]) / (grid_s.size - 1)
-    per_cycle = round(float(np.mean(np.diff(cycles.start_s))) / dt_s)
-    unseen = None if motion.harmonics is None else motion.harmonics.unseen_at(grid_s)
-    return Measurement(
-        id=point.id,
-        file="" if point.path is None else str(point.path),
-        u_m=motion.u_m - reference_m,
-        v_m_s=motion.v_m_s,
-        a_m_s2=motion.a_m_s2,
-        force_N=force_N - float(point.test.get("moving_mass_kg", 0.0)) * motion.a_m_s2,
-        current_A=current_A,
-        dt_s=dt_s,
-        waveform=point.waveform,
-        amplitude_m=point.amplitude_m,
-        frequency_Hz=point.frequency_Hz,
-        nominal_current_A=point.current_A,
-        samples_per_cycle=per_cycle,
-        usable=None if bool(np.all(usable)) else usable,
-        skew_std_s=point.skew_std_s if skew is None else skew.std_s,
-        unseen_v_m_s=None if unseen is None else unseen[0],
-        unseen_a_m_s2=None if unseen is None else unseen[1],
+    test = measured(point, skew, motion, mean_m, force_N, usable)
+    repeats = test.commanded_A is None
+    unseen = (None, None) if motion.harmonics is None else motion.harmonics.unseen_at(grid_s) or (None, None)
+    return replace(
+        test,
+        samples_per_cycle=round(float(np.mean(np.diff(cycles.start_s))) / test.dt_s),
+        unseen_v_m_s=unseen[0],
+        unseen_a_m_s2=unseen[1],
         motion_error=motion_error,
-        force_zero_std_N=point.quality.rest.force_zero_std_N or 0.0,
         force_step_N=step_N,
-        commanded_A=None if commanded is None else commanded[1],
-        commanded_before_A=None if commanded is None else commanded[0],
-        noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles, step_N)
-        if commanded is None
-        else noise_of(force_N[usable]),
-        temperature_degC=temperature_at(point, grid_s),
-        warnings=(*warnings, *warned),
+        noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles, step_N) if repeats else noise_of(force_N[usable]),
+        warnings=(*warnings, *saturated, *test.warnings),
     )
 
 

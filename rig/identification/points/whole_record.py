@@ -17,8 +17,8 @@ import numpy as np
 
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
-from rig.identification.points.channels import FEWEST_SAMPLES, current_at, force_on_grid, temperature_at
-from rig.identification.words import Saying, say
+from rig.identification.points.channels import FEWEST_SAMPLES, force_on_grid, measured
+from rig.identification.words import say
 from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.fourier import quantisation_step
@@ -66,32 +66,9 @@ def prepare_whole(point: RecordedPoint, skew: PointSkew | None = None) -> Measur
     noise_N, step_N = noise_of(force_N[usable]), quantisation_step(force_N[usable])
     grid_s, force_N, usable = grid_s[rows], force_N[rows], usable[rows]
     motion = free_motion(point.time_s, point.displacement_m, grid_s)
-    warned: list[Saying] = [say("whole-record", every=every)]
-    current_A, commanded = current_at(point, grid_s, warned)
-    reference_m = float(np.mean(motion.u_m)) if point.mid_stroke_m is None else point.mid_stroke_m
-    return Measurement(
-        id=point.id,
-        file="" if point.path is None else str(point.path),
-        u_m=motion.u_m - reference_m,
-        v_m_s=motion.v_m_s,
-        a_m_s2=motion.a_m_s2,
-        force_N=force_N - float(point.test.get("moving_mass_kg", 0.0)) * motion.a_m_s2,
-        current_A=current_A,
-        dt_s=dt_s * every,
-        waveform=point.waveform,
-        amplitude_m=point.amplitude_m,
-        frequency_Hz=point.frequency_Hz,
-        nominal_current_A=point.current_A,
-        usable=None if bool(np.all(usable)) else usable,
-        skew_std_s=point.skew_std_s if skew is None else skew.std_s,
-        force_zero_std_N=point.quality.rest.force_zero_std_N or 0.0,
-        force_step_N=step_N,
-        commanded_A=None if commanded is None else commanded[1],
-        commanded_before_A=None if commanded is None else commanded[0],
-        noise_N=noise_N,
-        temperature_degC=temperature_at(point, grid_s),
-        warnings=tuple(warned),
-    )
+    test = measured(point, skew, motion, float(np.mean(motion.u_m)), force_N, usable)
+    warnings = (say("whole-record", used="every sample" if every == 1 else f"one sample in {every}"), *test.warnings)
+    return replace(test, dt_s=dt_s * every, force_step_N=step_N, noise_N=noise_N, warnings=warnings)
 
 
 def _stretch(point: RecordedPoint, first_s: float, last_s: float) -> tuple[float, float, tuple[float, float]]:

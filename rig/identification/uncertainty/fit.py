@@ -14,10 +14,19 @@ from rig.identification.application.tested_range import TestedRange
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.relation import CurrentRelations
 from rig.identification.uncertainty.drawn import Drawn
-from rig.identification.uncertainty.fit_file import entries_of, read_fit_object, record
+from rig.identification.uncertainty.fit_file import (
+    entries_of,
+    estimate_entry,
+    number,
+    plain,
+    read_fit_object,
+    record,
+    summary_entry,
+)
 from rig.identification.uncertainty.fit_use import FitUse
 from rig.identification.uncertainty.no_model import Reference
 from rig.identification.uncertainty.residuals import Residual
+from rig.identification.uncertainty.unseen import Unseen
 
 if TYPE_CHECKING:
     from rig.identification.uncertainty.profile import Profile
@@ -226,6 +235,7 @@ class Fit(FitUse):
         series: spring in series with the damper, where it was looked for; the parameters are the damper's behind it.
         current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
         loss: "squares" or "huber".
+        unseen: errors of tests foretold from the others, where that was asked for; None otherwise.
         form: the model's equation, as it was fitted, with its source; `equation` has the numbers too.
         tested: what the fitted tests covered, and how far the model was off; None in files of earlier versions.
         coil_eta_1_s: rate (1/s) at which the coil's current follows its command, found with the force model where the
@@ -261,6 +271,7 @@ class Fit(FitUse):
     series: SeriesSpring | None = None
     current: CurrentRelations | None = None
     loss: str = "squares"
+    unseen: Unseen | None = None
     form: str = ""
     tested: TestedRange | None = None
     coil_eta_1_s: float | None = None
@@ -297,6 +308,7 @@ class Fit(FitUse):
                 profiles={name: record(Profile, entry) for name, entry in (content.get("profiles") or {}).items()},
                 next_tests=tuple(record(NextTest, entry) for entry in content.get("next_tests") or ()),
                 diagnosis=tuple(record(Cause, entry) for entry in content.get("diagnosis") or ()),
+                unseen=Unseen.from_json(content.get("unseen")),
                 series=None if spring is None else record(SeriesSpring, spring),
                 current=CurrentRelations.from_json(related),
                 drawn=Drawn.from_json(content.get("bootstrap")),
@@ -317,16 +329,16 @@ class Fit(FitUse):
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig identify --json`: plain types, no NaN or infinity (null instead)."""
-        error = _summary(self.error)
+        error = summary_entry(self.error)
         for entry, residual in zip(error["per_test"], self.residuals, strict=False):
-            entry["residual"] = _plain(residual)
-        error["holdout"] = None if self.holdout is None else _summary(self.holdout)
+            entry["residual"] = plain(residual)
+        error["holdout"] = None if self.holdout is None else summary_entry(self.holdout)
         scores = [
             {
                 "model": score.model,
-                "holdout_nrmse_percent_of_peak": _number(score.holdout_nrmse_percent_of_peak),
-                "bic": _number(score.bic),
-                "rmse_N": _number(score.rmse_N),
+                "holdout_nrmse_percent_of_peak": number(score.holdout_nrmse_percent_of_peak),
+                "bic": number(score.bic),
+                "rmse_N": number(score.rmse_N),
                 "parameters": score.parameters,
                 "method": score.method,
                 "reason": score.reason,
@@ -342,58 +354,32 @@ class Fit(FitUse):
             "hysteresis": self.hysteresis,
             "weight": self.weight,
             "loss": self.loss,
-            "parameters": {name: _estimate(estimate) for name, estimate in self.parameters.items()},
+            "parameters": {name: estimate_entry(estimate) for name, estimate in self.parameters.items()},
             "error": error,
             "selection": scores,
-            "references": [_plain(reference) for reference in self.references],
+            "references": [plain(reference) for reference in self.references],
             "adequate": self.adequate,
             "warnings": list(self.warnings),
             "evaluations": self.evaluations,
             "wall_s": self.wall_s,
-            "objective": _number(self.objective),
-            "condition": _number(self.condition),
-            "correlation": {name: {k: _number(v) for k, v in row.items()} for name, row in self.correlation.items()},
-            "passivity": None if self.passivity is None else _plain(self.passivity),
+            "objective": number(self.objective),
+            "condition": number(self.condition),
+            "correlation": {name: {k: number(v) for k, v in row.items()} for name, row in self.correlation.items()},
+            "passivity": None if self.passivity is None else plain(self.passivity),
             "profiles": {name: vars(profile) for name, profile in self.profiles.items()},
-            "next_tests": [_plain(proposal) for proposal in self.next_tests],
+            "next_tests": [plain(proposal) for proposal in self.next_tests],
             "bootstrap": None if self.drawn is None else self.drawn.to_json(),
-            "diagnosis": [_plain(cause) for cause in self.diagnosis],
+            "unseen": None if self.unseen is None else self.unseen.to_json(),
+            "diagnosis": [plain(cause) for cause in self.diagnosis],
             "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
             "current_law": self.model.partition(PLUS)[2] or AFFINE,
-            "series_spring": None if self.series is None else _plain(self.series),
+            "series_spring": None if self.series is None else plain(self.series),
             "tested": None if self.tested is None else self.tested.to_json(),
-            "coil_eta_1_s": _number(self.coil_eta_1_s),
+            "coil_eta_1_s": number(self.coil_eta_1_s),
             "notes": list(self.notes),
         }
 
 
 def _read_summary(entry: Mapping[str, Any]) -> ErrorSummary:
-    """The inverse of `_summary`."""
+    """The inverse of `summary_entry`."""
     return record(ErrorSummary, entry, per_test=tuple(record(TestError, test) for test in entry["per_test"]))
-
-
-def _number(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)
-
-
-def _plain(record: object) -> dict[str, Any]:
-    """The fields of a dataclass, what is not finite as null."""
-    return {key: _number(value) if isinstance(value, float) else value for key, value in vars(record).items()}
-
-
-def _estimate(estimate: Estimate) -> dict[str, Any]:
-    entry = _plain(estimate)
-    if not entry["reason"]:
-        del entry["reason"]
-    return entry
-
-
-def _summary(summary: ErrorSummary) -> dict[str, Any]:
-    return {
-        "rmse_N": _number(summary.rmse_N),
-        "mae_N": _number(summary.mae_N),
-        "sd_N": _number(summary.sd_N),
-        "r_squared": _number(summary.r_squared),
-        "nrmse_percent_of_peak": _number(summary.nrmse_percent_of_peak),
-        "per_test": [_plain(error) for error in summary.per_test],
-    }

@@ -1,4 +1,4 @@
-"""Reading `fit.json`: the object of the file, and dataclasses made of its entries."""
+"""Reading and writing `fit.json`: the object of the file, dataclasses made of its entries, entries of dataclasses."""
 
 from __future__ import annotations
 
@@ -67,3 +67,27 @@ def record(kind: type[Record], entry: Mapping[str, Any], **known: object) -> Rec
             value = math.nan
         values[one.name] = tuple(value) if isinstance(value, list) else value
     return kind(**{**values, **known})
+
+
+def number(value: float | None) -> float | None:
+    """A number as JSON has it: null in place of what is not finite."""
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def plain(record: object) -> dict[str, Any]:
+    """The fields of a dataclass, what is not finite as null."""
+    return {key: number(value) if isinstance(value, float) else value for key, value in vars(record).items()}
+
+
+def estimate_entry(estimate: object) -> dict[str, Any]:
+    """The entry of a parameter's `Estimate`: its reason only where there is one."""
+    entry = plain(estimate)
+    if not entry["reason"]:
+        del entry["reason"]
+    return entry
+
+
+def summary_entry(summary: object) -> dict[str, Any]:
+    """The entry of an `ErrorSummary`: its numbers, then each test."""
+    entry = plain(summary)
+    return {**entry, "per_test": [plain(error) for error in entry["per_test"]]}

@@ -39,7 +39,7 @@ const strips = new StripChart(by_id("strips"), [
 function now_s() { return host_now ? host_now + (performance.now() - host_at) / 1000 : 0; }
 function clock_s() { return clock ? performance.now() / 1000 + clock.offset_s : now_s(); }
 function point(id = state.point) { return run ? run.points.find((one) => one.id === id) : undefined; }
-function period_s() { const one = point(); return one && one.frequency_Hz > 0 ? 1 / one.frequency_Hz / (run.device_rate || 1) : 2; }
+function period_s() { const one = point(); return one && one.repeats !== false && one.frequency_Hz > 0 ? 1 / one.frequency_Hz / (run.device_rate || 1) : 2; }
 
 function frame(buffer) {
   if (kind_of(buffer) === RECORDED) {

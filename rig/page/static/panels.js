@@ -16,6 +16,7 @@ function duration(s) {
   return s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${Math.floor(s % 60)} s` : `${Math.max(0, Math.round(s))} s`;
 }
 function describe(one) {
+  if (one.described) return one.described;
   return `${one.waveform} ${plain(1000 * one.amplitude_m)} mm, ${plain(one.frequency_Hz)} Hz, ${plain(one.current_A)} A`;
 }
 function question(asked) { return asked.current_A ? `set ${asked.current_A.toFixed(2)} A on the supply, then confirm` : "set 0 A on the supply and switch its output off, then confirm"; }

@@ -9,7 +9,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from rig.errors import FileProblem
 from rig.recording.alignment.alignment import Alignment, TimedChannel, align
 from rig.recording.atomic_write import FULL, flush_directory
 from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.hdf5.read_back import prove
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.journal.journal_lock import journal_claimed
 from rig.recording.journal.point_journal import opened
@@ -39,12 +39,9 @@ from rig.recording.quality.quality_checks import judged
 from rig.recording.quality.verdict import Reason
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
-from rig.signals.chunked_column import Column, Values, mapped, parts
+from rig.signals.chunked_column import Column, Values, mapped
 from rig.signals.delay_estimation.delay_model import Skew
 from rig.signals.derivatives import MARGIN, METHOD, velocity_of
-
-if TYPE_CHECKING:
-    import h5py
 
 DESCRIPTIONS = {description.name: description for description in RING_CHANNELS.values()}
 RESAMPLED = "monotone cubic through the sensor's own samples, never beyond its two neighbours"
@@ -80,10 +77,6 @@ FROM_WIRE: dict[str, str] = {
     "hybrid_seen": "value = the newest sample of the displacement, less the centre",
 }
 """Channel -> how its SI values were made of what was on the wire."""
-
-
-class ReadBackDiffers(OSError):
-    """The finished file does not hold what was written: the disk or the library failed; the journal is kept."""
 
 
 @dataclass(frozen=True)
@@ -321,35 +314,3 @@ def _write_proved(final: Path, point: PointFile) -> None:
             keep_attempt(final)
 
     write_file(final, point, before_naming=proved)
-
-
-def prove(path: Path, point: PointFile) -> None:
-    """Read a file back and compare every value with what was to be written.
-
-    Raises:
-        ReadBackDiffers: naming the first dataset that differs.
-    """
-    import h5py
-
-    with h5py.File(path, "r") as file:
-        data, raw = file["entry/data"], file["entry/raw"]
-        _same(path, data, "time", point.time_s)
-        for channel in point.channels:
-            _same(path, data, channel.name, mapped(channel.values, lambda values: values, np.float32))
-        if point.flags is not None:
-            _same(path, data, "flags", point.flags)
-        for received in point.raw:
-            for name in ("value", "sequence", "device_us", "host_ns"):
-                _same(path, raw[received.name], name, received.records[name])
-            flags = mapped(received.records["flags"], lambda values: values, np.int8)  # as they are stored
-            _same(path, raw[received.name], "flags", flags)
-            if received.time_s is not None:
-                _same(path, raw[received.name], "time", received.time_s)
-
-
-def _same(path: Path, group: h5py.Group, name: str, wanted: Values) -> None:
-    same = name in group and group[name].shape == wanted.shape
-    for rows in parts(len(wanted)) if same else ():
-        same = same and np.array_equal(group[name][rows], wanted[rows], equal_nan=wanted.dtype.kind == "f")
-    if not same:
-        raise ReadBackDiffers(f"{path}: {group.name}/{name} read back differs from what was recorded")

@@ -20,6 +20,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TextIO
@@ -181,10 +182,11 @@ def warm_up() -> None:
     """Load what the first point would wait for, and write one small file."""
     import numpy as np
 
-    from rig.recording.conversion.conversion import prove
     from rig.recording.hdf5.hdf5_image import write_file
+    from rig.recording.hdf5.read_back import prove
     from rig.recording.layout import AlignedChannel, PointFile
 
+    import_module("rig.recording.conversion.conversion")
     time_s = np.arange(16) / 250.0
     point = PointFile(
         time_s, 250.0, [AlignedChannel("force", time_s, "N", "Force")],

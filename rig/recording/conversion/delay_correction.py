@@ -23,8 +23,10 @@ from numpy.typing import NDArray
 from rig.clock import utc_now
 from rig.errors import FileProblem
 from rig.recording.atomic_write import ReservedFile, write_whole
-from rig.recording.conversion.conversion import Correction, build, prove
-from rig.recording.hdf5.hdf5_image import set_attributes, write_file
+from rig.recording.conversion.conversion import Correction, build
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.hdf5.hdf5_objects import set_attributes
+from rig.recording.hdf5.read_back import prove
 from rig.recording.hdf5.reading import opened
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.journal.point_journal import ChannelSplit
@@ -203,7 +205,7 @@ def write_verdict(path: Path, verdict: Verdict, why: str) -> None:
         file.write(data)
         with h5py.File(file, "r+", libver=("v108", "v110")) as opened:
             say_verdict(opened["entry/quality"], verdict)
-            set_attributes(opened["entry/quality"], {
+            set_attributes(opened["entry/quality"].id, {
                 "judged_again": why, "judged_again_utc": utc_now().isoformat(timespec="seconds"),
             })
 
@@ -214,7 +216,7 @@ def say_verdict(quality: h5py.Group, verdict: Verdict) -> None:
     """Put a verdict into an open file's `/entry/quality`."""
     for name in verdict.attributes.keys() & quality.attrs.keys():
         del quality.attrs[name]  # no reason left is no attribute
-    set_attributes(quality, verdict.attributes)
+    set_attributes(quality.id, verdict.attributes)
 
 
 def finished(point: RecordedPoint) -> FinishedPoint:

@@ -7,6 +7,7 @@ deeper than the layout, more objects, links or attributes than the layout, refer
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rig.errors import FileProblem
+from rig.recording.hdf5.hdf5_objects import attribute_names, own_dtype
 
 if TYPE_CHECKING:
     import h5py
@@ -72,7 +74,7 @@ def check_file(path: Path, groups: Iterable[str] | None = None) -> h5py.File:
         return file
     walk = _Walk(status.st_size)
     try:
-        walk.group(file, "")
+        walk.group(file["/"].id, "")
     except DAMAGE as error:
         walk.problems.append(f"damaged: {error}")
     problems = walk.problems + walk.bomb()
@@ -95,7 +97,7 @@ def _check_groups(file: h5py.File, path: Path, groups: Iterable[str]) -> None:
 
     problems = []
     try:
-        problems += _attribute_problems(file)
+        problems += _attribute_problems(file["/"].id)
         for name in groups:
             parts = name.split("/")
             for depth in range(1, len(parts) + 1):
@@ -105,7 +107,7 @@ def _check_groups(file: h5py.File, path: Path, groups: Iterable[str]) -> None:
                     problems.append(f"/{place}: missing, or not a group of the file itself")
                     break
             else:
-                problems += [f"/{name}: {text}" for text in _attribute_problems(file[name])]
+                problems += [f"/{name}: {text}" for text in _attribute_problems(file[name].id)]
     except DAMAGE as error:
         problems.append(f"damaged: {error}")
     if problems:
@@ -122,31 +124,31 @@ class _Walk:
         self._seen = self._declared = 0
         self._walked: set[int] = set()
 
-    def group(self, group: h5py.Group, place: str) -> None:
+    def group(self, group: h5py.h5g.GroupID, place: str) -> None:
         import h5py
 
         self.problems += [f"{place or '/'}: {text}" for text in _attribute_problems(group)]
         if place.count("/") >= DEEPEST:
             self.problems.append(f"{place}: nested deeper than {DEEPEST} groups")
             return
-        self._seen += len(group)  # before any name is read: there may be millions
+        self._seen += group.get_num_objs()  # before any name is read: there may be millions
         if self._seen > LARGEST_OBJECTS:
             self.problems.append(f"{place}: more than {LARGEST_OBJECTS} objects")
             return
-        for name in group:
-            where = f"{place}/{_printable(name)}"
-            info = group.id.links.get_info(name.encode("utf-8", "surrogateescape"))
+        for key in group:
+            name = key.decode("utf-8", "surrogateescape")
+            where, info = f"{place}/{_printable(name)}", group.links.get_info(key)
             if info.type != h5py.h5l.TYPE_HARD:
-                kind = type(group.get(name, getlink=True)).__name__
+                kind = type(h5py.Group(group).get(name, getlink=True)).__name__
                 self.problems.append(f"{where}: {kind} refused; a recording holds its data itself")
                 continue
             if info.u in self._walked:
                 continue  # stamps that channels share are one dataset with many names
-            item = group[name]
-            if isinstance(item, h5py.Dataset):
+            item = h5py.h5o.open(group, key)
+            if isinstance(item, h5py.h5d.DatasetID):
                 self._walked.add(info.u)
                 self._dataset(item, where)
-            elif isinstance(item, h5py.Group):
+            elif isinstance(item, h5py.h5g.GroupID):
                 self.group(item, where)
             else:
                 self.problems.append(f"{where}: neither group nor dataset")
@@ -157,12 +159,16 @@ class _Walk:
             return []
         return [f"declares {self._declared} bytes in a file of {self._file_bytes}; refused as a decompression bomb"]
 
-    def _dataset(self, item: h5py.Dataset, where: str) -> None:
-        texts = _attribute_problems(item) + _storage_problems(item)
-        size = int(np.prod(item.shape, dtype=object)) if item.shape else 1
-        declared = size * item.dtype.itemsize
+    def _dataset(self, item: h5py.h5d.DatasetID, where: str) -> None:
+        shape, kind, storage = item.shape, item.dtype, item.get_create_plist()
+        texts = _attribute_problems(item) + _storage_problems(storage, kind, len(shape))
+        chunks = _chunks(storage)
+        size = math.prod(shape)
+        declared = size * kind.itemsize
         self._declared += declared
-        held = LARGEST_RATIO * self._file_bytes if item.chunks else self._file_bytes
+        held = LARGEST_RATIO * self._file_bytes if chunks else self._file_bytes
+        if chunks:
+            texts += _chunk_problems(size, math.prod(chunks), kind.itemsize)
         if size > LARGEST_SAMPLES:
             texts.append(f"declares {size} values; at most {LARGEST_SAMPLES}")
         elif declared > SMALL_BYTES and declared > held:
@@ -170,29 +176,39 @@ class _Walk:
         self.problems += [f"{where}: {text}" for text in texts]
 
 
-def _storage_problems(item: h5py.Dataset) -> list[str]:
+def _chunks(storage: h5py.h5p.PropDCID) -> tuple[int, ...]:
+    """The chunks' shape; empty where a dataset has none."""
+    import h5py
+
+    return tuple(storage.get_chunk()) if storage.get_layout() == h5py.h5d.CHUNKED else ()
+
+
+def _storage_problems(storage: h5py.h5p.PropDCID, kind: np.dtype[Any], dimensions: int) -> list[str]:
+    import h5py
+
     texts = []
-    if item.is_virtual:
+    if storage.get_layout() == h5py.h5d.VIRTUAL:
         texts.append("virtual dataset refused")
-    if item.external:
+    if storage.get_external_count():
         texts.append("external storage refused")
-    texts += _type_problems(item.dtype)
-    if item.ndim > 1:
-        texts.append(f"{item.ndim} dimensions; expected 1")
-    plist = item.id.get_create_plist()
-    filters = [plist.get_filter(n) for n in range(plist.get_nfilters())]
+    texts += _type_problems(kind)
+    if dimensions > 1:
+        texts.append(f"{dimensions} dimensions; expected 1")
+    filters = [storage.get_filter(number) for number in range(storage.get_nfilters())]
     codes = [code for code, *_ in filters]
     texts += [f"filter {code} ({text!r}) refused; allowed: {', '.join(ALLOWED_FILTERS.values())}"
               for code, _, _, text in filters if code not in ALLOWED_FILTERS]
     if len(set(codes)) < len(codes):
         texts.append(f"the same filter twice refused: {codes}")
-    if item.chunks:
-        chunk_bytes = int(np.prod(item.chunks, dtype=object)) * item.dtype.itemsize
-        if chunk_bytes > LARGEST_CHUNK_BYTES:
-            texts.append(f"chunks of {chunk_bytes} bytes; at most {LARGEST_CHUNK_BYTES}")
-        chunks = int(np.prod(item.shape, dtype=object)) // max(1, int(np.prod(item.chunks, dtype=object)))
-        if chunks > MOST_CHUNKS:
-            texts.append(f"{chunks} chunks; at most {MOST_CHUNKS}")
+    return texts
+
+
+def _chunk_problems(size: int, chunk_size: int, value_bytes: int) -> list[str]:
+    texts = []
+    if chunk_size * value_bytes > LARGEST_CHUNK_BYTES:
+        texts.append(f"chunks of {chunk_size * value_bytes} bytes; at most {LARGEST_CHUNK_BYTES}")
+    if size // max(1, chunk_size) > MOST_CHUNKS:
+        texts.append(f"{size // max(1, chunk_size)} chunks; at most {MOST_CHUNKS}")
     return texts
 
 
@@ -203,28 +219,34 @@ def _type_problems(kind: np.dtype[Any]) -> list[str]:
     return [f"elements of {kind.itemsize} bytes; at most {largest}"] if kind.itemsize > largest else []
 
 
-def _attribute_problems(place: h5py.Group | h5py.Dataset) -> list[str]:
+def _attribute_problems(place: h5py.h5g.GroupID | h5py.h5d.DatasetID) -> list[str]:
     """What is wrong with an object's attributes; none of them is read."""
     import h5py
 
-    count = h5py.h5a.get_num_attrs(place.id)
+    count = h5py.h5a.get_num_attrs(place)
     if count > MOST_ATTRIBUTES:
         return [f"{count} attributes; at most {MOST_ATTRIBUTES}"]
     texts = []
-    for number in range(count):
-        item = h5py.h5a.open(place.id, index=number)
-        name = item.name.decode("utf-8", "replace")
-        if name in SCALE_ATTRIBUTES:
-            continue
-        size = item.get_storage_size()
-        if size > LARGEST_ATTRIBUTE_BYTES:
-            texts.append(f"attribute {_printable(name)}: {size} bytes; at most {LARGEST_ATTRIBUTE_BYTES}")
-        elif len(item.shape) > 1:
-            texts.append(f"attribute {_printable(name)}: {len(item.shape)} dimensions; expected at most 1")
-        elif item.shape or h5py.check_string_dtype(item.dtype) is None:
-            # One text of free length, as h5py writes it, is no longer than the file; many of them may be the same one.
-            texts += [f"attribute {_printable(name)}: {text}" for text in _type_problems(item.dtype)]
+    for key in attribute_names(place):
+        name = key.decode("utf-8", "replace")
+        if name not in SCALE_ATTRIBUTES:
+            problems = _problems_of(h5py.h5a.open(place, key))
+            texts += [f"attribute {_printable(name)}: {text}" for text in problems]
     return texts
+
+
+def _problems_of(attribute: h5py.h5a.AttrID) -> list[str]:
+    import h5py
+
+    size, shape = attribute.get_storage_size(), attribute.shape
+    if size > LARGEST_ATTRIBUTE_BYTES:
+        return [f"{size} bytes; at most {LARGEST_ATTRIBUTE_BYTES}"]
+    if len(shape) > 1:
+        return [f"{len(shape)} dimensions; expected at most 1"]
+    own = own_dtype(attribute.get_type())
+    kind = attribute.dtype if own is None else own
+    # One text of free length, as h5py writes it, is no longer than the file; many of them may be the same one.
+    return _type_problems(kind) if shape or h5py.check_string_dtype(kind) is None else []
 
 
 def _printable(name: str) -> str:

@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
 from rig.recording.atomic_write import ReservedFile, write_whole
+from rig.recording.hdf5.hdf5_objects import number_type, set_attributes, set_number, texts_of, values_of, write_values
 from rig.recording.layout import CHUNK_SAMPLES, FORMAT_VERSION, RECORD_DTYPE, AlignedChannel
 from rig.signals.chunked_column import parts
 
@@ -25,14 +26,13 @@ if TYPE_CHECKING:
     from rig.recording.layout import Attribute, Event, PointFile, RawChannel
     from rig.signals.chunked_column import Values
 
-FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}
+COMPRESSION = 4
+"""Of gzip; shuffled before, with a check of every chunk behind."""
 UNFILTERED_BYTES = 1024
 """A dataset up to this size is stored as it is: filters and an index of chunks would be longer than what they save."""
 MOST_ATTRIBUTES = 1000
 """Attributes that stay in their object's header, where they take least room."""
-LONGEST_TEXT_BYTES = 32_000
 QUALITY = "Quality: 1 overload, 2 fault, 4 gap, 8 NaN, 16 spike, 32 stale, 64 clock went back"
-"""HDF5 has 64 kB for an attribute, its name and type included."""
 EMPTY_FILE = bytes.fromhex(
     "894844460d0a1a0a0208080000000000000000003000000000000000e4000000000000006100000000000000cc3f68d5"
     "4f4844520220977e026b977e026b977e026b977e026b1613070005000200100004000007000000000000000000c33b6c"
@@ -97,42 +97,43 @@ class _Image:
     def __init__(self, file: h5py.File, check: Callable[[], None]) -> None:
         self._file = file
         self._check = check
-        self._stored: dict[tuple[str, int, int], h5py.Dataset] = {}
+        self._stored: dict[tuple[str, int, int], h5py.h5d.DatasetID] = {}
 
     def fill(self, content: PointFile) -> None:
-        self._file.attrs["format_version"] = FORMAT_VERSION
-        set_attributes(self._file, {"NX_class": "NXroot", "default": "entry"})
-        entry = self._group("entry", "NXentry", {"default": "data", "title": content.title})
+        root = self._file["/"].id
+        set_attributes(root, {"format_version": FORMAT_VERSION, "NX_class": "NXroot", "default": "entry"})
+        self._group("entry", "NXentry", {"default": "data", "title": content.title})
         self._fill_data(content)
         self._group("entry/raw", "NXcollection")
         for channel in content.raw:
             self._fill_raw(channel)
         self._fill_events(content.events)
         for name in ("test", "quality", "provenance"):
-            self._group(f"{entry.name}/{name}", "NXcollection", getattr(content, name))
+            self._group(f"entry/{name}", "NXcollection", getattr(content, name))
 
-    def _group(self, place: str, kind: str, attributes: Mapping[str, Attribute] | None = None) -> h5py.Group:
+    def _group(self, place: str, kind: str, attributes: Mapping[str, Attribute] | None = None) -> h5py.h5g.GroupID:
         group = self._bare_group(place)
         set_attributes(group, {"NX_class": kind, **(attributes or {})})
         return group
 
-    def _bare_group(self, place: str) -> h5py.Group:
+    def _bare_group(self, place: str) -> h5py.h5g.GroupID:
         """A group without attributes: those given after its members are there take less room."""
         import h5py
 
         wanted = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
         wanted.set_obj_track_times(False)
         wanted.set_attr_phase_change(MOST_ATTRIBUTES, MOST_ATTRIBUTES - 1)
-        h5py.h5g.create(self._file.id, place.encode(), None, wanted)
-        return self._file[place]
+        return h5py.h5g.create(self._file.id, place.encode(), None, wanted)
 
     def _fill_data(self, content: PointFile) -> None:
+        import h5py
+
         group = self._group("entry/data", "NXdata", {
             "signal": content.signal, "axes": "time", "time_indices": 0, "sample_rate_hz": content.sample_rate_hz,
         })
         time = self._dataset(group, "time", content.time_s, np.float64)
         set_attributes(time, {"units": "s", "long_name": "Time"})
-        time.make_scale("time")
+        h5py.h5ds.set_scale(time, b"time")
         flags = np.zeros(len(content.time_s), np.int8) if content.flags is None else content.flags
         quality = AlignedChannel("flags", flags, "1", QUALITY)
         for channel in (*content.channels, quality):
@@ -141,7 +142,7 @@ class _Image:
             set_attributes(dataset, {
                 "units": channel.unit, "long_name": channel.long_name, "sensor": channel.sensor, **channel.attributes,
             })
-            dataset.dims[0].attach_scale(time)
+            h5py.h5ds.attach_scale(dataset, time, 0)
 
     def _fill_raw(self, channel: RawChannel) -> None:
         group = self._bare_group(f"entry/raw/{channel.name}")
@@ -162,87 +163,64 @@ class _Image:
         set_attributes(group, {"NX_class": "NXcollection", "long_name": channel.long_name, **channel.attributes})
 
     def _fill_events(self, events: Sequence[Event]) -> None:
+        import h5py
+
         group = self._group("entry/events", "NXcollection")
         times = np.array([event.time_ns for event in events], np.int64)
         set_attributes(self._dataset(group, "time_ns", times, np.int64), {"units": "ns"})
         arrived = np.array([event.host_ns for event in events], np.int64)
         set_attributes(self._dataset(group, "host_ns", arrived, np.int64), {"units": "ns"})
         for name in ("code", "text"):
-            # Octave reads only text that is declared ASCII; UTF-8 beyond it stays as its bytes, and is said to be that.
-            encoded = [_encoded(getattr(event, name)) for event in events] or [b" "]
-            texts = np.array(encoded, f"S{max(map(len, encoded))}")[: len(events)]
-            set_attributes(group.create_dataset(name, data=texts), {"encoding": "utf-8"})
+            texts = texts_of([getattr(event, name) for event in events])
+            set_attributes(h5py.Group(group).create_dataset(name, data=texts).id, {"encoding": "utf-8"})
         self._check()
 
-    def _stamps(self, group: h5py.Group, name: str, values: Values, kind: DTypeLike) -> tuple[h5py.Dataset, bool]:
+    def _stamps(
+        self, group: h5py.h5g.GroupID, name: str, values: Values, kind: DTypeLike
+    ) -> tuple[h5py.h5d.DatasetID, bool]:
         """A column that channels of one message have in common, and whether it was new: the same one is linked only."""
+        import h5py
+
         if not isinstance(values, np.ndarray) or len(values) == 0:
             return self._dataset(group, name, values, kind), True
         column = np.ascontiguousarray(values.astype(kind))
         key = (name, len(column), zlib.crc32(column.tobytes()))
         known = self._stored.get(key)
-        if known is not None and known[...].tobytes() == column.tobytes():
-            group[name] = known
+        if known is not None and values_of(known).tobytes() == column.tobytes():
+            h5py.h5o.link(known, group, name.encode())
             return known, False
         self._stored[key] = self._dataset(group, name, column, kind)
         return self._stored[key], True
 
-    def _dataset(self, group: h5py.Group, name: str, values: Values, kind: DTypeLike) -> h5py.Dataset:
+    def _dataset(self, group: h5py.h5g.GroupID, name: str, values: Values, kind: DTypeLike) -> h5py.h5d.DatasetID:
         """A dataset of type `kind`, written a part at a time, with the check of its values."""
         import h5py
 
-        wanted = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-        wanted.set_attr_phase_change(MOST_ATTRIBUTES, MOST_ATTRIBUTES - 1)
-        size = len(values) * np.dtype(kind).itemsize
-        filters = {"chunks": (min(len(values), CHUNK_SAMPLES),), **FILTERS} if size > UNFILTERED_BYTES else {}
-        dataset = group.create_dataset(name, (len(values),), kind, dcpl=wanted, **filters)
+        kind = np.dtype(kind)
+        wanted = _storage(len(values), kind)
+        space = h5py.h5s.create_simple((len(values),))
+        dataset = h5py.h5d.create(group, name.encode(), number_type(kind), space, dcpl=wanted)
         check = 0
         for rows in parts(len(values)) if len(values) else ():
             part = np.ascontiguousarray(np.asarray(values[rows]).astype(kind))
-            dataset[rows] = part
+            write_values(dataset, rows.start, part)
             check = zlib.crc32(part.tobytes(), check)
             self._check()
         if len(values):
-            dataset.attrs["crc32"] = np.uint32(check)
+            set_number(dataset, "crc32", np.uint32(check))
         return dataset
 
 
-def set_attributes(place: h5py.Group | h5py.Dataset, attributes: Mapping[str, Attribute]) -> None:
-    """Plain attributes: numbers, fixed-length UTF-8 text, one-dimensional arrays of text; None is left out.
-
-    A text too long for an attribute is cut, which is said at its end; a whole number beyond 64 bits becomes text.
-    """
-    for name, value in attributes.items():
-        if value is None:
-            continue
-        if isinstance(value, bool):
-            place.attrs[name] = np.int8(value)
-        elif isinstance(value, float) or (isinstance(value, int) and -(1 << 63) <= value < 1 << 63):
-            place.attrs[name] = value
-        elif isinstance(value, (str, int)):
-            texts, kind = _texts([_cut(str(value), LONGEST_TEXT_BYTES)])
-            place.attrs.create(name, texts[0], dtype=kind)
-        elif value:
-            texts, kind = _texts([_cut(text, LONGEST_TEXT_BYTES) for text in value])
-            place.attrs.create(name, texts, dtype=kind)
-
-
-def _cut(text: str, most_bytes: int) -> str:
-    encoded = _encoded(text)
-    if len(encoded) <= most_bytes:
-        return text
-    return f"{encoded[:most_bytes].decode(errors='ignore')} [cut: {len(encoded)} bytes]"
-
-
-def _texts(values: Sequence[str]) -> tuple[NDArray[Any], Any]:
-    """Fixed-length UTF-8 text as HDF5 keeps it; an empty text becomes one blank."""
+def _storage(length: int, kind: np.dtype[Any]) -> h5py.h5p.PropDCID:
+    """How a dataset is stored: in chunks with filters and a check, or as it is when it is small."""
     import h5py
 
-    encoded = [_encoded(value) for value in values]
-    kind = h5py.string_dtype("utf-8", max(map(len, encoded)))
-    return np.array(encoded, kind), kind
-
-
-def _encoded(text: str) -> bytes:
-    """UTF-8; what cannot be (half a surrogate pair, a zero byte) becomes a question mark, an empty text one blank."""
-    return text.encode("utf-8", "replace").replace(b"\0", b"?") or b" "
+    wanted = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    wanted.set_attr_phase_change(MOST_ATTRIBUTES, MOST_ATTRIBUTES - 1)
+    if length * kind.itemsize > UNFILTERED_BYTES:
+        wanted.set_chunk((min(length, CHUNK_SAMPLES),))
+        wanted.set_shuffle()
+        wanted.set_deflate(COMPRESSION)
+        wanted.set_fletcher32()
+    wanted.set_obj_track_times(False)
+    return wanted

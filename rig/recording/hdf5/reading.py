@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rig.errors import FileProblem
 from rig.recording.hdf5.hdf5_check import check_file
+from rig.recording.hdf5.hdf5_objects import attributes_of
 from rig.recording.layout import FORMAT_VERSION, check_of
 from rig.recording.quality.point_quality import PointQuality
 
@@ -167,7 +168,7 @@ def attributes(file: h5py.File, name: str) -> dict[str, Any]:
     """The attributes of `/entry/<name>` as plain Python values: text, numbers, tuples of text."""
     if f"entry/{name}" not in file:
         return {}
-    return {key: _plain(value) for key, value in file[f"entry/{name}"].attrs.items() if key != "NX_class"}
+    return {key: _plain(value) for key, value in attributes_of(file[f"entry/{name}"]) if key != "NX_class"}
 
 
 def _plain(value: object) -> object:

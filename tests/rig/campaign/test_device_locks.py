@@ -122,6 +122,7 @@ def test_the_second_asker_never_changes_what_the_first_wrote(folder: Path) -> No
         assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
+@pytest.mark.nightly
 def test_the_folder_is_the_same_whatever_tmpdir_says(tmp_path: Path) -> None:
     ask = "from rig.campaign.machine_resources import _folder; print(_folder())"
     said = {

@@ -223,7 +223,7 @@ TAKEN = {Phase.TAKING_AWAY, Phase.TAKEN_AWAY}
 OPTIONAL_PHASES = frozenset().union(*(case.phases for case in CASES.values())) | {Phase.RESTING}
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 def test_exploration_reaches_every_phase(
     explored: Explored, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.ring import Channel
-from rig.campaign.preflight.rest_check import ZeroReturn, read_zero_checks
+from rig.campaign.preflight.zero_return import ZeroReturn, read_zero_checks
 from rig.errors import FileProblem
 from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.layout import RECORD_DTYPE

@@ -43,7 +43,7 @@ def rig(environment: dict[str, str], *arguments: str) -> tuple[int, str]:
     return result.returncode, result.stdout.decode("ascii") + result.stderr.decode("ascii")
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("environment", [ASCII, C_LOCALE], ids=["PYTHONIOENCODING", "LC_ALL"])
 @pytest.mark.parametrize(
     ("arguments", "code", "expected"),
@@ -87,7 +87,7 @@ def test_what_is_no_error_of_encoding_is_raised_again() -> None:
         replaced(UnicodeDecodeError("ascii", b"\xff", 0, 1, "ordinal not in range"))
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("columns", [40, 80, 121])
 @pytest.mark.parametrize("terminal", ["dumb", "xterm-256color"])
 def test_a_plan_fits_the_terminal_it_is_shown_on(columns: int, terminal: str) -> None:

@@ -30,7 +30,8 @@ def terminal(*, is_terminal: bool) -> tuple[Console, io.StringIO]:
 
 
 def result(verdict: str, *reasons: str) -> PointResult:
-    return PointResult("p001", Path("p001.h5"), verdict, reasons, "sine", 0.03, 2.0, 0.5, 0)
+    told = "sine 30 mm 2 Hz 0.5 A"
+    return PointResult("p001", Path("p001.h5"), verdict, reasons, "sine", 0.03, 2.0, 0.5, 0, described=told)
 
 
 def campaign(
@@ -120,7 +121,8 @@ def test_an_unknown_rig_state_is_shouted() -> None:
 
 
 STOPPED = StopReport(
-    "S2", "sigint", proved=True, current_zero=True, pressure_off=True, moved=True, unfinished="p003", resume="c"
+    "S2", "sigint", proved=True, current_zero=True, pressure_off=True, moved=True, unfinished="p003", resume="c",
+    halted=False,
 )
 
 
@@ -142,7 +144,7 @@ def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
     ("change", "said"),
     [
         ({"moved": False}, "nothing had moved"),
-        ({"kind": "SO"}, "motion halted"),
+        ({"halted": True}, "motion halted"),
         ({"current_zero": False}, "coil current not proved"),
         ({"pressure_off": False}, "HYDRAULICS STILL ON"),
         ({"proved": False}, "standstill is not proved"),

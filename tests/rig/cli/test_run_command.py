@@ -70,6 +70,7 @@ def test_ctrl_c_in_motion_ends_in_exit_4_with_the_rig_safe_and_the_point_not_val
     assert result["fit"] is None
 
 
+@pytest.mark.nightly
 def test_a_matrix_beyond_the_simulated_rig_is_refused_before_anything_moves(tmp_path: Path) -> None:
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(Path(QUICK).read_text().replace('"30 mm"', '"80 mm"'))
@@ -81,6 +82,7 @@ def test_a_matrix_beyond_the_simulated_rig_is_refused_before_anything_moves(tmp_
     assert not list(tmp_path.glob("*/points/*.h5"))
 
 
+@pytest.mark.nightly
 def test_the_demo_covers_the_simulated_truth_and_says_what_cannot_be_identified(tmp_path: Path) -> None:
     code, out, err = finish(start("demo", "--out", str(tmp_path)))
     assert code == 0, out + err

@@ -100,7 +100,7 @@ def test_one_plant_step_gives_the_same_force_as_the_equation(name: str) -> None:
         assert step == pytest.approx(damper.force(chosen.values, [u], [v], [a], current, 1e-4)[0], rel=1e-12, abs=1e-9)
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("name", list(PARAMETER_SETS))
 def test_sets_are_complete_and_fast_motion_dissipates(name: str) -> None:
     chosen = parameter_set(name)

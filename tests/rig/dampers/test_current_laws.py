@@ -68,6 +68,7 @@ def test_a_models_force_behind_a_law_is_its_force_at_what_the_fluid_feels() -> N
     assert float(at) == pytest.approx(float(bare.force_at(values, 0.2, x)))
 
 
+@pytest.mark.nightly
 def test_kernels_behind_a_law_see_what_the_fluid_feels() -> None:
     bare, lawed = model("lugre"), model("lugre+saturating")
     kernel, own = lawed.kernel(), bare.kernel()

@@ -128,7 +128,7 @@ def slopes(name: str, p: dict[str, float]) -> Slopes:
     )
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("name", "changed"),
     [
@@ -168,7 +168,7 @@ def test_series_agrees_with_an_independent_integrator(name: str, changed: dict[s
     assert np.sqrt(np.mean((found - expected) ** 2)) < 2e-3 * np.max(np.abs(expected))
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "name",
     [
@@ -199,6 +199,7 @@ def test_bouc_wen_saturates_at_z0() -> None:
     assert force[-1] == pytest.approx(values["alpha"] * z0, rel=1e-4)
 
 
+@pytest.mark.nightly
 def test_normalised_form_is_the_same_damper_as_bouc_wen() -> None:
     bw = parameter_set("spencer-bouc-wen").values
     z0 = (bw["A"] / (bw["beta"] + bw["gamma"])) ** (1.0 / bw["n"])
@@ -260,6 +261,7 @@ def test_the_loops_one_curve_agrees_with_an_independent_integrator(sigma: float,
     assert np.max(np.abs(hysteresis_series(0.0, rho, sigma, n, u, v, 0.001, 0) - reference)) < 2e-3
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("sigma", "n"), [(0.3, 1.2), (0.6, 2.0), (2.5, 4.0)])
 def test_slopes_of_the_loop_are_its_differences(sigma: float, n: float) -> None:
     t = np.arange(0.0, 2.0, 0.001)

@@ -69,7 +69,7 @@ def some_shape(form: Separation) -> np.ndarray:
     return np.asarray(form.starts[0]) if len(form.starts) else np.array([40.0, 0.5][: len(form.shape_names)])
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", SPLIT)
 def test_a_split_model_is_its_force(name: str, sine: Sine) -> None:
     form = form_of(name)

@@ -50,6 +50,7 @@ def test_a_force_out_of_reach_gets_the_current_whose_force_is_nearest() -> None:
     assert rows[:, 5] == pytest.approx([358.0, 358.0, -400.0])
 
 
+@pytest.mark.nightly
 def test_states_follow_the_motion_and_the_currents_that_are_found() -> None:
     damper, dt_s = model("normalized_bouc_wen"), 1e-3
     p = damper.vector(damper.demonstration)

@@ -312,22 +312,37 @@ def test_skyhook_asks_for_the_whole_current_where_the_damper_can_hold_the_body()
     assert np.array_equal(np.array(currents)[clear], np.where(product > 0.0, 1.5, 0.0)[clear])
 
 
-def test_the_clipped_inverse_asks_for_the_current_at_which_the_assumed_damper_pulls_what_is_wanted() -> None:
+@pytest.mark.parametrize("rest_A", [0.0, 2.4], ids=["rests at none", "rests at more than the law may ask for"])
+def test_the_clipped_inverse_asks_for_the_current_at_which_the_assumed_damper_pulls_what_is_wanted(
+    rest_A: float,
+) -> None:
     known = dampers.parameter_set("demo")
     damper = CornerDamper(dampers.model(known.model), dict(known.values))
-    control = Control("inverse", most_A=2.0, sky_share=0.7, damping_N_s_m=2500.0)
+    control = Control("inverse", current_A=rest_A, most_A=2.0, sky_share=0.7, damping_N_s_m=2500.0)
     motion, moments, currents = commanded(control, damper)
     rows = np.array(moments)
     body, wheel = (np.gradient(rows[:, column], 0.004)[2:-2] for column in (3, 4))
     asked = np.array(currents)[2:-2]
-    rest_N = float(damper.model.force_at(damper.values, 0.0, 0.0))
+    rest_N = float(damper.model.force_at(damper.values, 0.0, rest_A))
     reached_N = damper.model.force_at(damper.values, body - wheel, asked) - rest_N
     wanted_N = 2500.0 * (0.7 * body - 0.3 * wheel)
     between = (asked > 0.05) & (asked < 1.95)
     assert np.count_nonzero(between) > 40
     assert np.sqrt(np.mean((reached_N - wanted_N)[between] ** 2)) < 0.05 * np.std(wanted_N)
     assert {0.0, 2.0} <= set(asked.tolist()), "clipped at both ends"
-    assert motion.current_A == 0.0
+    assert motion.current_A == rest_A
+
+
+def test_a_law_that_is_not_asked_between_its_road_and_its_end_leaves_no_current_of_its_own() -> None:
+    control = Control("skyhook", current_A=0.2, most_A=1.5)
+    car = dataclasses.replace(quarter_car(linear_damper(DAMPING), 2.0), control=control)
+    asked = dataclasses.replace(order(car, "none"), control=control)
+    motion, t_s, place_m = HybridMotion(asked), 0.0, 0.05
+    while motion.current_A != 1.5:
+        place_m = motion.at(t_s, Measured(0.0, place_m)).position_m
+        t_s += 0.01
+    assert motion.at(asked.duration_s + 0.01, Measured(0.0, place_m)) is None
+    assert motion.current_A == 0.2
 
 
 def test_more_current_leaves_less_time_before_the_loop_is_unstable() -> None:

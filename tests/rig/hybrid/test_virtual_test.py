@@ -39,6 +39,7 @@ def test_the_sample_controller_tracks_as_the_paper_printed(case: int) -> None:
     assert found["J4"] > 2.0 * found["J2"]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("case", [1, 2, 3, 4])
 def test_the_own_compensator_reaches_what_is_asked_at_1024_and_250_Hz(case: int) -> None:
     at_1024, at_250 = means(case, 1024, "adaptive-model"), means(case, 250, "adaptive-model")

@@ -29,6 +29,7 @@ def test_draws_are_the_same_however_they_are_shared_out(make_synthetic: Make) ->
     assert not np.allclose(alone.draws, bootstrap(fit, tests, count=24, seed=5).draws, rtol=1e-6)
 
 
+@pytest.mark.nightly
 def test_a_right_models_spread_is_that_of_fits_to_new_noise(make_synthetic: Make) -> None:
     fits = [identify(make_synthetic(DEMO, (0.0, 1.0, 2.0), (0.5, 1.0, 2.0), seed=seed, cycles=4)) for seed in range(25)]
     tests = make_synthetic(DEMO, (0.0, 1.0, 2.0), (0.5, 1.0, 2.0), seed=99, cycles=4)

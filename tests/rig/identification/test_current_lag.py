@@ -54,6 +54,7 @@ def test_eta_is_found_with_an_interval_that_holds_it(tmp_path: Path, eta_1_s: fl
     assert lag.delay_s is None
 
 
+@pytest.mark.nightly
 def test_intervals_cover_the_truth_as_often_as_they_say(tmp_path: Path) -> None:
     inside = 0
     for seed in range(40):

@@ -77,6 +77,7 @@ def test_a_stiff_servo_gets_no_motion_from_noise() -> None:
     assert np.mean(off) < 0.4 * measured
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("compliance_m_N", [1e-8, 6e-8])
 def test_the_stated_errors_hold(compliance_m_N: float) -> None:
     off = np.array([harmonics_found(compliance_m_N, seed)[2] for seed in range(150)])

@@ -87,7 +87,7 @@ def triangles(values: dict[str, float], speeds_m_s: tuple[float, ...], seed: int
     return tests
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("speeds_m_s", "beta_s_m", "told"),
     [

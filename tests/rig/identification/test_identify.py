@@ -156,6 +156,7 @@ def test_a_one_off_fit_loads_neither_numba_nor_scipy() -> None:
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.nightly
 def test_triangles_alone_give_intervals_that_cover_the_truth_and_a_warning(
     make_campaign: Callable[..., list[RecordedPoint]],
 ) -> None:

@@ -22,6 +22,7 @@ def spiked(tests: list[Measurement], seed: int = 0) -> list[Measurement]:
     return [replace(each, force_N=each.force_N + spike) for each, spike in zip(tests, spikes, strict=True)]
 
 
+@pytest.mark.nightly
 def test_intervals_among_outliers_are_as_wide_as_without_and_cover_the_truth(make_synthetic: Make) -> None:
     inside, stated, ratios = 0, 0, []
     for seed in range(20):

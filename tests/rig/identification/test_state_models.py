@@ -42,7 +42,7 @@ def recorded(set_name: str, seed: int = 3) -> list[Measurement]:
     return tests
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "set_name",
     [

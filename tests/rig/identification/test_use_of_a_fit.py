@@ -82,7 +82,7 @@ def test_everything_wrong_with_a_table_is_said_at_once(fit: Fit) -> None:
         fit.simulate([0.0, 0.1, 0.2], [0.0, 0.0], 1.0)
 
 
-@pytest.mark.few(1)
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["bouc_wen", "modified_bouc_wen"])
 def test_a_simulation_carries_the_states_on_as_a_much_finer_plant_does(name: str, make_synthetic: Make) -> None:
     damper = model(name)

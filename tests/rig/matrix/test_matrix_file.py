@@ -124,7 +124,7 @@ def test_points_are_centred_on_the_specimens_mid_stroke(tmp_path: Path) -> None:
         (HEAD + 'prior = "demon"\n' + SWEEP, "unknown parameter set; did you mean demo?; known: "),
         (HEAD + 'prior = "demo"\nmax_force = "2 kN"\n' + SWEEP, "prior or max_force, not both"),
         (HEAD.replace("MR-001", "../evil") + SWEEP, "specimen.serial_number"),
-        (HEAD + SWEEP + '[identify]\nmodel = "asymmetrical"', "did you mean asymmetric?; known: all, asymmetric"),
+        (HEAD + SWEEP + '[identify]\nmodel = "asymmetrical"', "did you mean asymmetric?; known: all, "),
         (HEAD + SWEEP + '[identify]\nmethod = "separably"', "did you mean separable?"),
         (HEAD + SWEEP + "[campaign]\nretries = 3", "too large (allowed: 0 to 2)"),
         (HEAD + SWEEP + "[identifi]\nmodel = 1", "unknown key; did you mean identify?"),

@@ -13,6 +13,7 @@ from rig.bench.model import Bench
 from rig.campaign.execution.action_executor import signal_order
 from rig.campaign.kept_files import keep_matrix
 from rig.cli.run import following
+from rig.cli.tables import PlanText
 from rig.errors import FileProblem
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
@@ -54,6 +55,19 @@ def bench(folder: Path, **changes: str) -> Bench:
 
 def planned(folder: Path, text: str, drive: str | None = None, **of_bench: str) -> Plan:
     return plan(load(folder, text, drive), bench(folder, **of_bench))
+
+
+def test_a_signal_is_told_by_its_name_its_reach_and_its_time_not_by_a_frequency(tmp_path: Path) -> None:
+    more = 'current = ["1 A"]\namplitude = ["5 mm"]\nfrequency = ["1 Hz"]\n'
+    text = matrix_of("sine", "sweep", "road", "file", more=more) + SWEEP + ROAD + FILE
+    told = [point.described for point in load(tmp_path, text, rows()).points()]
+    assert told == [
+        "sine 5 mm 1 Hz 1 A", "sweep up to 10 mm for 10 s 1 A", "road bump up to 10 mm for 6 s 1 A",
+        "road paper-sweep up to 10 mm for 6 s 1 A", "file drive up to 12 mm for 5 s 1 A",
+    ]  # fmt: skip
+    table = str(PlanText(planned(tmp_path, text, rows())))
+    assert " 1 Hz" in table
+    assert re.search(r"sweep \d+(\.\d+)? mm, 1 A", table), "no frequency beside it"
 
 
 def test_each_signal_is_run_at_every_current_beside_points_with_cycles(tmp_path: Path) -> None:

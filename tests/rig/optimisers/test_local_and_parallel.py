@@ -76,6 +76,7 @@ def test_threads_and_processes_find_exactly_what_one_thread_finds() -> None:
         assert np.array_equal(searched(processes), alone)
 
 
+@pytest.mark.nightly
 def test_the_recording_travels_to_a_worker_once_and_not_with_every_task() -> None:
     objective, rng = Recording(), np.random.default_rng(1)
     Recording.pickled = 0

@@ -248,6 +248,7 @@ def the_one_that_waits_for(journal: Path) -> int:
     raise AssertionError("nobody waits for the journal")
 
 
+@pytest.mark.nightly
 def test_a_journal_that_wants_all_memory_is_refused_it(campaign: Path) -> None:
     """A hole in a file costs no disk, and a block of 60 MB claimed again and again no more memory than one."""
     path = written(campaign / "points" / "p001.journal")

@@ -145,6 +145,7 @@ def test_a_kill_at_any_call_of_recorder_and_finaliser_leaves_true_samples_and_th
     assert verdicts.index("valid") > verdicts.index("invalid"), "complete journals become valid points"
 
 
+@pytest.mark.nightly
 def test_a_kill_at_any_call_of_recovery_loses_nothing_and_a_second_recovery_finishes(tmp_path: Path) -> None:
     killed = 0
     for number, campaign in enumerate(campaigns(tmp_path / "c"), start=1):

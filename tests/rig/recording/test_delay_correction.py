@@ -11,9 +11,11 @@ import pytest
 from synthetic_rig import SyntheticRig, with_controller_record
 
 from drivers.ring import Channel
-from rig.recording.conversion.conversion import ReadBackDiffers, build
+from rig.recording.conversion.conversion import build
 from rig.recording.conversion.delay_correction import retime
+from rig.recording.hdf5 import hdf5_image
 from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.hdf5.read_back import ReadBackDiffers
 from rig.recording.hdf5.reading import read_events
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.layout import Event, SensorContext
@@ -115,13 +117,13 @@ def test_a_value_that_was_not_written_as_meant_is_noticed_and_the_file_kept(
 ) -> None:
     write_points(tmp_path, LAG_S)
     before = {file.name: file.read_bytes() for file in sorted(tmp_path.glob("*.h5"))}
-    write = h5py.Dataset.__setitem__
+    write = hdf5_image.write_values
 
-    def forgetful(dataset: h5py.Dataset, rows: object, values: np.ndarray) -> None:
-        if not dataset.name.endswith(lost):
-            write(dataset, rows, values)
+    def forgetful(dataset: h5py.h5d.DatasetID, start: int, values: np.ndarray) -> None:
+        if not h5py.h5i.get_name(dataset).endswith(lost.encode()):
+            write(dataset, start, values)
 
-    monkeypatch.setattr(h5py.Dataset, "__setitem__", forgetful)
+    monkeypatch.setattr(hdf5_image, "write_values", forgetful)
     with pytest.raises(ReadBackDiffers, match=lost):
         list(retime(tmp_path))
     assert {file.name: file.read_bytes() for file in sorted(tmp_path.glob("*.h5"))} == before

@@ -216,7 +216,7 @@ def test_channels_of_other_formats_come_with_their_units_and_times(name: str, tm
     check(read(tmp_path / name, **columns))
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of asammdf's destructor
 @pytest.mark.parametrize("name", BINARY)
 def test_damaged_files_of_other_formats_are_refused_or_read(name: str, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import itertools
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,11 @@ import pytest
 
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
+from rig.recording.recorded_point import RecordedPoint
 from rig.report import write_report
 from rig.report.events import happenings
 from rig.report.fragment import between
+from rig.report.loops import details, loop_charts, motion_of, view_of
 from rig.report.over_current import parameter_charts
 from rig.report.style import SEQUENCE, current_colour
 from rig.report.traces import envelope
@@ -172,3 +175,23 @@ def test_currents_are_told_apart_in_grey_print_and_by_protanopes(count: int) -> 
     assert grey[-1] - grey[0] > 50.0
     assert grey[-1] < 80.0, "a line must be seen on white"
     assert len({tuple(pair) for pair in itertools.pairwise(SEQUENCE)}) == len(SEQUENCE) - 1
+
+
+def test_a_record_is_told_by_its_name_and_drawn_with_its_reversals_where_it_is_judged() -> None:
+    time_s = np.arange(5000) / 250.0
+    phase = 2 * np.pi * 5.0 * time_s
+    test = {"kind": "signal", "record": "iso8608-c", "record_s": 20.0, "record_ramp_s": 1.0, "record_highest_Hz": 5.0}
+    point = RecordedPoint.from_arrays(
+        id="p003", waveform="road", amplitude_m=0.01, frequency_Hz=4.97, current_A=1.0, mid_stroke_m=0.0, test=test,
+        time_s=time_s, displacement_m=0.01 * np.sin(phase), force_N=300.0 * np.cos(phase),
+    )
+    view = view_of(point, None, {}, None)
+    assert (motion_of(view), view.why) == ("road iso8608-c, 10 mm", "")
+    assert view.loop is not None
+    turns = np.count_nonzero(np.diff(np.sign(np.diff(view.loop.displacement_mm))))
+    assert turns == pytest.approx(200, abs=4), "every one of 20 s at 5 Hz"
+    assert loop_charts(view).keys() == {"displacement", "velocity"}
+    hybrid = replace(point, waveform="hold", test={"kind": "hybrid"})
+    shown = view_of(hybrid, None, {}, None)
+    assert motion_of(shown) == "hybrid test, 10 mm"
+    assert details([shown], fitted=False) == "", "it has a part of its own"

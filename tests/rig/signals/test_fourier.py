@@ -76,6 +76,7 @@ def amplitude(t: np.ndarray, u: np.ndarray, frequency_Hz: float) -> float:
     return float(np.hypot(*np.linalg.lstsq(columns, u)[0]))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("change", [white, coloured, quantised])
 def test_the_errors_of_the_coefficients_are_as_large_as_stated(change: Change) -> None:
     random = np.random.default_rng(7)

@@ -97,6 +97,7 @@ def test_the_transfer_function_of_a_quarter_car_is_the_text_book_s() -> None:
     assert np.allclose(answered, expected, rtol=1e-9)
 
 
+@pytest.mark.nightly
 def test_a_quarter_car_that_hits_its_stops_and_leaves_the_road_moves_as_radau_says() -> None:
     own = structure(car_of("quarter"))
     t = np.arange(30_001) * 1e-4
@@ -166,6 +167,7 @@ def test_work_of_the_road_is_what_the_car_holds_and_what_dampers_and_tyres_took(
     assert np.min(np.cumsum(ride.force_N * ride.speed_m_s, axis=0)) >= -1e-9
 
 
+@pytest.mark.nightly
 def test_a_hysteretic_damper_in_a_car_is_the_same_object_as_along_a_recording() -> None:
     own = structure(car_of("quarter"))
     model = dampers.model("bouc_wen")

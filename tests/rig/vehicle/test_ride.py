@@ -112,6 +112,19 @@ def test_a_surer_fit_has_a_narrower_band(tmp_path: Path, road: str) -> None:
     assert all(wide > 4.0 * narrow > 0.0 for wide, narrow in pairwise(widths)), widths
 
 
+def test_the_name_of_a_parameter_set_is_the_set_and_a_folder_called_so_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert fitted_damper(PAPER[0], 0).remark == "a parameter set: no interval"
+    (tmp_path / PAPER[0]).mkdir()
+    a_fit(tmp_path / PAPER[0] / "fit.json", 0.02)
+    named = fitted_damper(PAPER[0], 0)
+    assert named.remark == f"a parameter set: no interval; for what is called so in this folder write ./{PAPER[0]}"
+    assert named.damper.values["Ca_plus"] != 900.0
+    assert fitted_damper(f"./{PAPER[0]}", 0).damper.values["Ca_plus"] == 900.0
+
+
 def test_draws_are_as_far_apart_as_the_fit_says_and_the_same_for_a_seed(tmp_path: Path) -> None:
     path = str(a_fit(tmp_path / "fit.json", 0.02))
     drawn = fitted_damper(path, 400, seed=5).draws
@@ -129,6 +142,7 @@ def test_laws_are_compared_under_names_of_their_own(road: str) -> None:
     assert [fit["law"] for fit in answer["fits"]] == ["passive", "skyhook"]
 
 
+@pytest.mark.nightly
 def test_the_terminal_tells_differences_numbers_and_that_the_car_is_an_estimate(road: str) -> None:
     result = ride(*PAPER[:2], "--road", road)
     for word in ("heave", "4-8 Hz", "antiphase", "estimate", "weighted RMS"):

@@ -20,6 +20,7 @@ def moving(make: Make, *arguments: str) -> Any:  # noqa: ANN401 - whatever the f
     return rig
 
 
+@pytest.mark.nightly
 def test_half_of_what_is_allowed_thirty_times_blames_nobody_and_is_counted(station_rig: Make) -> None:
     rig, chance = moving(station_rig), random.Random(1)
     held_s = [0.5 * rig.config.late_limit_s] * 30
@@ -39,6 +40,7 @@ def test_half_of_what_is_allowed_thirty_times_blames_nobody_and_is_counted(stati
         assert counted["late"] >= 250.0 * sum(held_s) - len(held_s)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("factor", [1.2, 4.0])
 def test_beyond_the_limit_the_station_is_the_first_cause_whatever_else_followed(
     station_rig: Make, factor: float
@@ -55,6 +57,7 @@ def test_beyond_the_limit_the_station_is_the_first_cause_whatever_else_followed(
     rig.event("safe")
 
 
+@pytest.mark.nightly
 def test_a_device_that_really_fell_silent_is_named_although_the_station_is_held_up_all_the_time(
     station_rig: Make,
 ) -> None:

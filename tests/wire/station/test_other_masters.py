@@ -19,6 +19,7 @@ SAME_PID = "import os\nos.getpid = lambda: 42\n"
 """Containers number their processes alike."""
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("command", [Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF])
 def test_another_clients_stop_is_not_taken_for_the_end_of_the_program(station_rig: Make, command: Command) -> None:
     rig = station_rig()

@@ -92,6 +92,7 @@ def test_force_beyond_its_limit_halts_the_rod_at_once(station_rig: Make) -> None
     assert np.ptp(truth.displacement_m) < 0.018
 
 
+@pytest.mark.nightly
 def test_application_that_falls_silent_stops_the_rig_within_its_timeout(station_rig: Make) -> None:
     rig = station_rig()
     moved(rig)
@@ -104,6 +105,7 @@ def test_application_that_falls_silent_stops_the_rig_within_its_timeout(station_
     assert rig.truth().at_rest(0.1)
 
 
+@pytest.mark.nightly
 def test_unwell_recorder_stops_the_rig(station_rig: Make) -> None:
     rig = station_rig()
     moved(rig)
@@ -148,6 +150,7 @@ def test_killed_station_leaves_controller_and_ecu_to_stop_by_themselves(station_
     assert abs(truth.current_A[-1]) < 0.05
 
 
+@pytest.mark.nightly
 def test_watchdog_is_proved_by_starving_it_and_works_on_afterwards(station_rig: Make) -> None:
     rig = station_rig()
     rig.client.request("connect")
@@ -190,6 +193,7 @@ def test_fault_trips_by_its_name_and_the_rod_comes_to_rest(station_rig: Make, fa
     assert abs(truth.current_A[-1]) < 0.05
 
 
+@pytest.mark.nightly
 def test_a_coil_whose_temperature_is_not_told_any_more_stops_the_rig(station_rig: Make) -> None:
     rig = station_rig("--option", "coil.temperatures_until_s=12", speed=2.0)
     rig.client.request("connect")
@@ -200,6 +204,7 @@ def test_a_coil_whose_temperature_is_not_told_any_more_stops_the_rig(station_rig
     assert rig.event("safe")["current_zero"]
 
 
+@pytest.mark.nightly
 def test_an_lvdt_that_sends_no_number_any_more_is_as_good_as_pulled(station_rig: Make) -> None:
     rig = station_rig("--option", "lvdt.numbers_until_s=25", speed=2.0)
     rig.prepare()

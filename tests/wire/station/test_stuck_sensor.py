@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("amplitude_m", "frequency_Hz"), [(0.0005, 0.5), (0.002, 0.2)])
 def test_it_is_called_stuck_and_nothing_else(
     station_rig: Callable[..., Any], amplitude_m: float, frequency_Hz: float

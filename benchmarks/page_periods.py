@@ -1,0 +1,146 @@
+"""Whether the operator's page costs the station a period: streamed set-points left out with the page, and without it.
+
+Called by `page.py periods`. A whole campaign, `rig run`, streams a slow sine (at 250 Hz by default) to a simulated rig
+in another process, once for each row: without a page; with ten viewers; with ten viewers and the page standing still
+(SIGSTOP) from the first seconds of the motion to its end; with ten viewers and the page killed then. The counts are the
+station's own. The viewers are one process on the same cores: more than ten tablets would cost this machine.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from campaign_process import family, sines
+from setpoints import AMPLITUDE, FREQUENCY_HZ, has_priority, patient, stations_of
+from websockets.asyncio.client import connect
+from websockets.exceptions import WebSocketException
+
+VIEWERS = 10
+GOAL_POINTS = 0.1
+"""Percentage points above the row without a page."""
+UNDER_WAY_S = 5.0
+ROWS = ("no page", "ten viewers", "page stopped", "page killed")
+SIGNALS = {"page stopped": signal.SIGSTOP, "page killed": signal.SIGKILL}
+
+
+def periods(minutes: float, poll_ms: float, real_time: bool) -> dict[str, Any]:
+    """Every row: set-points due and left out (of a hundred), lateness (ms), frames that the viewers got."""
+    with tempfile.TemporaryDirectory(prefix="page-periods-") as name:
+        folder = Path(name)
+        bench = folder / "bench.toml"
+        rights = "--real-time" if real_time else "--no-real-time"
+        command = [sys.executable, "-m", "simulators", "--actuator", "setpoints", rights, "--bench", str(bench)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as rig:
+            try:
+                if rig.stdout is None or not rig.stdout.readline():
+                    raise RuntimeError("the simulated rig did not start")
+                bench.write_text(patient(bench.read_text(encoding="utf-8"), poll_ms), encoding="utf-8")
+                rows = {row: Campaign(row, bench, 60.0 * minutes, folder).counted() for row in ROWS}
+            finally:
+                rig.terminate()
+    without = rows["no page"]["left_out_percent"]
+    above = {row: round(found["left_out_percent"] - without, 3) for row, found in rows.items()}
+    whole = all(found["stopped_by"] is None for found in rows.values())
+    within = whole and all(points <= GOAL_POINTS for points in above.values())
+    return {"minutes": minutes, "rows": rows, "points_above": above, "within": within}
+
+
+class Campaign:
+    """One row's campaign, and what is done to its page meanwhile."""
+
+    def __init__(self, row: str, bench: Path, seconds: float, folder: Path) -> None:
+        self._row = row
+        self._frames = 0
+        matrix = folder / "matrix.toml"
+        cycles = max(3, round(seconds * FREQUENCY_HZ))
+        text = sines([f"{FREQUENCY_HZ:g} Hz"], ["0 A"], AMPLITUDE, cycles, identify=False)
+        matrix.write_text(text, encoding="utf-8")
+        self._out = folder / row.replace(" ", "-")
+        self._command = [sys.executable, "-m", "rig.cli.main", "run", str(matrix), "--bench", str(bench), "--json"]
+        self._command += ["--out", str(self._out), *(["--page"] if row != "no page" else [])]
+
+    def counted(self) -> dict[str, Any]:
+        """Run it to its end.
+
+        Raises:
+            RuntimeError: it did not stream, or there was no page to stop.
+        """
+        held: list[bool] = []
+        hit = self._row not in SIGNALS
+        with subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+            threading.Thread(target=self._watch, args=(running,), daemon=True).start()
+            moving_s: float | None = None
+            while running.poll() is None:
+                time.sleep(0.5)
+                held += [has_priority(process) for process in stations_of(running.pid)]
+                moving_s = moving_s or (time.monotonic() if self._moves() else None)
+                if not hit and moving_s and time.monotonic() - moving_s > UNDER_WAY_S:
+                    os.kill(_page_of(running.pid), SIGNALS[self._row])
+                    hit = True
+            answer = json.loads(running.stdout.read() if running.stdout is not None else "")
+        setpoints = answer.get("setpoints")
+        if not setpoints or not hit:
+            raise RuntimeError(f"{self._row}: the campaign ended with {running.returncode}: {answer.get('error')}")
+        return {
+            "due": setpoints["steps"], "left_out": setpoints["skipped"],
+            "left_out_percent": round(100.0 * setpoints["skipped"] / max(1, setpoints["steps"]), 3),
+            "p99_ms": round(1e3 * setpoints["p99_s"], 2), "worst_ms": round(1e3 * setpoints["worst_s"], 1),
+            "frames": self._frames, "exit_code": running.returncode, "stopped_by": answer["stopped_by"],
+            "real_time_percent": round(100.0 * sum(held) / max(1, len(held))),
+        }  # fmt: skip
+
+    def _moves(self) -> bool:
+        """The point has begun: its own journal is being written."""
+        return any(self._out.glob("*/points/*.journal"))
+
+    def _watch(self, running: subprocess.Popen[str]) -> None:
+        """Read what it says; as soon as it names its page, look at that with so many browsers."""
+        for line in running.stderr or ():
+            if line.startswith("page: "):
+                threading.Thread(target=lambda url: asyncio.run(self._look(url)), args=(line[6:].strip(),)).start()
+
+    async def _look(self, url: str) -> None:
+        socket = url.replace("http", "ws", 1).replace("/?", "/ws?", 1)
+
+        async def one(number: int) -> None:
+            with suppress(OSError, WebSocketException):  # the end of the page is what is tried here
+                async with connect(f"{socket}&client=v{number}", max_size=None) as connection:
+                    async for message in connection:
+                        self._frames += isinstance(message, bytes)
+
+        await asyncio.gather(*map(one, range(VIEWERS)))
+
+
+def _page_of(parent: int) -> int:
+    for process in family(parent):
+        if b"rig.page" in Path(f"/proc/{process}/cmdline").read_bytes():
+            return process
+    raise RuntimeError("the campaign has no page")
+
+
+def table(found: dict[str, Any]) -> str:
+    """For people."""
+    names = (("set-points", 11), ("left out", 10), ("%", 8), ("points above", 14), ("p99 late", 10), ("worst", 10))
+    lines = [" " * 14 + "".join(f"{name:>{width}}" for name, width in (*names, ("frames", 9)))]
+    for name, row in found["rows"].items():
+        lines.append(
+            f"{name:<14}{row['due']:>11}{row['left_out']:>10}{row['left_out_percent']:>8.3f}"
+            f"{found['points_above'][name]:>14.3f}{row['p99_ms']:>7.2f} ms{row['worst_ms']:>7.1f} ms{row['frames']:>9}"
+        )
+    early = [f"{name} ({row['stopped_by']})" for name, row in found["rows"].items() if row["stopped_by"]]
+    rights = min(row["real_time_percent"] for row in found["rows"].values())
+    said = "within" if found["within"] else "NOT within"
+    ended = f"no answer, ended early: {', '.join(early)}" if early else f"{said} {GOAL_POINTS:g} points"
+    lines.append(f"{ended}; real-time priority at least {rights} % of the time; load {os.getloadavg()[0]:.1f}")
+    return "\n".join(lines)

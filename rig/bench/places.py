@@ -1,0 +1,100 @@
+"""Places in a user's file: the line, how an entry is written there, the table and field that hold it."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from typing import get_args
+
+from pydantic.fields import FieldInfo
+
+from protocols.toml_lines import Place
+from rig.bench.quantity import Settings
+from rig.bench.section import Section, Table, fields_of, key_of, suffixed_keys
+from rig.bench.toml_source import TomlSource, printable
+
+
+def problem_at(source: TomlSource, place: Place, message: str) -> str:
+    """One line about one place: `line 4: limits.speed = "9 m/s": too fast`."""
+    line = source.line(place)
+    value = value_at(source.data, place)
+    entry = dotted(place) + (f" = {shown(value)}" if value is not None and not isinstance(value, dict) else "")
+    return f"{f'line {line}: ' if line else ''}{entry}: {message}" if entry else message
+
+
+def dotted(place: Place) -> str:
+    """`("point", 1, "current")` as a user knows it: "point[2].current" (lists count from 1)."""
+    text = ""
+    for part in place:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{printable(part)}" if text else printable(part)
+    return text
+
+
+def shown(value: object) -> str:
+    """A value as TOML writes it, shortened."""
+    if isinstance(value, (str, bool)):
+        text = json.dumps(value, ensure_ascii=False)
+    elif isinstance(value, (tuple, list)):
+        text = "[" + ", ".join(shown(item) for item in value[:6]) + (", ..." if len(value) > 6 else "") + "]"
+    else:
+        text = str(value)
+    return printable(text, 70)
+
+
+def close_match(name: str, known: list[str]) -> str | None:
+    """The known name a user most likely meant."""
+    matches = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return matches[0] if matches else None
+
+
+def keys_of(section: Table) -> list[str]:
+    """The keys that a table may have in a file."""
+    return [key_of(section, name) for name in fields_of(section)]
+
+
+def field_at(model: Table, place: Place) -> tuple[Table, FieldInfo | None]:
+    """The section that holds a place, and its field there (None for an unknown key)."""
+    section, field = model, None
+    for part in place:
+        if isinstance(part, int):
+            continue
+        if field is not None:
+            inner = section_in(field.annotation)
+            if inner is None:
+                return section, field
+            section = inner
+        field = next((f for name, f in fields_of(section).items() if key_of(section, name) == part), None)
+        if field is None:
+            return section, None
+    return section, field
+
+
+def section_in(annotation: object) -> Table | None:
+    """The table that a field holds, alone, in a list or beside others; None where it holds none."""
+    if isinstance(annotation, type) and issubclass(annotation, (Section, Settings)):
+        return annotation
+    return next(filter(None, map(section_in, get_args(annotation))), None)
+
+
+def as_written(place: Place, section: Table, source: TomlSource) -> Place:
+    """The place with the key as it stands in the file: `amplitude` may be written `amplitude_mm`."""
+    index = max(i for i, part in enumerate(place) if isinstance(part, str))
+    if value_at(source.data, place[: index + 1]) is not None:
+        return place
+    for written, (key, _) in suffixed_keys(section).items():
+        candidate = (*place[:index], written)
+        if key == place[index] and value_at(source.data, candidate) is not None:
+            return (*candidate, *place[index + 1 :])
+    return place
+
+
+def value_at(data: object, place: Place) -> object:
+    """What a file has at a place; None where there is nothing."""
+    for part in place:
+        inside = data.get(part) if isinstance(data, dict) else None
+        if isinstance(data, (tuple, list)) and isinstance(part, int) and part < len(data):
+            inside = data[part]
+        if inside is None:
+            return None
+        data = inside
+    return data

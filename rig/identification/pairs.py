@@ -1,0 +1,79 @@
+"""What a model foretells of motions it was not fitted to: each amplitude and frequency left out in its turn.
+
+A pair is one amplitude and frequency at all currents. The model is fitted to the other pairs and scored, in free run,
+on all samples of the one left out: the split and the score of the benchmark on open recordings (`rig.study`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from rig.errors import IdentificationFailed
+from rig.identification.models.measurement import Measurement
+from rig.identification.uncertainty.fit import ErrorSummary
+from rig.identification.uncertainty.unseen import Unseen, UnseenPair, UnseenTest
+from rig.signals.waveform import WAVEFORMS
+
+PAIRS = "pairs"
+LEFT_OUT = "leave-one-pair-out"
+
+
+def pairs_of(tests: Sequence[Measurement]) -> list[list[Measurement]]:
+    """Tests of the same amplitude (0.1 mm) and frequency (0.01 Hz) together, whatever their current."""
+    groups: dict[tuple[float, float], list[Measurement]] = {}
+    for test in tests:
+        groups.setdefault((round(test.amplitude_m, 4), round(test.frequency_Hz, 2)), []).append(test)
+    return [groups[pair] for pair in sorted(groups)]
+
+
+def refuse_one_pair(tests: Sequence[Measurement]) -> None:
+    """Refuse tests of which no pair can be left out.
+
+    Raises:
+        IdentificationFailed: motion without cycles is among them, or they have one amplitude and frequency.
+    """
+    free = [
+        test.id
+        for test in tests
+        if test.waveform not in WAVEFORMS or not math.isfinite(test.amplitude_m * test.frequency_Hz)
+    ]
+    if free:
+        raise IdentificationFailed(
+            f"unseen {PAIRS!r}: {', '.join(free[:3])} has no amplitude and frequency; hold out the end of the time in "
+            "place of it: holdout 'last 30 %'"
+        )
+    if len(pairs_of(tests)) < 2:
+        raise IdentificationFailed(
+            f"unseen {PAIRS!r}: all {len(tests)} tests have one amplitude and frequency, so none is left to fit where "
+            "it is left out; hold out a current in place of it, such as holdout 'current_A=1'"
+        )
+
+
+def foretold(
+    tests: Sequence[Measurement], error_of: Callable[[list[Measurement], list[Measurement]], ErrorSummary]
+) -> Unseen:
+    """Every pair foretold from the others.
+
+    Args:
+        tests: the tests.
+        error_of: fits the first ones and scores the second ones, which that fit has not seen.
+
+    Raises:
+        IdentificationFailed: the model cannot be fitted to what is left.
+    """
+    pairs, rows = [], []
+    for group in pairs_of(tests):
+        rest = [test for test in tests if not any(test is other for other in group)]
+        error = error_of(rest, group)
+        amplitude_m, frequency_Hz = round(group[0].amplitude_m, 4), round(group[0].frequency_Hz, 2)
+        relative = error.nrmse_percent_of_peak
+        pairs.append(UnseenPair(amplitude_m, frequency_Hz, len(group), relative, error.r_squared))
+        rows += [
+            UnseenTest(
+                test.id, amplitude_m, frequency_Hz, test.nominal_current_A, one.rmse_N, one.nrmse_percent_of_peak
+            )
+            for test, one in zip(group, error.per_test, strict=True)
+        ]
+    mean = sum(row.nrmse_percent_of_peak for row in rows) / len(rows)
+    return Unseen(LEFT_OUT, mean, tuple(pairs), tuple(rows))
