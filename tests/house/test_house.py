@@ -74,7 +74,6 @@ ONE_IMPORTER = {
     "drivers.stamp_clock": "a clock without a bus, beside the port's I/O",
     "simulators.ecu_protection": "the peer of protocols.e2e: what both compute is compared",
     "simulators.testing.rehearsal": "a process of its own; loaded when a fixture is used",
-    "simulators.frames": "compiled: what is in the cache stays valid as long as its own file does",
     "rig.vehicle.comfort": "the weightings of a standard, whatever is weighted",
     "rig.dampers.leaning_loop": "compiled: loads numba, and only where its model is integrated",
     "rig.dampers.sprung_slopes": "compiled: loads numba, and only where its model is fitted",

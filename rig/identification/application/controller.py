@@ -31,7 +31,7 @@ class Command:
         attainable: whether a tested current gives the wanted force here.
         resolvable: whether the force tells the current here; where not, the wanted current is held.
         follows: whether the coil can be at the wanted current one interval later.
-        extrapolates: whether motion lies beyond what the tests covered.
+        extrapolates: whether motion or temperature lies beyond what the tests covered.
     """
 
     command_A: float
@@ -96,7 +96,7 @@ class Controller:
         self.coil_A = self._stays * self.coil_A + (1.0 - self._stays) * self._command_A
         now = (displacement_m - self._mid_stroke_m, velocity_m_s, acceleration_m_s2)
         state = self._advanced(now)
-        motion = _instant(now)
+        motion = _instant(now, self._law.at_degC)
         answer = solve(self._law, self._grid, state[None, :], motion, np.array([force_N]), self._rate(force_N))
         width_A = float(self._grid[-1] - self._grid[0])
         resolvable = bool(current_band_A(self._tested, answer)[0] <= RESOLVED * width_A)
@@ -139,6 +139,6 @@ class Controller:
         return self._state
 
 
-def _instant(now: tuple[float, float, float]) -> Motion:
+def _instant(now: tuple[float, float, float], at_degC: float | None) -> Motion:
     u, v, a = (np.array([value]) for value in now)
-    return Motion(None, None, 0.0, u, v, a, np.zeros(1))
+    return Motion(None, None, 0.0, u, v, a, np.zeros(1), None if at_degC is None else np.array([at_degC]))
