@@ -35,6 +35,8 @@ HOSTILE = "<script>document.title='taken'</script>"
 VERDICTS = {"p001": "valid", "p002": "suspect", "p003": "invalid"}
 FOCUS = """() => { const e = document.activeElement, s = getComputedStyle(e), r = e.getBoundingClientRect();
   return [e.id || e.textContent, parseFloat(s.outlineWidth), s.outlineStyle, r.top < innerHeight && r.bottom > 0]; }"""
+NOT_STRETCHED = """() => [...document.querySelectorAll('canvas')]
+  .every(c => Math.abs(c.width - c.clientWidth * devicePixelRatio) < 2)"""
 FOCUSABLE = """() => [...document.querySelectorAll('button, input, textarea, [tabindex="0"]')]
   .filter(e => !e.disabled && e.checkVisibility()).map(e => e.id || e.textContent)"""
 
@@ -220,6 +222,7 @@ def end_it(beside: Beside, page: Page) -> None:
     page.wait_for_function(f"{why}.includes('The page has closed')", timeout=WAIT_MS)
     assert page.evaluate("document.getElementById('verdict').textContent") == "NOT OK"
     assert not page.is_visible("#stop"), "there is nothing to stop, and nobody has control"
+    page.wait_for_function(NOT_STRETCHED, timeout=WAIT_MS)
     assert page.title() != "taken"
 
 

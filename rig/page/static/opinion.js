@@ -62,7 +62,7 @@ function judge() {
   for (const [id, text] of [["sign", sign], ["verdict", verdict], ["why", why]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken) && !state.ended);
   const over = Boolean(state.ended) && (!state.running || !connected()); // nothing to stop, nothing to command: verdicts and loops alone
-  document.body.classList.toggle("over", over);
+  if (document.body.classList.contains("over") !== over) { document.body.classList.toggle("over", over); redraw(); }
   document.body.classList.toggle("old", (!connected() || !state.running) && !(over && recorded && recorded.series));
   document.title = `${verdict} – MR damper rig`;
   ages();

@@ -15,7 +15,7 @@ from rig.dampers import model, parameter_set
 from rig.dampers.current_law import AFFINE
 from rig.dampers.lawed_model import with_law
 from rig.dampers.temperature_law import RATES, TemperatureLaw
-from rig.errors import IdentificationFailed
+from rig.errors import FileProblem, IdentificationFailed
 from rig.identification import Fit, Measurement, identify
 from rig.matrix.methods import TEMPERATURE_LAWS
 
@@ -184,6 +184,12 @@ def test_what_the_recordings_do_not_tell_is_refused_with_the_way_out(tests: list
              for test in tests if test.temperature_degC is not None and test.nominal_current_A == 0.0]  # fmt: skip
     with pytest.raises(IdentificationFailed, match=r"do not tell k_.*'common'"):
         identify(fluid, temperature_law="both")  # no yield force: nothing to weaken
+
+
+def test_a_column_that_holds_no_numbers_is_one_problem(fit: Fit) -> None:
+    with pytest.raises(FileProblem) as refused:
+        fit.predict({"displacement_m": 0.0, "velocity_m_s": ["fast"], "current_A": 1.0})
+    assert len(refused.value.problems) == 1
 
 
 def test_the_laws_of_a_matrix_file_are_those_of_the_models() -> None:
