@@ -76,6 +76,7 @@ ONE_IMPORTER = {
     "simulators.testing.rehearsal": "a process of its own; loaded when a fixture is used",
     "rig.vehicle.comfort": "the weightings of a standard, whatever is weighted",
     "rig.dampers.leaning_loop": "compiled: loads numba, and only where its model is integrated",
+    "rig.dampers.sprung_slopes": "compiled: loads numba, and only where its model is fitted",
     "rig.study.loop_figures": "drawn from recordings; the other figures are of results",
     "rig.identification.points.faint_orders": "its own estimate of weak harmonics; the motion only asks it",
     "rig.identification.diagnosis.force_channel": "samples of one channel, before any cause is fitted",

@@ -89,14 +89,16 @@ def inverse(
     return frame
 
 
-def solve(law: Law, grid: FloatArray, start: FloatArray, motion: Motion, wanted_N: FloatArray) -> FloatArray:
+def solve(
+    law: Law, grid: FloatArray, start: FloatArray, motion: Motion, wanted_N: FloatArray, rate_N_s: float = 0.0
+) -> FloatArray:
     """The compiled inverse: see `rig.dampers.trajectory.inverse_of`; `start` (1 or n, S) are states."""
     from rig.dampers.trajectory import inverse_of
 
     vectors, seen_A = law.vectors(grid)
     dt_s = motion.dt_s if start.shape[0] == 1 and motion.time_s is not None else 0.0
     data = (motion.u_m, motion.v_m_s, motion.a_m_s2, wanted_N)
-    answer: FloatArray = inverse_of(law.model)(vectors, grid, seen_A, start, *data, dt_s)
+    answer: FloatArray = inverse_of(law.model)(vectors, grid, seen_A, start, *data, dt_s, rate_N_s)
     return answer
 
 
