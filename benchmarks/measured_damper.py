@@ -35,7 +35,8 @@ def measured(folder: Path) -> list[Measurement]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("models", nargs="*", default=["asymmetric", "thinning_bouc_wen", "lost_motion"])
+    shown = ["asymmetric", "thinning_bouc_wen", "lost_motion", "sprung_bouc_wen"]
+    parser.add_argument("models", nargs="*", default=shown)
     parser.add_argument("--weight")
     wanted = parser.parse_args()
     tests = measured(Path(os.environ["RIG_MEASURED_DATA"]))

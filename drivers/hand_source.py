@@ -8,27 +8,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
 
-from drivers.current_source import (
-    CurrentSource,
-    SourceBatch,
-    SourceCounters,
-    SourceIdentity,
-    SourceState,
-    SourceStatus,
-    SourceTemperature,
-    SourceTiming,
-    SourceTraits,
-)
-from drivers.errors import DriverError
-from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from protocols.quality import Quality
+from drivers.current_source import CurrentSource, SourceBatch, SourceTiming, SourceTraits
+from drivers.polled_source import ToldSource
 
 PERIOD_S = 0.010
-TOLD_EVERY = 100
-"""Statuses between two records of a state that does not change."""
-_RECORDS_KEPT = 4096
 _LACKING = (
     ("measurement", "nobody measures the coil's current: what is recorded is what the operator said; that another one "
      "flows (slip, heat, a broken coil) is not seen, and overcurrent, current-tracking and current-stuck stop nothing"),
@@ -39,24 +23,19 @@ _LACKING = (
 )  # fmt: skip
 
 
-class HandSource:
+class HandSource(ToldSource):
     """What a person says of the coil's current; a `drivers.current_source.CurrentSource`.
 
     Args:
         rehearsed: on a simulated rig, the supply whose knob is turned in the person's place; it tells nothing.
     """
 
+    told_every = 100
+
     def __init__(self, rehearsed: CurrentSource | None = None) -> None:
-        self.counters = SourceCounters()
-        self.status: SourceStatus | None = None
-        self.temperature: SourceTemperature | None = None
-        self.identity: SourceIdentity | None = None
-        self.send_error: DriverError | None = None
+        super().__init__()
         self._rehearsed = rehearsed
-        self._said_A = 0.0
-        self._reported: int | None = None
         self._woken = threading.Event()
-        self._records: deque[Record] = deque(maxlen=_RECORDS_KEPT)
 
     @property
     def timing(self) -> SourceTiming:
@@ -74,24 +53,9 @@ class HandSource:
         return _LACKING
 
     @property
-    def refusal(self) -> tuple[str, str]:
-        """Nothing speaks against what is said."""
-        return "", ""
-
-    @property
     def identity_problem(self) -> str:
         """Nobody can prove which supply it is."""
         return ""
-
-    @property
-    def commanded_A(self) -> float:
-        """What was said last, A."""
-        return self._said_A
-
-    @property
-    def bus_errors(self) -> int:
-        """There is no bus."""
-        return 0
 
     @property
     def malformed(self) -> int:
@@ -121,14 +85,14 @@ class HandSource:
         """Take what the person said flows (A); a stop (`enable` False) changes nothing: nobody turned the knob."""
         if not enable:
             return
-        self._said_A = current_A
+        self._wanted = current_A, True
         if self._rehearsed is not None:
             self._rehearsed.command(current_A, enable=current_A != 0.0, clear_faults=clear_faults)
 
     def send_now(self) -> None:
         """Tell it at once."""
         self.counters.sent += 1
-        self._records.append(self._record(time.monotonic_ns(), Channel.COMMANDED_CURRENT, self._said_A))
+        self._records.append(self._command_record(time.monotonic_ns()))
         if self._rehearsed is not None:
             self._rehearsed.send_now()
         self._woken.set()
@@ -146,20 +110,10 @@ class HandSource:
             self._woken.clear()
         else:
             self._rehearsed.read_batch(wait_s)
-        now_ns, said_A = time.monotonic_ns(), self._said_A
-        state = SourceState.ENABLED if said_A else SourceState.OFF
-        status = self.status = SourceStatus(state, said_A, 0)
+        now_ns = time.monotonic_ns()
+        self._polls += 1
         self.counters.statuses += 1
-        records: list[Record] = []
-        while self._records:
-            records.append(self._records.popleft())
-        records.append(self._record(now_ns, Channel.COIL_CURRENT, said_A))
-        if self._reported != state or self.counters.statuses % TOLD_EVERY == 1:
-            self._reported = state
-            records.append(self._record(now_ns, Channel.ECU_STATE, state))
-            records.append(self._record(now_ns, Channel.ECU_FAULTS, 0.0))
-        return SourceBatch(records, [status], [], 0, 0, now_ns)
-
-    def _record(self, now_ns: int, channel: Channel, value: float) -> Record:
-        number = self.counters.sent if channel is Channel.COMMANDED_CURRENT else self.counters.statuses
-        return now_ns, NO_DEVICE_TIME, float(value), number & 0xFFFFFFFF, int(channel), int(Quality.GOOD)
+        status, told = self._tell(self.commanded_A, now_ns)
+        batch = SourceBatch(told, [status], [], 0, 0, now_ns)
+        self._hand_over(batch)
+        return batch

@@ -61,7 +61,7 @@ class ModbusOutput(PolledSource):
         self._worker: threading.Thread | None = None
         self._lost: DriverError | None = None
         self._heard: deque[SourceStatus] = deque(maxlen=_HEARD_KEPT)
-        self._prepared = False
+        self._prepared = self._refused = False
         self._bad_told = self._odd = self._fed = 0
         self._who = self._problem = ""
 
@@ -195,7 +195,7 @@ class ModbusOutput(PolledSource):
 
     def _set(self) -> None:
         """Write the set-point as it stands; what did not arrive is written again at once."""
-        watchdog = self._output.watchdog
+        watchdog, self._refused = self._output.watchdog, False
         if not self._prepared:
             self._prepared = self._write((*self._output.prepare, *(() if watchdog is None else watchdog.start)))
         wanted_A = self.commanded_A
@@ -205,13 +205,15 @@ class ModbusOutput(PolledSource):
         if enable is not None:
             # Tried whatever became of the set-point: either takes the current away.
             done &= self._write((Write({enable: int(wanted_A != 0.0)}),))
+        if done and self._refused:
+            return  # It still holds what it took before; the refusal is a fault, asking again would change nothing.
         if done:
             self._held_A = None if zero else float(current.decode(current.encode(wanted_A)))
         else:
             self._woken.set()
 
     def _write(self, recipe: Recipe, given: Values | None = None) -> bool:
-        """The requests of a recipe; whether all were taken. One that is refused is a fault of its own.
+        """The requests of a recipe; whether all were answered. One that is refused is a fault of its own.
 
         Raises:
             DriverError: the connection broke.
@@ -227,6 +229,7 @@ class ModbusOutput(PolledSource):
                     self._bad(error)
                 except RequestRefused:
                     self._faults |= SourceFault.COMMAND_CHECK
+                    self._refused = True
         return done
 
     # Asking

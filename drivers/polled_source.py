@@ -1,4 +1,4 @@
-"""What every source of the coil's current has in common that is asked for what flows: supplies, analogue outputs."""
+"""What the sources of the coil's current have in common that are not on CAN: supplies, analogue outputs, a person."""
 
 from __future__ import annotations
 
@@ -26,40 +26,22 @@ TOLD_EVERY = 10
 _RECORDS_KEPT = 4096
 
 
-class PolledSource:
-    """What is wanted of a source, what it was found to do, and the records of both; the wire is its heirs' own.
+class ToldSource:
+    """What is wanted of a source, what it was found to do, and the records of both; the wire is its heirs' own."""
 
-    Args:
-        connection: how to reach it.
-        called: what it is, in messages.
-    """
+    told_every = TOLD_EVERY
 
-    def __init__(self, connection: SupplyConnection, called: str) -> None:
+    def __init__(self) -> None:
         self.counters = SourceCounters()
         self.status: SourceStatus | None = None
         self.temperature: SourceTemperature | None = None
         self.identity: SourceIdentity | None = None
         self.send_error: DriverError | None = None
         self.bus_errors = 0
-        self._connection = connection
-        self._described = connection.description
-        self._called = called
         self._wanted = (0.0, False)
-        self._changed_ns = self._due_ns = self._polls = 0
-        self._faults = self._open = 0
-        self._started = False
+        self._polls = self._faults = 0
         self._reported: tuple[int, int] | None = None
         self._records: deque[Record] = deque(maxlen=_RECORDS_KEPT)
-
-    @property
-    def timing(self) -> SourceTiming:
-        """The current at every poll, its identity once, temperatures never."""
-        return SourceTiming(self._connection.poll_s, 0.0, self._connection.poll_s)
-
-    @property
-    def lacking(self) -> tuple[tuple[str, str], ...]:
-        """What it cannot do, and what is left without it."""
-        return supply_lacks(self._described)
 
     @property
     def refusal(self) -> tuple[str, str]:
@@ -71,6 +53,58 @@ class PolledSource:
         """Set-point, A; 0 while the output is to be off."""
         current_A, enable = self._wanted
         return current_A if enable else 0.0
+
+    def _tell(self, current_A: float, arrival_ns: int) -> tuple[SourceStatus, list[Record]]:
+        """What is known now that so much flows: the status, and what of it is recorded."""
+        state = SourceState.OFF if self.commanded_A == 0.0 else SourceState.ENABLED
+        status = SourceStatus(SourceState.FAULT if self._faults else state, current_A, self._faults)
+        self.status = status
+        told = [self._record(arrival_ns, Channel.COIL_CURRENT, current_A), self._command_record(arrival_ns)]
+        if self._reported != (status.state, status.faults) or self._polls % self.told_every == 1:
+            self._reported = (status.state, status.faults)
+            told.append(self._record(arrival_ns, Channel.ECU_STATE, status.state))
+            told.append(self._record(arrival_ns, Channel.ECU_FAULTS, status.faults))
+        return status, told
+
+    def _hand_over(self, batch: SourceBatch) -> None:
+        """Put what was recorded meanwhile into a batch, everything in its order of time."""
+        while self._records:
+            batch.records.append(self._records.popleft())
+        batch.records.sort(key=lambda record: record[0])
+
+    def _record(self, arrival_ns: int, channel: Channel, value: float) -> Record:
+        number = self.counters.statuses & 0xFFFFFFFF
+        return arrival_ns, NO_DEVICE_TIME, float(value), number, int(channel), int(Quality.GOOD)
+
+    def _command_record(self, now_ns: int) -> Record:
+        return now_ns, NO_DEVICE_TIME, self.commanded_A, self.counters.sent, int(Channel.COMMANDED_CURRENT), 0
+
+
+class PolledSource(ToldSource):
+    """A source with a description that is asked for what flows.
+
+    Args:
+        connection: how to reach it.
+        called: what it is, in messages.
+    """
+
+    def __init__(self, connection: SupplyConnection, called: str) -> None:
+        super().__init__()
+        self._connection = connection
+        self._described = connection.description
+        self._called = called
+        self._changed_ns = self._due_ns = self._open = 0
+        self._started = False
+
+    @property
+    def timing(self) -> SourceTiming:
+        """The current at every poll, its identity once, temperatures never."""
+        return SourceTiming(self._connection.poll_s, 0.0, self._connection.poll_s)
+
+    @property
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """What it cannot do, and what is left without it."""
+        return supply_lacks(self._described)
 
     def _want(self, current_A: float, *, enable: bool) -> bool:
         """Take a set-point; whether it is another one.
@@ -97,28 +131,3 @@ class PolledSource:
     def _settled(self, now_ns: int) -> bool:
         """Whether the current has had its time since the set-point changed."""
         return now_ns - self._changed_ns > int(self._described.settling_s * 1e9)
-
-    def _tell(self, current_A: float, arrival_ns: int) -> tuple[SourceStatus, list[Record]]:
-        """What is known now that so much flows: the status, and what of it is recorded."""
-        state = SourceState.OFF if self.commanded_A == 0.0 else SourceState.ENABLED
-        status = SourceStatus(SourceState.FAULT if self._faults else state, current_A, self._faults)
-        self.status = status
-        told = [self._record(arrival_ns, Channel.COIL_CURRENT, current_A), self._command_record(arrival_ns)]
-        if self._reported != (status.state, status.faults) or self._polls % TOLD_EVERY == 1:
-            self._reported = (status.state, status.faults)
-            told.append(self._record(arrival_ns, Channel.ECU_STATE, status.state))
-            told.append(self._record(arrival_ns, Channel.ECU_FAULTS, status.faults))
-        return status, told
-
-    def _hand_over(self, batch: SourceBatch) -> None:
-        """Put what was recorded meanwhile into a batch, everything in its order of time."""
-        while self._records:
-            batch.records.append(self._records.popleft())
-        batch.records.sort(key=lambda record: record[0])
-
-    def _record(self, arrival_ns: int, channel: Channel, value: float) -> Record:
-        number = self.counters.statuses & 0xFFFFFFFF
-        return arrival_ns, NO_DEVICE_TIME, float(value), number, int(channel), int(Quality.GOOD)
-
-    def _command_record(self, now_ns: int) -> Record:
-        return now_ns, NO_DEVICE_TIME, self.commanded_A, self.counters.sent, int(Channel.COMMANDED_CURRENT), 0

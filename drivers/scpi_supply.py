@@ -254,6 +254,11 @@ class ScpiSupply(PolledSource):
             if wanted is Wanted.VOLTAGE:
                 self._volts = number_in(answer, described.voltage)
                 batch.records.append(self._record(arrival_ns, Channel.ECU_SUPPLY, self._volts))
+            elif wanted is Wanted.EARLIER:
+                # It proves nothing of what was sent meanwhile: asked anew at once.
+                self._due_ns = 0
+                flowed_A = number_in(answer, described.current)
+                batch.records.append(self._record(arrival_ns, Channel.COIL_CURRENT, flowed_A))
             elif wanted is Wanted.CURRENT:
                 self._take_current(number_in(answer, described.current), arrival_ns, batch)
             elif wanted is Wanted.FAULTS:

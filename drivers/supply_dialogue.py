@@ -30,6 +30,8 @@ class Wanted(Enum):
     OUTPUT = auto()
     ERROR = auto()
     FAULTS = auto()
+    EARLIER = auto()
+    """The current, asked for before the newest set-point was sent."""
     NOTHING = auto()
     """Nobody asked for it."""
 
@@ -78,7 +80,7 @@ class SupplyDialogue:
         self._acknowledge = re.compile(link.acknowledge) if link.acknowledge else None
         self._lines = AnswerLines()
         self._lock = threading.Lock()
-        self._expected: deque[tuple[Wanted, str]] = deque()
+        self._expected: deque[tuple[Wanted, str, int]] = deque()
         self._asked_ns = self._free_ns = 0
         self._known = ""
         self._told_again = False
@@ -151,7 +153,9 @@ class SupplyDialogue:
                     self._find_back()
                 continue
             with self._lock:
-                wanted, sent = self._expected.popleft() if self._expected else (Wanted.NOTHING, "")
+                wanted, sent, number = self._expected.popleft() if self._expected else (Wanted.NOTHING, "", 0)
+                if wanted is Wanted.CURRENT and number != self.set_point:
+                    wanted = Wanted.EARLIER
             if wanted is Wanted.ACKNOWLEDGE and self._acknowledge is not None:
                 self.refused |= not self._acknowledge.search(answer)
             elif wanted is not Wanted.ECHO or answer != sent:
@@ -191,11 +195,11 @@ class SupplyDialogue:
             line = job.command.line(*numbers)
             data += line + self._link.terminator.encode("ascii")
             if self._link.echo:
-                self._expected.append((Wanted.ECHO, line.decode("ascii").strip()))
+                self._expected.append((Wanted.ECHO, line.decode("ascii").strip(), self.set_point))
             if job.wanted is not None:
-                self._expected.append((job.wanted, ""))
+                self._expected.append((job.wanted, "", self.set_point))
             elif self._acknowledge is not None:
-                self._expected.append((Wanted.ACKNOWLEDGE, ""))
+                self._expected.append((Wanted.ACKNOWLEDGE, "", self.set_point))
         if data:
             self._asked_ns = time.monotonic_ns()
             self._port.write(data)

@@ -25,32 +25,30 @@ def group_delay_s(bandwidth_Hz: float) -> float:
 
 
 def _sampling(
-    first: int, period_us: float, offset_us: float, rate_us_s: float, jitter_s: float, draws: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    count = len(draws)
-    device_us, nominal_s, times_s = np.empty(count), np.empty(count), np.empty(count)
+    first: int, period_us: float, offset_us: float, rate_us_s: float, jitter_s: float, draws: FloatArray,
+    clocks: FloatArray,
+) -> None:
     latest_s = -math.inf
-    for i in range(count):
-        device_us[i] = float(first + i) * period_us
-        nominal_s[i] = (device_us[i] - offset_us) / rate_us_s
-        latest_s = max(latest_s, nominal_s[i] + jitter_s * max(-LARGEST_JITTER, min(LARGEST_JITTER, draws[i, 1])))
-        times_s[i] = latest_s
-    return device_us, nominal_s, times_s
+    for i in range(len(draws)):
+        device_us = float(first + i) * period_us
+        nominal_s = (device_us - offset_us) / rate_us_s
+        latest_s = max(latest_s, nominal_s + jitter_s * max(-LARGEST_JITTER, min(LARGEST_JITTER, draws[i, 1])))
+        clocks[0, i], clocks[1, i], clocks[2, i] = device_us, nominal_s, latest_s
 
 
 sampling: Any = njit(cache=True, error_model="numpy")(_sampling)
-"""`sampling(first, period_us, offset_us, rate_us_s, jitter_s, draws (m, 2)) -> device_us, nominal_s, times_s (m,)`.
+"""`sampling(first, period_us, offset_us, rate_us_s, jitter_s, draws (m, 2), clocks (3, m))`, which fills `clocks`.
 
-Ticks `first`, `first + 1` ... of a clock that reads `offset_us + rate_us_s t`: its readings, the simulated times of
-them, and the times at which the samples are taken, moved by `jitter_s` times the second column of unit `draws`, never
-back in time.
+Ticks `first`, `first + 1` ... of a clock that reads `offset_us + rate_us_s t`: its readings (us), the simulated times
+(s) of them, and the times (s) at which the samples are taken, moved by `jitter_s` times the second column of unit
+`draws`, never back in time. What a compiled function returns costs more than what it fills.
 """
 
 
 def _condition(
-    signal: FloatArray, dt_s: float, corner_rad_s: float, state: FloatArray, start_s: float, times_s: FloatArray
-) -> FloatArray:
-    values = np.empty(len(times_s))
+    signal: FloatArray, dt_s: float, corner_rad_s: float, state: FloatArray, start_s: float, times_s: FloatArray,
+    values: FloatArray,
+) -> None:
     h = dt_s
     reach = h * h * corner_rad_s * corner_rad_s / 4.0
     damp = h * DAMPING * corner_rad_s
@@ -76,14 +74,14 @@ def _condition(
     while taken < len(times_s):
         values[taken] = state[0]
         taken += 1
-    return values
 
 
 condition: Any = njit(cache=True, error_model="numpy")(_condition)
-"""`condition(signal (n,), dt_s, corner_rad_s, state (4,), start_s, times_s (m,)) -> filtered values (m,)`.
+"""`condition(signal (n,), dt_s, corner_rad_s, state (4,), start_s, times_s (m,), values (m,))`, which fills `values`.
 
-`signal` holds the plant's values at `start_s + dt_s ... start_s + n dt_s`; `state` (filtered value, its rate, last
-input, filtered value one step earlier) is moved along; `times_s` ascend, from one step before the slice to its end.
+These are filtered. `signal` holds the plant's values at `start_s + dt_s ... start_s + n dt_s`; `state` (filtered value,
+its rate, last input, filtered value one step earlier) is moved along; `times_s` ascend, from one step before the slice
+to its end.
 """
 
 

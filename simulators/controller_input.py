@@ -12,7 +12,7 @@ from simulators.delay_line import DelayLine
 from simulators.options import InputOptions
 
 FloatArray = NDArray[np.float64]
-_NO_TIMES = np.zeros(0)
+_NONE = np.zeros(0)
 
 
 class ControllerInput:
@@ -39,7 +39,7 @@ class ControllerInput:
             self._started = True
         if self.options.delay_s > 0.0:
             signal = self._delay.delayed(signal)
-        condition(signal, self._dt_s, 2.0 * math.pi * self.options.bandwidth_Hz, self._filter, 0.0, _NO_TIMES)
+        condition(signal, self._dt_s, 2.0 * math.pi * self.options.bandwidth_Hz, self._filter, 0.0, _NONE, _NONE)
 
     def read(self, random: np.random.Generator) -> float:
         """What the register shows now (SI); every reading has noise of its own."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from protocols.frame_format import SIZE
 from rig.dampers.compiled_cache import njit
 
+FloatArray = NDArray[np.float64]
 POLYNOMIAL = 0x1021
 
 
@@ -30,38 +32,53 @@ CRC_TABLE = _crc_table()
 SYNC_BYTES = (0xA5, 0x5A)
 
 
-def _encode(
-    status: NDArray[np.uint8],
-    edge_count: NDArray[np.int64],
-    sequence: NDArray[np.int64],
-    device_us: NDArray[np.int64],
-    value: NDArray[np.float64],
-) -> NDArray[np.uint8]:
-    frames = np.empty((len(value), SIZE), np.uint8)
-    words = value.astype(np.float32).view(np.uint32)
-    for i in range(len(value)):
-        frame = frames[i]
-        frame[0], frame[1] = SYNC_BYTES
-        frame[2] = status[i]
-        frame[3] = edge_count[i] & 0xFF
-        for j in range(2):
-            frame[4 + j] = (sequence[i] >> 8 * j) & 0xFF
-        for j in range(4):
-            frame[6 + j] = (device_us[i] >> 8 * j) & 0xFF
-            frame[10 + j] = (words[i] >> 8 * j) & 0xFF
-        crc = 0xFFFF
-        for j in range(14):
-            crc = ((crc << 8) & 0xFFFF) ^ int(CRC_TABLE[(crc >> 8) ^ int(frame[j])])
-        frame[14] = crc & 0xFF
-        frame[15] = crc >> 8
-    return frames
+def _put(frame: NDArray[np.uint8], status: int, edge_count: int, sequence: int, device_us: int, word: int) -> None:
+    frame[0], frame[1] = SYNC_BYTES
+    frame[2] = status
+    frame[3] = edge_count & 0xFF
+    for j in range(2):
+        frame[4 + j] = (sequence >> 8 * j) & 0xFF
+    for j in range(4):
+        frame[6 + j] = (device_us >> 8 * j) & 0xFF
+        frame[10 + j] = (word >> 8 * j) & 0xFF
+    crc = 0xFFFF
+    for j in range(14):
+        crc = ((crc << 8) & 0xFFFF) ^ int(CRC_TABLE[(crc >> 8) ^ int(frame[j])])
+    frame[14] = crc & 0xFF
+    frame[15] = crc >> 8
 
 
-encode_frames: Any = njit(cache=True)(_encode)
+def _encoders(put: Any) -> tuple[Any, Any]:  # noqa: ANN401 - compiled
+    """Both ways to many frames; in a closure, so that what is kept of them is of this `put`."""
+
+    def encode_frames(
+        status: NDArray[np.uint8], edge_count: NDArray[np.int64], sequence: NDArray[np.int64],
+        device_us: NDArray[np.int64], value: FloatArray,
+    ) -> NDArray[np.uint8]:
+        frames = np.empty((len(value), SIZE), np.uint8)
+        words = value.astype(np.float32).view(np.uint32)
+        for i in range(len(value)):
+            put(frames[i], status[i], edge_count[i], sequence[i], device_us[i], words[i])
+        return frames
+
+    def encode_samples(
+        status: NDArray[np.uint8], edges: int, first: int, device_us: FloatArray, value: FloatArray
+    ) -> NDArray[np.uint8]:
+        frames = np.empty((len(value), SIZE), np.uint8)
+        words = value.astype(np.float32).view(np.uint32)
+        for i in range(len(value)):
+            put(frames[i], status[i], edges, first + i, math.floor(device_us[i]), words[i])
+        return frames
+
+    return njit(cache=True)(encode_frames), njit(cache=True)(encode_samples)
+
+
+encode_frames, encode_samples = _encoders(njit(cache=False)(_put))
 """`encode_frames(status, edge_count, sequence, device_us, value) -> frames as bytes (n, 16)`, all of shape (n,).
 
 Status bits (uint8); pulses latched so far, sample numbers and device clock (us), integers that are not wrapped;
-readings in the wire unit.
+readings in the wire unit. `encode_samples(status, edges, first, device_us, value)` does it for samples without a gap
+or an edge among them: so many pulses latched, the first one's number, the device clock as it is.
 """
 
 

@@ -85,6 +85,7 @@ class Block:
     word_order: str = "big"
     _order: tuple[int, ...] = field(init=False, repr=False, compare=False)
     _values: struct.Struct = field(init=False, repr=False, compare=False)
+    _names: frozenset[str] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.registers:
@@ -108,6 +109,7 @@ class Block:
             at = register.end
         object.__setattr__(self, "_order", tuple(order))
         object.__setattr__(self, "_values", struct.Struct(layout))
+        object.__setattr__(self, "_names", frozenset(register.name for register in self.registers))
 
     @property
     def address(self) -> int:
@@ -154,15 +156,16 @@ class Block:
         Raises:
             LocalProtocolError: a name is unknown, or a value does not fit its register.
         """
-        known = {register.name for register in self.registers}
-        if unknown := [name for name in values if name not in known]:
-            has = ", ".join(sorted(known))
-            raise LocalProtocolError(f"block {self.name!r} has no register {unknown[0]!r}; it has {has}")
-        raw = bytearray(2 * self.count)
-        for register in self.registers:
-            if register.name in values:
-                offset = 2 * (register.address - self.address)
-                _pack_value(register, values[register.name], raw, offset)
+        if unknown := values.keys() - self._names:
+            has = ", ".join(sorted(self._names))
+            raise LocalProtocolError(f"block {self.name!r} has no register {min(unknown)!r}; it has {has}")
+        numbers = [_to_wire(register, values.get(register.name)) for register in self.registers]
+        try:
+            raw = self._values.pack(*numbers)
+        except (struct.error, OverflowError) as error:
+            pairs = zip(self.registers, numbers, strict=True)
+            text = next(_unfit(register, number, error) for register, number in pairs if not _fits(register, number))
+            raise LocalProtocolError(text) from error
         words = struct.unpack(f">{self.count}H", raw)
         # The permutation reverses words inside each value, so it is its own inverse.
         return [words[i] for i in self._order]
@@ -237,22 +240,31 @@ def _from_wire(register: Register, value: int | float | bytes) -> Value:
     return value if register.scale == 1.0 else value * register.scale
 
 
-def _pack_value(register: Register, value: Value, raw: bytearray, offset: int) -> None:
-    """Write one value, high word first, at its place in the block's bytes.
+def _to_wire(register: Register, value: Value | None) -> int | float | bytes:
+    """What the block's struct packs for a value; 0 for none.
 
     Raises:
-        LocalProtocolError: the value does not fit the register.
+        LocalProtocolError: the value is none that the register can hold.
     """
     try:
         if register.type == "string":
-            raw[offset : offset + 2 * register.length] = _text_to_wire(register, value)
-        else:
-            struct.pack_into(">" + TYPES[register.type][0], raw, offset, _number_to_wire(register, value))
-    except (struct.error, OverflowError, ValueError) as error:
-        raise LocalProtocolError(
-            f"register {register.name!r} ({register.type}, unit {register.unit or 'none'}) "
-            f"cannot hold {value!r}: {error}"
-        ) from error
+            return _text_to_wire(register, "" if value is None else value)
+        return 0 if value is None else _number_to_wire(register, value)
+    except (OverflowError, ValueError) as error:
+        raise LocalProtocolError(_unfit(register, value, error)) from error
+
+
+def _fits(register: Register, number: int | float | bytes) -> bool:
+    try:
+        struct.pack(">" + _layout(register), number)
+    except (struct.error, OverflowError):
+        return False
+    return True
+
+
+def _unfit(register: Register, value: object, error: Exception) -> str:
+    kind = f"{register.type}, unit {register.unit or 'none'}"
+    return f"register {register.name!r} ({kind}) cannot hold {value!r}: {error}"
 
 
 def _text_to_wire(register: Register, value: Value) -> bytes:

@@ -19,7 +19,7 @@ from simulators.clock import DeviceClock
 from simulators.conditioner import LARGEST_JITTER, amplify, condition, limit, sampling
 from simulators.delay_line import DelayLine
 from simulators.frame_writer import FrameWriter
-from simulators.frames import encode_frames, encode_lines
+from simulators.frames import encode_frames, encode_lines, encode_samples
 from simulators.line_writer import LineWriter
 from simulators.options import SensorOptions
 from simulators.worn_format import writer
@@ -123,7 +123,8 @@ class Sensor:
         end_s = start_s + len(signal) * dt_s
         options = self.options
         draws, device_us, nominal_s, times_s = self._instants(end_s)
-        value = condition(signal, dt_s, 2.0 * math.pi * options.bandwidth_Hz, self._filter, start_s, times_s)
+        value = np.empty(len(times_s))
+        condition(signal, dt_s, 2.0 * math.pi * options.bandwidth_Hz, self._filter, start_s, times_s, value)
         if len(value) or pulses_s or self.faults != HEALTHY:
             status = self._imperfect(value, draws, self._disturbance(times_s, start_s, dt_s, current_A))
             if len(value) and nominal_s[-1] >= options.numbers_until_s:
@@ -144,10 +145,9 @@ class Sensor:
             first, count = first + max(0, count - len(asked)), min(count, len(asked))
             del asked[:count]
         draws = self._random.standard_normal((count, 2))
-        device_us, nominal_s, times_s = sampling(
-            first, self._period_us, clock.offset_us, 1e6 + clock.ppm, self.options.jitter_s, draws
-        )
-        return draws, device_us, nominal_s, times_s
+        clocks = np.empty((3, count))
+        sampling(first, self._period_us, clock.offset_us, 1e6 + clock.ppm, self.options.jitter_s, draws, clocks)
+        return draws, clocks[0], clocks[1], clocks[2]
 
     def _disturbance(
         self, times_s: FloatArray, start_s: float, dt_s: float, current_A: FloatArray | None
@@ -217,7 +217,10 @@ class Sensor:
         pulses_s: list[float],
     ) -> tuple[Bytes, FloatArray]:
         """Frames (n, size) and the simulated times (n,) they are finished at."""
-        count, keep = len(value), None
+        count, keep, latches = len(value), None, bool(pulses_s) and self.options.latches_edges
+        if self.options.format == "frame16" and not (latches or self.faults.gaps or self.faults.time_backwards):
+            self.samples += count
+            return encode_samples(status, self.edges, self.samples - count, device_us, value), time_s
         sequence = np.arange(self.samples, self.samples + count)
         if self.faults.gaps:
             every = max(GAP_SAMPLES + 1, round(GAP_EVERY_S * self.options.rate_Hz))
@@ -230,7 +233,7 @@ class Sensor:
         if self.faults.time_backwards:
             stamp_us = np.where(self._backwards(sequence), stamp_us - 50_000, stamp_us)
         columns = [status, np.array([self.edges]).repeat(count), sequence, stamp_us]
-        if pulses_s and self.options.latches_edges:
+        if latches:
             value, time_s, columns, keep = self._with_edges(value, time_s, columns, keep, pulses_s)
         if keep is not None:
             columns, value, time_s = [column[keep] for column in columns], value[keep], time_s[keep]

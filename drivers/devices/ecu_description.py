@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from drivers.current_source import SourceFault, SourceState, SourceTiming
 from drivers.roles import UNNAMED
@@ -121,7 +122,7 @@ class EcuDescription:
         """Everything that is read."""
         return frozenset(role for message in self.heard.values() for role in message.roles)
 
-    @property
+    @cached_property
     def told_faults(self) -> int:
         """The neutral faults that it can tell."""
         told = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from drivers.register_maps.quantity import BITS, COIL, HOLDING, Quantity, Value
 from protocols.errors import RemoteProtocolError
@@ -51,10 +52,13 @@ class Read:
         """
         if len(words) != self.count:
             raise RemoteProtocolError(f"{self.space} {self.address}: expected {self.count} registers, got {len(words)}")
-        return {
-            quantity.name: quantity.decode(words[quantity.address - self.address : quantity.end - self.address])
-            for quantity in self.quantities
-        }
+        return {quantity.name: quantity.decode(words[place]) for quantity, place in self._places}
+
+    @cached_property
+    def _places(self) -> tuple[tuple[Quantity, slice], ...]:
+        """Where each quantity is among the words."""
+        at = self.address
+        return tuple((quantity, slice(quantity.address - at, quantity.end - at)) for quantity in self.quantities)
 
 
 def reads(quantities: Iterable[Quantity], rules: Rules) -> tuple[Read, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from functools import cached_property
 
 from drivers.register_maps.condition import Condition, Values
 from drivers.register_maps.quantity import Quantity
@@ -76,18 +77,22 @@ class Bits:
         """The rig's bits for what the device shows; bits without a name are moved out of the way of named ones."""
         result = 0
         if self.quantity is not None:
-            shown, named = int(values[self.quantity.name]), 0
-            for place, member in self.places.items():
-                named |= 1 << place
+            shown = int(values[self.quantity.name])
+            for place, member in self.places.items() if shown else ():
                 result |= member if shown >> place & 1 else 0
-            rest = shown & ~named
+            rest = shown & ~self._named
             if self.quantity.name in {"fault_bits", "inputs"}:
                 result |= rest & ~self.taken | (rest & self.taken) << UNNAMED_BITS
         for member, condition in self.conditions:
             result |= member if condition.holds(values) else 0
         return result
 
-    @property
+    @cached_property
+    def _named(self) -> int:
+        """The register's bits that have a name."""
+        return sum(1 << place for place in self.places)
+
+    @cached_property
     def members(self) -> int:
         """All of the rig's bits that this device can show."""
         result = 0
@@ -131,7 +136,7 @@ class States:
                 return rule.state
         return self.codes.meaning(int(values["state"])) if "state" in values else UNNAMED
 
-    @property
+    @cached_property
     def known(self) -> frozenset[int]:
         """States that this device shows."""
         return frozenset(rule.state for rule in self.rules)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from protocols.errors import LocalProtocolError, RemoteProtocolError
 
@@ -45,6 +45,7 @@ class Quantity:
         factor: from its unit to SI.
         measures: what its unit measures, "length", "speed" ...; empty without a unit.
         bit: which bit of the register it is, where it is only one; None: the whole register.
+        whole: it is a whole number or a bit, neither scaled nor in a unit: it stays one.
         read, written: the host may.
         write_function: 5, 6, 15 or 16.
     """
@@ -65,16 +66,24 @@ class Quantity:
     read: bool = True
     written: bool = True
     write_function: int = 16
+    whole: bool = field(init=False, repr=False, compare=False)
+    _words: struct.Struct = field(init=False, repr=False, compare=False)
+    _number: struct.Struct = field(init=False, repr=False, compare=False)
 
     @property
     def end(self) -> int:
         """First address behind it."""
         return self.address + self.length * self.values
 
-    @property
-    def whole(self) -> bool:
-        """It is a whole number or a bit, neither scaled nor in a unit: it stays one."""
-        return self.type not in FLOATS and (self.scale, self.offset, self.factor) == (1.0, 0.0, 1.0)
+    def __post_init__(self) -> None:
+        plain = (self.scale, self.offset, self.factor) == (1.0, 0.0, 1.0)
+        object.__setattr__(self, "whole", self.type not in FLOATS and plain)
+        object.__setattr__(self, "_words", struct.Struct(f"{'>' if self.byte_order == 'big' else '<'}{self.length}H"))
+        if self.type in TYPES and self.type != "string":
+            object.__setattr__(self, "_number", struct.Struct(">" + TYPES[self.type][0]))
+
+    def __hash__(self) -> int:
+        return hash((self.space, self.address, self.name))
 
     @property
     def step(self) -> float:
@@ -101,7 +110,7 @@ class Quantity:
             return int(bool(words[0]))
         ordered = words if self.word_order == "big" or self.type == "string" else words[::-1]
         try:
-            raw = struct.pack(f"{'>' if self.byte_order == 'big' else '<'}{len(ordered)}H", *ordered)
+            raw = self._words.pack(*ordered)
         except struct.error as error:
             raise RemoteProtocolError(f"{self.name!r}: a word is not 0..65535: {error}") from error
         if self.type == "string":
@@ -109,7 +118,7 @@ class Quantity:
                 return raw.split(b"\0", 1)[0].decode("ascii").rstrip()
             except UnicodeDecodeError as error:
                 raise RemoteProtocolError(f"{self.name!r}: {raw!r} is not ASCII text") from error
-        number: int | float = struct.unpack(">" + TYPES[self.type][0], raw)[0]
+        number: int | float = self._number.unpack(raw)[0]
         return number if self.whole else self._si(number)
 
     def _si(self, raw: float) -> float:
@@ -132,14 +141,13 @@ class Quantity:
                 raise self._unfit(value, "a coil is 0 or 1")
             return [int(value)]
         number = (value / self.factor - self.offset) / self.scale
-        letter = TYPES[self.type][0]
         try:
             if self.type in FLOATS:
-                raw = struct.pack(">" + letter, number)
+                raw = self._number.pack(number)
             elif self.whole and number != int(number):
                 raise self._unfit(value, "not a whole number")
             else:
-                raw = struct.pack(">" + letter, int(value) if self.whole else round(number))
+                raw = self._number.pack(int(value) if self.whole else round(number))
         except (struct.error, OverflowError) as error:
             raise self._unfit(value, str(error)) from error
         words = list(struct.unpack(f"{'>' if self.byte_order == 'big' else '<'}{len(raw) // 2}H", raw))

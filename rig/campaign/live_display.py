@@ -14,11 +14,14 @@ from pathlib import Path
 from typing import Any
 
 from rig.campaign.results import NOT_RUN, CampaignResult, PointResult
+from rig.campaign.sequencer.state import Phase
 from rig.clock import monotonic_ns, utc_now
 from rig.matrix.plan import Plan
 from rig.station.live_folder import PLAN, RESULTS, STATE, replace_json
 
 KEPT_MESSAGES = 40
+MOVING = frozenset({Phase.RUNNING, Phase.STEPPING, Phase.WARMING, Phase.ADAPTING})
+"""Phases in which an earlier stop is over."""
 
 
 class LiveDisplay:
@@ -39,7 +42,9 @@ class LiveDisplay:
         self._results: dict[str, dict[str, Any]] = {}
         self._messages: deque[dict[str, Any]] = deque(maxlen=KEPT_MESSAGES)
         self._said = 0
-        self._state: dict[str, Any] = {"phase": "", "point": "", "cycles": 0, "time_left_s": None, "ended": None}
+        self._state: dict[str, Any] = {
+            "phase": "", "stopping": False, "point": "", "cycles": 0, "time_left_s": None, "ended": None,
+        }  # fmt: skip
 
     def planned(self, plan: Plan) -> None:
         """The plan, once."""
@@ -56,6 +61,10 @@ class LiveDisplay:
     def phase(self, text: str) -> None:
         """What the campaign does now."""
         self._state["phase"] = text
+        if text == Phase.STOPPING:
+            self._state["stopping"] = True
+        elif text in MOVING:
+            self._state["stopping"] = False  # it goes on, after a stop that was repeated without asking
         self._write()
 
     def progress(self, point_id: str, cycles_done: int, time_left_s: float, live: Mapping[str, float]) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rig.matrix.sections import Identify
 
 SEVERAL = ("all", "few")
+NO_LAW, SEPARABLE = "none", "separable"
 AFFINE = "affine"
 THREE_STEPS = "zhu_three_step"
 MODEL_OF_THREE_STEPS = "normalized_bouc_wen"
@@ -110,6 +111,13 @@ def _combination(wanted: Identify) -> list[str]:
     if wanted.current != AFFINE and (wanted.model in SEVERAL or wanted.series_spring or bent):
         problems.append(
             f'current = "{wanted.current}": goes with one model, without series_spring and without a current law'
+        )
+    if wanted.temperature_law != NO_LAW and (
+        wanted.model in SEVERAL or wanted.current != AFFINE or wanted.series_spring or wanted.method != SEPARABLE
+    ):
+        problems.append(
+            f'temperature_law = "{wanted.temperature_law}": goes with one model by name, method = "{SEPARABLE}", '
+            "without a fit for each current and without series_spring"
         )
     if wanted.series_spring and wanted.model in SEVERAL:
         problems.append('series_spring: goes with one model; name it, such as model = "asymmetric"')

@@ -13,7 +13,7 @@ import click
 from rig.cli.options import Command, MethodName, json_option, scheduler_option
 from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE
-from rig.matrix.methods import DEPENDENCES, LAWS
+from rig.matrix.methods import DEPENDENCES, LAWS, TEMPERATURE_LAWS
 
 if TYPE_CHECKING:
     from rig.identification import Method
@@ -32,6 +32,7 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
         "rig identify RUN --model lost_motion --unseen pairs",
         "rig identify RUN --model kwok --current per-current-lagrange",
         "rig identify RUN --model asymmetric --current-law saturating",
+        "rig identify RUN --model lost_motion --temperature-law both",
         "rig identify RUN --method c_foa --bounds wide --budget 16000",
     ),
 )
@@ -39,7 +40,7 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
 @click.option(
     "--model",
     help="Damper model; `few` to compare three, `all` every one.  [default: few; asymmetric with an option that goes "
-    "with one model: a search, --current, --series-spring, --profile-of, --hysteresis printed]",
+    "with one model: a search, --current, --series-spring, --temperature-law, --profile-of, --hysteresis printed]",
 )
 @click.option(
     "--method", type=MethodName(), default="separable", show_default=True, help="Fitting method."
@@ -59,6 +60,10 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
 @click.option(
     "--current-law", type=click.Choice(LAWS), default="affine", show_default=True,
     help="What the fluid feels of the current, for any model: the current itself, a law that bends, or all compared.",
+)  # fmt: skip
+@click.option(
+    "--temperature-law", type=click.Choice(TEMPERATURE_LAWS), default="none", show_default=True,
+    help="What warm oil weakens, by a recorded temperature: viscosity, yield force, both alike or each by itself.",
 )  # fmt: skip
 @click.option("--series-spring", is_flag=True, help="Add a spring in series: compliant mounts.")
 @click.option("--suspect", is_flag=True, help="Include suspect points; by default only valid points are fitted.")
@@ -120,7 +125,8 @@ def command(
 
     settings = Method(method, **{name: options.pop(name) for name in SETTINGS})
     single = method != "separable" or dependence != "affine" or profile_of or options["series_spring"]
-    model = model or ("asymmetric" if single or options["hysteresis"] != "kwok" else FEW)
+    single = single or options["temperature_law"] != "none" or options["hysteresis"] != "kwok"
+    model = model or ("asymmetric" if single else FEW)
     with _searching(settings, scheduler) as where:
         fit = identify_run(
             runs,

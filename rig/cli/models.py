@@ -50,6 +50,8 @@ def _entry(damper: DamperModel) -> dict[str, Any]:
 
 
 def _parameter(parameter: Parameter, damper: DamperModel) -> dict[str, Any]:
+    from rig.dampers.temperature_law import softens_by
+
     return {
         "name": parameter.name,
         "unit": parameter.unit,
@@ -60,6 +62,7 @@ def _parameter(parameter: Parameter, damper: DamperModel) -> dict[str, Any]:
         "at_zero": parameter.at_zero or None,
         "power": parameter.power,
         "demonstration": damper.demonstration[parameter.name],
+        "softens": softens_by(parameter) or None,
     }
 
 
@@ -75,10 +78,11 @@ def _show(damper: DamperModel, *, whole: bool) -> None:
         shown.print(f"  {', '.join(damper.names)}", markup=False, soft_wrap=True)
         return
     table = Table()
-    for title in ("parameter", "unit", "role", "demonstration", "meaning"):
+    for title in ("parameter", "unit", "role", "demonstration", "warm oil", "meaning"):
         table.add_column(title, justify="right" if title == "demonstration" else "left", overflow="fold")
     for entry in (_parameter(parameter, damper) for parameter in damper.parameters):
         table.add_row(
-            entry["name"], entry["unit"], entry["role"], f"{entry['demonstration']:g}", entry["meaning"]
+            entry["name"], entry["unit"], entry["role"], f"{entry['demonstration']:g}", entry["softens"] or "",
+            entry["meaning"],
         )
     shown.print(table)

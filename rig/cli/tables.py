@@ -320,7 +320,8 @@ def _to_try(fit: Mapping[str, Any]) -> list[Text]:
     if fit["error"].get("holdout") is None:
         hints.append("rig identify RUN --holdout frequency_Hz=...: measures the error on tests that are not fitted")
         if not fit.get("unseen"):
-            hints.append("rig identify RUN --unseen pairs: foretells each amplitude and frequency from the others")
+            told = "foretells each amplitude and frequency from the others, where several were tested"
+            hints.append(f"rig identify RUN --unseen pairs: {told}")
     return [Text(f"try: {hint}", style="cyan") for hint in hints]
 
 

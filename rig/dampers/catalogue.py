@@ -23,6 +23,7 @@ from rig.dampers.modified_bouc_wen import ModifiedBoucWenModel
 from rig.dampers.parameter import Hysteresis, ParameterSet
 from rig.dampers.plastic import BinghamModel, ViscoelasticPlasticModel
 from rig.dampers.published import PARAMETER_SETS as PUBLISHED
+from rig.dampers.sprung_bouc_wen import SprungBoucWenModel
 from rig.errors import RigError
 from rig.plugins import DAMPER_MODELS, Catalogue
 
@@ -47,6 +48,7 @@ CATALOGUE: tuple[DamperModel, ...] = (
     AsymmetricBoucWenModel(),
     LuGreModel(),
     GeneralizedBoucWenModel(),
+    SprungBoucWenModel(),
 )
 """Every model in every form; a place here is the model's `kind`, which files of simulated runs hold: append."""
 

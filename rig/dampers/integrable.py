@@ -40,5 +40,8 @@ class Integrable(Protocol):
     def __hash__(self) -> int:
         """Models with the same equation are equal."""
 
+    def slopes_along(self) -> Any:  # noqa: ANN401 - a function compiled by numba
+        """The force's slopes over all parameters, compiled; None where they are found by differences."""
+
     def kernel(self) -> Any:  # noqa: ANN401 - functions compiled by numba
         """The equation, compiled (`rig.dampers.kernel.Kernel`)."""

@@ -38,6 +38,10 @@ SATURATED = 0.999  # share of its limit from which the hysteretic variable only 
 
 Compiled = Callable[..., Any]
 """A function compiled by numba."""
+Instant = tuple[float, float, float]
+"""Extension (m about mid-stroke), velocity (m/s) and acceleration (m/s^2) at one instant."""
+Wanted = tuple[float, float]
+"""A force (N) and its rate (N/s)."""
 Motion = tuple[float, float, float, float, float]
 """u0, v0 and the coefficients of v(t) = v0 + c1 t + c2 t^2 + c3 t^3 inside a step."""
 
@@ -87,6 +91,9 @@ class Kernel:
         fastest_rate: (p, v, current) -> upper estimate (1/s) of how fast the internal state relaxes.
         loop: (p) -> the rate-independent hysteresis of s0: rho (1/m; 0 where there is none), sigma, n, and its limit.
         step: (p, state, motion, current, dt) -> whether it has advanced the state by an integrator of its own.
+        held: (p, state, instant, current, wanted) -> the force (N) that the current upholds while a wanted one, force
+            (N) and its rate (N/s), acts: for models whose current changes the force only after a while, through the
+            states. None: `force` says it.
     """
 
     force: Compiled
@@ -94,6 +101,7 @@ class Kernel:
     fastest_rate: Compiled = _no_fastest_rate
     loop: Compiled = _no_loop
     step: Compiled = _no_step
+    held: Compiled | None = None
 
 
 @njit()

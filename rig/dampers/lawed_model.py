@@ -42,7 +42,7 @@ class LawedModel(DamperModel):
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
         from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Kernel
+        from rig.dampers.kernel import Instant, Kernel, Wanted
 
         inner, felt = self.base.kernel(), self.law.compiled(len(self.base.parameters))
         inner_force, inner_rates, inner_rate, inner_step = inner.force, inner.rates, inner.fastest_rate, inner.step
@@ -64,7 +64,15 @@ class LawedModel(DamperModel):
         def step(p: FloatArray, state: FloatArray, motion: Motion, current: float, dt: float) -> bool:
             return bool(inner_step(p, state, motion, felt(p, current), dt))
 
-        return Kernel(force, rates, fastest_rate, inner.loop, step)
+        inner_held = inner.held
+        if inner_held is None:
+            return Kernel(force, rates, fastest_rate, inner.loop, step)
+
+        @njit()
+        def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, wanted: Wanted) -> float:
+            return float(inner_held(p, state, motion, felt(p, current), wanted))
+
+        return Kernel(force, rates, fastest_rate, inner.loop, step, held)
 
     def separation(self, scale: MotionScale) -> Separation | None:
         """See `DamperModel.separation`: None; a fit searches the law about fits of the base model."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -18,7 +19,7 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.parameter import Hysteresis, Parameter, Term
 
 if TYPE_CHECKING:  # it loads numba
-    from rig.dampers.kernel import Kernel
+    from rig.dampers.kernel import Compiled, Kernel
     from rig.dampers.separation import MotionScale, Search, Separation
 
 Jump = Literal["mid-stroke", "reversal", ""]
@@ -39,6 +40,7 @@ class DamperModel(ABC):
         jumps_at: where the force jumps, so that noise of motion or clocks puts samples on the wrong side.
         redundant: parameters that only scale others, and those; the others are known for one choice of it only.
         speeds_tell_yield: whether a single speed tells yield force from viscous force.
+        non_negative: linear parameters that no damper has below 0; a fit that finds one there holds it at 0.
         demonstration: plausible values of a damper for the simulated rig, complete; not a published fit.
     """
 
@@ -51,11 +53,12 @@ class DamperModel(ABC):
     jumps_at: ClassVar[Jump] = ""
     redundant: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     speeds_tell_yield: ClassVar[bool] = False
+    non_negative: ClassVar[tuple[str, ...]] = ()
     demonstration: ClassVar[Mapping[str, float]]
     hysteresis: Hysteresis = "kwok"
     parameters: tuple[Parameter, ...]
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Parameter names in the kernel's order."""
         return tuple(parameter.name for parameter in self.parameters)
@@ -105,6 +108,13 @@ class DamperModel(ABC):
     @abstractmethod
     def kernel(self) -> Kernel:
         """The equation compiled: force, and rates of the internal states, of one instant."""
+
+    def slopes_along(self) -> Compiled | None:
+        """Force and its slopes over all parameters along a sampled motion, compiled; None: found by differences.
+
+        Called as `rig.dampers.kernel.series_of` is; gives the force (N), (n,), and the slopes, (n, parameters).
+        """
+        return None
 
     @abstractmethod
     def separation(self, scale: MotionScale) -> Separation | None:

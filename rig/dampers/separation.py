@@ -168,6 +168,10 @@ class Unknowns:
         values = self.translated(starts, named)
         return self.model.vector({name: 0.0 if name in self.held else values[name] for name in self.model.names})
 
+    def values(self, theta: FloatArray) -> dict[str, float]:
+        """The model's own values by name."""
+        return dict(zip(self.model.names, self.vector(theta).tolist(), strict=True))
+
     def theta(self, values: Mapping[str, float]) -> FloatArray:
         """The unknowns of named values."""
         natural = np.array([values[name] for name in self.names])
@@ -241,7 +245,7 @@ class Search:
 
     def at_limit(self, unknowns: Unknowns, theta: FloatArray) -> dict[str, float]:
         """Parameters at which the search ended at a limit, and that limit."""
-        values = dict(zip(self.model.names, unknowns.vector(theta).tolist(), strict=True))
+        values = unknowns.values(theta)
         return {
             parameter.name: end
             for parameter in self.model.parameters

@@ -13,8 +13,9 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
 from rig.dampers.integrable import Integrable
-from rig.dampers.kernel import Compiled, cached, fingerprint, sampled_step
+from rig.dampers.kernel import Compiled, Instant, Wanted, cached, fingerprint, sampled_step
 
+SMOOTH_S = 3e-3  # time constant of the low-pass that takes the noise of a wanted force off its rate
 REFINED = 8  # steps of false position inside the interval of currents that holds a force
 
 
@@ -33,10 +34,10 @@ def inverse_of(model: Integrable) -> Compiled:
 
     Called with parameters (1 or G, P), one row a current of the grid, the grid (A), (G,), rising, the currents that the
     model's equation sees there (G,), states (1 or n, S), extension, velocity, acceleration and wanted force (N), (n,)
-    each, and the sampling interval (s). With an interval above 0 the first state is the start, and the states follow
-    with the currents that were found; with 0 every sample has a state of its own. Gives columns current (A), force
-    there (N), dF/dI (N/A), whether the force is attainable (1 or 0), least and greatest force over the grid (N), then
-    the states, (n, 6 + S).
+    each, the sampling interval (s), and the wanted force's rate (N/s) at the first sample. With an interval above 0 the
+    first state is the start, and the states follow with the currents that were found; with 0 every sample has a state
+    of its own. Gives columns current (A), force there (N; see `Kernel.held`), dF/dI (N/A), whether the force is
+    attainable (1 or 0), least and greatest force over the grid (N), then the states, (n, 6 + S).
     """
     return _inverse_of(model)
 
@@ -50,8 +51,15 @@ def _trajectory_of(model: Integrable) -> Compiled:
 @cache
 def _inverse_of(model: Integrable) -> Compiled:
     key = f"{fingerprint()} {model.name} {model.hysteresis}"
-    force = model.kernel().force
-    return cached(_inverse(key, model.states), _force=force, _step=sampled_step(model), _solve=_root(force))
+    kernel = model.kernel()
+    held = kernel.held or _at_once(kernel.force)
+    return cached(_inverse(key, model.states), _held=held, _step=sampled_step(model), _solve=_root(held))
+
+
+@njit()
+def smoothed_rate(before: float, change: float, dt: float) -> float:
+    """Rate (N/s) of a force that changed by `change` (N) in dt (s), through a low-pass of `SMOOTH_S`."""
+    return before + (change / dt - before) * dt / (dt + SMOOTH_S)
 
 
 def _unset(*arguments: object) -> float:
@@ -59,6 +67,7 @@ def _unset(*arguments: object) -> float:
 
 
 _force: Compiled = _unset
+_held: Compiled = _unset
 _step: Compiled = _unset
 _solve: Compiled = _unset
 """Of the loop's model, once it is compiled."""
@@ -102,7 +111,18 @@ def _blend(row: FloatArray, low: FloatArray, high: FloatArray, share: float) -> 
         row[place] = low[place] + share * (high[place] - low[place])
 
 
-def _root(force: Compiled) -> Compiled:
+def _at_once(force: Compiled) -> Compiled:
+    """`Kernel.held` of a model whose force follows the current at once, compiled."""
+
+    @njit()
+    def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, wanted: Wanted) -> float:
+        s1 = state[1] if state.size > 1 else 0.0
+        return float(force(p, state[0], s1, motion[0], motion[1], motion[2], current))
+
+    return held
+
+
+def _root(held: Compiled) -> Compiled:
     """Where between two neighbours of the grid the force meets the wanted one, compiled: share of the way (1)."""
 
     @njit()
@@ -112,20 +132,19 @@ def _root(force: Compiled) -> Compiled:
         high: FloatArray,
         ends: tuple[float, float],
         state: FloatArray,
-        motion: tuple[float, float, float],
+        motion: Instant,
         misses: tuple[float, float],
-        wanted: float,
+        wanted: Wanted,
     ) -> float:
         left, right, share = 0.0, 1.0, 0.0
         below, above = misses
-        s1 = state[1] if state.size > 1 else 0.0
         for _ in range(REFINED):
             if below == above:
                 return left
             share = left - below * (right - left) / (above - below)
             _blend(row, low, high, share)
             current = ends[0] + share * (ends[1] - ends[0])
-            miss = force(row, state[0], s1, motion[0], motion[1], motion[2], current) - wanted
+            miss = held(row, state, motion, current, wanted) - wanted[0]
             if miss == 0.0:
                 return share
             if miss * below > 0.0:
@@ -148,6 +167,7 @@ def _inverse(key: str, states: int) -> Compiled:
         a: FloatArray,
         wanted: FloatArray,
         dt: float,
+        rate: float,
     ) -> FloatArray:
         n, count, last, size = u.size + 0 * len(key), grid.size, p.shape[0] - 1, start.shape[1]
         answer = np.empty((n, 6 + size))
@@ -159,9 +179,11 @@ def _inverse(key: str, states: int) -> Compiled:
             elif k > 0 and states > 0:
                 used[k] = used[k - 1]
                 _step(row, state, u, v, a, used, dt, k - 1, k)
-            s1 = state[1] if size > 1 else 0.0
+            if dt > 0.0 and k > 0:
+                rate = smoothed_rate(rate, wanted[k] - wanted[k - 1], dt)
+            motion, aim = (u[k], v[k], a[k]), (wanted[k], rate)
             for g in range(count):
-                forces[g] = _force(p[min(g, last)], state[0], s1, u[k], v[k], a[k], seen[g])
+                forces[g] = _held(p[min(g, last)], state, motion, seen[g], aim)
             low, nearest = _bracket(forces, wanted[k])
             attainable = low >= 0
             low = low if attainable else min(nearest, count - 2)
@@ -169,13 +191,11 @@ def _inverse(key: str, states: int) -> Compiled:
             below, above = p[min(low, last)], p[min(low + 1, last)]
             if attainable:
                 misses = (forces[low] - wanted[k], forces[low + 1] - wanted[k])
-                share = _solve(
-                    row, below, above, (seen[low], seen[low + 1]), state, (u[k], v[k], a[k]), misses, wanted[k]
-                )
+                share = _solve(row, below, above, (seen[low], seen[low + 1]), state, motion, misses, aim)
             _blend(row, below, above, share)
             used[k] = seen[low] + share * (seen[low + 1] - seen[low])
             answer[k, 0] = grid[low] + share * (grid[low + 1] - grid[low])
-            answer[k, 1] = _force(row, state[0], s1, u[k], v[k], a[k], used[k])
+            answer[k, 1] = _held(row, state, motion, used[k], aim)
             answer[k, 2] = (forces[low + 1] - forces[low]) / (grid[low + 1] - grid[low])
             answer[k, 3] = 1.0 if attainable else 0.0
             answer[k, 4], answer[k, 5] = forces.min(), forces.max()

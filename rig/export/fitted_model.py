@@ -13,6 +13,7 @@ import numpy as np
 import rig.dampers
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
+from rig.dampers.temperature_law import law_of_entries
 from rig.errors import FileProblem
 
 TESTED = {"displacement_m": "m", "velocity_m_s": "m/s", "current_A": "A"}
@@ -75,6 +76,7 @@ class FittedModel:
             "current I (A, the coil's own, after its lag); force F (N), > 0 resists extension. All values SI.",
             f"SHA-256 of the fit: {self.sha256}",
             *self._judged(),
+            *self._softens(),
             "",
             "Parameters: value, unit, 95 % interval of each by itself, standard error",
             *(self._parameter(name) for name in self.model.names),
@@ -101,6 +103,19 @@ class FittedModel:
         if spring is not None:
             lines.append(f"A spring of {spring:.6g} N/m in series was found; the force here is the damper's behind it.")
         return lines
+
+    def _softens(self) -> list[str]:
+        """What is not in the exported force: how it follows the temperature."""
+        told = self.fit.get("temperature")
+        law = law_of_entries(told, self.fit["parameters"])
+        if told is None or law is None:
+            return []
+        rates = ", ".join(f"{name} = {rate:.6g} 1/K" for name, rate in law.rates.items())
+        return [
+            f"The force here is that at {law.reference_degC:.4g} degC, whatever the temperature T is. Fitted at "
+            f"{told['lowest_degC']:.4g} to {told['highest_degC']:.4g} degC; at another T take:",
+            f"{law.formula(self.model)}; {rates}",
+        ]
 
     def _parameter(self, name: str) -> str:
         entry, parameter = self.fit["parameters"].get(name) or {}, self.model.parameter(name)

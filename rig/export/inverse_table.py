@@ -22,9 +22,11 @@ def write_inverse(fit: Path, path: Path) -> Path:
     known = Fit.load(fit)
     table = known.inverse_table()
     tested = "" if known.tested is None else known.tested.told()
+    warmth = known.temperature
     lines = (
         f"# {known.model}: {known.equation}",
         f"# tested: {tested}",
+        *([f"# at {warmth.reference_degC:.4g} degC: at another temperature see the equation"] if warmth else []),
         "# sliding at mid-stroke; SI units; low_A and high_A: 95 % band of current_A",
     )
     content = (

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from rig.identification.models.solving import Method
     from rig.identification.points.preparation import prepare
     from rig.identification.runs import identify_run
-    from rig.identification.uncertainty.fit import Estimate, Fit
+    from rig.identification.uncertainty.fit import Fit
+    from rig.identification.uncertainty.fit_entries import Estimate
 
 __all__ = [
     "Bootstrap",
@@ -41,7 +42,7 @@ __all__ = [
 
 _HOMES = {
     "Bootstrap": "bootstrap",
-    "Estimate": "uncertainty.fit",
+    "Estimate": "uncertainty.fit_entries",
     "Fit": "uncertainty.fit",
     "Measurement": "models.measurement",
     "Method": "models.solving",

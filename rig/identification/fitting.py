@@ -8,10 +8,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 import rig.dampers
 from rig.dampers import Hysteresis
 from rig.dampers.lawed_model import PLUS, with_law
 from rig.dampers.model import DamperModel
+from rig.dampers.temperature_law import NONE as NO_LAW
 from rig.errors import IdentificationFailed
 from rig.identification.application.tested_range import Ends, tested_range
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
@@ -24,9 +27,11 @@ from rig.identification.per_current import AFFINE, identify_per_current
 from rig.identification.points.consistency import contradictions, refuse_reversed_signs, runs_apart
 from rig.identification.points.given import given
 from rig.identification.selection import candidates_of, compare, groups_of, weighted_by_misfit
+from rig.identification.temperature import at_one_temperature, refuse_beside, softened
 from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
-from rig.identification.uncertainty.fit import Cause, ErrorSummary, Estimate, Fit, SeriesSpring
+from rig.identification.uncertainty.fit import Fit
+from rig.identification.uncertainty.fit_entries import Cause, ErrorSummary, Estimate, SeriesSpring
 from rig.identification.uncertainty.scoring import score
 from rig.identification.words import say, some
 
@@ -59,6 +64,7 @@ def identify(
     diagnose: bool | None = None,
     bootstrap: int = 0,
     unseen: str | None = None,
+    temperature_law: str = NO_LAW,
     on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a damper model to recorded tests.
@@ -88,6 +94,8 @@ def identify(
         bootstrap: draw the tests so often again, for intervals that know of misfit (`rig.identification.bootstrap`); 0
             for not at all.
         unseen: "pairs": also fit the model to all but one amplitude and frequency, each in turn, and score it there.
+        temperature_law: how warm oil weakens the damper, where a temperature was recorded: "none", or rates of the
+            "viscous" parameters, the "yield" parameters, one "common" rate, or "both" (`rig.dampers.temperature_law`).
         on_progress: called with a line of text before each model is fitted and each comparison.
 
     Returns:
@@ -104,14 +112,17 @@ def identify(
     fitted, held_out = known.fitted, known.held_out
     refuse_reversed_signs(fitted)
     _refuse_unseen(unseen, fitted, alone=current == AFFINE and not series_spring)
-    warnings = (*known.warnings, *contradictions(fitted), *known.unusable_steps)
-    wanted = Wanted(settings, declared, profile, warnings, started, laws_over(fitted, current_law), diagnose)
+    laws = laws_over(fitted, current_law)
+    refuse_beside(temperature_law, settings, bare=not (current != AFFINE or series_spring or profile or bootstrap))
+    warnings = (*known.warnings, *known.unusable_steps)
+    wanted = Wanted(settings, declared, profile, warnings, started, laws, diagnose)
     if current != AFFINE:
         if model in {ALL, FEW} or profile or series_spring or bootstrap or PLUS in model or current_law != AFFINE:
             raise IdentificationFailed(
                 f"current dependence {current!r} goes with one model, without profiles, without a series spring, "
                 "without a bootstrap and without a current law"
             )
+        wanted = replace(wanted, warnings=(*warnings, *contradictions(fitted)))
         chosen = _model(model, hysteresis)
         related = identify_per_current(chosen, fitted, held_out, current, wanted, on_progress)
         return _usable(related, fitted, held_out, known.temperature_degC)
@@ -127,7 +138,9 @@ def identify(
     eta_1_s = _found_lag(models, fitted, settings, on_progress) if needs_lag(fitted) else None
     if eta_1_s is not None:
         fitted, held_out = ([with_lag(test, eta_1_s) for test in tests] for tests in (fitted, held_out))
-    best, fit = _best_fit(models, fitted, held_out, wanted, eta_1_s, on_progress)
+    softening, alike, alike_out = at_one_temperature(models, fitted, held_out, settings, temperature_law)
+    wanted = replace(wanted, warnings=(*warnings, *contradictions(alike)))
+    best, fit = _best_fit(models, alike, alike_out, wanted, eta_1_s, on_progress)
     fit = replace(fit, coil_eta_1_s=eta_1_s)
     if known.lag is not None and "eta" in fit.parameters:
         fit = _with_lag(fit, known.lag)
@@ -137,14 +150,14 @@ def identify(
         spring = spring.widened(
             max((residual.widening for residual in fit.residuals), default=1.0), quantile() * SMOOTHING
         )
-    fit = _usable(fit, fitted, held_out, known.temperature_degC)
-    causes = _diagnosis(best, fit, fitted, misfit=fit.adequate is False if diagnose is None else diagnose)
+    fit = _usable(softened(fit, softening, fitted, held_out), fitted, held_out, known.temperature_degC)
+    causes = _diagnosis(best, fit, alike, misfit=fit.adequate is False if diagnose is None else diagnose)
     if bootstrap:
         from rig.identification.bootstrap import bootstrap as drawn_again
 
         fit = replace(fit, drawn=drawn_again(replace(fit, series=spring), fitted, count=bootstrap).kept())
     fit = replace(fit, unseen=None if unseen is None else _foretold(fit, known.fitted, settings, on_progress))
-    return replace(fit, series=spring, next_tests=next_tests(best.model, fit, fitted, allowance), diagnosis=causes)
+    return replace(fit, series=spring, next_tests=next_tests(best.model, fit, alike, allowance), diagnosis=causes)
 
 
 def _refuse_unseen(unseen: str | None, tests: Sequence[Measurement], *, alone: bool) -> None:
@@ -175,7 +188,10 @@ def _foretold(
     def error_of(rest: list[Measurement], group: list[Measurement]) -> ErrorSummary:
         if on_progress is not None:
             on_progress(f"foretelling {some([test.id for test in group])}")
-        apart = identify(rest, model=fit.model, method=method, holdout=group, hysteresis=form, diagnose=False)
+        law = NO_LAW if fit.temperature is None else fit.temperature.law
+        apart = identify(
+            rest, model=fit.model, method=method, holdout=group, hysteresis=form, diagnose=False, temperature_law=law
+        )
         return apart.error if apart.holdout is None else apart.holdout
 
     return foretold(tests, error_of)
@@ -198,8 +214,17 @@ def _usable(
     unseen = next((one.holdout_nrmse_percent_of_peak for one in fit.selection if one.model == fit.model), None)
     seen = fit.error.nrmse_percent_of_peak
     widened = 1.0 if unseen is None or not (math.isfinite(unseen) and seen > 0.0) else unseen / seen
+    warmth = temperature_degC or _recorded_degC(fitted)
     cycles = tuple(spaced(first_cycle(test), DRAWN_SAMPLES) for test in fitted)
-    return replace(fit, tested=tested_range(fit.law, fitted, held_out, temperature_degC, widened), tests=cycles)
+    return replace(fit, tested=tested_range(fit.law, fitted, held_out, warmth, widened), tests=cycles)
+
+
+def _recorded_degC(tests: Sequence[Measurement]) -> Ends | None:
+    """Lowest and highest recorded temperature (degC); None where none was."""
+    known = [test.temperature_degC for test in tests if test.temperature_degC is not None]
+    finite = [values[np.isfinite(values)] for values in known]
+    every = np.concatenate(finite) if finite else np.zeros(0)
+    return (float(np.min(every)), float(np.max(every))) if every.size else None
 
 
 def _best_fit(

@@ -21,7 +21,8 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.model_slope import modelled_force, parameter_slopes
-from rig.identification.uncertainty.fit import Fit, NextTest
+from rig.identification.uncertainty.fit import Fit
+from rig.identification.uncertainty.fit_entries import NextTest
 from rig.matrix.point import TestPoint
 
 AMPLITUDES, FREQUENCIES, CURRENTS = 5, 6, 5
@@ -138,7 +139,7 @@ def next_tests(
 def _loop(
     model: DamperModel, fit: Fit, measurements: Sequence[Measurement], allowance: Allowance
 ) -> Iterator[NextTest]:
-    values = {name: value for name, value in fit.values.items() if name != "eta"}
+    values = {name: value for name, value in fit.values.items() if name != "eta" and name in model.names}
     names = tuple(values)
     if not names or len(fit.residuals) != len(measurements):
         return

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
-from rig.identification.uncertainty.fit import ErrorSummary
+from rig.identification.uncertainty.fit_entries import ErrorSummary
 from rig.identification.uncertainty.unseen import Unseen, UnseenPair, UnseenTest
 from rig.signals.waveform import WAVEFORMS
 

@@ -21,7 +21,8 @@ from rig.identification.models.relation import CurrentRelations, Relation, relat
 from rig.identification.models.solving import Candidate, solve
 from rig.identification.models.undetermined import SAME_CURRENT_A, examine
 from rig.identification.uncertainty.assessment import Wanted, judged
-from rig.identification.uncertainty.fit import Cause, Estimate, Fit
+from rig.identification.uncertainty.fit import Fit
+from rig.identification.uncertainty.fit_entries import Cause, Estimate
 from rig.identification.uncertainty.scoring import describes, score_forces, together
 from rig.identification.words import say
 from rig.matrix.methods import DEPENDENCES

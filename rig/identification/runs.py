@@ -38,6 +38,7 @@ def identify_run(
     diagnose: bool | None = None,
     bootstrap: int = 0,
     unseen: str | None = None,
+    temperature_law: str = "none",
     on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit recorded runs and write `fit.json` into the first of them, or beside the file it is.
@@ -56,6 +57,7 @@ def identify_run(
         diagnose: as in `identify`.
         bootstrap: as in `identify`.
         unseen: as in `identify`.
+        temperature_law: as in `identify`.
         on_progress: as in `identify`.
 
     Raises:
@@ -95,6 +97,7 @@ def identify_run(
         diagnose=diagnose,
         bootstrap=bootstrap,
         unseen=unseen,
+        temperature_law=temperature_law,
         allowance=bench_of(runs[0].path),
         campaign=[point for run in tested for point in run.usable],
         on_progress=on_progress,

@@ -20,7 +20,7 @@ from rig.identification.models.measurement import Measurement, first_cycle, spac
 from rig.identification.models.separable import GivenUp, motion_scale
 from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
-from rig.identification.uncertainty.fit import ModelScore
+from rig.identification.uncertainty.fit_entries import ModelScore
 from rig.identification.uncertainty.scoring import score
 
 RANKING_SAMPLES = 250  # samples of a cycle that rank models

@@ -21,7 +21,7 @@ from rig.identification.models.measurement import Measurement, first_cycle
 from rig.identification.models.solving import SQUARES, Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.uncertainty.covariance import quantile
-from rig.identification.uncertainty.fit import SeriesSpring
+from rig.identification.uncertainty.fit_entries import SeriesSpring
 from rig.signals.derivatives import harmonic
 
 LARGEST_SHARE = 0.3

@@ -269,7 +269,7 @@ NEXT = {
         "check the load cell's zero and gain before and after the tests; warm amplifier and damper up, and repeat the "
         "first test at the end"
     ),
-    "next-temperature": "hold the damper in a temperature window, or fit tests of one temperature",
+    "next-temperature": "fit with --temperature-law both, or hold the damper in a temperature window",
     "next-outliers": "fit with --loss huber; look for interference or lost bits in the force channel",
     "next-clipping": "use a larger range of the force channel, or less speed and current",
     "next-series-compliance": "fit with --series-spring; measure the displacement at the damper itself",

@@ -19,6 +19,10 @@ LAWS = ("affine", "saturating", "polynomial", "per-current", "all")
 """What the fluid may feel of the current; `all`: these compared."""
 
 
+TEMPERATURE_LAWS = ("none", "viscous", "yield", "common", "both")
+"""Which parameters warm oil may weaken."""
+
+
 def method_names() -> tuple[str, ...]:
     """Every method: this program's, then those of plug-ins, of which nothing is loaded."""
     return tuple(dict.fromkeys((*METHODS, *(plug_in.name for plug_in in plugins.found(plugins.METHODS)))))

@@ -108,11 +108,10 @@ class TestPoint:
     def described(self) -> str:
         """In one phrase: "sine 50 mm 1.5 Hz 1 A"; of what does not repeat itself, how far and for how long."""
         if self.kind == "current_step":
-            motion = f"{self.motion} for {self.motion_s:.3g} s"
-        elif self.has_frequency:
-            motion = f"{self.motion} {1e3 * self.amplitude_m:.4g} mm {self.frequency_Hz:.4g} Hz"
-        else:
-            motion = f"{self.motion} up to {1e3 * self.amplitude_m:.3g} mm for {self.motion_s:.3g} s"
-        most = "up to " if self.kind == "current_step" or self.law not in {"", "passive"} else ""
-        law = f" by {self.law}" if most and self.law else ""
-        return f"{motion}, {most}{self.current_A:.3g} A{law}" if most else f"{motion} {self.current_A:.3g} A"
+            return f"{self.motion} for {self.motion_s:.3g} s, up to {self.current_A:.3g} A"
+        if self.has_frequency:
+            return f"{self.motion} {1e3 * self.amplitude_m:.4g} mm {self.frequency_Hz:.4g} Hz {self.current_A:.3g} A"
+        current = f"{self.current_A:.3g} A"
+        if self.law not in {"", "passive"}:
+            current = f"up to {current} by {self.law}"
+        return f"{self.motion} up to {1e3 * self.amplitude_m:.3g} mm for {self.motion_s:.3g} s, {current}"

@@ -13,7 +13,7 @@ from rig.bench.places import close_match
 from rig.bench.quantity import Problem, Quantity, Wording
 from rig.bench.section import Section
 from rig.bench.unread import as_far_as_read
-from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, check_method, method_names
+from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, TEMPERATURE_LAWS, check_method, method_names
 from rig.matrix.signal_tables import FileTable, RoadTable, SignalTable, SweepTable
 from rig.plugins import PlugInProblem
 from rig.signals.waveform import SIGNAL_NAMES, SINE, WAVEFORM_NAMES
@@ -242,6 +242,7 @@ class Identify(Section):
     series_spring: bool = False
     current: Literal[DEPENDENCES] = "affine"  # type: ignore[valid-type]  # one list serves the schema and the message
     current_law: Literal[LAWS] = "affine"  # type: ignore[valid-type]  # the same
+    temperature_law: Literal[TEMPERATURE_LAWS] = "none"  # type: ignore[valid-type]  # the same
 
     @field_validator("model")
     @classmethod
@@ -251,7 +252,7 @@ class Identify(Section):
 
         base, plus, law = value.partition("+")
         several = ("all", "few")
-        known = [*several, *MODELS]
+        known = ["all", *MODELS, "few"]
         if base not in known or (base in several and plus):
             raise ValueError(_unknown("model", value, known))
         for name in MODELS if value == "all" else () if value == "few" else (base,):

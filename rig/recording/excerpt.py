@@ -1,8 +1,8 @@
 """The end of a recorded point as plain arrays, for whoever must not load HDF5: `python -m rig.recording.excerpt FILE`.
 
-Writes an `.npz` archive to standard output: the last `SHOWN_CYCLES` cycles at full amplitude (`loop_time` s,
-`loop_displacement` m, `loop_velocity` m/s, `loop_force` N), and of the last `SHOWN_S` what each channel measured
-(`time_NAME` s, `NAME` SI): (n,) float64, values that are none left out.
+Writes an `.npz` archive to standard output: the last `SHOWN_CYCLES` cycles at full amplitude, of a motion without
+cycles the last `SHOWN_S` (`loop_time` s, `loop_displacement` m, `loop_velocity` m/s, `loop_force` N), and of the last
+`SHOWN_S` what each channel measured (`time_NAME` s, `NAME` SI): (n,) float64, values that are none left out.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import EXIT_DONE, EXIT_USAGE, FileProblem
+from rig.recording.layout import HYBRID, SIGNAL
 from rig.recording.recorded_point import RecordedPoint
 
 SHOWN_CYCLES, SHOWN_S = 5.0, 20.0
@@ -32,7 +33,7 @@ def excerpt(path: Path) -> dict[str, NDArray[np.float64]]:
     point = RecordedPoint.open(path)
     time_s = point.time_s
     period_s, end_s = SHOWN_S / SHOWN_CYCLES, float(time_s[-1])
-    if point.frequency_Hz > 0.0:
+    if point.frequency_Hz > 0.0 and point.kind not in {SIGNAL, HYBRID}:
         period_s, end_s = 1.0 / point.frequency_Hz, _last_peak_s(time_s, point.displacement_m)
     shown_s = min(SHOWN_CYCLES, max(1.0, point.cycles - 1.0) if point.cycles else SHOWN_CYCLES) * period_s
     chosen = np.flatnonzero((time_s <= end_s) & (time_s >= end_s - shown_s))

@@ -30,12 +30,13 @@ SLOWEST_Hz, FASTEST_Hz = 5.0, 1e6
 #: Largest value of each quantity, and of displacement the largest span, that a test can have; as in bench files.
 LARGEST = {
     "displacement": (2.0, "m"), "force": (200e3, "N"), "current": (20.0, "A"), "commanded_current": (20.0, "A"),
-    "voltage": (100.0, "V"),
+    "voltage": (100.0, "V"), "temperature": (300.0, "degC"),
 }
 #: The unit of such numbers, probably, as a column's name is given it.
 LIKELY = {
     "displacement": "mm (NAME:mm)", "force": "N, not kN (NAME:N)", "current": "mA (NAME:mA)",
     "commanded_current": "mA (NAME:mA)", "voltage": "mV (NAME:mV)",
+    "temperature": "K (NAME:K)",
 }
 RATE = "sample-rate"
 DOUBTS = ("units-time", "units-displacement", "units-force", RATE)
@@ -57,6 +58,7 @@ class ImportedTest:
     commanded_A: FloatArray | None
     choices: Mapping[str, ColumnChoice]
     read_as: str
+    temperature_degC: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ def _read_test(file: Path, wanted: WantedTests, pattern: re.Pattern[str] | None)
     told = "; ".join(f"{quantity} {choice.told}" for quantity, choice in choices.items())
     return ImportedTest(
         file, sha256, time_s - time_s[0], table["displacement"], table["force"], current, nominal_A, "current" in table,
-        table.get("commanded_current"), choices, f"{opened.read_as}; {told}",
+        table.get("commanded_current"), choices, f"{opened.read_as}; {told}", table.get("temperature"),
     )
 
 
@@ -205,7 +207,7 @@ def _table(
     """
     places = [choice.place for choice in choices.values()]
     table = {
-        quantity: values * (choice.unit.scale if choice.unit else 1.0)
+        quantity: values if choice.unit is None else values * choice.unit.scale + choice.unit.offset
         for (quantity, choice), values in zip(choices.items(), opened.values(places), strict=True)
     }
     rows = len(next(iter(table.values())))

@@ -165,8 +165,15 @@ def _point_file(name: str, test: ImportedTest, said: Described) -> PointFile:
             "commanded_current", test.commanded_A, "A", "Commanded coil current",
             choices["voltage" if "voltage" in choices else "commanded_current"].column,
         ))
+    low_degC = high_degC = None
+    if test.temperature_degC is not None and np.any(np.isfinite(test.temperature_degC)):
+        low_degC, high_degC = float(np.nanmin(test.temperature_degC)), float(np.nanmax(test.temperature_degC))
+        channels.append(AlignedChannel(
+            "coil_temperature", test.temperature_degC, "degC", "Temperature of coil or body",
+            choices["temperature"].column,
+        ))  # fmt: skip
     quality = PointQuality(
-        verdict=verdict, lost_samples=lost,
+        verdict=verdict, lost_samples=lost, coil_low_degC=low_degC, coil_high_degC=high_degC,
         skew=SkewQuality(value_s=0.0, std_s=0.0, method="as imported: one time base, not checked"),
         motion=MotionQuality(cycles=0) if motion is None else MotionQuality(
             cycles=motion.cycles, amplitude_m=motion.amplitude_m, frequency_Hz=motion.frequency_Hz,

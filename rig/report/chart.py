@@ -135,7 +135,7 @@ def span(arrays: Sequence[FloatArray], margin: float = 0.05) -> Range:
         return -1.0, 1.0
     low = min(float(np.min(array)) for array in finite)
     high = max(float(np.max(array)) for array in finite)
-    room = margin * (high - low) or max(abs(high) * margin, 1e-9)
+    room = margin * (high - low) or abs(high) * margin or 1.0
     return low - room, high + room
 
 

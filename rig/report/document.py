@@ -11,6 +11,7 @@ import rig.dampers
 from rig.characteristics import characterise
 from rig.characteristics.hybrid_tests import hybrid_tests, write_hybrid
 from rig.dampers import DamperModel
+from rig.dampers.temperature_law import law_of_entries
 from rig.errors import FileProblem, RigError
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.journal.campaign_log import read_lines
@@ -35,7 +36,7 @@ from rig.report.fragment import (
 )
 from rig.report.hybrid import hybrid_part
 from rig.report.instruments import calibrations, doubts_of, instruments
-from rig.report.loops import PointView, view_of
+from rig.report.loops import PointView, REFERENCE_degC, view_of
 from rig.report.over_current import parameters_over_current
 from rig.report.plugin_sections import brought_sections
 from rig.report.point_tables import achieved_table, conditions, points_table, time_base
@@ -138,6 +139,8 @@ def _fitted_model(fit: Mapping[str, Any] | None) -> tuple[DamperModel | None, di
         return None, {}, box("warn", f"The fit's curves are not drawn: {text(error)}")
     if missing:
         return None, {}, box("warn", f"The fit's curves are not drawn: fit.json lacks {text(', '.join(missing))}.")
+    if warmth := law_of_entries(fit.get("temperature"), fit["parameters"]):
+        values[REFERENCE_degC] = warmth.reference_degC
     return model, values, ""
 
 

@@ -26,7 +26,7 @@ def number(value: object, digits: int = 4) -> str:
     """A number with so many significant digits; a dash where there is none."""
     if not isinstance(value, (int, float)) or isinstance(value, bool) or not math.isfinite(value):
         return NOTHING
-    shown = f"{value:.{digits}g}"
+    shown = f"{value + 0.0:.{digits}g}"  # no minus before a zero
     if "e" in shown and 1e-4 <= abs(value) < 1e7:
         shown = f"{value:.0f}"
     return signed(shown)

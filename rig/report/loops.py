@@ -9,10 +9,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rig.dampers import DamperModel
+from rig.dampers.temperature_law import COMMON, VISCOUS, YIELD, TemperatureLaw
 from rig.errors import RigError
 from rig.identification.models.coil import with_lag
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.softening import force_change_N
 from rig.identification.points.preparation import prepare
 from rig.recording.layout import HYBRID, SIGNAL
 from rig.recording.quality.campaign_delay import PointSkew
@@ -155,6 +157,10 @@ def _grouped(views: Sequence[PointView], by: Callable[[PointView], K]) -> list[t
     return [(wanted, [view for view in views if by(view) == wanted]) for wanted in order]
 
 
+REFERENCE_degC = "reference_degC"
+"""Key of a fit's values: the temperature at which they hold, where a law says what another one does."""
+
+
 @dataclass(frozen=True)
 class Loop:
     """One cycle, thinned for drawing (k,): mm about mid-stroke, m/s, N; `fitted_N` None where there is no fit.
@@ -187,7 +193,8 @@ def view_of(
 ) -> PointView:
     """Prepare a point for drawing; what keeps it from being drawn is said, never hidden.
 
-    `skew` is what the campaign as a whole knows of the sensors' delays, as for the fit.
+    `skew` is what the campaign as a whole knows of the sensors' delays, as for the fit. `values` are those of the fit's
+    parameters, and where it has a temperature law `REFERENCE_degC`.
     """
     if point.kind == "current_step":
         return PointView(point, None, "the rod stood still; the current was stepped", error or {}, held_out)
@@ -199,8 +206,18 @@ def view_of(
         return PointView(point, None, str(problem), error or {}, held_out)
     if "eta" in values:
         measured = with_lag(measured, values["eta"])
-    fitted = None if model is None else modelled_force(model, values, measured)
+    fitted = None if model is None else _curve_N(model, values, measured)
     return PointView(point, _middle_cycle(measured, fitted), "", error or {}, held_out, measured)
+
+
+def _curve_N(model: DamperModel, values: Mapping[str, float], measured: Measurement) -> FloatArray:
+    """The fitted force (N), (n,), at the recorded temperatures where the fit follows them."""
+    own = {name: value for name, value in values.items() if name in model.names}
+    force_N = modelled_force(model, own, measured)
+    if REFERENCE_degC not in values:
+        return force_N
+    rates = {name: values[name] for name in (VISCOUS, YIELD, COMMON) if name in values}
+    return force_N + force_change_N(model, own, TemperatureLaw(values[REFERENCE_degC], rates), measured)
 
 
 def _middle_cycle(measured: Measurement, fitted_N: FloatArray | None) -> Loop:

@@ -138,7 +138,8 @@ def _commanded_m(point: RecordedPoint) -> float | None:
 
 def _amplitude(view: PointView) -> str:
     motion = view.point.quality.motion
-    return f"{_scaled(motion.amplitude_m, 1e3)} {PLUS_MINUS} {_scaled(motion.amplitude_std_m, 1e3, 2)}"
+    scatter = "" if motion.amplitude_std_m is None else f" {PLUS_MINUS} {_scaled(motion.amplitude_std_m, 1e3, 2)}"
+    return f"{_scaled(motion.amplitude_m, 1e3)}{scatter}"
 
 
 def _off_percent(point: RecordedPoint) -> float | None:

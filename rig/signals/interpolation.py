@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.signals.arrays import FloatArray
+from rig.signals.arrays import BoolArray, FloatArray, IntArray
 
 LARGEST_STEP_PERIODS = 1.5
 """Neighbours further apart than this many sample periods have a gap between them."""
@@ -25,12 +25,7 @@ def cubic_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, perio
     Returns:
         (m,) values; NaN where one of the four neighbours does not exist, is NaN, or lies beyond a gap.
     """
-    result = np.full(len(wanted_s), np.nan)
-    if len(time_s) < 4:
-        return result
-    right = np.searchsorted(time_s, wanted_s, side="right")
-    inside = (right >= 2) & (right <= len(time_s) - 2)
-    near = right[inside]
+    inside, near = _between(wanted_s, time_s, 2)
     x = wanted_s[inside]
     nodes = [time_s[near + k] for k in (-2, -1, 0, 1)]
     step = LARGEST_STEP_PERIODS * period_s
@@ -42,8 +37,7 @@ def cubic_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, perio
             if k != j:
                 weight *= (x - other) / (node - other)
         total += weight * values[near + j - 2]
-    result[inside] = np.where(whole, total, np.nan)
-    return result
+    return _placed(np.where(whole, total, np.nan), inside)
 
 
 def monotone_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
@@ -55,12 +49,7 @@ def monotone_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, pe
     Returns:
         (m,) values; NaN as `cubic_at`.
     """
-    result = np.full(len(wanted_s), np.nan)
-    if len(time_s) < 4:
-        return result
-    right = np.searchsorted(time_s, wanted_s, side="right")
-    inside = (right >= 2) & (right <= len(time_s) - 2)
-    near = right[inside]
+    inside, near = _between(wanted_s, time_s, 2)
     steps = [time_s[near + k] - time_s[near + k - 1] for k in (-1, 0, 1)]
     slopes = [(values[near + k] - values[near + k - 1]) / step for k, step in zip((-1, 0, 1), steps, strict=True)]
     whole = np.all([step <= LARGEST_STEP_PERIODS * period_s for step in steps], axis=0)
@@ -70,7 +59,20 @@ def monotone_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, pe
     curve = values[near - 1] * rest**2 * (1.0 + 2.0 * part) + values[near] * part**2 * (3.0 - 2.0 * part)
     curve += step * part * rest * (rest * first - part * last)
     low, high = np.minimum(values[near - 1], values[near]), np.maximum(values[near - 1], values[near])
-    result[inside] = np.where(whole, np.clip(curve, low, high), np.nan)
+    return _placed(np.where(whole, np.clip(curve, low, high), np.nan), inside)
+
+
+def _between(wanted_s: FloatArray, time_s: FloatArray, either_side: int) -> tuple[BoolArray, IntArray]:
+    """Which of the wanted times have so many samples on either side (m,), and each one's first sample after it."""
+    right = np.searchsorted(time_s, wanted_s, side="right")
+    inside = (right >= either_side) & (right <= len(time_s) - either_side)
+    return inside, right[inside]
+
+
+def _placed(values: FloatArray, inside: BoolArray) -> FloatArray:
+    """The values at their places, NaN elsewhere."""
+    result = np.full(len(inside), np.nan)
+    result[inside] = values
     return result
 
 
@@ -84,17 +86,11 @@ def _limited(before: FloatArray, after: FloatArray, slope: FloatArray, next_slop
 
 def linear_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
     """Straight line between the two neighbours; arguments and result as `cubic_at`."""
-    result = np.full(len(wanted_s), np.nan)
-    if len(time_s) < 2:
-        return result
-    right = np.searchsorted(time_s, wanted_s, side="right")
-    inside = (right >= 1) & (right <= len(time_s) - 1)
-    near = right[inside]
+    inside, near = _between(wanted_s, time_s, 1)
     step = time_s[near] - time_s[near - 1]
     part = (wanted_s[inside] - time_s[near - 1]) / step
     line = values[near - 1] + part * (values[near] - values[near - 1])
-    result[inside] = np.where(step <= LARGEST_STEP_PERIODS * period_s, line, np.nan)
-    return result
+    return _placed(np.where(step <= LARGEST_STEP_PERIODS * period_s, line, np.nan), inside)
 
 
 def status_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, *, by_arrival: bool) -> FloatArray:

@@ -23,7 +23,7 @@ from rig.identification.models.measurement import first_cycle, spaced, thinned
 from rig.identification.models.solving import THREE_STEPS, known_methods, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.reference import references
-from rig.identification.uncertainty.fit import ErrorSummary
+from rig.identification.uncertainty.fit_entries import ErrorSummary
 from rig.identification.uncertainty.scoring import score
 from rig.study.benchmark_file import SEPARABLE, BenchmarkFile, load_benchmark
 from rig.study.execution import StudyProgress, local_workers

@@ -84,6 +84,8 @@ def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:
         "the interval is that of the parameters; the model does not reach the tests' own scatter, and that misfit is "
         "not in it" if adequate is False else ""
     )
+    if isinstance(warmth := fit.get("temperature"), dict):
+        remark += "; " * bool(remark) + f"the damper at {warmth.get('reference_degC'):.4g} degC all the time"
     return FittedDamper(given, damper, _draws(damper, entries, fit, members, seed), adequate, remark)
 
 

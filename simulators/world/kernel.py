@@ -93,6 +93,7 @@ class Kernel:
         self._due: list[tuple[int, float, int, Task, int, bool]] = []
         self._order = 0
         self._hub = getcurrent()
+        self._switch = self._hub.switch
         self.held_up = HELD_UP_SHARE
 
     # Time
@@ -190,14 +191,18 @@ class Kernel:
         Raises:
             RuntimeError: not called by a task.
         """
-        task = self.task()
+        task = self.current
+        if task is None:
+            task = self.task()
         task.wait += 1
         task.waiting = True
         task.woken = task.notified = False
         if until_ns is not None:
-            late_ns = 0 if until_ns <= self.now_ns else self._draw(TIMER_LATE_NS)
-            self._push(max(until_ns, self.now_ns) + late_ns, task, woken=False)
-        self._hub.switch()
+            if until_ns > self.now_ns:
+                self._push(until_ns + self._draw(TIMER_LATE_NS), task, woken=False)
+            else:
+                self._push(self.now_ns, task, woken=False)
+        self._switch()
         if task.raises is not None:
             error, task.raises = task.raises, None
             raise error
@@ -254,7 +259,8 @@ class Kernel:
                 continue
             if task.notified and not woken:
                 continue  # woken before its time-out; the hand-over is under way
-            self.now_ns = max(self.now_ns, at_ns)
+            if at_ns > self.now_ns:
+                self.now_ns = at_ns
             if task.handlers:
                 task.held.append((wait, woken))
                 continue
@@ -268,7 +274,8 @@ class Kernel:
             self.current = None
 
     def _push(self, at_ns: int, task: Task, *, woken: bool) -> None:
-        heappush(self._due, (at_ns, self.chance.random(), self._next(), task, task.wait, woken))
+        self._order += 1
+        heappush(self._due, (at_ns, self.chance.random(), self._order, task, task.wait, woken))
 
     def _next(self) -> int:
         self._order += 1

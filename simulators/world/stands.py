@@ -56,7 +56,7 @@ class Stand:
 
     def __getattr__(self, name: str) -> object:
         if self._real is not None and (name in self._same or name.isupper() or name[:3] in {"SIG", "LOC"}):
-            return getattr(self._real, name)
+            return self.__dict__.setdefault(name, getattr(self._real, name))
         raise NoCounterpart(f"{self._name}.{name} has no counterpart in a world")
 
 

@@ -65,18 +65,13 @@ class WorldTruth:
         self._plant = plant
         self._kernel = kernel
         self._every = max(1, round(EVERY_S / plant.dt_s))
-        self._times: list[NDArray[Any]] = []
-        self._rows: list[NDArray[Any]] = []
+        self._slices: list[tuple[int, float, NDArray[Any]]] = []
 
     def slice(self) -> None:
         """Take the plant's last slice."""
-        plant = self._plant
-        rows = plant.out[:: self._every, :][:, COLUMNS].copy()
         # The slice ends now; before it the rig's clock may have waited.
-        ends_ns = self._kernel.now_ns
-        self._times.append(ends_ns - (len(rows) - 1 - np.arange(len(rows))) * self._every * plant.dt_s * 1e9)
-        pressure = np.full(len(rows), float(plant.command["pressure"][0]))
-        self._rows.append(np.column_stack((rows[:, :4], pressure, rows[:, 4])))
+        rows = self._plant.out[:: self._every].copy()
+        self._slices.append((self._kernel.now_ns, float(self._plant.command["pressure"][0]), rows))
 
     def note(self, code: str, text: str, time_s: float | None = None) -> None:
         """A line of the log."""
@@ -90,9 +85,13 @@ class WorldTruth:
     @cached_property
     def arrays(self) -> NDArray[np.float64]:
         """Host's clock (ns), velocity (m/s), current (A), displacement (m), force (N), pressure level, coil (degC)."""
-        if not self._rows:
+        if not self._slices:
             return np.empty((0, 7))
-        return np.column_stack((np.concatenate(self._times), np.concatenate(self._rows)))
+        ends_ns, pressures, parts = zip(*self._slices, strict=True)
+        lengths, rows = [len(part) for part in parts], np.concatenate(parts)[:, COLUMNS]
+        left = np.concatenate([np.arange(length)[::-1] for length in lengths])
+        times_ns = np.repeat(np.array(ends_ns), lengths) - left * self._every * self._plant.dt_s * 1e9
+        return np.column_stack((times_ns, rows[:, :4], np.repeat(np.array(pressures), lengths), rows[:, 4]))
 
     @property
     def moved_s(self) -> float:

@@ -227,6 +227,27 @@ def test_a_write_that_is_refused_is_a_fault_and_a_map_that_is_not_there_is_said(
     source.close()
 
 
+def test_a_zero_that_is_refused_is_not_told_where_nothing_can_be_read_back(module: Module) -> None:
+    text = """
+    [range]
+    current_A = [0, 2]
+    [quantities]
+    current = {address = 0x64, scale = 0.001, unit = "A", access = "w"}
+    fault_bits = {address = 202}
+    [faults]
+    open = {quantity = "fault_bits", bit = 0}
+    """
+    source = driver(module, text)
+    run(source, 1.0)
+    module.refuses = {0x64}
+    source.command(0.0, enable=False)
+    source.send_now()
+    status = read_until(source, lambda status: status.faults != 0)
+    assert (status.faults, status.current_A) == (SourceFault.COMMAND_CHECK, 1.0)
+    module.refuses = set()
+    source.close()
+
+
 def test_another_module_is_known_by_what_it_shows(module: Module) -> None:
     module.holding[201] = 5
     source = driver(module, identity="XY")

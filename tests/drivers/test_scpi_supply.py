@@ -250,3 +250,27 @@ def test_records_hold_current_and_command(peer: ScpiPeer, source: ScpiSupply) ->
     told = {record[4]: record[2] for record in batch.records}
     assert told[Channel.COIL_CURRENT] == 0.75
     assert told[Channel.COMMANDED_CURRENT] == 0.75
+
+
+def test_what_flowed_before_a_set_point_was_sent_is_recorded_and_proves_nothing_of_it(peer: ScpiPeer) -> None:
+    """The question is under way when the set-point goes out; its answer comes after it."""
+    source = driver(peer, timeout_s=2.0)
+    source.start(0.01)
+    source.command(1.0)
+    source.send_now()
+    read_until(source, lambda status: status.current_A == 1.0)
+    peer.slow_s = 0.1
+    asked = peer.lines.count("MEAS:CURR?")
+    while peer.lines.count("MEAS:CURR?") == asked:
+        source.read_batch(0.0)
+    source.command(0.0, enable=False)
+    source.send_now()
+    flowed_A: list[float] = []
+    while len(flowed_A) < 2:
+        batch = source.read_batch(0.15)
+        flowed_A += [record[2] for record in batch.records if record[4] == Channel.COIL_CURRENT]
+        assert all(status.current_A == 0.0 for status in batch.statuses)
+    assert flowed_A[:2] == [1.0, 0.0]
+    assert source.status is not None
+    assert source.status.current_A == 0.0
+    source.close()

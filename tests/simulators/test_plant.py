@@ -9,6 +9,7 @@ import pytest
 
 from rig import dampers
 from rig.errors import RigError
+from rig.identification import Measurement, identify
 from simulators.controller_firmware import Command
 from simulators.options import DamperOptions, RigOptions, with_option
 from simulators.plant.plant import MAXIMUM_STEPS, Plant, specimen_model
@@ -17,6 +18,7 @@ from simulators.plant.step import (
     BODY_TEMPERATURE,
     COIL_TEMPERATURE,
     DAMPER_DISPLACEMENT,
+    DAMPER_FORCE,
     DISPLACEMENT,
     FORCE,
     PISTON,
@@ -273,6 +275,32 @@ def test_warm_oil_weakens_the_damper_only_where_the_file_asks(make_bench: Callab
         rows = bench.run(3.5)
         peaks.append(np.ptp(rows[:, F]))
     assert peaks[1] / peaks[0] == pytest.approx(1 - 0.005 * 40, abs=0.02)
+
+
+def test_a_fit_finds_how_fast_warm_oil_weakens_the_plant(make_bench: Callable[..., Bench]) -> None:
+    """By the coil's temperature, which is what a rig records; the body's is what weakens the oil."""
+    change, ambient_degC, tests = -0.006, 23.0, []
+    for start_degC in (25.0, 40.0, 60.0):
+        for current in (0.0, 1.5):
+            bench = make_bench(f"damper.force_change_per_K={change}", f"damper.start_degC={start_degC}").ready()
+            bench.plant.order(coil_A=current)
+            bench.run(1.0)
+            bench.start(0.03, 1.0, 3)
+            bench.run(1.0)
+            every = round(0.004 / bench.plant.dt_s)
+            rows = bench.run(3.0)[::every]
+            u, v = rows[:, 1 + DAMPER_DISPLACEMENT], rows[:, V]
+            tests.append(Measurement(
+                id=f"{start_degC:g} degC {current:g} A", u_m=u, v_m_s=v, a_m_s2=np.gradient(v, 0.004),
+                force_N=rows[:, 1 + DAMPER_FORCE], current_A=rows[:, CURRENT], dt_s=0.004, amplitude_m=0.03,
+                frequency_Hz=1.0, nominal_current_A=current, samples_per_cycle=250, noise_N=5.0,
+                temperature_degC=rows[:, TEMPERATURE],
+            ))  # fmt: skip
+    bare, fit = (identify(tests, temperature_law=law, diagnose=False) for law in ("none", "common"))
+    assert fit.temperature is not None
+    slope = -change / (1.0 + change * (fit.temperature.reference_degC - ambient_degC))
+    assert fit.values["k_warm"] == pytest.approx(slope, rel=0.05)
+    assert fit.error.rmse_N < 0.2 * bare.error.rmse_N
 
 
 def test_physics_does_not_depend_on_how_it_is_sliced() -> None:

@@ -35,6 +35,8 @@ HOSTILE = "<script>document.title='taken'</script>"
 VERDICTS = {"p001": "valid", "p002": "suspect", "p003": "invalid"}
 FOCUS = """() => { const e = document.activeElement, s = getComputedStyle(e), r = e.getBoundingClientRect();
   return [e.id || e.textContent, parseFloat(s.outlineWidth), s.outlineStyle, r.top < innerHeight && r.bottom > 0]; }"""
+NOT_STRETCHED = """() => [...document.querySelectorAll('canvas')]
+  .every(c => Math.abs(c.width - c.clientWidth * devicePixelRatio) < 2)"""
 FOCUSABLE = """() => [...document.querySelectorAll('button, input, textarea, [tabindex="0"]')]
   .filter(e => !e.disabled && e.checkVisibility()).map(e => e.id || e.textContent)"""
 
@@ -182,6 +184,21 @@ def command_by_keyboard(beside: Beside, page: Page) -> None:
     assert beside.wish(Asked.STOP) == "Ada s"
 
 
+def stop_and_go_on(beside: Beside, page: Page) -> None:
+    """What follows a stop is no OK; what somebody must do then is said large."""
+    why = "document.getElementById('why').textContent"
+    beside.link.display.phase("stopping")
+    page.wait_for_function(f"{why} === 'coil to 0 A, motion fades out'", timeout=WAIT_MS)
+    beside.link.display.phase("hydraulics off")
+    page.wait_for_function(f"{why} === 'hydraulics off'", timeout=WAIT_MS)
+    assert page.evaluate("document.getElementById('verdict').textContent") == "STOPPING"
+    beside.link.ask_current(0.0)
+    says(page, "SET CURRENT")
+    beside.link.forget_question()
+    beside.link.display.phase("running")
+    says(page, "OK")
+
+
 def lose_the_page(beside: Beside, page: Page) -> None:
     """A page process that stands still: nothing old is shown as live, and a Stop is not called sent."""
     os.kill(beside.page.pid, signal.SIGSTOP)
@@ -205,6 +222,7 @@ def end_it(beside: Beside, page: Page) -> None:
     page.wait_for_function(f"{why}.includes('The page has closed')", timeout=WAIT_MS)
     assert page.evaluate("document.getElementById('verdict').textContent") == "NOT OK"
     assert not page.is_visible("#stop"), "there is nothing to stop, and nobody has control"
+    page.wait_for_function(NOT_STRETCHED, timeout=WAIT_MS)
     assert page.title() != "taken"
 
 
@@ -252,6 +270,7 @@ def test_the_page_is_read_by_everybody_worked_by_keys_and_never_passes_off_what_
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.goto(beside.page.url)
         says(page, "OK")
+        stop_and_go_on(beside, page)
         for judged in beside.judged(VERDICTS):
             beside.link.display.point_done(judged)
         says(page, "NOT OK")

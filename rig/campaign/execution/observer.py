@@ -30,6 +30,7 @@ from rig.signals.cycles import measured_motion
 from rig.signals.load_train import CURRENT_APART_A, EDGE_MODULUS, CycleTrack, LoadTrain
 from rig.signals.waveform import HOLD, SIGNAL_NAMES
 
+_SATURATED = int(Input.VALVE_SATURATED)
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
 FRESH_TEMPERATURE_NS = 300_000_000
@@ -91,9 +92,9 @@ class MotionMeasurement:
             self._skip = (self._skip - len(samples)) % self._stride
         if Channel.INPUTS in block:
             inputs = block.of(Channel.INPUTS)["value"].astype(np.int64)
-            self._valve_saturated = self._valve_saturated or bool(np.any(inputs & int(Input.VALVE_SATURATED)))
+            self._valve_saturated = self._valve_saturated or bool((inputs & _SATURATED).any())
         if Channel.SERVO_ERROR in block:
-            largest_m = float(np.max(np.abs(block.of(Channel.SERVO_ERROR)["value"])))
+            largest_m = float(np.abs(block.of(Channel.SERVO_ERROR)["value"]).max())
             self._following_error_m = max(self._following_error_m, largest_m)
 
     def _keep(self, chosen: NDArray[Any]) -> None:
@@ -330,9 +331,9 @@ class LoadTrainWatch:
         commanded_A = block.of(Channel.COMMANDED_CURRENT)["value"]
         # What is measured beside the command has a detector of its own.
         measured_A = block.of(Channel.COIL_CURRENT)["value"]
-        changed = bool(np.any(commanded_A != self._current_A))
+        changed = bool((commanded_A != self._current_A).any())
         self._current_A = float(commanded_A[-1]) if changed else self._current_A
-        if changed or np.any(np.abs(measured_A - self._current_A) > CURRENT_APART_A):
+        if changed or (np.abs(measured_A - self._current_A) > CURRENT_APART_A).any():
             self._load_train.current_changed(self._current_A)
 
     def _overtaken(self, edge: int) -> bool:

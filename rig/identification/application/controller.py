@@ -31,7 +31,7 @@ class Command:
         attainable: whether a tested current gives the wanted force here.
         resolvable: whether the force tells the current here; where not, the wanted current is held.
         follows: whether the coil can be at the wanted current one interval later.
-        extrapolates: whether motion lies beyond what the tests covered.
+        extrapolates: whether motion or temperature lies beyond what the tests covered.
     """
 
     command_A: float
@@ -78,6 +78,7 @@ class Controller:
         self._mid_stroke_m = mid_stroke_m
         self._stays = 0.0 if law.eta_1_s is None else math.exp(-law.eta_1_s * dt_s)
         self._state: FloatArray | None = None
+        self._force_N, self._rate_N_s = math.nan, 0.0
         self._before: tuple[float, float, float] = (0.0, 0.0, 0.0)
         self.coil_A = self.wanted_A = self._command_A = float(np.clip(0.0, *self._limits))
 
@@ -95,8 +96,8 @@ class Controller:
         self.coil_A = self._stays * self.coil_A + (1.0 - self._stays) * self._command_A
         now = (displacement_m - self._mid_stroke_m, velocity_m_s, acceleration_m_s2)
         state = self._advanced(now)
-        motion = _instant(now)
-        answer = solve(self._law, self._grid, state[None, :], motion, np.array([force_N]))
+        motion = _instant(now, self._law.at_degC)
+        answer = solve(self._law, self._grid, state[None, :], motion, np.array([force_N]), self._rate(force_N))
         width_A = float(self._grid[-1] - self._grid[0])
         resolvable = bool(current_band_A(self._tested, answer)[0] <= RESOLVED * width_A)
         if resolvable:
@@ -112,6 +113,15 @@ class Controller:
             follows=abs(ahead - self._command_A) < 1e-9,
             extrapolates=self._tested is None or bool(self._tested.beyond(motion)),
         )
+
+    def _rate(self, force_N: float) -> float:
+        """The wanted force's rate (N/s), smoothed."""
+        from rig.dampers.trajectory import smoothed_rate
+
+        if not math.isnan(self._force_N):
+            self._rate_N_s = float(smoothed_rate(self._rate_N_s, force_N - self._force_N, self._dt_s))
+        self._force_N = force_N
+        return self._rate_N_s
 
     def _advanced(self, now: tuple[float, float, float]) -> FloatArray:
         """The state at this instant, moved from the one before with the coil's current."""
@@ -129,6 +139,6 @@ class Controller:
         return self._state
 
 
-def _instant(now: tuple[float, float, float]) -> Motion:
+def _instant(now: tuple[float, float, float], at_degC: float | None) -> Motion:
     u, v, a = (np.array([value]) for value in now)
-    return Motion(None, None, 0.0, u, v, a, np.zeros(1))
+    return Motion(None, None, 0.0, u, v, a, np.zeros(1), None if at_degC is None else np.array([at_degC]))

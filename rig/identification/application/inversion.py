@@ -9,6 +9,7 @@ the current: `resolvable` is false.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,7 +73,9 @@ def inverse(
     grid = currents_A(tested)
     start = _start(law, motion, state)
     answer = solve(law, grid, start, motion, wanted_N)
-    used = Motion(motion.index, motion.time_s, motion.dt_s, motion.u_m, motion.v_m_s, motion.a_m_s2, answer[:, 0])
+    used = replace(motion, current_A=answer[:, 0])
+    if law.at_degC is not None:
+        used = replace(used, temperature_degC=np.full(answer.shape[0], law.at_degC))
     columns = {"current_A": answer[:, 0], "force_N": answer[:, 1]}
     frame = with_band(columns, used, tested)
     half_A = np.minimum(current_band_A(tested, answer), grid[-1] - grid[0])
@@ -86,14 +89,16 @@ def inverse(
     return frame
 
 
-def solve(law: Law, grid: FloatArray, start: FloatArray, motion: Motion, wanted_N: FloatArray) -> FloatArray:
+def solve(
+    law: Law, grid: FloatArray, start: FloatArray, motion: Motion, wanted_N: FloatArray, rate_N_s: float = 0.0
+) -> FloatArray:
     """The compiled inverse: see `rig.dampers.trajectory.inverse_of`; `start` (1 or n, S) are states."""
     from rig.dampers.trajectory import inverse_of
 
     vectors, seen_A = law.vectors(grid)
     dt_s = motion.dt_s if start.shape[0] == 1 and motion.time_s is not None else 0.0
     data = (motion.u_m, motion.v_m_s, motion.a_m_s2, wanted_N)
-    answer: FloatArray = inverse_of(law.model)(vectors, grid, seen_A, start, *data, dt_s)
+    answer: FloatArray = inverse_of(law.model)(vectors, grid, seen_A, start, *data, dt_s, rate_N_s)
     return answer
 
 
@@ -134,7 +139,8 @@ def control_range(law: Law, tested: TestedRange | None) -> pd.DataFrame:
         One row a speed (index `velocity_m_s`): `least_N`, `most_N` over the tested currents, `gain_N_A` (least |dF/dI|
         of them), `monotone` (whether every force has one current), `resolvable` (see `inverse`), `passive` (whether F v
         >= 0 at every current, the force at rest left out). `attrs["invertible_from_m_s"]`: the least speed from which
-        on all rows are resolvable and monotone; None where there is none.
+        on all rows are resolvable and monotone; None where there is none. `attrs["extrapolation"]`: that the
+        temperature of the fit (`Fit.at`) lies beyond the tests; empty otherwise.
 
     Raises:
         IdentificationFailed: the tests ran at one current.
@@ -163,7 +169,19 @@ def control_range(law: Law, tested: TestedRange | None) -> pd.DataFrame:
     limit = float(np.max(reached)) if reached.size else 0.0
     above = np.abs(speeds)[np.abs(speeds) > limit]
     frame.attrs["invertible_from_m_s"] = float(np.min(above)) if above.size else None
+    frame.attrs["extrapolation"] = _too_warm(law, tested)
     return frame
+
+
+def _too_warm(law: Law, tested: TestedRange | None) -> str:
+    """That the temperature at which the law holds lies beyond the tests; empty where it does not."""
+    if law.at_degC is None or tested is None:
+        return ""
+    still, degC = np.zeros(1), np.array([law.at_degC])
+    beyond = tested.beyond(Motion(None, None, 0.0, still, still, still, np.full(1, tested.current_A[0]), degC))
+    if "temperature_degC" not in beyond:
+        return ""
+    return f"beyond the tests: temperature_degC {law.at_degC:.4g}; tested were {tested.told()}"
 
 
 def inverse_table(law: Law, tested: TestedRange | None) -> pd.DataFrame:
@@ -197,7 +215,9 @@ def inverse_table(law: Law, tested: TestedRange | None) -> pd.DataFrame:
             "resolvable": half <= RESOLVED * (grid[-1] - grid[0]),
         }))  # fmt: skip
     names = ["velocity_m_s", "force_N", "current_A", "low_A", "high_A", "resolvable"]
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=names)
+    table = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=names)
+    table.attrs["extrapolation"] = _too_warm(law, tested)
+    return table
 
 
 def _sliding_forces(law: Law, tested: TestedRange | None) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -11,10 +11,12 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.current_law import CurrentLaw
 from rig.dampers.lawed_model import LawedModel
 from rig.dampers.model import DamperModel
+from rig.dampers.temperature_law import TemperatureLaw
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.relation import CurrentRelations
+from rig.identification.models.softening import force_change_N
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,8 @@ class Law:
         current: relations to the current of parameters fitted at each current alone; None for one set of values.
         eta_1_s: rate of the coil's first-order lag (1/s); None where it is not known.
         felt: the current law and its values; None where the current is felt as it is.
+        temperature: how warm oil weakens the damper; None where that is not known. The values are at its reference.
+        at_degC: the only temperature (degC) at which it holds; None where there is no such.
     """
 
     model: DamperModel
@@ -34,6 +38,8 @@ class Law:
     current: CurrentRelations | None = None
     eta_1_s: float | None = None
     felt: tuple[CurrentLaw, Mapping[str, float]] | None = None
+    temperature: TemperatureLaw | None = None
+    at_degC: float | None = None
 
     @classmethod
     def of(cls, model: DamperModel, found: Mapping[str, float | None], current: CurrentRelations | None) -> Law:
@@ -59,6 +65,12 @@ class Law:
             return cls(model.base, values, None, eta_1_s, (model.law, bend))
         return cls(model, values, None, eta_1_s)
 
+    def at_reference(self) -> Law:
+        """The law at its reference temperature, whatever the temperature is."""
+        if self.temperature is None:
+            return self
+        return replace(self, temperature=None, at_degC=self.temperature.reference_degC)
+
     def vectors(self, current_A: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Parameters at currents (A), shape (1 or n, P), and the current that the equation sees there, shape (n,)."""
         if self.current is None:
@@ -83,7 +95,10 @@ class Law:
         """Force (N), shape (n,), of a measured test after a cycle of warm-up, as fits score it."""
         if self.current is None:
             seen = test if self.felt is None else replace(test, current_A=self._felt_A(test.current_A))
-            return modelled_force(self.model, self.values, seen)
+            force_N = modelled_force(self.model, self.values, seen)
+            if self.temperature is None:
+                return force_N
+            return force_N + force_change_N(self.model, self.values, self.temperature, seen)
         values = self._at(float(np.mean(test.current_A)))
         still = test.rows(slice(0, test.u_m.size))
         still.__dict__.update(current_A=np.zeros_like(test.current_A))

@@ -80,7 +80,7 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "") -> Mot
             problems.append(f"no column `{name}`; columns are {', '.join(map(str, frame.columns)) or 'missing'}")
     if time_s is None and needs_time:
         problems.append(f"no column `time_s` (s), and {needs_time}")
-    elif time_s is None and arrays["velocity_m_s"] is None:
+    elif time_s is None and not _named(frame, "velocity_m_s"):
         problems.append("no column `velocity_m_s`; give it, or `time_s`, over which displacement is differentiated")
     if len(frame) == 0:
         problems.append("it has no rows")

@@ -18,6 +18,7 @@ from rig.errors import FileProblem
 from rig.identification.application.law import Law
 from rig.identification.application.motion_table import Motion, motion_of
 from rig.identification.application.tested_range import UNKNOWN, TestedRange
+from rig.identification.models.softening import filled
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,8 +34,9 @@ def predict(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: fl
     """
     reason = f"{law.model.name} has internal states, which follow the motion in time" if law.model.states else ""
     motion = motion_of(table, mid_stroke_m, needs_time=reason)
-    force_N, _ = along(law, motion)
-    return with_band({"force_N": force_N}, motion, tested)
+    known = _at_a_temperature(law, motion)
+    force_N, _ = along(law, known)
+    return _assuming(with_band({"force_N": force_N}, known, tested), law, motion)
 
 
 def simulate(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: float, *, lag: bool) -> pd.DataFrame:
@@ -51,12 +53,13 @@ def simulate(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: f
                 "tests with current steps",
             ])  # fmt: skip
         motion = replace(motion, current_A=coil_current(motion.current_A, law.eta_1_s, motion.dt_s))
+    given, motion = motion, _at_a_temperature(law, motion)
     force_N, states = along(law, motion)
     columns = {
         "displacement_m": motion.u_m, "velocity_m_s": motion.v_m_s, "current_A": motion.current_A, "force_N": force_N,
     }  # fmt: skip
     columns |= {f"state_{place + 1}": states[:, place] for place in range(law.model.states)}
-    result = with_band(columns, motion, tested)
+    result = _assuming(with_band(columns, motion, tested), law, given)
     if "time_s" not in (result.index.name,):
         result.insert(0, "time_s", motion.time_s)
     return result
@@ -66,15 +69,32 @@ def along(law: Law, motion: Motion) -> tuple[FloatArray, FloatArray]:
     """Force (N), (n,), and states, (n, S), from rest at the first sample; algebraic models need no time."""
     vectors, seen_A = law.vectors(motion.current_A)
     model = law.model
-    if model.states == 0 and law.current is None:
+    if model.states == 0 and law.current is None and law.temperature is None:
         force_N = model.force(law.values, motion.u_m, motion.v_m_s, motion.a_m_s2, seen_A, motion.dt_s)
         return force_N, np.zeros((motion.u_m.size, 0))
     from rig.dampers.trajectory import trajectory_of
 
     start = model.initial_state(float(motion.u_m[0]))
+    if law.temperature is not None and motion.temperature_degC is not None:
+        known_degC = filled(motion.temperature_degC, law.temperature.reference_degC)
+        vectors = law.temperature.vectors(model, law.values, known_degC)
     data = (motion.u_m, motion.v_m_s, motion.a_m_s2, seen_A)
     force, states = trajectory_of(model)(vectors, start, *data, motion.dt_s)
     return force, states
+
+
+def _at_a_temperature(law: Law, motion: Motion) -> Motion:
+    """The motion, at the law's reference temperature where it tells none and the law follows one."""
+    if law.temperature is None or motion.temperature_degC is not None:
+        return motion
+    return replace(motion, temperature_degC=np.full(motion.u_m.size, law.temperature.reference_degC))
+
+
+def _assuming(frame: pd.DataFrame, law: Law, motion: Motion) -> pd.DataFrame:
+    """The result, with the temperature that was assumed where none was given."""
+    if law.temperature is not None and motion.temperature_degC is None:
+        frame.attrs["assumed"] = f"no temperature given: force at {law.temperature.reference_degC:.4g} degC"
+    return frame
 
 
 def coil_current(commanded_A: FloatArray, eta_1_s: float, dt_s: float) -> FloatArray:

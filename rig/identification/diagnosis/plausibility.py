@@ -8,7 +8,7 @@ import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement, samples_a_cycle
-from rig.identification.uncertainty.fit import Cause
+from rig.identification.uncertainty.fit_entries import Cause
 from rig.identification.words import say
 from rig.signals.plausibility import TestSize, doubts
 

@@ -25,7 +25,7 @@ from rig.identification.diagnosis.stretches import Stretch, stretches
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.projection import Weighting
 from rig.identification.series_spring import Softened
-from rig.identification.uncertainty.fit import Cause
+from rig.identification.uncertainty.fit_entries import Cause
 from rig.identification.words import say, some
 
 AN_AMOUNT = 0.02  # of the logarithm of what is left, that each amount of a cause must be worth

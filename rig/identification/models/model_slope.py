@@ -77,6 +77,13 @@ def parameter_slopes(
         return _algebraic_slopes(model, values, names, test)
     if isinstance(model, LawedModel):
         return _lawed_slopes(model, values, names, test)
+    compiled = model.slopes_along()
+    if compiled is not None:
+        motion = (test.u_m, test.v_m_s, test.a_m_s2, test.current_A)
+        state = model.initial_state(float(test.u_m[0]))
+        every = compiled(model.vector(values), state, *motion, test.dt_s, test.samples_per_cycle)[1]
+        places = {name: place for place, name in enumerate(model.names)}
+        return np.asarray(every[:, [places[name] for name in names]])
     columns = []
     for name in names:
         if name == "eta":

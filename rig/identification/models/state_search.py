@@ -18,7 +18,7 @@ import numpy as np
 from rig.dampers import model as damper_model
 from rig.dampers.algebraic import AlgebraicModel
 from rig.dampers.arrays import FloatArray
-from rig.dampers.kernel import force_series
+from rig.dampers.kernel import Compiled, force_series
 from rig.dampers.model import DamperModel
 from rig.dampers.separation import Search, Unknowns
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
@@ -42,14 +42,19 @@ class StateSquares(Squares):
     """The weighted sum of squares over some tests; `noise_power` is what the tests' scatter leaves."""
 
     def __init__(
-        self, search: Search, unknowns: Unknowns, measurements: Sequence[Measurement], weighting: Weighting
+        self,
+        search: Search,
+        unknowns: Unknowns,
+        measurements: Sequence[Measurement],
+        weighting: Weighting,
+        evaluations: int = 0,
     ) -> None:
         self._search, self._unknowns = search, unknowns
         self._data = [(test, weighting.of(test, index)) for index, test in enumerate(measurements)]
         self._scale = motion_scale(measurements)
         noise_N = [0.0 if np.isnan(test.noise_N) else test.noise_N for test in measurements]
         self.noise_power = sum(n**2 * float(w @ w) for n, (_, w) in zip(noise_N, self._data, strict=True)) or np.inf
-        self.evaluations = 0
+        self.evaluations = evaluations
         self.budget = MOST_EVALUATIONS
         self.counting = sum(int(np.count_nonzero(w)) for _, w in self._data)
 
@@ -64,6 +69,9 @@ class StateSquares(Squares):
 
     def slopes(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Squares.slopes`; by forward differences."""
+        compiled = self._unknowns.model.slopes_along()
+        if compiled is not None:
+            return self._exact_slopes(theta, compiled)
         size = theta.size
         self.evaluations += size + 1
         curvature, gradient = np.zeros((size, size)), np.zeros(size)
@@ -77,11 +85,28 @@ class StateSquares(Squares):
             gradient += jacobian.T @ ((test.force_N - force) * weight)
         return curvature, gradient
 
+    def _exact_slopes(self, theta: FloatArray, compiled: Compiled) -> tuple[FloatArray, FloatArray]:
+        """The same where the model gives its slopes: one pass for all unknowns."""
+        size, centre = theta.size, self._unknowns.vector(theta)
+        self.evaluations += 1
+        chain = np.array([
+            (self._unknowns.vector(theta + DIFFERENCE * row) - self._unknowns.vector(theta - DIFFERENCE * row))
+            / (2.0 * DIFFERENCE)
+            for row in np.eye(size)
+        ])  # fmt: skip
+        curvature, gradient = np.zeros((size, size)), np.zeros(size)
+        for test, weight in self._data:
+            motion = (test.u_m, test.v_m_s, test.a_m_s2, test.current_A)
+            state = self._unknowns.model.initial_state(float(test.u_m[0]))
+            force, columns = compiled(centre, state, *motion, test.dt_s, test.samples_per_cycle)
+            jacobian = (columns @ chain.T) * weight[:, None]
+            curvature += jacobian.T @ jacobian
+            gradient += jacobian.T @ ((test.force_N - force) * weight)
+        return curvature, gradient
+
     def admissible(self, theta: FloatArray) -> bool:
         """See `Squares.admissible`."""
-        names = self._unknowns.model.names
-        values: dict[str, float] = dict(zip(names, self._unknowns.vector(theta).tolist(), strict=True))
-        return self._search.admissible(values, self._scale)
+        return self._search.admissible(self._unknowns.values(theta), self._scale)
 
     @property
     def spent(self) -> bool:
@@ -137,7 +162,8 @@ def solve_states(
     else:
         starts = [search.named(start)]
     unknowns = search.unknowns(starts[0], held)
-    short = StateSquares(search, unknowns, [spaced(test, SEARCHED) for test in single], weighting)
+    few = [spaced(test, SEARCHED) for test in single]
+    short = StateSquares(search, unknowns, few, weighting)
     full = StateSquares(search, unknowns, measurements, weighting)
     families = [starts[k : k + search.family] for k in range(0, len(starts), search.family)]
     thetas = [min((unknowns.theta(values) for values in family), key=short.value) for family in families]
@@ -154,12 +180,19 @@ def solve_states(
             )
         )  # fmt: skip
     theta, left = short.minimise(best[0], ITERATIONS, ROUGH)
+    natural = unknowns.values(theta)
+    bound = tuple(name for name in model.non_negative if natural[name] < 0.0)
+    if bound:
+        natural |= dict.fromkeys(bound, 0.0)
+        unknowns = search.unknowns(natural, held | frozenset(bound))
+        short = StateSquares(search, unknowns, few, weighting, short.evaluations)
+        full = StateSquares(search, unknowns, measurements, weighting)
+        theta, left = short.minimise(unknowns.theta(natural), ITERATIONS, ROUGH)
     finish = LAST_ITERATIONS if start is None and left <= DESCRIBED * short.noise_power else 0
     theta, objective = full.minimise(theta, finish) if finish else (theta, full.value(theta))
-    values = dict(zip(model.names, unknowns.vector(theta).tolist(), strict=True))
     evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
-    known = {name: value for name, value in values.items() if name != "eta"}
-    return Solution(known, objective, evaluations, at_limit=search.at_limit(unknowns, theta))
+    known = {name: value for name, value in unknowns.values(theta).items() if name != "eta"}
+    return Solution(known, objective, evaluations, bound, search.at_limit(unknowns, theta))
 
 
 def _simpler_values(

@@ -17,7 +17,8 @@ from rig.identification.models.separable import Solution
 from rig.identification.models.solving import SEPARABLE, SQUARES, Candidate, Method, without_outliers
 from rig.identification.uncertainty.alternative_shapes import degenerate, explain
 from rig.identification.uncertainty.covariance import DeclaredErrors, Information, information, quantile
-from rig.identification.uncertainty.fit import Estimate, Fit, ModelScore
+from rig.identification.uncertainty.fit import Fit
+from rig.identification.uncertainty.fit_entries import Estimate, ModelScore
 from rig.identification.uncertainty.leftover import leftovers
 from rig.identification.uncertainty.profile import Profile, profiles
 from rig.identification.uncertainty.residuals import WORTH_WARNING, correlated

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,16 @@ from rig.identification.application.tested_range import TestedRange
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.relation import CurrentRelations
 from rig.identification.uncertainty.drawn import Drawn
+from rig.identification.uncertainty.fit_entries import (
+    Cause,
+    ErrorSummary,
+    Estimate,
+    ModelScore,
+    NextTest,
+    Passivity,
+    SeriesSpring,
+    TestError,
+)
 from rig.identification.uncertainty.fit_file import (
     entries_of,
     estimate_entry,
@@ -26,6 +35,7 @@ from rig.identification.uncertainty.fit_file import (
 from rig.identification.uncertainty.fit_use import FitUse
 from rig.identification.uncertainty.no_model import Reference
 from rig.identification.uncertainty.residuals import Residual
+from rig.identification.uncertainty.temperature_term import TemperatureTerm
 from rig.identification.uncertainty.unseen import Unseen
 
 if TYPE_CHECKING:
@@ -33,175 +43,6 @@ if TYPE_CHECKING:
 
 
 INTERVAL = "95 % interval (each parameter by itself)"
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One parameter.
-
-    Attributes:
-        value: estimate in `unit`; None where nothing can be said.
-        unit: SI unit.
-        low: lower end of the 95 % interval of this parameter by itself, the one that is shown; None when not
-            identifiable.
-        high: upper end; a parameter held at its lower limit has this end alone.
-        simultaneous_low: lower end of the interval that holds for all identifiable parameters together with 95 %.
-        simultaneous_high: upper end.
-        standard_error: standard error in `unit`.
-        identifiable: whether these tests determine it.
-        reason: why not; empty when they do.
-        variance_inflation: by how much the other parameters widen its variance (1: not at all).
-    """
-
-    value: float | None
-    unit: str
-    low: float | None = None
-    high: float | None = None
-    simultaneous_low: float | None = None
-    simultaneous_high: float | None = None
-    standard_error: float | None = None
-    identifiable: bool = True
-    reason: str = ""
-    variance_inflation: float | None = None
-
-
-@dataclass(frozen=True)
-class TestError:
-    """How well the model gives one test's force back.
-
-    Attributes:
-        id: the test's id.
-        file: its file.
-        rmse_N: root mean square error (N).
-        mae_N: mean absolute error (N).
-        nrmse_percent_of_peak: 100 rmse / max|F - mean F|.
-        noise_N: scatter of the force from cycle to cycle (N); None when unknown.
-        samples: number of samples.
-        energy_J: energy dissipated in a mean cycle, measured (J); NaN where a stretch of every cycle has no force.
-        modelled_energy_J: the same by the model (J).
-    """
-
-    __test__ = False  # pytest takes classes called Test for its own
-
-    id: str
-    file: str
-    rmse_N: float
-    mae_N: float
-    nrmse_percent_of_peak: float
-    noise_N: float | None
-    samples: int
-    energy_J: float
-    modelled_energy_J: float
-
-
-@dataclass(frozen=True)
-class ErrorSummary:
-    """Errors over some tests: all samples together, and each test.
-
-    Attributes:
-        rmse_N: root mean square error over all samples (N).
-        mae_N: mean absolute error over all samples (N).
-        sd_N: standard deviation of the error (N).
-        r_squared: share of the force's variance that the model explains.
-        nrmse_percent_of_peak: mean over tests of their relative errors.
-        per_test: one entry a test.
-    """
-
-    rmse_N: float
-    mae_N: float
-    sd_N: float
-    r_squared: float
-    nrmse_percent_of_peak: float
-    per_test: tuple[TestError, ...]
-
-
-@dataclass(frozen=True)
-class ModelScore:
-    """One model in the comparison: held-out error (None without held-out tests) and Bayesian information criterion.
-
-    A model that was not fitted to the end has its reason, and neither of them.
-    """
-
-    model: str
-    holdout_nrmse_percent_of_peak: float | None
-    bic: float
-    rmse_N: float
-    parameters: int
-    method: str
-    reason: str = ""
-
-
-@dataclass(frozen=True)
-class Passivity:
-    """Where the fitted model takes energy out, over the tested speeds (both ways) and currents.
-
-    Attributes:
-        share: share of the envelope with F v >= 0, gas force and springs left out.
-        worst: what happens elsewhere, in words; empty when `share` is 1.
-    """
-
-    share: float
-    worst: str
-
-
-@dataclass(frozen=True)
-class NextTest:
-    """A test worth running next.
-
-    Attributes:
-        parameter: whose interval it shrinks most.
-        text: which test, and what it is expected to do.
-        toml: lines to append to a matrix file.
-        standard_error: of the parameter now, in its unit; None where it is not known.
-        expected_error: the same after that test; None where there is none to compare with.
-    """
-
-    parameter: str
-    text: str
-    toml: str
-    standard_error: float | None
-    expected_error: float | None
-
-
-@dataclass(frozen=True)
-class Cause:
-    """What probably explains a misfit, or data that no damper gives.
-
-    Attributes:
-        slug: which cause; see docs/json.md.
-        text: what was found, with its numbers.
-        explains: share of the misfit beyond the noise that it explains (0 to 1); 1 for units and signs, 0 for what
-            these tests cannot show.
-        next: what to measure or mend.
-    """
-
-    slug: str
-    text: str
-    explains: float
-    next: str
-
-
-@dataclass(frozen=True)
-class SeriesSpring:
-    """A spring in series with the damper, and its 95 % interval (N/m); all None where none is seen."""
-
-    stiffness_N_m: float | None
-    low: float | None
-    high: float | None
-
-    def widened(self, variance: float, relative: float) -> SeriesSpring:
-        """The same where the residual's correlation and misfit multiply the variance of its compliance.
-
-        Args:
-            variance: that factor.
-            relative: half width (1), as a share of the compliance, that is added to it in squares.
-        """
-        if self.stiffness_N_m is None or self.low is None or self.high is None:
-            return self
-        compliance = 1.0 / self.stiffness_N_m
-        half = math.hypot(0.5 * math.sqrt(variance) * (1.0 / self.low - 1.0 / self.high), relative * compliance)
-        high = 1.0 / (compliance - half) if half < compliance else math.inf
-        return SeriesSpring(self.stiffness_N_m, 1.0 / (compliance + half), high)
 
 
 @dataclass(frozen=True)
@@ -235,6 +76,7 @@ class Fit(FitUse):
         series: spring in series with the damper, where it was looked for; the parameters are the damper's behind it.
         current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
         loss: "squares" or "huber".
+        temperature: how the damper follows its temperature, by rates among `parameters`; None where not looked for.
         unseen: errors of tests foretold from the others, where that was asked for; None otherwise.
         form: the model's equation, as it was fitted, with its source; `equation` has the numbers too.
         tested: what the fitted tests covered, and how far the model was off; None in files of earlier versions.
@@ -271,6 +113,7 @@ class Fit(FitUse):
     series: SeriesSpring | None = None
     current: CurrentRelations | None = None
     loss: str = "squares"
+    temperature: TemperatureTerm | None = None
     unseen: Unseen | None = None
     form: str = ""
     tested: TestedRange | None = None
@@ -308,6 +151,7 @@ class Fit(FitUse):
                 profiles={name: record(Profile, entry) for name, entry in (content.get("profiles") or {}).items()},
                 next_tests=tuple(record(NextTest, entry) for entry in content.get("next_tests") or ()),
                 diagnosis=tuple(record(Cause, entry) for entry in content.get("diagnosis") or ()),
+                temperature=TemperatureTerm.from_json(content.get("temperature")),
                 unseen=Unseen.from_json(content.get("unseen")),
                 series=None if spring is None else record(SeriesSpring, spring),
                 current=CurrentRelations.from_json(related),
@@ -369,6 +213,7 @@ class Fit(FitUse):
             "profiles": {name: vars(profile) for name, profile in self.profiles.items()},
             "next_tests": [plain(proposal) for proposal in self.next_tests],
             "bootstrap": None if self.drawn is None else self.drawn.to_json(),
+            "temperature": None if self.temperature is None else plain(self.temperature),
             "unseen": None if self.unseen is None else self.unseen.to_json(),
             "diagnosis": [plain(cause) for cause in self.diagnosis],
             "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),

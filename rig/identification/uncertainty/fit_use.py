@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import rig.dampers
 from rig.dampers.parameter import Hysteresis
+from rig.dampers.temperature_law import RATES, TemperatureLaw
 from rig.errors import IdentificationFailed
 from rig.identification.application.law import Law
 from rig.identification.application.tested_range import TestedRange
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.relation import CurrentRelations
+from rig.identification.uncertainty.temperature_term import TemperatureTerm
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,6 +42,8 @@ class Found(Protocol):
     @property
     def current(self) -> CurrentRelations | None: ...  # noqa: D102 - as in `Fit`
     @property
+    def temperature(self) -> TemperatureTerm | None: ...  # noqa: D102 - as in `Fit`
+    @property
     def series(self) -> Any: ...  # noqa: ANN401, D102 - as in `Fit`, whose module imports this one
     @property
     def coil_eta_1_s(self) -> float | None: ...  # noqa: D102 - as in `Fit`
@@ -52,6 +57,9 @@ class Found(Protocol):
     def holdout(self) -> Any: ...  # noqa: ANN401, D102 - as in `Fit`, whose module imports this one
     @property
     def law(self) -> Law: ...  # noqa: D102 - as in `FitUse`
+
+
+Kind = TypeVar("Kind")
 
 
 class FitUse:
@@ -74,7 +82,11 @@ class FitUse:
         estimated = {name: estimate.value for name, estimate in self.parameters.items()}
         if self.coil_eta_1_s is not None:
             estimated["eta"] = self.coil_eta_1_s
-        return Law.of(rig.dampers.model(self.model, form), estimated, self.current)
+        law = Law.of(rig.dampers.model(self.model, form), estimated, self.current)
+        if self.temperature is None:
+            return law
+        rates = {name: float(estimated[name] or 0.0) for name in RATES[self.temperature.law]}
+        return replace(law, temperature=TemperatureLaw(self.temperature.reference_degC, rates))
 
     @property
     def equation(self: Found) -> str:
@@ -83,6 +95,20 @@ class FitUse:
 
         values = {name: (estimate.value, estimate.unit) for name, estimate in self.parameters.items()}
         return formula(self.form, values, self.current)
+
+    def at(self: Kind, temperature_degC: float) -> Kind:
+        """The same fit with its values, intervals and correlations at another temperature (degC).
+
+        What takes no temperature (`simulate`, `inverse`, `controller`, `control_range`, a table without one) is then at
+        that temperature, and says where it lies beyond the tests.
+
+        Raises:
+            IdentificationFailed: the fit has no temperature law, or this is no temperature.
+        """
+        from rig.identification.uncertainty.temperature_term import at_temperature
+
+        moved: Kind = at_temperature(self, temperature_degC)
+        return moved
 
     @property
     def plot(self: Found) -> FitPlots:
@@ -209,7 +235,7 @@ class FitUse:
         motion = motion_of(table, 0.0)
         wanted = np.ascontiguousarray(np.broadcast_to(given, (motion.u_m.size,)))
         chosen = None if state is None else np.asarray(state, dtype=float)
-        return inverse(self.law, self.tested, motion, wanted, chosen)
+        return inverse(self.law.at_reference(), self.tested, motion, wanted, chosen)
 
     def control_range(self: Found) -> pd.DataFrame:
         """What the current can do at each tested speed: forces, dF/dI, whether they can be inverted, passivity.
@@ -221,7 +247,7 @@ class FitUse:
         """
         from rig.identification.application.inversion import control_range
 
-        return control_range(self.law, self.tested)
+        return control_range(self.law.at_reference(), self.tested)
 
     def inverse_table(self: Found) -> pd.DataFrame:
         """The current over speed and force, for controllers that look it up.
@@ -233,7 +259,7 @@ class FitUse:
         """
         from rig.identification.application.inversion import inverse_table
 
-        return inverse_table(self.law, self.tested)
+        return inverse_table(self.law.at_reference(), self.tested)
 
     def controller(
         self: Found, dt_s: float, *, limits_A: tuple[float, float] | None = None, mid_stroke_m: float = 0.0
@@ -248,7 +274,7 @@ class FitUse:
         """
         from rig.identification.application.controller import Controller
 
-        return Controller(self.law, self.tested, dt_s, limits_A, mid_stroke_m)
+        return Controller(self.law.at_reference(), self.tested, dt_s, limits_A, mid_stroke_m)
 
 
 class FitPlots:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.identification.models.inner_least_squares import white
-from rig.identification.models.measurement import Measurement, MotionError
+from rig.identification.models.measurement import Measurement, MotionError, first_cycle
 from rig.identification.models.model_slope import (
     FittedModel,
     force_change,
@@ -157,9 +157,11 @@ def motion_effects(
     if error is None:
         return np.zeros((weighted.shape[1], 0)), 0.0
     if model.states:
-        changes = list(_changes(model, values, test, error, dt_s))
+        one = first_cycle(test)  # the errors repeat with every cycle
+        changes = list(_changes(model, values, one, error, dt_s))
         power = sum(float(np.mean(change**2)) for change in changes)
-        return np.column_stack([weighted.T @ change for change in changes]), power
+        cycles = test.u_m.size / one.u_m.size
+        return np.column_stack([cycles * (weighted[: one.u_m.size].T @ change) for change in changes]), power
     by_u, by_v, by_a = motion_slopes(model, values, test)
     each_m = np.sqrt(error.errors_m**2 + 0.5 * np.sum(np.abs(error.common_m) ** 2, axis=0))
     power = _power(error, (by_u, by_v, by_a), each_m)

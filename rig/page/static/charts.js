@@ -1,6 +1,7 @@
 "use strict";
 // Binary frames to series, series to canvases. Nothing here knows of the rig but the frame's layout (samples.py).
 
+const COMMANDED = 16; // A
 const LOOP_X = 201, LOOP_V = 202, LOOP_F = 203, WINDOW_S = 20, RECORDED = 2;
 let loop_keep_s = 10;
 
@@ -135,8 +136,8 @@ function number(value) {
   return value.toFixed(size >= 100 || size === 0 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3).replace(/^-(0\.?0*)$/, "$1");
 }
 
-// Thousands of samples on some hundred columns of pixels: of each column the first, the extremes and the last.
-function draw_by_columns(pen, one, since, px, py) {
+// Thousands of samples on some hundred columns of pixels: of each column the first, the extremes and the last. A command is `held` until the next one.
+function draw_by_columns(pen, one, since, px, py, held) {
   let column = NaN, x = 0, first = 0, low = 0, high = 0, last = 0, on = false;
   const put = (y) => { if (on) pen.lineTo(x, y); else pen.moveTo(x, y); on = true; };
   const flush = () => {
@@ -149,7 +150,7 @@ function draw_by_columns(pen, one, since, px, py) {
     if (one.t[i] < since) continue;
     const at = px(one.t[i]), y = py(one.y[i]);
     if (Math.floor(at) === column) { low = Math.min(low, y); high = Math.max(high, y); last = y; continue; }
-    if (!isNaN(column)) flush();
+    if (!isNaN(column)) { flush(); if (held) pen.lineTo(at, last); }
     column = Math.floor(at); x = at; first = low = high = last = y;
   }
   if (!isNaN(column)) flush();
@@ -183,7 +184,7 @@ class StripChart {
       shown.forEach((one, index) => {
         pen.strokeStyle = colour(["--now", "--second", "--third", "--fourth"][index % 4]);
         pen.setLineDash(index ? [0.5 * size, 0.3 * size] : []); pen.lineWidth = 1.8 * size / 16; pen.beginPath();
-        draw_by_columns(pen, one, now - window_s, (t) => left + (right - left) * (1 - (now - t) / window_s), (y) => py(y * lane.factor));
+        draw_by_columns(pen, one, now - window_s, (t) => left + (right - left) * (1 - (now - t) / window_s), (y) => py(y * lane.factor), one === series.get(COMMANDED));
         pen.stroke(); pen.setLineDash([]);
       });
       pen.restore();

@@ -1,5 +1,6 @@
 // What the banner says: the worst that is known, and nothing good that is not known now.
 
+const STATION_STARTS_S = 30; // the program waits for its station's process; nothing is connected yet
 const NEEDED = [23, 1, 2]; // controller, load cell, displacement: without them nothing is known of the machine
 
 function devices_late() {
@@ -7,7 +8,7 @@ function devices_late() {
   const late = run.devices.filter((one) => series.has(one.channel) && age_s(one.channel) > allowed_s(one.stale_after_s)).map((one) => one.name);
   const missed = run.devices.filter((one) => NEEDED.includes(one.channel) && !series.has(one.channel) && first_frame_s() > allowed_s(one.stale_after_s) + 1);
   if (moving()) late.push(...missed.map((one) => one.name));
-  if (state.host_ns && now_s() - state.host_ns * 1e-9 > 2) late.push("application");
+  if (state.host_ns && now_s() - state.host_ns * 1e-9 > (heard_of() ? 2 : STATION_STARTS_S)) late.push("application");
   return late;
 }
 function allowed_s(stale_after_s) { return Math.max(stale_after_s, 0.2) + 0.15; }
@@ -23,7 +24,7 @@ function opinion() {
   if (!connected()) return ["bad", "✗", "NO CONNECTION", run ? "What is shown is old. Go and look; stop there." : "The page has lost the rig. Go and look; stop there."];
   if (!state.running && state.phase === undefined) return ["wait", "…", "WAITING", "for the campaign"];
   if (!state.running) return ["bad", "✗", "NOT OK", "The campaign's program is gone without a word: killed, or cut off. Its station stops the rig. Go and look."];
-  if (state.phase === "stopping" || (stop_asked && stop_asked.taken)) return ["bad", "■", "STOPPING", "coil to 0 A, motion fades out"];
+  if (state.phase === "stopping" || state.stopping || (stop_asked && stop_asked.taken)) return of_a_stop();
   if (stop_asked) return ["bad", "■", "STOP SENT", "not confirmed yet: be ready to stop at the rig"];
   const late = devices_late(), invalid = points_that_are("invalid"), suspect = points_that_are("suspect");
   const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.phase === "paused" ? "; paused, Start continues" : "";
@@ -36,6 +37,12 @@ function opinion() {
   const what = `${state.phase || ""}${state.paused ? "; pausing after this point" : ""}`;
   if (suspect.length) return ["bad", "?", "LOOK", `suspect: ${suspect.join(", ")}; ${what}`];
   return heard_of() ? ["good", "✓", "OK", what] : ["wait", "…", "STARTING", what];
+}
+
+function of_a_stop() { // until the campaign has ended, or moves again
+  if (state.asked) return ["bad", "?", "SET CURRENT", `stopped; ${question(state.asked)}`];
+  const fading = run && run.by_hand ? "motion fades out; the current stays until it is set to 0 A by hand" : "coil to 0 A, motion fades out";
+  return ["bad", "■", "STOPPING", !state.stopping || state.phase === "stopping" ? fading : state.phase];
 }
 
 function of_the_end(ended, note) {
@@ -55,7 +62,7 @@ function judge() {
   for (const [id, text] of [["sign", sign], ["verdict", verdict], ["why", why]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken) && !state.ended);
   const over = Boolean(state.ended) && (!state.running || !connected()); // nothing to stop, nothing to command: verdicts and loops alone
-  document.body.classList.toggle("over", over);
+  if (document.body.classList.contains("over") !== over) { document.body.classList.toggle("over", over); redraw(); }
   document.body.classList.toggle("old", (!connected() || !state.running) && !(over && recorded && recorded.series));
   document.title = `${verdict} – MR damper rig`;
   ages();

@@ -49,16 +49,17 @@ function frame(buffer) {
   if (!first_at) first_at = performance.now();
   host_now = read_frame(buffer, series, WINDOW_S + 1); host_at = performance.now(); window.rigPage.frames++;
   // Nothing moves in a campaign that has ended.
-  if (drawn && (state.running || performance.now() - drawn_at > 1000)) { drawn = false; requestAnimationFrame(draw); }
+  if (state.running || performance.now() - drawn_at > 1000) redraw();
 }
+function redraw() { if (drawn) { drawn = false; requestAnimationFrame(draw); } }
 function draw() {
   drawn = true; drawn_at = performance.now();
-  const old = state.ended && recorded && recorded.series ? recorded : null;
+  const old = state.ended && recorded && recorded.series ? recorded : null, live = state.running && connected();
   loop_keep_s = Math.max(1, 2.5 * period_s());
   for (const [chart, limits] of loops) chart.draw(old ? old.series : series, old ? Infinity : period_s(), limits());
   const window_s = old ? Math.min(WINDOW_S, old.end_s) : WINDOW_S;
   if (old) strips.draw(old.series, old.end_s, [`${plain(old.end_s - window_s)} s`, `${plain(old.end_s)} s of the record`], window_s);
-  else strips.draw(series, state.running ? now_s() : last_sample_s(), state.running ? ["20 s ago", "now"] : ["", "the last samples"]);
+  else strips.draw(series, live ? now_s() : last_sample_s(), live ? ["20 s ago", "now"] : ["", "the last samples"]);
   headings(old); gauges();
   const newest = series.get(23); // arrivals at the host, whatever the devices' clocks say
   if (newest && clock) { latencies_ms.push(1000 * (clock_s() - newest.last_t)); if (latencies_ms.length > 5000) latencies_ms.shift(); }
@@ -114,8 +115,8 @@ document.addEventListener("keydown", (event) => {
 });
 
 const dark = window.matchMedia("(prefers-color-scheme: dark)");
-function theme() { const chosen = localStorage.getItem("rig-page-theme"); document.documentElement.classList.toggle("dark", chosen ? chosen === "dark" : dark.matches); colours.clear(); drawn_at = 0; }
+function theme() { const chosen = localStorage.getItem("rig-page-theme"); document.documentElement.classList.toggle("dark", chosen ? chosen === "dark" : dark.matches); colours.clear(); redraw(); }
 dark.addEventListener("change", theme);
-window.addEventListener("resize", () => { drawn_at = 0; });
+window.addEventListener("resize", redraw);
 by_id("theme").onclick = () => { localStorage.setItem("rig-page-theme", document.documentElement.classList.contains("dark") ? "light" : "dark"); theme(); };
 theme(); connect(); setInterval(look_after, 250);

@@ -118,6 +118,7 @@ function events(message) {
     item.append(element("span", ` ${one.by ? `${one.by}: ` : ""}${one.text}`));
     if (one.slug && one.level !== "info") {
       const seen = push_button("seen", "acknowledge", () => { if (say({ do: "words", acknowledged: one.slug }) && standing.mine) seen.disabled = true; });
+      seen.className = "seen";
       item.append(" ", seen);
     }
     list.prepend(item);

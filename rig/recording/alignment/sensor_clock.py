@@ -39,8 +39,9 @@ from rig.signals.delay_estimation.delay_model import (
     weighed,
     weighed_alone_s,
 )
+from rig.signals.delay_estimation.over_steps import stepped_match, together
 from rig.signals.delay_estimation.poll_locked import corrected
-from rig.signals.delay_estimation.sample_match import Match, match
+from rig.signals.delay_estimation.sample_match import Course, Match, match
 from rig.signals.fourier import Series
 
 EDGE_COUNT_MODULO = 256
@@ -133,7 +134,8 @@ def timed_sensors(
         for name, sensor in context.sensors.items() if name in by_name and len(by_name[name])
     }
     clocks = {name: _by_signal(tie, context) for name, tie in ties.items() if not tie.by_edges}
-    matches = _matches({name: tie for name, tie in ties.items() if tie.by_edges and tie.reference is not None})
+    compared = {name: tie for name, tie in ties.items() if tie.by_edges and tie.reference is not None}
+    matches = _matches(compared, steps=context.streamed)
     skew = given
     if skew is None:
         force, displacement = (_seen(ties.get(name), matches.get(name)) for name in ("force", "displacement"))
@@ -192,11 +194,11 @@ def _tied(
     return replace(tie, thin_s=thin_s, thin=thin, period_s=period_s)
 
 
-def _matches(ties: Mapping[str, _Tie]) -> dict[str, Match]:
+def _matches(ties: Mapping[str, _Tie], *, steps: bool) -> dict[str, Match]:
     """Each sensor's signal over the controller's: all cycles together where they repeat; else sample by sample."""
     matches: dict[str, Match] = {}
     series: dict[str, Series] = {}
-    cycles = _common_cycles(ties)
+    cycles = None if steps else _common_cycles(ties)
     if cycles is not None:
         for name, tie in ties.items():
             of_sensor = cycle_series(tie.thin_s, tie.thin, cycles)
@@ -207,7 +209,9 @@ def _matches(ties: Mapping[str, _Tie]) -> dict[str, Match]:
         if reference is None:
             continue
         laid: Match | None = None
-        if cycles is not None and name in series:
+        if steps:
+            laid = _over_steps(tie, reference, DELAY_REACH_S, with_drift=False)
+        elif cycles is not None and name in series:
             force = series.get("force") if name == "displacement" else None
             laid = match_cycles(
                 reference.record, series[name], cycles, reach_s=DELAY_REACH_S, force=force,
@@ -241,8 +245,8 @@ def _by_signal(tie: _Tie, context: PointContext) -> SensorClock:
     sensor, drifting = tie.sensor, None
     if tie.reference is not None and context.controller_delay_s is not None:
         drifting = _drifting(tie, tie.reference, reach_s)
-        if drifting is not None and context.streamed and tie.name != "displacement":
-            drifting = corrected(drifting, tie.reference.record.time_s, TimeSeries(tie.thin_s, tie.thin))
+        if drifting is not None and context.streamed:
+            drifting = _without_steps(tie, tie.reference, drifting, reach_s)
     if drifting is None or abs(drifting.drift) > LARGEST_DRIFT:
         doubt_s = math.hypot(weighed_alone_s(sensor.delay_s), tie.miscount_s)
         sure = replace(tie.clock, std_s=math.hypot(tie.clock.std_s, doubt_s))
@@ -282,13 +286,27 @@ def _drifting(tie: _Tie, reference: Reference, reach_s: float) -> Match | None:
     )
 
 
+def _without_steps(tie: _Tie, reference: Reference, laid: Match, reach_s: float) -> Match:
+    """The same where set-points were streamed: what goes in steps with the polls is no lag."""
+    wide = _over_steps(tie, reference, reach_s)
+    if tie.name == "displacement":
+        return wide or laid
+    own = corrected(laid, reference.record.time_s, TimeSeries(tie.thin_s, tie.thin))
+    return own if wide is None else together(own, wide)
+
+
+def _over_steps(tie: _Tie, reference: Reference, reach_s: float, *, with_drift: bool = True) -> Match | None:
+    """The signal over the controller's where both go in steps with its polls."""
+    cycle_s = math.inf if reference.cycles is None else reference.cycles.period_s
+    sensor = TimeSeries(tie.thin_s, tie.thin)
+    return stepped_match(reference.record, sensor, tie.period_s, reach_s, cycle_s, with_drift=with_drift)
+
+
 def _sample_by_sample(
     tie: _Tie, reference: Reference, reach_s: float, cycles: CycleStretch | None, *, with_drift: bool,
 ) -> Match | None:
-    return match(
-        reference.record, TimeSeries(tie.thin_s, tie.thin), tie.period_s, reach_s=reach_s, with_drift=with_drift,
-        cycle_s=np.inf if cycles is None else cycles.period_s,
-    )
+    course, sensor = Course(math.inf if cycles is None else cycles.period_s), TimeSeries(tie.thin_s, tie.thin)
+    return match(reference.record, sensor, tie.period_s, reach_s=reach_s, with_drift=with_drift, course=course)
 
 
 def _span_s(local_s: Values) -> float:

@@ -11,7 +11,7 @@ from rig.recording.foreign.foreign_file import ForeignColumn
 from rig.units import ALIASES, UNITS, Unit, key_suffixes, units_of
 
 DIMENSION = {"time": "time", "displacement": "length", "force": "force", "current": "current",
-             "commanded_current": "current", "voltage": "voltage"}
+             "commanded_current": "current", "voltage": "voltage", "temperature": "temperature"}
 REQUIRED = ("displacement", "force")
 MOST_SHOWN = 40
 FOREIGN = {
@@ -25,6 +25,7 @@ WORDS = {
     "millimeter": "mm", "millimetres": "mm", "millimeters": "mm", "inch": "in", "inches": "in", "newton": "N",
     "newtons": "N", "kilonewton": "kN", "kilonewtons": "kN", "kips": "kip", "lb": "lbf", "lbs": "lbf", "kp": "kgf",
     "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "milliampere": "mA", "milliamperes": "mA",
+    "celsius": "degC", "kelvin": "K",
 }  # fmt: skip
 """Units as programs write them out, in small letters."""
 BRACKETED = re.compile(r"(?P<name>.*?\S)\s*[\[(](?P<unit>[^\[\]()]{1,20})[\])]")
@@ -35,6 +36,7 @@ LIKELY = {
     "force": ("f", "force", "load", "kraft", "fuerza"),
     "current": ("i", "current", "strom", "corriente"),
     "voltage": ("voltage", "volt", "spannung", "voltaje"),
+    "temperature": ("temp", "temperature", "temperatura"),
 }  # fmt: skip
 """Names to suggest a column by; nothing is taken for a quantity because of its name."""
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,6 +73,21 @@ class Match:
         return replace(self, lag_std_s=lag_std_s, coupling=self.coupling * factor)
 
 
+class Course(NamedTuple):
+    """What is known of a motion.
+
+    Attributes:
+        cycle_s: its period, s: errors at equal phase repeat, so they count once.
+        least_half: samples either side that smoothing takes in at least, as `smoothed`.
+    """
+
+    cycle_s: float = math.inf
+    least_half: int = 0
+
+
+COURSE = Course()
+
+
 def student(freedom: int) -> float:
     """By how much Student's t of so many degrees of freedom is wider than a normal distribution, for 95 % of it."""
     if freedom < 1:
@@ -85,7 +101,7 @@ def student(freedom: int) -> float:
 
 def match(
     reference: TimeSeries, sensor: TimeSeries, period_s: float,
-    *, reach_s: float, with_drift: bool, cycle_s: float = np.inf,
+    *, reach_s: float, with_drift: bool, course: Course = COURSE,
 ) -> Match | None:
     """Lay a sensor's samples over the controller's record of the same quantity.
 
@@ -95,7 +111,7 @@ def match(
         period_s: nominal sample period of the sensor, s.
         reach_s: the lag is searched within plus and minus this (s).
         with_drift: fit a drift of the sensor's clock too.
-        cycle_s: period of the motion: errors at equal phase repeat, so they count once.
+        course: of the motion.
 
     Returns:
         None when the two cannot be laid over each other: too few samples, nothing moves, or no likeness.
@@ -109,7 +125,7 @@ def match(
     finite = np.isfinite(values)
     if len(at_s) < FEWEST_SAMPLES or np.count_nonzero(finite) < FEWEST_SAMPLES or np.ptp(wanted) == 0.0:
         return None
-    smooth = smoothed(values)
+    smooth = smoothed(values, course.least_half)
     if smooth is None:
         return None
     values, finite = smooth, np.isfinite(smooth)
@@ -117,7 +133,7 @@ def match(
         return None
     lag_s = _coarse(at_s, wanted, time_s[finite], values[finite], reach_s)
     drift, middle_s = 0.0, float(np.mean(at_s))
-    problem = _Problem(at_s, wanted, time_s, values, period_s, middle_s, with_drift, cycle_s)
+    problem = _Problem(at_s, wanted, time_s, values, period_s, middle_s, with_drift, course.cycle_s)
     used: BoolArray | None = None
     step = None
     for _ in range(ROUNDS):
@@ -138,17 +154,23 @@ def match(
     )
 
 
-def smoothed(values: FloatArray) -> FloatArray | None:
+def smoothed(values: FloatArray, least_half: int = 0) -> FloatArray | None:
     """The samples under the narrowest local parabola that leaves little noise in their slope; None when none does.
 
     The window is symmetric, so it moves no feature in time. NaN within half a window of a missing sample.
+
+    Args:
+        values: (n,).
+        least_half: the window has so many samples either side at least, as far as windows go; what is narrower than
+            that is meant to be smoothed away, and no jump is left out for it. 0: as narrow as may be.
     """
     third = np.diff(values, 3)
     third = third[np.isfinite(third)]
     if len(third) == 0:
         return None
     noise = float(np.median(np.abs(third))) / (0.6745 * np.sqrt(20.0))
-    for half in HALF_WIDTHS:
+    least_half = min(least_half, HALF_WIDTHS[-1])
+    for half in (half for half in HALF_WIDTHS if half >= least_half):
         if len(values) <= 2 * half + 4:
             return None
         offsets = np.arange(-half, half + 1)
@@ -158,7 +180,7 @@ def smoothed(values: FloatArray) -> FloatArray | None:
         slope = np.convolve(values, inverse[1][::-1], "valid")
         slope = slope[np.isfinite(slope)]
         if len(slope) and noise**2 * float(inverse[1] @ inverse[1]) <= (SLOPE_NOISE**2) * float(np.mean(slope**2)):
-            return _resolved(values, smooth, noise, half)
+            return smooth if least_half else _resolved(values, smooth, noise, half)
     return None
 
 

@@ -28,6 +28,7 @@ AT_REST_STATES = frozenset({State.HOLD, State.LOW, State.OFF})
 RESTLESS_M_S = 0.02
 CLOCK_MODULUS = 1 << 32
 
+_NO_FAULT = FaultBit(0)
 _FAULT_SLUGS = (
     (FaultBit.E_STOP, "estop"),
     (FaultBit.SUPPLY_PRESSURE, "supply-pressure"),
@@ -166,8 +167,8 @@ class ActuatorInterlock:
 
     def _follow_bits(self, status: ActuatorStatus, findings: list[Finding]) -> None:
         t_ns = status.received_ns
-        rest = FaultBit(status.fault_bits)
-        for bits, slug in _FAULT_SLUGS:
+        rest = FaultBit(status.fault_bits) if status.fault_bits else _NO_FAULT
+        for bits, slug in _FAULT_SLUGS if rest is not _NO_FAULT else ():
             if rest & bits:
                 findings.append(Finding(slug, f"controller fault bit {bits.name}", t_ns, float(status.fault_bits)))
                 rest &= ~bits

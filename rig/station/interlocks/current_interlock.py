@@ -19,16 +19,16 @@ LATE = 4
 FULL_BUS = 0.7
 BUS_WINDOW_NS = 50_000_000
 CONSEQUENCE_NS = 50_000_000
-CONSEQUENCES = SourceFault.UNDERVOLTAGE | SourceFault.COMMAND_TIMEOUT
+CONSEQUENCES = int(SourceFault.UNDERVOLTAGE | SourceFault.COMMAND_TIMEOUT)
 """What the ECU reports when the fault is elsewhere."""
 UNTOLD_PERIODS = 5
 """So many of the temperature's periods without one, counted in status frames."""
 
 _ECU_SLUGS = (
-    (SourceFault.OPEN | SourceFault.SHORT, "coil-open-short"),
-    (SourceFault.OVER_TEMPERATURE | SourceFault.UNDERVOLTAGE, "ecu-overtemp"),
-    (SourceFault.RESTARTED, "ecu-restart"),
-    (SourceFault.COMMAND_TIMEOUT | SourceFault.COMMAND_CHECK, "ecu-command"),
+    (int(SourceFault.OPEN | SourceFault.SHORT), "coil-open-short"),
+    (int(SourceFault.OVER_TEMPERATURE | SourceFault.UNDERVOLTAGE), "ecu-overtemp"),
+    (int(SourceFault.RESTARTED), "ecu-restart"),
+    (int(SourceFault.COMMAND_TIMEOUT | SourceFault.COMMAND_CHECK), "ecu-command"),
 )
 
 
@@ -186,9 +186,9 @@ class EcuInterlock:
         elif not faults & CONSEQUENCES:
             self._consequence = None
         findings = [
-            Finding(slug, f"ECU fault {SourceFault(faults & int(bits)).name}", t_ns, float(faults))
+            Finding(slug, f"ECU fault {SourceFault(faults & bits).name}", t_ns, float(faults))
             for bits, slug in _ECU_SLUGS
-            if faults & int(bits)
+            if faults & bits
         ]
         if abs(status.current_A) > self.current_limit_A:
             detail = f"coil current {status.current_A:.3f} A, allowed {self.current_limit_A:.3f} A"

@@ -66,10 +66,11 @@ class MotionInterlock:
         """Follow one batch of LVDT samples (m); findings when the speed limit is exceeded."""
         findings: list[Finding] = []
         for host_ns, device_us, value, sequence, _, flags in records:
-            if flags & NO_VALUE:
-                self._miss()
-            if flags & DOUBTFUL:
-                continue
+            if flags:
+                if flags & NO_VALUE:
+                    self._miss()
+                if flags & DOUBTFUL:
+                    continue
             self._unusable = 0
             t_s = device_us * 1e-6 if device_us >= 0 else sequence * self._period_s
             if self._recent and t_s <= self._recent[-1][0]:

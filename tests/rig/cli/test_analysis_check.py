@@ -36,12 +36,15 @@ POINTS = load_matrix(EXAMPLES / "quick.toml").points()
         ({"model": "all", "series_spring": True}, "goes with one model"),
         ({"model": "all", "current": "per-current-affine"}, "goes with one model"),
         ({"holdout": "current_A=1.5", "current": "per-current-affine"}, "two or more currents"),
+        ({"model": "few", "series_spring": True}, "goes with one model"),
+        ({"model": "few", "temperature_law": "both"}, "goes with one model by name"),
+        ({"method": "c_foa", "temperature_law": "viscous"}, 'method = "separable"'),
     ],
 )
 def test_what_cannot_be_identified_is_said_with_its_key(wanted: dict[str, object], said: str) -> None:
     (problem,) = analysis_problems(Identify.model_validate(wanted), POINTS)
     assert said in problem
-    assert problem.partition(" ")[0].rstrip(":") in {"holdout", "method", "series_spring", "current"}
+    assert problem.partition(" ")[0].rstrip(":") in {"holdout", "method", "series_spring", "current", "temperature_law"}
 
 
 def test_the_end_of_the_time_may_be_held_out_of_signals() -> None:

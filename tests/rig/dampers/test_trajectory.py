@@ -19,7 +19,7 @@ STILL = np.zeros((1, 1))
 def answer(speeds: list[float], wanted: list[float]) -> np.ndarray:
     v = np.array(speeds)
     none = np.zeros_like(v)
-    return np.asarray(inverse_of(BINGHAM)(P, GRID, GRID, STILL, none, v, none, np.array(wanted), 0.0))
+    return np.asarray(inverse_of(BINGHAM)(P, GRID, GRID, STILL, none, v, none, np.array(wanted), 0.0, 0.0))
 
 
 def test_the_force_along_a_motion_is_the_models() -> None:
@@ -63,7 +63,7 @@ def test_states_follow_the_motion_and_the_currents_that_are_found() -> None:
     assert states[0, 0] == 0.0  # from rest
     assert states[100, 0] == pytest.approx(1.0, abs=1e-3)  # yielded: 9.3 mm of travel, rho = 1500 1/m
     assert np.max(np.abs(states)) <= 1.0
-    found = inverse_of(damper)(p[None, :], GRID, GRID, start[None, :], u, v, a, force, dt_s)
+    found = inverse_of(damper)(p[None, :], GRID, GRID, start[None, :], u, v, a, force, dt_s, 0.0)
     clear = np.abs(found[:, 2]) > 20.0  # N/A: around a reversal of the loop the current has no say
     assert np.count_nonzero(clear) > 300
     assert found[clear, 0] == pytest.approx(one[clear], abs=1e-3)

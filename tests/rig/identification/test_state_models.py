@@ -48,7 +48,7 @@ def recorded(set_name: str, seed: int = 3) -> list[Measurement]:
     [
         "demo-modified-bouc-wen", "demo-viscoelastic-plastic", "demo-thinning-bouc-wen", "demo-bouc-wen",
         "demo-lost-motion", "demo-dahl", "demo-hysteretic-biviscous", "demo-asymmetric-bouc-wen",
-        "demo-generalized-bouc-wen", "demo-lugre",
+        "demo-generalized-bouc-wen", "demo-lugre", "demo-sprung-bouc-wen",
     ],
 )  # fmt: skip
 def test_a_model_with_states_is_found_to_the_noise_with_its_truth_inside_the_intervals(set_name: str) -> None:

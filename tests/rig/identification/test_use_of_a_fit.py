@@ -17,7 +17,7 @@ from rig.errors import FileProblem, IdentificationFailed
 from rig.export import export
 from rig.identification import Fit, Measurement, identify
 from rig.identification.runs import write_fit
-from rig.identification.uncertainty.fit import Estimate, SeriesSpring
+from rig.identification.uncertainty.fit_entries import Estimate, SeriesSpring
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)

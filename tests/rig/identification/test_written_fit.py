@@ -8,7 +8,8 @@ import pytest
 from rig.dampers import model
 from rig.errors import FileProblem
 from rig.identification.runs import write_fit
-from rig.identification.uncertainty.fit import INTERVAL, ErrorSummary, Fit
+from rig.identification.uncertainty.fit import INTERVAL, Fit
+from rig.identification.uncertainty.fit_entries import ErrorSummary
 from rig.recording.point_files import campaign_in
 
 

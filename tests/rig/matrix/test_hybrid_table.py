@@ -47,7 +47,7 @@ def test_each_compensator_is_one_point_of_the_whole_length(tmp_path: Path) -> No
     assert with_model.forecast is not None
     assert 0.3 < with_model.peak_speed_m_s < 0.5
     assert with_model.amplitude_m < 0.06
-    assert re.fullmatch(r"hybrid test up to [34]\d(\.\d)? mm for 24.2 s 0 A", with_model.described)
+    assert re.fullmatch(r"hybrid test up to [34]\d(\.\d)? mm for 24.2 s, 0 A", with_model.described)
 
 
 def test_the_example_fits_a_rig_that_follows_set_points(tmp_path: Path) -> None:

@@ -62,8 +62,8 @@ def test_a_signal_is_told_by_its_name_its_reach_and_its_time_not_by_a_frequency(
     text = matrix_of("sine", "sweep", "road", "file", more=more) + SWEEP + ROAD + FILE
     told = [point.described for point in load(tmp_path, text, rows()).points()]
     assert told == [
-        "sine 5 mm 1 Hz 1 A", "sweep up to 10 mm for 10 s 1 A", "road bump up to 10 mm for 6 s 1 A",
-        "road paper-sweep up to 10 mm for 6 s 1 A", "file drive up to 12 mm for 5 s 1 A",
+        "sine 5 mm 1 Hz 1 A", "sweep up to 10 mm for 10 s, 1 A", "road bump up to 10 mm for 6 s, 1 A",
+        "road paper-sweep up to 10 mm for 6 s, 1 A", "file drive up to 12 mm for 5 s, 1 A",
     ]  # fmt: skip
     table = str(PlanText(planned(tmp_path, text, rows())))
     assert " 1 Hz" in table

@@ -65,3 +65,14 @@ def test_a_voltage_beside_a_commanded_current_is_refused(tmp_path: Path) -> None
         import_tests(
             [random_file(tmp_path)], columns={**COLUMNS, "commanded_current": "Y:A"}, waveform="random", out=tmp_path
         )
+
+
+def test_a_temperature_in_kelvin_is_recorded_in_degrees(tmp_path: Path) -> None:
+    lines = random_file(tmp_path).read_text().splitlines()
+    warm = tmp_path / "warm.csv"
+    rows = [f"{line}{295.15 + 0.001 * k:.3f}" for k, line in enumerate(lines[1:])]
+    warm.write_text('"t","D","Y","F","oil"\n' + "\n".join(rows) + "\n")
+    wanted = {**COLUMNS, "temperature": "oil:K"}
+    (point,) = Run.open(import_tests([warm], columns=wanted, waveform="random", out=tmp_path / "runs")).points
+    assert point.channel("coil_temperature")[[0, -1]] == pytest.approx([22.0, 26.999], abs=1e-3)
+    assert point.quality.coil_low_degC == pytest.approx(22.0, abs=1e-3)

@@ -14,7 +14,7 @@ from rig.signals.arrays import FloatArray, TimeSeries
 from rig.signals.clock_model import by_order
 from rig.signals.delay_estimation.cycle_match import CycleStretch, cycle_series, match_cycles
 from rig.signals.delay_estimation.delay_model import Seen, Skew, at_likely_compliance, weighed
-from rig.signals.delay_estimation.sample_match import Match, match
+from rig.signals.delay_estimation.sample_match import Course, Match, match
 
 
 def test_a_delay_nobody_declared_is_found_and_taken_out() -> None:
@@ -94,7 +94,7 @@ def test_all_cycles_together_see_the_lag_at_the_reversals_several_times_better_t
         reference = 0.97 * jump_signal(at_s + began_s) + 30.0 + 10.0 * random.standard_normal(len(at_s))
         found = laid_over(at_s, reference, time_s, values)
         sensor = TimeSeries(time_s, values)
-        alone = match(TimeSeries(at_s, reference), sensor, 0.004, reach_s=0.03, with_drift=False, cycle_s=0.5)
+        alone = match(TimeSeries(at_s, reference), sensor, 0.004, reach_s=0.03, with_drift=False, course=Course(0.5))
         assert found is not None
         assert alone is not None
         errors.append((found.lag_s - lag_s) / found.lag_std_s)

@@ -15,7 +15,7 @@ from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.recorded_point import RecordedPoint
 from rig.report import write_report
 from rig.report.events import happenings
-from rig.report.fragment import between
+from rig.report.fragment import between, number
 from rig.report.loops import details, loop_charts, motion_of, view_of
 from rig.report.over_current import parameter_charts
 from rig.report.style import SEQUENCE, current_colour
@@ -139,6 +139,10 @@ def test_a_fit_for_each_current_shows_every_value_beside_the_relation() -> None:
     assert chart.traces[0].y[-1] == pytest.approx(210.0)
     assert chart.traces[1].y.tolist() == [8.0, 16.0]
     assert [trace.name for trace in chart.traces[1::2]] == ["Fy at 0 A", "Fy at 2 A"]
+
+
+def test_a_zero_has_no_sign() -> None:
+    assert (number(-0.0), number(0.0), number(-0.5)) == ("0", "0", "\N{MINUS SIGN}0.5")
 
 
 def test_events_that_are_alike_are_told_once_with_their_number() -> None:

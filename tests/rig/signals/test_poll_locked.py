@@ -7,7 +7,7 @@ import pytest
 
 from rig.signals.arrays import FloatArray, TimeSeries
 from rig.signals.delay_estimation.poll_locked import corrected
-from rig.signals.delay_estimation.sample_match import Match, match
+from rig.signals.delay_estimation.sample_match import Course, Match, match
 
 SETPOINT_S, SERVO_S = 0.010, 0.007
 SECONDS = 5.0
@@ -40,7 +40,7 @@ def overlaid(seed: int, late_s: float, poll_s: float, share: float = 1.0) -> tup
     reference = TimeSeries(polls_s, told_N(polls_s) + random.normal(0.0, 10.0, len(polls_s)))
     force = told_N(samples_s) + random.normal(0.0, 5.0, len(samples_s))
     sensor = TimeSeries(samples_s + late_s, force)
-    laid = match(reference, sensor, 0.004, reach_s=0.008, with_drift=True, cycle_s=0.5)
+    laid = match(reference, sensor, 0.004, reach_s=0.008, with_drift=True, course=Course(0.5))
     assert laid is not None
     return laid, corrected(laid, polls_s, sensor)
 

@@ -1,0 +1,139 @@
+"""What happens behind the spring of `sprung_bouc_wen`, compiled: the law of the piston, its speed, and steps in time.
+
+The piston's speed follows from the spring's force, because the law rises with the speed. The spring's stretch is stiff
+where the piston slides (k over the slope of the law is thousands per second), so it is integrated by a diagonally
+implicit Runge-Kutta method of two stages and second order that damps stiff parts out (Alexander 1977, L-stable). The
+loop w has a solution in closed form along any path, and each stage takes w where the stage ends. Steps are short where
+the force turns round, and as long as a sampling interval where the piston slides.
+
+Parameters p are those of `SprungBoucWenModel` in their order, the state is the spring's stretch (m), then w.
+"""
+
+from __future__ import annotations
+
+import math
+
+from rig.dampers.arrays import FloatArray
+from rig.dampers.compiled_cache import njit
+from rig.dampers.kernel import SATURATED
+
+IMPLICIT = 1.0 - math.sqrt(0.5)  # share of a step that each stage is implicit over
+TURNING = 8.0  # steps in the time in which the rod, from rest, goes as far as the force stretches the spring, / sqrt 2
+LONGEST_PATH = 0.5  # of w in a step, in 1/rho
+MOST_STEPS = 400  # between two samples
+CLOSE, NEAREST_M_S = 1e-6, 1e-10  # last change of the piston's speed, relative and in m/s: what is left is its square
+FASTEST_M_S = 1e3  # speeds are looked for up to this one
+MOST_TRIALS = 80
+Numbers = tuple[float, float, float, float]
+Stage = tuple[float, float, float, float, float]
+"""Where the rod is (m), piston place (m) but for this stage's own part, that part (s), where the step began (m), w."""
+Motion = tuple[float, float, float, float, float]
+"""See `rig.dampers.kernel`."""
+
+
+@njit()
+def at_current(p: FloatArray, current: float) -> Numbers:
+    """Viscous damping (N s/m), yield force (N), its change along the stroke (N/m), logarithmic force (N)."""
+    viscous = max(p[1] + p[2] * current, 0.0)
+    yielding = p[4] + current * (p[5] + current * p[6])
+    along = p[7] + p[8] * current
+    thinning = max(p[9] + current * (p[10] + current * (p[11] + current * p[12])), 0.0)
+    return viscous, yielding, along, thinning
+
+
+@njit()
+def law(p: FloatArray, at: Numbers, u: float, v: float, w: float) -> Numbers:
+    """Force (N) of the piston at place u (m) and speed v (m/s), and its slopes over u, v and w."""
+    viscous, yielding, along, thinning = at
+    force = p[3] + p[0] * u + viscous * v + (yielding + along * u) * w + thinning * math.asinh(v / p[14])
+    by_v = viscous + thinning / math.hypot(v, p[14])
+    return force, p[0] + along * w, by_v, yielding + along * u
+
+
+@njit()
+def turned(w: float, path: float) -> tuple[float, float, float]:
+    """The loop w after a path (rho times the way), and its slopes over w and path.
+
+    With x = w in the path's direction: x' = 1 while it unloads, then x' = 1 - x^2.
+    """
+    direction = 1.0 if path >= 0.0 else -1.0
+    x, left = w * direction, abs(path)
+    if x + left <= 0.0:
+        return w + path, 1.0, 1.0
+    if x < 0.0:
+        end = math.tanh(x + left)
+        return direction * end, 1.0 - end * end, 1.0 - end * end
+    bend = math.tanh(left)
+    rest = 1.0 + x * bend
+    end = (x + bend) / rest
+    return direction * end, (1.0 - bend * bend) / (rest * rest), (1.0 - x * x) * (1.0 - bend * bend) / (rest * rest)
+
+
+@njit()
+def piston_speed(p: FloatArray, at: Numbers, stage: Stage, guess: float) -> float:
+    """The piston's speed (m/s) at which its law takes the spring's force: Newton's method, else bisection."""
+    rod, base, part, began, w = stage
+    k, rho, v = p[15], p[13], guess
+    low, high, change, trials = -FASTEST_M_S, FASTEST_M_S, 1.0, 0
+    while abs(change) > CLOSE * abs(v) + NEAREST_M_S and trials < MOST_TRIALS:
+        u = base + part * v
+        loop = turned(w, rho * (u - began))
+        force, by_u, by_v, by_w = law(p, at, u, v, loop[0])
+        over = force - k * (rod - u)
+        slope = by_v + part * (by_u + k + by_w * loop[2] * rho)
+        if over > 0.0:
+            high = v
+        else:
+            low = v
+        nearer = v - over / slope if slope > 0.0 else high
+        if nearer <= low or nearer >= high:
+            nearer = 0.5 * (low + high) if over != 0.0 else v
+        change = nearer - v
+        v = nearer
+        trials += 1
+    return v
+
+
+@njit()
+def rod_at(motion: Motion, t: float) -> float:
+    """Where the rod is (m) after t (s) of a motion."""
+    rest = motion[2] / 2.0 + t * (motion[3] / 3.0 + t * motion[4] / 4.0)
+    return float(motion[0] + t * (motion[1] + t * rest))
+
+
+@njit()
+def steps_in(p: FloatArray, at: Numbers, w: float, motion: Motion, dt: float) -> int:
+    """How many equal steps a motion of dt (s) is cut into."""
+    v_0, v_1 = motion[1], motion[1] + dt * (motion[2] + dt * (motion[3] + dt * motion[4]))
+    faster = max(abs(v_0), abs(v_1))
+    reach = (abs(at[1]) + 5.0 * at[3] + at[0] * faster) / p[15]
+    turning = max(abs(motion[2]), abs(v_1 - v_0) / dt)
+    sliding = v_0 * v_1 > 0.0 and v_0 * w > SATURATED * abs(v_0) and v_1 * v_1 > 8.0 * reach * turning
+    if sliding and v_0 * v_0 > 8.0 * reach * turning:
+        return 1
+    count = max(1.0, TURNING * dt * math.sqrt(turning / max(reach, 1e-12)))
+    return int(min(float(MOST_STEPS), math.ceil(max(count, p[13] * faster * dt / LONGEST_PATH))))
+
+
+@njit()
+def moved(p: FloatArray, state: FloatArray, motion: Motion, current: float, dt: float) -> bool:
+    """See `Kernel.step`."""
+    if dt <= 0.0:
+        return True
+    at = at_current(p, current)
+    count = steps_in(p, at, state[1], motion, dt)
+    h = dt / count
+    part, v = IMPLICIT * h, motion[1]
+    for k in range(count):
+        t, w = k * h, state[1]
+        began = rod_at(motion, t) - state[0]
+        stage = (rod_at(motion, t + part), began, part, began, w)
+        first = piston_speed(p, at, stage, v)
+        rod, base = rod_at(motion, t + h), began + (h - part) * first
+        stage = (rod, base, part, began, w)
+        v = piston_speed(p, at, stage, first)
+        now = base + part * v
+        state[0] = rod - now
+        end = turned(w, p[13] * (now - began))
+        state[1] = end[0]
+    return True

@@ -1,0 +1,134 @@
+"""Force of `sprung_bouc_wen` along a motion with its slopes over every parameter, in one pass, compiled.
+
+Each parameter's slope is carried through the same steps as the states (see `sprung_flow`): a stage solves law(v_p) =
+k (rod - place), so the slope of v_p is what the parameter and the states' slopes do to that balance, over the balance's
+slope in v_p. That is the parameter's column behind a low-pass of time constant (dF/dv_p)/k.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+
+from rig.dampers.arrays import FloatArray
+from rig.dampers.compiled_cache import njit
+from rig.dampers.kernel import Compiled, cached, fingerprint
+from rig.dampers.sprung_flow import (
+    IMPLICIT,
+    Motion,
+    Numbers,
+    Stage,
+    at_current,
+    law,
+    piston_speed,
+    rod_at,
+    steps_in,
+    turned,
+)
+
+PARAMETERS = 17
+SPRING, MASS, RHO = 15, 16, 13
+
+
+@njit()
+def balance_slopes(p: FloatArray, current: float, stage: Stage, v: float, own: FloatArray) -> Numbers:
+    """What parameters by themselves do to law - k (rod - place) at a stage's end, into `own` (17,).
+
+    Returns:
+        Its slopes over the place before the stage, over w and over where the step began, and over v_p.
+    """
+    rod, base, part, began, w = stage
+    at = at_current(p, current)
+    u = base + part * v
+    loop, by_start, by_path = turned(w, p[RHO] * (u - began))
+    _, by_u, by_v, by_w = law(p, at, u, v, loop)
+    viscous = 1.0 if at[0] > 0.0 else 0.0
+    bend = math.asinh(v / p[14]) if at[3] > 0.0 else 0.0
+    own[0], own[1], own[2], own[3] = u, viscous * v, viscous * v * current, 1.0
+    own[4], own[5], own[6] = loop, loop * current, loop * current * current
+    own[7], own[8] = u * loop, u * loop * current
+    own[9], own[10] = bend, bend * current
+    own[11], own[12] = bend * current * current, bend * current * current * current
+    own[RHO] = by_w * by_path * (u - began)
+    own[14] = -at[3] * v / (p[14] * math.hypot(v, p[14]))
+    own[SPRING], own[MASS] = u - rod, 0.0
+    along = by_w * by_path * p[RHO]
+    return by_u + p[SPRING] + along, by_w * by_start, -along, by_v + part * (by_u + p[SPRING] + along)
+
+
+@njit()
+def carried(
+    p: FloatArray, state: FloatArray, slopes: FloatArray, motion: Motion, current: float, dt: float
+) -> None:
+    """`sprung_flow.moved`, and the slopes (2, 17) of the piston's place and of w moved with it."""
+    at, own = at_current(p, current), np.empty(PARAMETERS)
+    by_first = np.empty(PARAMETERS)
+    count = steps_in(p, at, state[1], motion, dt)
+    h = dt / count
+    part, v = IMPLICIT * h, motion[1]
+    for k in range(count):
+        t, w = k * h, state[1]
+        began = rod_at(motion, t) - state[0]
+        stage = (rod_at(motion, t + part), began, part, began, w)
+        first = piston_speed(p, at, stage, v)
+        by_base, by_w, by_began, by_v = balance_slopes(p, current, stage, first, own)
+        for q in range(PARAMETERS):
+            by_first[q] = -(own[q] + (by_base + by_began) * slopes[0, q] + by_w * slopes[1, q]) / by_v
+        rod, base = rod_at(motion, t + h), began + (h - part) * first
+        stage = (rod, base, part, began, w)
+        v = piston_speed(p, at, stage, first)
+        by_base, by_w, by_began, by_v = balance_slopes(p, current, stage, v, own)
+        now = base + part * v
+        end, by_start, by_path = turned(w, p[RHO] * (now - began))
+        for q in range(PARAMETERS):
+            of_base = slopes[0, q] + (h - part) * by_first[q]
+            by_second = -(own[q] + by_base * of_base + by_began * slopes[0, q] + by_w * slopes[1, q]) / by_v
+            way = (h - part) * by_first[q] + part * by_second
+            slopes[0, q] += way
+            slopes[1, q] = by_start * slopes[1, q] + by_path * p[RHO] * way
+        slopes[1, RHO] += by_path * (now - began)
+        state[0], state[1] = rod - now, end
+
+
+@cache
+def slopes_along() -> Compiled:
+    """Force (N), (n,), and its slopes over the parameters, (n, 17), along a sampled motion, compiled.
+
+    Called as `rig.dampers.kernel.series_of` is: (p, start, u, v, a, current, dt, warm).
+    """
+    return cached(_pass(f"{fingerprint()} sprung_bouc_wen"))
+
+
+def _pass(key: str) -> Compiled:
+    def slopes_along(
+        p: FloatArray,
+        start: FloatArray,
+        u: FloatArray,
+        v: FloatArray,
+        a: FloatArray,
+        current: FloatArray,
+        dt: float,
+        warm: int,
+    ) -> tuple[FloatArray, FloatArray]:
+        n = u.size + 0 * len(key)
+        force, columns = np.empty(n), np.empty((n, PARAMETERS))
+        state, slopes = start.copy(), np.zeros((2, PARAMETERS))
+        for step in range(n + warm):
+            k = step - warm if step >= warm else step
+            if step > 0:
+                last = k - 1 if k > 0 else warm - 1
+                rise = (v[k] - v[last]) / dt
+                c2 = (3.0 * rise - 2.0 * a[last] - a[k]) / dt
+                c3 = (a[last] + a[k] - 2.0 * rise) / (dt * dt)
+                motion = (u[last], v[last], a[last], c2, c3)
+                carried(p, state, slopes, motion, 0.5 * (current[last] + current[k]), dt)
+            if step >= warm:
+                force[k] = p[SPRING] * state[0] + p[MASS] * a[k]
+                columns[k] = -p[SPRING] * slopes[0]
+                columns[k, SPRING] += state[0]
+                columns[k, MASS] += a[k]
+        return force, columns
+
+    return slopes_along

@@ -1,0 +1,312 @@
+"""A damper that warm oil weakens: rates of the temperature found with the model, tests corrected to one temperature.
+
+The model is fitted to forces as they were at the reference temperature, the mean of the tests: the measured force less
+what the recorded temperature changes of the modelled one. Rates and model follow each other (the rates by the slopes of
+the residual without what the model's own columns explain) until neither moves. What the rates leave uncertain is added
+to the intervals of the parameters that they move, and what the form of the law does to both: an exponential, a straight
+line and Arrhenius' law differ by less than such tests tell, and by more than their noise leaves open.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+import rig.dampers
+from rig.dampers import Hysteresis
+from rig.dampers.arrays import FloatArray
+from rig.dampers.model import DamperModel
+from rig.dampers.temperature_law import COMMON, NONE, RATES, TemperatureLaw
+from rig.errors import IdentificationFailed
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import modelled_force, parameter_slopes
+from rig.identification.models.softening import force_change_N
+from rig.identification.models.solving import SEPARABLE, SQUARES, Method, solve
+from rig.identification.models.undetermined import Undetermined, examine
+from rig.identification.uncertainty.covariance import quantile
+from rig.identification.uncertainty.fit import Fit
+from rig.identification.uncertainty.fit_entries import Estimate
+from rig.identification.uncertainty.scoring import score_forces
+from rig.identification.uncertainty.temperature_term import TemperatureTerm
+
+LEAST_SPAN_K = 3.0  # of the recorded temperature, over all fitted tests
+ROUNDS = 15
+SETTLED = 0.01  # standard errors by which a rate may still move
+STEP_1_K = 1e-5
+MOST_1_K = 0.2  # of any rate: oil ten times as thin in 12 K
+UNTOLD = 0.5  # standard error of a rate times the span from which the tests do not tell it
+SINGULAR = 1e-10
+
+
+@dataclass(frozen=True)
+class Softening:
+    """What the tests tell of a damper's temperature.
+
+    Attributes:
+        law: the rates at their reference.
+        kind: which of `RATES`.
+        values: of the model at the reference temperature.
+        ends_degC: lowest and highest recorded temperature of the fitted tests.
+        names: of the model's parameters that the rates move.
+        covariance: of the rates, as if the residual were white, shape (k, k).
+        moves: change of each of `names` with each rate, shape (p, k).
+        form: change of `names` and then of the rates where the law is bent by one (`TemperatureLaw.bend`), (p + k,).
+    """
+
+    law: TemperatureLaw
+    kind: str
+    values: Mapping[str, float]
+    ends_degC: tuple[float, float]
+    names: tuple[str, ...]
+    covariance: FloatArray
+    moves: FloatArray
+    form: FloatArray
+
+    def corrected(self, model: DamperModel, tests: Sequence[Measurement]) -> list[Measurement]:
+        """The tests with their force as it was at the reference temperature."""
+        return _corrected(model, self.values, self.law, tests)
+
+
+def refuse_beside(temperature_law: str, method: Method, *, bare: bool) -> None:
+    """Refuse a temperature law that there is not, or beside what it does not go with.
+
+    Raises:
+        IdentificationFailed: either.
+    """
+    if temperature_law not in RATES:
+        raise IdentificationFailed(f"temperature law {temperature_law!r}; known: {', '.join(RATES)}")
+    if temperature_law != NONE and not (bare and method.name == SEPARABLE):
+        raise IdentificationFailed(
+            "a temperature law goes with --method separable, without a fit for each current, a series spring, profiles "
+            "and a bootstrap"
+        )
+
+
+def at_one_temperature(
+    models: Sequence[DamperModel],
+    fitted: list[Measurement],
+    held_out: list[Measurement],
+    method: Method,
+    temperature_law: str,
+) -> tuple[Softening | None, list[Measurement], list[Measurement]]:
+    """What the temperature does, and the tests as they were at one temperature; the tests themselves without a law.
+
+    Raises:
+        IdentificationFailed: there are several models, or as `find_softening`; a held-out test has no temperature.
+    """
+    if temperature_law == NONE:
+        return None, fitted, held_out
+    if len(models) > 1:
+        raise IdentificationFailed("a temperature law goes with one model: name it, such as `asymmetric`")
+    refuse_without(held_out)
+    told = find_softening(models[0], fitted, method, temperature_law)
+    return told, told.corrected(models[0], fitted), told.corrected(models[0], held_out)
+
+
+def refuse_without(tests: Sequence[Measurement]) -> list[FloatArray]:
+    """The recorded temperatures (degC) of each test.
+
+    Raises:
+        IdentificationFailed: a test has none.
+    """
+    known = [_finite(test) for test in tests]
+    lacking = [test.id for test, values in zip(tests, known, strict=True) if not values.size]
+    if lacking:
+        raise IdentificationFailed(
+            f"temperature law: {len(lacking)} of {len(tests)} tests recorded no temperature "
+            f"({', '.join(lacking[:3])}); leave them out, or fit without a temperature law"
+        )
+    return known
+
+
+def recorded_ends(tests: Sequence[Measurement]) -> tuple[float, float]:
+    """Lowest and highest recorded temperature (degC) of the tests.
+
+    Raises:
+        IdentificationFailed: a test has none, or they hardly differ.
+    """
+    known = refuse_without(tests)
+    low, high = (float(end([end(values) for values in known])) for end in (np.min, np.max))
+    if high - low < LEAST_SPAN_K:
+        raise IdentificationFailed(
+            f"temperature law: the tests ran at {low:.4g} to {high:.4g} degC; {LEAST_SPAN_K:g} K or more show what a "
+            "temperature does: add tests of the same motion with the damper warm"
+        )
+    return low, high
+
+
+def find_softening(model: DamperModel, tests: Sequence[Measurement], method: Method, kind: str) -> Softening:
+    """The rates that explain the tests best with this model.
+
+    Raises:
+        IdentificationFailed: no or hardly any temperature was recorded, the model cannot be fitted, no parameter of it
+            softens, the loss is not that of least squares, or the tests do not tell the rates.
+    """
+    if method.loss != SQUARES:
+        raise IdentificationFailed(f"a temperature law is found by least squares, not with loss {method.loss!r}")
+    ends_degC = recorded_ends(tests)
+    reference = float(np.mean([np.mean(_finite(test)) for test in tests]))
+    search = _Search(model, tests, method, examine(model, tests))
+    law = TemperatureLaw(reference, dict.fromkeys(RATES[kind], 0.0))
+    if len(law.formula(model).split("; ")) < len(law.rates) or not law.formula(model):
+        raise IdentificationFailed(f"temperature law {kind!r}: no parameter of {model.name} follows such a rate")
+    solution = solve(model, tests, method, search.findings)
+    for _ in range(ROUNDS):
+        values = solution.values
+        names = search.free(values, (*solution.at_bound, *solution.at_limit))
+        step, covariance, moves, form = search.step(law, values, names)
+        rates = {name: float(np.clip(rate + move, -MOST_1_K, MOST_1_K))
+                 for (name, rate), move in zip(law.rates.items(), step, strict=True)}  # fmt: skip
+        law = replace(law, rates=rates)
+        solution = solve(model, _corrected(model, values, law, tests), method, search.findings, values)
+        if np.all(np.abs(step) <= SETTLED * np.sqrt(np.diag(covariance))):
+            break
+    _refuse_untold(law, covariance, ends_degC)
+    return Softening(law, kind, solution.values, ends_degC, names, covariance, moves, form)
+
+
+def _refuse_untold(law: TemperatureLaw, covariance: FloatArray, ends_degC: tuple[float, float]) -> None:
+    errors = np.sqrt(np.diag(covariance)) * (ends_degC[1] - ends_degC[0])
+    far = [name for name, error in zip(law.rates, errors, strict=True) if not error < UNTOLD]
+    if far or any(abs(rate) >= MOST_1_K for rate in law.rates.values()):
+        other = "" if len(law.rates) == 1 else f", or fit one rate of both ('common', {COMMON})"
+        raise IdentificationFailed(
+            f"temperature law: {ends_degC[0]:.4g} to {ends_degC[1]:.4g} degC do not tell {', '.join(far or law.rates)} "
+            f"in these tests; add tests at the same speeds and currents at another temperature{other}"
+        )
+
+
+class _Search:
+    """The model's columns and the rates' on the tests."""
+
+    def __init__(
+        self, model: DamperModel, tests: Sequence[Measurement], method: Method, findings: Undetermined
+    ) -> None:
+        self._model, self._tests, self.findings = model, tests, findings
+        self._weighting = method.weighting(model)
+
+    def free(self, values: Mapping[str, float], bound: Sequence[str]) -> tuple[str, ...]:
+        """Names of the parameters that were fitted."""
+        left_out = {*bound, *self._model.redundant, "eta"}
+        wanted = (name for name in self._model.names if name in values and name not in left_out)
+        return tuple(self.findings.free(wanted))
+
+    def step(
+        self, law: TemperatureLaw, values: Mapping[str, float], names: Sequence[str]
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Gauss-Newton step of the rates (k,), their covariance (k, k), how they move the parameters (p, k), the form.
+
+        The last is `Softening.form`, (p + k,).
+        """
+        size, count = len(names) + len(law.rates), 0
+        normal, right, bent, left = np.zeros((size, size)), np.zeros(size), np.zeros(size), 0.0
+        for index, test in enumerate(self._tests):
+            weight = self._weighting.of(test, index)
+            columns = np.column_stack((
+                parameter_slopes(self._model, values, names, test), self._rate_columns(law, values, test),
+            ))  # fmt: skip
+            change_N = force_change_N(self._model, values, law, test)
+            error = (test.force_N - modelled_force(self._model, values, test) - change_N) * weight
+            off = (force_change_N(self._model, values, replace(law, bend=1.0), test) - change_N) * weight
+            columns *= weight[:, None]
+            normal += columns.T @ columns
+            right += columns.T @ error
+            bent += columns.T @ off
+            left += float(error @ error)
+            count += int(np.count_nonzero(weight))
+        own = len(names)
+        size_of = np.sqrt(np.maximum(normal.diagonal()[:own], 1e-300))
+        scale = size_of[:, None] * size_of
+        inverse = np.linalg.pinv(normal[:own, :own] / scale, rcond=SINGULAR, hermitian=True) / scale
+        cross = normal[own:, :own] @ inverse
+        projected = normal[own:, own:] - cross @ normal[:own, own:]
+        covariance = np.linalg.pinv(projected, rcond=SINGULAR, hermitian=True)
+        step, form = (covariance @ (side[own:] - cross @ side[:own]) for side in (right, bent))
+        form = np.concatenate((inverse @ bent[:own] - cross.T @ form, form))
+        lost = projected.diagonal() <= SINGULAR * normal.diagonal()[own:]
+        covariance[lost, lost] = math.inf
+        return step, covariance * (left / max(1, count - size)), -cross.T, form
+
+    def _rate_columns(self, law: TemperatureLaw, values: Mapping[str, float], test: Measurement) -> FloatArray:
+        columns = np.empty((test.u_m.size, len(law.rates)))
+        for place, (name, rate) in enumerate(law.rates.items()):
+            sides = [replace(law, rates={**law.rates, name: rate + signed}) for signed in (STEP_1_K, -STEP_1_K)]
+            above, below = (force_change_N(self._model, values, side, test) for side in sides)
+            columns[:, place] = (above - below) / (2.0 * STEP_1_K)
+        return columns
+
+
+def _corrected(
+    model: DamperModel, values: Mapping[str, float], law: TemperatureLaw, tests: Sequence[Measurement]
+) -> list[Measurement]:
+    return [replace(test, force_N=test.force_N - force_change_N(model, values, law, test)) for test in tests]
+
+
+def _finite(test: Measurement) -> FloatArray:
+    recorded = np.zeros(0) if test.temperature_degC is None else test.temperature_degC
+    return np.asarray(recorded[np.isfinite(recorded)])
+
+
+def softened(
+    fit: Fit, found: Softening | None, fitted: Sequence[Measurement], held_out: Sequence[Measurement]
+) -> Fit:
+    """The fit to corrected tests with its rates, its errors on the tests as they were measured.
+
+    Args:
+        fit: of the corrected tests.
+        found: the rates; None leaves the fit as it is.
+        fitted: the tests as they were measured.
+        held_out: the tests held out, likewise.
+    """
+    if found is None:
+        return fit
+    widening = max((residual.widening for residual in fit.residuals), default=1.0)
+    own = len(found.names)
+    covariance = widening * found.covariance + np.outer(found.form[own:], found.form[own:])
+    parameters = {name: _moved(name, entry, found, widening) for name, entry in fit.parameters.items()}
+    together, correlation = quantile(len(fit.identifiable) + len(found.law.rates)), dict(fit.correlation)
+    for place, (name, rate) in enumerate(found.law.rates.items()):
+        error = math.sqrt(covariance[place, place])
+        half, wide = quantile() * error, together * error
+        parameters[name] = Estimate(rate, "1/K", rate - half, rate + half, rate - wide, rate + wide, error)
+        rows = {other: float(covariance[place, k] / error / math.sqrt(covariance[k, k]))
+                for k, other in enumerate(found.law.rates)}  # fmt: skip
+        common = widening * found.moves @ found.covariance[place] + found.form[:own] * found.form[own + place]
+        for other, shared in zip(found.names, common.tolist(), strict=True):
+            other_error = parameters[other].standard_error if other in parameters else None
+            if other_error and other in correlation:
+                rows[other] = float(np.clip(shared / error / other_error, -1.0, 1.0))
+                correlation[other] = {**correlation[other], name: rows[other]}
+        correlation[name] = rows
+    low, high = found.ends_degC
+    hysteresis: Hysteresis = "printed" if fit.hysteresis == "printed" else "kwok"
+    form = f"{fit.form}, {found.law.formula(rig.dampers.model(fit.model, hysteresis))}"
+    term = TemperatureTerm(found.kind, found.law.reference_degC, low, high)
+    fit = replace(fit, parameters=parameters, correlation=correlation, form=form, temperature=term)
+    law = fit.law
+    seen = score_forces(fitted, (law.force_of(test) for test in fitted))
+    unseen = score_forces(held_out, (law.force_of(test) for test in held_out)) if held_out else fit.holdout
+    return replace(fit, error=seen, holdout=unseen)
+
+
+def _moved(name: str, entry: Estimate, found: Softening, widening: float) -> Estimate:
+    """A parameter's estimate with what the rates leave uncertain of it."""
+    if entry.standard_error is None or entry.value is None or name not in found.names or not entry.standard_error:
+        return entry
+    place = found.names.index(name)
+    moves, bent = found.moves[place], float(found.form[place])
+    error = math.sqrt(entry.standard_error**2 + widening * float(moves @ found.covariance @ moves) + bent**2)
+    wider, value = error / entry.standard_error, entry.value
+
+    def end(at: float | None) -> float | None:
+        return None if at is None else value + wider * (at - value)
+
+    return replace(
+        entry, low=end(entry.low), high=end(entry.high), simultaneous_low=end(entry.simultaneous_low),
+        simultaneous_high=end(entry.simultaneous_high), standard_error=error,
+    )  # fmt: skip
+
+

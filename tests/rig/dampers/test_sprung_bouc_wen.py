@@ -1,0 +1,117 @@
+"""The model behind a spring: its equation, slopes, limits, energy, and the current that it needs for a force."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from rig.dampers import model
+from rig.dampers.trajectory import inverse_of
+
+AMPLITUDE_m, OMEGA = 0.01, 2.0 * math.pi * 1.5
+DAMPER = model("sprung_bouc_wen")
+DEMO = dict(DAMPER.demonstration)
+
+
+def motion(rate_Hz: float, cycles: float = 1.0) -> tuple[np.ndarray, ...]:
+    """Time, extension, velocity and acceleration of a sine."""
+    t = np.arange(round(cycles * 2.0 * math.pi / OMEGA * rate_Hz)) / rate_Hz
+    u = AMPLITUDE_m * np.sin(OMEGA * t)
+    return t, u, AMPLITUDE_m * OMEGA * np.cos(OMEGA * t), -(OMEGA**2) * u
+
+
+def written_out(p: dict[str, float], current: float) -> tuple[float, float, float]:
+    """Damping, yield force and logarithmic force at a current, from the equation in words."""
+    kv = max(p["kv"] + p["kv_b"] * current, 0.0)
+    ky = p["ky"] + p["ky_b"] * current + p["ky_c"] * current**2
+    kt = max(p["kt"] + p["kt_b"] * current + p["kt_c"] * current**2 + p["kt_d"] * current**3, 0.0)
+    return kv, ky, kt
+
+
+def by_an_independent_integrator(p: dict[str, float], current: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times and force of one cycle from rest: the piston's speed by bisection, both states by an implicit method."""
+    kv, ky, kt = written_out(p, current)
+    ku = p["ku"] + p["ku_b"] * current
+
+    def rates(t: float, state: np.ndarray) -> list[float]:
+        x, w = state
+        place = AMPLITUDE_m * math.sin(OMEGA * t) - x
+        rest = p["k"] * x - p["f0"] - p["kx"] * place - (ky + ku * place) * w
+        v = brentq(lambda v: kv * v + kt * math.asinh(v / p["vt"]) - rest, -20.0, 20.0, xtol=1e-15)
+        loop = p["rho"] * (v - 0.5 * abs(v) * abs(w) * w - 0.5 * v * w * w)
+        return [AMPLITUDE_m * OMEGA * math.cos(OMEGA * t) - v, loop]
+
+    t, _, _, a = motion(250.0)
+    found = solve_ivp(rates, (0.0, t[-1]), [0.0, 0.0], "LSODA", t_eval=t, rtol=1e-7, atol=[1e-11, 1e-8], max_step=5e-3)
+    return t, p["k"] * found.y[0] + p["m"] * a
+
+
+def test_the_force_is_that_of_an_independent_integrator() -> None:
+    _, force = by_an_independent_integrator(DEMO, 0.8)
+    for rate_Hz in (250.0, 2000.0):
+        t, u, v, a = motion(rate_Hz)
+        ours = DAMPER.force(DEMO, u, v, a, np.full(t.size, 0.8), 1.0 / rate_Hz)[:: round(rate_Hz / 250.0)]
+        assert np.max(np.abs(ours - force)) < 4e-3 * np.max(np.abs(force))
+
+
+def test_one_pass_gives_the_slopes_that_differences_give() -> None:
+    t, u, v, a = motion(250.0, cycles=1.5)
+    current = 0.6 + 0.4 * np.sin(3.0 * t)
+    one_pass = DAMPER.slopes_along()
+    assert one_pass is not None
+    arguments = (DAMPER.initial_state(), u, v, a, current, 1.0 / 250.0, 0)
+    force, slopes = one_pass(DAMPER.vector(DEMO), *arguments)
+    assert np.allclose(force, DAMPER.force(DEMO, u, v, a, current, 1.0 / 250.0), atol=1e-9)
+    for place, name in enumerate(DAMPER.names):
+        step = 1e-6 * max(abs(DEMO[name]), 1e-2)
+        ends = [DAMPER.force({**DEMO, name: DEMO[name] + way}, u, v, a, current, 1 / 250) for way in (step, -step)]
+        by_difference = (ends[0] - ends[1]) / (2.0 * step)
+        assert np.max(np.abs(slopes[:, place] - by_difference)) < 1e-4 * np.max(np.abs(by_difference)), name
+
+
+def test_sliding_force_is_the_sum_of_its_terms() -> None:
+    """At 0.1 m/s and 1 A, worked by hand: 36 + (40 + 200 + 10) + (15 + 25 + 6 - 2) asinh(50) - 150."""
+    by_hand = 36.0 + 250.0 + 44.0 * 4.60527 - 150.0
+    place = by_hand / DEMO["k"]  # the piston lies behind the rod by that, so kx and ku see it
+    assert DAMPER.force_at(DEMO, 0.1, 1.0) == pytest.approx(by_hand - place * (300.0 - 100.0), abs=0.05)
+
+
+def test_terms_that_are_negative_at_a_current_count_as_none_and_the_damper_dissipates() -> None:
+    values = {**DEMO, "kv": -400.0, "kv_b": 300.0, "kt": -30.0, "kx": 0.0, "f0": 0.0}
+    assert written_out(values, 0.5)[0] == written_out(values, 0.5)[2] == 0.0
+    t, u, v, a = motion(1000.0, cycles=3.0)
+    force = DAMPER.force(values, u, v, a, np.full(t.size, 0.5), 1e-3)
+    last = slice(-round(2.0 * math.pi / OMEGA * 1000.0), None)
+    friction = 4.0 * AMPLITUDE_m * (40.0 + 0.5 * 200.0 + 0.25 * 10.0)  # an ideal yield force of the same size
+    assert 0.8 * friction < np.sum(force[last] * v[last]) * 1e-3 < friction
+
+
+def test_a_soft_spring_makes_the_force_late_and_a_stiff_one_does_not() -> None:
+    t, u, v, a = motion(1000.0, cycles=2.0)
+    turning = round(1.25 * 2.0 * math.pi / OMEGA * 1000.0)  # rod at its end, in the second cycle
+    crossed = []
+    for stiffness in (1e5, 1e10):
+        force = DAMPER.force({**DEMO, "k": stiffness, "m": 0.0, "f0": 0.0}, u, v, a, np.full(t.size, 1.0), 1e-3)
+        crossed.append(int(np.argmax(force[turning:] < 0.0)))
+    assert crossed[1] < 39  # the loop is at 0 by 1/rho = 0.67 mm behind the reversal, which takes 39 ms
+    assert crossed[0] > crossed[1] + 8  # 400 N stretch 0.1 MN/m by 4 mm
+
+
+def test_the_inverse_finds_the_current_though_the_force_only_follows_it() -> None:
+    t = np.arange(0.0, 2.0, 1e-3)
+    u = 0.018 * np.sin(5.7 * t) + 0.006 * np.sin(14.5 * t + 1.0)
+    v = 0.018 * 5.7 * np.cos(5.7 * t) + 0.006 * 14.5 * np.cos(14.5 * t + 1.0)
+    a = -0.018 * 5.7**2 * np.sin(5.7 * t) - 0.006 * 14.5**2 * np.sin(14.5 * t + 1.0)
+    current = 1.0 + 0.8 * np.sin(4.4 * t)
+    wanted = DAMPER.force(DEMO, u, v, a, current, 1e-3)
+    grid = np.linspace(0.0, 2.0, 33)
+    row, start = DAMPER.vector(DEMO)[None, :], DAMPER.initial_state()[None, :]
+    answer = inverse_of(DAMPER)(row, grid, grid, start, u, v, a, wanted, 1e-3, 0.0)
+    told = (t > 0.05) & (answer[:, 3] > 0.0) & (np.abs(answer[:, 2]) > 100.0)  # attainable, and 10 N say 0.1 A
+    assert np.mean(told) > 0.8
+    assert np.sqrt(np.mean((answer[told, 0] - current[told]) ** 2)) < 0.03 * 2.0
+    assert np.allclose(answer[told, 1], wanted[told], atol=0.1)
