@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from rig.dampers.kernel import Compiled, Kernel
 
 TAKEN = ("kx", "kv", "kv_b", "f0", "ky", "ky_b", "ky_c", "ku", "ku_b", "kt", "kt_b", "kt_c", "kt_d")
+STIFFEST_N_m = 3e8
+"""Gives way by 3 um at 1 kN, as fine as displacement sensors of test rigs are."""
 GIVES_WAY = (0.01, 0.03, 0.1)  # starts: stretch at the mean yield force, as a share of the smallest amplitude
-RIGID = 1e-4  # the same share, below which a spring leaves no trace
-SOFTEST = 0.5  # and above which there would be no damper behind it
 OPENS = 0.6  # start: rho as a share of that of `lost_motion`, whose loop opens later
 
 
@@ -126,3 +126,9 @@ class SprungSearch(Search):
             family = [abs(start[other]) for other in start if other.split("_")[0] == name.split("_")[0]]
             sizes.append(max(0.3 * max(family), 1.0))
         return Unknowns(names, logarithmic, np.array(sizes), self.model, held, lambda starts, named: starts | named)
+
+    def at_limit(self, unknowns: Unknowns, theta: FloatArray) -> dict[str, float]:
+        """See `Search.at_limit`: a spring that gives way by less than any rig sees is none, whatever its interval."""
+        values = unknowns.values(theta)
+        stiff = {"k": STIFFEST_N_m} if values["k"] > STIFFEST_N_m else {}
+        return super().at_limit(unknowns, theta) | stiff

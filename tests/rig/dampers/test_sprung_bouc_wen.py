@@ -101,6 +101,13 @@ def test_a_soft_spring_makes_the_force_late_and_a_stiff_one_does_not() -> None:
     assert crossed[0] > crossed[1] + 8  # 400 N stretch 0.1 MN/m by 4 mm
 
 
+def test_a_spring_stiffer_than_any_rig_sees_is_at_its_limit() -> None:
+    search = DAMPER.search()
+    unknowns = search.unknowns(DEMO, frozenset())
+    assert search.at_limit(unknowns, unknowns.theta({**DEMO, "k": 3e9})) == {"k": 3e8}
+    assert search.at_limit(unknowns, unknowns.theta({**DEMO, "k": 1.5e7})) == {}
+
+
 def test_the_inverse_finds_the_current_though_the_force_only_follows_it() -> None:
     t = np.arange(0.0, 2.0, 1e-3)
     u = 0.018 * np.sin(5.7 * t) + 0.006 * np.sin(14.5 * t + 1.0)
