@@ -77,6 +77,7 @@ def test_a_folder_that_is_taken_away_ends_the_campaign_with_the_pressure_off(beg
     campaign.assert_completed()
 
 
+@pytest.mark.nightly
 def test_a_finaliser_that_dies_stops_the_rig_and_its_points_are_recovered(moving: InMotion) -> None:
     campaign = moving(matrix=LONG_SECOND_POINT)
     campaign.until((campaign.folder / "points" / "p001.h5").exists, "p001.h5")

@@ -102,7 +102,7 @@ def test_dissipated_energy_is_the_loop_area_and_heats_the_damper(bench: Bench) -
     assert rise == pytest.approx(loop_J / 1500.0, rel=0.1)
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("model", sorted(dampers.MODELS))
 def test_every_model_drives_the_plant_and_dissipates(make_bench: Callable[..., Bench], model: str) -> None:
     bench = make_bench(f'damper.model="{model}"', "plant_rate_Hz=4000.0").ready()

@@ -184,6 +184,7 @@ def test_a_terminal_shows_load_cell_lines_in_ascii_mode(start: Callable[..., Pro
     assert float(line[:-4]) == pytest.approx(-275, abs=60)
 
 
+@pytest.mark.nightly
 def test_an_unread_port_drops_and_counts_while_the_rig_runs_on(start: Callable[..., Process]) -> None:
     process = start("--speed", "50")
     began_us = process.status().clock_us

@@ -61,6 +61,7 @@ def in_motion(job: Session, seconds: float) -> None:
     job.campaign.run_on(seconds)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("storm", [False, True], ids=["once", "storm"])
 def test_ctrl_c_stops_at_once_keeps_the_point_as_invalid_and_further_ones_change_nothing(
     job: Session, storm: bool
@@ -117,6 +118,7 @@ def test_a_killed_station_leaves_the_rig_to_its_dead_men_and_exits_with_state_un
     assert RecordedPoint.open(ended.folder / "points" / "p001.h5").verdict == "invalid"
 
 
+@pytest.mark.nightly
 def test_a_fault_of_the_coil_ends_the_campaign_by_name_with_the_finished_point_kept(tmp_path: Path) -> None:
     ended = simulated(tmp_path, MATRIX, "--fault", "coil-open-short@14", speed=5.0, seed=1)
     assert ended.exit_code == 4

@@ -57,6 +57,7 @@ def test_one_of_two_reversed_sensors_unsaid_is_refused(tmp_path: Path, said_of: 
     assert (ended.exit_code, ended.answer["stopped_by"]) == (3, "sensors-swapped"), ended.said
 
 
+@pytest.mark.nightly
 def test_reversed_sensors_measure_right_once_the_bench_file_says_so(tmp_path: Path) -> None:
     ended = run(tmp_path / "right", lambda bench: with_polarity(with_polarity(zeroed(bench), "load_cell"), "lvdt"))
     assert (ended.exit_code, ended.answer["valid"]) == (0, 2), ended.said

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from simulated_campaign import Ended, options, simulated
 
+pytestmark = pytest.mark.nightly
 MATRIX = """
 format = 1
 [specimen]

@@ -95,6 +95,7 @@ def test_a_matrix_that_does_not_fit_the_rig(tmp_path: Path, scrambler: Path) -> 
     assert answer["error"] == SCRAMBLED
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("fault", "code", "slug"), [("not-tared", 3, "not-tared"), ("sensor-nan@1.5", 5, None), ("estop@1", 4, "estop")]
 )

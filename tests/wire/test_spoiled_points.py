@@ -48,6 +48,7 @@ def test_peaks_clipped_for_a_moment_are_saturated_and_repeating_does_not_mend_th
     assert {"p002", "p002-attempt2"} <= ending.recorded().keys()
 
 
+@pytest.mark.nightly
 def test_a_load_cell_that_stays_at_its_amplifiers_end_stops_the_rig(tmp_path: Path) -> None:
     ending = run(tmp_path, *options("load_cell.clip=480"), currents=("0 A", "1.5 A"))
     assert ending.exit_code == 4, ending.said
@@ -55,6 +56,7 @@ def test_a_load_cell_that_stays_at_its_amplifiers_end_stops_the_rig(tmp_path: Pa
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
 
 
+@pytest.mark.nightly
 def test_a_point_with_a_gap_is_repeated_and_mended(tmp_path: Path) -> None:
     ending = run(tmp_path, "--fault", "sample-gap@3+1", cycles=6)
     assert ending.exit_code == 0, ending.said

@@ -15,6 +15,7 @@ MATRIX = matrix_text("0 A", "1 A", frequency="1 Hz", cycles=4)
 LONG = MATRIX.replace("cycles = 4", "cycles = 15")
 
 
+@pytest.mark.nightly
 def test_a_load_cell_whose_zero_creeps_is_found_at_the_end_and_kept_with_both_windows(tmp_path: Path) -> None:
     # Slow enough that the zero passes at the start.
     ended = simulated(tmp_path, LONG, "--load-cell-zero-drift", "1.5 N/s", speed=4.0)

@@ -261,7 +261,7 @@ def test_the_loops_one_curve_agrees_with_an_independent_integrator(sigma: float,
     assert np.max(np.abs(hysteresis_series(0.0, rho, sigma, n, u, v, 0.001, 0) - reference)) < 2e-3
 
 
-@pytest.mark.few(1)
+@pytest.mark.nightly
 @pytest.mark.parametrize(("sigma", "n"), [(0.3, 1.2), (0.6, 2.0), (2.5, 4.0)])
 def test_slopes_of_the_loop_are_its_differences(sigma: float, n: float) -> None:
     t = np.arange(0.0, 2.0, 0.001)

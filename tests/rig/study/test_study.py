@@ -85,6 +85,7 @@ def test_only_the_missing_budget_is_searched_again() -> None:
     assert searches(cells, {cell.key for cell in cells}) == []
 
 
+@pytest.mark.nightly
 def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_study: Path, tmp_path: Path) -> None:
     seen: list[StudyProgress] = []
     outcome = run_study(small_study, tmp_path / "out", processes=2, report=seen.append)

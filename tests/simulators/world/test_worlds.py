@@ -282,7 +282,7 @@ def test_a_smallest_world_is_told_with_the_command_that_runs_it(
     ]
 
 
-@pytest.mark.few(1)
+@pytest.mark.nightly
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 @pytest.mark.parametrize("traced", [False, True])
 def test_worlds_that_are_ended_leave_nothing(end: signal.Signals, traced: bool, tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
         Edit(CONTROLLER, "if self._restless >= 4 * CONSECUTIVE:", "if False:"),
     ),
     # What the ECU says
-    "ecu-faults": (Edit(CURRENT, "if faults & int(bits)\n", "if False\n"),),
+    "ecu-faults": (Edit(CURRENT, "if faults & bits\n", "if False\n"),),
     "ecu-counter": (
         Edit(CURRENT, "if counted.bad_in_a_row > 0 and (", "if False and ("),
         Edit(CURRENT, "if not counted.bad_in_a_row:", "if True:"),
