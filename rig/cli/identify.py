@@ -39,7 +39,7 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
 @click.argument("runs", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option(
     "--model",
-    help="Damper model; `few` to compare three, `all` every one.  [default: few; asymmetric with an option that goes "
+    help="Damper model; `few` to compare four, `all` every one.  [default: few; asymmetric with an option that goes "
     "with one model: a search, --current, --series-spring, --temperature-law, --profile-of, --hysteresis printed]",
 )
 @click.option(

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from rig.recording.recorded_point import RecordedPoint
 
 ALL, FEW = "all", "few"
-FEW_MODELS = ("asymmetric", "normalized_bouc_wen", "lost_motion")
+FEW_MODELS = ("asymmetric", "normalized_bouc_wen", "lost_motion", "sprung_bouc_wen")
 """A hysteretic tanh, the hysteresis that most publications use, and what fits real dampers best: seconds together."""
 DRAWN_SAMPLES = 250  # samples of a cycle that figures show
 
