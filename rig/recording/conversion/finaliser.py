@@ -163,8 +163,8 @@ class Finaliser:
 
 
 def main() -> int:
-    """Serve standard input until it ends."""
-    with Converter() as converter:
+    """Serve standard input until it ends, or nobody listens any more: what is left then is recovery's."""
+    with Converter() as converter, contextlib.suppress(BrokenPipeError):
         converter.start()
         for line in sys.stdin:
             for answer in _answers_to(json.loads(line), converter):
