@@ -392,7 +392,9 @@ class Supervisor:
 
     def _stop_inputs(self, now_ns: int) -> StopInputs:
         motion = (None,) * 4 if self._motion is None else self._motion.stop_inputs(now_ns)
-        still_s = None if self._travel is None else self._travel.still_s(now_ns)
         current_A = None if self._coil is None else self._coil.fresh_current_A
-        taken = self._motion is None or self._motion.stop_taken
-        return StopInputs(self._stop_clock_ns(now_ns), still_s, *motion, current_A, self.movement.period_s, taken)
+        taken, travel = self._motion is None or self._motion.stop_taken, self._travel
+        still_s, changed = (None, False) if travel is None else (travel.still_s(now_ns), travel.changed)
+        return StopInputs(
+            self._stop_clock_ns(now_ns), still_s, *motion, current_A, self.movement.period_s, taken, changed
+        )
