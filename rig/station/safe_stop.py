@@ -26,6 +26,8 @@ LOST_LIMIT_S = 2.0
 ZERO_CURRENT_A = 0.05
 STILL_S = 0.1
 REPEAT_S = 0.1
+POSITION_FAULTS = frozenset({"actuator-frozen", "feedback-lost"})
+"""After these what the controller says of the rod is no proof by itself."""
 LONGEST_FADE_S = 10.0
 """Device time: a motion whose fade-out would last longer is slow enough for the halt ramp."""
 
@@ -140,8 +142,7 @@ def begin(
     """Start a stop; its actions are to be carried out at once and independently of each other."""
     halt = halt or kind is StopKind.HALT or fade_s > LONGEST_FADE_S
     stop = SafeStop(
-        kind, halt, fade_s, device_rate, now_ns, step_ns=now_ns, repeated_ns=now_ns, watchdog_s=watchdog_s,
-        position_trusted=kind is not StopKind.HALT,
+        kind, halt, fade_s, device_rate, now_ns, step_ns=now_ns, repeated_ns=now_ns, watchdog_s=watchdog_s
     )
     return stop, (StopAction.ZERO_CURRENT, stop_command(stop))
 
@@ -165,6 +166,14 @@ def of_source(stop: SafeStop, source: Source | None) -> SafeStop:
     return replace(stop, current_s=source.zero_within_s, current_falls=source.falls_by_itself)
 
 
+def after_fault(stop: SafeStop, slug: str) -> SafeStop:
+    """The stop, with what this fault says of its witnesses: it may be the first or a later one.
+
+    The same stop where it says nothing: another one is a stop taken up again.
+    """
+    return replace(stop, position_trusted=False) if stop.position_trusted and slug in POSITION_FAULTS else stop
+
+
 def stop_command(stop: SafeStop) -> StopAction:
     """The controller command that stops this one's motion."""
     return StopAction.HALT if stop.halt else StopAction.FADE
@@ -179,7 +188,6 @@ def escalate(
     anew, for what was proved then need not be so now.
     """
     halt = halt or kind is StopKind.HALT
-    stop = replace(stop, position_trusted=stop.position_trusted and kind is not StopKind.HALT)
     if stop.finished:
         if kind.severity <= stop.kind.severity:
             return stop, ()

@@ -213,9 +213,8 @@ class Supervisor:
 
     def ask_stop(self, kind: StopKind, slug: str, detail: str) -> None:
         """Stop because the application asks for it, whatever is armed."""
-        now_ns = monotonic_ns()
         row = REACTIONS.get(slug, REACTIONS["operator"])
-        self._finish(self._latch(Finding(slug, detail, now_ns), row, kind, asked=True))
+        self._finish(self._latch(Finding(slug, detail, monotonic_ns()), row, kind, asked=True))
 
     def tell(self, slug: str, detail: str) -> None:
         """Tell the application something that is no fault but worth knowing; it is journalled and shown."""
@@ -286,6 +285,7 @@ class Supervisor:
                 self.stop = safe_stop.of_source(self.stop, self._coil)
             else:
                 self.stop, actions = safe_stop.escalate(self.stop, kind, self._stop_clock_ns(now_ns), halt=halt)
+            self.stop = safe_stop.after_fault(self.stop, finding.slug)
             if not first and not known:
                 self.later[finding.slug] = finding.detail
             if first or not known:

@@ -97,11 +97,10 @@ def test_without_the_controller_an_lvdt_that_repeats_its_value_proves_nothing() 
     assert StopAction.HYDRAULICS_OFF in [action for _, action in actions]
 
 
-@pytest.mark.parametrize("later", [False, True])
-def test_a_controller_that_is_not_trusted_with_its_position_proves_no_standstill_alone(later: bool) -> None:
-    stop = begin() if later else begin(StopKind.HALT)
-    if later:
-        stop, _ = safe_stop.escalate(stop, StopKind.HALT, 5 * MS)
+@pytest.mark.parametrize("slug", ["actuator-frozen", "feedback-lost"])
+def test_a_controller_that_is_not_trusted_with_its_position_proves_no_standstill_alone(slug: str) -> None:
+    stop = safe_stop.after_fault(safe_stop.after_fault(begin(StopKind.HALT), slug), "lvdt-pulled")
+    assert safe_stop.after_fault(stop, slug) is stop
     ended, _ = run(stop, replace(AT_REST, still_s=None, hydraulics_low=True, hydraulics_off=True), 10_000)
     assert (ended.step, ended.standstill) == (StopPhase.UNKNOWN, False)
     ended, _ = run(stop, AT_REST, 400)

@@ -41,3 +41,14 @@ def test_an_lvdt_that_comes_back_proves_standstill_over_a_whole_period_alone(tmp
     assert safe["t_ns"] - back_ns > 0.5e9 - 20e6
     rows = truth.arrays
     assert abs(rows[(rows[:, 0] >= back_ns) & (rows[:, 0] < safe["t_ns"])][:, 1]).max() < STILL_M_S
+
+
+def test_a_frozen_position_beside_a_pulled_lvdt_proves_nothing_though_the_controller_says_that_it_holds(
+    tmp_path: Path,
+) -> None:
+    world = ended(tmp_path, "actuator-frozen@0.7", "lvdt-pulled@0.76")
+    told = [line for line in world.journal if line.get("event") == "station"]
+    assert [line["slug"] for line in told if line["what"] == "trip"] == ["actuator-frozen"]
+    assert not [line for line in told if line["what"] == "safe"]
+    assert world.sessions[0].exit_code == 7
+    assert world.sessions[0].truth.arrays[-1, 5] == 0, "the pressure is off"
