@@ -224,6 +224,8 @@ def force_change(
     values: Mapping[str, float],
     test: Measurement,
     direction: tuple[FloatArray, FloatArray, FloatArray],
+    before_N: FloatArray,
 ) -> FloatArray:
-    """Change of the modelled force (N) with a small change of extension (m), speed (m/s) and acceleration, (n,)."""
-    return _motion_slope(model, values, test, direction, 1.0)
+    """Change of a modelled force (N), (n,), with a small change of extension (m), speed (m/s) and acceleration."""
+    moved = test.moved(test.u_m + direction[0], test.v_m_s + direction[1], test.a_m_s2 + direction[2])
+    return modelled_force(model, values, moved) - before_N
