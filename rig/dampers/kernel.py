@@ -240,6 +240,15 @@ def advance_of(model: Integrable) -> Compiled:
     return advance
 
 
+@njit()
+def between_samples(u: FloatArray, v: FloatArray, a: FloatArray, dt: float, start: int, stop: int) -> Motion:
+    """The motion from one sample to another: its velocity is the cubic that meets speed and acceleration at both."""
+    slope = (v[stop] - v[start]) / dt
+    c2 = (3.0 * slope - 2.0 * a[start] - a[stop]) / dt
+    c3 = (a[start] + a[stop] - 2.0 * slope) / (dt * dt)
+    return u[start], v[start], a[start], c2, c3
+
+
 @cache
 def _sampled(move: Compiled) -> Compiled:
     """Advance of `state` between two samples, compiled: (p, state, u, v, a, current, dt, start, stop) -> place (m)."""
@@ -256,13 +265,11 @@ def _sampled(move: Compiled) -> Compiled:
         start: int,
         stop: int,
     ) -> float:
-        """Inside, velocity is the cubic that meets speed and acceleration at both ends; where the motion then is."""
-        slope = (v[stop] - v[start]) / dt
-        c2 = (3.0 * slope - 2.0 * a[start] - a[stop]) / dt
-        c3 = (a[start] + a[stop] - 2.0 * slope) / (dt * dt)
-        motion = (u[start], v[start], a[start], c2, c3)
+        """Where the motion then is."""
+        motion = between_samples(u, v, a, dt, start, stop)
         move(p, state, motion, v[stop], 0.5 * (current[start] + current[stop]), dt)
-        return float(u[start] + dt * (v[start] + dt * (a[start] / 2.0 + dt * (c2 / 3.0 + dt * c3 / 4.0))))
+        u0, v0, c1, c2, c3 = motion
+        return float(u0 + dt * (v0 + dt * (c1 / 2.0 + dt * (c2 / 3.0 + dt * c3 / 4.0))))
 
     return step
 
