@@ -193,11 +193,12 @@ def side_by_side(command: list[str], beside: Future[int] | None = None) -> int:
         others_run = files.enter_context((Path(folder) / "others").open("w"))
         fcntl.flock(others_run, fcntl.LOCK_SH)
         first = subprocess.Popen([*command, "--then-wires"], cwd=ROOT)
-        if beside is not None:
-            wait([beside])
-        command = [*command, "-m", "not wire"]
-        others = [subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in told]
+        others: list[subprocess.Popen[bytes]] = []
         try:
+            if beside is not None:
+                wait([beside])
+            command = [*command, "-m", "not wire"]
+            others += (subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in told)
             codes = [process.wait() for process in others]
             others_run.close()
             codes.append(first.wait())

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from campaign_process import family, sines
-from setpoints import AMPLITUDE, FREQUENCY_HZ, has_priority, patient, stations_of
+from setpoints import AMPLITUDE, FREQUENCY_HZ, be_patient, has_priority, simulated_rig, stations_of
 from websockets.asyncio.client import connect
 from websockets.exceptions import WebSocketException
 
@@ -38,17 +38,9 @@ def periods(minutes: float, poll_ms: float, real_time: bool) -> dict[str, Any]:
     """Every row: set-points due and left out (of a hundred), lateness (ms), frames that the viewers got."""
     with tempfile.TemporaryDirectory(prefix="page-periods-") as name:
         folder = Path(name)
-        bench = folder / "bench.toml"
-        rights = "--real-time" if real_time else "--no-real-time"
-        command = [sys.executable, "-m", "simulators", "--actuator", "setpoints", rights, "--bench", str(bench)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as rig:
-            try:
-                if rig.stdout is None or not rig.stdout.readline():
-                    raise RuntimeError("the simulated rig did not start")
-                bench.write_text(patient(bench.read_text(encoding="utf-8"), poll_ms), encoding="utf-8")
-                rows = {row: Campaign(row, bench, 60.0 * minutes, folder).counted() for row in ROWS}
-            finally:
-                rig.terminate()
+        with simulated_rig(folder, real_time) as bench:
+            be_patient(bench, poll_ms)
+            rows = {row: Campaign(row, bench, 60.0 * minutes, folder).counted() for row in ROWS}
     without = rows["no page"]["left_out_percent"]
     above = {row: round(found["left_out_percent"] - without, 3) for row, found in rows.items()}
     whole = all(found["stopped_by"] is None for found in rows.values())

@@ -19,6 +19,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -107,15 +109,13 @@ def has_priority(process: int) -> bool:
         return False
 
 
-def patient(text: str, poll_ms: float) -> str:
-    """A bench file's text with this poll, whose other time limits stop nothing before it is measured."""
-    text = re.sub(r'(\nstale_after|\ntimeout|\nlate_limit) = "\d+ ms"', r'\1 = "500 ms"', text)
-    text = re.sub(r'\nwatchdog = "\d+ ms"', '\nwatchdog = "2000 ms"\nsetpoint_late = "500 ms"', text)
-    return text.replace('poll = "10 ms"', f'poll = "{poll_ms:g} ms"')
+@contextmanager
+def simulated_rig(folder: Path, real_time: bool) -> Iterator[Path]:
+    """A simulated rig without a function generator, in a process of its own, and the bench file that it wrote.
 
-
-def measure(seconds: float, poll_ms: float, real_time: bool, folder: Path) -> dict[str, Any]:
-    """Start the simulated rig, poll it, stream to it, end it."""
+    Raises:
+        RuntimeError: it did not start.
+    """
     bench = folder / "bench.toml"
     rights = "--real-time" if real_time else "--no-real-time"
     command = [sys.executable, "-m", "simulators", "--actuator", "setpoints", rights, "--bench", str(bench)]
@@ -123,14 +123,28 @@ def measure(seconds: float, poll_ms: float, real_time: bool, folder: Path) -> di
         try:
             if rig.stdout is None or not rig.stdout.readline():
                 raise RuntimeError("the simulated rig did not start")
-            polls_hz = polled_hz(Bench.load(bench).actuator.url)
-            bench.write_text(patient(bench.read_text(encoding="utf-8"), poll_ms), encoding="utf-8")
-            bare_s = bare_p99_s(1e-3 * poll_ms, real_time)
-            before_s, began_s = stolen_s(), time.monotonic()
-            counted = streamed(bench, seconds, folder)
-            share = (stolen_s() - before_s) / ((time.monotonic() - began_s) * (os.cpu_count() or 1))
+            yield bench
         finally:
             rig.terminate()
+
+
+def be_patient(bench: Path, poll_ms: float) -> None:
+    """Give a bench file this poll, and other time limits that stop nothing before it is measured."""
+    text = bench.read_text(encoding="utf-8")
+    text = re.sub(r'(\nstale_after|\ntimeout|\nlate_limit) = "\d+ ms"', r'\1 = "500 ms"', text)
+    text = re.sub(r'\nwatchdog = "\d+ ms"', '\nwatchdog = "2000 ms"\nsetpoint_late = "500 ms"', text)
+    bench.write_text(text.replace('poll = "10 ms"', f'poll = "{poll_ms:g} ms"'), encoding="utf-8")
+
+
+def measure(seconds: float, poll_ms: float, real_time: bool, folder: Path) -> dict[str, Any]:
+    """Start the simulated rig, poll it, stream to it, end it."""
+    with simulated_rig(folder, real_time) as bench:
+        polls_hz = polled_hz(Bench.load(bench).actuator.url)
+        be_patient(bench, poll_ms)
+        bare_s = bare_p99_s(1e-3 * poll_ms, real_time)
+        before_s, began_s = stolen_s(), time.monotonic()
+        counted = streamed(bench, seconds, folder)
+        share = (stolen_s() - before_s) / ((time.monotonic() - began_s) * (os.cpu_count() or 1))
     skipped = counted["skipped"] / max(1, counted["steps"])
     return {
         **counted, "skipped_share": skipped, "rate_Hz": 1e3 / poll_ms, "polls_Hz": polls_hz,

@@ -21,7 +21,7 @@ from rig.campaign.machine_resources import station_in_use
 from rig.campaign.operator_link import Signals, operator_link
 from rig.campaign.preflight.proof_move import read_baseline
 from rig.campaign.preflight.zero_return import zeros_returned
-from rig.campaign.results import CampaignOptions, CampaignResult, Display, PointResults, RigState, StopReport
+from rig.campaign.results import CampaignOptions, CampaignResult, Display, RigState, StopReport
 from rig.campaign.resume import Stock
 from rig.campaign.setup import (
     accepted,
@@ -158,8 +158,8 @@ def _stock(
 
 
 def _nothing_left(folder: Path, matrix: Matrix, stock: Stock) -> CampaignResult:
-    results = PointResults(matrix.points(), {result.id: result for result in stock.results})
-    return replace(results.session(folder), confirmed=tuple(stop.to_json() for stop in stock.confirmed))
+    result = stock.books(matrix.points()).session(folder)
+    return replace(result, confirmed=tuple(stop.to_json() for stop in stock.confirmed))
 
 
 def _describe(start: _Start, bench_path: Path) -> None:
@@ -234,7 +234,7 @@ def _run(
             display=display,
             simulated=start.options.simulate,
             stock=start.stock,
-            results=PointResults(points, {result.id: result for result in start.stock.results}),
+            results=start.stock.books(points),
             hand=hand_of(start.bench, attended=start.options.attended, live=_paged(live)),
         )
         try:

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Protocol
 
-from rig.campaign.stop_cause import StopCause
 from rig.campaign.words import say
-from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE, FileProblem
+from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE
 from rig.matrix.plan import Plan
-from rig.matrix.point import TestPoint
-from rig.recording.conversion.delay_correction import finished, write_verdict
-from rig.recording.quality.instrument_checks import ZERO_RETURN
-from rig.recording.quality.verdict import Kind, Reason, blamed, suspect
-from rig.recording.recorded_point import RecordedPoint
+from rig.recording.quality.verdict import Kind, Reason, blamed
 
 WARMING_UP = "warming up"
 NOT_RUN = "not run"
@@ -275,122 +270,3 @@ class Display(Protocol):
 
     def message(self, level: str, text: str) -> None:
         """Something the operator should read; `level` is `info`, `warning` or `error`."""
-
-
-@dataclass
-class PointResults:
-    """Results by point id; a later attempt replaces an earlier one unless that one had a better verdict.
-
-    Attributes:
-        points: the planned points in order.
-        results: those that there are.
-        began_ns: when the first recording of this session began (monotonic); None before.
-        ended_ns: when the last one ended.
-        motion_s: planned motion of the points recorded (s, rig's clock).
-        start_temperature_degC: the coil's first reading in this session; None before.
-        waits: what the damper's temperature cost.
-        setpoints: counts and lateness (s) of the set-points streamed so far; None without any.
-    """
-
-    points: tuple[TestPoint, ...]
-    results: dict[str, PointResult] = field(default_factory=dict)
-    began_ns: int | None = None
-    ended_ns: int | None = None
-    motion_s: float = 0.0
-    start_temperature_degC: float | None = None
-    waits: list[Wait] = field(default_factory=list)
-    setpoints: dict[str, float] | None = None
-
-    def take_setpoints(self, told: Mapping[str, Any]) -> None:
-        """The station's count of all set-points streamed so far, after a motion."""
-        self.setpoints = {name: told[name] for name in ("steps", "late", "skipped", "p99_s", "worst_s")}
-
-    def judged(
-        self, point: TestPoint, file: Path | None, verdict: str, reasons: Iterable[str], lost_samples: int,
-        quality: Mapping[str, float] | None = None,
-    ) -> PointResult:
-        """Enter an attempt's verdict and, when measured, its numbers; returns what was entered."""
-        result = replace(_result(point, file, verdict, tuple(reasons), lost_samples), quality=quality or {})
-        known = self.results.get(point.id)
-        if known is None or RANKS.index(verdict) >= RANKS.index(known.verdict):
-            self.results[point.id] = result
-        return result
-
-    def mended(self, file: Path, verdict: str, reasons: Iterable[str], quality: Mapping[str, float]) -> None:
-        """A point's file (absolute path) was written again; its verdict and numbers are these now."""
-        for point_id, result in self.results.items():
-            if result.file == file:
-                self.results[point_id] = replace(result, verdict=verdict, reasons=tuple(reasons), quality=quality)
-
-    def doubted(
-        self, findings: Sequence[CampaignFinding], warn: Callable[[str], None], earlier: Iterable[PointResult] = ()
-    ) -> None:
-        """Make the session's valid points suspect for what the rest after its motion showed, in their files too.
-
-        Args:
-            findings: what has drifted; without any nothing is touched.
-            warn: told of a file that could not be written; its point then stays as it was judged.
-            earlier: points of earlier sessions, which were measured between other rests.
-        """
-        reasons = [suspect(ZERO_RETURN, finding.text, **finding.values) for finding in findings]
-        others = {result.file for result in earlier}
-        files = [
-            result.file for result in self.results.values()
-            if result.file is not None and result.file not in others and result.file.is_file()
-        ]
-        for file in files if reasons else ():
-            try:
-                judged = RecordedPoint.open(file, whole=False).quality.verdict.replaced({ZERO_RETURN}, reasons)
-                write_verdict(file, judged, "load cell and LVDT at rest after the session's motion")
-                told = finished(RecordedPoint.open(file, whole=False))
-            except (FileProblem, OSError) as error:
-                warn(f"{file.name} does not say that a zero did not return: {error}")
-                continue
-            self.mended(file, told.verdict, told.reasons, told.quality)
-
-    def given_up(self, point: TestPoint, cause: StopCause) -> PointResult:
-        """Enter a point that could not be begun or whose file could not be written."""
-        return self.judged(point, None, INVALID, (f"{cause.slug}: {cause.detail}",), 0)
-
-    def all_results(self) -> tuple[PointResult, ...]:
-        """Every point in planned order; the ones without a result were not run."""
-        return tuple(self.results.get(point.id) or _result(point, None, NOT_RUN, (), 0) for point in self.points)
-
-    @property
-    def valid(self) -> int:
-        """How many points are valid."""
-        return sum(result.verdict == VALID for result in self.results.values())
-
-    def session(self, folder: Path) -> CampaignResult:
-        """What a session leaves that was neither stopped nor refused, of the campaign in this directory."""
-        began_ns, ended_ns = self.began_ns, self.ended_ns
-        return CampaignResult(
-            campaign=folder,
-            points=self.all_results(),
-            valid=self.valid,
-            total=len(self.points),
-            rig_state=RigState.SAFE,
-            stopped_by=None,
-            detail="",
-            refused=False,
-            wall_s=0.0 if began_ns is None or ended_ns is None else 1e-9 * (ended_ns - began_ns),
-            motion_s=self.motion_s,
-            start_temperature_degC=self.start_temperature_degC,
-            waits=tuple(self.waits),
-            setpoints=self.setpoints,
-        )
-
-
-def _result(point: TestPoint, file: Path | None, verdict: str, reasons: tuple[str, ...], lost: int) -> PointResult:
-    return PointResult(
-        id=point.id,
-        file=file,
-        verdict=verdict,
-        reasons=reasons,
-        waveform=point.waveform,
-        amplitude_m=point.amplitude_m,
-        frequency_Hz=point.frequency_Hz,
-        current_A=point.current_A,
-        lost_samples=lost,
-        described=point.described,
-    )

@@ -13,16 +13,20 @@ from pathlib import Path
 
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop
+from rig.campaign.point_results import PointResults
 from rig.campaign.results import INVALID, RANKS, CampaignOptions, PointResult
 from rig.campaign.setup import campaign_hash, described
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
 from rig.recording.conversion.recovery import recover_held
+from rig.recording.point_files import FILE, OLD_FILE
 from rig.recording.recorded_point import RecordedPoint
 
 SLOWEST, FASTEST = 0.01, 1000.0
 """Speeds of a simulated rig."""
+SET_ASIDE = -1
+"""Of files that were set aside: after any other, whatever their verdict."""
 NOT_OURS = "not what a campaign writes there: repair the file or begin a new campaign"
 
 
@@ -139,23 +143,31 @@ def bench_is_new(folder: Path) -> bool:
 class Stock:
     """What an earlier session left: results to keep, points to run, attempts already made of each point.
 
-    `temperatures_degC` are the lowest and highest coil temperatures of everything recorded, kept or not; `confirmed`
-    the stops whose mending the operator confirms by resuming.
+    `invalid` is what was recorded of points that are to be run again. `temperatures_degC` are the lowest and highest
+    coil temperatures of everything recorded, kept or not; `confirmed` the stops whose mending the operator confirms
+    by resuming.
     """
 
     remaining: tuple[TestPoint, ...]
     results: tuple[PointResult, ...] = ()
+    invalid: tuple[PointResult, ...] = ()
     attempts: Mapping[str, int] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
     temperatures_degC: tuple[float, ...] = ()
     confirmed: tuple[EarlierStop, ...] = ()
+
+    def books(self, points: tuple[TestPoint, ...]) -> PointResults:
+        """The books to go on with; `points` are all of the matrix, in planned order."""
+        kept, invalid = ({result.id: result for result in results} for results in (self.results, self.invalid))
+        return PointResults(points, kept, invalid)
 
 
 def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
     """Finish what the earlier session left and sort the matrix's points into kept and remaining.
 
     A point is kept when one of its files opens and is not invalid: the one with the best verdict, then the latest
-    attempt. The caller holds the campaign.
+    attempt. Of a point that is to be run again the same is told, files that were set aside last. The caller holds the
+    campaign.
 
     Args:
         folder: the campaign's directory.
@@ -166,17 +178,18 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
     best: dict[str, tuple[tuple[int, int], RecordedPoint]] = {}
     attempts: dict[str, int] = {}
     temperatures_degC: list[float] = []
-    for file in sorted((folder / "points").glob("*.h5")):
+    for file in sorted(file for ending in (FILE, OLD_FILE) for file in (folder / "points").glob(f"*{ending}")):
+        aside = file.name.endswith(OLD_FILE)
         try:
             recorded = RecordedPoint.open(file, whole=False)
-        except FileProblem as error:
-            problems += [f"points/{file.name}: {problem}" for problem in error.problems]
+        except FileProblem as error:  # of one that was set aside it was told then
+            problems += [f"points/{file.name}: {problem}" for problem in error.problems if not aside]
             continue
         name = str(recorded.provenance.get("point", recorded.id))
         try:
             attempt = int(recorded.provenance.get("attempt", 1))
             ends_degC = (recorded.quality.coil_low_degC, recorded.quality.coil_high_degC)
-            rank = (RANKS.index(recorded.verdict), attempt)
+            rank = (SET_ASIDE if aside else RANKS.index(recorded.verdict), attempt)
         except (TypeError, ValueError) as error:
             problems.append(f"points/{file.name}: not as a campaign writes it: {error}")
             continue
@@ -185,10 +198,13 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         if name not in best or rank > best[name][0]:
             best[name] = rank, recorded
     points = tuple(points)
-    kept = {name: recorded for name, (_, recorded) in best.items() if recorded.verdict != INVALID}
+    kept = {name: recorded for name, ((verdict, _), recorded) in best.items() if verdict > RANKS.index(INVALID)}
     return Stock(
         results=tuple(_result(point, kept[point.id]) for point in points if point.id in kept),
         remaining=tuple(point for point in points if point.id not in kept),
+        invalid=tuple(
+            _result(point, best[point.id][1]) for point in points if point.id in best and point.id not in kept
+        ),
         attempts=attempts,
         problems=tuple(problems),
         temperatures_degC=tuple(temperatures_degC),
@@ -214,8 +230,8 @@ NAME = r"[a-z0-9_]{1,60}"
 QUANTITY = r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d{1,3})?( ?[A-Za-z/%^0-9*]{1,12})?"
 ASSIGNMENT = r"[a-z][a-z_]*(\.[A-Za-z0-9_]+)*=[^\x00-\x1f\x7f]{1,200}"
 FLAG = ""
-FILE = r"[^-\x00-\x1f\x7f][^\x00-\x1f\x7f]{{0,1000}}\.{}"
-NAME_OR_FILE = f"[a-z0-9][a-z0-9-]{{0,60}}|{FILE.format('toml')}"
+A_FILE = r"[^-\x00-\x1f\x7f][^\x00-\x1f\x7f]{{0,1000}}\.{}"
+NAME_OR_FILE = f"[a-z0-9][a-z0-9-]{{0,60}}|{A_FILE.format('toml')}"
 FILES = frozenset({
     "--config", "--force-format", "--displacement-format", "--register-map", "--dbc", "--ecu-roles", "--supply",
 })
@@ -223,7 +239,7 @@ FILES = frozenset({
 INPUTS = ("delay", "bandwidth", "gain", "zero", "noise", "resolution")
 
 ALLOWED: dict[str, str] = {
-    "--config": FILE.format("toml"),
+    "--config": A_FILE.format("toml"),
     "--option": ASSIGNMENT,
     "--specimen": ASSIGNMENT,
     "--model": NAME,
@@ -231,8 +247,8 @@ ALLOWED: dict[str, str] = {
     "--force-format": NAME_OR_FILE,
     "--displacement-format": NAME_OR_FILE,
     "--register-map": NAME_OR_FILE,
-    "--dbc": FILE.format("dbc"),
-    "--ecu-roles": FILE.format("toml"),
+    "--dbc": A_FILE.format("dbc"),
+    "--ecu-roles": A_FILE.format("toml"),
     "--supply": NAME_OR_FILE,
     "--by-hand": "off|low|on",
     "--rate": QUANTITY,

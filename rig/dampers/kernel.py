@@ -158,6 +158,7 @@ def travel_between(
     return travel(travel(w, rho * (turn - u0), sigma, n), rho * (u1 - turn), sigma, n)
 
 
+@cache
 def runge_kutta(rates: Compiled) -> Compiled:
     """One classical Runge-Kutta step, compiled: (p, state, motion, current, t, h) moves `state` by `h` (s) from `t`."""
 
@@ -185,6 +186,14 @@ def runge_kutta(rates: Compiled) -> Compiled:
     return step
 
 
+@cache
+def kernel_of(model: Integrable) -> Kernel:
+    """A model's functions, made once: every loop that calls one calls the same one, compiled once in a process."""
+    kernel: Kernel = model.kernel()
+    return kernel
+
+
+@cache
 def _mover(kernel: Kernel) -> Compiled:
     """Advance of a model's state over one step of a motion, compiled: (p, state, motion, v_end, current, dt)."""
     integrate, loop, own_step, fastest_rate = runge_kutta(kernel.rates), kernel.loop, kernel.step, kernel.fastest_rate
@@ -216,7 +225,7 @@ def advance_of(model: Integrable) -> Compiled:
     moved along in place; u (m about mid-stroke), v (m/s) are those at the end of the step; a (m/s^2) is taken as
     constant over it; current (A) is the coil's after its lag; dt (s): 0 returns the force without moving the state.
     """
-    kernel = model.kernel()
+    kernel = kernel_of(model)
     force, move, has_states = kernel.force, _mover(kernel), model.states > 0
 
     @njit()
@@ -231,6 +240,16 @@ def advance_of(model: Integrable) -> Compiled:
     return advance
 
 
+@njit()
+def between_samples(u: FloatArray, v: FloatArray, a: FloatArray, dt: float, start: int, stop: int) -> Motion:
+    """The motion from one sample to another: its velocity is the cubic that meets speed and acceleration at both."""
+    slope = (v[stop] - v[start]) / dt
+    c2 = (3.0 * slope - 2.0 * a[start] - a[stop]) / dt
+    c3 = (a[start] + a[stop] - 2.0 * slope) / (dt * dt)
+    return u[start], v[start], a[start], c2, c3
+
+
+@cache
 def _sampled(move: Compiled) -> Compiled:
     """Advance of `state` between two samples, compiled: (p, state, u, v, a, current, dt, start, stop) -> place (m)."""
 
@@ -246,20 +265,18 @@ def _sampled(move: Compiled) -> Compiled:
         start: int,
         stop: int,
     ) -> float:
-        """Inside, velocity is the cubic that meets speed and acceleration at both ends; where the motion then is."""
-        slope = (v[stop] - v[start]) / dt
-        c2 = (3.0 * slope - 2.0 * a[start] - a[stop]) / dt
-        c3 = (a[start] + a[stop] - 2.0 * slope) / (dt * dt)
-        motion = (u[start], v[start], a[start], c2, c3)
+        """Where the motion then is."""
+        motion = between_samples(u, v, a, dt, start, stop)
         move(p, state, motion, v[stop], 0.5 * (current[start] + current[stop]), dt)
-        return float(u[start] + dt * (v[start] + dt * (a[start] / 2.0 + dt * (c2 / 3.0 + dt * c3 / 4.0))))
+        u0, v0, c1, c2, c3 = motion
+        return float(u0 + dt * (v0 + dt * (c1 / 2.0 + dt * (c2 / 3.0 + dt * c3 / 4.0))))
 
     return step
 
 
 def sampled_step(model: Integrable) -> Compiled:
     """Advance of a model's state between two samples, compiled: (p, state, u, v, a, current, dt, start, stop)."""
-    return _sampled(_mover(model.kernel()))
+    return _sampled(_mover(kernel_of(model)))
 
 
 @cache
@@ -287,8 +304,7 @@ def cached(loop: Compiled, error_model: Literal["python", "numpy"] = "python", *
 @cache
 def series_of(model: Integrable) -> Compiled:
     """`force_series` of one model, compiled: (p, start, u, v, a, current, dt, warm)."""
-    kernel = model.kernel()
-    step = _sampled(_mover(kernel))
+    kernel, step = kernel_of(model), sampled_step(model)
     key = f"{fingerprint()} {model.name} {model.hysteresis}"
     return cached(_series(key, model.states, model.positions), _force=kernel.force, _loop=kernel.loop, _step=step)
 

@@ -74,18 +74,18 @@ class SprungBoucWenModel(HystereticModel):
         """See `DamperModel.kernel`."""
         from rig.dampers.compiled_cache import njit
         from rig.dampers.kernel import Instant, Kernel, Wanted
-        from rig.dampers.sprung_flow import at_current, law, moved
+        from rig.dampers.sprung_flow import MASS, SPRING, at_current, law, moved
 
         @njit()
         def force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:
-            return float(p[15] * s0 + p[16] * a)
+            return float(p[SPRING] * s0 + p[MASS] * a)
 
         @njit()
         def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, wanted: Wanted) -> float:
             u, v, a = motion
-            place = u - (wanted[0] - p[16] * a) / p[15]
-            piston = law(p, at_current(p, current), place, v - wanted[1] / p[15], state[1])
-            return float(piston[0] + p[16] * a)
+            place = u - (wanted[0] - p[MASS] * a) / p[SPRING]
+            piston = law(p, at_current(p, current), place, v - wanted[1] / p[SPRING], state[1])
+            return float(piston[0] + p[MASS] * a)
 
         return Kernel(force, step=moved, held=held)
 

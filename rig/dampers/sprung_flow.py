@@ -17,6 +17,7 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
 from rig.dampers.kernel import SATURATED
 
+RHO, BEND, SPRING, MASS = 13, 14, 15, 16  # where they are in p
 IMPLICIT = 1.0 - math.sqrt(0.5)  # share of a step that each stage is implicit over
 TURNING = 8.0  # steps in the time in which the rod, from rest, goes as far as the force stretches the spring, / sqrt 2
 LONGEST_PATH = 0.5  # of w in a step, in 1/rho
@@ -45,8 +46,8 @@ def at_current(p: FloatArray, current: float) -> Numbers:
 def law(p: FloatArray, at: Numbers, u: float, v: float, w: float) -> Numbers:
     """Force (N) of the piston at place u (m) and speed v (m/s), and its slopes over u, v and w."""
     viscous, yielding, along, thinning = at
-    force = p[3] + p[0] * u + viscous * v + (yielding + along * u) * w + thinning * math.asinh(v / p[14])
-    by_v = viscous + thinning / math.hypot(v, p[14])
+    force = p[3] + p[0] * u + viscous * v + (yielding + along * u) * w + thinning * math.asinh(v / p[BEND])
+    by_v = viscous + thinning / math.hypot(v, p[BEND])
     return force, p[0] + along * w, by_v, yielding + along * u
 
 
@@ -73,7 +74,7 @@ def turned(w: float, path: float) -> tuple[float, float, float]:
 def piston_speed(p: FloatArray, at: Numbers, stage: Stage, guess: float) -> float:
     """The piston's speed (m/s) at which its law takes the spring's force: Newton's method, else bisection."""
     rod, base, part, began, w = stage
-    k, rho, v = p[15], p[13], guess
+    k, rho, v = p[SPRING], p[RHO], guess
     low, high, change, trials = -FASTEST_M_S, FASTEST_M_S, 1.0, 0
     while abs(change) > CLOSE * abs(v) + NEAREST_M_S and trials < MOST_TRIALS:
         u = base + part * v
@@ -106,13 +107,26 @@ def steps_in(p: FloatArray, at: Numbers, w: float, motion: Motion, dt: float) ->
     """How many equal steps a motion of dt (s) is cut into."""
     v_0, v_1 = motion[1], motion[1] + dt * (motion[2] + dt * (motion[3] + dt * motion[4]))
     faster = max(abs(v_0), abs(v_1))
-    reach = (abs(at[1]) + 5.0 * at[3] + at[0] * faster) / p[15]
+    reach = (abs(at[1]) + 5.0 * at[3] + at[0] * faster) / p[SPRING]
     turning = max(abs(motion[2]), abs(v_1 - v_0) / dt)
     sliding = v_0 * v_1 > 0.0 and v_0 * w > SATURATED * abs(v_0) and v_1 * v_1 > 8.0 * reach * turning
     if sliding and v_0 * v_0 > 8.0 * reach * turning:
         return 1
     count = max(1.0, TURNING * dt * math.sqrt(turning / max(reach, 1e-12)))
-    return int(min(float(MOST_STEPS), math.ceil(max(count, p[13] * faster * dt / LONGEST_PATH))))
+    return int(min(float(MOST_STEPS), math.ceil(max(count, p[RHO] * faster * dt / LONGEST_PATH))))
+
+
+@njit()
+def two_stages(
+    p: FloatArray, at: Numbers, state: FloatArray, motion: Motion, step: tuple[float, float, float]
+) -> tuple[Stage, float, Stage, float]:
+    """Both stages of one step, each with the piston's speed (m/s) in it; a step: begin and length (s), speed before."""
+    t, h, before = step
+    part, began, w = IMPLICIT * h, rod_at(motion, t) - state[0], state[1]
+    early = (rod_at(motion, t + part), began, part, began, w)
+    first = piston_speed(p, at, early, before)
+    late = (rod_at(motion, t + h), began + (h - part) * first, part, began, w)
+    return early, first, late, piston_speed(p, at, late, first)
 
 
 @njit()
@@ -122,18 +136,11 @@ def moved(p: FloatArray, state: FloatArray, motion: Motion, current: float, dt: 
         return True
     at = at_current(p, current)
     count = steps_in(p, at, state[1], motion, dt)
-    h = dt / count
-    part, v = IMPLICIT * h, motion[1]
+    h, v = dt / count, motion[1]
     for k in range(count):
-        t, w = k * h, state[1]
-        began = rod_at(motion, t) - state[0]
-        stage = (rod_at(motion, t + part), began, part, began, w)
-        first = piston_speed(p, at, stage, v)
-        rod, base = rod_at(motion, t + h), began + (h - part) * first
-        stage = (rod, base, part, began, w)
-        v = piston_speed(p, at, stage, first)
+        _, _, (rod, base, part, began, w), v = two_stages(p, at, state, motion, (k * h, h, v))
         now = base + part * v
         state[0] = rod - now
-        end = turned(w, p[13] * (now - began))
+        end = turned(w, p[RHO] * (now - began))
         state[1] = end[0]
     return True

@@ -14,22 +14,23 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
-from rig.dampers.kernel import Compiled, cached, fingerprint
+from rig.dampers.kernel import Compiled, between_samples, cached, fingerprint
 from rig.dampers.sprung_flow import (
-    IMPLICIT,
+    BEND,
+    MASS,
+    RHO,
+    SPRING,
     Motion,
     Numbers,
     Stage,
     at_current,
     law,
-    piston_speed,
-    rod_at,
     steps_in,
     turned,
+    two_stages,
 )
 
 PARAMETERS = 17
-SPRING, MASS, RHO = 15, 16, 13
 
 
 @njit()
@@ -45,14 +46,14 @@ def balance_slopes(p: FloatArray, current: float, stage: Stage, v: float, own: F
     loop, by_start, by_path = turned(w, p[RHO] * (u - began))
     _, by_u, by_v, by_w = law(p, at, u, v, loop)
     viscous = 1.0 if at[0] > 0.0 else 0.0
-    bend = math.asinh(v / p[14]) if at[3] > 0.0 else 0.0
+    bend = math.asinh(v / p[BEND]) if at[3] > 0.0 else 0.0
     own[0], own[1], own[2], own[3] = u, viscous * v, viscous * v * current, 1.0
     own[4], own[5], own[6] = loop, loop * current, loop * current * current
     own[7], own[8] = u * loop, u * loop * current
     own[9], own[10] = bend, bend * current
     own[11], own[12] = bend * current * current, bend * current * current * current
     own[RHO] = by_w * by_path * (u - began)
-    own[14] = -at[3] * v / (p[14] * math.hypot(v, p[14]))
+    own[BEND] = -at[3] * v / (p[BEND] * math.hypot(v, p[BEND]))
     own[SPRING], own[MASS] = u - rod, 0.0
     along = by_w * by_path * p[RHO]
     return by_u + p[SPRING] + along, by_w * by_start, -along, by_v + part * (by_u + p[SPRING] + along)
@@ -66,20 +67,14 @@ def carried(
     at, own = at_current(p, current), np.empty(PARAMETERS)
     by_first = np.empty(PARAMETERS)
     count = steps_in(p, at, state[1], motion, dt)
-    h = dt / count
-    part, v = IMPLICIT * h, motion[1]
+    h, v = dt / count, motion[1]
     for k in range(count):
-        t, w = k * h, state[1]
-        began = rod_at(motion, t) - state[0]
-        stage = (rod_at(motion, t + part), began, part, began, w)
-        first = piston_speed(p, at, stage, v)
-        by_base, by_w, by_began, by_v = balance_slopes(p, current, stage, first, own)
+        early, first, late, v = two_stages(p, at, state, motion, (k * h, h, v))
+        by_base, by_w, by_began, by_v = balance_slopes(p, current, early, first, own)
         for q in range(PARAMETERS):
             by_first[q] = -(own[q] + (by_base + by_began) * slopes[0, q] + by_w * slopes[1, q]) / by_v
-        rod, base = rod_at(motion, t + h), began + (h - part) * first
-        stage = (rod, base, part, began, w)
-        v = piston_speed(p, at, stage, first)
-        by_base, by_w, by_began, by_v = balance_slopes(p, current, stage, v, own)
+        by_base, by_w, by_began, by_v = balance_slopes(p, current, late, v, own)
+        rod, base, part, began, w = late
         now = base + part * v
         end, by_start, by_path = turned(w, p[RHO] * (now - began))
         for q in range(PARAMETERS):
@@ -119,14 +114,12 @@ def _pass(key: str) -> Compiled:
             k = step - warm if step >= warm else step
             if step > 0:
                 last = k - 1 if k > 0 else warm - 1
-                rise = (v[k] - v[last]) / dt
-                c2 = (3.0 * rise - 2.0 * a[last] - a[k]) / dt
-                c3 = (a[last] + a[k] - 2.0 * rise) / (dt * dt)
-                motion = (u[last], v[last], a[last], c2, c3)
+                motion = between_samples(u, v, a, dt, last, k)
                 carried(p, state, slopes, motion, 0.5 * (current[last] + current[k]), dt)
             if step >= warm:
                 force[k] = p[SPRING] * state[0] + p[MASS] * a[k]
-                columns[k] = -p[SPRING] * slopes[0]
+                for q in range(PARAMETERS):
+                    columns[k, q] = -p[SPRING] * slopes[0, q]
                 columns[k, SPRING] += state[0]
                 columns[k, MASS] += a[k]
         return force, columns

@@ -105,10 +105,10 @@ def _result(journal: Path) -> dict[str, Any]:
     return {**{key: result.get(key) for key in KEYS}, "points": list(points.values()), "lines": lines}
 
 
-def _rank(point: dict[str, Any]) -> int:
-    """Of a point's attempts the best counts, then the latest."""
+def _rank(point: dict[str, Any]) -> tuple[int, bool]:
+    """Of a point's attempts the best counts, then one with a file, then the latest."""
     verdict = point.get("verdict")
-    return RANKS.index(verdict) if verdict in RANKS else -1
+    return (RANKS.index(verdict) if verdict in RANKS else -1), bool(point.get("file"))
 
 
 def _events(journal: Path) -> Iterator[dict[str, Any]]:

@@ -9,7 +9,8 @@ from typing import Any
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
 from rig.campaign.hand import Hand
-from rig.campaign.results import Display, PointResults
+from rig.campaign.point_results import PointResults
+from rig.campaign.results import Display
 from rig.campaign.resume import Stock
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan

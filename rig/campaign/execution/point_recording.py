@@ -60,7 +60,8 @@ class PointRecording:
         try:
             if action.attempt == 1:
                 # What an earlier session left of the point makes room for this one's.
-                set_aside(self.campaign.folder / "points", point.id, self.campaign.point_ids)
+                names = set_aside(campaign.folder / "points", point.id, campaign.point_ids)
+                campaign.results.renamed(names)
             expected_s = point.motion_s / campaign.bench.clock.device_rate
             name = attempt_name(point.id, action.attempt, self.campaign.point_ids)
             recorder.begin(point_context(campaign, action, name), expected_s=expected_s)

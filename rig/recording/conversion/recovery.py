@@ -95,7 +95,7 @@ def _cleared(partial: Path) -> FinishedPoint | None:
     return None
 
 
-def set_aside(points: Path, point_id: str, ids: Collection[str]) -> None:
+def set_aside(points: Path, point_id: str, ids: Collection[str]) -> dict[Path, Path]:
     """Give the files of a point's earlier attempts names that no run lists, before it is run anew.
 
     Which point a file belongs to is what the file says, not what its name looks like; a damaged one belongs to the
@@ -106,11 +106,16 @@ def set_aside(points: Path, point_id: str, ids: Collection[str]) -> None:
         point_id: the point in the matrix.
         ids: of all points of the campaign.
 
+    Returns:
+        The new paths of finished files, by their old ones.
+
     Raises:
         OSError: one cannot be renamed, or a journal of this point is in use (EWOULDBLOCK).
     """
+    renamed: dict[Path, Path] = {}
     own = re.compile(rf"({re.escape(point_id)}([-.]{ATTEMPT}\d+)?)({re.escape(FILE)}|{re.escape(JOURNAL)})")
-    for path in sorted(points.iterdir()):
+    # Journals first: where one of them is in use, no file has another name yet.
+    for path in sorted(points.iterdir(), key=lambda path: (not path.name.endswith(JOURNAL), path.name)):
         named = own.fullmatch(path.name)
         if named is None:
             continue
@@ -118,7 +123,8 @@ def set_aside(points: Path, point_id: str, ids: Collection[str]) -> None:
         if path.name.endswith(JOURNAL):
             _set_journal_aside(path, point_id, by_name)
         elif (_files_point(path) or by_name) == point_id:
-            path.rename(free_attempt_file(points, point_id))
+            renamed[path] = path.rename(free_attempt_file(points, point_id))
+    return renamed
 
 
 def _files_point(file: Path) -> str | None:

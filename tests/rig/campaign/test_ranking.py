@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.campaign.results import PointResults
+from rig.campaign.point_results import PointResults
 from rig.campaign.resume import take_stock
+from rig.campaign.stop_cause import StopCause
 from rig.matrix.point import TestPoint
+from rig.recording.conversion.recovery import set_aside
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
 
@@ -29,6 +31,7 @@ def expected(verdicts: tuple[str, ...]) -> str:
 
 
 def write(folder: Path, attempt: int, verdict: str) -> None:
+    (folder / "points").mkdir(exist_ok=True)
     time_s = np.arange(16) / 250.0
     write_file(folder / "points" / f"{name_of(attempt)}.h5", PointFile(
         time_s, 250.0, [AlignedChannel(name, time_s, unit, name) for name, unit in (
@@ -49,7 +52,6 @@ def test_the_books_keep_the_best_attempt(verdicts: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize("verdicts", [*ATTEMPTS, ("suspect", "suspect", "invalid"), ("invalid", "suspect", "valid")])
 def test_a_resumed_campaign_keeps_the_best_attempt(verdicts: tuple[str, ...], tmp_path: Path) -> None:
-    (tmp_path / "points").mkdir()
     for attempt, verdict in enumerate(verdicts, start=1):
         write(tmp_path, attempt, verdict)
     stock = take_stock(tmp_path, (POINT,))
@@ -58,3 +60,60 @@ def test_a_resumed_campaign_keeps_the_best_attempt(verdicts: tuple[str, ...], tm
     else:
         assert [result.file.name for result in stock.results if result.file] == [expected(verdicts)]
     assert stock.attempts == {"p001": len(verdicts)}
+
+
+UNSETTLED = StopCause("current-tracking", "measured current did not reach 0.25 A in 5 s")
+SAID = "current-tracking: measured current did not reach 0.25 A in 5 s"
+
+
+@pytest.mark.parametrize("recorded_first", [True, False])
+def test_an_attempt_of_which_nothing_was_recorded_hides_no_file(recorded_first: bool) -> None:
+    results = PointResults((POINT,))
+    if not recorded_first:
+        results.given_up(POINT, UNSETTLED)
+    results.judged(POINT, Path("p001.h5"), "invalid", ("force-scatter: 7.6 %",), 2)
+    if recorded_first:
+        assert results.given_up(POINT, UNSETTLED).file is None
+    (told,) = results.all_results()
+    assert (told.file, told.verdict, told.lost_samples) == (Path("p001.h5"), "invalid", 2)
+    assert told.reasons == ("force-scatter: 7.6 %", *((SAID,) if recorded_first else ()))
+
+
+def test_nothing_is_told_of_a_point_whose_attempts_left_no_file_but_why() -> None:
+    results = PointResults((POINT,))
+    results.given_up(POINT, UNSETTLED)
+    results.given_up(POINT, UNSETTLED)
+    (told,) = results.all_results()
+    assert (told.file, told.reasons) == (None, (SAID,))
+
+
+def test_what_an_earlier_session_recorded_is_told_until_the_point_has_been_run_again(tmp_path: Path) -> None:
+    write(tmp_path, 1, "invalid")
+    other = TestPoint("p002", "sine", 0.02, 2.0, 0.5)
+    stock = take_stock(tmp_path, (POINT, other))
+    assert (stock.results, [point.id for point in stock.remaining]) == ((), ["p001", "p002"])
+    books = stock.books((POINT, other))
+    earlier = tmp_path / "points" / "p001.h5"
+    told = [(result.file, result.verdict, result.reasons) for result in books.all_results()]
+    assert told == [(earlier, "invalid", ("amplitude: 1",)), (None, "not run", ())]
+    assert not books.results, "nothing was judged in this session yet"
+    books.renamed(set_aside(tmp_path / "points", "p001", ("p001", "p002")))
+    books.given_up(POINT, StopCause("not-written", "the disk is full"))
+    (again, _) = books.all_results()
+    assert again.file == tmp_path / "points" / "p001-attempt1.h5.old"
+    assert again.file.is_file()
+    assert again.reasons == ("amplitude: 1", "not-written: the disk is full")
+    books.judged(POINT, earlier, "invalid", ("stroke: 2",), 0)
+    assert (books.all_results()[0].file, books.all_results()[0].reasons) == (earlier, ("stroke: 2",))
+
+
+def test_a_file_that_was_set_aside_is_told_where_a_later_session_left_none_and_is_never_kept(tmp_path: Path) -> None:
+    write(tmp_path, 1, "suspect")
+    set_aside(tmp_path / "points", "p001", ("p001",))
+    (tmp_path / "points" / "p001-attempt2.h5.old").write_bytes(b"damaged")
+    stock = take_stock(tmp_path, (POINT,))
+    assert (stock.results, stock.problems, stock.attempts) == ((), (), {"p001": 1})
+    assert [result.file for result in stock.invalid] == [tmp_path / "points" / "p001-attempt1.h5.old"]
+    write(tmp_path, 2, "invalid")
+    (told,) = take_stock(tmp_path, (POINT,)).invalid
+    assert told.file == tmp_path / "points" / "p001-attempt2.h5"

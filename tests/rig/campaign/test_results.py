@@ -10,7 +10,7 @@ import pytest
 
 from rig.campaign import CampaignResult, PointResult
 from rig.campaign.operator_link import GuardedDisplay
-from rig.campaign.results import PointResults
+from rig.campaign.point_results import PointResults
 from rig.campaign.stop_cause import StopCause
 from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.campaign.results import CampaignFinding, PointResults
+from rig.campaign.point_results import PointResults
+from rig.campaign.results import CampaignFinding
 from rig.matrix.point import TestPoint
 from rig.recording.conversion.delay_correction import judge_together
 from rig.recording.hdf5.hdf5_image import write_file

@@ -49,6 +49,14 @@ def test_a_session_that_says_nothing_at_its_end_is_cut_off_whatever_the_one_befo
     assert (state["running"], state["ended"]) == (False, {"cut_off": True})
 
 
+def test_of_a_run_cut_off_a_point_is_shown_by_its_file_and_not_by_a_later_attempt_without_one(tmp_path: Path) -> None:
+    recorded = {"event": "judged", "id": "p001", "file": "/r/points/p001.h5", "verdict": "invalid", "reasons": ["a"]}
+    ended = journal(tmp_path, recorded, {**recorded, "file": None, "reasons": ["b"]})
+    assert [point["file"] for point in ended.result["points"]] == ["/r/points/p001.h5"]
+    ended = journal(tmp_path, recorded, {**recorded, "file": "/r/points/p001-attempt2.h5"})
+    assert [point["file"] for point in ended.result["points"]] == ["/r/points/p001-attempt2.h5"]
+
+
 @pytest.mark.parametrize("text", ["", "[]\nnull\n{\n", '{"event": "result", "points": null}\n'])
 def test_a_journal_that_says_little_is_no_reason_to_fail(tmp_path: Path, text: str) -> None:
     (tmp_path / "journal.jsonl").write_text(text)
