@@ -66,12 +66,9 @@ def command(
     no_identify: bool,
     page: bool,
     page_address: str | None,
-    page_cert: Path | None,
-    page_key: Path | None,
-    hold: bool,
-    stay: bool,
-    out: Path,
-    as_json: bool,
+    page_cert: Path | None, page_key: Path | None,
+    hold: bool, stay: bool,
+    out: Path, as_json: bool,
 ) -> int:
     """Run MATRIX on a rig: check it, record every point, identify the damper, write the report.
 
