@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from rig.dampers.model import DamperModel
 from rig.dampers.parameter import Parameter
 from rig.identification.diagnosis.distortions import Distortion
 from rig.identification.diagnosis.stretches import Stretch
-from rig.identification.models.model_slope import modelled_force, parameter_slopes
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import force_and_slopes, modelled_force
 
 STEPS = 12
 FEWER_STEPS = 3  # of a model with internal states, whose slopes cost an integration each
@@ -30,25 +31,42 @@ class Explained:
     amounts: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class Damper:
+    """A damper model, where searches begin (SI), and its free parameters.
+
+    Many distortions are tried from one fit, so force and slopes there are kept for the next of them.
+    """
+
+    model: DamperModel
+    start: Mapping[str, float]
+    names: Sequence[str]
+    _kept: dict[int, tuple[Measurement, tuple[FloatArray, FloatArray]]] = field(default_factory=dict)
+
+    def force_and_slopes(self, values: Mapping[str, float], test: Measurement) -> tuple[FloatArray, FloatArray]:
+        """Force (N), (n,), and its slopes over the free parameters, (n, p)."""
+        if values is not self.start:
+            return force_and_slopes(self.model, values, self.names, test)
+        if id(test) not in self._kept:
+            self._kept[id(test)] = test, force_and_slopes(self.model, values, self.names, test)
+        return self._kept[id(test)][1]
+
+
 def explain(
-    model: DamperModel,
-    values: Mapping[str, float],
-    names: Sequence[str],
-    parts: Sequence[Stretch],
-    distortion: Distortion,
+    damper: Damper, parts: Sequence[Stretch], distortion: Distortion, start: Mapping[str, float] | None = None
 ) -> Explained:
     """The damper's free parameters and the distortion's amounts that leave the least squares.
 
     Args:
-        model: the damper model.
-        values: where to start (SI).
-        names: the free parameters.
+        damper: the damper.
         parts: the samples.
         distortion: what may have happened to them.
+        start: where to start instead of the damper's own start (SI).
     """
-    here = Explained(np.inf, dict(values), np.array(distortion.start, dtype=float))
+    model, names, values = damper.model, damper.names, damper.start if start is None else start
+    here = Explained(np.inf, values, np.array(distortion.start, dtype=float))
     limits = np.array([_limits(model.parameter(name), values[name]) for name in names]).reshape(-1, 2)
-    squares, normal, right = _normal(model, here, names, parts, distortion)
+    squares, normal, right = _normal(damper, here, parts, distortion)
     here, damping = Explained(squares, here.values, here.amounts), 1e-6
     for _ in range(FEWER_STEPS if model.states else STEPS):
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
@@ -67,7 +85,7 @@ def explain(
         gain, here = here.squares - moved.squares, moved
         if gain < ENOUGH * here.squares:
             break
-        _, normal, right = _normal(model, here, names, parts, distortion)
+        _, normal, right = _normal(damper, here, parts, distortion)
     return here
 
 
@@ -84,18 +102,12 @@ class Step:
     amounts: FloatArray
 
 
-def first_step(
-    model: DamperModel,
-    values: Mapping[str, float],
-    names: Sequence[str],
-    parts: Sequence[Stretch],
-    distortion: Distortion,
-) -> Step:
+def first_step(damper: Damper, parts: Sequence[Stretch], distortion: Distortion) -> Step:
     """The first undamped step of `explain`, which takes one look at all samples."""
-    here = Explained(np.inf, dict(values), np.array(distortion.start, dtype=float))
-    _, normal, right = _normal(model, here, names, parts, distortion)
+    here = Explained(np.inf, damper.start, np.array(distortion.start, dtype=float))
+    _, normal, right = _normal(damper, here, parts, distortion)
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    scaled, target, count = normal / np.outer(scale, scale), right / scale, len(names)
+    scaled, target, count = normal / np.outer(scale, scale), right / scale, len(damper.names)
     whole = np.linalg.lstsq(scaled, target, rcond=SINGULAR)[0]
     without = np.linalg.lstsq(scaled[:count, :count], target[:count], rcond=SINGULAR)[0]
     return Step(float(whole @ target - without @ target[:count]), here.amounts + (whole / scale)[count:])
@@ -121,8 +133,13 @@ def residual_N(
     model: DamperModel, values: Mapping[str, float], part: Stretch, distortion: Distortion, amounts: FloatArray
 ) -> FloatArray:
     """Measured force less what a damper with these values would show behind this distortion (N), shape (n,)."""
-    force = modelled_force(model, values, distortion.moved(part, amounts))
+    force = modelled_force(model, values, _seen(part, distortion, amounts))
     return np.asarray(part.test.force_N - distortion.shown_N(part, force, amounts))
+
+
+def _seen(part: Stretch, distortion: Distortion, amounts: FloatArray) -> Measurement:
+    """What the damper sees: the test itself where nothing was moved."""
+    return part.test if distortion.only_force or not np.any(amounts) else distortion.moved(part, amounts)
 
 
 def _squares(model: DamperModel, at: Explained, parts: Sequence[Stretch], distortion: Distortion) -> float:
@@ -135,14 +152,14 @@ def _squares(model: DamperModel, at: Explained, parts: Sequence[Stretch], distor
 
 
 def _normal(
-    model: DamperModel, at: Explained, names: Sequence[str], parts: Sequence[Stretch], distortion: Distortion
+    damper: Damper, at: Explained, parts: Sequence[Stretch], distortion: Distortion
 ) -> tuple[float, FloatArray, FloatArray]:
     """Weighted sum of squares, normal matrix (p + k, p + k) and right side (p + k,)."""
-    size = len(names) + len(distortion.start)
+    size = len(damper.names) + len(distortion.start)
     squares, normal, right = 0.0, np.zeros((size, size)), np.zeros(size)
     for part in parts:
-        rows = slope_rows(model, at, names, part, distortion)
-        error = part.weights * residual_N(model, at.values, part, distortion, at.amounts)
+        rows, force = slope_rows(damper, at, part, distortion)
+        error = part.weights * (part.test.force_N - distortion.shown_N(part, force, at.amounts))
         squares += float(error @ error)
         normal += rows.T @ rows
         right += rows.T @ error
@@ -150,13 +167,19 @@ def _normal(
 
 
 def slope_rows(
-    model: DamperModel, at: Explained, names: Sequence[str], part: Stretch, distortion: Distortion
-) -> FloatArray:
-    """Weighted slopes of what is shown, by the damper's parameters and then by the amounts, shape (n, p + k)."""
-    moved = distortion.moved(part, at.amounts)
-    force = modelled_force(model, at.values, moved)
-    gain = distortion.gain(part, force, at.amounts)
-    columns = [parameter_slopes(model, at.values, names, moved) * gain[:, None]] if names else []
+    damper: Damper, at: Explained, part: Stretch, distortion: Distortion
+) -> tuple[FloatArray, FloatArray]:
+    """Weighted slopes of what is shown, by the damper's parameters and then by the amounts, and the damper's force.
+
+    Returns:
+        The slopes, shape (n, p + k), and the force (N), (n,).
+    """
+    moved = _seen(part, distortion, at.amounts)
+    if damper.names:
+        force, slopes = damper.force_and_slopes(at.values, moved)
+        columns = [slopes * distortion.gain(part, force, at.amounts)[:, None]]
+    else:
+        force, columns = modelled_force(damper.model, at.values, moved), []
     for number, step in enumerate(distortion.steps):
         sides = []
         for signed in (step, -step):
@@ -164,7 +187,7 @@ def slope_rows(
             amounts[number] += signed
             behind = force
             if not distortion.only_force:
-                behind = modelled_force(model, at.values, distortion.moved(part, amounts))
+                behind = modelled_force(damper.model, at.values, distortion.moved(part, amounts))
             sides.append(distortion.shown_N(part, behind, amounts))
         columns.append(((sides[0] - sides[1]) / (2.0 * step))[:, None])
-    return np.asarray(np.hstack(columns) * part.weights[:, None])
+    return np.asarray(np.hstack(columns) * part.weights[:, None]), force

@@ -32,7 +32,7 @@ class Distortion:
     only_force: bool = True
 
     def moved(self, part: Stretch, amounts: FloatArray) -> Measurement:
-        """Motion and current that the damper sees."""
+        """Motion and current that the damper sees; those of the stretch where all amounts are 0."""
         del amounts
         return part.test
 

@@ -12,11 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.dampers.arrays import BoolArray, FloatArray
-from rig.dampers.model import DamperModel
-from rig.identification.diagnosis.descent import Explained, explain, residual_N, slope_rows
+from rig.identification.diagnosis.descent import Damper, Explained, explain, slope_rows
 from rig.identification.diagnosis.distortions import Distortion
 from rig.identification.diagnosis.stretches import Stretch
-from rig.identification.models.model_slope import modelled_force
 
 RANDOM_STARTS = 12
 ROUNDS = 15
@@ -47,21 +45,18 @@ class _Sums:
     gain: float
 
 
-def two_groups(
-    model: DamperModel, common: Explained, names: Sequence[str], parts: Sequence[Stretch]
-) -> Parting | None:
+def two_groups(damper: Damper, common: Explained, parts: Sequence[Stretch]) -> Parting | None:
     """The best parting of the tests; None where there are too few of them.
 
     Args:
-        model: the damper model.
+        damper: the damper; searches begin at the common fit.
         common: one fit to all tests.
-        names: the free parameters.
         parts: the samples of all tests.
     """
     count = 1 + max(part.index for part in parts)
     if count < 2 * FEWEST_TESTS:
         return None
-    sums = [_of_test(model, common, names, [part for part in parts if part.index == k]) for k in range(count)]
+    sums = [_of_test(damper, common, [part for part in parts if part.index == k]) for k in range(count)]
     scale = np.sqrt(np.maximum(np.diag(np.sum([test.normal for test in sums], axis=0)), 1e-300))
     best: tuple[float, BoolArray] | None = None
     for start in _starts(parts, sums):
@@ -73,19 +68,16 @@ def two_groups(
     squares = 0.0
     for side in (True, False):
         own = [part for part in parts if best[1][part.index] == side]
-        squares += explain(model, common.values, names, own, Distortion()).squares
+        squares += explain(damper, own, Distortion()).squares
     return Parting(best[1], squares)
 
 
-def _of_test(
-    model: DamperModel, common: Explained, names: Sequence[str], parts: Sequence[Stretch]
-) -> _Sums:
-    nothing = Distortion()
-    normal, right, squares, along, size = np.zeros((len(names), len(names))), np.zeros(len(names)), 0.0, 0.0, 0.0
+def _of_test(damper: Damper, common: Explained, parts: Sequence[Stretch]) -> _Sums:
+    count = len(damper.names)
+    normal, right, squares, along, size = np.zeros((count, count)), np.zeros(count), 0.0, 0.0, 0.0
     for part in parts:
-        rows = slope_rows(model, common, names, part, nothing)
-        error = part.weights * residual_N(model, common.values, part, nothing, common.amounts)
-        force = part.weights * modelled_force(model, common.values, part.test)
+        rows, force = slope_rows(damper, common, part, Distortion())
+        error, force = part.weights * (part.test.force_N - force), part.weights * force
         normal += rows.T @ rows
         right += rows.T @ error
         squares += float(error @ error)

@@ -17,7 +17,7 @@ from rig.dampers.arrays import BoolArray, FloatArray
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.diagnosis import distortions as of
-from rig.identification.diagnosis.descent import Explained, explain, first_step, residual_N
+from rig.identification.diagnosis.descent import Damper, Explained, explain, first_step, residual_N
 from rig.identification.diagnosis.force_channel import beyond, ends_N, outliers
 from rig.identification.diagnosis.groups import two_groups
 from rig.identification.diagnosis.plausibility import SIGNS, implausible, law_from_two_currents
@@ -92,7 +92,7 @@ def _hidden(fitted: Fitted) -> list[Cause]:
     """
     model, tests = fitted.model, fitted.tests
     parts = stretches(model, tests, fitted.weighting)
-    floor, nothing = sum(part.floor for part in parts), of.Distortion()
+    floor, damper = sum(part.floor for part in parts), Damper(model, fitted.values, fitted.names)
     left = sum(float(np.sum((part.weights * _residual_N(fitted, part)) ** 2)) for part in parts)
     count = sum(int(np.count_nonzero(part.weights)) for part in parts)
     least_s = max(SMALLEST_SKEW_S, SKEW_ERRORS * max(test.skew_std_s for test in tests))
@@ -100,13 +100,13 @@ def _hidden(fitted: Fitted) -> list[Cause]:
     looked_for += [(slug, of.Trend(trend), SMALLEST_DRIFT) for slug, trend in _trends(tests)]
     trials = []
     for slug, distortion, least in looked_for:
-        step = first_step(model, fitted.values, fitted.names, parts, distortion)
+        step = first_step(damper, parts, distortion)
         if floor > 0.0 and abs(step.amounts[0]) >= least and step.gain * count >= BEYOND_DOUBT**2 * max(floor, left):
-            reached = explain(model, fitted.values, fitted.names, parts, distortion)
+            reached = explain(damper, parts, distortion)
             trials.append(_Trial(slug, reached.squares, len(distortion.start), _numbers(slug, reached)))
     if not trials:
         return []
-    base = explain(model, fitted.values, fitted.names, parts, nothing)
+    base = explain(damper, parts, of.Distortion())
     best = min(trials, key=lambda trial: _score(trial, floor))
     gain = base.squares - best.squares
     share = min(1.0, gain / max(base.squares - floor, gain)) if gain > 0.0 else 0.0
@@ -135,19 +135,20 @@ def _of_misfit(fitted: Fitted) -> list[Cause]:
     alone = outliers(model, fitted.values, tests, weighting)
     everything = stretches(model, tests, weighting)
     floor = sum(part.floor for part in everything)
-    parts = stretches(model, tests, weighting, alone)
-    nothing = of.Distortion()
-    base = explain(model, fitted.values, fitted.names, parts, nothing)
-    whole = explain(model, fitted.values, fitted.names, everything, nothing)
+    count = sum(int(np.count_nonzero(one)) for one in alone)
+    damper = Damper(model, fitted.values, fitted.names)
+    parts = stretches(model, tests, weighting, alone) if count else everything
+    base = explain(damper, parts, of.Distortion())
+    whole = explain(damper, everything, of.Distortion()) if count else base
     if whole.squares - floor < MISFIT_OF_NOISE * floor:
         return []
     excess = whole.squares - floor
     far = whole.squares - base.squares  # of samples that lie alone, which only their own cause explains
+    damper = Damper(model, base.values, fitted.names)
     trials = [
         replace(trial, squares=trial.squares + far)
-        for trial in (*_distorted(fitted, parts, base), *_two_dampers(fitted, parts, base))
+        for trial in (*_distorted(fitted, parts, damper), *_two_dampers(fitted, parts, damper, base))
     ]
-    count = sum(int(np.count_nonzero(one)) for one in alone)
     if count:
         percent = 100.0 * count / sum(test.u_m.size for test in tests)
         trials.append(_Trial("outliers", base.squares, 1, {"count": count, "percent": percent}))
@@ -163,21 +164,18 @@ def _score(trial: _Trial, floor: float) -> float:
     return math.log(max(trial.squares / max(floor, 1e-300), 0.5)) + AN_AMOUNT * trial.amounts
 
 
-def _distorted(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Iterator[_Trial]:
-    def left(distortion: of.Distortion, start: Explained = base) -> Explained:
-        return explain(fitted.model, start.values, fitted.names, parts, distortion)
-
+def _distorted(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iterator[_Trial]:
     def add(slug: str, distortion: of.Distortion, **numbers: object) -> _Trial:
-        return _Trial(slug, left(distortion).squares, len(distortion.start), numbers)
+        return _Trial(slug, explain(damper, parts, distortion).squares, len(distortion.start), numbers)
 
     starts = SKEWS_S if fitted.model.jumps_at == "reversal" else (0.0,)
-    skewed = min((left(of.Skew(start_s)) for start_s in starts), key=lambda reached: reached.squares)
+    skewed = min((explain(damper, parts, of.Skew(start_s)) for start_s in starts), key=lambda reached: reached.squares)
     yield _Trial("skew", skewed.squares, 1, _numbers("skew", skewed))
     for slug, trend in _trends(fitted.tests):
-        reached = left(of.Trend(trend))
+        reached = explain(damper, parts, of.Trend(trend))
         yield _Trial(slug, reached.squares, 2, _numbers(slug, reached))
-    yield from _clipped(fitted, parts, base)
-    yield from _compliant(fitted, parts, base)
+    yield from _clipped(fitted, parts, damper)
+    yield from _compliant(parts, damper)
     levels = _levels(fitted.tests)
     if len(levels) > 2:
         law = of.CurrentLaw(levels[0], levels[-1], min(len(levels) - 2, MOST_BENDS))
@@ -218,39 +216,40 @@ def _trends(tests: Sequence[Measurement]) -> Iterator[tuple[str, Callable[[Stret
             yield "temperature", warmth
 
 
-def _clipped(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Iterator[_Trial]:
+def _clipped(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iterator[_Trial]:
     """The force channel's ends, the same in all tests or each test's own; first fitted without what is near them."""
     noise = {part.index: part.noise_N for part in parts}
     own = [ends_N(test, noise[k]) for k, test in enumerate(fitted.tests)]
     common = min(low for low, _ in own), max(high for _, high in own)
-    nothing = of.Distortion()
     for ends in ([common] * len(own), own):
         inner = []
         for part in parts:
             outside = beyond(part.test, ends[part.index], noise[part.index])
             inner.append(replace(part, weights=np.where(outside, 0.0, part.weights)))
-        start = explain(fitted.model, base.values, fitted.names, inner, nothing)
+        start = explain(damper, inner, of.Distortion())
         together = ends is not own
         channel = of.Clipped(*common) if together else of.ClippedApart(own)
-        reached = explain(fitted.model, start.values, fitted.names, parts, channel)
+        reached = explain(damper, parts, channel, start.values)
         low, high = reached.amounts.tolist() if together else common
         yield _Trial("clipping", reached.squares, 2 if together else 2 + len(own), {"low_N": low, "high_N": high})
 
 
-def _compliant(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Iterator[_Trial]:
+def _compliant(parts: Sequence[Stretch], damper: Damper) -> Iterator[_Trial]:
     try:
         soft = Softened([part.test for part in parts])
     except IdentificationFailed:
         return  # a test whose cycles are unknown has no smooth force, and shows no compliance
     give = of.Compliance(soft.forces, parts, soft.largest_m_N)
-    reached = explain(fitted.model, base.values, fitted.names, parts, give)
+    reached = explain(damper, parts, give)
     compliance = float(reached.amounts[0])
     if compliance > 0.0:
         yield _Trial("series-compliance", reached.squares, 1, {"stiffness_N_m": 1.0 / compliance})
 
 
-def _two_dampers(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Iterator[_Trial]:
-    reached = two_groups(fitted.model, base, fitted.names, parts)
+def _two_dampers(
+    fitted: Fitted, parts: Sequence[Stretch], damper: Damper, base: Explained
+) -> Iterator[_Trial]:
+    reached = two_groups(damper, base, parts)
     if reached is not None and not _by_amplitude(fitted.tests, reached.second):
         minor = reached.second if 2 * np.count_nonzero(reached.second) <= reached.second.size else ~reached.second
         ids = [test.id for test, other in zip(fitted.tests, minor.tolist(), strict=True) if other]

@@ -36,6 +36,10 @@ class FittedModel:
         """`parameter_slopes` of the fitted parameters."""
         return parameter_slopes(self.model, self.values, self.names, test)
 
+    def force_and_slopes(self, test: Measurement) -> tuple[FloatArray, FloatArray]:
+        """`force_and_slopes` of the fitted parameters."""
+        return force_and_slopes(self.model, self.values, self.names, test)
+
     def time_slope(self, test: Measurement) -> FloatArray:
         """`time_slope` of a measurement."""
         return time_slope(self.model, self.values, test)
@@ -77,13 +81,8 @@ def parameter_slopes(
         return _algebraic_slopes(model, values, names, test)
     if isinstance(model, LawedModel):
         return _lawed_slopes(model, values, names, test)
-    compiled = model.slopes_along()
-    if compiled is not None:
-        motion = (test.u_m, test.v_m_s, test.a_m_s2, test.current_A)
-        state = model.initial_state(float(test.u_m[0]))
-        every = compiled(model.vector(values), state, *motion, test.dt_s, test.samples_per_cycle)[1]
-        places = {name: place for place, name in enumerate(model.names)}
-        return np.asarray(every[:, [places[name] for name in names]])
+    if model.slopes_along() is not None:
+        return force_and_slopes(model, values, names, test)[1]
     columns = []
     for name in names:
         if name == "eta":
@@ -94,6 +93,24 @@ def parameter_slopes(
         below = modelled_force(model, {**values, name: values[name] - step}, test)
         columns.append((above - below) / (2.0 * step))
     return np.array(columns).T
+
+
+def force_and_slopes(
+    model: DamperModel, values: Mapping[str, float], names: Sequence[str], test: Measurement
+) -> tuple[FloatArray, FloatArray]:
+    """`modelled_force` and `parameter_slopes` at once: in one pass of a model that gives its slopes.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    compiled = model.slopes_along()
+    if compiled is None:
+        return modelled_force(model, values, test), parameter_slopes(model, values, names, test)
+    motion = (test.u_m, test.v_m_s, test.a_m_s2, test.current_A)
+    state = model.initial_state(float(test.u_m[0]))
+    force, every = compiled(model.vector(values), state, *motion, test.dt_s, test.samples_per_cycle)
+    places = {name: place for place, name in enumerate(model.names)}
+    return np.asarray(force), np.asarray(every[:, [places[name] for name in names]])
 
 
 def _algebraic_slopes(
@@ -207,6 +224,8 @@ def force_change(
     values: Mapping[str, float],
     test: Measurement,
     direction: tuple[FloatArray, FloatArray, FloatArray],
+    before_N: FloatArray,
 ) -> FloatArray:
-    """Change of the modelled force (N) with a small change of extension (m), speed (m/s) and acceleration, (n,)."""
-    return _motion_slope(model, values, test, direction, 1.0)
+    """Change of a modelled force (N), (n,), with a small change of extension (m), speed (m/s) and acceleration."""
+    moved = test.moved(test.u_m + direction[0], test.v_m_s + direction[1], test.a_m_s2 + direction[2])
+    return modelled_force(model, values, moved) - before_N

@@ -157,14 +157,14 @@ class Projection:
 
     def _block(self, piece: Piece, shape: FloatArray, *, slope: bool) -> FloatArray:
         """Columns of the yield shapes, then of their slopes, each times the powers of the current."""
-        columns = self.form.yielding(piece.source, piece.rows, shape, slope=slope)
-        parts = []
-        for column, count in zip(columns, self._counts(slope=slope), strict=True):
-            part = column * piece.weight
-            for _ in range(count):
-                parts.append(part)
-                part = part * piece.current_A
-        return np.column_stack(parts)
+        columns, counts = self.form.yielding(piece.source, piece.rows, shape, slope=slope), self._counts(slope=slope)
+        block, place, current_A = np.empty((sum(counts), piece.weight.size)), 0, piece.current_A
+        for column, count in zip(columns, counts, strict=True):
+            np.multiply(column, piece.weight, out=block[place])
+            for power in range(place + 1, place + count):
+                np.multiply(block[power - 1], current_A, out=block[power])
+            place += count
+        return block.T
 
     def _counts(self, *, slope: bool) -> tuple[int, ...]:
         """How many powers of the current each column of `Separation.yielding` has."""

@@ -90,10 +90,10 @@ def judged(
     free = best.findings.free(name for name in model.names if name in values)
     fit = FittedModel(model, values, tuple(free))
     left = leftovers(fit, looked_at, weighting)
-    fits = describes(model, values, looked_at, weighting, left)
-    foretells = describes(model, values, foretold, weighting)
     robust = replace(weighting, extra=best.solution.extra)
     known = information(fit, fitted, robust, wanted.declared, left)
+    fits = describes(model, values, looked_at, weighting, left, known.motion_N2)
+    foretells = describes(model, values, foretold, weighting)
     del left  # as large as the tests themselves
     reasons = {
         **_too_wide(known, values),

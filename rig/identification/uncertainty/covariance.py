@@ -73,6 +73,7 @@ class Information:
         freedom: independent residuals, less the parameters.
         share: what one standard error of each parameter, by itself, does to the force, as a share of its root mean
             square, (p,).
+        motion_N2: mean square force (N^2) that errors of the motion make in each test.
     """
 
     names: tuple[str, ...]
@@ -86,6 +87,7 @@ class Information:
     residuals: tuple[Residual, ...]
     freedom: float
     share: FloatArray
+    motion_N2: tuple[float, ...]
 
     def standard_error(self, name: str) -> float:
         """Standard error in the parameter's unit; infinite where it cannot be told from others."""
@@ -110,7 +112,7 @@ def information(
     """
     declared, size = declared or DeclaredErrors(), len(fitted.names)
     left = leftovers(fitted, measurements, weighting) if left is None else left
-    total, residuals = _Sums(size), []
+    total, residuals, motion_N2 = _Sums(size), [], []
     independent = 0.0
     for index, test in enumerate(measurements):
         sums = _sums(fitted, test, weighting, index, declared)
@@ -119,6 +121,7 @@ def information(
         error = left[index] if weighting.extra is None else left[index] * weighting.extra[index] ** 2
         residual = judge(error, counting, test.u_m, test.dt_s, known_power=sums.known_power)
         residuals.append(residual)
+        motion_N2.append(sums.known_power)
         independent += sums.count / residual.widening
         total.force_power += sums.force_power
         total.normal += sums.normal
@@ -128,7 +131,7 @@ def information(
         total.alone += sums.alone
     freedom = max(MINIMUM_FREEDOM, independent - size)
     meat = total.noise * max(1.0, independent / freedom) + total.shared.T @ total.shared + total.alone
-    return _invert(fitted.names, total, meat, tuple(residuals), freedom)
+    return _invert(fitted.names, total, meat, (tuple(residuals), tuple(motion_N2)), freedom)
 
 
 class _Sums:
@@ -156,7 +159,7 @@ def _sums(
     for rows, piece in pieces_of(model, test):
         squared = plain.of(test, index, rows) ** 2
         robust = np.ones_like(squared) if weighting.extra is None else weighting.extra[index][rows] ** 2
-        slopes, force = fitted.slopes(piece), fitted.force(piece)
+        force, slopes = fitted.force_and_slopes(piece)
         full, counting = slopes * squared[:, None], squared > 0.0
         weighted = full if weighting.extra is None else full * (robust >= 1.0)[:, None]
         error = robust * (piece.force_N - force)
@@ -198,7 +201,7 @@ def _invert(
     names: tuple[str, ...],
     total: _Sums,
     meat: FloatArray,
-    residuals: tuple[Residual, ...],
+    of_tests: tuple[tuple[Residual, ...], tuple[float, ...]],
     freedom: float,
 ) -> Information:
     size, normal, force_power = len(names), total.normal, total.force_power
@@ -237,9 +240,10 @@ def _invert(
         partners,
         curvature,
         np.asarray(step),
-        residuals,
+        of_tests[0],
         freedom,
         share,
+        of_tests[1],
     )
 
 

@@ -27,6 +27,7 @@ from rig.identification.models.measurement import Measurement, MotionError, firs
 from rig.identification.models.model_slope import (
     FittedModel,
     force_change,
+    modelled_force,
     motion_slopes,
 )
 from rig.identification.models.projection import Weighting
@@ -191,14 +192,15 @@ def _changes(
 ) -> Iterator[FloatArray]:
     """The force's change (N), (n,), with one standard error of each coefficient; the orders that matter most."""
     time_s, none = dt_s * np.arange(test.u_m.size), np.zeros_like(test.u_m)
+    force_N = modelled_force(model, values, test)
     weight = error.errors_m * error.rates_rad_s
     for order in np.argsort(-weight, kind="stable")[:MOST_ORDERS]:
         rate, size_m = float(error.rates_rad_s[order]), float(error.errors_m[order])
         cosine, sine = size_m * np.cos(rate * time_s), size_m * np.sin(rate * time_s)
-        yield force_change(model, values, test, (cosine, -rate * sine, -(rate**2) * cosine))
-        yield force_change(model, values, test, (sine, rate * cosine, -(rate**2) * sine))
+        yield force_change(model, values, test, (cosine, -rate * sine, -(rate**2) * cosine), force_N)
+        yield force_change(model, values, test, (sine, rate * cosine, -(rate**2) * sine), force_N)
     turning = np.exp(1j * np.outer(time_s, error.rates_rad_s))
     for row in error.common_m:
         u, v, a = (np.real(turning @ (row * (1j * error.rates_rad_s) ** derivative)) for derivative in range(3))
-        yield force_change(model, values, test, (u, v, a))
-    yield force_change(model, values, test, (none + error.mean_error_m, none, none))
+        yield force_change(model, values, test, (u, v, a), force_N)
+    yield force_change(model, values, test, (none + error.mean_error_m, none, none), force_N)

@@ -90,6 +90,7 @@ def describes(
     measurements: Sequence[Measurement],
     weighting: Weighting,
     left: Sequence[FloatArray] | None = None,
+    motion_N2: Sequence[float] | None = None,
 ) -> bool | None:
     """Whether what the model leaves is the tests' own scatter from cycle to cycle; None when no test has two cycles.
 
@@ -106,6 +107,7 @@ def describes(
         measurements: the tests.
         weighting: the weights of the fit.
         left: what the fit leaves of each test (`leftovers`); by default of tests it was not fitted to.
+        motion_N2: mean square force (N^2) that errors of the motion make in each test, where that is known already.
 
     Raises:
         KeyError: a parameter is missing.
@@ -120,7 +122,7 @@ def describes(
         count = int(np.count_nonzero(counting))
         if count == 0:
             continue
-        known = count * _no_misfit(model, values, test)
+        known = count * _no_misfit(model, values, test, None if motion_N2 is None else motion_N2[index])
         scatter_N = residual.noise_N if math.isnan(test.noise_N) else test.noise_N
         scatter = max(scatter_N**2, test.force_step_N**2 / 12.0)
         samples += count
@@ -137,17 +139,19 @@ def describes(
     )
 
 
-def _no_misfit(model: DamperModel, values: Mapping[str, float], test: Measurement) -> float:
+def _no_misfit(
+    model: DamperModel, values: Mapping[str, float], test: Measurement, motion_N2: float | None
+) -> float:
     """Mean square (N^2) that repeats and is no misfit: errors of the motion as foretold, and quantisation."""
     power = QUANTISED_WITHIN * test.force_step_N**2 / 12.0
     rows = thinned(test, model)
     some = test.rows(rows)
     if test.unseen_v_m_s is not None:
         power += FORETOLD_WITHIN**2 * float(np.mean(unseen_force(model, values, some) ** 2))
-    if test.motion_error is not None:
+    if motion_N2 is None and test.motion_error is not None:
         nothing = np.zeros((some.u_m.size, 0))
-        power += FORETOLD_WITHIN**2 * motion_effects(model, values, some, nothing, test.dt_s * rows.step)[1]
-    return power
+        motion_N2 = motion_effects(model, values, some, nothing, test.dt_s * rows.step)[1]
+    return power + FORETOLD_WITHIN**2 * (motion_N2 or 0.0)
 
 
 def together(verdicts: Iterable[bool | None]) -> bool | None:
