@@ -90,11 +90,9 @@ class RunLink:
         The rig is at rest and let go of, and the campaign's own link taken away: it may be resumed meanwhile, and the
         page follows. Whoever ended the program (SIGTERM, a closed terminal) is not kept waiting.
         """
-        from rig.cli.job import hangups_interrupt
-
         if self._page is None or self.link is None or result.stopped_by == GONE:
             return
-        with hangups_interrupt(), contextlib.suppress(KeyboardInterrupt):
+        with contextlib.suppress(KeyboardInterrupt):
             self.link.close()
             with contextlib.suppress(OSError):
                 say("The page stays open; 'Close the page' there or Ctrl-C here ends it.", err=True)

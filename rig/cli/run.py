@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rig.cli.job import JobResult
+    from rig.cli.page import RunLink
     from rig.matrix.model import Matrix
 
 
@@ -112,8 +113,16 @@ def command(
         result = run_job(options, identify if tests.wants_fit and not no_identify else None, shown, live)
         _show(result, shown, as_json=as_json, page=live.url)
         if stay:
-            live.stay(result.campaign)
+            _stay(live, result)
     return result.exit_code
+
+
+def _stay(live: RunLink, result: JobResult) -> None:
+    """Wait with the page until somebody lets it go; a terminal that goes away does, too."""
+    from rig.cli.job import hangups_interrupt
+
+    with hangups_interrupt():
+        live.stay(result.campaign)
 
 
 def _show(result: JobResult, shown: Console, *, as_json: bool, page: str | None) -> None:
