@@ -12,6 +12,7 @@ import time
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,10 +20,11 @@ from matrices import matrix_text
 
 from rig.campaign import campaign, results, resume
 from rig.cli.main import answered
+from rig.matrix.model import load_matrix
 from rig.recording.alignment import alignment
 from rig.station import supervisor
 from rig.station.safe_stop import StopAction
-from simulators.world import runs, shrink
+from simulators.world import invariants, runs, shrink, stop_invariants
 from simulators.world import world as course
 from simulators.world.__main__ import command
 from simulators.world.asked import Asked, Files, asked_for
@@ -72,6 +74,17 @@ def test_a_journal_that_tells_otherwise_is_found(
     (line["points"][0] if event == "result" else line)[key] = other
     monkeypatch.setattr(World, "journal", property(lambda _: told))
     assert invariant in {failed for failed, _, _ in judged(world)}
+
+
+def test_a_program_that_outlasts_its_length_and_a_current_at_the_end_are_found(
+    undisturbed: tuple[World, Ended], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if half of the motion had been ordered, and the bench allowed less than no current."""
+    ordered = load_matrix(undisturbed[0].root / "matrix.toml").points()
+    halves = [replace(point, cycles=0.4 * point.cycles) for point in ordered]
+    monkeypatch.setattr(stop_invariants, "load_matrix", lambda _: SimpleNamespace(points=lambda: halves))
+    monkeypatch.setattr(invariants, "MORE_A", -100.0)
+    assert {"overrun", "current-told"} <= {failed for failed, _, _ in judged(undisturbed[0])}
 
 
 def test_another_seed_is_another_world(undisturbed: tuple[World, Ended], tmp_path: Path) -> None:
@@ -134,6 +147,8 @@ def test_plans_are_drawn_and_kept_as_text() -> None:
     assert set(AROUND) <= happened
     assert {len(given.happenings) for given in plans} >= set(range(6))
     assert {given.held_up for given in plans} == {0.01, 0.3}
+    garbage = [given for given in plans if given.happenings and given.happenings[0].what == "serial-garbage"]
+    assert [given for given in garbage if given.happenings[0].lasts_s is None], "it stays where it is a seed's turn"
     names = [given.seed for given in plans if 'id = "loop"' in given.matrix]
     assert 20 < len(names) < 80, "matrices of points whose names begin alike"
     pairs = [(one, other) for given in plans for one, other in pairwise(given.happenings) if one.at_s and other.at_s]
