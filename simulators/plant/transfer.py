@@ -37,8 +37,3 @@ class TransferPlant(Plant):
             row[step.DISPLACEMENT] = row[step.PISTON] = system[POSITION]
             row[step.VELOCITY], row[step.FORCE] = system[VELOCITY], system[FORCE]
         self._system = system
-
-
-def plant_of(options: RigOptions) -> Plant:
-    """The plant that the options ask for."""
-    return TransferPlant(options) if options.transfer.stiffness_N_m > 0.0 else Plant(options)
