@@ -31,9 +31,9 @@ from simulators.named_port import NamedPort
 from simulators.options import RigOptions, SensorOptions
 from simulators.pace import Backpressure, Pace
 from simulators.plant import step as plant_step
-from simulators.plant.kinds import plant_of
 from simulators.plant.plant import MAXIMUM_STEPS
 from simulators.plant.records import EVENT_PULSE, EVENT_TRIP
+from simulators.plant.transfer import plant_of
 from simulators.schedule import BY_ID, ScheduledFault
 from simulators.sensor import Sensor
 from simulators.serial_port import CAPACITY, open_port
