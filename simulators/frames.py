@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import zlib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 
 from protocols.frame_format import SIZE
 from rig.dampers.compiled_cache import njit
+from rig.dampers.kernel import cached
 
 FloatArray = NDArray[np.float64]
 POLYNOMIAL = 0x1021
@@ -32,6 +35,7 @@ CRC_TABLE = _crc_table()
 SYNC_BYTES = (0xA5, 0x5A)
 
 
+@njit()
 def _put(frame: NDArray[np.uint8], status: int, edge_count: int, sequence: int, device_us: int, word: int) -> None:
     frame[0], frame[1] = SYNC_BYTES
     frame[2] = status
@@ -48,32 +52,32 @@ def _put(frame: NDArray[np.uint8], status: int, edge_count: int, sequence: int, 
     frame[15] = crc >> 8
 
 
-def _encoders(put: Any) -> tuple[Any, Any]:  # noqa: ANN401 - compiled
-    """Both ways to many frames; in a closure, so that what is kept of them is of this `put`."""
+def _encoders(key: int) -> tuple[Any, Any]:
+    """Both ways to many frames; closures over what tells this `_put` apart, so that what is kept of them is of it."""
 
     def encode_frames(
         status: NDArray[np.uint8], edge_count: NDArray[np.int64], sequence: NDArray[np.int64],
         device_us: NDArray[np.int64], value: FloatArray,
     ) -> NDArray[np.uint8]:
-        frames = np.empty((len(value), SIZE), np.uint8)
+        frames = np.empty((len(value) + 0 * key, SIZE), np.uint8)
         words = value.astype(np.float32).view(np.uint32)
         for i in range(len(value)):
-            put(frames[i], status[i], edge_count[i], sequence[i], device_us[i], words[i])
+            _put(frames[i], status[i], edge_count[i], sequence[i], device_us[i], words[i])
         return frames
 
     def encode_samples(
         status: NDArray[np.uint8], edges: int, first: int, device_us: FloatArray, value: FloatArray
     ) -> NDArray[np.uint8]:
-        frames = np.empty((len(value), SIZE), np.uint8)
+        frames = np.empty((len(value) + 0 * key, SIZE), np.uint8)
         words = value.astype(np.float32).view(np.uint32)
         for i in range(len(value)):
-            put(frames[i], status[i], edges, first + i, math.floor(device_us[i]), words[i])
+            _put(frames[i], status[i], edges, first + i, math.floor(device_us[i]), words[i])
         return frames
 
-    return njit(cache=True)(encode_frames), njit(cache=True)(encode_samples)
+    return cached(encode_frames), cached(encode_samples)
 
 
-encode_frames, encode_samples = _encoders(njit(cache=False)(_put))
+encode_frames, encode_samples = _encoders(zlib.crc32(Path(__file__).read_bytes()))
 """`encode_frames(status, edge_count, sequence, device_us, value) -> frames as bytes (n, 16)`, all of shape (n,).
 
 Status bits (uint8); pulses latched so far, sample numbers and device clock (us), integers that are not wrapped;

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import zlib
 from collections.abc import Callable, Iterator
-from functools import wraps
+from functools import cached_property, wraps
 from importlib import import_module
 from pathlib import Path
 from types import CodeType
@@ -17,13 +17,14 @@ from typing import Any, TypeVar
 
 import numba
 from numba.core.caching import IndexDataCacheFile
+from numba.core.registry import CPUDispatcher
 
 F = TypeVar("F", bound=Callable[..., Any])
 LOCK = "save.lock"
 
 
 def njit(**options: Any) -> Callable[[F], F]:  # noqa: ANN401 - numba's own options
-    """`numba.njit`, each function under a name of its own contents; what is not kept is part of the loop that calls it.
+    """`numba.njit`, each function under a name of its own contents; what is not kept is a `Part` of what calls it.
 
     Numba tells the symbols of functions of one name apart by a count of the process. What the cache gives was counted
     in another process: a loop from there and a function compiled here could share a symbol, and one model run as
@@ -33,10 +34,35 @@ def njit(**options: Any) -> Callable[[F], F]:  # noqa: ANN401 - numba's own opti
 
     def compiled(function: F) -> F:
         function.__qualname__ = f"{function.__qualname__}_{contents(function):08x}"
-        made: F = numba.njit(**{"forceinline": not options.get("cache", False), **options})(function)
-        return made
+        kept = options.get("cache", False)
+        made: Any = numba.njit(**{"forceinline": not kept, **options})(function)
+        if not kept and made is not function:
+            made = Part(py_func=function, targetoptions=made.targetoptions)
+        part: F = made
+        return part
 
     return compiled
+
+
+class Part(CPUDispatcher):
+    """A function that compiled loops call; Python calls one that is compiled for that, the first time.
+
+    The way in from Python and the one from C are a third of what a small function's compiling takes.
+    """
+
+    def __init__(self, *, py_func: Callable[..., Any], targetoptions: dict[str, Any]) -> None:
+        self._options = dict(targetoptions)
+        no_way_in = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        super().__init__(py_func=py_func, targetoptions={**targetoptions, **no_way_in})
+
+    def __call__(self, *arguments: Any) -> Any:  # noqa: ANN401 - the function's own
+        """What the function gives; without a way in from Python the program would end here."""
+        return self._called(*arguments)
+
+    @cached_property
+    def _called(self) -> Callable[..., Any]:
+        called: Callable[..., Any] = numba.jit(**self._options)(self.py_func)
+        return called
 
 
 def contents(function: Callable[..., Any]) -> int:

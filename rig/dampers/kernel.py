@@ -158,6 +158,7 @@ def travel_between(
     return travel(travel(w, rho * (turn - u0), sigma, n), rho * (u1 - turn), sigma, n)
 
 
+@cache
 def runge_kutta(rates: Compiled) -> Compiled:
     """One classical Runge-Kutta step, compiled: (p, state, motion, current, t, h) moves `state` by `h` (s) from `t`."""
 
@@ -185,6 +186,14 @@ def runge_kutta(rates: Compiled) -> Compiled:
     return step
 
 
+@cache
+def kernel_of(model: Integrable) -> Kernel:
+    """A model's functions, made once: every loop that calls one calls the same one, compiled once in a process."""
+    kernel: Kernel = model.kernel()
+    return kernel
+
+
+@cache
 def _mover(kernel: Kernel) -> Compiled:
     """Advance of a model's state over one step of a motion, compiled: (p, state, motion, v_end, current, dt)."""
     integrate, loop, own_step, fastest_rate = runge_kutta(kernel.rates), kernel.loop, kernel.step, kernel.fastest_rate
@@ -216,7 +225,7 @@ def advance_of(model: Integrable) -> Compiled:
     moved along in place; u (m about mid-stroke), v (m/s) are those at the end of the step; a (m/s^2) is taken as
     constant over it; current (A) is the coil's after its lag; dt (s): 0 returns the force without moving the state.
     """
-    kernel = model.kernel()
+    kernel = kernel_of(model)
     force, move, has_states = kernel.force, _mover(kernel), model.states > 0
 
     @njit()
@@ -240,6 +249,7 @@ def between_samples(u: FloatArray, v: FloatArray, a: FloatArray, dt: float, star
     return u[start], v[start], a[start], c2, c3
 
 
+@cache
 def _sampled(move: Compiled) -> Compiled:
     """Advance of `state` between two samples, compiled: (p, state, u, v, a, current, dt, start, stop) -> place (m)."""
 
@@ -266,7 +276,7 @@ def _sampled(move: Compiled) -> Compiled:
 
 def sampled_step(model: Integrable) -> Compiled:
     """Advance of a model's state between two samples, compiled: (p, state, u, v, a, current, dt, start, stop)."""
-    return _sampled(_mover(model.kernel()))
+    return _sampled(_mover(kernel_of(model)))
 
 
 @cache
@@ -294,8 +304,7 @@ def cached(loop: Compiled, error_model: Literal["python", "numpy"] = "python", *
 @cache
 def series_of(model: Integrable) -> Compiled:
     """`force_series` of one model, compiled: (p, start, u, v, a, current, dt, warm)."""
-    kernel = model.kernel()
-    step = _sampled(_mover(kernel))
+    kernel, step = kernel_of(model), sampled_step(model)
     key = f"{fingerprint()} {model.name} {model.hysteresis}"
     return cached(_series(key, model.states, model.positions), _force=kernel.force, _loop=kernel.loop, _step=step)
 

@@ -42,9 +42,9 @@ class LawedModel(DamperModel):
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
         from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Instant, Kernel, Wanted
+        from rig.dampers.kernel import Instant, Kernel, Wanted, kernel_of
 
-        inner, felt = self.base.kernel(), self.law.compiled(len(self.base.parameters))
+        inner, felt = kernel_of(self.base), self.law.compiled(len(self.base.parameters))
         inner_force, inner_rates, inner_rate, inner_step = inner.force, inner.rates, inner.fastest_rate, inner.step
 
         @njit()

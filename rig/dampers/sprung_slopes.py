@@ -118,7 +118,8 @@ def _pass(key: str) -> Compiled:
                 carried(p, state, slopes, motion, 0.5 * (current[last] + current[k]), dt)
             if step >= warm:
                 force[k] = p[SPRING] * state[0] + p[MASS] * a[k]
-                columns[k] = -p[SPRING] * slopes[0]
+                for q in range(PARAMETERS):
+                    columns[k, q] = -p[SPRING] * slopes[0, q]
                 columns[k, SPRING] += state[0]
                 columns[k, MASS] += a[k]
         return force, columns

@@ -13,7 +13,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
 from rig.dampers.integrable import Integrable
-from rig.dampers.kernel import Compiled, Instant, Wanted, cached, fingerprint, sampled_step
+from rig.dampers.kernel import Compiled, Instant, Wanted, cached, fingerprint, kernel_of, sampled_step
 
 SMOOTH_S = 3e-3  # time constant of the low-pass that takes the noise of a wanted force off its rate,
 AROUND_S = 1e-3  # and where what comes after is known too
@@ -48,13 +48,13 @@ def inverse_of(model: Integrable) -> Compiled:
 @cache
 def _trajectory_of(model: Integrable) -> Compiled:
     key = f"{fingerprint()} {model.name} {model.hysteresis}"
-    return cached(_trajectory(key, model.states), _force=model.kernel().force, _step=sampled_step(model))
+    return cached(_trajectory(key, model.states), _force=kernel_of(model).force, _step=sampled_step(model))
 
 
 @cache
 def _inverse_of(model: Integrable) -> Compiled:
     key = f"{fingerprint()} {model.name} {model.hysteresis}"
-    kernel = model.kernel()
+    kernel = kernel_of(model)
     held = kernel.held or _at_once(kernel.force)
     return cached(_inverse(key, model.states), _held=held, _step=sampled_step(model), _solve=_root(held))
 
@@ -129,7 +129,8 @@ def _trajectory(key: str, states: int) -> Compiled:
                 _step(row, state, u, v, a, current, dt, k - 1, k)
             s1 = state[1] if state.size > 1 else 0.0
             force[k] = _force(row, state[0], s1, u[k], v[k], a[k], current[k])
-            path[k] = state
+            for place in range(state.size):
+                path[k, place] = state[place]
         return force, path
 
     return trajectory
@@ -218,7 +219,8 @@ def _inverse(key: str, states: int) -> Compiled:
         row = p[0].copy()
         for k in range(n):
             if dt <= 0.0:
-                state[:] = start[min(k, start.shape[0] - 1)]
+                for place in range(size):
+                    state[place] = start[min(k, start.shape[0] - 1), place]
             elif k > 0 and states > 0:
                 used[k] = used[k - 1]
                 _step(row, state, u, v, a, used, dt, k - 1, k)
@@ -243,7 +245,8 @@ def _inverse(key: str, states: int) -> Compiled:
             more, faster = (wanted[k] + FORCE_STEP_N, rates[k]), (wanted[k], rates[k] + RATE_STEP_N_S)
             answer[k, 6] = 1.0 - (_held(row, state, motion, used[k], more) - answer[k, 1]) / FORCE_STEP_N
             answer[k, 7] = -(_held(row, state, motion, used[k], faster) - answer[k, 1]) / RATE_STEP_N_S
-            answer[k, 8:] = state
+            for place in range(size):
+                answer[k, 8 + place] = state[place]
         return answer
 
     return inverse

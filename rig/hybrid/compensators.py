@@ -182,28 +182,48 @@ def _learn(chosen: Settings, memory: Memory) -> None:
 
 
 @njit()
+def _solve(matrix: FloatArray, right: FloatArray) -> None:
+    """Solve for a few unknowns by elimination, into `right`; the matrix, of products, its diagonal 1, is used up."""
+    for i in range(right.size):
+        for j in range(i + 1, right.size):
+            share = matrix[j, i] / matrix[i, i]
+            for k in range(i, right.size):
+                matrix[j, k] -= share * matrix[i, k]
+            right[j] -= share * right[i]
+    for i in range(right.size - 1, -1, -1):
+        for j in range(i + 1, right.size):
+            right[i] -= matrix[i, j] * right[j]
+        right[i] /= matrix[i, i]
+
+
+@njit()
 def _adapt_time_series(memory: Memory) -> None:
     """Coefficients by least squares over the last second, within their bounds."""
     rows, sums = memory.rows, memory.sums
     place = int(memory.steps[0]) % rows.shape[0]
-    new = np.array([memory.measured[0], memory.measured[1], memory.measured[2], memory.commanded[0]])
+    new = np.empty(4)
+    for i in range(3):
+        new[i] = memory.measured[i]
+    new[3] = memory.commanded[0]
     for i in range(4):
         for j in range(4):
             sums[i, j] += new[i] * new[j] - rows[place, i] * rows[place, j]
-    rows[place] = new
+    for i in range(4):
+        rows[place, i] = new[i]
     if memory.steps[0] < rows.shape[0] or sums[0, 0] < LEAST_RMS_m**2 * rows.shape[0]:
         return
-    scale = np.sqrt(np.array([sums[0, 0], sums[1, 1], sums[2, 2]]))
-    matrix, right = np.zeros((3, 3)), np.zeros(3)
+    scale, matrix, right = np.empty(3), np.empty((3, 3)), np.empty(3)
+    for i in range(3):
+        scale[i] = math.sqrt(sums[i, i])
     for i in range(3):
         right[i] = sums[i, 3] / scale[i]
         for j in range(3):
             matrix[i, j] = sums[i, j] / (scale[i] * scale[j])
         matrix[i, i] += 1e-9
-    solution = np.linalg.solve(matrix, right) / scale
-    memory.coefficients[0] = min(max(solution[0], 0.9), 1.1)
-    memory.coefficients[1] = min(max(solution[1], 0.0), 0.06)
-    memory.coefficients[2] = min(max(solution[2], 0.0), 0.0032)
+    _solve(matrix, right)
+    memory.coefficients[0] = min(max(right[0] / scale[0], 0.9), 1.1)
+    memory.coefficients[1] = min(max(right[1] / scale[1], 0.0), 0.06)
+    memory.coefficients[2] = min(max(right[2] / scale[2], 0.0), 0.0032)
 
 
 @njit()

@@ -118,7 +118,8 @@ def _step(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, at: Co
         for j in range(6):
             total += loop.transition[i, j] * at.state[j]
         at.known[i] = total
-    at.state[:] = at.known[:6]
+    for i in range(6):
+        at.state[i] = at.known[i]
     at.known[6], at.known[7] = ground, signals.ground_rate[k]
     at.before[0], at.before[1] = ground, force_N
     at.target[0] = at.state[0]
@@ -172,7 +173,8 @@ def _respond(transition: FloatArray, earlier: FloatArray, later: FloatArray, gro
             for j in range(6):
                 total += transition[i, j] * was[j]
             state[i] = total
-        out[k] = state[:3]
+        for i in range(3):
+            out[k, i] = state[i]
     return out
 
 

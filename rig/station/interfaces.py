@@ -48,7 +48,11 @@ class Travel(Protocol):
     """What the supervisor needs of the LVDT's side."""
 
     def still_s(self, now_ns: int) -> float | None:
-        """Device seconds of proved standstill, None when the LVDT is stale."""
+        """Device seconds of proved standstill, None when the LVDT is stale or says nothing of the rod."""
+
+    @property
+    def changed(self) -> bool:
+        """The LVDT has shown more than one value since the proof of standstill began."""
 
     def restart_still(self) -> None:
         """Begin the proof of standstill anew."""

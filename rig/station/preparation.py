@@ -12,7 +12,7 @@ from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.errors import StationRefused
-from rig.station.safe_stop import STILL_S, ZERO_CURRENT_A
+from rig.station.safe_stop import ZERO_CURRENT_A
 from rig.station.supervisor import Supervisor
 from rig.station.threads.actuator_thread import ActuatorThread
 from rig.station.threads.devices import Device, Devices
@@ -250,15 +250,17 @@ class Preparation:
         supervisor, actuator = self._supervisor, self._devices.actuator
         if actuator.capabilities.watchdog is WatchdogKind.NONE:
             return None
-        if actuator.judge.moving(STILL_S):
-            raise StationRefused("not-at-rest", "starve_watchdog: the actuator moves")
+        if not actuator.rests(monotonic_ns()):
+            raise StationRefused("not-at-rest", "starve_watchdog: the actuator moves, or does not say that it stands")
         # Many watchdogs run from the first feed on.
         actuator.wait_fed(ACK_TIMEOUT_S)
         begin_ns = monotonic_ns()
         allowed_s = 2.0 * self._config.actuator.watchdog_s + ACK_TIMEOUT_S
         supervisor.starve(proving=True, feeding=False)
         try:
-            tripped = actuator.wait_status(lambda status: bool(status.fault_bits & FaultBit.WATCHDOG), allowed_s)
+            tripped = actuator.wait_status(
+                lambda status: status.received_ns > begin_ns and bool(status.fault_bits & FaultBit.WATCHDOG), allowed_s
+            )
             supervisor.starve(proving=True, feeding=True)
             if tripped is None:
                 raise StationRefused(

@@ -247,7 +247,7 @@ class Requests:
         devices.revive()
         now_ns = monotonic_ns()
         still_s = devices.lvdt.still_s(now_ns)
-        if still_s is None or still_s < STILL_S or devices.actuator.judge.moving(STILL_S):
+        if still_s is None or still_s < STILL_S or not devices.actuator.rests(now_ns):
             raise StationRefused("not-at-rest", "reset: standstill is not proved by LVDT and controller")
         self._preparation.prepare_coil()
         status = self._commands.fresh()
@@ -313,8 +313,10 @@ class Requests:
         """
         actuator = self._devices.actuator
         patience_s = REST_PATIENCE_S + STILL_S / self._config.device_rate
-        if actuator.wait_status(lambda _: not actuator.judge.moving(STILL_S), patience_s) is None:
-            raise StationRefused("not-at-rest", f"{do}: the actuator moves; stop it first")
+        if actuator.wait_status(lambda _: actuator.rests(monotonic_ns()), patience_s) is None:
+            raise StationRefused(
+                "not-at-rest", f"{do}: the actuator moves, or does not say that it stands; stop it first"
+            )
 
     def _await_quiet(self) -> None:
         """Wait until nothing that stops the rig has been found for a while.

@@ -1,9 +1,10 @@
 """The safe stop as a pure step machine: `advance(stop, inputs) -> (stop, actions)`; no clock, no I/O.
 
 Order: (1) at once and independently: coil current to 0 A and the controller's fade-out (its halt ramp on a hard limit
-or when the position is not trusted); (2) prove standstill, by the LVDT while it is fresh, else by the controller;
-(3) hold where it stopped; (4) for S1 hydraulics low, then off; (5) prove the current. A step that misses its deadline
-escalates: S2 -> S1 -> hydraulics off at once. What cannot be proved ends in UNKNOWN, never in SAFE.
+or when the position is not trusted); (2) prove standstill, by the LVDT and the controller, or by the one of them that
+still says something; (3) hold where it stopped; (4) for S1 hydraulics low, then off; (5) prove the current. A step that
+misses its deadline escalates: S2 -> S1 -> hydraulics off at once. What cannot be proved ends in UNKNOWN, never in SAFE.
+What is stale, stands still by itself or is not known is no proof: a device that says nothing proves nothing.
 
 Deadlines are wall time, except the fade-out and standstill, which the controller's and the sensor's clocks measure: the
 fade may take its cycles on the device clock plus `STOP_MARGIN_S` of wall time.
@@ -25,6 +26,8 @@ LOST_LIMIT_S = 2.0
 ZERO_CURRENT_A = 0.05
 STILL_S = 0.1
 REPEAT_S = 0.1
+POSITION_FAULTS = frozenset({"actuator-frozen", "feedback-lost"})
+"""After these what the controller says of the rod is no proof by itself."""
 LONGEST_FADE_S = 10.0
 """Device time: a motion whose fade-out would last longer is slow enough for the halt ramp."""
 
@@ -65,7 +68,7 @@ class StopInputs:
 
     Attributes:
         now_ns: host time.
-        still_s: seconds of device time for which the LVDT has shown standstill; None without fresh LVDT.
+        still_s: seconds of device time for which the LVDT has shown standstill; None while it says nothing of the rod.
         controller_moving: the controller says it moves (its state and speed); None without a fresh status.
         controller_clock_s: the controller's unwrapped clock; None without a fresh status.
         hydraulics_low: pressure is low or off; None without a fresh status.
@@ -73,6 +76,7 @@ class StopInputs:
         current_A: measured coil current; None without a fresh ECU status.
         stop_taken: the controller has acknowledged the stop command; False while none gets through.
         period_s: device seconds of one cycle of the program that ran (0: none), for standstill without the controller.
+        lvdt_changed: the LVDT has shown more than one value since the stop began.
     """
 
     now_ns: int
@@ -84,6 +88,7 @@ class StopInputs:
     current_A: float | None
     period_s: float = 0.0
     stop_taken: bool = True
+    lvdt_changed: bool = False
 
 
 @dataclass(frozen=True)
@@ -105,6 +110,7 @@ class SafeStop:
         current_judged: the current's deadline has been judged.
         current_s: that deadline (s).
         current_falls: a source that is not heard any more goes to 0 A by itself.
+        position_trusted: nothing speaks against what the controller says of the rod.
     """
 
     kind: StopKind
@@ -122,6 +128,7 @@ class SafeStop:
     watchdog_s: float = 0.0
     current_s: float = CURRENT_LIMIT_S
     current_falls: bool = True
+    position_trusted: bool = True
 
     @property
     def finished(self) -> bool:
@@ -159,6 +166,14 @@ def of_source(stop: SafeStop, source: Source | None) -> SafeStop:
     return replace(stop, current_s=source.zero_within_s, current_falls=source.falls_by_itself)
 
 
+def after_fault(stop: SafeStop, slug: str) -> SafeStop:
+    """The stop, with what this fault says of its witnesses: it may be the first or a later one.
+
+    The same stop where it says nothing: another one is a stop taken up again.
+    """
+    return replace(stop, position_trusted=False) if stop.position_trusted and slug in POSITION_FAULTS else stop
+
+
 def stop_command(stop: SafeStop) -> StopAction:
     """The controller command that stops this one's motion."""
     return StopAction.HALT if stop.halt else StopAction.FADE
@@ -180,7 +195,8 @@ def escalate(
             kind, now_ns, halt=halt or stop.halt, fade_s=stop.fade_s, device_rate=stop.device_rate,
             watchdog_s=stop.watchdog_s,
         )
-        return replace(again, current_s=stop.current_s, current_falls=stop.current_falls), actions_again
+        again = replace(again, current_s=stop.current_s, current_falls=stop.current_falls)
+        return replace(again, position_trusted=stop.position_trusted), actions_again
     actions: list[StopAction] = []
     if halt and not stop.halt and not stop.standstill:
         stop = replace(stop, halt=True, step=StopPhase.STOPPING, step_ns=now_ns, clock_start_s=None)
@@ -223,6 +239,9 @@ def _elapsed_s(since_ns: int, inputs: StopInputs) -> float:
 def _judge_current(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:
     if inputs.current_A is not None and abs(inputs.current_A) < ZERO_CURRENT_A:
         return replace(stop, current_zero=True, current_judged=True), ()
+    if stop.current_zero and inputs.current_A is not None:
+        # It has come back: what was judged is judged again.
+        stop = replace(stop, current_judged=False)
     stop = replace(stop, current_zero=False)
     allowed_s = stop.current_s / min(1.0, stop.device_rate)
     if stop.current_judged or _elapsed_s(stop.started_ns, inputs) <= allowed_s:
@@ -232,11 +251,15 @@ def _judge_current(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[
 
 
 def _standstill(stop: SafeStop, inputs: StopInputs) -> bool:
-    """Standstill is proved: by the LVDT and a controller that agrees, or by the only one of them that is left."""
+    """Standstill is proved: by the LVDT and a controller that agrees, or by the only one of them that is left.
+
+    Alone, the controller has to be trusted with its position, and the LVDT to have shown a change since the stop began:
+    one that repeats its value would prove the standstill of any rod.
+    """
     if inputs.still_s is None:
-        return inputs.controller_moving is False
+        return stop.position_trusted and inputs.controller_moving is False
     if inputs.controller_moving is None:
-        return inputs.still_s >= max(STILL_S, inputs.period_s)
+        return inputs.lvdt_changed and inputs.still_s >= max(STILL_S, inputs.period_s)
     return inputs.still_s >= STILL_S and not inputs.controller_moving
 
 

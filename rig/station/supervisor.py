@@ -213,9 +213,8 @@ class Supervisor:
 
     def ask_stop(self, kind: StopKind, slug: str, detail: str) -> None:
         """Stop because the application asks for it, whatever is armed."""
-        now_ns = monotonic_ns()
         row = REACTIONS.get(slug, REACTIONS["operator"])
-        self._finish(self._latch(Finding(slug, detail, now_ns), row, kind, asked=True))
+        self._finish(self._latch(Finding(slug, detail, monotonic_ns()), row, kind, asked=True))
 
     def tell(self, slug: str, detail: str) -> None:
         """Tell the application something that is no fault but worth knowing; it is journalled and shown."""
@@ -286,6 +285,7 @@ class Supervisor:
                 self.stop = safe_stop.of_source(self.stop, self._coil)
             else:
                 self.stop, actions = safe_stop.escalate(self.stop, kind, self._stop_clock_ns(now_ns), halt=halt)
+            self.stop = safe_stop.after_fault(self.stop, finding.slug)
             if not first and not known:
                 self.later[finding.slug] = finding.detail
             if first or not known:
@@ -392,7 +392,9 @@ class Supervisor:
 
     def _stop_inputs(self, now_ns: int) -> StopInputs:
         motion = (None,) * 4 if self._motion is None else self._motion.stop_inputs(now_ns)
-        still_s = None if self._travel is None else self._travel.still_s(now_ns)
         current_A = None if self._coil is None else self._coil.fresh_current_A
-        taken = self._motion is None or self._motion.stop_taken
-        return StopInputs(self._stop_clock_ns(now_ns), still_s, *motion, current_A, self.movement.period_s, taken)
+        taken, travel = self._motion is None or self._motion.stop_taken, self._travel
+        still_s, changed = (None, False) if travel is None else (travel.still_s(now_ns), travel.changed)
+        return StopInputs(
+            self._stop_clock_ns(now_ns), still_s, *motion, current_A, self.movement.period_s, taken, changed
+        )

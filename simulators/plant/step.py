@@ -99,7 +99,8 @@ def _mounted_force(advance: Compiled) -> Compiled:
         for _ in range(_MOUNT_ITERATIONS):
             v = 0.5 * (low + high)
             u = s.damper_u_m + 0.5 * (s.damper_v_m_s + v) * p.dt_s
-            scratch[:] = ds
+            for place in range(ds.size):
+                scratch[place] = ds[place]
             a = (v - s.damper_v_m_s) / p.dt_s
             force = p.force_scale * advance(dp, scratch, u, v, a, s.current_A, p.dt_s)
             force += fittings_force(p, u, v)
@@ -107,7 +108,8 @@ def _mounted_force(advance: Compiled) -> Compiled:
                 high = v
             else:
                 low = v
-        ds[:] = scratch
+        for place in range(ds.size):
+            ds[place] = scratch[place]
         s.damper_u_m = u
         s.damper_v_m_s = v
         return mount_force(p, rod_u - u)

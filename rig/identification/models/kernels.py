@@ -3,7 +3,8 @@
 The tanh models share one general form with 12 coefficients,
 F = m a + F0 + (Fya + Fyb I) tanh(beta v + delta sgn u) + C(I, sgn v) v + (Ka + Kb I) u,
 so one vectorised loop serves them all; its tanh is branch-free (exponential by range reduction and a polynomial of
-degree 10, error below 2e-13), because the library's stops the compiler from vectorising.
+degree 10, error below 2e-13), because the library's stops the compiler from vectorising. Arrays are filled and added
+by loops: of an assignment between slices numba also compiles the message that their shapes differ, for two seconds.
 
 The moments of the tanh models' yield shape, which `tanh_projection` sums in numpy, take 1.3 to 2.2 ns a sample here:
 loops over blocks that stay in the first-level cache, without branches, so that the compiler vectorises each of them.
@@ -220,6 +221,26 @@ def _add_products(
             at += 1
 
 
+@njit(fastmath=True, error_model="numpy")
+def _fill(into: FloatArray, values: FloatArray) -> None:
+    for i in range(into.size):
+        into[i] = values[i]
+
+
+@njit(fastmath=True, error_model="numpy")
+def _multiply(values: FloatArray, factors: FloatArray) -> None:
+    for i in range(values.size):
+        values[i] *= factors[i]
+
+
+@njit(fastmath=True, error_model="numpy")
+def _add_times(into: FloatArray, sums: FloatArray, factor: float) -> None:
+    """Adds sums, of two dimensions, times a factor."""
+    for i in range(into.shape[0]):
+        for j in range(into.shape[1]):
+            into[i, j] += sums[i, j] * factor
+
+
 @njit(fastmath=True, error_model="numpy", cache=True, nogil=True)
 def gram(
     u: FloatArray,
@@ -239,15 +260,15 @@ def gram(
             stop = min(start + BLOCK, ends[test])
             rows = u[start:stop], v[start:stop], a[start:stop], force[start:stop]
             powered = weight[: stop - start]
-            powered[:] = weight_squared[start:stop]
+            _fill(powered, weight_squared[start:stop])
             for power in range(1 if steady[test] else 3):
                 part[:] = 0.0
                 _add_products(part, *rows, powered)
-                total[power] += part
+                _add_times(total[power], part, 1.0)
                 if steady[test]:
-                    total[1] += part * current[first]
-                    total[2] += part * current[first] ** 2
-                powered *= current[start:stop]
+                    _add_times(total[1], part, current[first])
+                    _add_times(total[2], part, current[first] ** 2)
+                _multiply(powered, current[start:stop])
         first = ends[test]
     for power in range(3):
         for i in range(6):
@@ -298,13 +319,11 @@ def add_moments(
                     _add_rows(part, slope, *rows, weight_squared[start:stop])
                     continue
                 powered = weight[: stop - start]
-                powered[:] = weight_squared[start:stop]
+                _fill(powered, weight_squared[start:stop])
                 for power in range(3):
                     _add_rows(total[k, power], slope, *rows, powered)
-                    powered *= current[start:stop]
+                    _multiply(powered, current[start:stop])
             if steady[test]:
-                amps = current[first]
-                total[k, 0] += part
-                total[k, 1] += part * amps
-                total[k, 2] += part * amps**2
+                for power in range(3):
+                    _add_times(total[k, power], part, current[first] ** power)
             first = ends[test]

@@ -99,6 +99,17 @@ class ChannelInterlock:
         """The channel's values usually differ from one sample to the next: its noise is finer than its steps."""
         return self._pairs >= FEWEST_PAIRS and self._equal <= REPEATED_SHARE * self._pairs
 
+    def says_nothing(self, samples: int) -> bool:
+        """Its last values tell nothing of its quantity.
+
+        Args:
+            samples: as many equal ones in a row do not come from a channel whose noise is finer than its steps.
+
+        Returns:
+            True at its end, with a fault that it reports, or with one value for too long.
+        """
+        return max(self._saturated, self._faulty) >= CONSECUTIVE or (self.fine and self.repeats >= samples)
+
     def _count_repeats(self, values: list[float]) -> None:
         """Follow for how many samples the value has been the same to the last bit, and how usual that is."""
         many = len(values)

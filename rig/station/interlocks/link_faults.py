@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from drivers.connection import LinkKind
 from drivers.errors import Busy, DriverError, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer
 from drivers.roles import ActuatorStatus, CountingLink
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
+from rig.station.safe_stop import StopAction
 
 BUSY_POLLS = 4
 """Each of them was asked several times already."""
@@ -86,6 +89,15 @@ class LinkFaults:
             return []
         slug = "rtu-stale" if self._kind is LinkKind.MODBUS_RTU else "modbus-wrong-tid"
         return [Finding(slug, f"{count} answers to other requests were thrown away", t_ns, warns=True)]
+
+
+@dataclass
+class SentStop:
+    """A stop command on its way, and how many statuses have been read since."""
+
+    action: StopAction
+    sequence: int
+    statuses: int = 0
 
 
 class EchoWatch:

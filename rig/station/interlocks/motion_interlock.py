@@ -43,7 +43,13 @@ class MotionInterlock:
         self._anchor_m = math.nan
         self._anchor_s = math.nan
         self._latest_s = math.nan
+        self._shown: set[float] = set()
         self.speed_m_s = math.nan
+
+    @property
+    def changed(self) -> bool:
+        """More than one value has been shown since the proof of standstill began."""
+        return len(self._shown) > 1
 
     @property
     def blind(self) -> bool:
@@ -61,6 +67,7 @@ class MotionInterlock:
         # In this order: a sample judged between the two (the supervisor calls from its own thread) sets neither.
         self._anchor_s = math.nan
         self._anchor_m = math.nan
+        self._shown = set()
 
     def judge(self, records: list[Record]) -> list[Finding]:
         """Follow one batch of LVDT samples (m); findings when the speed limit is exceeded."""
@@ -82,6 +89,8 @@ class MotionInterlock:
                 self._judge_speed(host_ns, findings)
             self._recent.append((t_s, value))
             self._latest_s = t_s
+            if len(self._shown) < 2:
+                self._shown.add(value)
             if not abs(value - self._anchor_m) <= STILL_TOLERANCE_M:
                 self._anchor_m, self._anchor_s = value, t_s
         return findings

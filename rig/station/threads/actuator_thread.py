@@ -11,7 +11,6 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.capabilities import Capabilities, WatchdogKind
@@ -25,7 +24,7 @@ from rig.station.interfaces import Travel
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 from rig.station.interlocks.line_interlock import ClockWatch
-from rig.station.interlocks.link_faults import EchoWatch, LinkFaults, link_slug
+from rig.station.interlocks.link_faults import EchoWatch, LinkFaults, SentStop, link_slug
 from rig.station.interlocks.motion_interlock import Reference
 from rig.station.log import say_error
 from rig.station.safe_stop import STILL_S, StopAction
@@ -53,15 +52,6 @@ COMMANDS = {
 }
 """Stop commands, the weakest first: one that was sent makes those before it needless."""
 PRESSURE_ACTIONS = frozenset({StopAction.HYDRAULICS_LOW, StopAction.HYDRAULICS_OFF})
-
-
-@dataclass
-class SentStop:
-    """A stop command on its way, and how many statuses have been read since."""
-
-    action: StopAction
-    sequence: int
-    statuses: int = 0
 
 
 class ActuatorThread(DeviceThread):
@@ -192,18 +182,20 @@ class ActuatorThread(DeviceThread):
     def wait_status(self, wanted: Callable[[ActuatorStatus], bool], timeout_s: float) -> ActuatorStatus | None:
         """The first status from now on that is wanted; None after `timeout_s` wall seconds."""
         with self.status_changed:
-            if not self.status_changed.wait_for(lambda: self._is(wanted), timeout_s):
-                return None
-            return self.judge.status
+            came = self.status_changed.wait_for(lambda: self._is(wanted), timeout_s)
+            return self.judge.status if came else None
 
     def fresh_status(self, now_ns: int) -> ActuatorStatus | None:
         """The last status, None when it is stale: not answered, or answered by a controller whose heartbeat stands."""
         return self.judge.status if now_ns - self._last_ns <= self._stale_ns and not self.judge.frozen else None
 
+    def rests(self, now_ns: int) -> bool:
+        """A fresh status says that the rod stands; without one nobody says so."""
+        return self.stop_inputs(now_ns)[0] is False
+
     def stop_inputs(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:
         """Moving, clock (s), hydraulics low, hydraulics off; None without a fresh status, moving without a position."""
-        status = self.fresh_status(now_ns)
-        if status is None:
+        if (status := self.fresh_status(now_ns)) is None:
             return None, None, None, None
         moving = self.judge.moving(STILL_S) if math.isfinite(status.position_m) else None
         if not self.capabilities.hydraulics:
@@ -232,9 +224,7 @@ class ActuatorThread(DeviceThread):
     def state_name(self) -> str | None:
         """The controller's state by name, None without a fresh status."""
         status = self.fresh_status(monotonic_ns())
-        if status is None:
-            return None
-        return state_name(status.state)
+        return None if status is None else state_name(status.state)
 
     def silent_ns(self, now_ns: int) -> tuple[int, int]:
         """Age of the last status, and the age at which it is stale (ns)."""
@@ -265,7 +255,7 @@ class ActuatorThread(DeviceThread):
 
     def _wait(self, until_ns: int) -> None:
         with self._wake:
-            if not self._hurry and not self._jobs:
+            if not (self._hurry or self._jobs):
                 self._wake.wait(max(0.0, (until_ns - monotonic_ns()) / 1e9))
             self._hurry = False
 
@@ -280,8 +270,12 @@ class ActuatorThread(DeviceThread):
             self._compare_settings(self._settings)
 
     def _carry_out(self) -> None:
-        """Send the stop commands that wait, the strongest last; one that is refused waits for the next round."""
-        waiting = self._actions
+        """Send the stop commands that wait, the strongest last; one that is refused waits for the next round.
+
+        Raises:
+            DriverError: one was not answered; it is sent again, but no stronger one has waited for that.
+        """
+        waiting, unanswered = self._actions, None
         weakest_first = [action for action in COMMANDS if action in waiting]
         for place, action in enumerate(weakest_first):
             try:
@@ -289,11 +283,16 @@ class ActuatorThread(DeviceThread):
             except RequestRefused as error:
                 self._failed(error)
                 continue
+            except DriverError as error:
+                unanswered = error
+                continue
             with self._wake:
                 self._actions -= {*weakest_first[: place + 1]}
             if self.capabilities.acknowledge:
                 self._sent = SentStop(action, sequence)
             self._supervisor.note_sent(action)
+        if unanswered is not None:
+            raise unanswered
 
     def _compare_settings(self, expected: tuple[int, int]) -> None:
         """A controller that has booted, or whose limits somebody else changed, is not the one that was prepared."""
@@ -351,18 +350,16 @@ class ActuatorThread(DeviceThread):
 
         Its number with another command is another master's: the controller has ignored ours.
         """
-        sent = self._sent
-        if sent is None:
+        if (sent := self._sent) is None:
             return
         sent.statuses += 1
-        command = COMMANDS[sent.action]
-        if status.acknowledges(command, sent.sequence):
-            self._sent = None
-            return
-        swallowed = status.acked_sequence == sent.sequence
-        if not swallowed and sent.statuses < CONSECUTIVE:
+        command, swallowed = COMMANDS[sent.action], status.acked_sequence == sent.sequence
+        taken = status.acknowledges(command, sent.sequence)
+        if not (taken or swallowed) and sent.statuses < CONSECUTIVE:
             return
         self._sent = None
+        if taken:
+            return
         last = f"{status.acked_command} as {status.acked_sequence}"
         detail = f"{command.name} was written as {sent.sequence}, the controller's last command is {last}"
         slug = "second-master" if swallowed else "modbus-write-lost"

@@ -76,8 +76,8 @@ class SensorThread(ReadingThread):
         self.lost = 0
         self.samples = 0
         self._reference = role.reference
-        stuck_samples = max(STUCK_SAMPLES, round(STUCK_S * config.rate_Hz))
-        self._standing = StandingInterlock(stuck_samples, STANDING_FLOOR_SHARE * config.span)
+        self._stuck_samples = max(STUCK_SAMPLES, round(STUCK_S * config.rate_Hz))
+        self._standing = StandingInterlock(self._stuck_samples, STANDING_FLOOR_SHARE * config.span)
         self.clock = ClockWatch(device_rate)
         self._reference_ppm = role.reference_ppm
         self._line = LineInterlock(config.label, config.rate_Hz)
@@ -277,9 +277,16 @@ class SensorThread(ReadingThread):
         return self.value(now_ns)
 
     def still_s(self, now_ns: int) -> float | None:
-        """Device seconds of standstill; None when stale, without measurements, or when this is not the LVDT."""
-        sees = self.motion is not None and not self.motion.blind and self.fresh(now_ns) and self.samples > 0
-        return self.motion.still_s if self.motion is not None and sees else None
+        """Device seconds of standstill; None when stale, when its values tell nothing, or when this is not the LVDT."""
+        motion = self.motion
+        if motion is None or motion.blind or self.samples == 0 or self.judge.says_nothing(self._stuck_samples):
+            return None
+        return motion.still_s if self.fresh(now_ns) else None
+
+    @property
+    def changed(self) -> bool:
+        """The LVDT has shown more than one value since the proof of standstill began."""
+        return self.motion is not None and self.motion.changed
 
     def restart_still(self) -> None:
         """Begin the proof of standstill anew."""

@@ -15,8 +15,11 @@ import pytest
 from numba.core.caching import IndexDataCacheFile, NullCache
 
 from rig import dampers
-from rig.dampers import compiled_cache, kernel, loop_curve
+from rig.dampers import compiled_cache, kernel, loop_curve, sprung_slopes, trajectory
+from rig.hybrid import virtual_test
 from rig.identification.models import kernels
+from simulators import conditioner, frames
+from simulators.plant import step
 
 
 def test_numbas_own_save_is_guarded() -> None:
@@ -78,6 +81,36 @@ def test_what_a_compiled_function_calls_is_compiled_with_it(module: ModuleType) 
     called = {name for value in compiled.values() for name in value.py_func.__code__.co_names}
     kept = {name for name, value in compiled.items() if not isinstance(value._cache, NullCache)}
     assert not called & kept
+
+
+@pytest.mark.parametrize("named", ["bouc_wen", "bingham"])
+def test_what_is_kept_closes_over_no_compiled_function_whose_number_is_another_in_each_process(named: str) -> None:
+    model = dampers.model(named)
+    made = [kernel.series_of(model), trajectory.trajectory_of(model), trajectory.inverse_of(model),  # type: ignore[arg-type]  # integrable
+            step.slice_of(model), sprung_slopes.slopes_along()]  # fmt: skip
+    modules = (frames, conditioner, kernels, loop_curve, virtual_test)
+    known = [value for module in modules for value in vars(module).values() if hasattr(value, "py_func")]
+    kept = [value for value in (*made, *known) if not isinstance(value._cache, NullCache)]
+    assert {"encode_frames", "encode_samples", "series", "run"} <= {value.py_func.__name__ for value in kept}
+    for value in kept:
+        closed = [cell.cell_contents for cell in value.py_func.__closure__ or ()]
+        assert not [over for over in closed if hasattr(over, "py_func")], value.__qualname__
+
+
+def test_a_part_of_a_loop_is_called_from_python_too() -> None:
+    @compiled_cache.njit()
+    def doubled(x: float) -> float:
+        return 2.0 * x
+
+    @compiled_cache.njit()
+    def summed(n: int) -> float:
+        total = 0.0
+        for i in range(n):
+            total += doubled(float(i))
+        return total
+
+    assert summed(4) == 12.0
+    assert (doubled(3.0), doubled(1.0)) == (6.0, 2.0)
 
 
 SUMS = """

@@ -43,6 +43,8 @@ class Coil:
 class MovingRod:
     """An LVDT that sees the rod move for ever."""
 
+    changed = True
+
     def still_s(self, now_ns: int) -> float:
         del now_ns
         return 0.0
@@ -163,6 +165,21 @@ def test_of_stops_that_wait_together_the_strongest_has_the_last_word(controller:
     rig.thread.start()
     assert wait_for(lambda: rig.thread.stop_taken)
     assert rig.device.executed == [Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF]
+
+
+def leave_fade_outs_unanswered(frame: bytes, right: bytes) -> list[bytes]:
+    fade = (16, (300).to_bytes(2, "big"), int(Command.FADE_STOP).to_bytes(2, "big"))
+    return [] if (frame[7], frame[8:10], frame[13:15]) == fade else [framed(frame, right)]
+
+
+def test_no_stronger_stop_waits_for_a_weaker_one_that_is_not_answered(controller: Make) -> None:
+    rig = controller()
+    rig.device.faults = [leave_fade_outs_unanswered] * 100_000
+    for action in (StopAction.HYDRAULICS_OFF, StopAction.FADE):
+        rig.thread.act(action)
+    rig.thread.start()
+    assert wait_for(lambda: Command.HYDRAULICS_OFF in rig.device.executed)
+    assert wait_for(lambda: rig.thread.stop_taken), "what is weaker than the pressure's end is not needed any more"
 
 
 def test_a_job_that_was_given_up_before_it_began_never_runs(controller: Make) -> None:

@@ -29,6 +29,7 @@ class Lvdt:
     """An LVDT that sees the rod stand."""
 
     speed_m_s = 0.0
+    changed = True
 
     def still_s(self, now_ns: int) -> float:
         del now_ns
@@ -139,6 +140,13 @@ def test_a_watchdog_that_is_not_there_is_neither_fed_nor_proved(rig: Callable[..
     timed = rig(watchdog=WatchdogKind.TIMEOUT)
     assert wait_for(lambda: timed.driver.fed > 20)
     assert not timed.told, "no echo is expected of it, no lease, no acknowledgement"
+
+
+def test_a_status_that_has_become_stale_does_not_say_that_the_rod_stands(rig: Callable[..., Rig]) -> None:
+    held = rig()
+    assert wait_for(lambda: held.thread.rests(monotonic_ns()))
+    assert not held.thread.judge.moving(0.0)
+    assert not held.thread.rests(monotonic_ns() + 10**12)
 
 
 def test_without_acknowledgement_a_command_is_taken_when_it_is_written(rig: Callable[..., Rig]) -> None:

@@ -193,6 +193,34 @@ def test_a_sample_in_the_middle_of_a_restart_does_not_end_the_proof_of_standstil
     assert judge.still_s == pytest.approx(0.2, abs=0.005)
 
 
+@pytest.mark.parametrize(("steps_m", "told"), [(1e-6, True), (0.0, False)], ids=["noise", "one value"])
+def test_what_has_changed_is_counted_from_the_begin_of_the_proof_of_standstill(steps_m: float, told: bool) -> None:
+    judge = MotionInterlock(0.88, rate_Hz=250.0)
+    motion_of([0.01 * i for i in range(20)], judge)
+    assert judge.changed
+    judge.restart_still()
+    assert not judge.changed
+    judge.judge([record(20 + i, 0.02 + steps_m * (i % 2)) for i in range(100)])
+    assert judge.still_s > 0.3
+    assert judge.changed is told
+
+
+def test_a_fine_channel_that_repeats_one_value_says_nothing_and_a_coarse_one_may() -> None:
+    for step, nothing in ((0.0, False), (1e-6, True)):
+        judge = ChannelInterlock("lvdt", "stroke-limit", ChannelLimits(low=-0.1, high=0.1, span=0.12, unit="m"))
+        judge.judge([record(i, 0.01 + step * (i % 7)) for i in range(300)])
+        assert not judge.says_nothing(20)
+        judge.judge([record(300 + i, 0.012) for i in range(30)])
+        assert judge.says_nothing(20) is nothing
+
+
+@pytest.mark.parametrize(("value_m", "flags"), [(0.12, 0), (0.0, Quality.OVERLOAD), (0.0, Quality.SENSOR_FAULT)])
+def test_a_channel_at_its_end_or_with_a_fault_says_nothing(value_m: float, flags: int) -> None:
+    judge = ChannelInterlock("lvdt", "stroke-limit", ChannelLimits(low=-1.0, high=1.0, span=0.12, unit="m"))
+    judge.judge([record(i, value_m + 1e-6 * i, int(flags)) for i in range(3)])
+    assert judge.says_nothing(1000)
+
+
 def test_an_lvdt_without_measurements_shows_neither_speed_nor_standstill() -> None:
     """Saturated samples keep coming while the rod may move: the last speed before them says nothing any more."""
     judge = MotionInterlock(0.88, rate_Hz=250.0)

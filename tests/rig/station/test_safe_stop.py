@@ -12,7 +12,7 @@ from rig.station import safe_stop
 from rig.station.safe_stop import SafeStop, StopAction, StopInputs, StopPhase
 
 MS = 1_000_000
-MOVING = StopInputs(0, 0.0, True, 0.0, False, False, 1.0, period_s=1.0)
+MOVING = StopInputs(0, 0.0, True, 0.0, False, False, 1.0, period_s=1.0, lvdt_changed=True)
 AT_REST = replace(MOVING, still_s=1.0, controller_moving=False, current_A=0.0)
 OFF = replace(AT_REST, hydraulics_low=True, hydraulics_off=True)
 LOST = replace(MOVING, still_s=None, controller_moving=None, controller_clock_s=None, current_A=None,
@@ -90,6 +90,25 @@ def test_without_the_controller_standstill_needs_a_whole_period_at_rest() -> Non
     assert stop.step is StopPhase.SAFE
 
 
+def test_without_the_controller_an_lvdt_that_repeats_its_value_proves_nothing() -> None:
+    alone = replace(AT_REST, controller_moving=None, controller_clock_s=None, hydraulics_low=None, hydraulics_off=None)
+    stop, actions = run(begin(), replace(alone, still_s=60.0, period_s=0.4, lvdt_changed=False), 10_000)
+    assert (stop.step, stop.standstill) == (StopPhase.UNKNOWN, False)
+    assert StopAction.HYDRAULICS_OFF in [action for _, action in actions]
+
+
+@pytest.mark.parametrize("slug", ["actuator-frozen", "feedback-lost"])
+def test_a_controller_that_is_not_trusted_with_its_position_proves_no_standstill_alone(slug: str) -> None:
+    stop = safe_stop.after_fault(safe_stop.after_fault(begin(StopKind.HALT), slug), "lvdt-pulled")
+    assert safe_stop.after_fault(stop, slug) is stop
+    ended, _ = run(stop, replace(AT_REST, still_s=None, hydraulics_low=True, hydraulics_off=True), 10_000)
+    assert (ended.step, ended.standstill) == (StopPhase.UNKNOWN, False)
+    ended, _ = run(stop, AT_REST, 400)
+    assert ended.step is StopPhase.SAFE, "the LVDT agrees"
+    again, _ = safe_stop.escalate(ended, StopKind.PRESSURE_OFF, 500 * MS)
+    assert not again.position_trusted
+
+
 def test_without_the_lvdt_the_controllers_own_standstill_is_the_proof() -> None:
     stop, _ = run(begin(), replace(AT_REST, still_s=None), 20)
     assert stop.step is StopPhase.SAFE
@@ -142,6 +161,15 @@ def test_current_that_comes_back_is_not_zero() -> None:
     assert stop.current_zero
     stop, _ = run(stop, MOVING, 110, from_ms=100)
     assert not stop.current_zero
+
+
+def test_a_current_that_comes_back_after_its_deadline_is_stuck_and_told_each_time() -> None:
+    stop, _ = run(begin(), replace(MOVING, current_A=0.0), 400)
+    stop, actions = run(stop, MOVING, 600, from_ms=400)
+    assert actions == [(400, StopAction.CURRENT_STUCK)]
+    stop, _ = run(stop, replace(MOVING, current_A=0.0), 620, from_ms=600)
+    _, actions = run(stop, MOVING, 700, from_ms=620)
+    assert actions == [(620, StopAction.CURRENT_STUCK)]
 
 
 def test_everything_lost_ends_unknown_and_tries_to_stop_until_then() -> None:

@@ -81,6 +81,7 @@ class Rod:
 
     stop_taken = True
     state_name = None
+    changed = False
 
     def __init__(self) -> None:
         self.actions: list[StopAction] = []

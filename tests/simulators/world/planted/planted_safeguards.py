@@ -85,8 +85,8 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
     # The stop
     "standstill-proved": (
         Edit(
-            STOP, "    if inputs.still_s is None:\n        return inputs.controller_moving is False\n",
-            "    if True:\n        return True\n",
+            STOP, "    if inputs.still_s is None:\n        return stop.position_trusted and",
+            "    if True:\n        return True or",
         ),
     ),
     "current-proved": (

@@ -1,0 +1,54 @@
+"""What stands still by itself proves nothing: stops where a device lies, or is not heard, while the rod moves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matrices import matrix_text
+
+from simulators.world.plan import Happening, WorldPlan
+from simulators.world.runs import live
+from simulators.world.world import World
+
+STILL_M_S = 5e-3
+
+
+def ended(root: Path, *happenings: str, actuator: str = "tcp") -> World:
+    """The world's first session; everything that must hold did."""
+    matrix = matrix_text("0.5 A", amplitude="6 mm", frequency="2 Hz")
+    plan = WorldPlan(7, matrix, tuple(map(Happening.parse, happenings)), actuator)
+    world, found = live(plan, root, most_sessions=1)
+    assert found.failed == ()
+    return world
+
+
+def test_a_stuck_lvdt_on_a_line_of_bad_answers_proves_no_standstill_and_the_pressure_goes(tmp_path: Path) -> None:
+    world = ended(tmp_path, "rtu-crc@0.71", "sensor-stuck:lvdt@0.711", actuator="rtu")
+    told = [line for line in world.journal if line.get("event") == "station"]
+    assert [line["slug"] for line in told if line["what"] == "trip"] == ["rtu-crc"]
+    assert not [line for line in told if line["what"] == "safe"]
+    unknown = next(line for line in told if line["what"] == "unknown")
+    assert unknown["reason"] == "standstill cannot be proved; no fresh data from: controller, LVDT"
+    assert world.sessions[0].exit_code == 7
+    assert any(line.code == "HYDRAULICS_OFF" for line in world.sessions[0].truth.log), "whether or not it is answered"
+
+
+def test_an_lvdt_that_comes_back_proves_standstill_over_a_whole_period_alone(tmp_path: Path) -> None:
+    world = ended(tmp_path, "rtu-crc@0.71", "sensor-stuck:lvdt@0.711+1.2", actuator="rtu")
+    truth = world.sessions[0].truth
+    back_ns = next(line.host_ns for line in truth.log if line.code == "FAULT_ENDS")
+    safe = next(line for line in world.journal if line.get("what") == "safe")
+    assert safe["t_ns"] - back_ns > 0.5e9 - 20e6
+    rows = truth.arrays
+    assert abs(rows[(rows[:, 0] >= back_ns) & (rows[:, 0] < safe["t_ns"])][:, 1]).max() < STILL_M_S
+
+
+def test_a_frozen_position_beside_a_pulled_lvdt_proves_nothing_though_the_controller_says_that_it_holds(
+    tmp_path: Path,
+) -> None:
+    world = ended(tmp_path, "actuator-frozen@0.7", "lvdt-pulled@0.76")
+    told = [line for line in world.journal if line.get("event") == "station"]
+    assert [line["slug"] for line in told if line["what"] == "trip"] == ["actuator-frozen"]
+    assert not [line for line in told if line["what"] == "safe"]
+    assert world.sessions[0].exit_code == 7
+    assert world.sessions[0].truth.arrays[-1, 5] == 0, "the pressure is off"
