@@ -59,7 +59,6 @@ def _inverse_of(model: Integrable) -> Compiled:
     return cached(_inverse(key, model.states), _held=held, _step=sampled_step(model), _solve=_root(held))
 
 
-@njit()
 def smoothed_rate(before: float, change: float, dt: float) -> float:
     """Rate (N/s) of a force that changed by `change` (N) in dt (s), through a low-pass of `SMOOTH_S`."""
     return before + (change / dt - before) * dt / (dt + SMOOTH_S)
