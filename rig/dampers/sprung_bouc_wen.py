@@ -118,7 +118,7 @@ class SprungSearch(Search):
             # kt counts as 0 where it is negative, and a search does not find out of that
             start |= {name: THINNING * start[f"ky{name[2:]}"] for name in ("kt", "kt_b", "kt_c")} | {"kt_d": 0.0}
             start["vt"] = max(start["vt"], EYRING * scale.top_speed_m_s)
-        speed = 0.25 * scale.top_speed_m_s / simple["vt"]
+        speed = 0.25 * scale.top_speed_m_s / start["vt"]
         force_N = abs(start["ky"] + amps * start["ky_b"]) + abs(start["kt"] + amps * start["kt_b"]) * math.asinh(speed)
         stretched_N = max(force_N, 1.0)
         return [start | {"k": stretched_N / (share * scale.smallest_amplitude_m)} for share in GIVES_WAY]

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from rig.dampers import model
+from rig.dampers.separation import MotionScale
 from rig.dampers.trajectory import amplified, inverse_of, rates_N_s
 
 AMPLITUDE_m, OMEGA = 0.01, 2.0 * math.pi * 1.5
@@ -106,6 +107,17 @@ def test_a_spring_stiffer_than_any_rig_sees_is_at_its_limit() -> None:
     unknowns = search.unknowns(DEMO, frozenset())
     assert search.at_limit(unknowns, unknowns.theta({**DEMO, "k": 3e9})) == {"k": 3e8}
     assert search.at_limit(unknowns, unknowns.theta({**DEMO, "k": 1.5e7})) == {}
+
+
+def test_a_search_begins_with_a_logarithmic_force_at_every_current() -> None:
+    scale = MotionScale(0.03, 0.4, 1.0, 0.0, 2.0, 0.004)
+    simple = {name: DEMO[name] for name in DEMO if name not in {"k", "m"}}
+    kept = DAMPER.search().starts(simple, scale)[0]
+    assert [kept[name] for name in ("kt", "kt_b", "kt_c", "kt_d", "vt")] == [15.0, 25.0, 6.0, -2.0, 2e-3]
+    less = {**simple, "kt": 2.2, "kt_b": 1.2, "kt_c": -6.1, "kt_d": 1.3, "vt": 4e-5}  # -9 N at 2 A, and 0 counts
+    for start in DAMPER.search().starts(less, scale):
+        assert [start[name] for name in ("kt", "kt_b", "kt_c", "kt_d")] == [4.0, 20.0, 1.0, 0.0]  # a tenth of ky's
+        assert start["vt"] == pytest.approx(0.008)
 
 
 def test_the_inverse_finds_the_current_though_the_force_only_follows_it() -> None:
