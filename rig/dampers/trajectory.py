@@ -83,7 +83,7 @@ def rates_N_s(force_N: FloatArray, dt_s: float) -> FloatArray:
     start = float(passed(steps[::-1], float(np.mean(steps)))[-1])
     along = np.concatenate(([start], passed(steps, start)))
     against = np.concatenate((passed(steps[::-1], float(along[-1]))[::-1], along[-1:]))
-    return 0.5 * (along + against)
+    return np.asarray(0.5 * (along + against))
 
 
 def amplified(of_force: FloatArray, of_rate_s: FloatArray, dt_s: float, *, causal: bool) -> FloatArray:
