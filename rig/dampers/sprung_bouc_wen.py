@@ -39,6 +39,7 @@ STIFFEST_N_m = 3e8
 """Gives way by 3 um at 1 kN, as fine as displacement sensors of test rigs are."""
 GIVES_WAY = (0.01, 0.03, 0.1)  # starts: stretch at the mean yield force, as a share of the smallest amplitude
 OPENS = 0.6  # start: rho as a share of that of `lost_motion`, whose loop opens later
+THINNING, EYRING = 0.1, 0.02  # start without a logarithmic force: kt over ky, and vt over the top speed
 
 
 class SprungBoucWenModel(HystereticModel):
@@ -112,7 +113,12 @@ class SprungSearch(Search):
         start = {name: simple[name] for name in TAKEN} | {"rho": OPENS * simple["rho"], "vt": simple["vt"], "m": 0.0}
         start["kv"] = max(start["kv"], 0.0)
         amps = scale.mean_current_A
-        speed = 0.25 * scale.top_speed_m_s / simple["vt"]
+        ends = (scale.low_current_A, amps, scale.high_current_A)
+        if min(np.polyval([start[name] for name in ("kt_d", "kt_c", "kt_b", "kt")], ends)) < 0.0:
+            # kt counts as 0 where it is negative, and a search does not find out of that
+            start |= {name: THINNING * start[f"ky{name[2:]}"] for name in ("kt", "kt_b", "kt_c")} | {"kt_d": 0.0}
+            start["vt"] = max(start["vt"], EYRING * scale.top_speed_m_s)
+        speed = 0.25 * scale.top_speed_m_s / start["vt"]
         force_N = abs(start["ky"] + amps * start["ky_b"]) + abs(start["kt"] + amps * start["kt_b"]) * math.asinh(speed)
         stretched_N = max(force_N, 1.0)
         return [start | {"k": stretched_N / (share * scale.smallest_amplitude_m)} for share in GIVES_WAY]
