@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from matrices import matrix_text
 
-from rig.campaign import campaign, results, resume
+from rig.campaign import campaign, point_results, resume
 from rig.cli.main import answered
 from rig.matrix.model import load_matrix
 from rig.recording.alignment import alignment
@@ -134,7 +134,7 @@ def test_a_station_that_does_not_stop_the_motion_is_found_and_shrunk(
 
 
 def test_an_answer_that_lies_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(results.PointResults, "valid", property(lambda self: len(self.points) + 1))
+    monkeypatch.setattr(point_results.PointResults, "valid", property(lambda self: len(self.points) + 1))
     _, ended = live(plan(), tmp_path)
     assert "answer" in {invariant for invariant, _, _ in ended.failed}
 
