@@ -4,8 +4,8 @@ The piston's speed follows from the spring's force, because the law rises with t
 where the piston slides (k over the slope of the law is thousands per second), so it is integrated by a diagonally
 implicit Runge-Kutta method of two stages and second order that damps stiff parts out (Alexander 1977, L-stable). The
 loop w has a solution in closed form along any path, and each stage takes w where the stage ends. Steps are short where
-the force turns round, and up to 2.5 ms long where the piston slides: steps of 4 ms were off by up to 2 N there, the same
-in every cycle, and the fitted parameters by more than their intervals.
+the force turns round, and up to 2.5 ms long where the piston slides: steps of 4 ms were off by up to 2 N there, in
+every cycle the same, and the fitted parameters by more than their intervals.
 
 Parameters p are those of `SprungBoucWenModel` in their order, the state is the spring's stretch (m), then w.
 """
