@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import product
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -38,7 +39,9 @@ TAKEN = ("kx", "kv", "kv_b", "f0", "ky", "ky_b", "ky_c", "ku", "ku_b", "kt", "kt
 STIFFEST_N_m = 3e8
 """Gives way by 3 um at 1 kN, as fine as displacement sensors of test rigs are."""
 GIVES_WAY = (0.01, 0.03, 0.1)  # starts: stretch at the mean yield force, as a share of the smallest amplitude
-OPENS = 0.6  # start: rho as a share of that of `lost_motion`, whose loop opens later
+OPENS = (0.6, 3.0)  # starts: rho as a share of that of `lost_motion`, whose loop opens later
+BENDS = (0.01, 0.03, 0.3)  # further starts: vt as a share of the greatest speed
+THINNING, VISCOUS = 0.1, 0.05  # the same: kt, and kv at the greatest speed, as shares of the yield force
 
 
 class SprungBoucWenModel(HystereticModel):
@@ -101,21 +104,36 @@ class SprungBoucWenModel(HystereticModel):
 
 
 class SprungSearch(Search):
-    """From the fit of `lost_motion`, with springs that give way by several shares of the smallest amplitude."""
+    """From the fit of `lost_motion`, with springs that give way by several shares of the smallest amplitude.
+
+    That fit makes up for the spring by forces of its own, kv or kt below 0 among them, from where no way leads to what
+    is behind the spring. So there is a second family of starts, whose viscous and logarithmic forces are small and at
+    no current below 0.
+    """
 
     simpler = "lost_motion"
     simpler_names: Mapping[str, str] = {name: name for name in TAKEN}
-    family = len(GIVES_WAY)
+    family = len(OPENS) * len(GIVES_WAY)
 
     def starts(self, simple: Mapping[str, float], scale: MotionScale) -> list[dict[str, float]]:
         """See `Search.starts`."""
-        start = {name: simple[name] for name in TAKEN} | {"rho": OPENS * simple["rho"], "vt": simple["vt"], "m": 0.0}
+        start = {name: simple[name] for name in TAKEN} | {"vt": simple["vt"], "m": 0.0}
         start["kv"] = max(start["kv"], 0.0)
-        amps = scale.mean_current_A
-        speed = 0.25 * scale.top_speed_m_s / simple["vt"]
-        force_N = abs(start["ky"] + amps * start["ky_b"]) + abs(start["kt"] + amps * start["kt_b"]) * math.asinh(speed)
-        stretched_N = max(force_N, 1.0)
-        return [start | {"k": stretched_N / (share * scale.smallest_amplitude_m)} for share in GIVES_WAY]
+        amps, top_m_s = scale.mean_current_A, scale.top_speed_m_s
+        yielding_N = abs(start["ky"] + amps * start["ky_b"])
+        thinning_N = abs(start["kt"] + amps * start["kt_b"]) * math.asinh(0.25 * top_m_s / simple["vt"])
+        stretched_N = max(yielding_N + thinning_N, 1.0)
+        small = start | {name: 0.0 for name in TAKEN if name.split("_")[0] in {"kv", "kt"}}
+        small["kv"] = VISCOUS * max(yielding_N, 1.0) / top_m_s
+        small |= {"kt": THINNING * abs(start["ky"]), "kt_b": THINNING * abs(start["ky_b"])}
+        small["k"] = max(yielding_N, 1.0) / (GIVES_WAY[1] * scale.smallest_amplitude_m)
+        return [
+            *(
+                start | {"k": stretched_N / (share * scale.smallest_amplitude_m), "rho": opens * simple["rho"]}
+                for opens, share in product(OPENS, GIVES_WAY)
+            ),
+            *(small | {"vt": bend * top_m_s, "rho": opens * simple["rho"]} for opens, bend in product(OPENS, BENDS)),
+        ]
 
     def unknowns(self, start: Mapping[str, float], held: frozenset[str]) -> Unknowns:
         """See `Search.unknowns`: the terms of one polynomial move by the same size."""
