@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from itertools import product
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -40,8 +39,9 @@ STIFFEST_N_m = 3e8
 """Gives way by 3 um at 1 kN, as fine as displacement sensors of test rigs are."""
 GIVES_WAY = (0.01, 0.03, 0.1)  # starts: stretch at the mean yield force, as a share of the smallest amplitude
 OPENS = (0.6, 3.0)  # starts: rho as a share of that of `lost_motion`, whose loop opens later
-BENDS = (0.01, 0.03, 0.3)  # further starts: vt as a share of the greatest speed
-THINNING, VISCOUS = 0.1, 0.05  # the same: kt, and kv at the greatest speed, as shares of the yield force
+THINNING, EYRING = 0.1, 0.02  # start without a logarithmic force: kt over ky, and vt over the top speed
+BENDS = (0.003, 0.01, 0.03)  # starts with little of it: vt over the top speed
+VISCOUS = 0.05  # and the viscous force at the top speed over the yield force
 
 
 class SprungBoucWenModel(HystereticModel):
@@ -120,19 +120,20 @@ class SprungSearch(Search):
         start = {name: simple[name] for name in TAKEN} | {"vt": simple["vt"], "m": 0.0}
         start["kv"] = max(start["kv"], 0.0)
         amps, top_m_s = scale.mean_current_A, scale.top_speed_m_s
+        little = {name: THINNING * abs(start[f"ky{name[2:]}"]) for name in ("kt", "kt_b")} | {"kt_c": 0.0, "kt_d": 0.0}
+        ends = (scale.low_current_A, amps, scale.high_current_A)
+        if min(np.polyval([start[name] for name in ("kt_d", "kt_c", "kt_b", "kt")], ends)) < 0.0:
+            # kt counts as 0 where it is negative, and a search does not find out of that
+            start |= little | {"vt": max(start["vt"], EYRING * top_m_s)}
         yielding_N = abs(start["ky"] + amps * start["ky_b"])
-        thinning_N = abs(start["kt"] + amps * start["kt_b"]) * math.asinh(0.25 * top_m_s / simple["vt"])
-        stretched_N = max(yielding_N + thinning_N, 1.0)
-        small = start | {name: 0.0 for name in TAKEN if name.split("_")[0] in {"kv", "kt"}}
-        small["kv"] = VISCOUS * max(yielding_N, 1.0) / top_m_s
-        small |= {"kt": THINNING * abs(start["ky"]), "kt_b": THINNING * abs(start["ky_b"])}
-        small["k"] = max(yielding_N, 1.0) / (GIVES_WAY[1] * scale.smallest_amplitude_m)
+        thinning_N = abs(start["kt"] + amps * start["kt_b"]) * math.asinh(0.25 * top_m_s / start["vt"])
+        stretched_N, small_N = max(yielding_N + thinning_N, 1.0), max(yielding_N, 1.0)
+        small = start | little | {"kv": VISCOUS * small_N / top_m_s, "kv_b": 0.0}
+        small["k"] = small_N / (GIVES_WAY[1] * scale.smallest_amplitude_m)
+        first = [start | {"k": stretched_N / (share * scale.smallest_amplitude_m)} for share in GIVES_WAY]
+        second = [small | {"vt": bend * top_m_s} for bend in BENDS]
         return [
-            *(
-                start | {"k": stretched_N / (share * scale.smallest_amplitude_m), "rho": opens * simple["rho"]}
-                for opens, share in product(OPENS, GIVES_WAY)
-            ),
-            *(small | {"vt": bend * top_m_s, "rho": opens * simple["rho"]} for opens, bend in product(OPENS, BENDS)),
+            each | {"rho": opens * simple["rho"]} for family in (first, second) for opens in OPENS for each in family
         ]
 
     def unknowns(self, start: Mapping[str, float], held: frozenset[str]) -> Unknowns:

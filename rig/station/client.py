@@ -25,6 +25,8 @@ from rig.station.errors import StationLost, StationRefused
 
 START_TIMEOUT_S = 15.0
 WRITE_TIMEOUT_S = 1.0
+QUIET_S, MOST_HEARD = 0.01, 20
+"""In so long the link's thread has read what has come; beside other work too."""
 
 __all__ = ["StationClient", "StationLost", "StationRefused"]
 
@@ -145,6 +147,19 @@ class StationClient:
                 self._something.wait(timeout_s)
             taken = list(self._events)
             self._events.clear()
+        return taken
+
+    def heard(self) -> list[dict[str, Any]]:
+        """All that the station has said until now, oldest first, also where the link's thread has not read it yet.
+
+        Waits until nothing comes for `QUIET_S`; not for ever, whatever the station says.
+        """
+        taken: list[dict[str, Any]] = []
+        for _ in range(MOST_HEARD):
+            more = self.events(timeout_s=QUIET_S)
+            if not more:
+                break
+            taken += more
         return taken
 
     def beat(self, healthy: bool) -> None:

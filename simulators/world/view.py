@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -107,6 +108,16 @@ class View:
             if str(line.get("phase")).startswith("resetting") and int(line["host_ns"]) > after_ns
         ]
         return resets[0] if resets else self.session.rest_ns
+
+    def reset_ns(self, after_ns: float) -> float:
+        """When the station forgot a stop; the session's end when it did not: a refused reset leaves it latched."""
+        phases = [
+            line for line in self.lines if line.get("event") == "phase" and int(line["host_ns"]) > after_ns
+        ]
+        for line, following in pairwise(phases):
+            if str(line["phase"]).startswith("resetting") and following.get("after") == "Done":
+                return float(following["host_ns"])
+        return float(self.session.rest_ns)
 
     def begun(self, until_ns: float) -> list[tuple[float, str]]:
         """Faults of the devices until then: when (ns), `SLUG` or `SLUG:VARIANT`."""

@@ -23,6 +23,7 @@ from watched_campaign import FINISH_S, RIG, Campaign, resumed, told, wait_until
 
 from rig.recording.conversion.recovery import recover
 from rig.recording.journal.campaign_log import read_log
+from rig.station.client import StationClient
 from simulators.controller_firmware import Command, State
 
 if TYPE_CHECKING:
@@ -116,6 +117,36 @@ def test_another_clients_stop_ends_the_campaign_and_nothing_starts_after_it(
     assert (ending.answer["stopped_by"], ending.answer["rig_state"]) == ("second-master", "safe")
     assert len(ending.truth.all("START")) == 1
     assert ending.verdicts() == {"p001": "invalid", "p002": "not run"}
+
+
+READS_LATE_NS = 2_000_000
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize(("speed", "seconds"), [(1.0, 0.6), (5.0, 3.0)])
+def test_an_application_that_stood_still_hears_why_the_station_stopped_before_it_makes_something_of_it(
+    begin_world: BeginWorld, monkeypatch: pytest.MonkeyPatch, speed: float, seconds: float
+) -> None:
+    """On waking it sees a motion that somebody has ended, or that time is over; the reason is still in its pipe."""
+    campaign = begin_world(speed=speed, real_time=speed == 1.0)
+    take, kernel = StationClient._take, campaign.stage.kernel
+
+    def late(client: StationClient, message: dict[str, object]) -> None:
+        if message.get("event") == "trip":
+            kernel.sleep_ns(READS_LATE_NS)
+        take(client, message)
+
+    monkeypatch.setattr(StationClient, "_take", late)
+    campaign.move(1.2)
+    campaign.send(signal.SIGSTOP)
+    campaign.wait_for("FADE_STOP")
+    campaign.run_on(seconds)
+    campaign.send(signal.SIGCONT)
+    ending = campaign.finish()
+    assert (ending.exit_code, ending.answer["stopped_by"]) == (4, "host-stalled"), ending.said
+    stops = [line["slug"] for line in read_log(ending.folder) if line.get("what") in {"trip", "also"}]
+    assert stops == ["host-stalled"]
+    assert ending.point("p001").reasons[0].startswith("host-stalled")
 
 
 # On real processes

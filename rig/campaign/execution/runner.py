@@ -3,13 +3,14 @@
 One turn every few milliseconds: beat, collect events, step, act. Nothing in a turn waits for the rig; requests are
 answered on threads of their own, samples are recorded on the recorder's thread, files are written by the
 finaliser's process. Events of one turn are taken in this order: signals, station, answers, facts, verdicts, faults,
-deadlines; so a trip is always known before the answer or the fact that came with it.
+deadlines; so a trip is always known before the answer or the fact that came with it. What this program itself takes for
+somebody's stop, for a load train that gives way, or for an answer that never came waits until all that the station has
+said is read: after a time in which this process stood still, samples and its own clock are seen first.
 """
 
 from __future__ import annotations
 
 import math
-import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -23,6 +24,7 @@ import numpy as np
 from drivers.ring import Channel
 from rig.campaign.execution.action_executor import ActionExecutor, Outcome
 from rig.campaign.execution.campaign_context import CampaignContext
+from rig.campaign.execution.loop_watch import LoopWatch
 from rig.campaign.execution.observer import LIVE
 from rig.campaign.operator_link import Signals
 from rig.campaign.preflight.proof_move import Baseline
@@ -32,7 +34,7 @@ from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer import stopping
 from rig.campaign.sequencer.state import Latch, Phase, State, campaign_state
 from rig.campaign.sequencer.step import step
-from rig.campaign.stop_cause import SPOIL, StopCause, because, cause_of, disk_slug
+from rig.campaign.stop_cause import CURRENT_FLOWS, SPOIL, StopCause, because, cause_of, disk_slug
 from rig.campaign.words import say
 from rig.clock import WallClockWatch, monotonic_ns
 from rig.faults.row import StopKind
@@ -166,6 +168,8 @@ class Runner:
         """Collect what happened since the last turn, in the order in which it is to be taken."""
         facts = self._collected("the samples", self._facts)
         outcomes, overdue = self._executor.outcomes()
+        if overdue:
+            self._hear_the_station()
         self._waiting.extend(self._signals.take())
         self._waiting.extend(self._station_events(0.0))
         self._waiting.extend(self._collected("the station's answers", partial(self._answered, outcomes)))
@@ -178,7 +182,13 @@ class Runner:
 
     def _facts(self) -> list[ev.Event]:
         fact = None if self._ring is None else self._observe(RecordBlock(self._ring.read()))
+        if isinstance(fact, ev.ProgramEnded) and fact.cut_short:
+            self._hear_the_station()
         return [] if fact is None else [fact]
+
+    def _hear_the_station(self) -> None:
+        """Take all that the station has said until now before what comes next."""
+        self._waiting.extend(self._events_of(self._campaign.client.heard()))
 
     def _take(self, event: ev.Event) -> None:
         before = self.state.phase
@@ -211,10 +221,7 @@ class Runner:
         self._campaign.display.message("info", text)
 
     def _station_events(self, timeout_s: float) -> list[ev.Event]:
-        events: list[ev.Event] = []
-        for message in self._campaign.client.events(timeout_s=timeout_s):
-            self._campaign.log.note("station", **{_KEYS.get(key, key): value for key, value in message.items()})
-            events += self._collected(f"the station's {message.get('event')}", partial(self._translated, message))
+        events = self._events_of(self._campaign.client.events(timeout_s=timeout_s))
         if not self._campaign.client.alive and "gone" not in self._said:
             self._said.add("gone")
             events.append(
@@ -222,14 +229,21 @@ class Runner:
             )
         return events
 
+    def _events_of(self, messages: Iterable[dict[str, Any]]) -> list[ev.Event]:
+        events: list[ev.Event] = []
+        for message in messages:
+            self._campaign.log.note("station", **{_KEYS.get(key, key): value for key, value in message.items()})
+            events += self._collected(f"the station's {message.get('event')}", partial(self._translated, message))
+        return events
+
     def _translated(self, message: dict[str, Any]) -> list[ev.Event]:
         name, detail = message.get("event"), str(message.get("detail", ""))
         if name in {"warning", "also"}:
             self._campaign.display.message("warning", f"{message.get('slug')}: {detail}")
         if name in {"trip", "also"}:
-            self.stop_causes.add(str(message["slug"]))
-            cause = because(str(message["slug"]), "said", text=detail)
-            return [ev.Tripped(StopKind(message["stop"]), cause, name == "trip")]
+            self.stop_causes.add(slug := str(message["slug"]))
+            self.current_zero = self.current_zero and slug not in CURRENT_FLOWS
+            return [ev.Tripped(StopKind(message["stop"]), because(slug, "said", text=detail), name == "trip")]
         if name == "safe":
             self.current_zero = message.get("current_zero") is True
             return [ev.Safe()]
@@ -291,6 +305,7 @@ class Runner:
         changed = observer.load_train_change
         # A friction test's force lies near the sensor's noise: from cycle to cycle it differs by more than a share.
         if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == "loop":
+            self._hear_the_station()
             self._fault_once(because("load-train", "said", text=changed), StopKind.PRESSURE_OFF)
         return fact
 
@@ -354,47 +369,3 @@ def _named(error: Exception) -> str:
 
 _KEYS = {"event": "what"}
 """The campaign's journal has an `event` of its own; the station's is kept beside it."""
-
-
-LONGEST_TURN_S = 10.0
-"""Longer than any disk may keep the campaign's loop from turning (wall s).
-
-The station has stopped the rig long before, but holds it under pressure for an application that may come back.
-"""
-LOOK_S = 0.5
-
-
-class LoopWatch:
-    """Looks on a thread of its own whether the loop still turns.
-
-    Time in which this whole process stood still does not count: the thread counts its own looks.
-
-    Args:
-        let_go: called once, from that thread, when the loop has not turned for `longest_s`.
-        longest_s: how long one turn may take (wall s).
-    """
-
-    def __init__(self, let_go: Callable[[], object], longest_s: float = LONGEST_TURN_S) -> None:
-        self._let_go = let_go
-        self._looks = max(2, round(longest_s / LOOK_S))
-        self._turns = 0
-        self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="loop watch", daemon=True)
-        self._thread.start()
-
-    def turned(self) -> None:
-        """The loop has turned once more."""
-        self._turns += 1
-
-    def end(self) -> None:
-        """Watch no longer."""
-        self._ending.set()
-
-    def _watch(self) -> None:
-        seen, looks = -1, 0
-        while not self._ending.wait(LOOK_S):
-            looks = looks + 1 if self._turns == seen else 0
-            seen = self._turns
-            if looks >= self._looks:
-                self._let_go()
-                return

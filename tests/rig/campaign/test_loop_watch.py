@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from rig.campaign.execution.runner import LOOK_S, LoopWatch
+from rig.campaign.execution.loop_watch import LOOK_S, LoopWatch
 
 
 def test_a_loop_that_stands_still_lets_go_once() -> None:
