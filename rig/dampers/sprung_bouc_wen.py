@@ -133,7 +133,10 @@ class SprungSearch(Search):
         first = [start | {"k": stretched_N / (share * scale.smallest_amplitude_m)} for share in GIVES_WAY]
         second = [small | {"vt": bend * top_m_s} for bend in BENDS]
         return [
-            each | {"rho": opens * simple["rho"]} for family in (first, second) for opens in OPENS for each in family
+            values | {"rho": opens * simple["rho"]}
+            for family in (first, second)
+            for opens in OPENS
+            for values in family
         ]
 
     def unknowns(self, start: Mapping[str, float], held: frozenset[str]) -> Unknowns:
