@@ -120,16 +120,17 @@ def steps_in(p: FloatArray, at: Numbers, w: float, motion: Motion, dt: float) ->
 
 
 @njit()
-def two_stages(
-    p: FloatArray, at: Numbers, state: FloatArray, motion: Motion, step: tuple[float, float, float]
-) -> tuple[Stage, float, Stage, float]:
-    """Both stages of one step, each with the piston's speed (m/s) in it; a step: begin and length (s), speed before."""
-    t, h, before = step
-    part, began, w = IMPLICIT * h, rod_at(motion, t) - state[0], state[1]
-    early = (rod_at(motion, t + part), began, part, began, w)
-    first = piston_speed(p, at, early, before)
-    late = (rod_at(motion, t + h), began + (h - part) * first, part, began, w)
-    return early, first, late, piston_speed(p, at, late, first)
+def first_stage(state: FloatArray, motion: Motion, t: float, h: float) -> Stage:
+    """The first stage of a step of length h (s) that begins at t (s)."""
+    part, began = IMPLICIT * h, rod_at(motion, t) - state[0]
+    return rod_at(motion, t + part), began, part, began, state[1]
+
+
+@njit()
+def second_stage(early: Stage, motion: Motion, t: float, h: float, first: float) -> Stage:
+    """The second one, behind a first stage with the piston's speed `first` (m/s)."""
+    part, began, w = early[2], early[3], early[4]
+    return rod_at(motion, t + h), began + (h - part) * first, part, began, w
 
 
 @njit()
@@ -141,7 +142,11 @@ def moved(p: FloatArray, state: FloatArray, motion: Motion, current: float, dt: 
     count = steps_in(p, at, state[1], motion, dt)
     h, v = dt / count, motion[1]
     for k in range(count):
-        _, _, (rod, base, part, began, w), v = two_stages(p, at, state, motion, (k * h, h, v))
+        early = first_stage(state, motion, k * h, h)
+        first = piston_speed(p, at, early, v)
+        late = second_stage(early, motion, k * h, h, first)
+        v = piston_speed(p, at, late, first)
+        rod, base, part, began, w = late
         now = base + part * v
         state[0] = rod - now
         end = turned(w, p[RHO] * (now - began))

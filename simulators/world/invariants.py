@@ -20,7 +20,7 @@ from rig.faults.row import StopKind
 from rig.recording.recorded_point import RecordedPoint
 from simulators.controller_firmware import Command
 from simulators.world.plan import DEATHS, DISK, STALLS
-from simulators.world.stop_invariants import STOP_CHECKS
+from simulators.world.stop_invariants import STOP_CHECKS, STOPS
 from simulators.world.view import KILLING, NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
 from simulators.world.world import EVERY_S, MOST_SESSIONS, World
 
@@ -32,7 +32,6 @@ SKEW_SIGMAS, SKEW_S = 4.5, 20e-6
 TRUE_SHARE, TRUE_FORCE_N = 0.05, 60.0
 """So much may a recorded force's ends differ from the true ones: of its span, and noise beside."""
 TRUE_TRAVEL_M = 0.5e-3
-STOPPING = frozenset({Command.FADE_STOP.name, Command.HALT.name, Command.HYDRAULICS_OFF.name})
 UNSTOPPED_S = 0.3
 """So long in all the rod, the force or the current may be beyond a limit before a stop is latched."""
 UNSTOPPED_HOT_S = 1.0
@@ -248,7 +247,7 @@ def _unstopped(view: View) -> Iterator[tuple[float, float]]:
         if happening.what in KILLING or (happening.what in STALLS and "station" in happening.what)
     ]
     if any(happening.what == "power-cut" for _, happening in session.happened):  # it took the journal's last lines
-        away += [line.host_ns for line in session.truth.log if line.code in STOPPING]
+        away += [line.host_ns for line in session.truth.log if line.code in STOPS]
     last_ns = min([*away, session.ended_ns])
     from_ns = float(session.began_ns)
     for trip in view.station("trip"):

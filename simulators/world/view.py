@@ -80,9 +80,14 @@ class View:
         return {MATRIX[slug].place for slug in slugs if slug in MATRIX}
 
     @property
+    def hidden_devices(self) -> bool:
+        """Something is wrong with controller, current source or the ways to them, and may hide something."""
+        return bool(self._hiding_places & UNSEEN)
+
+    @property
     def hidden(self) -> bool:
         """Something may hide whether the rig has stopped, or keep those who see it from running."""
-        return bool(self._hiding_places & UNSEEN) or any(
+        return self.hidden_devices or any(
             happening.what in KILLING or happening.what in STALLS or happening.what in FOREIGN
             for _, happening in self.session.happened
         )
@@ -97,7 +102,7 @@ class View:
     @property
     def hidden_pressure(self) -> bool:
         """Something may keep the station from taking the pressure away, or from seeing that it is gone."""
-        return bool(self._hiding_places & UNSEEN) or any(
+        return self.hidden_devices or any(
             happening.what in {"station-killed", "power-cut", *FOREIGN} for _, happening in self.session.happened
         )
 
