@@ -1,10 +1,14 @@
 """The inverse on simulated plants: error of the current, and of the force that a controller makes a lagging coil give.
 
-`python benchmarks/inverse.py` simulates Table 1 of each plant (5 N of noise), fits the plant's own model, and then, on
+    python benchmarks/inverse.py
+    python benchmarks/inverse.py --plant sprung_bouc_wen --drawn 6
+
+The first simulates Table 1 of each plant (5 N of noise), fits the plant's own model, and then, on
 a motion and a current that no test had: finds the current from force (5 N of noise) and motion, its error over the
 samples where the force is attainable and tells the current, in % of the current's range; and lets the controller track
 a force at 1 kHz through a coil of eta = 25 1/s, its error over the samples where, besides, the coil can follow, in % of
-the peak force.
+the peak force. The second finds the current alone, of so many plants whose forces, dampings and stiffnesses are
+drawn about the demonstration's (a third of them, one standard deviation), each with noise of its own.
 """
 
 from __future__ import annotations
@@ -28,9 +32,9 @@ RATE_HZ, NOISE_N, ETA_1_S = 250.0, 5.0, 25.0
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
-def measured(name: str, values: dict[str, float]) -> list[Measurement]:
+def measured(name: str, values: dict[str, float], seed: int = 0) -> list[Measurement]:
     """Table 1 of a damper, 30 mm, the first cycle left out."""
-    rng, damper, tests = np.random.default_rng(0), model(name), []
+    rng, damper, tests = np.random.default_rng(seed), model(name), []
     for current_A in CURRENTS_A:
         for frequency_Hz in FREQUENCIES_HZ:
             omega = 2.0 * math.pi * frequency_Hz
@@ -64,10 +68,12 @@ def plant_force(name: str, values: dict[str, float], motion: Arrays, coil_A: np.
     return np.asarray(model(name).force(values, u, v, a, coil_A, 1e-3))
 
 
-def current_error(fit: Fit, force: np.ndarray, motion: Arrays, coil_A: np.ndarray) -> dict[str, float]:
+def current_error(
+    fit: Fit, force: np.ndarray, motion: Arrays, coil_A: np.ndarray, seed: int = 1
+) -> dict[str, float]:
     """Error of the current (% of its range), and how many samples it is stated for (%)."""
     t, u, v, a = motion
-    noisy = force + np.random.default_rng(1).normal(0.0, NOISE_N, t.size)
+    noisy = force + np.random.default_rng(seed).normal(0.0, NOISE_N, t.size)
     answer = fit.inverse(noisy, v, u, time_s=t, acceleration_m_s2=a)
     told = (answer["attainable"] & answer["resolvable"]).to_numpy()
     error_A = (answer["current_A"].to_numpy() - coil_A)[told]
@@ -102,13 +108,31 @@ def tracking_error(
     }  # fmt: skip
 
 
+def drawn(name: str, seed: int, motion: Arrays, coil_A: np.ndarray) -> dict[str, float]:
+    """`current_error` of a plant with parameters and noise of its own."""
+    rng, values = np.random.default_rng((seed, 5)), dict(model(name).demonstration)
+    for parameter in model(name).parameters:
+        if parameter.unit.startswith("N"):
+            values[parameter.name] *= math.exp(rng.normal(0.0, 1.0 / 3.0))
+    fit = identify(measured(name, values, seed), model=name, diagnose=False)
+    return current_error(fit, plant_force(name, values, motion, coil_A), motion, coil_A, 1000 + seed)
+
+
 def main() -> None:
     """Print one line a plant as JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--plant", choices=PLANTS, action="append")
-    motion = ride()
+    parser.add_argument("--drawn", type=int, default=0, help="plants with drawn parameters, their current alone")
+    given, motion = parser.parse_args(), ride()
     coil_A = 1.0 + 0.8 * np.sin(2.0 * math.pi * 0.7 * motion[0])
-    for name in parser.parse_args().plant or PLANTS:
+    for name in given.plant or PLANTS:
+        if given.drawn:
+            rows = [drawn(name, seed, motion, coil_A) for seed in range(1, given.drawn + 1)]
+            mean = {key: round(float(np.mean([row[key] for row in rows])), 2) for key in rows[0]}
+            worst = {f"worst_{key}": round(max(row[key] for row in rows), 2) for key in ("current_rms_percent",)}
+            least = {f"least_{key}": round(min(row[key] for row in rows), 2) for key in ("in_band_percent",)}
+            print(json.dumps({"plant": name, "drawn": given.drawn, **mean, **worst, **least}), flush=True)
+            continue
         values = dict(model(name).demonstration)
         fit = identify(measured(name, values), model=name)
         eta = {**fit.parameters, "eta": Estimate(ETA_1_S, "1/s")}

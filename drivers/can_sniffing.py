@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from drivers.can_library import import_can
 from drivers.can_port import CanPort
 from drivers.connection import CanAddress
 from protocols.errors import LocalProtocolError
@@ -44,6 +45,7 @@ def decoded(frames: Sequence[CanFrame], dbc: Path) -> tuple[dict[int, dict[str, 
     Raises:
         LocalProtocolError: the DBC cannot be read.
     """
+    import_can()  # before cantools, which would have it load its MF4 reader
     import cantools
     from cantools.database.errors import Error
 

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cantools.database.can import Database
-
+from drivers.can_library import import_can
 from drivers.devices.dbc_file import DBC_ENCODING
 from drivers.devices.description_file import read_description, read_text
 from drivers.devices.ecu_description import EcuDescription
@@ -69,6 +68,9 @@ class WornEcu:
         given = read_description(roles) if isinstance(roles, Path) else roles
         self.described: EcuDescription = current_source(str(dbc), given)
         self.command_timeout_s = self.described.command_timeout_s
+        import_can()  # before cantools, which would have it load its MF4 reader, and with that pandas
+        from cantools.database.can import Database
+
         database = Database(strict=False)
         database.add_dbc_string(read_text(dbc, DBC_ENCODING))
         self._messages = {message.name: message for message in database.messages}

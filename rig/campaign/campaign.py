@@ -20,6 +20,7 @@ from rig.campaign.live_link import LiveLink
 from rig.campaign.machine_resources import station_in_use
 from rig.campaign.operator_link import Signals, operator_link
 from rig.campaign.preflight.proof_move import read_baseline
+from rig.campaign.preflight.rest_check import tolerances_of
 from rig.campaign.preflight.zero_return import zeros_returned
 from rig.campaign.results import CampaignOptions, CampaignResult, Display, RigState, StopReport
 from rig.campaign.resume import Stock
@@ -261,16 +262,19 @@ def _run(
 def _result_of(runner: Runner, campaign: CampaignContext) -> CampaignResult:
     """The result of a session that has ended; the zeros at its end are judged first, for the points' verdicts."""
     state = runner.state
-    findings = zeros_returned(runner.zeros, campaign)
+    findings, stop = zeros_returned(runner.zeros, campaign), _stop_report(runner)
+    left = None
+    if stop is not None and not stop.current_zero:
+        left = runner.zeros.force_left(tolerances_of(campaign.bench, campaign.plan).force_zero_N)
     cause = state.refused or (None if state.latch is None else state.latch.cause)
     return replace(
         campaign.results.session(campaign.folder),
-        rig_state=state.rig_state,
+        rig_state=state.rig_state if left is None else RigState.UNKNOWN,
         stopped_by=None if cause is None else cause.slug,
         detail="" if cause is None else cause.detail,
         refused=state.refused is not None,
-        findings=findings,
-        stop=_stop_report(runner),
+        findings=findings if left is None else (*findings, left),
+        stop=stop,
         confirmed=tuple(stop.to_json() for stop in campaign.stock.confirmed),
     )
 

@@ -77,8 +77,11 @@ class LiveLink:
     """
 
     def __init__(self, *, held: bool = False, place: Path | None = None) -> None:
-        self.folder, self._lock = make_live_folder(place)
-        self._inbox = bound(self.folder / APPLICATION_SOCKET)
+        self.folder, lock = make_live_folder(place)
+        self._ends = contextlib.ExitStack()
+        self._ends.callback(os.close, lock)
+        self._ends.callback(shutil.rmtree, self.folder, ignore_errors=True)
+        self._inbox = self._ends.enter_context(bound(self.folder / APPLICATION_SOCKET))
         self.paused = False
         self.held = held
         self.confirm: tuple[Mapping[str, str], ...] = ()
@@ -190,10 +193,8 @@ class LiveLink:
             self.display.message("error", f"{WORDS_FILE}: not written: {error}")
 
     def close(self) -> None:
-        """Take the folder away."""
-        self._inbox.close()
-        shutil.rmtree(self.folder, ignore_errors=True)
-        os.close(self._lock)
+        """Take the folder away; a second time is none."""
+        self._ends.close()
 
 
 def _printable(value: object, most: int) -> str:

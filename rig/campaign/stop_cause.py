@@ -11,6 +11,9 @@ from rig.faults.matrix import RESTARTS_BY_ITSELF
 from rig.faults.row import StopKind
 from rig.recording.quality.verdict import BLAMED
 
+CURRENT_FLOWS = frozenset({"current-stuck", "overcurrent"})
+"""What the station names where it has measured a current that should not be there."""
+
 
 @dataclass(frozen=True)
 class StopCause:

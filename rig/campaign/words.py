@@ -119,6 +119,9 @@ MESSAGES = {
     "drifted-apart": "{measured} and {own} drifted apart by {drift:+.3g} {unit} between start and end, both at rest "
     "(limit {limit:.3g} {unit}, largest measured {peak:.4g} {unit}): one of the two zeros moved; check cable, mounting "
     "and temperature of both, tare, and repeat the tests",
+    "force-left": "0 A could not be measured after the stop, and the force at rest went from {start:.4g} N to "
+    "{end:.4g} N (limit {limit:.3g} N): the coil may still have current; cut its supply, then look at the current "
+    "source and the way to it",
     # Words from elsewhere: a device's, the station's, an exception's
     "said": "{text}",
 }

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from rig.page.settings import PageSettings
     from rig.page.started import PageProcess
 
+GONE = "sigterm"
+"""What stopped a campaign whose terminal was closed, or whose program was told to end."""
+
 
 def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """The options that say where a page is served."""
@@ -38,7 +41,8 @@ def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def page_settings(
-    address: str | None, cert: Path | None, key: Path | None, *, wanted: bool = True, hold: bool = False
+    address: str | None, cert: Path | None, key: Path | None, *,
+    wanted: bool = True, hold: bool = False, stay: bool = False,
 ) -> PageSettings | None:
     """The settings of a page, looked at as a whole; None where none is wanted.
 
@@ -51,6 +55,8 @@ def page_settings(
             raise click.UsageError("--page-address, --page-cert and --page-key belong to --page")
         if hold:
             raise click.UsageError("--hold waits for Start on the page: give --page too")
+        if stay:
+            raise click.UsageError("--stay keeps the page open at the end: give --page too")
         return None
     from rig.page.settings import PageSettings
 
@@ -67,12 +73,30 @@ class RunLink:
 
     Attributes:
         link: the live folder; None where shared memory refused it: then no page can be opened.
-        url: of the page that was started with it; None without one.
     """
 
     def __init__(self, link: LiveLink | None, page: PageProcess | None = None) -> None:
         self.link = link
-        self.url = None if page is None else page.url
+        self._page = page
+
+    @property
+    def url(self) -> str | None:
+        """Of the page that was started with it."""
+        return None if self._page is None else self._page.url
+
+    def stay(self, result: CampaignResult) -> None:
+        """Keep the page, with what is left of the campaign, until an operator closes it there, or Ctrl-C here.
+
+        The rig is at rest and let go of, and the campaign's own link taken away: it may be resumed meanwhile, and the
+        page follows. Whoever ended the program (SIGTERM, a closed terminal) is not kept waiting.
+        """
+        if self._page is None or self.link is None or result.stopped_by == GONE:
+            return
+        with contextlib.suppress(KeyboardInterrupt):
+            self.link.close()
+            with contextlib.suppress(OSError):
+                say("The page stays open; 'Close the page' there or Ctrl-C here ends it.", err=True)
+            self._page.wait()
 
     def refused(self, error: RigError) -> None:
         """Show that it did not begin, or broke off, and why."""
@@ -139,7 +163,7 @@ def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[
 def command(
     run: Path, page_address: str | None, page_cert: Path | None, page_key: Path | None, as_json: bool
 ) -> int:
-    """Serve the operator's page of RUN, a campaign that runs or has ended, until Ctrl-C.
+    """Serve the operator's page of RUN, a campaign that runs or has ended, until Ctrl-C or Close on the page.
 
     Prints its address as `page: URL`. The campaign does not notice the page, nor its end.
     """

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rig.cli.job import JobResult
+    from rig.cli.page import RunLink
     from rig.matrix.model import Matrix
 
 
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
 @click.option("--page", "page", is_flag=True, help="Serve the operator's page; its address is printed as `page: URL`.")
 @page_options
 @click.option("--hold", is_flag=True, help="With --page: begin only when Start is pressed there.")
+@click.option("--stay", is_flag=True, help="With --page: it stays open after the end, until closed there or Ctrl-C.")
 @click.option("--no-identify", is_flag=True, help="Record only; ignore [identify] in the matrix file.")
 @out_option
 @json_option
@@ -65,11 +67,9 @@ def command(
     no_identify: bool,
     page: bool,
     page_address: str | None,
-    page_cert: Path | None,
-    page_key: Path | None,
-    hold: bool,
-    out: Path,
-    as_json: bool,
+    page_cert: Path | None, page_key: Path | None,
+    hold: bool, stay: bool,
+    out: Path, as_json: bool,
 ) -> int:
     """Run MATRIX on a rig: check it, record every point, identify the damper, write the report.
 
@@ -84,7 +84,7 @@ def command(
         matrix, simulator_args = None, (str(matrix), *simulator_args)
     _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate)
     words = _requalified(requalified, resume)
-    settings = page_settings(page_address, page_cert, page_key, wanted=page, hold=hold)
+    settings = page_settings(page_address, page_cert, page_key, wanted=page, hold=hold, stay=stay)
     from rig.campaign.results import CampaignOptions
     from rig.cli.analysis_check import check_analysis
     from rig.cli.job import run_job
@@ -111,8 +111,18 @@ def command(
     shown = console(as_json=as_json)
     with live_link(settings, held=hold) as live:
         result = run_job(options, identify if tests.wants_fit and not no_identify else None, shown, live)
-    _show(result, shown, as_json=as_json, page=live.url)
+        _show(result, shown, as_json=as_json, page=live.url)
+        if stay:
+            _stay(live, result)
     return result.exit_code
+
+
+def _stay(live: RunLink, result: JobResult) -> None:
+    """Wait with the page until somebody lets it go; a terminal that goes away does, too."""
+    from rig.cli.job import hangups_interrupt
+
+    with hangups_interrupt():
+        live.stay(result.campaign)
 
 
 def _show(result: JobResult, shown: Console, *, as_json: bool, page: str | None) -> None:

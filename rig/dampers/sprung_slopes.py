@@ -24,10 +24,12 @@ from rig.dampers.sprung_flow import (
     Numbers,
     Stage,
     at_current,
+    first_stage,
     law,
+    piston_speed,
+    second_stage,
     steps_in,
     turned,
-    two_stages,
 )
 
 PARAMETERS = 17
@@ -69,7 +71,10 @@ def carried(
     count = steps_in(p, at, state[1], motion, dt)
     h, v = dt / count, motion[1]
     for k in range(count):
-        early, first, late, v = two_stages(p, at, state, motion, (k * h, h, v))
+        early = first_stage(state, motion, k * h, h)
+        first = piston_speed(p, at, early, v)
+        late = second_stage(early, motion, k * h, h, first)
+        v = piston_speed(p, at, late, first)
         by_base, by_w, by_began, by_v = balance_slopes(p, current, early, first, own)
         for q in range(PARAMETERS):
             by_first[q] = -(own[q] + (by_base + by_began) * slopes[0, q] + by_w * slopes[1, q]) / by_v

@@ -15,7 +15,9 @@ from rig.dampers.compiled_cache import njit
 from rig.dampers.integrable import Integrable
 from rig.dampers.kernel import Compiled, Instant, Wanted, cached, fingerprint, kernel_of, sampled_step
 
-SMOOTH_S = 3e-3  # time constant of the low-pass that takes the noise of a wanted force off its rate
+SMOOTH_S = 3e-3  # time constant of the low-pass that takes the noise of a wanted force off its rate,
+AROUND_S = 1e-3  # and where what comes after is known too
+FORCE_STEP_N, RATE_STEP_N_S = 1e-2, 1.0  # for slopes of the force that a current upholds
 REFINED = 8  # steps of false position inside the interval of currents that holds a force
 
 
@@ -34,10 +36,11 @@ def inverse_of(model: Integrable) -> Compiled:
 
     Called with parameters (1 or G, P), one row a current of the grid, the grid (A), (G,), rising, the currents that the
     model's equation sees there (G,), states (1 or n, S), extension, velocity, acceleration and wanted force (N), (n,)
-    each, the sampling interval (s), and the wanted force's rate (N/s) at the first sample. With an interval above 0 the
-    first state is the start, and the states follow with the currents that were found; with 0 every sample has a state
-    of its own. Gives columns current (A), force there (N; see `Kernel.held`), dF/dI (N/A), whether the force is
-    attainable (1 or 0), least and greatest force over the grid (N), then the states, (n, 6 + S).
+    each, the wanted force's rate (N/s), (n,), and the sampling interval (s). With an interval above 0 the first state
+    is the start, and the states follow with the currents that were found; with 0 every sample has a state of its own.
+    Gives columns current (A), force there (N; see `Kernel.held`), dF/dI (N/A), whether the force is attainable (1 or
+    0), least and greatest force over the grid (N), what the current has to make up of an error of the wanted force (1)
+    and of its rate (s), in force, then the states, (n, 8 + S).
     """
     return _inverse_of(model)
 
@@ -56,10 +59,49 @@ def _inverse_of(model: Integrable) -> Compiled:
     return cached(_inverse(key, model.states), _held=held, _step=sampled_step(model), _solve=_root(held))
 
 
-@njit()
 def smoothed_rate(before: float, change: float, dt: float) -> float:
     """Rate (N/s) of a force that changed by `change` (N) in dt (s), through a low-pass of `SMOOTH_S`."""
     return before + (change / dt - before) * dt / (dt + SMOOTH_S)
+
+
+def rates_N_s(force_N: FloatArray, dt_s: float) -> FloatArray:
+    """Rate (N/s) of a sampled force, (n,): through a low-pass of `AROUND_S` along it and against it, and their mean.
+
+    Args:
+        force_N: the force, shape (n,).
+        dt_s: sampling interval (s); with 0, or a single sample, nothing is known of a rate: 0.
+    """
+    if dt_s <= 0.0 or force_N.size < 2:
+        return np.zeros_like(force_N)
+    from scipy.signal import lfilter
+
+    steps, share = np.diff(force_N) / dt_s, dt_s / (dt_s + AROUND_S)
+
+    def passed(values: FloatArray, start: float) -> FloatArray:
+        return np.asarray(lfilter([share], [1.0, share - 1.0], values, zi=[(1.0 - share) * start])[0])
+
+    start = float(passed(steps[::-1], float(np.mean(steps)))[-1])
+    along = np.concatenate(([start], passed(steps, start)))
+    against = np.concatenate((passed(steps[::-1], float(along[-1]))[::-1], along[-1:]))
+    return np.asarray(0.5 * (along + against))
+
+
+def amplified(of_force: FloatArray, of_rate_s: FloatArray, dt_s: float, *, causal: bool) -> FloatArray:
+    """How many times the error of a wanted force the current has to make up, shape (n,), if it is white.
+
+    Args:
+        of_force: what it makes up of an error of the force (1), shape (n,).
+        of_rate_s: and of its rate (s), shape (n,).
+        dt_s: sampling interval (s); 0 where no rate was taken.
+        causal: whether the rate is `smoothed_rate`, else `rates_N_s`.
+    """
+    if dt_s <= 0.0:
+        return np.abs(of_force)
+    share = dt_s / (dt_s + (SMOOTH_S if causal else AROUND_S))
+    now, tail = of_rate_s * share / dt_s, share / (2.0 - share)  # of a unit step's sequence, its first value apart
+    if causal:
+        return np.sqrt((of_force + now) ** 2 + now**2 * tail)
+    return np.sqrt(of_force**2 + 0.5 * now**2 * tail)
 
 
 def _unset(*arguments: object) -> float:
@@ -167,11 +209,11 @@ def _inverse(key: str, states: int) -> Compiled:
         v: FloatArray,
         a: FloatArray,
         wanted: FloatArray,
+        rates: FloatArray,
         dt: float,
-        rate: float,
     ) -> FloatArray:
         n, count, last, size = u.size + 0 * len(key), grid.size, p.shape[0] - 1, start.shape[1]
-        answer = np.empty((n, 6 + size))
+        answer = np.empty((n, 8 + size))
         forces, state, used = np.empty(count), start[0].copy(), np.empty(n)
         row = p[0].copy()
         for k in range(n):
@@ -181,9 +223,7 @@ def _inverse(key: str, states: int) -> Compiled:
             elif k > 0 and states > 0:
                 used[k] = used[k - 1]
                 _step(row, state, u, v, a, used, dt, k - 1, k)
-            if dt > 0.0 and k > 0:
-                rate = smoothed_rate(rate, wanted[k] - wanted[k - 1], dt)
-            motion, aim = (u[k], v[k], a[k]), (wanted[k], rate)
+            motion, aim = (u[k], v[k], a[k]), (wanted[k], rates[k])
             for g in range(count):
                 forces[g] = _held(p[min(g, last)], state, motion, seen[g], aim)
             low, nearest = _bracket(forces, wanted[k])
@@ -201,8 +241,11 @@ def _inverse(key: str, states: int) -> Compiled:
             answer[k, 2] = (forces[low + 1] - forces[low]) / (grid[low + 1] - grid[low])
             answer[k, 3] = 1.0 if attainable else 0.0
             answer[k, 4], answer[k, 5] = forces.min(), forces.max()
+            more, faster = (wanted[k] + FORCE_STEP_N, rates[k]), (wanted[k], rates[k] + RATE_STEP_N_S)
+            answer[k, 6] = 1.0 - (_held(row, state, motion, used[k], more) - answer[k, 1]) / FORCE_STEP_N
+            answer[k, 7] = -(_held(row, state, motion, used[k], faster) - answer[k, 1]) / RATE_STEP_N_S
             for place in range(size):
-                answer[k, 6 + place] = state[place]
+                answer[k, 8 + place] = state[place]
         return answer
 
     return inverse

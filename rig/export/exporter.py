@@ -156,7 +156,7 @@ OWN = (
              source, out: [write_values(source.fit, out / f"{source.name}-parameters.json")]),
     Exporter("c", "fit", "the model as C99 source, verified against this program's", _write_c),
     Exporter("fmi", "fit", "the model as an FMU 2.0 for co-simulation, sources inside", _write_fmu),
-    Exporter("modelica", "fit", "a model without internal states as a Modelica block", _write_modelica),
+    Exporter("modelica", "fit", "the model as a Modelica block, of most models", _write_modelica),
     Exporter("octave", "fit", "the model as a function for Octave and MATLAB", _write_octave),
     Exporter("python", "fit", "the model as a Python module that needs nothing else", _write_python),
     Exporter("table", "fit", "force over speed and current as CSV, within what was tested", _write_table),

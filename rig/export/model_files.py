@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rig.export.code.c_source import c_functions
 from rig.export.code.functions import Library, NotTranslatable
-from rig.export.code.modelica_source import modelica_functions
+from rig.export.code.modelica_source import PROVED, modelica_functions
 from rig.export.code.octave_source import octave_functions
 from rig.export.code.program import Program, program_of
 from rig.export.code.python_source import python_functions
@@ -177,20 +177,36 @@ def force(u, v, a, current, dt):
 
 
 def write_modelica(fitted: FittedModel, folder: Path) -> list[Path]:
-    """Write a model without internal states as a Modelica block that needs no library.
+    """Write the model as a Modelica block that needs no library; its internal states are the tool's to integrate.
 
     Raises:
-        NotTranslatable: the model has internal states or a table in it, or its kernel cannot be translated.
+        NotTranslatable: no tool has proved its internal states, or it has a table in it, or its kernel cannot be
+            translated.
     """
-    library = Library([fitted.model.kernel().force])
-    unproved = "internal states" if fitted.model.states else "a table in its equation" if library.arrays else ""
+    model, kernel = fitted.model, fitted.model.kernel()
+    library = Library([kernel.rates, kernel.force] if model.states else [kernel.force])
+    hidden = bool(model.states) and model.name.partition("+")[0] not in PROVED
+    unproved = "internal states" if hidden else "a table in its equation" if library.arrays else ""
     if unproved:
         raise NotTranslatable(
-            f"{fitted.model.name} has {unproved}: as Modelica no tool could prove it, so it is not offered; --to fmi "
+            f"{model.name} has {unproved}: as Modelica no tool could prove it, so it is not offered; --to fmi "
             "is an FMU, which Modelica tools import"
         )
     called = library.functions[-1].name
     name = source_name(fitted)
+    states = [f"s{k}" for k in range(model.states)]
+    given = ", ".join(("p", *states, *["0.0"] * (2 - len(states)), "u, v"))
+    declared = "".join(f'  Real {state} "internal state";\n' for state in states)
+    begun, moving = "", ""
+    if states:
+        rates = Library([kernel.rates]).functions[-1].name
+        begins = zip(states, model.initial_state(1.0).tolist(), strict=True)
+        begun = "initial equation\n" + "".join(
+            f"  {state} = {f'{moves!r}*u' if moves else '0.0'};\n" for state, moves in begins
+        )
+        moving = f"  rates = {rates}({given}, current);\n"
+        moving += "".join(f"  der({state}) = rates[{k}];\n" for k, state in enumerate(states, start=1))
+        declared += "  Real rates[2];\n"
     told = "\n".join(f"// {line}".rstrip() for line in fitted.described())
     path = folder / f"{name}.mo"
     write_text_durably(path, f"""{told}
@@ -200,12 +216,12 @@ block {name} "MR damper, force of motion and coil current"
   input Real a(unit = "m/s2") "acceleration";
   input Real current(unit = "A") "the coil's own";
   output Real force(unit = "N") "positive where it resists extension";
-  constant Real p[{len(fitted.vector)}] = {{{_numbers(fitted)}}}; // {", ".join(fitted.model.names)}
-
+  constant Real p[{len(fitted.vector)}] = {{{_numbers(fitted)}}}; // {", ".join(model.names)}
+{declared}
 {modelica_functions(library)}
 
-equation
-  force = {called}(p, 0.0, 0.0, u, v, a, current);
+{begun}equation
+{moving}  force = {called}({given}, a, current);
 end {name};
 """)
     return [path]

@@ -8,6 +8,7 @@
     {"do": "explain", "slug": TEXT}                       every client
     {"do": "recorded", "point": TEXT}                     every client: the loops of a point, once the run has ended
     {"do": "clock"}                                       every client: the host's time, for latencies
+    {"do": "close"}                                       an operator's client: end the page, once the run has ended
 
 There is no word that resets an interlock, moves the rod or sets a current. A stop goes to the station and to the
 application at once; the others to the application alone, which decides.
@@ -47,15 +48,17 @@ class Commands:
     Args:
         lease: the operator's.
         folder: the running campaign's live folder; None: nothing runs.
+        end: ends the page.
         say: sends a datagram; False where nobody takes it.
     """
 
     def __init__(
-        self, lease: Lease, folder: Callable[[], Path | None],
+        self, lease: Lease, folder: Callable[[], Path | None], end: Callable[[], None],
         say: Callable[[str | Path, dict[str, Any]], bool] = tell,
     ) -> None:
         self._lease = lease
         self._folder = folder
+        self._end = end
         self._say = say
 
     def take(self, text: str | bytes, client: Client) -> dict[str, Any]:
@@ -72,6 +75,8 @@ class Commands:
             return _explain(message.get("slug"))
         if do == "recorded":
             return {"do": do, "point": one_line(message.get("point"), LONGEST_KEY)}
+        if do == "close":
+            return self._close(client)
         if do in {"lease", "release"}:
             return self._hand_over(message, client)
         if do in {"pause", "start", "set", "words"}:
@@ -89,6 +94,15 @@ class Commands:
         if not (station or application):
             return _refused("not-reached", "stop")
         return {"do": "stop", "ok": True, "station": station, "application": application}
+
+    def _close(self, client: Client) -> dict[str, Any]:
+        """End the page for everybody; never that of a campaign that runs, where it is a way to stop the rig."""
+        if client.role is not Role.OPERATOR:
+            return _refused("viewer", "close")
+        if self._folder() is not None:
+            return _refused("still-running", "close")
+        self._end()
+        return {"do": "close", "ok": True}
 
     def _called(self, client: Client) -> str:
         """For journals: the name typed with the lease, else what the client is."""

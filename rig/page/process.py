@@ -16,7 +16,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from rig.clock import monotonic_ns
 from rig.errors import EXIT_DONE, EXIT_USAGE
 from rig.page.access import Access, Role
 from rig.page.server import PageServer
@@ -48,7 +47,7 @@ def listening(settings: PageSettings) -> socket.socket:
 
 
 async def serve_page(settings: PageSettings, announce: Callable[[str], object]) -> None:
-    """Serve until SIGINT, SIGTERM, or the end of standard input for one that is tied.
+    """Serve until SIGINT, SIGTERM, an operator's Close after the run, or, tied, the end of standard input.
 
     Args:
         settings: where, and of which run.
@@ -61,8 +60,8 @@ async def serve_page(settings: PageSettings, announce: Callable[[str], object]) 
     sock = listening(settings)
     access = Access(settings.host, sock.getsockname()[1], tls is not None)
     run = WatchedRun(*(Path(text) if text else None for text in (settings.run, settings.live)))
-    page = PageServer(run, access, monotonic_ns)
     loop, ending = asyncio.get_running_loop(), asyncio.Event()
+    page = PageServer(run, access, ending.set)
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, ending.set)
     if settings.tied:

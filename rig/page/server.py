@@ -80,15 +80,18 @@ class PageServer:
     Args:
         run: the run that is shown.
         access: who may open it.
+        end: ends the page.
         now_ns: monotonic time.
     """
 
-    def __init__(self, run: WatchedRun, access: Access, now_ns: Callable[[], int] = monotonic_ns) -> None:
+    def __init__(
+        self, run: WatchedRun, access: Access, end: Callable[[], None], now_ns: Callable[[], int] = monotonic_ns
+    ) -> None:
         self._run = run
         self._access = access
         self._now_ns = now_ns
         self._lease = Lease(lambda: run.live_folder, now_ns)
-        self._commands = Commands(self._lease, lambda: run.live_folder)
+        self._commands = Commands(self._lease, lambda: run.live_folder, end)
         self._clients: dict[ServerConnection, Client] = {}
         self._frames: tuple[RingReader, Frames] | None = None
         self._told_lease: object = None

@@ -64,6 +64,10 @@ class PageProcess:
         """Its process."""
         return self._process.pid
 
+    def wait(self) -> None:
+        """Until it has ended by itself: closed by an operator there, or killed."""
+        self._process.wait()
+
     def close(self) -> None:
         """End it; one that does not is killed: it holds nothing."""
         with contextlib.suppress(OSError):

@@ -6,6 +6,7 @@ import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from rig.signals.arrays import FloatArray
 Range = tuple[float, float]
 
 LEFT, RIGHT, TOP, BOTTOM = 52, 8, 8, 36
+TITLE_ROOM, DIGIT = 22, 7.3
+"""Beside the ticks of a titled axis, and of one sign of theirs, pixels."""
 WANTED_TICKS = 5
 CROSS = 3.0
 """Half the size of the cross that a value without neighbours is drawn as."""
@@ -81,8 +84,17 @@ class Chart:
     def _repr_svg_(self) -> str:
         return self.standalone()
 
+    @cached_property
+    def _left(self) -> float:
+        """Where the frame begins: behind the widest tick, and a title where there is one."""
+        if not self.y_label:
+            return LEFT
+        y_range = self.y_range or span([trace.y for trace in self.traces])
+        signs = max((len(tick_text(value, y_range)) for value in ticks(y_range)), default=0)
+        return max(LEFT, math.ceil(TITLE_ROOM + DIGIT * signs))
+
     def _axes(self, x_range: Range, y_range: Range) -> list[str]:
-        right, bottom = self.width - RIGHT, self.height - BOTTOM
+        left, right, bottom = self._left, self.width - RIGHT, self.height - BOTTOM
         parts = []
         for value in ticks(x_range):
             x = self._x(value, x_range)
@@ -90,10 +102,10 @@ class Chart:
             parts.append(f'<text x="{x:.1f}" y="{bottom + 15}" text-anchor="middle">{tick_text(value, x_range)}</text>')
         for value in ticks(y_range):
             y = self._y(value, y_range)
-            parts.append(f'<path class="g" d="M{LEFT} {y:.1f}H{right}"/>')
-            parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{tick_text(value, y_range)}</text>')
-        middle_x, middle_y = (LEFT + right) / 2, (TOP + bottom) / 2
-        parts.append(f'<rect class="f" x="{LEFT}" y="{TOP}" width="{right - LEFT}" height="{bottom - TOP}"/>')
+            parts.append(f'<path class="g" d="M{left} {y:.1f}H{right}"/>')
+            parts.append(f'<text x="{left - 5}" y="{y + 4:.1f}" text-anchor="end">{tick_text(value, y_range)}</text>')
+        middle_x, middle_y = (left + right) / 2, (TOP + bottom) / 2
+        parts.append(f'<rect class="f" x="{left}" y="{TOP}" width="{right - left}" height="{bottom - TOP}"/>')
         x_text, y_text = html.escape(self.x_label), html.escape(self.y_label)
         parts.append(f'<text class="l" x="{middle_x}" y="{self.height - 4}" text-anchor="middle">{x_text}</text>')
         parts.append(
@@ -120,7 +132,7 @@ class Chart:
 
     def _x(self, value: FloatArray | float, limits: Range) -> FloatArray:
         share = (np.asarray(value, np.float64) - limits[0]) / (limits[1] - limits[0])
-        return np.asarray(LEFT + share * (self.width - LEFT - RIGHT))
+        return np.asarray(self._left + share * (self.width - self._left - RIGHT))
 
     def _y(self, value: FloatArray | float, limits: Range) -> FloatArray:
         share = (np.asarray(value, np.float64) - limits[0]) / (limits[1] - limits[0])

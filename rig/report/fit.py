@@ -29,6 +29,7 @@ from rig.report.fragment import (
     number,
     paragraph,
     shaded,
+    signed,
     table,
     text,
 )
@@ -41,6 +42,8 @@ WELL_KNOWN_PERCENT, KNOWN_PERCENT = 2.0, 20.0
 THRESHOLD = 3.84
 STRONG_CORRELATION = 0.9
 SMALLEST_WHITE_P = 0.001
+SEEN = frozenset({"signs-reversed"})
+"""Causes that no fit was asked about."""
 
 
 def parameters(fit: JsonObject) -> str:
@@ -123,7 +126,8 @@ def _test_row(test: JsonObject, remark: str) -> list[str]:
     white = NOTHING
     if chances:
         least = min(chances)
-        white = chip(f"p {number(least, 2)}", "good" if least >= SMALLEST_WHITE_P else "fair")
+        good = least >= SMALLEST_WHITE_P
+        white = chip(f"p {number(least, 2)}" if good else f"p < {SMALLEST_WHITE_P:g}", "good" if good else "fair")
     repeats = residual.get("repeating_N")
     return [
         text(test.get("id", "")), number(test.get("nrmse_percent_of_peak"), 3), number(test.get("rmse_N"), 3),
@@ -154,10 +158,14 @@ def _diagnosis(fit: JsonObject) -> str:
     if not causes:
         return ""
     rows = [
-        [text(cause["slug"]), text(cause["text"]), number(100.0 * float(cause["explains"]), 3), text(cause["next"])]
+        [text(cause["slug"]), text(cause["text"]),
+         NOTHING if cause["slug"] in SEEN else number(100.0 * float(cause["explains"]), 3), text(cause["next"])]
         for cause in causes
-    ]
-    note = "Each cause was fitted together with the damper, alone; the first explains most. Shares do not add up."
+    ]  # fmt: skip
+    note = (
+        "Each cause was fitted together with the damper, alone; the first explains most. Shares do not add up. "
+        f"{NOTHING}: seen in the tests themselves, and no share of the misfit."
+    )
     head = ["Cause", "What was found", "Explains %", "What to do"]
     return heading("What probably explains the misfit", note, level=3) + table(head, [("", row) for row in rows], (2,))
 
@@ -227,7 +235,7 @@ def _heat(value: object) -> str:
     if not isinstance(value, (int, float)):
         return NOTHING
     colour = "213,94,0" if value > 0.0 else "0,114,178"
-    return shaded(number(value, 2), f"rgba({colour},{0.5 * abs(value):.2f})")
+    return shaded(signed(f"{round(value, 2) + 0.0:.2f}"), f"rgba({colour},{0.5 * abs(value):.2f})")
 
 
 def _meanings(name: str) -> dict[str, str]:

@@ -13,6 +13,7 @@ MINUS = "\N{MINUS SIGN}"
 NOTHING = "\N{EN DASH}"
 ELLIPSIS = "\N{HORIZONTAL ELLIPSIS}"
 PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
+MOST_DECIMALS = 9
 CONFIDENCE = 1.96
 """Standard deviations of a 95 % interval."""
 
@@ -38,10 +39,19 @@ def between(value: object, low: object, high: object) -> tuple[str, str]:
     if not isinstance(value, (int, float)) or not math.isfinite(value) or len(ends) < 2 or ends[0] == ends[1]:
         return number(value, 5), f"{number(low, 5)} {ELLIPSIS} {number(high, 5)}"
     decimals = 1 - math.floor(math.log10(abs(ends[1] - ends[0]) / 2.0))
-    if not 0 <= decimals <= 9:
+    if decimals > MOST_DECIMALS:
         return number(value, 5), f"{number(low, 5)} {ELLIPSIS} {number(high, 5)}"
-    shown = [signed(f"{one:.{decimals}f}") for one in (value, *ends)]
+    if decimals < 0:
+        shown = [_in_full(round(one, decimals), decimals) for one in (value, *ends)]
+    else:
+        shown = [signed(f"{one:.{decimals}f}") for one in (value, *ends)]
     return shown[0], f"{shown[1]} {ELLIPSIS} {shown[2]}"
+
+
+def _in_full(rounded: float, decimals: int) -> str:
+    """A large number that was rounded before its point, as `number` writes it."""
+    size = math.floor(math.log10(abs(rounded))) if rounded else 0
+    return number(rounded, max(1, size + 1 + decimals))
 
 
 def plus_minus(value: Estimate) -> str:

@@ -63,7 +63,8 @@ def _affine(fit: JsonObject, model: DamperModel, current_A: FloatArray) -> dict[
         covariance = _covariance(fit, [name for name, _ in members])
         if covariance is not None:
             half = CONFIDENCE * np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", columns, covariance, columns), 0.0))
-            traces += [Trace(current_A, line + side * half, "e", "95 %") for side in (-1.0, 1.0)]
+            least = 0.0 if base in model.non_negative else -math.inf
+            traces += [Trace(current_A, np.maximum(line + side * half, least), "e", "95 %") for side in (-1.0, 1.0)]
         title = _common(base, [name for name, power in members if power])
         unit = values[base].get("unit", "")
         drawn[title] = Chart(CURRENT, f"{title} {unit}", traces, WIDTH, HEIGHT, title=f"{title} over current")

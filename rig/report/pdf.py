@@ -35,7 +35,7 @@ FONTS = {"Sheet": "DejaVuSans.ttf", "Sheet-Bold": "DejaVuSans-Bold.ttf", "Sheet-
 INK, SOFT, LINE = HexColor("#1c2430"), HexColor("#5b6675"), HexColor("#d8dee6")
 CARDS = {"cards": 3, "charts": 4}
 """Cards side by side."""
-HIGHEST_CARD, FEW_ROWS = 46 * mm, 24 * mm
+HIGHEST_CARD, FEW_ROWS = 52 * mm, 24 * mm
 """What must fit below a heading, else it begins a page."""
 INLINE = frozenset({"b", "span", "code", "i", "br", "em"})
 GAP = 2 * mm

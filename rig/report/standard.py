@@ -36,13 +36,16 @@ TITLES = {"force": "Peak-velocity plot (PVP)", "energy": "Energy per cycle", "da
 
 
 def plots(loops: Sequence[LoopCharacteristics]) -> dict[str, Chart]:
-    """Over peak velocity, one line a current: `force` (rebound and jounce), `energy`, `damping`; none of one loop."""
+    """Over peak velocity, one line a current: `force` (rebound and jounce); none of one loop.
+
+    `energy` and `damping`, which grow with the stroke and fall with it, have a line for each amplitude.
+    """
     if len(loops) < 2:
         return {}
     return {
         "force": _chart(loops, "Force N", lambda loop: (loop.rebound_N, loop.jounce_N)),
-        "energy": _chart(loops, "Energy J", lambda loop: (loop.energy_J,)),
-        "damping": _chart(loops, "Damping N s/m", lambda loop: (loop.equivalent_damping_N_s_m,)),
+        "energy": _chart(loops, "Energy J", lambda loop: (loop.energy_J,), _amplitude),
+        "damping": _chart(loops, "Damping N s/m", lambda loop: (loop.equivalent_damping_N_s_m,), _amplitude),
     }
 
 
@@ -54,18 +57,31 @@ def _plots(loops: Sequence[LoopCharacteristics]) -> str:
     keys = "".join(
         key(f"{number(current)} A", current_colour(index, len(currents))) for index, current in enumerate(currents)
     )
-    return key_line("One line a current.", keys) + charts(cards)
+    strokes = " and amplitude (energy, damping)" if len({_amplitude(loop) for loop in loops}) > 1 else ""
+    return key_line(f"One line a current{strokes}.", keys) + charts(cards)
+
+
+def _amplitude(loop: LoopCharacteristics) -> str:
+    """As a trace says it; what was measured of one amplitude is rounded to one text."""
+    return f", {number(1e3 * loop.amplitude_m, 2)} mm"
+
+
+def _any(loop: LoopCharacteristics) -> str:
+    del loop
+    return ""
 
 
 def _chart(
     loops: Sequence[LoopCharacteristics], label: str, values: Callable[[LoopCharacteristics], tuple[Measured, ...]],
+    apart: Callable[[LoopCharacteristics], str] = _any,
 ) -> Chart:
-    """One line for each current, waveform and amplitude, over peak velocity; a single loop is drawn as a short dash."""
+    """A line for each current, waveform and what stands `apart`, over peak velocity; a single loop is a short dash."""
     currents = sorted({loop.current_A for loop in loops})
     traces = []
-    for line in dict.fromkeys((loop.current_A, loop.waveform) for loop in loops):
+    for line in dict.fromkeys((loop.current_A, loop.waveform, apart(loop)) for loop in loops):
         alike = sorted(
-            (loop for loop in loops if (loop.current_A, loop.waveform) == line), key=lambda loop: loop.peak_speed_m_s,
+            (loop for loop in loops if (loop.current_A, loop.waveform, apart(loop)) == line),
+            key=lambda loop: loop.peak_speed_m_s,
         )
         speeds = np.array([loop.peak_speed_m_s for loop in alike])
         for column in zip(*(values(loop) for loop in alike), strict=True):
@@ -73,7 +89,7 @@ def _chart(
             if len(alike) == 1:
                 speeds, height = speeds[0] * np.array([0.985, 1.015]), np.repeat(height, 2)
             colour = current_colour(currents.index(line[0]), len(currents))
-            traces.append(Trace(speeds, height, "m", f"{line[0]:g} A, {line[1]}", colour))
+            traces.append(Trace(speeds, height, "m", f"{line[0]:g} A, {line[1]}{line[2]}", colour))
     return Chart(PEAK_SPEED, label, traces, 400, 270, title=f"{label} over peak velocity")
 
 

@@ -57,8 +57,8 @@ pre {{ background:var(--shade); padding:8px 12px; margin:6px 0; border-radius:6p
 table {{ border-collapse:collapse; width:100%; font-size:15px; }}
 th,td {{ padding:5px 12px; text-align:left; border-bottom:1px solid var(--line); vertical-align:top; }}
 tr:last-child td {{ border-bottom:0; }}
-th {{ background:var(--shade); font-weight:600; white-space:nowrap; }}
-td.n,th.n {{ text-align:right; font-variant-numeric:tabular-nums; white-space:nowrap; }}
+th {{ background:var(--shade); font-weight:600; vertical-align:bottom; }}
+td.n,th.n {{ text-align:right; font-variant-numeric:tabular-nums; }} td.n {{ white-space:nowrap; }}
 tr.no td {{ color:var(--soft); background:#faf7f2; }}
 .remark {{ min-width:320px; }} .remark:empty {{ min-width:0; }}
 .chip {{ display:inline-block; border-radius:5px; padding:0 8px; font-size:14px; font-weight:600; white-space:nowrap; }}

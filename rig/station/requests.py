@@ -249,7 +249,11 @@ class Requests:
         still_s = devices.lvdt.still_s(now_ns)
         if still_s is None or still_s < STILL_S or not devices.actuator.rests(now_ns):
             raise StationRefused("not-at-rest", "reset: standstill is not proved by LVDT and controller")
-        self._preparation.prepare_coil()
+        try:
+            self._preparation.prepare_coil()
+        except BaseException:
+            devices.coil.zero_now()  # it was to be prepared anew: 0 A is latched again
+            raise
         status = self._commands.fresh()
         supervisor.starve(proving=True, feeding=True)
         try:

@@ -14,22 +14,24 @@ from typing import Any
 import numpy as np
 
 from rig.bench.model import Bench
-from rig.campaign.results import INVALID, VALID
+from rig.campaign.results import INVALID, VALID, RigState
 from rig.errors import FileProblem
+from rig.faults.row import StopKind
 from rig.recording.recorded_point import RecordedPoint
 from simulators.controller_firmware import Command
 from simulators.world.plan import DEATHS, DISK, STALLS
-from simulators.world.stop_invariants import STOP_CHECKS
+from simulators.world.stop_invariants import STOP_CHECKS, STOPS
 from simulators.world.view import KILLING, NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
 from simulators.world.world import EVERY_S, MOST_SESSIONS, World
 
 SUSPECT = "suspect"
 KNOWN_CODES = frozenset({0, 3, 4, 5, 7})
+LEFT_NS = 1e9
+CURRENT_FLOWS = frozenset({"current-stuck", "overcurrent"})
 SKEW_SIGMAS, SKEW_S = 4.5, 20e-6
 TRUE_SHARE, TRUE_FORCE_N = 0.05, 60.0
 """So much may a recorded force's ends differ from the true ones: of its span, and noise beside."""
 TRUE_TRAVEL_M = 0.5e-3
-STOPPING = frozenset({Command.FADE_STOP.name, Command.HALT.name, Command.HYDRAULICS_OFF.name})
 UNSTOPPED_S = 0.3
 """So long in all the rod, the force or the current may be beyond a limit before a stop is latched."""
 UNSTOPPED_HOT_S = 1.0
@@ -138,6 +140,24 @@ def recorded_points_are_written(view: View) -> Findings:
 LOSING = frozenset({*DISK, *DEATHS, "power-cut"})
 
 
+def a_current_that_is_left_is_told(view: View) -> Findings:
+    """A coil with more than the bench's limit for the program's last second is told; after an S2 as an unknown state.
+
+    After an S1 nobody looks at the resting force any more: there it is enough that 0 A is told to be not proved.
+    """
+    answer, path = view.session.answer, view.world.root / "bench.toml"
+    if answer is None or not path.exists() or answer.rig_state is RigState.UNKNOWN:
+        return
+    limit_A = Bench.load(path).limits.current_A + MORE_A
+    rows = view.between(view.session.ended_ns - LEFT_NS, view.session.ended_ns)
+    if not len(rows) or np.min(np.abs(rows[:, 2])) <= limit_A:
+        return
+    seen = CURRENT_FLOWS & {str(line.get("slug")) for line in view.station("trip", "also")}
+    stop = answer.stop
+    if not seen and (stop is None or stop.current_zero or stop.kind != str(StopKind.PRESSURE_OFF)):
+        yield f"{rows[-1, 2]:.2f} A in the coil at the end, and the rig is called safe", rows[0, 0]
+
+
 def answer_agrees(view: View) -> Findings:
     """What the program answers agrees with itself and with its journal."""
     answer = view.session.answer
@@ -227,13 +247,13 @@ def _unstopped(view: View) -> Iterator[tuple[float, float]]:
         if happening.what in KILLING or (happening.what in STALLS and "station" in happening.what)
     ]
     if any(happening.what == "power-cut" for _, happening in session.happened):  # it took the journal's last lines
-        away += [line.host_ns for line in session.truth.log if line.code in STOPPING]
+        away += [line.host_ns for line in session.truth.log if line.code in STOPS]
     last_ns = min([*away, session.ended_ns])
     from_ns = float(session.began_ns)
     for trip in view.station("trip"):
         latched_ns = float(trip["latched_ns"])
         yield from_ns, min(latched_ns, last_ns)
-        from_ns = max(from_ns, view.resetting_ns(latched_ns))
+        from_ns = max(from_ns, view.reset_ns(latched_ns))
     yield from_ns, last_ns
 
 
@@ -275,6 +295,7 @@ CHECKS: dict[str, Callable[[View], Findings]] = {
     "unarmed": unarmed_stands_still,
     **STOP_CHECKS,
     "limits": limits_stop_the_rig,
+    "current-told": a_current_that_is_left_is_told,
     "acceleration": acceleration_is_kept,
     "points": points_are_there,
     "written": recorded_points_are_written,

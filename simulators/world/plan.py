@@ -57,6 +57,8 @@ BEYOND_SHARE, BEYOND_LASTS_SHARE = 0.2, 0.8
 """Something drives the rig beyond its limits, and mostly does not stop by itself."""
 FIRST_CYCLE_S = 3.0
 """The first cycle begins about so long after the application was started."""
+SHOW_LATE = frozenset({"serial-garbage"})
+"""Faults that the rig may bear for a second: where one is a seed's turn, it stays."""
 NONE_IN_TURN = 10
 """So many seeds of a round have nothing in turn."""
 LATEST_S = 16.0
@@ -269,7 +271,10 @@ def _in_turn(seed: int, possible: Sequence[str], chance: random.Random, motion_s
     what = turns[place]
     if what in AROUND:
         return [_around(what, chance.uniform(0.0, max(EARLY_S[1], motion_s)), chance)]
-    return [_fault(what, chance, 0.0, max(EARLY_S[0], motion_s))] if what else []
+    if not what:
+        return []
+    fault = _fault(what, chance, 0.0, max(EARLY_S[0], motion_s))
+    return [replace(fault, lasts_s=None) if what in SHOW_LATE else fault]
 
 
 def _fault(slug: str, chance: random.Random, began_s: float, within_s: float) -> Happening:

@@ -11,9 +11,10 @@ import numpy as np
 from rig.errors import EXIT_REFUSED
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, StopKind
+from rig.matrix.model import load_matrix
 from simulators.controller_firmware import Command
 from simulators.world.plan import DISK, FOREIGN, SIGNALS
-from simulators.world.view import NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
+from simulators.world.view import KILLING, NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
 
 STILL_AFTER_S = 3.0
 """From a latched stop to standstill: the slowest motion's last cycles and a controller left to its watchdog; what the
@@ -27,7 +28,9 @@ SENT_S = 0.25
 LATE_JOURNAL_S = 0.5
 UNNOTICED_S, UNNOTICED_TIMES = 1.0, 10.0
 """So long the rod may move with a fault that everybody can see: that, or so many times what its row allows."""
+STOPS = frozenset({Command.FADE_STOP.name, Command.HALT.name, Command.HYDRAULICS_OFF.name})
 MOVING_M_S = 0.02
+OVERRUN_S = 0.3
 SEEN_LATER = frozenset({
     "load-train", "stop-ignored", "current-stuck", "coil-open-short", "current-tracking", "second-master:jumps",
 })  # fmt: skip
@@ -214,10 +217,17 @@ def nothing_is_asked_while_stopped(view: View) -> Findings:
 
 
 def a_fault_ends_the_motion(view: View) -> Findings:
-    """Nobody moves the rod for long with a fault that stops the rig, while it lasts and nothing else has stopped it."""
+    """Nobody moves the rod for long with a fault that stops the rig, while it lasts and nothing else has stopped it.
+
+    Of a session that was killed the journal may lack the end: it counts until then, or until a stop has arrived.
+    """
+    stops = [float(trip["latched_ns"]) for trip in view.station("trip")]
     if view.session.answer is None:
-        return
-    until_ns = min((float(trip["latched_ns"]) for trip in view.station("trip")), default=view.session.ended_ns)
+        if view.hidden_devices:
+            return
+        stops += [line.host_ns for line in view.session.truth.log if line.code in STOPS]
+        stops += [at_ns for at_ns, happening in view.session.happened if happening.what in KILLING]
+    until_ns = min(stops, default=view.session.ended_ns)
     for at_ns, fault in view.begun(until_ns):
         row = MATRIX.get(fault.partition(":")[0])
         if row is None or not isinstance(row.end, StopKind) or SEEN_LATER & {row.slug, fault}:
@@ -226,6 +236,26 @@ def a_fault_ends_the_motion(view: View) -> Findings:
         moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
         if moved_s > max(UNNOTICED_S, UNNOTICED_TIMES * (row.limit_s or 0.0)):
             yield f"{fault}: the rod moved on for {moved_s:.1f} s", at_ns
+
+
+def a_program_ends(view: View) -> Findings:
+    """Nobody lets a controller run on for long after the end of the program that was ordered."""
+    path, log = view.world.root / "matrix.toml", view.session.truth.log
+    if view.session.answer is None or not path.exists():
+        return
+    motion_s = {point.id: point.motion_s for point in load_matrix(path).points()}
+    latched = [float(trip["latched_ns"]) for trip in view.station("trip")]
+    motions = [line.host_ns for line in log if line.code in {Command.START.name, Command.MOVE_TO.name}]
+    for line in view.lines:
+        if line.get("event") != "point":
+            continue
+        begun_ns = next((at_ns for at_ns in motions if at_ns > float(line["host_ns"])), math.inf)
+        ends_ns = begun_ns + 1e9 * (motion_s[str(line["point"])] + view.stalled_s)
+        later = (at_ns for at_ns in (*latched, *motions) if at_ns > begun_ns)
+        rows = view.between(ends_ns, min(later, default=view.session.ended_ns))
+        moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
+        if moved_s > OVERRUN_S:
+            yield f"{line['point']}: the rod moved on for {moved_s:.1f} s after its program's end", ends_ns
 
 
 def what_is_spoiled_is_not_valid(view: View) -> Findings:
@@ -286,5 +316,6 @@ STOP_CHECKS: dict[str, Callable[[View], Findings]] = {
     "foreign-stop": no_start_after_a_foreign_stop,
     "noticed": a_stop_fault_is_noticed,
     "moves-on": a_fault_ends_the_motion,
+    "overrun": a_program_ends,
     "spoiled": what_is_spoiled_is_not_valid,
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -79,9 +80,14 @@ class View:
         return {MATRIX[slug].place for slug in slugs if slug in MATRIX}
 
     @property
+    def hidden_devices(self) -> bool:
+        """Something is wrong with controller, current source or the ways to them, and may hide something."""
+        return bool(self._hiding_places & UNSEEN)
+
+    @property
     def hidden(self) -> bool:
         """Something may hide whether the rig has stopped, or keep those who see it from running."""
-        return bool(self._hiding_places & UNSEEN) or any(
+        return self.hidden_devices or any(
             happening.what in KILLING or happening.what in STALLS or happening.what in FOREIGN
             for _, happening in self.session.happened
         )
@@ -96,7 +102,7 @@ class View:
     @property
     def hidden_pressure(self) -> bool:
         """Something may keep the station from taking the pressure away, or from seeing that it is gone."""
-        return bool(self._hiding_places & UNSEEN) or any(
+        return self.hidden_devices or any(
             happening.what in {"station-killed", "power-cut", *FOREIGN} for _, happening in self.session.happened
         )
 
@@ -107,6 +113,16 @@ class View:
             if str(line.get("phase")).startswith("resetting") and int(line["host_ns"]) > after_ns
         ]
         return resets[0] if resets else self.session.rest_ns
+
+    def reset_ns(self, after_ns: float) -> float:
+        """When the station forgot a stop; the session's end when it did not: a refused reset leaves it latched."""
+        phases = [
+            line for line in self.lines if line.get("event") == "phase" and int(line["host_ns"]) > after_ns
+        ]
+        for line, following in pairwise(phases):
+            if str(line["phase"]).startswith("resetting") and following.get("after") == "Done":
+                return float(following["host_ns"])
+        return float(self.session.rest_ns)
 
     def begun(self, until_ns: float) -> list[tuple[float, str]]:
         """Faults of the devices until then: when (ns), `SLUG` or `SLUG:VARIANT`."""

@@ -253,6 +253,11 @@ def show_ended(beside: Beside, browser: Browser) -> None:
         page.keyboard.press("Enter")
         page.wait_for_function(f"{shown}.includes('p002 as recorded')", timeout=WAIT_MS)
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "a phone scrolls one way only"
+        tabbed_to(page, "close", "Shift+Tab")
+        page.keyboard.press("Enter")
+        page.wait_for_function("document.getElementById('why').textContent.includes('The page has closed')")
+        assert not page.is_visible("#close")
+        again.wait()
     finally:
         again.close()
 

@@ -34,7 +34,7 @@ from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer import stopping
 from rig.campaign.sequencer.state import Latch, Phase, State, campaign_state
 from rig.campaign.sequencer.step import step
-from rig.campaign.stop_cause import SPOIL, StopCause, because, cause_of, disk_slug
+from rig.campaign.stop_cause import CURRENT_FLOWS, SPOIL, StopCause, because, cause_of, disk_slug
 from rig.campaign.words import say
 from rig.clock import WallClockWatch, monotonic_ns
 from rig.faults.row import StopKind
@@ -241,9 +241,9 @@ class Runner:
         if name in {"warning", "also"}:
             self._campaign.display.message("warning", f"{message.get('slug')}: {detail}")
         if name in {"trip", "also"}:
-            self.stop_causes.add(str(message["slug"]))
-            cause = because(str(message["slug"]), "said", text=detail)
-            return [ev.Tripped(StopKind(message["stop"]), cause, name == "trip")]
+            self.stop_causes.add(slug := str(message["slug"]))
+            self.current_zero = self.current_zero and slug not in CURRENT_FLOWS
+            return [ev.Tripped(StopKind(message["stop"]), because(slug, "said", text=detail), name == "trip")]
         if name == "safe":
             self.current_zero = message.get("current_zero") is True
             return [ev.Safe()]

@@ -25,6 +25,9 @@ from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.run import read_campaign
 from rig.signals.rest import RestWindow, Spread, ZeroDrift
 
+LEFT_SHARE = 0.25
+"""Of the largest force measured: so far the force at rest may lie from the start's by friction and another position."""
+
 
 @dataclass
 class ZeroReturn:
@@ -77,6 +80,22 @@ class ZeroReturn:
             _drift_finding(displacement, ("LVDT", "controller's position input"), "mm", 1e3),
         )
         return tuple(finding for finding in pairs if finding is not None)
+
+    def force_left(self, zero_N: float) -> CampaignFinding | None:
+        """What the force says of a coil whose 0 A nobody has measured; None where it has come back, or was not seen.
+
+        Args:
+            zero_N: what a force at rest may be off by in any case (N).
+        """
+        if self.start is None or self.end is None:
+            return None
+        start_N, end_N = self.start.force_N.mean, self.end.force_N.mean
+        limit_N = max(zero_N, LEFT_SHARE * self.peak_force_N)
+        if abs(end_N - start_N) <= limit_N:
+            return None
+        text = say("force-left", start=start_N, end=end_N, limit=limit_N)
+        values = {"start": start_N, "end": end_N, "limit": limit_N}
+        return CampaignFinding("current-left", "bench", text, ("current source", "load cell"), values)
 
     def to_json(self) -> dict[str, Any]:
         """One entry of `zero_checks` in `campaign.json`; null where a window is missing."""

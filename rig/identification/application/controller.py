@@ -97,9 +97,11 @@ class Controller:
         now = (displacement_m - self._mid_stroke_m, velocity_m_s, acceleration_m_s2)
         state = self._advanced(now)
         motion = _instant(now, self._law.at_degC)
-        answer = solve(self._law, self._grid, state[None, :], motion, np.array([force_N]), self._rate(force_N))
+        wanted_N, rate_N_s = np.array([force_N]), np.array([self._rate(force_N)])
+        answer = solve(self._law, self._grid, state[None, :], motion, wanted_N, rate_N_s)
         width_A = float(self._grid[-1] - self._grid[0])
-        resolvable = bool(current_band_A(self._tested, answer)[0] <= RESOLVED * width_A)
+        band_A = current_band_A(self._tested, answer, self._dt_s, causal=True)
+        resolvable = bool(band_A[0] <= RESOLVED * width_A)
         if resolvable:
             self.wanted_A = float(answer[0, 0])
         ahead = (self.wanted_A - self._stays * self.coil_A) / (1.0 - self._stays)

@@ -63,6 +63,7 @@ function judge() {
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken) && !state.ended);
   const over = Boolean(state.ended) && (!state.running || !connected()); // nothing to stop, nothing to command: verdicts and loops alone
   if (document.body.classList.contains("over") !== over) { document.body.classList.toggle("over", over); redraw(); }
+  by_id("close").hidden = !(over && connected() && standing.role === "operator");
   document.body.classList.toggle("old", (!connected() || !state.running) && !(over && recorded && recorded.series));
   document.title = `${verdict} – MR damper rig`;
   ages();

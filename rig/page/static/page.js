@@ -98,6 +98,7 @@ function answered(message) {
 }
 
 by_id("stop").onclick = stop;
+by_id("close").onclick = () => say({ do: "close" });
 by_id("start").onclick = () => say({ do: "start", confirmed: [...document.querySelectorAll("#confirm input:checked")].map((tick) => tick.value) });
 by_id("pause").onclick = () => say({ do: "pause" });
 by_id("set").onclick = () => say({ do: "set", number: Number(by_id("set").dataset.number) });

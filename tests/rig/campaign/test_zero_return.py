@@ -56,6 +56,22 @@ def test_two_thousand_clean_sessions_are_silent_however_few_statuses_a_fast_rig_
         assert session(random, end, peak_N, stroke_m, statuses).findings() == ()
 
 
+@pytest.mark.parametrize(
+    ("peak_N", "shift_N", "told"), [(1500, 365, False), (1500, 385, True), (20, 40, False), (20, 60, True)]
+)
+def test_a_force_at_rest_that_does_not_come_back_is_told_beyond_a_quarter_of_the_peak_and_the_zeros_tolerance(
+    peak_N: float, shift_N: float, told: bool
+) -> None:
+    quiet = np.random.default_rng(4)
+    check = session(quiet, rest(quiet, shift_N), peak_N=peak_N)
+    left = check.force_left(zero_N=50.0)
+    assert (left is not None) is told
+    if left is not None:
+        assert (left.slug, left.values["limit"]) == ("current-left", pytest.approx(max(50.0, peak_N / 4)))
+        assert "cut its supply" in left.text
+    assert ZeroReturn().force_left(50.0) is None
+
+
 @pytest.mark.parametrize("drift_N", [60.0, -150.0, 400.0])
 def test_a_load_cell_that_drifted_is_named_with_the_other_instrument_and_the_numbers(drift_N: float) -> None:
     random = np.random.default_rng(2)

@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from rig.dampers import model
-from rig.dampers.trajectory import inverse_of
+from rig.dampers.separation import MotionScale
+from rig.dampers.trajectory import amplified, inverse_of, rates_N_s
 
 AMPLITUDE_m, OMEGA = 0.01, 2.0 * math.pi * 1.5
 DAMPER = model("sprung_bouc_wen")
@@ -108,6 +109,18 @@ def test_a_spring_stiffer_than_any_rig_sees_is_at_its_limit() -> None:
     assert search.at_limit(unknowns, unknowns.theta({**DEMO, "k": 1.5e7})) == {}
 
 
+def test_a_search_begins_with_a_logarithmic_force_at_every_current() -> None:
+    scale = MotionScale(0.03, 0.4, 1.0, 0.0, 2.0, 0.004)
+    simple = {name: DEMO[name] for name in DEMO if name not in {"k", "m"}}
+    kept = DAMPER.search().starts(simple, scale)[0]
+    assert [kept[name] for name in ("kt", "kt_b", "kt_c", "kt_d", "vt")] == [15.0, 25.0, 6.0, -2.0, 2e-3]
+    less = {**simple, "kt": 2.2, "kt_b": 1.2, "kt_c": -6.1, "kt_d": 1.3, "vt": 4e-5}  # -9 N at 2 A, and 0 counts
+    starts = DAMPER.search().starts(less, scale)
+    for start in starts:
+        assert [start[name] for name in ("kt", "kt_b", "kt_c", "kt_d")] == [4.0, 20.0, 0.0, 0.0]  # a tenth of ky's
+    assert starts[0]["vt"] == pytest.approx(0.008)
+
+
 def test_the_inverse_finds_the_current_though_the_force_only_follows_it() -> None:
     t = np.arange(0.0, 2.0, 1e-3)
     u = 0.018 * np.sin(5.7 * t) + 0.006 * np.sin(14.5 * t + 1.0)
@@ -117,8 +130,25 @@ def test_the_inverse_finds_the_current_though_the_force_only_follows_it() -> Non
     wanted = DAMPER.force(DEMO, u, v, a, current, 1e-3)
     grid = np.linspace(0.0, 2.0, 33)
     row, start = DAMPER.vector(DEMO)[None, :], DAMPER.initial_state()[None, :]
-    answer = inverse_of(DAMPER)(row, grid, grid, start, u, v, a, wanted, 1e-3, 0.0)
+    answer = inverse_of(DAMPER)(row, grid, grid, start, u, v, a, wanted, rates_N_s(wanted, 1e-3), 1e-3)
     told = (t > 0.05) & (answer[:, 3] > 0.0) & (np.abs(answer[:, 2]) > 100.0)  # attainable, and 10 N say 0.1 A
     assert np.mean(told) > 0.8
     assert np.sqrt(np.mean((answer[told, 0] - current[told]) ** 2)) < 0.03 * 2.0
     assert np.allclose(answer[told, 1], wanted[told], atol=0.1)
+    noisy = wanted + np.random.default_rng(3).normal(0.0, 5.0, t.size)
+    answer = inverse_of(DAMPER)(row, grid, grid, start, u, v, a, noisy, rates_N_s(noisy, 1e-3), 1e-3)
+    half_N = 1.96 * 5.0 * amplified(answer[:, 6], answer[:, 7], 1e-3, causal=False)
+    inside = np.abs(answer[:, 2] * (answer[:, 0] - current)) <= half_N
+    told &= (answer[:, 3] > 0.0) & (half_N < 0.2 * np.abs(answer[:, 2]))
+    assert np.mean(told) > 0.8
+    assert 0.93 <= np.mean(inside[told]) <= 0.98
+
+
+def test_the_force_at_250_samples_a_second_is_that_of_thirty_times_as_many() -> None:
+    forces = []
+    for rate_Hz in (250.0, 7500.0):
+        t = np.arange(round(2.0 * rate_Hz / 2.0)) / rate_Hz
+        omega = 2.0 * math.pi * 2.0
+        u, v = 0.03 * np.sin(omega * t), 0.03 * omega * np.cos(omega * t)
+        forces.append(DAMPER.force(DEMO, u, v, -(omega**2) * u, 1.3, 1.0 / rate_Hz)[:: round(rate_Hz / 250.0)])
+    assert np.max(np.abs(forces[0] - forces[1])[125:]) < 1.0  # of 700 N; with one step a sample 2.0

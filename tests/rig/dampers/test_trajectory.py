@@ -7,7 +7,7 @@ import pytest
 
 from rig.dampers import model
 from rig.dampers.kernel import force_series
-from rig.dampers.trajectory import inverse_of, trajectory_of
+from rig.dampers.trajectory import amplified, inverse_of, rates_N_s, smoothed_rate, trajectory_of
 
 BINGHAM = model("bingham")
 VALUES = {"fc": 60.0, "fc_b": 238.0, "c0": 700.0, "c0_b": 110.0, "f0": -270.0}
@@ -19,7 +19,7 @@ STILL = np.zeros((1, 1))
 def answer(speeds: list[float], wanted: list[float]) -> np.ndarray:
     v = np.array(speeds)
     none = np.zeros_like(v)
-    return np.asarray(inverse_of(BINGHAM)(P, GRID, GRID, STILL, none, v, none, np.array(wanted), 0.0, 0.0))
+    return np.asarray(inverse_of(BINGHAM)(P, GRID, GRID, STILL, none, v, none, np.array(wanted), none, 0.0))
 
 
 def test_the_force_along_a_motion_is_the_models() -> None:
@@ -50,6 +50,28 @@ def test_a_force_out_of_reach_gets_the_current_whose_force_is_nearest() -> None:
     assert rows[:, 5] == pytest.approx([358.0, 358.0, -400.0])
 
 
+def test_the_rate_of_a_force_lags_nothing_where_what_comes_after_is_known() -> None:
+    t = np.arange(0.0, 0.5, 1e-3)
+    rate = rates_N_s(200.0 * np.sin(30.0 * t), 1e-3)  # its true rate: 6000 cos(30 t) N/s
+    inside = slice(20, -20)
+    assert rate[inside] == pytest.approx(6000.0 * np.cos(30.0 * t[inside]), abs=0.003 * 6000.0)
+    assert list(rates_N_s(np.array([1.0, 5.0]), 0.0)) == [0.0, 0.0]  # without a time nobody knows
+    assert rates_N_s(np.array([1.0, 5.0]), 0.5) == pytest.approx([8.0, 8.0])
+
+
+def test_white_noise_of_a_force_is_amplified_by_its_rate_as_a_simulation_shows() -> None:
+    noise, one = np.random.default_rng(0).normal(0.0, 1.0, 200_000), np.ones(1)
+    for dt_s in (1e-4, 1e-3, 4e-3):
+        both = noise + 2e-3 * rates_N_s(noise, dt_s)
+        assert amplified(one, 2e-3 * one, dt_s, causal=False)[0] == pytest.approx(float(np.std(both)), rel=0.01)
+        now = [0.0]
+        for change in np.diff(noise[:50_000]).tolist():
+            now.append(smoothed_rate(now[-1], change, dt_s))
+        both = noise[:50_000] + 2e-3 * np.array(now)
+        assert amplified(one, 2e-3 * one, dt_s, causal=True)[0] == pytest.approx(float(np.std(both)), rel=0.02)
+    assert amplified(-one, one, 0.0, causal=False)[0] == 1.0
+
+
 @pytest.mark.nightly
 def test_states_follow_the_motion_and_the_currents_that_are_found() -> None:
     damper, dt_s = model("normalized_bouc_wen"), 1e-3
@@ -63,8 +85,9 @@ def test_states_follow_the_motion_and_the_currents_that_are_found() -> None:
     assert states[0, 0] == 0.0  # from rest
     assert states[100, 0] == pytest.approx(1.0, abs=1e-3)  # yielded: 9.3 mm of travel, rho = 1500 1/m
     assert np.max(np.abs(states)) <= 1.0
-    found = inverse_of(damper)(p[None, :], GRID, GRID, start[None, :], u, v, a, force, dt_s, 0.0)
+    found = inverse_of(damper)(p[None, :], GRID, GRID, start[None, :], u, v, a, force, np.zeros_like(force), dt_s)
     clear = np.abs(found[:, 2]) > 20.0  # N/A: around a reversal of the loop the current has no say
     assert np.count_nonzero(clear) > 300
     assert found[clear, 0] == pytest.approx(one[clear], abs=1e-3)
-    assert found[:, 6] == pytest.approx(states[:, 0], abs=1e-6)
+    assert found[:, 6] == pytest.approx(1.0)  # the force follows at once: an error of it is the current's alone
+    assert found[:, 8] == pytest.approx(states[:, 0], abs=1e-6)

@@ -28,10 +28,14 @@ class Desk:
     running: bool = True
     reached: bool = True
     said: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    closed: int = 0
 
     def __post_init__(self) -> None:
         self.lease = Lease(lambda: self.folder if self.running else None, lambda: self.now_ns)
-        self.commands = Commands(self.lease, lambda: self.folder if self.running else None, self._say)
+        self.commands = Commands(self.lease, lambda: self.folder if self.running else None, self._close, self._say)
+
+    def _close(self) -> None:
+        self.closed += 1
 
     def _say(self, path: str | Path, message: dict[str, Any]) -> bool:
         self.said.append((Path(path).name, message))
@@ -159,3 +163,14 @@ def test_a_slug_is_explained_in_the_words_of_rig_explain(desk: Desk) -> None:
     assert "emergency" in answer["means"].lower() or "e-stop" in answer["means"].lower()
     assert answer["look_at"]
     assert desk.ask(GUEST, do="explain", slug="<script>")["refused"] == "unknown-slug"
+
+
+def test_the_page_of_a_campaign_that_runs_is_closed_by_nobody(desk: Desk) -> None:
+    desk.ask(ADA, do="lease", name="Ada")
+    assert desk.ask(ADA, do="close")["refused"] == "still-running"
+    desk.running = False
+    assert desk.ask(GUEST, do="close")["refused"] == "viewer"
+    assert desk.closed == 0
+    assert desk.ask(BOB, do="close") == {"do": "close", "ok": True}
+    assert desk.closed == 1
+    assert desk.said == [("application.sock", {"do": "words", "by": "Ada", "operator": "Ada"})]

@@ -85,7 +85,7 @@ def served(rig: Rig, do: Callable[[PageServer, Access], Awaitable[None]], settin
     async def both() -> None:
         sock, tls = listening(settings), settings.context()
         access = Access(settings.host, sock.getsockname()[1], tls is not None)
-        page = PageServer(WatchedRun(None, rig.live), access)
+        page = PageServer(WatchedRun(None, rig.live), access, lambda: None)
         server = await page.serve(sock, tls)
         try:
             await asyncio.wait_for(do(page, access), 20.0)

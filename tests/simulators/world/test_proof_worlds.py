@@ -52,3 +52,23 @@ def test_a_frozen_position_beside_a_pulled_lvdt_proves_nothing_though_the_contro
     assert not [line for line in told if line["what"] == "safe"]
     assert world.sessions[0].exit_code == 7
     assert world.sessions[0].truth.arrays[-1, 5] == 0, "the pressure is off"
+
+
+def test_a_current_that_nobody_can_measure_after_a_stop_is_told_by_the_force_at_rest(tmp_path: Path) -> None:
+    """The coil's driver sticks at full current after the ECU's status frames have become unreadable."""
+    world = ended(tmp_path, "can-malformed@0.7", "current-stuck:full@1.5")
+    rows = world.sessions[0].truth.arrays
+    assert rows[-1, 2] > 4.5
+    answer = world.sessions[0].answer
+    assert (answer.stop.kind, answer.stop.current_zero, answer.stop.pressure_off) == ("S2", False, True)
+    (left,) = answer.findings
+    assert left.slug == "current-left"
+    assert left.values["end"] - left.values["start"] > 500, "the gas force, then the yield force at 5 A beside it"
+    assert world.sessions[0].exit_code == 7
+    assert any(line.get("event") == "finding" and line["slug"] == "current-left" for line in world.journal)
+
+
+def test_a_stop_without_a_measured_current_whose_force_comes_back_is_as_before(tmp_path: Path) -> None:
+    world = ended(tmp_path, "can-malformed@0.7")
+    answer = world.sessions[0].answer
+    assert (answer.stop.current_zero, answer.findings, world.sessions[0].exit_code) == (False, (), 4)

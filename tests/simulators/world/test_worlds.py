@@ -12,17 +12,19 @@ import time
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from matrices import matrix_text
 
-from rig.campaign import campaign, results, resume
+from rig.campaign import campaign, point_results, resume
 from rig.cli.main import answered
+from rig.matrix.model import load_matrix
 from rig.recording.alignment import alignment
 from rig.station import supervisor
 from rig.station.safe_stop import StopAction
-from simulators.world import runs, shrink
+from simulators.world import invariants, runs, shrink, stop_invariants
 from simulators.world import world as course
 from simulators.world.__main__ import command
 from simulators.world.asked import Asked, Files, asked_for
@@ -74,6 +76,17 @@ def test_a_journal_that_tells_otherwise_is_found(
     assert invariant in {failed for failed, _, _ in judged(world)}
 
 
+def test_a_program_that_outlasts_its_length_and_a_current_at_the_end_are_found(
+    undisturbed: tuple[World, Ended], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if half of the motion had been ordered, and the bench allowed less than no current."""
+    ordered = load_matrix(undisturbed[0].root / "matrix.toml").points()
+    halves = [replace(point, cycles=0.4 * point.cycles) for point in ordered]
+    monkeypatch.setattr(stop_invariants, "load_matrix", lambda _: SimpleNamespace(points=lambda: halves))
+    monkeypatch.setattr(invariants, "MORE_A", -100.0)
+    assert {"overrun", "current-told"} <= {failed for failed, _, _ in judged(undisturbed[0])}
+
+
 def test_another_seed_is_another_world(undisturbed: tuple[World, Ended], tmp_path: Path) -> None:
     assert undisturbed[1].digest != live(plan(seed=2), tmp_path)[1].digest
 
@@ -121,7 +134,7 @@ def test_a_station_that_does_not_stop_the_motion_is_found_and_shrunk(
 
 
 def test_an_answer_that_lies_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(results.PointResults, "valid", property(lambda self: len(self.points) + 1))
+    monkeypatch.setattr(point_results.PointResults, "valid", property(lambda self: len(self.points) + 1))
     _, ended = live(plan(), tmp_path)
     assert "answer" in {invariant for invariant, _, _ in ended.failed}
 
@@ -134,6 +147,8 @@ def test_plans_are_drawn_and_kept_as_text() -> None:
     assert set(AROUND) <= happened
     assert {len(given.happenings) for given in plans} >= set(range(6))
     assert {given.held_up for given in plans} == {0.01, 0.3}
+    garbage = [given for given in plans if given.happenings and given.happenings[0].what == "serial-garbage"]
+    assert [given for given in garbage if given.happenings[0].lasts_s is None], "it stays where it is a seed's turn"
     names = [given.seed for given in plans if 'id = "loop"' in given.matrix]
     assert 20 < len(names) < 80, "matrices of points whose names begin alike"
     pairs = [(one, other) for given in plans for one, other in pairwise(given.happenings) if one.at_s and other.at_s]

@@ -1,0 +1,91 @@
+"""What a reader takes from the report: no digit that is not known, no line that joins what does not belong together."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from rig.report.chart import Chart, Trace
+from rig.report.fit import parameters, quality
+from rig.report.fragment import between
+from rig.report.over_current import parameter_charts
+from rig.report.standard import plots
+
+
+@pytest.mark.parametrize(("value", "low", "high", "shown"), [
+    (828.785, 669.58, 987.99, ("830", "670 … 990")),
+    (15.402, -94.368, 125.17, ("20", "−90 … 130")),
+    (2.0, -940.0, 944.0, ("0", "−940 … 940")),
+    (1.6378e7, 1.3531e7, 1.9226e7, ("1.64e+07", "1.35e+07 … 1.92e+07")),
+    (48.654, 44.58, 52.729, ("48.7", "44.6 … 52.7")),
+])  # fmt: skip
+def test_no_number_has_more_digits_than_its_interval_lets_be_known(
+    value: float, low: float, high: float, shown: tuple[str, str]
+) -> None:
+    assert between(value, low, high) == shown
+
+
+def test_a_title_stands_clear_of_wide_ticks_beside_it() -> None:
+    steep = Chart("Current A", "Damping N s/m", [Trace(np.arange(3.0), np.array([0.0, 2e4, 42_600.0]), "m")]).svg()
+    ends = [float(x) for x in re.findall(r'<text x="([\d.]+)" y="[\d.]+" text-anchor="end">', steep)]
+    assert len(ends) >= 3
+    widest = len("40000") * 7.3  # of 11.5 px letters
+    title = float(re.findall(r"translate\(([\d.]+) ", steep)[0])
+    assert min(ends) - widest > title + 3.0, "half of the title's letters reach into the frame"
+    frame = float(re.findall(r'<rect class="f" x="([\d.]+)"', steep)[0])
+    (first,) = re.findall(r'class="m" d="M([\d.]+) ', steep)
+    assert float(first) > frame
+
+
+def loop(amplitude_m: float, speed_m_s: float, energy_J: float) -> Any:  # noqa: ANN401 - stands for a loop
+    measured = SimpleNamespace(value=energy_J)
+    return SimpleNamespace(
+        current_A=1.0, waveform="sine", amplitude_m=amplitude_m, peak_speed_m_s=speed_m_s, energy_J=measured,
+        equivalent_damping_N_s_m=measured, rebound_N=measured, jounce_N=measured,
+    )
+
+
+def test_energies_of_different_strokes_are_not_joined() -> None:
+    loops = [loop(0.025, 0.04, 132.0), loop(0.0016, 0.053, 7.9), loop(0.02502, 0.08, 137.0)]
+    drawn = plots(cast("Any", loops))
+    assert [(trace.name, trace.y.tolist()) for trace in drawn["energy"].traces] == [
+        ("1 A, sine, 25 mm", [132.0, 137.0]), ("1 A, sine, 1.6 mm", [7.9, 7.9]),
+    ]
+    assert [trace.x.size for trace in drawn["force"].traces] == [3, 3], "a peak-velocity plot has one line a current"
+
+
+def test_reversed_signs_explain_no_share_of_the_misfit() -> None:
+    causes = [
+        {"slug": "signs-reversed", "text": "the middle is at +47 N", "explains": 1.0, "next": "look"},
+        {"slug": "clipping", "text": "a channel that ends", "explains": 0.186, "next": "look"},
+    ]
+    page = parameters({"model": "bingham", "parameters": {}, "diagnosis": causes})
+    assert re.findall(r'<td class="n">([^<]*)</td>', page) == ["–", "18.6"]
+
+
+def test_a_chance_that_no_computer_tells_from_0_and_correlations_are_written_short() -> None:
+    test = {"id": "p001", "energy_J": 1.0, "residual": {"portmanteau_p": 2.2e-16, "runs_p": 0.5}}
+    told = {"identifiable": True}
+    page = quality({
+        "error": {"per_test": [test]}, "parameters": {"kx": told, "f0": told},
+        "correlation": {"kx": {"kx": 1.0, "f0": -9.1e-5}, "f0": {"kx": -9.1e-5, "f0": 1.0}},
+    })
+    assert "p &lt; 0.001" in page
+    assert re.findall(r'class="heat"[^>]*>([^<]*)<', page) == ["1.00", "0.00", "0.00", "1.00"]
+
+
+def test_the_band_of_what_is_never_negative_ends_at_0() -> None:
+    entry = {"identifiable": True, "unit": "N s/m", "standard_error": 230.0}
+    fit = {
+        "model": "sprung_bouc_wen", "tested": {"current_A": [0.0, 1.0]},
+        "parameters": {"kv": entry | {"value": 0.0}, "kv_b": entry | {"value": 2168.0}},
+        "correlation": {"kv": {"kv": 1.0, "kv_b": 0.0}, "kv_b": {"kv": 0.0, "kv_b": 1.0}},
+    }
+    line, low, high = parameter_charts(fit)["kv"].traces
+    assert low.y[0] == 0.0 == line.y[0]
+    assert high.y[0] == pytest.approx(1.96 * 230.0)
+    assert low.y[-1] < line.y[-1]
