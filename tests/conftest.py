@@ -22,6 +22,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 SELDOM = 50_000
 """The garbage collector looks after so many objects; what was collected of the tests it does not look at any more."""
+COMPILING = Path(__file__).parent / "rig" / "dampers"
+"""Tests that run first: they compile nearly every model, on a fresh machine while one process runs tests alone; the
+others find the models compiled."""
 STARTS_PROCESSES = frozenset({"start", "run_wired", "in_motion", "start_brisk", "start_campaign", "wired_station_rig",
                               "simulated_rig"})
 """Fixtures that start real processes on real transports: whoever uses them is marked `wire`."""
@@ -82,7 +85,8 @@ def pytest_runtestloop(session: pytest.Session) -> bool | None:
 def ours_of(session: pytest.Session, folder: Path) -> Iterator[pytest.Item]:
     """What this process takes of the tests without wires; with --then-wires, the others done, then those on wires."""
     wired = [item for item in session.items if item.get_closest_marker("wire")]
-    yield from taken([item for item in session.items if item not in set(wired)], folder)
+    free = [item for item in session.items if item not in set(wired)]
+    yield from taken(sorted(free, key=lambda item: not item.path.is_relative_to(COMPILING)), folder)
     if session.config.getoption("--then-wires"):
         with (folder / "others").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)

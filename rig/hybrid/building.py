@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import eigh
 
 from rig.signals.arrays import FloatArray
 
@@ -61,6 +60,8 @@ class Structure(NamedTuple):
 
     def frequencies_Hz(self) -> FloatArray:
         """Natural frequencies (3,), Hz, undamped."""
+        from scipy.linalg import eigh  # where it is wanted: a simulated rig loads this room without it
+
         squares: FloatArray = eigh(self.stiffness, self.mass, eigvals_only=True)
         return np.asarray(np.sqrt(squares) / (2.0 * math.pi))
 
@@ -81,6 +82,8 @@ class Structure(NamedTuple):
 
 def reference(case: Case) -> Structure:
     """The whole building of a case: modal damping, the same in all modes."""
+    from scipy.linalg import eigh  # as above
+
     mass = np.eye(FLOORS) * case.floor_mass_kg
     squares, modes = eigh(STIFFNESS_N_m, mass)
     inverse = np.linalg.inv(modes)

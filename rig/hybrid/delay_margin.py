@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.optimize import brentq
 
 from rig.hybrid.building import Specimen, Structure
 from rig.signals.arrays import FloatArray
@@ -26,6 +25,8 @@ def critical_delay_s(computed: Structure, specimen: Specimen) -> float:
         inner = computed.mass * s**2 + computed.damping * s + computed.stiffness
         resistance = specimen.mass_kg * s**2 + specimen.damping_N_s_m * s + specimen.stiffness_N_m
         return complex(np.linalg.inv(inner)[0, 0] * resistance)
+
+    from scipy.optimize import brentq  # only this needs it
 
     def above_one(frequency_Hz: float) -> float:
         return math.log(abs(loop(frequency_Hz)))

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg import expm
 
 from rig.signals.arrays import FloatArray
 
 
 def held(state: FloatArray, inputs: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray]:
     """Transition (n, n) and input (n, m) over one step with the input held since its beginning."""
+    from scipy.linalg import expm  # where it is wanted: a simulated rig loads this room without it
+
     n, m = inputs.shape
     block = np.zeros((n + m, n + m))
     block[:n, :n], block[:n, n:] = state * step_s, inputs * step_s
@@ -21,6 +22,8 @@ def held(state: FloatArray, inputs: FloatArray, step_s: float) -> tuple[FloatArr
 
 def along_a_line(state: FloatArray, inputs: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Transition (n, n), weight (n, m) of the input at the step's beginning and at its end: linear between them."""
+    from scipy.linalg import expm  # where it is wanted: a simulated rig loads this room without it
+
     n, m = inputs.shape
     block = np.zeros((n + 2 * m, n + 2 * m))
     block[:n, :n], block[:n, n : n + m] = state * step_s, inputs * step_s

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import bilinear, lfilter
 
 from rig.errors import FileProblem
 from rig.signals.arrays import FloatArray
@@ -57,6 +56,8 @@ class Earthquake:
 
 def synthesised(seed: int = SEED) -> Earthquake:
     """White noise through the ground's filters, with a beginning and an end, and ten quiet seconds after it."""
+    from scipy.signal import bilinear, lfilter  # only this needs it, and it takes a second to load
+
     count = round(SHAKING_s / STEP_s)
     ground, damping = 2.0 * math.pi * GROUND_Hz, GROUND_DAMPING
     slow, slow_damping = 2.0 * math.pi * SLOWEST_Hz, SLOWEST_DAMPING

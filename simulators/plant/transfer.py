@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from rig.hybrid.discretisation import held
+from rig.hybrid.transfer_system import FORCE, ORDER, POSITION, TransferSystem
 from simulators.options import RigOptions
 from simulators.plant import step
 from simulators.plant.plant import Plant
@@ -21,12 +23,7 @@ class TransferPlant(Plant):
     """A plant whose rod and force are the transfer system's."""
 
     def __init__(self, options: RigOptions) -> None:
-        # Here, not above: they load scipy, and most rigs have no such plant.
-        from rig.hybrid.discretisation import held
-        from rig.hybrid.transfer_system import FORCE, ORDER, POSITION, TransferSystem
-
         super().__init__(options)
-        self._position, self._force = POSITION, FORCE
         given = options.transfer
         system = TransferSystem(given.a3, given.beta1, given.beta2, given.stiffness_N_m)
         self._going, driven = held(*system.state_space(), self.dt_s)
@@ -37,8 +34,8 @@ class TransferPlant(Plant):
         setpoint_m, system, out = self.value("setpoint_m"), self._system, self.out
         for row in out:
             system = self._going @ system + self._driven * setpoint_m
-            row[step.DISPLACEMENT] = row[step.PISTON] = system[self._position]
-            row[step.VELOCITY], row[step.FORCE] = system[VELOCITY], system[self._force]
+            row[step.DISPLACEMENT] = row[step.PISTON] = system[POSITION]
+            row[step.VELOCITY], row[step.FORCE] = system[VELOCITY], system[FORCE]
         self._system = system
 
 
