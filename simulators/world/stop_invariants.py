@@ -30,7 +30,7 @@ UNNOTICED_S, UNNOTICED_TIMES = 1.0, 10.0
 """So long the rod may move with a fault that everybody can see: that, or so many times what its row allows."""
 STOPS = frozenset({Command.FADE_STOP.name, Command.HALT.name, Command.HYDRAULICS_OFF.name})
 MOVING_M_S = 0.02
-OVERRUN_S = 0.3
+OVERRUN_S, STARTED_NS = 0.3, 1e9
 SEEN_LATER = frozenset({
     "load-train", "stop-ignored", "current-stuck", "coil-open-short", "current-tracking", "second-master:jumps",
 })  # fmt: skip
@@ -245,12 +245,15 @@ def a_program_ends(view: View) -> Findings:
         return
     motion_s = {point.id: point.motion_s for point in load_matrix(path).points()}
     latched = [float(trip["latched_ns"]) for trip in view.station("trip")]
-    motions = [line.host_ns for line in log if line.code in {Command.START.name, Command.MOVE_TO.name}]
+    starts = [line.host_ns for line in log if line.code == Command.START.name]
+    motions = [*starts, *(line.host_ns for line in log if line.code == Command.MOVE_TO.name)]
     for line in view.lines:
         if line.get("event") != "point":
             continue
-        begun_ns = next((at_ns for at_ns in motions if at_ns > float(line["host_ns"])), math.inf)
-        ends_ns = begun_ns + 1e9 * (motion_s[str(line["point"])] + view.stalled_s)
+        told_ns = float(line["host_ns"])
+        # A motion of streamed set-points has no start that the controller knows.
+        begun_ns = next((at_ns for at_ns in starts if told_ns < at_ns < told_ns + STARTED_NS), math.inf)
+        ends_ns = begun_ns + 1e9 * (motion_s.get(str(line["point"]), math.inf) + view.stalled_s)
         later = (at_ns for at_ns in (*latched, *motions) if at_ns > begun_ns)
         rows = view.between(ends_ns, min(later, default=view.session.ended_ns))
         moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
