@@ -67,7 +67,7 @@ class LostMotionModel(HystereticModel):
         "kt_c": 6.0, "kt_d": -3.0, "rho": 800.0, "vt": 0.01,
     }  # fmt: skip
     parameters: tuple[Parameter, ...] = (
-        linear_parameter("kx", "N/m", 0.0, "stiffness"),
+        linear_parameter("kx", "N/m", 0.0, "stiffness", term="stiffness"),
         _viscous("kv", "N s/m", 300.0, "viscous damping at zero current"),
         _viscous("kv_b", "N s/(m A)", 0.0, "viscous damping per ampere", "kv"),
         linear_parameter("f0", "N", 0.0, "force offset"),

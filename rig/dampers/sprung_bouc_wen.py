@@ -38,8 +38,10 @@ TAKEN = ("kx", "kv", "kv_b", "f0", "ky", "ky_b", "ky_c", "ku", "ku_b", "kt", "kt
 STIFFEST_N_m = 3e8
 """Gives way by 3 um at 1 kN, as fine as displacement sensors of test rigs are."""
 GIVES_WAY = (0.01, 0.03, 0.1)  # starts: stretch at the mean yield force, as a share of the smallest amplitude
-OPENS = 0.6  # start: rho as a share of that of `lost_motion`, whose loop opens later
+OPENS = (0.6, 3.0)  # starts: rho as a share of that of `lost_motion`, whose loop opens later
 THINNING, EYRING = 0.1, 0.02  # start without a logarithmic force: kt over ky, and vt over the top speed
+BENDS = (0.003, 0.01, 0.03)  # starts with little of it: vt over the top speed
+VISCOUS = 0.05  # and the viscous force at the top speed over the yield force
 
 
 class SprungBoucWenModel(HystereticModel):
@@ -102,26 +104,40 @@ class SprungBoucWenModel(HystereticModel):
 
 
 class SprungSearch(Search):
-    """From the fit of `lost_motion`, with springs that give way by several shares of the smallest amplitude."""
+    """From the fit of `lost_motion`, with springs that give way by several shares of the smallest amplitude.
+
+    That fit makes up for the spring by forces of its own, kv or kt below 0 among them, from where no way leads to what
+    is behind the spring. So there is a second family of starts, whose viscous and logarithmic forces are small and at
+    no current below 0.
+    """
 
     simpler = "lost_motion"
     simpler_names: Mapping[str, str] = {name: name for name in TAKEN}
-    family = len(GIVES_WAY)
+    family = len(OPENS) * len(GIVES_WAY)
 
     def starts(self, simple: Mapping[str, float], scale: MotionScale) -> list[dict[str, float]]:
         """See `Search.starts`."""
-        start = {name: simple[name] for name in TAKEN} | {"rho": OPENS * simple["rho"], "vt": simple["vt"], "m": 0.0}
+        start = {name: simple[name] for name in TAKEN} | {"vt": simple["vt"], "m": 0.0}
         start["kv"] = max(start["kv"], 0.0)
-        amps = scale.mean_current_A
+        amps, top_m_s = scale.mean_current_A, scale.top_speed_m_s
+        little = {name: THINNING * abs(start[f"ky{name[2:]}"]) for name in ("kt", "kt_b")} | {"kt_c": 0.0, "kt_d": 0.0}
         ends = (scale.low_current_A, amps, scale.high_current_A)
         if min(np.polyval([start[name] for name in ("kt_d", "kt_c", "kt_b", "kt")], ends)) < 0.0:
             # kt counts as 0 where it is negative, and a search does not find out of that
-            start |= {name: THINNING * start[f"ky{name[2:]}"] for name in ("kt", "kt_b", "kt_c")} | {"kt_d": 0.0}
-            start["vt"] = max(start["vt"], EYRING * scale.top_speed_m_s)
-        speed = 0.25 * scale.top_speed_m_s / start["vt"]
-        force_N = abs(start["ky"] + amps * start["ky_b"]) + abs(start["kt"] + amps * start["kt_b"]) * math.asinh(speed)
-        stretched_N = max(force_N, 1.0)
-        return [start | {"k": stretched_N / (share * scale.smallest_amplitude_m)} for share in GIVES_WAY]
+            start |= little | {"vt": max(start["vt"], EYRING * top_m_s)}
+        yielding_N = abs(start["ky"] + amps * start["ky_b"])
+        thinning_N = abs(start["kt"] + amps * start["kt_b"]) * math.asinh(0.25 * top_m_s / start["vt"])
+        stretched_N, small_N = max(yielding_N + thinning_N, 1.0), max(yielding_N, 1.0)
+        small = start | little | {"kv": VISCOUS * small_N / top_m_s, "kv_b": 0.0}
+        small["k"] = small_N / (GIVES_WAY[1] * scale.smallest_amplitude_m)
+        first = [start | {"k": stretched_N / (share * scale.smallest_amplitude_m)} for share in GIVES_WAY]
+        second = [small | {"vt": bend * top_m_s} for bend in BENDS]
+        return [
+            values | {"rho": opens * simple["rho"]}
+            for family in (first, second)
+            for opens in OPENS
+            for values in family
+        ]
 
     def unknowns(self, start: Mapping[str, float], held: frozenset[str]) -> Unknowns:
         """See `Search.unknowns`: the terms of one polynomial move by the same size."""

@@ -99,7 +99,7 @@ class ChannelInterlock:
         """The channel's values usually differ from one sample to the next: its noise is finer than its steps."""
         return self._pairs >= FEWEST_PAIRS and self._equal <= REPEATED_SHARE * self._pairs
 
-    def says_nothing(self, samples: int) -> bool:
+    def says_nothing(self, samples: float) -> bool:
         """Its last values tell nothing of its quantity.
 
         Args:

@@ -76,6 +76,7 @@ class SensorThread(ReadingThread):
         self.lost = 0
         self.samples = 0
         self._reference = role.reference
+        self._repeats_at_rest = False
         self._stuck_samples = max(STUCK_SAMPLES, round(STUCK_S * config.rate_Hz))
         self._standing = StandingInterlock(self._stuck_samples, STANDING_FLOOR_SHARE * config.span)
         self.clock = ClockWatch(device_rate)
@@ -200,6 +201,8 @@ class SensorThread(ReadingThread):
             records = self._flagged(records)
         if self.motion is not None:
             findings += self.motion.judge(records)
+        if self.judge.repeats >= self._stuck_samples and not self._supervisor.armed:
+            self._repeats_at_rest = True
         if self._stands():
             findings.append(self._stuck(records[-1][0]))
         if findings:
@@ -277,9 +280,13 @@ class SensorThread(ReadingThread):
         return self.value(now_ns)
 
     def still_s(self, now_ns: int) -> float | None:
-        """Device seconds of standstill; None when stale, when its values tell nothing, or when this is not the LVDT."""
-        motion = self.motion
-        if motion is None or motion.blind or self.samples == 0 or self.judge.says_nothing(self._stuck_samples):
+        """Device seconds of standstill; None when stale, when its values tell nothing, or when this is not the LVDT.
+
+        One that repeated its value before the rig was armed, at rest, is quiet: that it does so again says nothing
+        against it.
+        """
+        motion, samples = self.motion, math.inf if self._repeats_at_rest else self._stuck_samples
+        if motion is None or motion.blind or self.samples == 0 or self.judge.says_nothing(samples):
             return None
         return motion.still_s if self.fresh(now_ns) else None
 

@@ -115,9 +115,10 @@ def test_a_search_begins_with_a_logarithmic_force_at_every_current() -> None:
     kept = DAMPER.search().starts(simple, scale)[0]
     assert [kept[name] for name in ("kt", "kt_b", "kt_c", "kt_d", "vt")] == [15.0, 25.0, 6.0, -2.0, 2e-3]
     less = {**simple, "kt": 2.2, "kt_b": 1.2, "kt_c": -6.1, "kt_d": 1.3, "vt": 4e-5}  # -9 N at 2 A, and 0 counts
-    for start in DAMPER.search().starts(less, scale):
-        assert [start[name] for name in ("kt", "kt_b", "kt_c", "kt_d")] == [4.0, 20.0, 1.0, 0.0]  # a tenth of ky's
-        assert start["vt"] == pytest.approx(0.008)
+    starts = DAMPER.search().starts(less, scale)
+    for start in starts:
+        assert [start[name] for name in ("kt", "kt_b", "kt_c", "kt_d")] == [4.0, 20.0, 0.0, 0.0]  # a tenth of ky's
+    assert starts[0]["vt"] == pytest.approx(0.008)
 
 
 def test_the_inverse_finds_the_current_though_the_force_only_follows_it() -> None:
@@ -141,3 +142,13 @@ def test_the_inverse_finds_the_current_though_the_force_only_follows_it() -> Non
     told &= (answer[:, 3] > 0.0) & (half_N < 0.2 * np.abs(answer[:, 2]))
     assert np.mean(told) > 0.8
     assert 0.93 <= np.mean(inside[told]) <= 0.98
+
+
+def test_the_force_at_250_samples_a_second_is_that_of_thirty_times_as_many() -> None:
+    forces = []
+    for rate_Hz in (250.0, 7500.0):
+        t = np.arange(round(2.0 * rate_Hz / 2.0)) / rate_Hz
+        omega = 2.0 * math.pi * 2.0
+        u, v = 0.03 * np.sin(omega * t), 0.03 * omega * np.cos(omega * t)
+        forces.append(DAMPER.force(DEMO, u, v, -(omega**2) * u, 1.3, 1.0 / rate_Hz)[:: round(rate_Hz / 250.0)])
+    assert np.max(np.abs(forces[0] - forces[1])[125:]) < 1.0  # of 700 N; with one step a sample 2.0

@@ -42,6 +42,62 @@ def recorded(set_name: str, seed: int = 3) -> list[Measurement]:
     return tests
 
 
+SPRUNG = "demo-sprung-bouc-wen"
+
+
+def moved(current_A: float, amplitude_m: float, frequency_Hz: float, rng: np.random.Generator) -> Measurement:
+    """Two settled cycles of the demonstration damper behind a spring, 250 samples each, 3 N of noise."""
+    chosen, omega = parameter_set(SPRUNG), 2.0 * np.pi * frequency_Hz
+    t = np.arange(500) / (250.0 * frequency_Hz)
+    test = Measurement(
+        id=f"{current_A:g} A, {amplitude_m:g} m, {frequency_Hz:g} Hz",
+        u_m=amplitude_m * np.sin(omega * t),
+        v_m_s=amplitude_m * omega * np.cos(omega * t),
+        a_m_s2=-amplitude_m * omega**2 * np.sin(omega * t),
+        force_N=rng.normal(0.0, 3.0, t.size),
+        current_A=np.full_like(t, current_A),
+        dt_s=1.0 / (250.0 * frequency_Hz),
+        amplitude_m=amplitude_m,
+        frequency_Hz=frequency_Hz,
+        nominal_current_A=current_A,
+        samples_per_cycle=250,
+        noise_N=3.0,
+    )
+    test.force_N[:] += modelled_force(model(chosen.model), chosen.values, test)
+    return test
+
+
+@pytest.mark.parametrize(
+    ("currents_A", "motions"),
+    [
+        ((1.0,), ((0.005, 3.0), (0.02, 0.5), (0.02, 2.0))),
+        ((0.0, 1.0), ((0.02, 1.0),)),
+        ((0.0, 0.5, 1.0, 2.0), ((0.002, 20.0), (0.005, 10.0), (0.001, 30.0))),
+        ((0.0, 0.5, 1.0, 2.0), ((0.02, 0.01), (0.01, 0.02))),
+    ],
+    ids=["one current", "one motion", "fast", "slow"],
+)
+def test_a_damper_behind_a_spring_is_found_from_few_or_unusual_tests(
+    currents_A: tuple[float, ...], motions: tuple[tuple[float, float], ...]
+) -> None:
+    rng = np.random.default_rng(8)
+    fit = identify([moved(amps, *motion, rng) for motion in motions for amps in currents_A], model="sprung_bouc_wen")
+    assert fit.error.rmse_N == pytest.approx(3.0, rel=0.08)
+    assert fit.adequate
+    spring = fit.parameters["k"]
+    assert spring.identifiable
+    assert spring.value == pytest.approx(parameter_set(SPRUNG).values["k"], rel=0.1)
+
+
+def test_mass_and_stiffness_of_a_sprung_damper_are_not_told_apart_at_one_frequency() -> None:
+    rng = np.random.default_rng(8)
+    fit = identify([moved(amps, 0.02, 1.0, rng) for amps in (0.0, 0.5, 1.0)], model="sprung_bouc_wen")
+    assert not fit.parameters["m"].identifiable
+    assert "one frequency" in fit.parameters["m"].reason
+    assert fit.values["m"] == 0.0
+    assert not fit.parameters["kx"].identifiable
+
+
 @pytest.mark.few(2)
 @pytest.mark.parametrize(
     "set_name",

@@ -16,7 +16,9 @@ from drivers.ring import Channel
 from drivers.serial_sensor import DEFAULT_FORMAT, SerialSensor
 from protocols.frame_format import encode
 from rig.bench.sensor_settings import Calibration, LoadCell
+from rig.clock import monotonic_ns
 from rig.station.interlocks.channel_interlock import ChannelInterlock, ChannelLimits
+from rig.station.interlocks.motion_interlock import MotionInterlock
 from rig.station.supervisor import Supervisor
 from rig.station.threads.sensor_thread import SensorRole, SensorThread
 
@@ -31,7 +33,7 @@ Line = Callable[[int], bytes]
 class Cable:
     """A load cell's line into a running station thread; `send` plays samples at the sensor's rate."""
 
-    def __init__(self, line_format: str) -> None:
+    def __init__(self, line_format: str, motion: MotionInterlock | None = None) -> None:
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         url = os.ttyname(self._slave)
@@ -45,7 +47,7 @@ class Cable:
         )
         driver = SerialSensor(url, name="load_cell", channel=Channel.FORCE, line_format=line_format)
         judge = ChannelInterlock("load_cell", "force-limit", ChannelLimits(low=-5e3, high=5e3, span=10e3, unit="N"))
-        role = SensorRole("loadcell-pulled", Channel.FORCE, judge, None, None, None)
+        role = SensorRole("loadcell-pulled", Channel.FORCE, judge, motion, None, None)
         self.thread = SensorThread(given, driver, role, self.supervisor, lambda records: None)
         self.thread.open()
         self.thread.start()
@@ -85,8 +87,8 @@ class Cable:
 def cable() -> Iterator[Callable[[str], Cable]]:
     made: list[Cable] = []
 
-    def make(line_format: str) -> Cable:
-        made.append(Cable(line_format))
+    def make(line_format: str, motion: MotionInterlock | None = None) -> Cable:
+        made.append(Cable(line_format, motion))
         return made[-1]
 
     yield make
@@ -125,6 +127,30 @@ def test_three_samples_that_say_overload_or_fault_trip_whether_or_not_they_carry
     line.send(blind, 1)
     assert line.supervisor.trip is not None
     assert line.supervisor.trip.slug == slug
+
+
+def noisy(number: int) -> bytes:
+    return encode(0.01 + 1e-6 * (number % 7), number, round(1e6 * PERIOD_S * number), 0)
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+def test_a_value_that_repeats_is_a_standstill_only_where_it_repeated_at_rest_before(
+    cable: Callable[..., Cable], quiet: bool
+) -> None:
+    line = cable(DEFAULT_FORMAT, MotionInterlock(1.0, 1.0 / PERIOD_S))
+    line.begin(noisy)
+    line.send(noisy, 60)
+    if quiet:
+        line.send(frame(0.0101), 25)
+        line.send(noisy, 60)
+    line.supervisor.arm()
+    line.thread.restart_still()
+    line.send(noisy, 5)
+    line.send(frame(0.0102), 30)
+    still_s = line.thread.still_s(monotonic_ns())
+    assert (still_s is not None) is quiet
+    assert still_s is None or still_s > 0.1
+    assert line.thread.changed
 
 
 def test_a_load_cell_that_sends_no_number_any_more_is_as_good_as_pulled(cable: Callable[[str], Cable]) -> None:
