@@ -255,7 +255,7 @@ def fit_tables(fit: Mapping[str, Any], truth: Mapping[str, float] | None = None)
     return [*_ranking(fit), table, *equation, *_held_out(fit), *_pairs(fit), *_remarks(fit), *_to_try(fit)]
 
 
-COMPARED_UNASKED = {"asymmetric", "normalized_bouc_wen", "lost_motion"}
+COMPARED_UNASKED = {"asymmetric", "normalized_bouc_wen", "lost_motion", "sprung_bouc_wen"}
 REFERENCES = {"mean_cycle": "no model: its own other cycles", "regression": "no model: regression"}
 
 

@@ -7,12 +7,13 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 from rig.dampers import Hysteresis
 from rig.errors import IdentificationFailed
-from rig.identification.fitting import identify
-from rig.identification.models.solving import Method
+from rig.identification.fitting import FEW, identify
+from rig.identification.models.solving import SEPARABLE, Method
 from rig.identification.next_test import bench_of
 from rig.identification.per_current import AFFINE
 from rig.identification.uncertainty.covariance import DeclaredErrors
@@ -21,6 +22,8 @@ from rig.identification.words import say, some
 from rig.recording.quality.cross_checks import doubts
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
+
+AUTO, QUICK = "auto", "asymmetric"
 
 
 def identify_run(
@@ -45,7 +48,8 @@ def identify_run(
 
     Args:
         paths: campaign directories, folders in which exactly one campaign lies, or point files.
-        model: as in `identify`.
+        model: as in `identify`; "auto": the asymmetric model, and where that is not adequate "few", which is what `rig
+            identify` does unasked; with settings that go with one model alone, the asymmetric one.
         method: as in `identify`.
         holdout: a filter on the points, or the path of another run.
         hysteresis: as in `identify`.
@@ -83,9 +87,9 @@ def identify_run(
             "identify them apart"
         )
     declared = declared_errors(points)
-    fit = identify(
+    fitted = partial(
+        identify,
         points,
-        model=model,
         method=method,
         holdout=other,
         hysteresis=hysteresis,
@@ -102,6 +106,11 @@ def identify_run(
         campaign=[point for run in tested for point in run.usable],
         on_progress=on_progress,
     )
+    named = method if isinstance(method, str) else method.name
+    alone = named != SEPARABLE or current != AFFINE or series_spring or temperature_law != "none" or bool(profile)
+    fit = fitted(model=QUICK if model == AUTO else model)
+    if model == AUTO and fit.adequate is not True and not alone:
+        fit = fitted(model=FEW)
     doubted = [f"calibration in doubt, and in no interval: {line}" for line in doubts(points)]
     fit = replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
     written, kept = write_fit(fit, runs[0].path)

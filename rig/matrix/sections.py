@@ -236,7 +236,7 @@ class Identify(Section):
     """What is fitted when the last point is recorded."""
 
     enabled: bool = True
-    model: str = "asymmetric"
+    model: str = "auto"
     method: str = Field(default="separable", json_schema_extra=_methods_of_schema)
     holdout: str | None = Field(default=None, examples=["waveform=triangle", "frequency_Hz=2"])
     series_spring: bool = False
@@ -251,11 +251,11 @@ class Identify(Section):
         from rig.dampers.current_law import PER_CURRENT, UnknownLaw, current_law
 
         base, plus, law = value.partition("+")
-        several = ("all", "few")
-        known = ["all", *MODELS, "few"]
+        several = ("all", "auto", "few")
+        known = ["all", "auto", *MODELS, "few"]
         if base not in known or (base in several and plus):
             raise ValueError(_unknown("model", value, known))
-        for name in MODELS if value == "all" else () if value == "few" else (base,):
+        for name in MODELS if value == "all" else () if value in several else (base,):
             _usable(MODELS.__getitem__, name)
         if plus and law != PER_CURRENT:
             try:

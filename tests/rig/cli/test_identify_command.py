@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from in_process import rig
 
 from rig.dampers import model, parameter_set
+from rig.identification import Fit, identify_run
 
 DEMO = dict(parameter_set("demo").values)
 OTHER = {**DEMO, "Fyb": 130.0, "Ca_plus": 1800.0}
@@ -68,6 +70,28 @@ def test_numbers_profile_energy_and_the_next_test_are_in_one_object(good: Path) 
     assert fit["next_tests"][0]["toml"].startswith("[[point]]")
     assert {"condition", "correlation"} <= set(fit)
     assert json.loads((good / "fit.json").read_text()).keys() == fit.keys()
+
+
+def test_the_fit_after_a_run_compares_models_where_the_quick_one_is_not_adequate(
+    good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fit, asked = identify_run([good], model="auto"), []
+    assert (fit.model, fit.adequate) == ("asymmetric", True)  # what made the tests, fitted alone
+    assert len(fit.selection) == 1
+
+    def misfits(*_tests: object, model: str, **_settings: object) -> Fit:
+        asked.append(model)
+        return replace(fit, adequate=False)
+
+    monkeypatch.setattr("rig.identification.runs.identify", misfits)
+    identify_run([good], model="auto")
+    identify_run([good], model="asymmetric")
+    assert asked == ["asymmetric", "few", "asymmetric"]
+    asked.clear()
+    identify_run([good], model="auto", series_spring=True)
+    identify_run([good], model="auto", current="per-current-affine")
+    identify_run([good], model="auto", method="c_foa")
+    assert asked == ["asymmetric"] * 3  # none of these goes with several models
 
 
 def test_held_out_equal_to_training_or_to_nothing_is_refused(good: Path) -> None:

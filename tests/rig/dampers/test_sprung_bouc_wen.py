@@ -164,3 +164,13 @@ def test_the_inverse_finds_the_current_though_the_force_only_follows_it() -> Non
     told &= (answer[:, 3] > 0.0) & (half_N < 0.2 * np.abs(answer[:, 2]))
     assert np.mean(told) > 0.8
     assert 0.93 <= np.mean(inside[told]) <= 0.98
+
+
+def test_the_force_at_250_samples_a_second_is_that_of_thirty_times_as_many() -> None:
+    forces = []
+    for rate_Hz in (250.0, 7500.0):
+        t = np.arange(round(2.0 * rate_Hz / 2.0)) / rate_Hz
+        omega = 2.0 * math.pi * 2.0
+        u, v = 0.03 * np.sin(omega * t), 0.03 * omega * np.cos(omega * t)
+        forces.append(DAMPER.force(DEMO, u, v, -(omega**2) * u, 1.3, 1.0 / rate_Hz)[:: round(rate_Hz / 250.0)])
+    assert np.max(np.abs(forces[0] - forces[1])[125:]) < 1.0  # of 700 N; with one step a sample 2.0
