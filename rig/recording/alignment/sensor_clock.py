@@ -41,6 +41,7 @@ from rig.signals.delay_estimation.delay_model import (
 )
 from rig.signals.delay_estimation.over_steps import stepped_match, together
 from rig.signals.delay_estimation.poll_locked import corrected
+from rig.signals.delay_estimation.same_phases import doubted
 from rig.signals.delay_estimation.sample_match import Course, Match, match
 from rig.signals.fourier import Series
 
@@ -116,7 +117,7 @@ class _Tie:
 
 
 def timed_sensors(
-    by_name: Mapping[str, Records], host: HostMap, context: PointContext, given: Skew | None = None,
+    by_name: Mapping[str, Records], host: HostMap, context: PointContext, given: Skew | None = None
 ) -> tuple[dict[str, SensorClock], Skew]:
     """Find the sensors' clocks and delays.
 
@@ -201,8 +202,7 @@ def _matches(ties: Mapping[str, _Tie], *, steps: bool) -> dict[str, Match]:
     cycles = None if steps else _common_cycles(ties)
     if cycles is not None:
         for name, tie in ties.items():
-            of_sensor = cycle_series(tie.thin_s, tie.thin, cycles)
-            if of_sensor is not None:
+            if (of_sensor := cycle_series(tie.thin_s, tie.thin, cycles)) is not None:
                 series[name] = of_sensor
     for name, tie in ties.items():
         reference = tie.reference
@@ -213,9 +213,9 @@ def _matches(ties: Mapping[str, _Tie], *, steps: bool) -> dict[str, Match]:
             laid = _over_steps(tie, reference, DELAY_REACH_S, with_drift=False)
         elif cycles is not None and name in series:
             force = series.get("force") if name == "displacement" else None
-            laid = match_cycles(
-                reference.record, series[name], cycles, reach_s=DELAY_REACH_S, force=force,
-            )
+            laid = match_cycles(reference.record, series[name], cycles, reach_s=DELAY_REACH_S, force=force)
+            if laid is not None:
+                laid = doubted(laid, reference.record, series[name], tie.thin_s, cycles)
         else:
             laid = _sample_by_sample(tie, reference, DELAY_REACH_S, cycles, with_drift=False)
         if laid is not None:
@@ -272,14 +272,12 @@ def _drifting(tie: _Tie, reference: Reference, reach_s: float) -> Match | None:
         return rough
     moved_s = tie.thin_s - rough.lag_s - rough.drift * (tie.thin_s - rough.middle_s)
     cycles = refined(cycles, moved_s, tie.thin)
-    series = cycle_series(moved_s, tie.thin, cycles)
-    if series is None:
+    if (series := cycle_series(moved_s, tie.thin, cycles)) is None:
         return rough
-    left = match_cycles(
-        reference.record, series, cycles, reach_s=DELAY_REACH_S, with_drift=True,
-    )
+    left = match_cycles(reference.record, series, cycles, reach_s=DELAY_REACH_S, with_drift=True)
     if left is None or not left.lag_std_s < rough.lag_std_s:
         return rough
+    left = doubted(left, reference.record, series, moved_s, cycles)
     return replace(
         left, lag_s=left.lag_s + rough.lag_s + rough.drift * (left.middle_s - rough.middle_s),
         drift=left.drift + rough.drift,
@@ -298,8 +296,8 @@ def _without_steps(tie: _Tie, reference: Reference, laid: Match, reach_s: float)
 def _over_steps(tie: _Tie, reference: Reference, reach_s: float, *, with_drift: bool = True) -> Match | None:
     """The signal over the controller's where both go in steps with its polls."""
     cycle_s = math.inf if reference.cycles is None else reference.cycles.period_s
-    sensor = TimeSeries(tie.thin_s, tie.thin)
-    return stepped_match(reference.record, sensor, tie.period_s, reach_s, cycle_s, with_drift=with_drift)
+    record, sensor = reference.record, TimeSeries(tie.thin_s, tie.thin)
+    return stepped_match(record, sensor, tie.period_s, reach_s, cycle_s, with_drift=with_drift)
 
 
 def _sample_by_sample(
