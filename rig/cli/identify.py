@@ -13,7 +13,7 @@ import click
 from rig.cli.options import Command, MethodName, json_option, scheduler_option
 from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE
-from rig.matrix.methods import DEPENDENCES, LAWS, TEMPERATURE_LAWS
+from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, TEMPERATURE_LAWS
 
 if TYPE_CHECKING:
     from rig.identification import Method
@@ -43,8 +43,9 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
     "with one model: a search, --current, --series-spring, --temperature-law, --profile-of, --hysteresis printed]",
 )
 @click.option(
-    "--method", type=MethodName(), default="separable", show_default=True, help="Fitting method."
-)
+    "--method", type=MethodName(), metavar="NAME", default="separable", show_default=True,
+    help=f"Fitting method: {', '.join(METHODS)}, or a plug-in's.",
+)  # fmt: skip
 @click.option(
     "--holdout",
     help="Tests left out of the fit and used to validate it: a run, or a filter (waveform=triangle).",
@@ -54,8 +55,9 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
     help="Argument of the tanh models: Kwok's, or as printed in the c-FOA paper.",
 )  # fmt: skip
 @click.option(
-    "--current", "dependence", type=click.Choice(DEPENDENCES), default="affine", show_default=True,
-    help="Dependence of the parameters on current: affine in one fit, or one fit per current and a relation of them.",
+    "--current", "dependence", type=click.Choice(DEPENDENCES), metavar="NAME", default="affine", show_default=True,
+    help="Dependence of the parameters on current: affine in one fit, or one fit per current and a relation of them: "
+    f"{', '.join(DEPENDENCES[1:])}.",
 )  # fmt: skip
 @click.option(
     "--current-law", type=click.Choice(LAWS), default="affine", show_default=True,

@@ -45,14 +45,14 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     name="import",
     cls=Command,
     examples=(
-        "rig import tests/*.csv --column time=t_s --column displacement=x_m --column force=force_N \\",
-        "    --current-from-name '_(?P<current>[0-9.]+)A'",
+        "rig import tests/*.csv --column time=t_s --column displacement=x_m --column force=force_N "
+        "--current-from-name '_(?P<current>[0-9.]+)A'",
         "rig import loop.csv --column time=t:ms --column displacement=x:mm --column force=F:kN --current '0.5 A'",
-        "rig import random.csv --waveform random --column time=t:s --column displacement=x:mm --column force=F:N \\",
-        "    --column voltage=u:V",
+        "rig import random.csv --waveform random --column time=t:s --column displacement=x:mm --column force=F:N "
+        "--column voltage=u:V",
         "rig import run7.mf4 --column displacement=Stroke --column force=LoadCell --column current=I_coil",
-        "rig import old.txt --dry-run --separator ';' --decimal , --column time=Zeit --column displacement=Weg \\",
-        "    --column force=Kraft --current '0 A'",
+        "rig import old.txt --dry-run --separator ';' --decimal , --column time=Zeit --column displacement=Weg "
+        "--column force=Kraft --current '0 A'",
     ),
 )
 @click.argument("files", type=click.Path(path_type=Path), nargs=-1, required=True)
@@ -62,7 +62,8 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     multiple=True,
     callback=_pairs,
     metavar="QUANTITY=COLUMN",
-    help="Column of time, displacement, force, current (measured), commanded_current or voltage (of the driver): its "
+    help="Column of time, displacement, force, current (measured), commanded_current, temperature or voltage (of the "
+    "driver): its "
     "name, #3 for the third, GROUP/NAME in MDF and TDMS; unit as the file says, as a suffix (x_mm) or after a colon "
     "(x:mm).",
 )

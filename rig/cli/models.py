@@ -67,15 +67,19 @@ def _parameter(parameter: Parameter, damper: DamperModel) -> dict[str, Any]:
 
 
 def _show(damper: DamperModel, *, whole: bool) -> None:
+    from rich.padding import Padding
     from rich.table import Table
+    from rich.text import Text
 
     shown = console()
     shown.print(f"{damper.name}", style="bold", markup=False)
-    shown.print(f"  {damper.equation}", markup=False, soft_wrap=True)
-    if damper.energy:
-        shown.print(f"  energy: {damper.energy}", markup=False, soft_wrap=True)
+    lines = [damper.equation]
+    lines += [f"energy: {damper.energy}"] if damper.energy else []
+    lines += [] if whole else [", ".join(damper.names)]
+    for line in lines:
+        shown.print(Padding(Text(line), (0, 0, 0, 2)) if shown.is_terminal else f"  {line}", markup=False,
+                    soft_wrap=not shown.is_terminal)  # fmt: skip
     if not whole:
-        shown.print(f"  {', '.join(damper.names)}", markup=False, soft_wrap=True)
         return
     table = Table()
     for title in ("parameter", "unit", "role", "demonstration", "warm oil", "meaning"):

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import click
 
 from rig.matrix.methods import METHODS, check_method, method_names
+
+WORD = re.compile(r"(?:--?[\w-]+ (?!-))?(?:[^\s']|'[^']*')+")
+"""Of a command; an option and its value are one."""
+ON = " \\"
 
 
 class QuantityOption(click.ParamType[float]):
@@ -33,11 +38,6 @@ class MethodName(click.ParamType[str]):
 
     name = "method"
 
-    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        """This program's methods."""
-        del param, ctx
-        return f"[{'|'.join(METHODS)}|PLUG-IN]"
-
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """The name as it is; an unknown one is a usage error."""
         if value not in METHODS and value not in method_names():
@@ -60,10 +60,26 @@ class Command(click.Command):
 
 
 def write_examples(formatter: click.HelpFormatter, examples: tuple[str, ...]) -> None:
-    """Print examples in a help text as they are typed, never wrapped."""
+    """Print examples in a help text as they are typed; a long one goes on behind a backslash, as a shell reads it."""
     with formatter.section("Example" if len(examples) == 1 else "Examples"):
-        for line in examples:
-            formatter.write(f"{'':>{formatter.current_indent}}{line}\n")
+        for example in examples:
+            room = formatter.width - formatter.current_indent
+            for line in continued(example, room):
+                formatter.write(f"{'':>{formatter.current_indent}}{line}\n")
+
+
+def continued(command: str, width: int) -> list[str]:
+    """A command on lines of at most `width` signs where its words allow it, each but the last with a backslash."""
+    if len(command) <= width:
+        return [command]
+    lines = [""]
+    for word in WORD.findall(command):
+        if len(lines[-1]) + 1 + len(word) + len(ON) > width:
+            lines[-1] += ON
+            lines.append(f"    {word}")
+        else:
+            lines[-1] += f" {word}" if lines[-1] else word
+    return lines
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output.")
