@@ -12,6 +12,7 @@ from itertools import groupby
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 # A shell that starts a program in the background has it ignore Ctrl-C, and so would every process these tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -19,6 +20,10 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # One thread for linear algebra, here and in every process the tests start: a second one mostly waits, and keeps a core
 # busy with it. Read once, when numpy is loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# How long an example takes says how busy the machine is, and nothing of what is tested.
+settings.register_profile("any-machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any-machine")
 
 SELDOM = 50_000
 """The garbage collector looks after so many objects; what was collected of the tests it does not look at any more."""

@@ -106,7 +106,7 @@ def same_matrix(folder: Path, matrix: Matrix) -> None:
         FileProblem: the campaign's description cannot be read.
         Refused: the matrix is not the one the campaign was begun with (slug `matrix-changed`).
     """
-    if described(folder).get("hashes", {}).get("matrix") != matrix.digest:
+    if described(folder).get("hashes", {}).get("matrix") not in {matrix.digest, *matrix.earlier_digests}:
         raise Refused(
             "matrix-changed",
             f"{folder / 'matrix.toml'} is not the matrix this campaign was begun with; nothing was moved: "
@@ -122,7 +122,8 @@ def same_campaign(folder: Path, bench: Bench, matrix: Matrix) -> None:
         Refused: the matrix (slug `matrix-changed`) or the rig (`bench-changed`) is not the campaign's.
     """
     same_matrix(folder, matrix)
-    if not bench_is_new(folder) and described(folder).get("hash") != campaign_hash(bench, matrix):
+    hashes = {campaign_hash(bench, matrix, digest) for digest in (matrix.digest, *matrix.earlier_digests)}
+    if not bench_is_new(folder) and described(folder).get("hash") not in hashes:
         raise Refused(
             "bench-changed",
             f"limits, calibration or identities of the bench are not those of {folder / 'bench.toml'}; nothing was "

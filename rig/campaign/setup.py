@@ -203,12 +203,13 @@ def _corrections_s(plan: Plan, matrix: Matrix) -> float:
     return MOST_STEPS * math.fsum(motions.values())
 
 
-def campaign_hash(bench: Bench, matrix: Matrix) -> str:
+def campaign_hash(bench: Bench, matrix: Matrix, matrix_digest: str | None = None) -> str:
     """SHA-256 (hex) of what a resumed campaign must find unchanged.
 
-    Physics, limits, calibration, identities and matrix count; addresses do not.
+    Physics, limits, calibration, identities and matrix count; addresses do not. `matrix_digest` stands for the
+    matrix's own: one of its earlier ones.
     """
-    return hashlib.sha256(f"{bench.digest}{matrix.digest}".encode()).hexdigest()
+    return hashlib.sha256(f"{bench.digest}{matrix_digest or matrix.digest}".encode()).hexdigest()
 
 
 def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options: CampaignOptions) -> None:

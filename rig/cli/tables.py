@@ -259,8 +259,8 @@ COMPARED_UNASKED = {"asymmetric", "normalized_bouc_wen", "lost_motion", "sprung_
 REFERENCES = {"mean_cycle": "no model: its own other cycles", "regression": "no model: regression"}
 
 
-def _ranking(fit: Mapping[str, Any]) -> list[Table]:
-    """The models compared, best first; none where there is one."""
+def _ranking(fit: Mapping[str, Any]) -> list[Table | Text]:
+    """The models compared, best first, and why one of them was given up; none where there is one."""
     scores = fit.get("selection") or ()
     if len(scores) < 2:
         return []
@@ -275,7 +275,7 @@ def _ranking(fit: Mapping[str, Any]) -> list[Table]:
     for entry in fit.get("references") or ():
         unseen, name = entry.get("holdout_nrmse_percent_of_peak"), REFERENCES.get(entry["name"], entry["name"])
         table.add_row(name, entry.get("reason") if unseen is None else number(unseen, 3), "-", "-", style="dim")
-    return [table]
+    return [table, *(Text(str(entry["reason"]), style="yellow") for entry in scores if entry.get("reason"))]
 
 
 def _held_out(fit: Mapping[str, Any]) -> list[Table]:

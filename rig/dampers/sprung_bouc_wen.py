@@ -5,8 +5,8 @@ behind near each reversal, the more the faster the rod turns; over v - F'/k the 
 each other. The spring is what gives way under the whole force: mounts, the fluid in its chambers, the gas in it. The
 damper's own piston moves less than the rod, by force over stiffness.
 
-    F = k x + m a                                      x the spring's stretch, m what moves with the rod
-    k x = f0 + kx u_p + kv v_p + (ky + ku u_p) w + kt asinh(v_p / vt),   u_p = u - x, v_p = v - x'
+    F = f0 + k x + m a                     x the spring's stretch from where f0 holds it, m what moves with the rod
+    k x = kx u_p + kv v_p + (ky + ku u_p) w + kt asinh(v_p / vt),   u_p = u - x, v_p = v - x'
     w' = rho (v_p - |v_p| |w| w / 2 - v_p w^2 / 2)
 
 The loop w is Wen's (1976) with sigma = 1/2 and n = 2, which unloads elastically; the logarithm is the sinh law of flow
@@ -50,7 +50,7 @@ class SprungBoucWenModel(HystereticModel):
     name: ClassVar[str] = "sprung_bouc_wen"
     states: ClassVar[int] = 2
     equation: ClassVar[str] = (
-        "F = k x + m a, k x = f0 + kx u_p + kv v_p + (ky + ku u_p) w + kt asinh(v_p/vt), u_p = u - x, v_p = v - x', "
+        "F = f0 + k x + m a, k x = kx u_p + kv v_p + (ky + ku u_p) w + kt asinh(v_p/vt), u_p = u - x, v_p = v - x', "
         "w' = rho (v_p - |v_p| |w| w / 2 - v_p w^2 / 2); kv, ku affine, ky quadratic, kt cubic in I, kv, kt no less "
         "than 0 (Wen 1976; Eyring 1936)"
     )
@@ -77,18 +77,18 @@ class SprungBoucWenModel(HystereticModel):
         """See `DamperModel.kernel`."""
         from rig.dampers.compiled_cache import njit
         from rig.dampers.kernel import Instant, Kernel, Wanted
-        from rig.dampers.sprung_flow import MASS, SPRING, at_current, law, moved
+        from rig.dampers.sprung_flow import MASS, OFFSET, SPRING, at_current, law, moved
 
         @njit()
         def force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:
-            return float(p[SPRING] * s0 + p[MASS] * a)
+            return float(p[OFFSET] + p[SPRING] * s0 + p[MASS] * a)
 
         @njit()
         def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, wanted: Wanted) -> float:
             u, v, a = motion
-            place = u - (wanted[0] - p[MASS] * a) / p[SPRING]
+            place = u - (wanted[0] - p[OFFSET] - p[MASS] * a) / p[SPRING]
             piston = law(p, at_current(p, current), place, v - wanted[1] / p[SPRING], state[1])
-            return float(piston[0] + p[MASS] * a)
+            return float(p[OFFSET] + piston[0] + p[MASS] * a)
 
         return Kernel(force, step=moved, held=held)
 

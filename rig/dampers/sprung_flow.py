@@ -18,7 +18,7 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
 from rig.dampers.kernel import SATURATED
 
-RHO, BEND, SPRING, MASS = 13, 14, 15, 16  # where they are in p
+OFFSET, RHO, BEND, SPRING, MASS = 3, 13, 14, 15, 16  # where they are in p
 IMPLICIT = 1.0 - math.sqrt(0.5)  # share of a step that each stage is implicit over
 TURNING = 8.0  # steps in the time in which the rod, from rest, goes as far as the force stretches the spring, / sqrt 2
 LONGEST_PATH = 0.5  # of w in a step, in 1/rho
@@ -46,9 +46,9 @@ def at_current(p: FloatArray, current: float) -> Numbers:
 
 @njit()
 def law(p: FloatArray, at: Numbers, u: float, v: float, w: float) -> Numbers:
-    """Force (N) of the piston at place u (m) and speed v (m/s), and its slopes over u, v and w."""
+    """Force (N) of the piston, f0 left out, at place u (m) and speed v (m/s), and its slopes over u, v and w."""
     viscous, yielding, along, thinning = at
-    force = p[3] + p[0] * u + viscous * v + (yielding + along * u) * w + thinning * math.asinh(v / p[BEND])
+    force = p[0] * u + viscous * v + (yielding + along * u) * w + thinning * math.asinh(v / p[BEND])
     by_v = viscous + thinning / math.hypot(v, p[BEND])
     return force, p[0] + along * w, by_v, yielding + along * u
 

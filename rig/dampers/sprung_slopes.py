@@ -18,6 +18,7 @@ from rig.dampers.kernel import Compiled, between_samples, cached, fingerprint
 from rig.dampers.sprung_flow import (
     BEND,
     MASS,
+    OFFSET,
     RHO,
     SPRING,
     Motion,
@@ -49,7 +50,7 @@ def balance_slopes(p: FloatArray, current: float, stage: Stage, v: float, own: F
     _, by_u, by_v, by_w = law(p, at, u, v, loop)
     viscous = 1.0 if at[0] > 0.0 else 0.0
     bend = math.asinh(v / p[BEND]) if at[3] > 0.0 else 0.0
-    own[0], own[1], own[2], own[3] = u, viscous * v, viscous * v * current, 1.0
+    own[0], own[1], own[2], own[OFFSET] = u, viscous * v, viscous * v * current, 0.0
     own[4], own[5], own[6] = loop, loop * current, loop * current * current
     own[7], own[8] = u * loop, u * loop * current
     own[9], own[10] = bend, bend * current
@@ -62,9 +63,7 @@ def balance_slopes(p: FloatArray, current: float, stage: Stage, v: float, own: F
 
 
 @njit()
-def carried(
-    p: FloatArray, state: FloatArray, slopes: FloatArray, motion: Motion, current: float, dt: float
-) -> None:
+def carried(p: FloatArray, state: FloatArray, slopes: FloatArray, motion: Motion, current: float, dt: float) -> None:
     """`sprung_flow.moved`, and the slopes (2, 17) of the piston's place and of w moved with it."""
     at, own = at_current(p, current), np.empty(PARAMETERS)
     by_first = np.empty(PARAMETERS)
@@ -122,9 +121,10 @@ def _pass(key: str) -> Compiled:
                 motion = between_samples(u, v, a, dt, last, k)
                 carried(p, state, slopes, motion, 0.5 * (current[last] + current[k]), dt)
             if step >= warm:
-                force[k] = p[SPRING] * state[0] + p[MASS] * a[k]
+                force[k] = p[OFFSET] + p[SPRING] * state[0] + p[MASS] * a[k]
                 for q in range(PARAMETERS):
                     columns[k, q] = -p[SPRING] * slopes[0, q]
+                columns[k, OFFSET] += 1.0
                 columns[k, SPRING] += state[0]
                 columns[k, MASS] += a[k]
         return force, columns

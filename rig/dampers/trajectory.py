@@ -148,6 +148,18 @@ def _bracket(forces: FloatArray, wanted: float) -> tuple[int, int]:
 
 
 @njit()
+def _span(forces: FloatArray) -> tuple[float, float]:
+    """The least and the greatest force; neither is a number where one is none."""
+    least = greatest = forces[0]
+    for force in forces:
+        if force < least or force != force:
+            least = force
+        if force > greatest or force != force:
+            greatest = force
+    return least, greatest
+
+
+@njit()
 def _blend(row: FloatArray, low: FloatArray, high: FloatArray, share: float) -> None:
     """Parameters at a share of the way from `low` to `high`, into `row`."""
     for place in range(row.size):
@@ -240,7 +252,7 @@ def _inverse(key: str, states: int) -> Compiled:
             answer[k, 1] = _held(row, state, motion, used[k], aim)
             answer[k, 2] = (forces[low + 1] - forces[low]) / (grid[low + 1] - grid[low])
             answer[k, 3] = 1.0 if attainable else 0.0
-            answer[k, 4], answer[k, 5] = forces.min(), forces.max()
+            answer[k, 4], answer[k, 5] = _span(forces)
             more, faster = (wanted[k] + FORCE_STEP_N, rates[k]), (wanted[k], rates[k] + RATE_STEP_N_S)
             answer[k, 6] = 1.0 - (_held(row, state, motion, used[k], more) - answer[k, 1]) / FORCE_STEP_N
             answer[k, 7] = -(_held(row, state, motion, used[k], faster) - answer[k, 1]) / RATE_STEP_N_S

@@ -33,6 +33,7 @@ from rig.identification.uncertainty.scoring import score_forces
 from rig.identification.uncertainty.temperature_term import TemperatureTerm
 
 LEAST_SPAN_K = 3.0  # of the recorded temperature, over all fitted tests
+COLDEST_degC, WARMEST_degC = -60.0, 230.0  # of dampers; 0 degC is 273 K
 ROUNDS = 15
 SETTLED = 0.01  # standard errors by which a rate may still move
 STEP_1_K = 1e-5
@@ -110,7 +111,7 @@ def refuse_without(tests: Sequence[Measurement]) -> list[FloatArray]:
     """The recorded temperatures (degC) of each test.
 
     Raises:
-        IdentificationFailed: a test has none.
+        IdentificationFailed: a test has none, or one that no damper has.
     """
     known = [_finite(test) for test in tests]
     lacking = [test.id for test, values in zip(tests, known, strict=True) if not values.size]
@@ -118,6 +119,17 @@ def refuse_without(tests: Sequence[Measurement]) -> list[FloatArray]:
         raise IdentificationFailed(
             f"temperature law: {len(lacking)} of {len(tests)} tests recorded no temperature "
             f"({', '.join(lacking[:3])}); leave them out, or fit without a temperature law"
+        )
+    strange = [
+        f"{test.id}: {np.min(values):.4g} to {np.max(values):.4g}"
+        for test, values in zip(tests, known, strict=True)
+        if np.min(values) < COLDEST_degC or np.max(values) > WARMEST_degC
+    ]
+    if strange:
+        raise IdentificationFailed(
+            f"temperature law: {len(strange)} of {len(tests)} tests recorded temperatures that no damper has "
+            f"({', '.join(strange[:3])} degC; expected {COLDEST_degC:g} to {WARMEST_degC:g}); kelvin are given as such "
+            "at the import (`--column temperature=NAME:K`), or less 273.15; a sensor that failed: leave the tests out"
         )
     return known
 

@@ -38,6 +38,8 @@ from rig.matrix.sections import (
 from rig.signals.waveform import HOLD, SIGNAL_NAMES, TRIANGLE
 
 POINT_LIMIT = 10_000
+LATER = frozenset({"law", "most_current_A", "sky_share", "law_damping_N_s_m"})
+"""Entries of a hybrid test that came after campaigns with such tests had been run."""
 
 
 class Matrix(Section):
@@ -87,9 +89,24 @@ class Matrix(Section):
 
         A file that is named counts by its content, not by its path.
         """
+        return self._digest(frozenset())
+
+    @property
+    def earlier_digests(self) -> tuple[str, ...]:
+        """What releases that did not know all of the entries called the same matrix: those of `LATER` left out.
+
+        Only where each of them has its default, which is what those releases did.
+        """
+        hybrid = self.hybrid
+        if hybrid is None or any(getattr(hybrid, name) != type(hybrid).model_fields[name].default for name in LATER):
+            return ()
+        return (self._digest(LATER),)
+
+    def _digest(self, left_out: frozenset[str]) -> str:
+        """The digest without these entries of a hybrid test."""
         unused = {name for name in SIGNAL_NAMES if name not in self.sweep.signals}
         apart: dict[str, Any] = {"identify": True, "sweep": unused}
-        text = self.model_dump_json(exclude=apart | ({"hybrid": True} if self.hybrid is None else {}))
+        text = self.model_dump_json(exclude=apart | {"hybrid": True if self.hybrid is None else set(left_out)})
         for table in self.sweep.signals.values():
             for written, digest in table.hashes.items():
                 text = text.replace(json.dumps(written, ensure_ascii=False), json.dumps(digest))

@@ -261,4 +261,6 @@ def _selection(fit: JsonObject) -> str:
     rows += [("", [text(REFERENCES.get(str(entry.get("name")), entry.get("name"))),
                    number(entry.get("holdout_nrmse_percent_of_peak"), 3),
                    NOTHING]) for entry in fit.get("references") or ()]  # fmt: skip
-    return heading("Models compared", level=3) + table(["Model", "Error on held-out tests %", "BIC"], rows, (1, 2))
+    given_up = "".join(lead(text(entry["reason"])) for entry in entries if entry.get("reason"))
+    head = ["Model", "Error on held-out tests %", "BIC"]
+    return heading("Models compared", level=3) + table(head, rows, (1, 2)) + given_up

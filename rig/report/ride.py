@@ -21,6 +21,7 @@ from rig.report.fragment import (
     text,
 )
 from rig.report.style import current_colour
+from rig.signals.arrays import FloatArray
 from rig.vehicle.response import BANDS
 from rig.vehicle.ride import RideStudy
 
@@ -108,13 +109,22 @@ def _responses(study: RideStudy) -> str:
                     continue
                 traces.append(Trace(frequency_Hz, drawn[0], "m", name, colours[name]))
                 if len(drawn) > 8:
-                    for edge in np.nanpercentile(np.array(drawn[1:]), (2.5, 97.5), axis=0):
+                    for edge in band(np.array(drawn[1:])):
                         traces.append(Trace(frequency_Hz, edge, "q", f"{name}, 95 %", colours[name]))
             if traces:
                 chart = Chart("Frequency Hz", LEVELS[motion], traces, 420, 280, title=f"{motion}, {phase}")
                 cards.append(card(f"<b>{motion}</b>", chart.svg()))
         parts.append(heading(phase, level=3) + charts(cards))
     return parts[0] + _keys(study) + "".join(parts[1:])
+
+
+def band(drawn: FloatArray) -> FloatArray:
+    """The 95 % of draws (members, n) at each place, (2, n); a gap where none of them has a value."""
+    edges = np.full((2, drawn.shape[1]), np.nan)
+    known = np.any(np.isfinite(drawn), axis=0)
+    if np.any(known):
+        edges[:, known] = np.nanpercentile(drawn[:, known], (2.5, 97.5), axis=0)
+    return edges
 
 
 def _differences(study: RideStudy) -> str:

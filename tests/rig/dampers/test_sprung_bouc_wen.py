@@ -12,6 +12,8 @@ from scipy.optimize import brentq
 from rig.dampers import model
 from rig.dampers.separation import MotionScale
 from rig.dampers.trajectory import amplified, inverse_of, rates_N_s
+from rig.identification import Measurement
+from rig.identification.uncertainty.scoring import passivity
 
 AMPLITUDE_m, OMEGA = 0.01, 2.0 * math.pi * 1.5
 DAMPER = model("sprung_bouc_wen")
@@ -41,14 +43,14 @@ def by_an_independent_integrator(p: dict[str, float], current: float) -> tuple[n
     def rates(t: float, state: np.ndarray) -> list[float]:
         x, w = state
         place = AMPLITUDE_m * math.sin(OMEGA * t) - x
-        rest = p["k"] * x - p["f0"] - p["kx"] * place - (ky + ku * place) * w
+        rest = p["k"] * x - p["kx"] * place - (ky + ku * place) * w
         v = brentq(lambda v: kv * v + kt * math.asinh(v / p["vt"]) - rest, -20.0, 20.0, xtol=1e-15)
         loop = p["rho"] * (v - 0.5 * abs(v) * abs(w) * w - 0.5 * v * w * w)
         return [AMPLITUDE_m * OMEGA * math.cos(OMEGA * t) - v, loop]
 
     t, _, _, a = motion(250.0)
     found = solve_ivp(rates, (0.0, t[-1]), [0.0, 0.0], "LSODA", t_eval=t, rtol=1e-7, atol=[1e-11, 1e-8], max_step=5e-3)
-    return t, p["k"] * found.y[0] + p["m"] * a
+    return t, p["f0"] + p["k"] * found.y[0] + p["m"] * a
 
 
 def test_the_force_is_that_of_an_independent_integrator() -> None:
@@ -77,8 +79,28 @@ def test_one_pass_gives_the_slopes_that_differences_give() -> None:
 def test_sliding_force_is_the_sum_of_its_terms() -> None:
     """At 0.1 m/s and 1 A, worked by hand: 36 + (40 + 200 + 10) + (15 + 25 + 6 - 2) asinh(50) - 150."""
     by_hand = 36.0 + 250.0 + 44.0 * 4.60527 - 150.0
-    place = by_hand / DEMO["k"]  # the piston lies behind the rod by that, so kx and ku see it
+    place = (by_hand + 150.0) / DEMO["k"]  # the piston lies behind the rod by that, so kx and ku see it
     assert DAMPER.force_at(DEMO, 0.1, 1.0) == pytest.approx(by_hand - place * (300.0 - 100.0), abs=0.05)
+
+
+def test_at_rest_the_force_is_the_offset_from_the_first_sample_on() -> None:
+    still = np.zeros(20)
+    assert np.allclose(DAMPER.force(DEMO, still, still, still, 1.0, 1e-3), -150.0, atol=1e-9)
+    assert DAMPER.force_at(DEMO, 0.0, 1.0) == pytest.approx(-150.0)
+
+
+def test_a_damper_that_resists_at_every_speed_is_called_passive() -> None:
+    t, u, v, a = motion(250.0)
+    tests = [
+        Measurement(
+            id=f"{current_A:g} A", u_m=u, v_m_s=v, a_m_s2=a, force_N=np.zeros(t.size),
+            current_A=np.full(t.size, current_A), dt_s=0.004, amplitude_m=AMPLITUDE_m, frequency_Hz=1.5,
+            nominal_current_A=current_A, noise_N=1.0, samples_per_cycle=t.size,
+        )
+        for current_A in (0.0, 1.0)
+    ]  # fmt: skip
+    assert passivity(DAMPER, DEMO, tests).share == 1.0
+    assert passivity(DAMPER, DEMO | {"ky": -80.0}, tests).share < 1.0
 
 
 def test_terms_that_are_negative_at_a_current_count_as_none_and_the_damper_dissipates() -> None:

@@ -91,3 +91,9 @@ def test_states_follow_the_motion_and_the_currents_that_are_found() -> None:
     assert found[clear, 0] == pytest.approx(one[clear], abs=1e-3)
     assert found[:, 6] == pytest.approx(1.0)  # the force follows at once: an error of it is the current's alone
     assert found[:, 8] == pytest.approx(states[:, 0], abs=1e-6)
+
+
+def test_a_force_that_is_no_number_leaves_no_least_and_no_greatest_one() -> None:
+    grid, none = np.array([0.0, np.nan, 1.0]), np.zeros(1)
+    rows = inverse_of(BINGHAM)(P, grid, grid, STILL, none, none + 0.1, none, none + 109.0, none, 0.0)
+    assert np.isnan(rows[0, 4:6]).all()

@@ -166,6 +166,12 @@ def test_a_fit_at_another_temperature_is_what_tests_there_would_give(fit: Fit) -
         replace(fit, temperature=None).at(45.0)
 
 
+def test_kelvin_taken_for_degrees_are_refused_with_the_way_out(tests: list[Measurement]) -> None:
+    kelvin = [replace(test, temperature_degC=np.full(test.u_m.size, 293.0 + index)) for index, test in enumerate(tests)]
+    with pytest.raises(IdentificationFailed, match=r"18 of 18 tests recorded temperatures that no damper has .*:K"):
+        identify(kelvin, model="asymmetric", temperature_law="common")
+
+
 def test_what_the_recordings_do_not_tell_is_refused_with_the_way_out(tests: list[Measurement]) -> None:
     unrecorded = [replace(tests[0], temperature_degC=None), *tests[1:]]
     with pytest.raises(IdentificationFailed, match=r"1 of 18 tests recorded no temperature \(20 degC, 0 A, 0\.5 Hz\)"):

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from rig.bench.model import Bench
-from rig.errors import FileProblem
+from rig.campaign.resume import same_matrix
+from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import plan
 
@@ -222,6 +223,34 @@ def test_a_matrix_without_hybrid_tests_keeps_its_digest(tmp_path: Path) -> None:
     assert matrix.hybrid is None
     changed = load(tmp_path, EXAMPLE.replace('mass = "600 kg"', 'mass = "601 kg"'))
     assert changed.digest != load(tmp_path, EXAMPLE).digest
+
+
+BEFORE_LAWS = "5971d1389e28b68499237819774ea372a77f2a7733bd7efc18f53223c9d6e219"
+"""Digest of the example by the program as it was before hybrid tests had laws (22 November 2026)."""
+
+
+def described_by(folder: Path, digest: str) -> Path:
+    (folder / "matrix.toml").write_text(EXAMPLE, encoding="utf-8")
+    (folder / "campaign.json").write_text(json.dumps({"hash": "", "hashes": {"matrix": digest}}), encoding="utf-8")
+    return folder
+
+
+def test_a_campaign_begun_before_there_were_laws_goes_on_where_the_law_is_the_default(tmp_path: Path) -> None:
+    matrix = load(tmp_path, EXAMPLE)
+    assert matrix.digest != BEFORE_LAWS
+    same_matrix(described_by(tmp_path, BEFORE_LAWS), matrix)
+    same_matrix(described_by(tmp_path, matrix.digest), matrix)
+
+
+@pytest.mark.parametrize("change", [
+    ("[hybrid]\n", '[hybrid]\nlaw = ["skyhook"]\n'), ("[hybrid]\n", '[hybrid]\nmost_current = "2 A"\n'),
+    ('mass = "600 kg"', 'mass = "601 kg"'),
+])
+def test_it_is_refused_where_anything_else_is_asked_for(tmp_path: Path, change: tuple[str, str]) -> None:
+    assert change[0] in EXAMPLE
+    with pytest.raises(Refused) as refused:
+        same_matrix(described_by(tmp_path, BEFORE_LAWS), load(tmp_path, EXAMPLE.replace(*change)))
+    assert refused.value.slug == "matrix-changed"
 
 
 def test_hybrid_tests_alone_are_not_identified(tmp_path: Path) -> None:

@@ -191,10 +191,11 @@ def test_a_hanging_journal_is_given_up_by_name_and_the_next_one_finished(campaig
     held, good = written(points / "p001.journal"), written(points / "p002.journal")
     handle = os.open(held, os.O_RDONLY)
     fcntl.flock(handle, fcntl.LOCK_EX)
-    with Converter(timeout_s=6.0) as converter:
+    with Converter(timeout_s=1.0) as converter:
         first = converter.finish(held)
         assert first.error_slug == "conversion-timeout"
-        assert first.error.startswith("p001.journal: not done within 6 s")
+        assert first.error.startswith("p001.journal: not done within 1 s")
+        converter._timeout_s = 120.0  # however busy the machine is
         assert converter.finish(good).verdict == "valid"
         os.close(handle)
         assert converter.finish(held).verdict == "valid"

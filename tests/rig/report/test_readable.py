@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import io
 import re
+import warnings
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from rig.cli.tables import fit_tables
 from rig.report.chart import Chart, Trace
 from rig.report.fit import parameters, quality
 from rig.report.fragment import between
 from rig.report.over_current import parameter_charts
+from rig.report.ride import band
 from rig.report.standard import plots
 
 
@@ -89,3 +94,28 @@ def test_the_band_of_what_is_never_negative_ends_at_0() -> None:
     assert low.y[0] == 0.0 == line.y[0]
     assert high.y[0] == pytest.approx(1.96 * 230.0)
     assert low.y[-1] < line.y[-1]
+
+
+def test_a_band_has_a_gap_where_no_draw_follows_the_road_and_says_nothing_of_it() -> None:
+    drawn = np.array([[1.0, np.nan, np.nan], [2.0, 4.0, np.nan], [3.0, 6.0, np.nan]])
+    with np.errstate(all="raise"), warnings.catch_warnings():
+        warnings.simplefilter("error")
+        edges = band(drawn)
+    assert edges[:, 0] == pytest.approx([1.05, 2.95])
+    assert edges[:, 1] == pytest.approx([4.05, 5.95])
+    assert np.isnan(edges[:, 2]).all()
+
+
+def test_a_model_that_was_given_up_says_why() -> None:
+    reason = "dahl: given up after 40 evaluations: its error, 42.5 N, is 8.0 times that of the best model before it"
+    scores = [
+        {"model": "bingham", "holdout_nrmse_percent_of_peak": 1.1, "bic": 40054.0, "reason": ""},
+        {"model": "dahl", "holdout_nrmse_percent_of_peak": None, "bic": None, "reason": reason},
+    ]
+    page = parameters({"model": "bingham", "parameters": {}, "selection": scores})
+    assert page.count(reason) == 1
+    text = io.StringIO()
+    for part in fit_tables({"model": "bingham", "method": "separable", "parameters": {}, "selection": scores,
+                            "error": {"rmse_N": 1.0, "nrmse_percent_of_peak": 1.0, "per_test": []}}):  # fmt: skip
+        Console(file=text, width=200).print(part)
+    assert text.getvalue().count(reason) == 1
