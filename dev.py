@@ -29,7 +29,7 @@ import tempfile
 import time
 import venv
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -123,24 +123,34 @@ def wheel_smoke_test(told: IO[str]) -> int:
 def checks(arguments: list[str]) -> int:
     """Run all checks, or only the named tests; the first failing check decides the exit code.
 
-    The types are checked beside all others, and beside the first tests.
+    What takes long and waits for nothing is done behind the tests, mostly while they wait for real processes and wires.
     """
     if arguments:
         return run(program("python"), "-m", "pytest", *arguments)
     packages = [*PACKAGES, "tests", "docs", "examples", "README.md", "CHANGELOG.md"]
-    with ThreadPoolExecutor(1) as beside:
-        types = beside.submit(checked, "mypy", partial(run, program("mypy")))
-        codes = [
-            checked("ruff", partial(run, program("ruff"), "check", ".")),
-            checked("codespell", partial(run, program("codespell"), *packages)),
-            checked("import-linter", partial(run, program("lint-imports"), "--no-cache")),
-            checked("wheel smoke test", wheel_smoke_test),
+    codes = [
+        checked("ruff", partial(run, program("ruff"), "check", ".")),
+        checked("codespell", partial(run, program("codespell"), *packages)),
+        checked("import-linter", partial(run, program("lint-imports"), "--no-cache")),
+    ]
+    started = time.perf_counter()
+    with ThreadPoolExecutor(1, initializer=give_way) as behind:
+        others = [
+            behind.submit(checked, "mypy", partial(run, program("mypy"))),
+            behind.submit(checked, "wheel smoke test", wheel_smoke_test),
         ]
-        started = time.perf_counter()
-        code = max(codes, key=abs) or all_tests("--short", beside=types) or types.result()
+        codes.append(max(codes, key=abs) or all_tests("--short"))
+        codes += [other.result() for other in others]
+    code = max(codes, key=abs)
     print("dev.py: all checks passed" if code == 0 else f"dev.py: FAILED (exit {code})", end=", ")
     print(f"tests {time.perf_counter() - started:.0f} s", flush=True)
     return code
+
+
+def give_way() -> None:
+    """What this thread starts gets only the time that nobody else wants."""
+    if hasattr(os, "SCHED_IDLE"):
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 def nightly() -> int:
@@ -163,24 +173,21 @@ def checked(name: str, work: Callable[..., int]) -> int:
     return code
 
 
-def all_tests(*options: str, beside: Future[int] | None = None) -> int:
+def all_tests(*options: str) -> int:
     """Run what waits for nothing real in several processes, then alone what needs real processes and wires.
 
-    The names of all tests that failed are shown at the end. Returns the first exit code that is not 0.
-
-    Args:
-        options: of pytest, `--short` for all but the nightly ones.
-        beside: work that goes on beside the first tests: until it ends one process fewer runs tests.
+    The names of all tests that failed are shown at the end. Returns the first exit code that is not 0. Options are
+    those of pytest, `--short` for all but the nightly ones.
     """
     with tempfile.TemporaryDirectory() as name:
         failures = Path(name) / "failures"
-        code = side_by_side([program("python"), "-m", "pytest", "tests", f"--failures={failures}", *options], beside)
+        code = side_by_side([program("python"), "-m", "pytest", "tests", f"--failures={failures}", *options])
         if failures.exists() and failures.read_text(encoding="utf-8"):
             print(f"dev.py: these tests failed:\n{failures.read_text(encoding='utf-8')}", end="", flush=True)
     return code
 
 
-def side_by_side(command: list[str], beside: Future[int] | None = None) -> int:
+def side_by_side(command: list[str]) -> int:
     """Run pytest's command in several processes, each of which takes the next tests that are free.
 
     When the others have ended, the first one runs the tests on real processes and wires, alone. Its output is shown at
@@ -195,8 +202,6 @@ def side_by_side(command: list[str], beside: Future[int] | None = None) -> int:
         first = subprocess.Popen([*command, "--then-wires"], cwd=ROOT)
         others: list[subprocess.Popen[bytes]] = []
         try:
-            if beside is not None:
-                wait([beside])
             command = [*command, "-m", "not wire"]
             others += (subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in told)
             codes = [process.wait() for process in others]

@@ -28,8 +28,7 @@ settings.load_profile("any-machine")
 SELDOM = 50_000
 """The garbage collector looks after so many objects; what was collected of the tests it does not look at any more."""
 COMPILING = Path(__file__).parent / "rig" / "dampers"
-"""Tests that run first: they compile nearly every model, on a fresh machine while one process runs tests alone; the
-others find the models compiled."""
+"""Tests that one process runs first: they compile nearly every model, which the others then find compiled."""
 STARTS_PROCESSES = frozenset({"start", "run_wired", "in_motion", "start_brisk", "start_campaign", "wired_station_rig",
                               "simulated_rig"})
 """Fixtures that start real processes on real transports: whoever uses them is marked `wire`."""
@@ -91,17 +90,23 @@ def ours_of(session: pytest.Session, folder: Path) -> Iterator[pytest.Item]:
     """What this process takes of the tests without wires; with --then-wires, the others done, then those on wires."""
     wired = [item for item in session.items if item.get_closest_marker("wire")]
     free = [item for item in session.items if item not in set(wired)]
-    yield from taken(sorted(free, key=lambda item: not item.path.is_relative_to(COMPILING)), folder)
-    if session.config.getoption("--then-wires"):
+    first = session.config.getoption("--then-wires")
+    free.sort(key=lambda item: not item.path.is_relative_to(COMPILING))
+    yield from taken(free, folder, backwards=not first)
+    if first:
         with (folder / "others").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
         session.config.get_terminal_writer().line("\non real processes and wires:")
         yield from wired
 
 
-def taken(items: list[pytest.Item], folder: Path) -> Iterator[pytest.Item]:
-    """The tests of each file that is free when its turn comes, and those marked `apart` each by itself."""
-    for name, tests in groupby(items, unit):
+def taken(items: list[pytest.Item], folder: Path, *, backwards: bool) -> Iterator[pytest.Item]:
+    """The tests of each file that is free when its turn comes, and those marked `apart` each by itself.
+
+    Who begins at the other end neither compiles nor waits for what the first one is compiling.
+    """
+    units = [(name, list(tests)) for name, tests in groupby(items, unit)]
+    for name, tests in reversed(units) if backwards else units:
         try:
             (folder / sha256(name.encode()).hexdigest()).touch(exist_ok=False)
         except FileExistsError:
