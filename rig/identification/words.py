@@ -53,6 +53,10 @@ PARAMETERS = {
         "(normalized_bouc_wen has no such freedom)"
     ),
     "few-currents": "{name} not identifiable: it needs tests at {needed} different currents, and there are {levels}",
+    "lower-power": (
+        "{name} is known only together with {left_out}, which the tests' currents do not tell: the value given is for 0 "
+        "there; add tests at other currents"
+    ),
     "no-current": "{name} not identifiable: every test ran without current; add tests at another current",
     "one-current": "{name} not separable from {base}: every test ran at {mean_A:.2f} A; add tests at another current",
     "sum-at-one-current": (

@@ -65,12 +65,14 @@ def _scale(model: DamperModel, untold: Undetermined) -> None:
 def _current(model: DamperModel, measurements: Sequence[Measurement], untold: Undetermined) -> None:
     low = min(float(np.min(test.current_A)) for test in measurements)
     high = max(float(np.max(test.current_A)) for test in measurements)
-    levels = _levels([current_A for test in measurements for current_A in _of_test(test)])
+    currents_A = [current_A for test in measurements for current_A in _of_test(test)]
+    levels = _levels(currents_A)
     for parameter in model.parameters:
         needed = parameter.power + 1
         if parameter.power > 1 and levels < needed:
             untold.held.add(parameter.name)
             untold.reasons[parameter.name] = say("few-currents", name=parameter.name, needed=needed, levels=levels)
+    _lower_powers(model, untold, without_current=min(map(abs, currents_A)) <= SAME_CURRENT_A)
     if high - low > SAME_CURRENT_A:
         return
     mean_A = 0.5 * (low + high)
@@ -84,6 +86,18 @@ def _current(model: DamperModel, measurements: Sequence[Measurement], untold: Un
             continue
         untold.reasons[name] = say("one-current", name=name, base=base, mean_A=mean_A)
         untold.reasons[base] = say("sum-at-one-current", name=name, base=base, mean_A=mean_A)
+
+
+def _lower_powers(model: DamperModel, untold: Undetermined, *, without_current: bool) -> None:
+    """Beside powers of the current that are left out the lower ones are known for that choice only.
+
+    What a parameter is at zero current is known where a test ran without current.
+    """
+    for base in {parameter.at_zero for parameter in model.parameters if parameter.name in untold.held} - {""}:
+        powers = [parameter.name for parameter in model.parameters if parameter.at_zero == base]
+        left_out = ", ".join(name for name in powers if name in untold.held)
+        for name in (*powers, *(() if without_current else (base,))):
+            untold.reasons.setdefault(name, say("lower-power", name=name, left_out=left_out))
 
 
 def _of_test(test: Measurement) -> list[float]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.dampers import parameter_set
+from rig.dampers import model, parameter_set
 from rig.errors import IdentificationFailed
 from rig.export import export
 from rig.identification import Fit, Measurement, identify
@@ -111,6 +111,23 @@ def test_tests_at_too_few_currents_say_so(make_synthetic: Make) -> None:
     assert [score.model for score in identify(two, model="asymmetric", current_law="all").selection] == ["asymmetric"]
     with pytest.raises(IdentificationFailed, match="without a current law"):
         identify(two, model="asymmetric", current="per-current-affine", current_law="saturating")
+
+
+@pytest.mark.parametrize(("currents_A", "known"), [((0.5, 1.0, 2.0), set()), ((0.0, 1.0, 2.0), {"kt"})])
+def test_what_the_currents_tell_only_beside_a_power_left_out_is_not_identified(
+    currents_A: tuple[float, ...], known: set[str], make_synthetic: Make
+) -> None:
+    values = {**model("lost_motion").demonstration, "kt": 60.0, "kt_b": 300.0, "kt_c": -90.0, "kt_d": 12.0}
+    fit = identify(make_synthetic(values, currents_A, (0.75, 1.5), name="lost_motion", cycles=3), model="lost_motion")
+    law = {"kt", "kt_b", "kt_c", "kt_d"}
+    assert fit.values["kt_d"] == 0.0
+    assert abs(fit.values["kt_b"] / 300.0 - 1.0) > 0.02  # 12 I^3 is told as lower powers
+    assert {name for name in law if fit.parameters[name].identifiable} == known
+    for name in known:
+        interval = fit.parameters[name]
+        assert interval.low is not None and interval.high is not None
+        assert interval.low <= values[name] <= interval.high
+    assert "kt_d" in fit.parameters["kt_b"].reason
 
 
 def test_a_law_in_the_models_name_is_fitted_too(make_synthetic: Make) -> None:
