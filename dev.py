@@ -190,25 +190,26 @@ def all_tests(*options: str) -> int:
 def side_by_side(command: list[str]) -> int:
     """Run pytest's command in several processes, each of which takes the next tests that are free.
 
-    When the others have ended, the first one runs the tests on real processes and wires, alone. Its output is shown at
-    once, the others' when all have ended. Returns the first exit code that is not 0.
+    When the others run none that looks at a clock any more, the first one runs the tests on real processes and wires.
+    Its output is shown at once, the others' when all have ended. Returns the first exit code that is not 0.
     """
     with tempfile.TemporaryDirectory() as folder, ExitStack() as files:
         # A cache would know only what one of them saw.
         command = [*command, f"--shared={folder}", "-p", "no:cacheprovider"]
         told = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE - 1)]
-        others_run = files.enter_context((Path(folder) / "others").open("w"))
-        fcntl.flock(others_run, fcntl.LOCK_SH)
-        first = subprocess.Popen([*command, "--then-wires"], cwd=ROOT)
-        others: list[subprocess.Popen[bytes]] = []
+        running: list[subprocess.Popen[bytes]] = []
         try:
-            command = [*command, "-m", "not wire"]
-            others += (subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in told)
-            codes = [process.wait() for process in others]
-            others_run.close()
-            codes.append(first.wait())
+            for said in told:
+                with (Path(folder) / "others").open("w") as lock:
+                    fcntl.flock(lock, fcntl.LOCK_SH)
+                    running.append(subprocess.Popen(
+                        [*command, "-m", "not wire", f"--lock={lock.fileno()}"], cwd=ROOT, pass_fds=[lock.fileno()],
+                        stdout=said, stderr=subprocess.STDOUT,
+                    ))
+            running.append(subprocess.Popen([*command, "--then-wires"], cwd=ROOT))
+            codes = [process.wait() for process in running]
         finally:
-            for process in (first, *others):
+            for process in running:
                 process.terminate()
         for said in told:
             said.seek(0)

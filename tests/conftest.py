@@ -29,6 +29,9 @@ SELDOM = 50_000
 """The garbage collector looks after so many objects; what was collected of the tests it does not look at any more."""
 COMPILING = Path(__file__).parent / "rig" / "dampers"
 """Tests that one process runs first: they compile nearly every model, which the others then find compiled."""
+COMPUTING = tuple(Path(__file__).parent / "rig" / name for name in ("export", "identification", "optimisers", "study",
+                                                                    "vehicle"))
+"""Tests that look at no clock: what is left of them goes on, giving way, beside those on real processes and wires."""
 STARTS_PROCESSES = frozenset({"start", "run_wired", "in_motion", "start_brisk", "start_campaign", "wired_station_rig",
                               "simulated_rig"})
 """Fixtures that start real processes on real transports: whoever uses them is marked `wire`."""
@@ -36,8 +39,10 @@ STARTS_PROCESSES = frozenset({"start", "run_wired", "in_motion", "start_brisk", 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--shared", type=Path, help="Folder in which processes say which tests each one takes.")
-    parser.addoption("--then-wires", action="store_true", help="With --shared: when no other process runs tests any "
-                     "more, also those on real processes and wires.")
+    parser.addoption("--then-wires", action="store_true", help="With --shared: then also those on real processes and "
+                     "wires, when no other process runs any that looks at a clock.")
+    parser.addoption("--lock", type=int, help="With --shared: locked file, let go when this process runs none of these "
+                     "any more.")
     parser.addoption("--failures", type=Path, help="File at whose end the names of the tests that failed are written.")
     parser.addoption("--short", action="store_true", help="Leave to the night what is marked `nightly` or `few`.")
 
@@ -90,14 +95,27 @@ def ours_of(session: pytest.Session, folder: Path) -> Iterator[pytest.Item]:
     """What this process takes of the tests without wires; with --then-wires, the others done, then those on wires."""
     wired = [item for item in session.items if item.get_closest_marker("wire")]
     free = [item for item in session.items if item not in set(wired)]
-    first = session.config.getoption("--then-wires")
-    free.sort(key=lambda item: not item.path.is_relative_to(COMPILING))
-    yield from taken(free, folder, backwards=not first)
+    computing = [item for item in free if any(map(item.path.is_relative_to, COMPUTING))]
+    timed = [item for item in free if item not in set(computing)]
+    timed.sort(key=lambda item: not item.path.is_relative_to(COMPILING))
+    first, lock = session.config.getoption("--then-wires"), session.config.getoption("--lock")
+    yield from taken(timed, folder, backwards=not first)
     if first:
-        with (folder / "others").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with (folder / "others").open("w") as others:
+            fcntl.flock(others, fcntl.LOCK_EX)
         session.config.get_terminal_writer().line("\non real processes and wires:")
         yield from wired
+    for item in taken(computing, folder, backwards=not first):
+        yield item
+        if lock is not None:  # asked for one more, so the last that looks at a clock has run
+            give_way(lock)
+
+
+def give_way(lock: int) -> None:
+    """Let the tests on wires begin, and have from now on only the time that nobody else wants."""
+    fcntl.flock(lock, fcntl.LOCK_UN)
+    if hasattr(os, "SCHED_IDLE"):
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 def taken(items: list[pytest.Item], folder: Path, *, backwards: bool) -> Iterator[pytest.Item]:
