@@ -54,8 +54,8 @@ PARAMETERS = {
     ),
     "few-currents": "{name} not identifiable: it needs tests at {needed} different currents, and there are {levels}",
     "lower-power": (
-        "{name} is known only together with {left_out}, which the tests' currents do not tell: the value given is for 0 "
-        "there; add tests at other currents"
+        "{name} is known only together with {left_out}, which the tests' currents do not tell: the value given is for "
+        "0 there; add tests at other currents"
     ),
     "no-current": "{name} not identifiable: every test ran without current; add tests at another current",
     "one-current": "{name} not separable from {base}: every test ran at {mean_A:.2f} A; add tests at another current",

@@ -125,7 +125,8 @@ def test_what_the_currents_tell_only_beside_a_power_left_out_is_not_identified(
     assert {name for name in law if fit.parameters[name].identifiable} == known
     for name in known:
         interval = fit.parameters[name]
-        assert interval.low is not None and interval.high is not None
+        assert interval.low is not None
+        assert interval.high is not None
         assert interval.low <= values[name] <= interval.high
     assert "kt_d" in fit.parameters["kt_b"].reason
 
