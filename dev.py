@@ -123,7 +123,7 @@ def wheel_smoke_test(told: IO[str]) -> int:
 def checks(arguments: list[str]) -> int:
     """Run all checks, or only the named tests; the first failing check decides the exit code.
 
-    What takes long and waits for nothing is done behind the tests, mostly while they wait for real processes and wires.
+    Types and wheel are checked beside the first tests.
     """
     if arguments:
         return run(program("python"), "-m", "pytest", *arguments)
@@ -134,24 +134,18 @@ def checks(arguments: list[str]) -> int:
         checked("import-linter", partial(run, program("lint-imports"), "--no-cache")),
     ]
     started = time.perf_counter()
-    code = max(codes, key=abs) or behind_tests()
+    code = max(codes, key=abs) or beside_tests()
     print("dev.py: all checks passed" if code == 0 else f"dev.py: FAILED (exit {code})", end=", ")
     print(f"tests {time.perf_counter() - started:.0f} s", flush=True)
     return code
 
 
-def behind_tests() -> int:
-    """All tests by day, and behind them what waits for nothing. Returns the first exit code that is not 0."""
-    with ThreadPoolExecutor(1, initializer=give_way) as behind:
-        types = behind.submit(checked, "mypy", partial(run, program("mypy")))
-        wheel = behind.submit(checked, "wheel smoke test", wheel_smoke_test)
+def beside_tests() -> int:
+    """All tests by day, and beside them what waits for nothing. Returns the first exit code that is not 0."""
+    with ThreadPoolExecutor(1) as beside:
+        types = beside.submit(checked, "mypy", partial(run, program("mypy")))
+        wheel = beside.submit(checked, "wheel smoke test", wheel_smoke_test)
         return all_tests("--short") or types.result() or wheel.result()
-
-
-def give_way() -> None:
-    """What this thread starts gets only the time that nobody else wants."""
-    if hasattr(os, "SCHED_IDLE"):
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 def nightly() -> int:
