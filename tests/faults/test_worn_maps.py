@@ -32,7 +32,7 @@ def wearing(here: RowWorld, name: str, *more: str) -> RowWorld:
 @pytest.mark.parametrize(
     ("name", "link"),
     [
-        ("scaled", "tcp"), ("scaled", "rtu"), ("handshake", "tcp"), ("handshake", "rtu"), ("streamed", "tcp"),
+        ("scaled", "tcp"), ("scaled", "rtu"), ("handshake", "tcp"), ("handshake", "rtu"),
     ],
 )  # fmt: skip
 def test_a_matrix_completes_on_a_controller_of_a_users_map(name: str, link: str, begin_world: Start) -> None:
@@ -44,8 +44,9 @@ def test_a_matrix_completes_on_a_controller_of_a_users_map(name: str, link: str,
 
 
 @pytest.mark.nightly
-def test_slow_points_are_valid_without_a_force_input_and_cycle_pulses_too(begin_world: Start) -> None:
-    setting = wearing(RowWorld(ONCE), "pulses").setting
+@pytest.mark.parametrize("name", ["pulses", "streamed"])
+def test_slow_points_are_valid_without_a_force_input_or_a_generator_too(name: str, begin_world: Start) -> None:
+    setting = wearing(RowWorld(ONCE), name, *(("--actuator", "tcp") if name == "streamed" else ())).setting
     ending = begin_world(replace(setting, matrix=SLOW)).finish(None)
     assert ending.exit_code == 0, ending.answer["points"]
     assert ending.verdicts() == {"p001": "valid", "p002": "valid"}
