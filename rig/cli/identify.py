@@ -124,10 +124,11 @@ def command(
     """
     from rig.identification import Method, identify_run
     from rig.identification.fitting import ALL, FEW
+    from rig.identification.runs import one_model_alone
 
     settings = Method(method, **{name: options.pop(name) for name in SETTINGS})
-    single = method != "separable" or dependence != "affine" or profile_of or options["series_spring"]
-    single = single or options["temperature_law"] != "none" or options["hysteresis"] != "kwok"
+    single = one_model_alone(method, dependence, options["series_spring"], options["temperature_law"])
+    single = single or bool(profile_of) or options["hysteresis"] != "kwok"
     model = model or ("asymmetric" if single else FEW)
     with _searching(settings, scheduler) as where:
         fit = identify_run(

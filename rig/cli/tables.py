@@ -15,6 +15,8 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
+from rig.matrix.methods import FEW_MODELS
+
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
@@ -255,7 +257,6 @@ def fit_tables(fit: Mapping[str, Any], truth: Mapping[str, float] | None = None)
     return [*_ranking(fit), table, *equation, *_held_out(fit), *_pairs(fit), *_remarks(fit), *_to_try(fit)]
 
 
-COMPARED_UNASKED = {"asymmetric", "normalized_bouc_wen", "lost_motion", "sprung_bouc_wen"}
 REFERENCES = {"mean_cycle": "no model: its own other cycles", "regression": "no model: regression"}
 
 
@@ -315,7 +316,7 @@ def _pairs(fit: Mapping[str, Any]) -> list[Table]:
 def _to_try(fit: Mapping[str, Any]) -> list[Text]:
     """What else this command can do with the same tests, where it would tell more."""
     hints = []
-    if fit.get("adequate") is False and {entry["model"] for entry in fit.get("selection") or ()} <= COMPARED_UNASKED:
+    if fit.get("adequate") is False and {entry["model"] for entry in fit.get("selection") or ()} <= set(FEW_MODELS):
         hints.append("rig identify RUN --model all: compares every model on tests it has not seen")
     if fit["error"].get("holdout") is None:
         hints.append("rig identify RUN --holdout frequency_Hz=...: measures the error on tests that are not fitted")

@@ -34,6 +34,7 @@ from rig.identification.uncertainty.fit import Fit
 from rig.identification.uncertainty.fit_entries import Cause, ErrorSummary, Estimate, SeriesSpring
 from rig.identification.uncertainty.scoring import score
 from rig.identification.words import say, some
+from rig.matrix.methods import FEW_MODELS
 
 if TYPE_CHECKING:
     from rig.identification.points.current_steps import CurrentLag
@@ -42,8 +43,6 @@ if TYPE_CHECKING:
     from rig.recording.recorded_point import RecordedPoint
 
 ALL, FEW = "all", "few"
-FEW_MODELS = ("asymmetric", "normalized_bouc_wen", "lost_motion", "sprung_bouc_wen")
-"""A hysteretic tanh, the hysteresis that most publications use, and what fits real dampers best: seconds together."""
 DRAWN_SAMPLES = 250  # samples of a cycle that figures show
 
 

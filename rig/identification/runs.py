@@ -26,6 +26,11 @@ from rig.recording.run import Run
 AUTO, QUICK = "auto", "asymmetric"
 
 
+def one_model_alone(method: str, current: str, series_spring: bool, temperature_law: str) -> bool:
+    """Whether these settings, each as in `identify_run`, go with one model and not with a comparison of several."""
+    return method != SEPARABLE or current != AFFINE or series_spring or temperature_law != "none"
+
+
 def identify_run(
     paths: Sequence[Path | str],
     *,
@@ -107,7 +112,7 @@ def identify_run(
         on_progress=on_progress,
     )
     named = method if isinstance(method, str) else method.name
-    alone = named != SEPARABLE or current != AFFINE or series_spring or temperature_law != "none" or bool(profile)
+    alone = one_model_alone(named, current, series_spring, temperature_law) or bool(profile)
     fit = fitted(model=QUICK if model == AUTO else model)
     if model == AUTO and fit.adequate is not True and not alone:
         fit = fitted(model=FEW)

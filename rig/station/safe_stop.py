@@ -195,8 +195,10 @@ def escalate(
             kind, now_ns, halt=halt or stop.halt, fade_s=stop.fade_s, device_rate=stop.device_rate,
             watchdog_s=stop.watchdog_s,
         )
-        again = replace(again, current_s=stop.current_s, current_falls=stop.current_falls)
-        return replace(again, position_trusted=stop.position_trusted), actions_again
+        again = replace(
+            again, current_s=stop.current_s, current_falls=stop.current_falls, position_trusted=stop.position_trusted
+        )
+        return again, actions_again
     actions: list[StopAction] = []
     if halt and not stop.halt and not stop.standstill:
         stop = replace(stop, halt=True, step=StopPhase.STOPPING, step_ns=now_ns, clock_start_s=None)

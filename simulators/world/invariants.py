@@ -15,6 +15,7 @@ import numpy as np
 
 from rig.bench.model import Bench
 from rig.campaign.results import INVALID, VALID, RigState
+from rig.campaign.stop_cause import CURRENT_FLOWS
 from rig.errors import FileProblem
 from rig.faults.row import StopKind
 from rig.recording.recorded_point import RecordedPoint
@@ -27,7 +28,6 @@ from simulators.world.world import EVERY_S, MOST_SESSIONS, World
 SUSPECT = "suspect"
 KNOWN_CODES = frozenset({0, 3, 4, 5, 7})
 LEFT_NS = 1e9
-CURRENT_FLOWS = frozenset({"current-stuck", "overcurrent"})
 SKEW_SIGMAS, SKEW_S = 4.5, 20e-6
 TRUE_SHARE, TRUE_FORCE_N = 0.05, 60.0
 """So much may a recorded force's ends differ from the true ones: of its span, and noise beside."""

@@ -11,7 +11,7 @@ import pytest
 from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import Fit, Measurement, identify
-from rig.identification.fitting import FEW_MODELS
+from rig.matrix.methods import FEW_MODELS
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)
