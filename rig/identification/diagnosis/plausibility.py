@@ -18,7 +18,7 @@ NEAR_MIDDLE = 0.3  # of the amplitude
 OFFSET_OF_PEAK = 0.01  # by which the force must be off towards extension to be no gas force
 CLEAR_OF_PEAK = 0.03  # the same where rebound is not the weaker one, which speaks for signs that are right
 WEAKER_REBOUND = 0.01  # of the peak, by which rebound must be the weaker one at speed to speak for reversed signs
-LARGEST_ZERO = 0.3  # of the peak: an offset beyond is seldom a zero or a preload, whatever rebound does
+LARGEST_ZERO = 0.3  # of the greatest peak: an offset beyond is seldom a zero or a preload, whatever rebound does
 ZERO_ERRORS = 3.0  # stated standard deviations of the force's zero
 SAME_CURRENT_A = 0.05
 AT_ZERO = 0.25  # of the yield force at the top current: more at 0 A is seldom friction alone
@@ -65,12 +65,13 @@ def _off_middle(tests: Sequence[Measurement]) -> list[Cause]:
     if measured is None:
         return []
     offset_N, growth_N = measured
-    peak_N = float(np.median([test.peak_force_N for test in tests]))
+    peaks_N = [test.peak_force_N for test in tests]
+    peak_N, top_N = float(np.median(peaks_N)), max(peaks_N)
     least_N = ZERO_ERRORS * max(test.force_zero_std_N for test in tests)
     clear = CLEAR_OF_PEAK if growth_N > 0.0 else OFFSET_OF_PEAK
     if offset_N <= max(clear * peak_N, least_N):
         return []
-    if growth_N < -WEAKER_REBOUND * peak_N or offset_N > LARGEST_ZERO * peak_N:
+    if growth_N < -WEAKER_REBOUND * peak_N or offset_N > LARGEST_ZERO * top_N:
         return [_certain(SIGNS, offset_N=offset_N)]
     return [Cause(OFFSET, say(OFFSET, offset_N=offset_N), 0.0, say(f"next-{OFFSET}"))]
 

@@ -64,7 +64,9 @@ class _Trial:
 
 
 def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
-    """What probably explains the misfit of a fit, most first; wrong units alone, reversed signs before the others, an offset after them.
+    """What probably explains the misfit of a fit, most first.
+
+    Wrong units come alone, reversed signs before the others, an offset of the force after them.
 
     Args:
         fitted: the fit.
