@@ -176,6 +176,21 @@ def _no_gas(random: np.random.Generator, name: str) -> tuple[str, list[Measureme
     return plant.model, [replace(test, force_N=test.force_N + offset_N) for test in tests]
 
 
+def _cold_and_warm(random: np.random.Generator, name: str) -> tuple[str, list[Measurement]]:
+    """All tests at 20 and again at 50 degC, where each viscous parameter is by 1.5 % per kelvin smaller."""
+    plant = drawn(random, name)
+    damper, fall, tests = model(plant.model), float(np.exp(-0.015 * 30.0)), []
+    for at_degC, factor in ((20.0, 1.0), (50.0, fall)):
+        thin = {
+            key: value * (factor if damper.parameter(key).unit.startswith("N s/") else 1.0)
+            for key, value in plant.values.items()
+        }
+        for test in record(random, replace(plant, values=thin)):
+            known = np.full(test.u_m.size, at_degC)
+            tests.append(replace(test, id=f"{test.id} at {at_degC:g} degC", temperature_degC=known))
+    return plant.model, tests
+
+
 CASES: dict[str, tuple[Case, str]] = {
     "skew 0.7 ms": (_simple(skew_s=0.7e-3), "skew"),
     "skew 3 ms": (_simple(skew_s=3e-3), "skew"),
@@ -187,6 +202,7 @@ CASES: dict[str, tuple[Case, str]] = {
     "saturating law, 5 currents": (_saturating(5), "current-law"),
     "mixed specimens": (_mixed, "mixed-specimens"),
     "temperature, -0.5 %/K": (_warming, "temperature"),
+    "viscosity, -1.5 %/K, 20 and 50 degC": (_cold_and_warm, "temperature"),
     "kN for N": (_changed(lambda t: replace(t, force_N=1e-3 * t.force_N, noise_N=1e-3 * t.noise_N)), "units-force"),
     "ms for s": (
         _changed(lambda t: replace(t, dt_s=1e3 * t.dt_s, v_m_s=1e-3 * t.v_m_s, a_m_s2=1e-6 * t.a_m_s2)), "units-time",

@@ -223,6 +223,10 @@ CAUSES = {
         "the recorded temperature, {percent:+.3g} % of force and {zero_N:+.3g} N from the coldest to the warmest, "
         "explains {percent_explained:.0f} % of the misfit"
     ),
+    "temperature-rates": (
+        "the recorded temperature, which weakens viscous forces by {viscous_percent_K:.2g} % and yield forces by "
+        "{yield_percent_K:.2g} % per kelvin, explains {percent_explained:.0f} % of the misfit"
+    ),
     "outliers": (
         "{count} samples of the force ({percent:.2g} %) lie far from their neighbours and explain "
         "{percent_explained:.0f} % of the misfit"

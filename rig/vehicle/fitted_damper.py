@@ -73,7 +73,7 @@ def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:
     values = {name: entry["value"] for name, entry in entries.items() if entry.get("value") is not None}
     missing = [name for name in model.names if name not in values and name != "eta"]
     if missing:
-        way = "" if "affine" in str((fit.get("current") or {}).get("dependence", "affine")) else (
+        way = "" if (fit.get("current") or {}).get("dependence", "affine") == "affine" else (
             "; it holds one fit for each current: identify again with --current affine"
         )
         raise FileProblem(str(path), [f"no value for {', '.join(missing)}{way}"])

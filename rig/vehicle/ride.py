@@ -30,6 +30,8 @@ COVERED = (2.5, 97.5)
 FEWEST_DRAWS = 8
 HIGHEST_M = 10.0
 """Heave of a car that no longer drives."""
+SPEEDS_m_s = np.geomspace(0.01, 3.0, 26)
+"""Of a damper's rod, at which it is looked at whether its force drives."""
 
 
 class NotComparable(RigError):
@@ -154,7 +156,7 @@ def ride_study(
     def drive(job: tuple[str, Variant, CornerDamper]) -> tuple[Response, dict[str, float], Ride | None]:
         phase, variant, damper = job
         _, height_m, rate_m_s = under[phase]
-        ride = _finite(DrivenCar(own, damper, control=variant.control).drive(height_m, rate_m_s, step_s), variant)
+        ride = _driven(own, variant, damper, (height_m, rate_m_s), step_s)
         kept = ride if damper is variant.fit.damper else None
         return response(ride, own.body, height_m[:, 0]), figures(ride, own), kept
 
@@ -166,19 +168,39 @@ def ride_study(
     return RideStudy(car, road, own, step_s, variants, _sorted(jobs, done), close)
 
 
-def _finite(ride: Ride, variant: Variant) -> Ride:
-    """The ride, if the car came through it.
+def _driven(
+    own: Structure, variant: Variant, damper: CornerDamper, under: tuple[FloatArray, FloatArray], step_s: float
+) -> Ride:
+    """The ride over the heights (m) and their rates (m/s) under the wheels, if the car comes through it.
 
     Raises:
-        NotComparable: it swings up without end.
+        NotComparable: it swings up without end; where the damper drives, and what to do.
     """
-    highest_m = float(np.max(np.abs(ride.place[:, 0])))
-    if highest_m < HIGHEST_M:
+    ride = DrivenCar(own, damper, control=variant.control).drive(*under, step_s)
+    if float(np.max(np.abs(ride.place[:, 0]))) < HIGHEST_M:
         return ride
+    drawn = damper is not variant.fit.damper
+    which = "a damper drawn from its fit's uncertainty" if drawn else "this damper"
     raise NotComparable(
-        f"{variant.name}: the car swings up without end (heave beyond {HIGHEST_M:g} m): this damper puts energy in; "
-        "`rig identify` says of a fit whether it is passive"
+        f"{variant.name}: the car swings up without end (heave beyond {HIGHEST_M:g} m): {which} puts energy in"
+        f"{_driving(damper, variant.control)}; ways out: {'--members 0, which leaves the draws out, or ' * drawn}"
+        "tests at the speeds and currents of the ride, or a model whose damping is never below 0 "
+        "(`rig identify RUN --model sprung_bouc_wen`)"
     )
+
+
+def _driving(damper: CornerDamper, control: Control) -> str:
+    """From which speed on its force drives the rod, at the current where that is slowest."""
+    values = {**damper.values, "eta": 1.0} if "eta" in damper.model.names else damper.values
+    worst: tuple[float, float] | None = None
+    for current_A in sorted({0.0, control.current_A, control.most_A}):
+        halves = damper.model.force_at(values, SPEEDS_m_s, current_A) - damper.model.force_at(
+            values, -SPEEDS_m_s, current_A
+        )
+        driving = np.flatnonzero(halves < 0.0)
+        if driving.size and (worst is None or SPEEDS_m_s[driving[0]] < worst[0]):
+            worst = float(SPEEDS_m_s[driving[0]]), current_A
+    return "" if worst is None else f" (its force drives the rod at {worst[0]:.2g} m/s and {worst[1]:g} A)"
 
 
 def _sorted(
@@ -212,10 +234,7 @@ def _step(own: Structure, road: Road, variants: Sequence[Variant]) -> tuple[floa
     def tried(step_s: float) -> list[tuple[Response, FloatArray]]:
         _, height_m, rate_m_s = road.under(own.car, step_s)
         rides = [
-            _finite(
-                DrivenCar(own, variant.fit.damper, control=variant.control).drive(height_m, rate_m_s, step_s), variant
-            )
-            for variant in variants
+            _driven(own, variant, variant.fit.damper, (height_m, rate_m_s), step_s) for variant in variants
         ]
         count = len(own.body)
         return [

@@ -6,14 +6,17 @@ changes what the sensor shows (`shown_N`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
+from rig.dampers.model import DamperModel
+from rig.dampers.temperature_law import VISCOUS, YIELD, TemperatureLaw
 from rig.identification.diagnosis.stretches import Stretch
 from rig.identification.models.measurement import Measurement
+from rig.identification.models.softening import force_change_N
 
 
 class Distortion:
@@ -80,6 +83,21 @@ class Trend(Distortion):
     def gain(self, part: Stretch, force_N: FloatArray, amounts: FloatArray) -> FloatArray:
         """1 and the trend."""
         return np.asarray(np.ones_like(force_N) + amounts[0] * self._of(part))
+
+
+class Softened(Distortion):
+    """Warm oil weakens viscous (amounts[0], 1/K) and yield forces (amounts[1]) about a temperature (degC)."""
+
+    start, steps, limits = (0.0, 0.0), (1e-5, 1e-5), (-0.05, 0.05)
+
+    def __init__(self, model: DamperModel, values: Mapping[str, float], reference_degC: float) -> None:
+        self._model, self._values, self._reference_degC = model, values, reference_degC
+
+    def shown_N(self, part: Stretch, force_N: FloatArray, amounts: FloatArray) -> FloatArray:
+        """The force at the recorded temperatures; what they change is that of the fit's values."""
+        rates = dict(zip((VISCOUS, YIELD), amounts.tolist(), strict=True))
+        law = TemperatureLaw(self._reference_degC, rates)
+        return np.asarray(force_N + force_change_N(self._model, self._values, law, part.test))
 
 
 class Clipped(Distortion):

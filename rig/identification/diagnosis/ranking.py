@@ -55,12 +55,13 @@ class Fitted:
 
 @dataclass(frozen=True)
 class _Trial:
-    """One cause: what it leaves, how many amounts it has, and what there is to say."""
+    """One cause: what it leaves, how many amounts it has, what there is to say; by which sentence if not its own."""
 
     slug: str
     squares: float
     amounts: int
     numbers: Mapping[str, object]
+    sentence: str = ""
 
 
 def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
@@ -125,7 +126,7 @@ def _numbers(slug: str, reached: Explained) -> dict[str, object]:
 
 
 def _cause(trial: _Trial, share: float) -> Cause:
-    text = say(trial.slug, **trial.numbers, percent_explained=100.0 * share)
+    text = say(trial.sentence or trial.slug, **trial.numbers, percent_explained=100.0 * share)
     return Cause(trial.slug, text, share, say(f"next-{trial.slug}", **trial.numbers))
 
 
@@ -177,6 +178,7 @@ def _distorted(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iter
     for slug, trend in _trends(fitted.tests):
         reached = explain(damper, parts, of.Trend(trend))
         yield _Trial(slug, reached.squares, 2, _numbers(slug, reached))
+    yield from _softened(fitted, parts, damper)
     yield from _clipped(fitted, parts, damper)
     yield from _compliant(parts, damper)
     levels = _levels(fitted.tests)
@@ -206,17 +208,34 @@ def _trends(tests: Sequence[Measurement]) -> Iterator[tuple[str, Callable[[Stret
     if count > 2:
         yield "force-drift", lambda part: np.full(part.time.size, part.order)
         yield "force-drift", lambda part: part.order + part.time / count
+    ends = _ends_degC(tests)
+    if ends is not None:
+        middle, span = 0.5 * (ends[0] + ends[1]), ends[1] - ends[0]
+
+        def warmth(part: Stretch) -> FloatArray:
+            recorded = part.test.temperature_degC
+            return np.zeros(part.time.size) if recorded is None else np.asarray((recorded - middle) / span)
+
+        yield "temperature", warmth
+
+
+def _ends_degC(tests: Sequence[Measurement]) -> tuple[float, float] | None:
+    """Lowest and highest recorded temperature (degC); None where a test has none, or they hardly differ."""
     known = [test.temperature_degC for test in tests if test.temperature_degC is not None]
-    if len(known) == count:
-        low, high = (float(end([end(values) for values in known])) for end in (np.min, np.max))
-        if high - low >= SMALLEST_TEMPERATURE_SPAN_K:
-            middle, span = 0.5 * (low + high), high - low
+    if len(known) < len(tests):
+        return None
+    low, high = (float(end([end(values) for values in known])) for end in (np.min, np.max))
+    return (low, high) if high - low >= SMALLEST_TEMPERATURE_SPAN_K else None
 
-            def warmth(part: Stretch) -> FloatArray:
-                recorded = part.test.temperature_degC
-                return np.zeros(part.time.size) if recorded is None else np.asarray((recorded - middle) / span)
 
-            yield "temperature", warmth
+def _softened(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iterator[_Trial]:
+    """A recorded temperature that weakens viscous and yield forces, each at a rate of its own."""
+    ends = _ends_degC(fitted.tests)
+    if ends is not None:
+        reached = explain(damper, parts, of.Softened(damper.model, damper.start, 0.5 * (ends[0] + ends[1])))
+        viscous, yielding = (100.0 * reached.amounts).tolist()
+        numbers = {"viscous_percent_K": viscous, "yield_percent_K": yielding}
+        yield _Trial("temperature", reached.squares, 2, numbers, "temperature-rates")
 
 
 def _clipped(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iterator[_Trial]:
@@ -253,18 +272,30 @@ def _two_dampers(
     fitted: Fitted, parts: Sequence[Stretch], damper: Damper, base: Explained
 ) -> Iterator[_Trial]:
     reached = two_groups(damper, base, parts)
-    if reached is not None and not _by_amplitude(fitted.tests, reached.second):
+    if reached is not None and not _parted_by_motion_or_warmth(fitted.tests, reached.second):
         minor = reached.second if 2 * np.count_nonzero(reached.second) <= reached.second.size else ~reached.second
         ids = [test.id for test, other in zip(fitted.tests, minor.tolist(), strict=True) if other]
         amounts = len(fitted.names) + len(fitted.tests)  # another damper, and whose each test is
         yield _Trial("mixed-specimens", reached.squares, amounts, {"tests": some(ids)})
 
 
-def _by_amplitude(tests: Sequence[Measurement], second: BoolArray) -> bool:
-    """Whether one part has all the larger strokes: what a model lacks over the amplitude parts the tests like that."""
+def _parted_by_motion_or_warmth(tests: Sequence[Measurement], second: BoolArray) -> bool:
+    """Whether one part has all the larger strokes, or all the warmer tests.
+
+    What a model lacks over the amplitude or the temperature parts the tests like that.
+    """
     spans = np.array([float(np.ptp(test.u_m)) for test in tests])
-    one, other = spans[second], spans[~second]
-    return any(bool(np.min(large) > OTHER_AMPLITUDE * np.max(small)) for large, small in ((one, other), (other, one)))
+    if _all_above(np.log(spans), second, math.log(OTHER_AMPLITUDE)):
+        return True
+    if _ends_degC(tests) is None:
+        return False
+    means = [float(np.mean(test.temperature_degC)) for test in tests if test.temperature_degC is not None]
+    return _all_above(np.array(means), second, SMALLEST_TEMPERATURE_SPAN_K)
+
+
+def _all_above(values: FloatArray, second: BoolArray, by: float) -> bool:
+    one, other = values[second], values[~second]
+    return any(bool(np.min(large) > np.max(small) + by) for large, small in ((one, other), (other, one)))
 
 
 def _levels(tests: Sequence[Measurement]) -> list[float]:

@@ -191,6 +191,23 @@ def test_a_recorded_temperature_is_named_before_a_drift() -> None:
     assert named_first(identify(known)) == "temperature"
 
 
+def test_oil_that_thins_between_cold_and_warm_tests_is_no_second_damper() -> None:
+    """Only the viscous force falls, by 1.5 % per kelvin, between all tests at 20 and the same at 50 degC."""
+    fall = float(np.exp(-0.015 * 30.0))
+    thin = {name: value * (fall if name.startswith("C") else 1.0) for name, value in DEMO.items()}
+    cold, warm = damper_tests(), damper_tests(values_of=lambda number: thin)
+    known = [
+        replace(test, id=f"{test.id} at {at_degC:g}", temperature_degC=np.full(test.u_m.size, at_degC))
+        for tests, at_degC in ((cold, 20.0), (warm, 50.0)) for test in tests
+    ]  # fmt: skip
+    fit = identify(known)
+    assert fit.adequate is False
+    assert named_first(fit) == "temperature"
+    numbers = fit.diagnosis[0].text.numbers  # type: ignore[attr-defined]  # a Saying, which is a str with numbers
+    assert (numbers["viscous_percent_K"], numbers["yield_percent_K"]) == pytest.approx((1.5, 0.0), abs=0.15)
+    assert "mixed-specimens" not in {cause.slug for cause in fit.diagnosis}
+
+
 @pytest.mark.parametrize(
     ("slug", "likely", "wrong"),
     [

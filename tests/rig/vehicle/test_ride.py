@@ -172,6 +172,15 @@ def test_a_fit_that_puts_energy_in_is_refused_by_name(tmp_path: Path, road: str)
     with pytest.raises(Exception, match="swings up without end") as caught:
         ride(str(tmp_path), "--road", road)
     assert getattr(caught.value, "slug", None) == "ride"
+    assert "this damper puts energy in (its force drives the rod at " in str(caught.value)
+    assert "m/s and 0 A); ways out: tests at" in str(caught.value)
+
+
+def test_fits_for_each_current_are_refused_with_the_way_out(tmp_path: Path) -> None:
+    apart = {"model": "kwok", "parameters": {}, "current": {"dependence": "per-current-affine"}}
+    (tmp_path / "fit.json").write_text(json.dumps(apart))
+    with pytest.raises(Exception, match="identify again with --current affine"):
+        ride(str(tmp_path))
 
 
 def test_currents_beyond_any_coil_and_empty_fits_are_refused(tmp_path: Path) -> None:
