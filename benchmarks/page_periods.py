@@ -2,10 +2,10 @@
 
 Called by `page.py periods`. A whole campaign, `rig run`, streams a slow sine (at 250 Hz by default) to a simulated rig
 in another process, once for each row: without a page; with ten viewers; with ten viewers and the page standing still
-(SIGSTOP) from the first seconds of the motion to its end; with ten viewers and the page killed then. The rows take turns
-of a minute: what the machine does by itself in some minute (it leaves out 0.02 to 2 % of the set-points, page or no
-page) then falls on all of them, not on one. The counts are the station's own. The viewers are one process on the same
-cores: more than ten tablets would cost this machine.
+(SIGSTOP) from the first seconds of the motion to its end; with ten viewers and the page killed then. The rows take
+turns of a minute: what the machine does by itself in some minute (it leaves out 0.02 to 2 % of the set-points, page or
+no page) then falls on all of them, not on one. The counts are the station's own. The viewers are one process on the
+same cores: more than ten tablets would cost this machine.
 """
 
 from __future__ import annotations
