@@ -150,7 +150,7 @@ def test_the_place_of_a_fit_does_not_count_its_content_does(tmp_path: Path) -> N
     [
         ({"parameters": None}, "not a fit"),
         ({"parameters": {"Ca_plus": 3.0}}, "not a fit"),
-        ({"model": "assymetric"}, "unknown damper model 'assymetric'.*did you mean 'asymmetric'"),
+        ({"model": "asimmetric"}, "unknown damper model 'asimmetric'.*did you mean 'asymmetric'"),
         ({"hysteresis": "round"}, "unknown hysteresis form 'round'"),
         ({"model": "asymmetric+bent"}, "bent"),
         ({"model": "lugre"}, "no value for "),
