@@ -62,8 +62,8 @@ def fitted_damper(given: str, members: int, seed: int = 0) -> FittedDamper:
 def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:
     if not path.is_file():
         raise FileProblem(str(path), ["there is no fit in this run; `rig identify` makes one"])
-    found = fit_values(path)
-    fit, damper = found.content, CornerDamper(found.model, dict(found.values))
+    known = fit_values(path)
+    fit, damper = known.content, CornerDamper(known.model, dict(known.values))
     adequate = fit.get("adequate")
     remark = (
         "the interval is that of the parameters; the model does not reach the tests' own scatter, and that misfit is "
