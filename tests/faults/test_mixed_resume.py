@@ -71,7 +71,7 @@ def test_a_killed_mixed_campaign_goes_on_without_its_fit_s_original(tmp_path: Pa
         code, answer = campaign.resumed(campaign.setting)
         assert code in {0, 5}, answer
         assert [point["id"] for point in answer["points"]] == ORDER
-        # Short slow motions under streamed set-points tie the sensors' clocks loosely: `suspect` (`skew`) by some seeds.
+        # Short motions under streamed set-points tie the clocks loosely: `suspect` (`skew`) in some phases.
         assert {reason.partition(":")[0] for point in answer["points"] for reason in point["reasons"]} <= {"skew"}
         points = campaign.campaign_folder / "points"
         assert {name: (points / name).read_bytes() for name in done} == done
