@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile, NullCache
 
@@ -83,6 +84,7 @@ def test_what_a_compiled_function_calls_is_compiled_with_it(module: ModuleType) 
     assert not called & kept
 
 
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled, so nothing is kept")
 @pytest.mark.parametrize("named", ["bouc_wen", "bingham"])
 def test_what_is_kept_closes_over_no_compiled_function_whose_number_is_another_in_each_process(named: str) -> None:
     model = dampers.model(named)
