@@ -79,8 +79,6 @@ ONE_IMPORTER = {
     "rig.dampers.sprung_slopes": "compiled: loads numba, and only where its model is fitted",
     "rig.study.loop_figures": "drawn from recordings; the other figures are of results",
     "rig.identification.points.faint_orders": "its own estimate of weak harmonics; the motion only asks it",
-    "rig.identification.diagnosis.force_channel": "samples of one channel, before any cause is fitted",
-    "rig.identification.diagnosis.plausibility": "needs no misfit, and is looked at in every fit",
 }
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
