@@ -32,7 +32,6 @@ FORGIVEN_NS = 1_000_000_000
 UNTAKEN_NS = 200_000_000
 """So long a stop command may go unacknowledged before the controller's watchdog is starved."""
 EXPECTED_IN_PROOF = frozenset({"host-silent", "controller-trip"})
-
 NO_TROUBLE = Finding("", "", 0)
 _SLOWEST_LAST = (*(action for action in StopAction if action is not StopAction.ZERO_CURRENT), StopAction.ZERO_CURRENT)
 
@@ -273,8 +272,6 @@ class Supervisor:
             if self.stop is None:
                 if first:
                     self.trip = Trip(finding.slug, kind, finding.detail, finding.t_ns, finding.value, finding.limit)
-                if self._travel is not None:
-                    self._travel.restart_still()
                 # From now on devices may be gone; hearing none of them is not the host's any more.
                 self.host.listen(now_ns, listening=False)
                 self._blind_before_ns = self.host.total_ns
@@ -285,10 +282,13 @@ class Supervisor:
                 self.stop = safe_stop.of_source(self.stop, self._coil)
             else:
                 self.stop, actions = safe_stop.escalate(self.stop, kind, self._stop_clock_ns(now_ns), halt=halt)
+            if actions and self._travel is not None and self._motion is not None:
+                self._travel.restart_still()
+                self._motion.restart_still()
             self.stop = safe_stop.after_fault(self.stop, finding.slug)
-            if not first and not known:
-                self.later[finding.slug] = finding.detail
             if first or not known:
+                if not first:
+                    self.later[finding.slug] = finding.detail
                 self._try(self._emit, trip_event(finding, kind, first, now_ns))
                 record: Record = (now_ns, NO_DEVICE_TIME, float(row.code), 0, Channel.TRIP, 0)
                 self._try(self._append, [record])
@@ -315,7 +315,9 @@ class Supervisor:
         elif action is StopAction.CURRENT_STUCK:
             self._internal("current-stuck", "coil current persists after 0 A was commanded")
         elif self._motion is not None:
-            self._motion.act(action)
+            halts = action is StopAction.FADE and self.stop is not None and self.stop.halt
+            # Of two threads that latch, the one with the weaker stop may come last.
+            self._motion.act(StopAction.HALT if halts else action)
 
     def _try(self, do: Callable[[T], None], with_what: T) -> None:
         """Do one thing of a stop; what goes wrong with it is said, and is no reason to leave out the others."""
@@ -352,10 +354,9 @@ class Supervisor:
         self.host.awake(now_ns)
         self.report(self.watchdogs.machine(now_ns))
         self.report(self.watchdogs.devices(now_ns))
-        if self._guards:
-            self.report(self.watchdogs.application(now_ns))
-        if self._guards:
-            self.report(self.watchdogs.consumer(now_ns))
+        for guard in (self.watchdogs.application, self.watchdogs.consumer):
+            if self._guards:
+                self.report(guard(now_ns))
         self._advance_stop(now_ns)
 
     def _stop_clock_ns(self, now_ns: int) -> int:
@@ -392,9 +393,8 @@ class Supervisor:
 
     def _stop_inputs(self, now_ns: int) -> StopInputs:
         motion = (None,) * 4 if self._motion is None else self._motion.stop_inputs(now_ns)
-        current_A = None if self._coil is None else self._coil.fresh_current_A
         taken, travel = self._motion is None or self._motion.stop_taken, self._travel
+        current_A = None if self._coil is None else self._coil.fresh_current_A
         still_s, changed = (None, False) if travel is None else (travel.still_s(now_ns), travel.changed)
-        return StopInputs(
-            self._stop_clock_ns(now_ns), still_s, *motion, current_A, self.movement.period_s, taken, changed
-        )
+        clock_ns = self._stop_clock_ns(now_ns)
+        return StopInputs(clock_ns, still_s, *motion, current_A, self.movement.period_s, taken, changed)
