@@ -301,8 +301,10 @@ class Supervisor:
         """
         if not actions:
             return
+        # Of two threads that latch, the one with the weaker stop may come last.
+        halted = self.stop is not None and self.stop.halt and StopAction.HALT not in actions
         for action in sorted(actions, key=_SLOWEST_LAST.index):
-            self._try(self._carry_out, action)
+            self._try(self._carry_out, StopAction.HALT if halted and action is StopAction.FADE else action)
         with self.changed:
             self.changed.notify_all()
 
@@ -315,9 +317,7 @@ class Supervisor:
         elif action is StopAction.CURRENT_STUCK:
             self._internal("current-stuck", "coil current persists after 0 A was commanded")
         elif self._motion is not None:
-            halts = action is StopAction.FADE and self.stop is not None and self.stop.halt
-            # Of two threads that latch, the one with the weaker stop may come last.
-            self._motion.act(StopAction.HALT if halts else action)
+            self._motion.act(action)
 
     def _try(self, do: Callable[[T], None], with_what: T) -> None:
         """Do one thing of a stop; what goes wrong with it is said, and is no reason to leave out the others."""
