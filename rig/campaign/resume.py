@@ -13,6 +13,7 @@ from pathlib import Path
 
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop
+from rig.campaign.kept_files import kept_hashes
 from rig.campaign.point_results import PointResults
 from rig.campaign.results import INVALID, RANKS, CampaignOptions, PointResult
 from rig.campaign.setup import campaign_hash, described
@@ -20,6 +21,7 @@ from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
 from rig.recording.conversion.recovery import recover_held
+from rig.recording.hdf5.reading import check_values
 from rig.recording.point_files import FILE, OLD_FILE
 from rig.recording.recorded_point import RecordedPoint
 
@@ -106,12 +108,23 @@ def same_matrix(folder: Path, matrix: Matrix) -> None:
         FileProblem: the campaign's description cannot be read.
         Refused: the matrix is not the one the campaign was begun with (slug `matrix-changed`).
     """
-    if described(folder).get("hashes", {}).get("matrix") not in {matrix.digest, *matrix.earlier_digests}:
+    hashes = described(folder).get("hashes", {})
+    if hashes.get("matrix") not in {matrix.digest, *matrix.earlier_digests}:
+        changed = _changed(folder, hashes.get("files"))
+        which = "" if not changed else f": changed {'is' if len(changed) == 1 else 'are'} {', '.join(changed)}"
         raise Refused(
             "matrix-changed",
-            f"{folder / 'matrix.toml'} is not the matrix this campaign was begun with; nothing was moved: "
-            "begin a new campaign with the changed one",
+            f"{folder / 'matrix.toml'} is not the matrix this campaign was begun with{which}; nothing was moved: "
+            "put back what was there, or begin a new campaign",
         )
+
+
+def _changed(folder: Path, files: object) -> list[str]:
+    """The kept files that do not hold what they held when the campaign was begun."""
+    if not isinstance(files, dict):
+        return []
+    now = kept_hashes(folder)
+    return [str(name) for name, sha256 in files.items() if now.get(name) != sha256]
 
 
 def same_campaign(folder: Path, bench: Bench, matrix: Matrix) -> None:
@@ -194,8 +207,11 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         except (TypeError, ValueError) as error:
             problems.append(f"points/{file.name}: not as a campaign writes it: {error}")
             continue
-        temperatures_degC += [end_degC for end_degC in ends_degC if end_degC is not None]
         attempts[name] = max(attempts.get(name, 0), attempt)
+        if damaged := () if aside or recorded.verdict == INVALID else _damage(file):
+            problems += [f"points/{file.name}: {problem}; the point is run again" for problem in damaged]
+            continue
+        temperatures_degC += [end_degC for end_degC in ends_degC if end_degC is not None]
         if name not in best or rank > best[name][0]:
             best[name] = rank, recorded
     points = tuple(points)
@@ -210,6 +226,15 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         problems=tuple(problems),
         temperatures_degC=tuple(temperatures_degC),
     )
+
+
+def _damage(file: Path) -> tuple[str, ...]:
+    """What of a file's values is not as it was written; a disk may keep a description and lose what it describes."""
+    try:
+        check_values(file)
+    except FileProblem as error:
+        return tuple(error.problems)
+    return ()
 
 
 def _result(point: TestPoint, recorded: RecordedPoint) -> PointResult:
