@@ -280,7 +280,9 @@ def _shows(inputs: StopInputs) -> bool:
 def _late(stop: SafeStop, inputs: StopInputs) -> bool:
     """The motion outlasts its deadline, measured on the controller's clock while there is one."""
     allowed_s = HALT_LIMIT_S if stop.halt else stop.fade_s + STOP_MARGIN_S
-    margin_s = max(STILL_S, inputs.period_s) + STOP_MARGIN_S * max(0.0, stop.device_rate - 1.0)
+    # A rod that may stand is given the period that is the proof behind a trip; one that is seen to move is late.
+    may_stand = inputs.still_s is None or inputs.still_s >= STILL_S
+    margin_s = max(STILL_S, inputs.period_s if may_stand else 0.0) + STOP_MARGIN_S * max(0.0, stop.device_rate - 1.0)
     wall_s = _elapsed_s(stop.step_ns, inputs)
     if inputs.controller_clock_s is None or stop.clock_start_s is None:
         return wall_s > (allowed_s + max(STILL_S, inputs.period_s)) / stop.device_rate + LOST_LIMIT_S

@@ -286,9 +286,9 @@ class Supervisor:
                 self._travel.restart_still()
                 self._motion.restart_still()
             self.stop = safe_stop.after_fault(self.stop, finding.slug)
+            if not first and not known:
+                self.later[finding.slug] = finding.detail
             if first or not known:
-                if not first:
-                    self.later[finding.slug] = finding.detail
                 self._try(self._emit, trip_event(finding, kind, first, now_ns))
                 record: Record = (now_ns, NO_DEVICE_TIME, float(row.code), 0, Channel.TRIP, 0)
                 self._try(self._append, [record])
@@ -301,10 +301,10 @@ class Supervisor:
         """
         if not actions:
             return
-        # Of two threads that latch, the one with the weaker stop may come last.
-        halted = self.stop is not None and self.stop.halt and StopAction.HALT not in actions
+        if self.stop is not None and self.stop.halt and StopAction.HALT not in actions:  # another thread halts it
+            actions = [StopAction.HALT if action is StopAction.FADE else action for action in actions]
         for action in sorted(actions, key=_SLOWEST_LAST.index):
-            self._try(self._carry_out, StopAction.HALT if halted and action is StopAction.FADE else action)
+            self._try(self._carry_out, action)
         with self.changed:
             self.changed.notify_all()
 
