@@ -187,24 +187,29 @@ def all_tests(*options: str) -> int:
 def side_by_side(command: list[str]) -> int:
     """Run pytest's command in several processes, each of which takes the next tests that are free.
 
-    When the others run none that looks at a clock any more, the first one runs the tests on real processes and wires.
-    Its output is shown at once, the others' when all have ended. Returns the first exit code that is not 0.
+    The others begin when the first one has collected, and find all test files compiled. When the others run none that
+    looks at a clock any more, the first one runs the tests on real processes and wires. Its output is shown at once,
+    the others' when all have ended. Returns the first exit code that is not 0.
     """
-    with tempfile.TemporaryDirectory() as folder, ExitStack() as files:
+    with tempfile.TemporaryDirectory() as name, ExitStack() as files:
+        folder = Path(name)
         # A cache would know only what one of them saw.
         command = [*command, f"--shared={folder}", "-p", "no:cacheprovider"]
         told = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE - 1)]
-        running: list[subprocess.Popen[bytes]] = []
+        locks = [files.enter_context((folder / "others").open("w")) for _ in told]
+        for lock in locks:
+            fcntl.flock(lock, fcntl.LOCK_SH)
+        running = [subprocess.Popen([*command, "--then-wires"], cwd=ROOT)]
         try:
-            for said in told:
-                with (Path(folder) / "others").open("w") as lock:
-                    fcntl.flock(lock, fcntl.LOCK_SH)
-                    running.append(subprocess.Popen(
-                        [*command, "-m", "not wire", f"--lock={lock.fileno()}"], cwd=ROOT, pass_fds=[lock.fileno()],
-                        stdout=said, stderr=subprocess.STDOUT,
-                    ))
-            running.append(subprocess.Popen([*command, "--then-wires"], cwd=ROOT))
-            codes = [process.wait() for process in running]
+            while not (folder / "collected").exists() and running[0].poll() is None:
+                time.sleep(0.1)
+            for said, lock in zip(told, locks, strict=True):
+                running.append(subprocess.Popen(
+                    [*command, "-m", "not wire", f"--lock={lock.fileno()}"], cwd=ROOT, pass_fds=[lock.fileno()],
+                    stdout=said, stderr=subprocess.STDOUT,
+                ))
+                lock.close()
+            codes = [process.wait() for process in reversed(running)]
         finally:
             for process in running:
                 process.terminate()
