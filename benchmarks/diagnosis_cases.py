@@ -160,6 +160,22 @@ def _warming(random: np.random.Generator, name: str) -> tuple[str, list[Measurem
     )  # fmt: skip
 
 
+def _turned(test: Measurement) -> Measurement:
+    return replace(test.moved(-test.u_m, -test.v_m_s, -test.a_m_s2), force_N=-test.force_N)
+
+
+def _asymmetric(change: Callable[[Measurement], Measurement]) -> Case:
+    return lambda random, _: _changed(change)(random, "demo")
+
+
+def _no_gas(random: np.random.Generator, name: str) -> tuple[str, list[Measurement]]:
+    plant = drawn(random, name)
+    values = {**plant.values, **{key: 0.0 for key in ("f0", "F0") if key in plant.values}}
+    tests = record(random, replace(plant, values=values))
+    offset_N = 0.2 * float(np.median([test.peak_force_N for test in tests]))
+    return plant.model, [replace(test, force_N=test.force_N + offset_N) for test in tests]
+
+
 CASES: dict[str, tuple[Case, str]] = {
     "skew 0.7 ms": (_simple(skew_s=0.7e-3), "skew"),
     "skew 3 ms": (_simple(skew_s=3e-3), "skew"),
@@ -177,9 +193,8 @@ CASES: dict[str, tuple[Case, str]] = {
     ),
     "mm for m": (_changed(lambda t: t.moved(1e3 * t.u_m, 1e3 * t.v_m_s, 1e3 * t.a_m_s2)), "units-displacement"),
     "mA for A": (_changed(lambda t: replace(t, current_A=1e3 * t.current_A)), "units-current"),
-    "both signs reversed": (
-        _changed(lambda t: replace(t.moved(-t.u_m, -t.v_m_s, -t.a_m_s2), force_N=-t.force_N)), "signs-reversed",
-    ),
+    "both signs reversed, asymmetric dampers": (_asymmetric(_turned), "signs-reversed"),
+    "force off by +0.2 of the peak, no gas": (_no_gas, "force-offset"),
     "clean": (_simple(), ""),
 }  # fmt: skip
 """What is wrong -> the campaign, and the slug to be named first."""

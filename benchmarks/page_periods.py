@@ -2,10 +2,10 @@
 
 Called by `page.py periods`. A whole campaign, `rig run`, streams a slow sine (at 250 Hz by default) to a simulated rig
 in another process, once for each row: without a page; with ten viewers; with ten viewers and the page standing still
-(SIGSTOP) from the first seconds of the motion to its end; with ten viewers and the page killed then. The rows take turns,
-a minute each: what the machine does by itself in some minute (it leaves out 0.02 to 2 % of the set-points, page or no
-page) then falls on all of them, not on one. The counts are the station's own. The viewers are one process on the same
-cores: more than ten tablets would cost this machine.
+(SIGSTOP) from the first seconds of the motion to its end; with ten viewers and the page killed then. The rows take
+turns of a minute: what the machine does by itself in some minute (it leaves out 0.02 to 2 % of the set-points, page or
+no page) then falls on all of them, not on one. The counts are the station's own. The viewers are one process on the
+same cores: more than ten tablets would cost this machine.
 """
 
 from __future__ import annotations
@@ -41,14 +41,13 @@ def periods(minutes: float, poll_ms: float, real_time: bool) -> dict[str, Any]:
     """Every row: set-points due and left out (of a hundred), lateness (ms), frames that the viewers got."""
     turns = max(1, round(minutes / TURN_MINUTES))
     counted: dict[str, list[dict[str, Any]]] = {row: [] for row in ROWS}
-    with tempfile.TemporaryDirectory(prefix="page-periods-") as name:
-        with simulated_rig(Path(name), real_time) as bench:
-            be_patient(bench, poll_ms)
-            for turn in range(turns):
-                folder = Path(name) / str(turn)
-                folder.mkdir()
-                for row in ROWS:
-                    counted[row].append(Campaign(row, bench, 60.0 * minutes / turns, folder).counted())
+    with tempfile.TemporaryDirectory(prefix="page-periods-") as name, simulated_rig(Path(name), real_time) as bench:
+        be_patient(bench, poll_ms)
+        for turn in range(turns):
+            folder = Path(name) / str(turn)
+            folder.mkdir()
+            for row in ROWS:
+                counted[row].append(Campaign(row, bench, 60.0 * minutes / turns, folder).counted())
     rows = {row: _together(found) for row, found in counted.items()}
     without = rows["no page"]["left_out_percent"]
     above = {row: round(found["left_out_percent"] - without, 3) for row, found in rows.items()}

@@ -31,7 +31,15 @@ def read_text(path: Path, limit_bytes: int) -> str:
     Raises:
         FileProblem: missing, unreadable, not a regular file, too large, or not UTF-8 (with the line).
     """
-    raw = read_bytes(path, limit_bytes)
+    return _text_of(path, read_bytes(path, limit_bytes))
+
+
+def _text_of(path: Path, raw: bytes) -> str:
+    """The text of what was read from a file.
+
+    Raises:
+        FileProblem: not UTF-8 (with the line).
+    """
     if raw[:2] in _UTF16:
         raise FileProblem(str(path), ["the file is UTF-16 text; save it as UTF-8"])
     try:
@@ -48,8 +56,17 @@ def read_json(path: Path, limit_bytes: int = JSON_LIMIT_BYTES) -> dict[str, Any]
     Raises:
         FileProblem: as `read_text`; not JSON, nested too deeply, or not an object.
     """
+    return json_of(path, read_bytes(path, limit_bytes))
+
+
+def json_of(path: Path, raw: bytes) -> dict[str, Any]:
+    """The object in what was read from a JSON file.
+
+    Raises:
+        FileProblem: not UTF-8, not JSON, nested too deeply, or not an object.
+    """
     try:
-        value = json.loads(read_text(path, limit_bytes))
+        value = json.loads(_text_of(path, raw))
     except (ValueError, RecursionError) as error:
         why = "nested too deeply" if isinstance(error, RecursionError) else str(error)
         raise FileProblem(str(path), [f"not valid JSON: {why}"]) from error

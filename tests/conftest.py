@@ -71,10 +71,13 @@ def by_day(items: list[pytest.Item]) -> Iterator[pytest.Item]:
         yield from (cases[round(number * (len(cases) - 1) / max(1, kept - 1))] for number in range(kept))
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish(session: pytest.Session) -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(SELDOM, 20, 100)
+    folder = session.config.getoption("--shared")
+    if folder is not None:
+        (folder / "collected").touch()
 
 
 def pytest_runtestloop(session: pytest.Session) -> bool | None:

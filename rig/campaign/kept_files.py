@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import tomllib
 from pathlib import Path
 
 from rig.bench import named_files
 from rig.errors import FileProblem, Refused
-from rig.matrix import signal_files
+from rig.matrix import named_files as matrix_files
 from rig.recording.atomic_write import write_durably
 from rig.text_file import read_text
 
@@ -34,24 +35,33 @@ def copy_into(source: Path, folder: Path, name: str) -> None:
 
 
 def keep_matrix(source: Path, folder: Path, name: str) -> None:
-    """Keep a matrix file with the roads and records that it names, so that the copy needs nothing beside the campaign.
+    """Keep a matrix file with the files that it names, so that the copy needs nothing beside the campaign.
 
     Raises:
         Refused: one cannot be copied.
         FileProblem: one cannot be read.
     """
     written = read_text(source, LARGEST_MATRIX_BYTES)
-    text, files = signal_files.kept(written, source.absolute().parent)
+    text, files = matrix_files.kept(written, source.absolute().parent)
     if not files:
         copy_into(source, folder, name)
         return
     try:
-        (folder / signal_files.FOLDER).mkdir(exist_ok=True)
+        (folder / matrix_files.FOLDER).mkdir(exist_ok=True)
         for own, content in files.items():
-            write_durably(folder / signal_files.FOLDER / own, content)
+            write_durably(folder / matrix_files.FOLDER / own, content)
         write_durably(folder / name, text.encode())
     except OSError as error:
         raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error
+
+
+def kept_hashes(folder: Path) -> dict[str, str]:
+    """SHA-256 (hex) of each file that a campaign's matrix names, by its name in the campaign's directory."""
+    beside = folder / matrix_files.FOLDER
+    return {
+        f"{matrix_files.FOLDER}/{path.name}": hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(beside.iterdir() if beside.is_dir() else ()) if path.is_file()
+    }
 
 
 def keep_bench(source: Path, folder: Path, name: str) -> None:

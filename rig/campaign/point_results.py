@@ -37,6 +37,7 @@ class PointResults:
         points: the planned points in order.
         results: those that there are.
         earlier: what earlier sessions recorded of points that are to be run again; told until they are.
+        measured: files of this session; those of others were measured between other rests.
         began_ns: when the first recording of this session began (monotonic); None before.
         ended_ns: when the last one ended.
         motion_s: planned motion of the points recorded (s, rig's clock).
@@ -48,6 +49,7 @@ class PointResults:
     points: tuple[TestPoint, ...]
     results: dict[str, PointResult] = field(default_factory=dict)
     earlier: dict[str, PointResult] = field(default_factory=dict)
+    measured: set[Path] = field(default_factory=set)
     began_ns: int | None = None
     ended_ns: int | None = None
     motion_s: float = 0.0
@@ -65,6 +67,8 @@ class PointResults:
     ) -> PointResult:
         """Enter an attempt's verdict and, when measured, its numbers; returns what was entered."""
         result = replace(_result(point, file, verdict, tuple(reasons), lost_samples), quality=quality or {})
+        if file is not None:
+            self.measured.add(file)
         known = self.results.get(point.id) or self.earlier.get(point.id)
         self.results[point.id] = result if known is None else _counts(known, result)
         return result
@@ -82,21 +86,17 @@ class PointResults:
             if result.file == file:
                 self.results[point_id] = replace(result, verdict=verdict, reasons=tuple(reasons), quality=quality)
 
-    def doubted(
-        self, findings: Sequence[CampaignFinding], warn: Callable[[str], None], earlier: Iterable[PointResult] = ()
-    ) -> None:
+    def doubted(self, findings: Sequence[CampaignFinding], warn: Callable[[str], None]) -> None:
         """Make the session's valid points suspect for what the rest after its motion showed, in their files too.
 
         Args:
             findings: what has drifted; without any nothing is touched.
             warn: told of a file that could not be written; its point then stays as it was judged.
-            earlier: points kept of earlier sessions, which were measured between other rests.
         """
         reasons = [suspect(ZERO_RETURN, finding.text, **finding.values) for finding in findings]
-        others = {result.file for result in (*earlier, *self.earlier.values())}
         files = [
             result.file for result in self.results.values()
-            if result.file is not None and result.file not in others and result.file.is_file()
+            if result.file is not None and result.file in self.measured and result.file.is_file()
         ]
         for file in files if reasons else ():
             try:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop
+from rig.campaign.kept_files import kept_hashes
 from rig.campaign.point_results import PointResults
 from rig.campaign.results import INVALID, RANKS, CampaignOptions, PointResult
 from rig.campaign.setup import campaign_hash, described
@@ -106,12 +107,23 @@ def same_matrix(folder: Path, matrix: Matrix) -> None:
         FileProblem: the campaign's description cannot be read.
         Refused: the matrix is not the one the campaign was begun with (slug `matrix-changed`).
     """
-    if described(folder).get("hashes", {}).get("matrix") not in {matrix.digest, *matrix.earlier_digests}:
+    hashes = described(folder).get("hashes", {})
+    if hashes.get("matrix") not in {matrix.digest, *matrix.earlier_digests}:
+        changed = _changed(folder, hashes.get("files"))
+        which = "" if not changed else f": changed {'is' if len(changed) == 1 else 'are'} {', '.join(changed)}"
         raise Refused(
             "matrix-changed",
-            f"{folder / 'matrix.toml'} is not the matrix this campaign was begun with; nothing was moved: "
-            "begin a new campaign with the changed one",
+            f"{folder / 'matrix.toml'} is not the matrix this campaign was begun with{which}; nothing was moved: "
+            "put back what was there, or begin a new campaign",
         )
+
+
+def _changed(folder: Path, files: object) -> list[str]:
+    """The kept files that do not hold what they held when the campaign was begun."""
+    if not isinstance(files, dict):
+        return []
+    now = kept_hashes(folder)
+    return [str(name) for name, sha256 in files.items() if now.get(name) != sha256]
 
 
 def same_campaign(folder: Path, bench: Bench, matrix: Matrix) -> None:

@@ -23,7 +23,7 @@ from rig import __version__
 from rig.bench.model import Bench
 from rig.bench.supply_settings import supply_of
 from rig.campaign.confirmation import EarlierStop, resume_command
-from rig.campaign.kept_files import keep_bench, keep_matrix
+from rig.campaign.kept_files import keep_bench, keep_matrix, kept_hashes
 from rig.campaign.machine_resources import locked
 from rig.campaign.results import CampaignOptions, Display
 from rig.campaign.sequencer.point_preparation import MOST_STEPS
@@ -224,6 +224,9 @@ def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options
     Raises:
         Refused: it cannot be written.
     """
+    hashes: dict[str, Any] = {"bench": "" if bench is None else bench.digest, "matrix": matrix.digest}
+    if files := kept_hashes(folder):
+        hashes["files"] = files
     description: dict[str, Any] = {
         "format": 1,
         "id": folder.name,
@@ -232,7 +235,7 @@ def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options
         "bench": "" if bench is None else bench.name,
         "specimen": matrix.specimen.serial_number,
         "hash": "" if bench is None else campaign_hash(bench, matrix),
-        "hashes": {"bench": "" if bench is None else bench.digest, "matrix": matrix.digest},
+        "hashes": hashes,
         "simulated": {"speed": options.speed, "seed": options.seed, "arguments": list(options.simulator_args)}
         if options.simulate
         else None,

@@ -13,6 +13,7 @@ import numpy as np
 
 from rig.errors import FileProblem
 from rig.hybrid.assessment import Assessment, Record, assess
+from rig.matrix.assumed_damper import AssumedDamper
 from rig.matrix.hybrid_table import HybridTable
 from rig.matrix.model import load_matrix
 from rig.recording.atomic_write import write_text_durably
@@ -80,10 +81,11 @@ def hybrid_tests(run: Run) -> tuple[HybridTest, ...]:
     if not points:
         return ()
     matrix = load_matrix(run.path / "matrix.toml")
-    if matrix.hybrid is None or matrix.specimen.prior is None:
+    assumed = matrix.specimen.assumed
+    if matrix.hybrid is None or assumed is None:
         raise FileProblem(str(run.path / "matrix.toml"), ["has no [hybrid], and the run holds hybrid tests"])
     lines = read_lines(run.path)
-    return tuple(_test(point, matrix.hybrid, matrix.specimen.prior, lines) for point in points)
+    return tuple(_test(point, matrix.hybrid, assumed, lines) for point in points)
 
 
 def write_hybrid(run: Run, tests: Sequence[HybridTest]) -> Path:
@@ -119,7 +121,7 @@ def _rows(record: Record) -> Iterator[FloatArray]:
 
 
 def _test(
-    point: RecordedPoint, table: HybridTable, prior: str, lines: Sequence[Mapping[str, Any]]
+    point: RecordedPoint, table: HybridTable, prior: AssumedDamper, lines: Sequence[Mapping[str, Any]]
 ) -> HybridTest:
     raw = {name: point.raw(f"hybrid_{name}") for name in ("time", "target", "seen", "body", "wheel")}
     compensator = str(point.id).removeprefix("hybrid-").partition("-")[0]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,6 +12,9 @@ from rig.cli.options import Command, QuantityOption, json_option, out_option
 from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 from rig.signals.waveform import SINE, WAVEFORM_NAMES
+
+if TYPE_CHECKING:
+    from rig.recording.foreign_tests import ImportedTest
 
 
 def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> dict[str, str]:
@@ -131,8 +136,7 @@ def command(
     wanted = WantedTests(columns, current, current_from_name, rate, dialect, accept, ampere_per_volt)
     tests = read_tests(files, wanted)
     if not as_json:
-        for test in tests:
-            console().print(f"{test.source}: {test.read_as}", markup=False, soft_wrap=True)
+        _tell_how_read(tests)
     if dry_run:
         if as_json:
             listed = [{"file": test.source, "read_as": test.read_as, "rows": len(test.time_s),
@@ -141,6 +145,19 @@ def command(
         return EXIT_DONE
     folder = write_run(tests, out, Described(waveform, specimen, mid_stroke))
     return _show(folder, as_json)
+
+
+def _tell_how_read(tests: Sequence[ImportedTest]) -> None:
+    """One line for each way in which files were read, with the files, and under it the columns."""
+    from rig.recording.foreign_tests import named_files
+
+    alike: dict[str, list[Path]] = {}
+    for test in tests:
+        alike.setdefault(test.read_as, []).append(test.source)
+    for read_as, files in alike.items():
+        where = f"all {len(files)} files" if len(files) == len(tests) > 1 else named_files(files)
+        dialect, *columns = read_as.split("; ")
+        console().print("\n  ".join((f"{where}: {dialect}", *columns)), markup=False, soft_wrap=True)
 
 
 def _show(folder: Path, as_json: bool) -> int:

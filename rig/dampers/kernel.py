@@ -279,11 +279,14 @@ def sampled_step(model: Integrable) -> Compiled:
     return _sampled(_mover(kernel_of(model)))
 
 
+ROOM = Path(__file__).parent
+
+
 @cache
-def fingerprint() -> int:
-    """CRC-32 over the sources of this room: what compiled loops that call a model depend on."""
+def fingerprint(room: Path = ROOM) -> int:
+    """CRC-32 over a room's sources, by default this one's: what compiled loops that call its functions depend on."""
     crc = 0
-    for source in sorted(Path(__file__).parent.glob("*.py")):
+    for source in sorted(room.glob("*.py")):
         crc = zlib.crc32(source.read_bytes(), crc)
     return crc
 

@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from rig.errors import FileProblem
-from rig.export.point_tables import LISTED
+from rig.export.point_tables import described
 from rig.recording.atomic_write import write_durably
 from rig.recording.foreign.foreign_file import EXTRA
 from rig.recording.recorded_point import CHANNELS, RecordedPoint
@@ -83,8 +83,7 @@ def _mat(point: RecordedPoint) -> bytes:
     from scipy.io import savemat
 
     content = io.BytesIO()
-    described = {name: getattr(point, name) for name in LISTED}
-    channels = {**_recorded(point), "point": described}
+    channels = {**_recorded(point), "point": described(point)}
     savemat(content, channels, long_field_names=True, oned_as="column")  # type: ignore[arg-type]  # stub: paths only
     return content.getvalue()
 
@@ -95,8 +94,7 @@ def _netcdf(point: RecordedPoint) -> bytes:
     content, channels = io.BytesIO(), _recorded(point)
     with netcdf_file(content, "w", version=2) as file:
         file.createDimension("sample", next(iter(channels.values())).size if channels else 0)
-        for name in LISTED:
-            value = getattr(point, name)
+        for name, value in described(point).items():
             setattr(file, name, np.float64(value) if isinstance(value, int | float) else str(value))
         for name, values in channels.items():
             variable = file.createVariable(name, "f8", ("sample",))
@@ -114,8 +112,8 @@ def _parquet(point: RecordedPoint) -> bytes:
         raise FileProblem("parquet", [f"needs pyarrow: {EXTRA}"]) from error
     channels = _recorded(point)
     fields = [pyarrow.field(name, pyarrow.float64(), metadata={"unit": UNITS[name]}) for name in channels]
-    described = {name: _text(getattr(point, name)) for name in LISTED}
-    table = pyarrow.table(list(channels.values()), schema=pyarrow.schema(fields, metadata=described))
+    told = {name: _text(value) for name, value in described(point).items()}
+    table = pyarrow.table(list(channels.values()), schema=pyarrow.schema(fields, metadata=told))
     content = io.BytesIO()
     pyarrow.parquet.write_table(table, content)
     return content.getvalue()
@@ -133,7 +131,7 @@ def _mf4(point: RecordedPoint) -> bytes:
             Signal(values, time_s, unit=PLAIN_UNITS.get(name, UNITS[name]), name=name)
             for name, values in channels.items()
         ], comment=point.id, common_timebase=True)  # fmt: skip
-        told = "\n".join(f"{name}: {_text(getattr(point, name))}" for name in LISTED)
+        told = "\n".join(f"{name}: {_text(value)}" for name, value in described(point).items())
         file.header.comment = f"<HDcomment><TX>{escape(told)}</TX></HDcomment>"
         file.header.start_time = datetime(1970, 1, 1, tzinfo=UTC)
         file.save(content)

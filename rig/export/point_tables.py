@@ -18,6 +18,15 @@ LISTED = (
 )  # fmt: skip
 
 
+def described(point: RecordedPoint) -> dict[str, object]:
+    """What every format says of a point beside its channels: `LISTED`, and where `current_measured_A` comes from.
+
+    `current_source` is `measured`, or says what an imported test had in place of a measurement.
+    """
+    source = str(point.provenance.get("current", "measured"))
+    return {**{name: getattr(point, name) for name in LISTED}, "current_source": source}
+
+
 def write_points(run: Run, folder: Path) -> list[Path]:
     """Write `points.csv` and one `ID.csv` a point.
 
@@ -31,8 +40,8 @@ def write_points(run: Run, folder: Path) -> list[Path]:
         The files, the list first.
     """
     listed = folder / "points.csv"
-    rows = [[_cell(getattr(point, name)) for name in LISTED] for point in run.points]
-    write_text_durably(listed, _csv(LISTED, rows))
+    rows = [[_cell(value) for value in described(point).values()] for point in run.points]
+    write_text_durably(listed, _csv((*LISTED, "current_source"), rows))
     return [listed, *(_write(point, folder / f"{point.id}.csv") for point in run.points)]
 
 

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from rig.dampers.compiled_cache import njit
+from rig.dampers.kernel import Compiled, cached, fingerprint
 from rig.hybrid import building
 from rig.hybrid.compensators import (
     ADAPTIVE_MODEL,
@@ -137,29 +139,38 @@ def _step(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, at: Co
     return float(arrived)
 
 
-@njit(cache=True, nogil=True)
-def _once(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, at: Computed, k: int) -> float:
-    """One step for a plant that is somewhere else; the command (m) that leaves now."""
-    _step(loop, signals, chosen, memory, at, k)
-    return float(at.under_way[k % at.under_way.size])
+def _one_step(key: str) -> Compiled:
+    def once(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, at: Computed, k: int) -> float:
+        """One step for a plant that is somewhere else; the command (m) that leaves now."""
+        _step(loop, signals, chosen, memory, at, k + 0 * len(key))
+        return float(at.under_way[k % at.under_way.size])
+
+    return once
 
 
-@njit(cache=True, nogil=True)
-def _run(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, at: Computed) -> int:
-    """Run the loop; returns the number of steps until the capacity was exceeded, or all."""
-    plant = np.zeros(ORDER)
-    for k in range(signals.ground.size):
-        if not abs(plant[FORCE]) < ACTUATOR_CAPACITY_N:
-            return k
-        at.seen[0], at.seen[1] = plant[POSITION], plant[FORCE]
-        arrived = _step(loop, signals, chosen, memory, at, k)
-        was = plant.copy()
-        for i in range(ORDER):
-            total = loop.driven[i] * arrived
-            for j in range(ORDER):
-                total += loop.moved[i, j] * was[j]
-            plant[i] = total
-    return int(signals.ground.size)
+def _whole_loop(key: str) -> Compiled:
+    def run(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, at: Computed) -> int:
+        """Run the loop; returns the number of steps until the capacity was exceeded, or all."""
+        plant = np.zeros(ORDER)
+        for k in range(signals.ground.size + 0 * len(key)):
+            if not abs(plant[FORCE]) < ACTUATOR_CAPACITY_N:
+                return k
+            at.seen[0], at.seen[1] = plant[POSITION], plant[FORCE]
+            arrived = _step(loop, signals, chosen, memory, at, k)
+            was = plant.copy()
+            for i in range(ORDER):
+                total = loop.driven[i] * arrived
+                for j in range(ORDER):
+                    total += loop.moved[i, j] * was[j]
+                plant[i] = total
+        return int(signals.ground.size)
+
+    return run
+
+
+KEY = f"{fingerprint(Path(__file__).parent)} hybrid"
+"""Numba does not notice when a compensator changes: another room, other entries of the compiled cache."""
+_once, _run = cached(_one_step(KEY)), cached(_whole_loop(KEY))
 
 
 @njit(cache=True, nogil=True)

@@ -206,6 +206,11 @@ CAUSES = {
         "out: probably the signs of both force and displacement are reversed, unless the load cell's zero is off by "
         "that"
     ),
+    "force-offset": (
+        "the force's middle at low speed is {offset_N:+.3g} N, towards extension: a preload, or a load cell that does "
+        "not read 0 without force; the model's offset takes it. A damper with gas and both signs reversed looks like "
+        "that too, where it does not resist rebound more than jounce"
+    ),
     "skew": (
         "a delay of {skew_ms:+.3g} ms of the force behind the displacement explains {percent_explained:.0f} % of the "
         "misfit"
@@ -267,6 +272,10 @@ NEXT = {
     "next-signs-reversed": (
         "check the signs by a slow extension by hand: displacement rises, force is positive; if both are reversed, "
         "multiply both by -1; if neither is, check the load cell's zero"
+    ),
+    "next-force-offset": (
+        "read the load cell with the rod free, and check the signs by a slow extension by hand: displacement rises, "
+        "force is positive"
     ),
     "next-skew": "measure the delay of both channels with one sharp motion, or shift the force by it before the fit",
     "next-force-drift": (

@@ -116,8 +116,9 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     own = matrix.specimen.max_current_A
     if own is not None and _beyond(point.current_A, own):
         yield Reason("specimen-current", f"current {point.current_A:.3g} A is above the specimen's {own:.3g} A")
-    if point.kind == "hybrid" and matrix.hybrid is not None:
-        yield from (Reason(*given) for given in matrix.hybrid.reasons(point, matrix.specimen.prior or "", bench))
+    assumed = matrix.specimen.assumed
+    if point.kind == "hybrid" and matrix.hybrid is not None and assumed is not None:
+        yield from (Reason(*given) for given in matrix.hybrid.reasons(point, assumed, bench))
     if point.record is not None:
         yield from _of_record(point, point.record, bench)
     if point.kind in {"current_step", "hybrid", "signal"}:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rig.matrix.assumed_damper import AssumedDamper
 from rig.matrix.point import TestPoint
 from rig.matrix.sections import Specimen
 from rig.signals.record import STEP_S
@@ -30,8 +31,8 @@ def forecaster(specimen: Specimen) -> Forecast:
 
 
 def _of_waveforms(specimen: Specimen) -> Forecast:
-    if specimen.prior is not None:
-        return _from_prior(specimen, specimen.prior)
+    if specimen.assumed is not None:
+        return _from_prior(specimen, specimen.assumed)
     bound_N = specimen.max_force_N
     if bound_N is None:
         return lambda _point: (None, None)
@@ -55,11 +56,8 @@ def _coil_J(point: TestPoint, specimen: Specimen) -> float:
     return point.current_A**2 * (specimen.coil_resistance_ohm or 0.0) * point.motion_s
 
 
-def _from_prior(specimen: Specimen, name: str) -> Forecast:
-    from rig.dampers import model, parameter_set
-
-    prior = parameter_set(name)
-    damper = model(prior.model, "printed" if prior.hysteresis == "printed" else "kwok")
+def _from_prior(specimen: Specimen, prior: AssumedDamper) -> Forecast:
+    damper = prior.model
 
     def predicted(point: TestPoint) -> tuple[float | None, float | None]:
         if point.record is not None:

@@ -22,6 +22,7 @@ from rig.bench.unread import as_far_as_read
 from rig.hybrid.delay_probe import Probe
 from rig.hybrid.hybrid_motion import PAUSE_S, RETURN_S, HybridOrder
 from rig.hybrid.motion_bounds import Bounds
+from rig.matrix.assumed_damper import LEAST_RISE, SPEED_M_S, AssumedDamper
 from rig.matrix.point import Forecast, TestPoint
 from rig.signals.waveform import HOLD
 from rig.vehicle.car import Car
@@ -137,6 +138,19 @@ class HybridTable(Section):
                 if tuple(given).count(name) > 1:
                     yield (entry,), f"{name} is given twice; keep one"
 
+    def blind_to_current(self, prior: AssumedDamper) -> Iterator[Problem]:
+        """Where the law `inverse` is asked for, and the assumed damper does not resist more with current."""
+        if "inverse" not in self.law:
+            return
+        most_A = self.control("inverse").range_A[1]
+        without_N, rise_N = prior.rise_N(most_A)
+        if not rise_N > LEAST_RISE * abs(without_N):
+            yield ("law",), (
+                f"inverse looks for the current of a force, and {prior.told} tells none: at {SPEED_M_S:g} m/s it "
+                f"resists with {without_N:.4g} N at 0 A and {without_N + rise_N:.4g} N at {most_A:g} A; another law, "
+                "or a fit of tests at several currents"
+            )
+
     def control(self, law: Law) -> Control:
         """A law with this table's numbers."""
         return Control(law, self.current_A, self.most_current_A, self.sky_share, self.law_damping_N_s_m)
@@ -146,25 +160,19 @@ class HybridTable(Section):
         """The small motion that measures the delay."""
         return Probe(self.probe_amplitude_m, self.probe_frequency_Hz)
 
-    def quarter_car(self, prior: str, law: Law, fixture_kg: float = 0.0) -> QuarterCar:
+    def quarter_car(self, prior: AssumedDamper, law: Law, fixture_kg: float = 0.0) -> QuarterCar:
         """The car with the assumed damper.
 
         Args:
-            prior: name of its parameter set.
+            prior: that damper.
             law: of its coil's current.
             fixture_kg: the rig's moving mass between load cell and specimen.
         """
-        from rig.dampers import model, parameter_set
         from rig.hybrid.quarter_car import QuarterCar
-        from rig.vehicle.motion import CornerDamper
 
-        known = parameter_set(prior)
-        damper = CornerDamper(
-            model(known.model, "printed" if known.hysteresis == "printed" else "kwok"), dict(known.values)
-        )
-        return QuarterCar(self.car, self.road.road(Path()), damper, self.control(law), fixture_kg)
+        return QuarterCar(self.car, self.road.road(Path()), prior.corner, self.control(law), fixture_kg)
 
-    def points(self, prior: str, centre_m: float) -> list[TestPoint]:
+    def points(self, prior: AssumedDamper, centre_m: float) -> list[TestPoint]:
         """One point for each law and compensator, its forecast by the reference."""
         return [
             point
@@ -172,7 +180,7 @@ class HybridTable(Section):
             for point in self._points_of(law, prior, centre_m)
         ]
 
-    def _points_of(self, law: Law, prior: str, centre_m: float) -> list[TestPoint]:
+    def _points_of(self, law: Law, prior: AssumedDamper, centre_m: float) -> list[TestPoint]:
         """The tests with one law. Force and heat are the worse of its own and of its most current all the time."""
         step_s, ride, stiffest = _reference(self, prior, law)
         acceleration = np.gradient(ride.speed_m_s[:, 0], step_s)
@@ -194,7 +202,7 @@ class HybridTable(Section):
             for name in self.compensation
         ]
 
-    def reasons(self, point: TestPoint, prior: str, bench: Bench) -> list[tuple[str, str]]:
+    def reasons(self, point: TestPoint, prior: AssumedDamper, bench: Bench) -> list[tuple[str, str]]:
         """Slug and words of why a test cannot be run on a bench, beside the limits that every motion has."""
         car, poll_s = self.quarter_car(prior, law_named(point.law)), bench.actuator.setpoints_s
         if poll_s is None:
@@ -227,12 +235,12 @@ class HybridTable(Section):
             ))
         return against + _of_road(self, prior, law_named(point.law), poll_s)
 
-    def order(self, point: TestPoint, prior: str, bench: Bench, room_m: tuple[float, float]) -> HybridOrder:
+    def order(self, point: TestPoint, prior: AssumedDamper, bench: Bench, room_m: tuple[float, float]) -> HybridOrder:
         """What the station is told.
 
         Args:
             point: the point.
-            prior: the assumed damper's parameter set.
+            prior: the assumed damper.
             bench: the rig.
             room_m: lowest and highest position allowed.
 
@@ -251,7 +259,7 @@ class HybridTable(Section):
         return HybridOrder(car.part(poll_s), bounds, self.probe, point.compensator, car.control, point.centre_m)
 
 
-def _of_road(table: HybridTable, prior: str, law: Law, poll_s: float) -> list[tuple[str, str]]:
+def _of_road(table: HybridTable, prior: AssumedDamper, law: Law, poll_s: float) -> list[tuple[str, str]]:
     """Slug and words of why a road is none for a test: it hardly moves the damper, or is over between two steps."""
     _, ride, _ = _reference(table, prior, law)
     travel_m = float(np.max(np.abs(ride.extension_m)))
@@ -270,14 +278,14 @@ def _of_road(table: HybridTable, prior: str, law: Law, poll_s: float) -> list[tu
     return []
 
 
-def _rest_N(table: HybridTable, prior: str) -> float:
+def _rest_N(table: HybridTable, prior: AssumedDamper) -> float:
     """What the assumed damper pulls at rest (N), either way."""
     damper = table.quarter_car(prior, "passive").damper
     return abs(float(damper.model.force_at(damper.values, 0.0, table.current_A)))
 
 
 @cache
-def _reference(table: HybridTable, prior: str, law: Law) -> tuple[float, Ride, Ride]:
+def _reference(table: HybridTable, prior: AssumedDamper, law: Law) -> tuple[float, Ride, Ride]:
     """Step (s), the whole car computed, and it again with the law's most current all the time; once for each table."""
     car = table.quarter_car(prior, law)
     step_s, ride = car.reference()

@@ -22,7 +22,7 @@ from rig.bench.quantity import Problem
 from rig.bench.section import Section
 from rig.bench.unread import as_far_as_read
 from rig.errors import FileProblem, FileProblems
-from rig.matrix import signal_files
+from rig.matrix import named_files
 from rig.matrix.hybrid_table import HybridTable
 from rig.matrix.point import TestPoint
 from rig.matrix.sections import (
@@ -110,6 +110,8 @@ class Matrix(Section):
         for table in self.sweep.signals.values():
             for written, digest in table.hashes.items():
                 text = text.replace(json.dumps(written, ensure_ascii=False), json.dumps(digest))
+        if (assumed := self.specimen.assumed) is not None:  # of a set, the key is the name itself
+            text = text.replace(json.dumps(self.specimen.prior, ensure_ascii=False), json.dumps(assumed.key))
         return hashlib.sha256(text.encode()).hexdigest()
 
     def _written(self) -> list[TestPoint]:
@@ -165,8 +167,9 @@ class Matrix(Section):
                     steps_A=item.current_A,
                 )
             )
-        if self.hybrid is not None and self.specimen.prior is not None:
-            special += self.hybrid.points(self.specimen.prior, self.specimen.mid_stroke_m)
+        assumed = self.specimen.assumed
+        if self.hybrid is not None and assumed is not None:
+            special += self.hybrid.points(assumed, self.specimen.mid_stroke_m)
         return special
 
     def _point(self, waveform: str, amplitude_m: float, frequency_Hz: float, current_A: float) -> TestPoint:
@@ -188,7 +191,7 @@ class Matrix(Section):
         """See `Section.problems`."""
         miscounted = [*as_far_as_read(self._counted)]
         yield from miscounted
-        yield from as_far_as_read(self._heat_known, self._damper_assumed)
+        yield from as_far_as_read(self._heat_known, self._damper_assumed, self._current_tells_force)
         if not miscounted:  # there may be millions of them
             yield from as_far_as_read(self._unique_ids)
 
@@ -221,7 +224,14 @@ class Matrix(Section):
     def _damper_assumed(self) -> Iterator[Problem]:
         if self.hybrid is not None and self.specimen.prior is None:
             text = 'is missing; a hybrid test is forecast with the assumed damper: name a parameter set, prior = "demo"'
+            text += ', or a fit beside this file, prior = "fit.json"'
             yield ("specimen", "prior"), text
+
+    def _current_tells_force(self) -> Iterator[Problem]:
+        assumed = self.specimen.assumed
+        if self.hybrid is not None and assumed is not None:
+            for place, text in self.hybrid.blind_to_current(assumed):
+                yield ("hybrid", *place), text
 
     def _unique_ids(self) -> Iterator[Problem]:
         counts = Counter(point.id.casefold() for point in self._written() if point.kind != "hybrid")
@@ -240,7 +250,7 @@ def load_matrix(path: str | Path) -> Matrix:
     Raises:
         FileProblem: with every wrong entry of the file.
     """
-    return load_section(Path(path), Matrix, "matrix", signal_files.with_paths)[0]
+    return load_section(Path(path), Matrix, "matrix", named_files.with_paths)[0]
 
 
 def load_files(matrix_path: Path, bench_path: Path) -> tuple[Matrix, Bench]:

@@ -139,12 +139,14 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
     specimen = matrix.specimen
     predict = forecaster(specimen)
     prediction = "unknown"
-    if specimen.prior is not None:
-        prediction = f"from the parameter set {specimen.prior}"
+    if specimen.assumed is not None:
+        prediction = f"from {specimen.assumed.told}"
     elif specimen.max_force_N is not None:
         prediction = f"at most {show(specimen.max_force_N, 'N')}"
     points = tuple(_judge(point, matrix, bench, predict) for point in in_running_order(matrix, bench))
     warnings = sampling_hints([item.point for item in points], bench)
+    if specimen.assumed is not None:
+        warnings += specimen.assumed.hints(item.point for item in points)
     if bench.ecu.by_hand:
         currents_A = [0.0, *(item.point.first_current_A for item in points), 0.0]
         asked = sum(before_A != after_A for before_A, after_A in pairwise(currents_A))

@@ -5,14 +5,17 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import Field, field_validator
+from pydantic import Field, PrivateAttr, field_validator
 
 from rig.bench.places import close_match
 from rig.bench.quantity import Problem, Quantity, Wording
 from rig.bench.section import Section
-from rig.bench.unread import as_far_as_read
+from rig.bench.unread import NotRead, as_far_as_read
+from rig.errors import FileProblem
+from rig.matrix.assumed_damper import ENDING, AssumedDamper, is_fit_file, of_fit, of_set
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, TEMPERATURE_LAWS, check_method, method_names
 from rig.matrix.signal_tables import FileTable, RoadTable, SignalTable, SweepTable
 from rig.plugins import PlugInProblem
@@ -43,7 +46,10 @@ class Specimen(Section):
     serial_number: Identifier
     stroke_m: Annotated[float, Quantity("length", "0 mm", "2 m", above=True)] = Field(alias="stroke")
     mid_stroke_m: Annotated[float, Quantity("length", "-1 m", "1 m")] = Field(default=0.0, alias="mid_stroke")
-    prior: str | None = None
+    prior: str | None = Field(
+        default=None, description="what is assumed of it: name of a parameter set, or a fit.json beside this file",
+        examples=["demo", "fit.json"],
+    )
     max_force_N: Annotated[float, Quantity("force", "0 N", "200 kN", above=True)] | None = Field(
         default=None, alias="max_force"
     )
@@ -54,21 +60,50 @@ class Specimen(Section):
         default=None, alias="coil_resistance"
     )
 
+    _fitted: AssumedDamper | None = PrivateAttr(default=None)
+
     @field_validator("prior")
     @classmethod
     def _known_prior(cls, value: str | None) -> str | None:
         from rig.dampers import PARAMETER_SETS
 
-        if value is not None and value not in PARAMETER_SETS:
-            raise ValueError(_unknown("parameter set", value, sorted(PARAMETER_SETS)))
-        if value is not None:
-            _usable(PARAMETER_SETS.__getitem__, value)
+        if value is None or is_fit_file(value):
+            return value
+        if value not in PARAMETER_SETS:
+            known = _unknown("parameter set", value, sorted(PARAMETER_SETS))
+            raise ValueError(f"{known}; or a fit's file, whose name ends in {ENDING}")
+        _usable(PARAMETER_SETS.__getitem__, value)
         return value
 
     def problems(self) -> Iterator[Problem]:
-        """See `Section.problems`."""
+        """See `Section.problems`; a fit is read here."""
+        yield from as_far_as_read(self._one_forecast, self._fit_read)
+
+    def _one_forecast(self) -> Iterator[Problem]:
         if self.prior is not None and self.max_force_N is not None:
             yield (), "give prior or max_force, not both"
+
+    def _fit_read(self) -> Iterator[Problem]:
+        if self.prior is not None and is_fit_file(self.prior):
+            try:
+                self._fitted = of_fit(Path(self.prior))
+            except FileProblem as error:
+                yield from ((("prior",), f"{Path(self.prior).name}: {problem}") for problem in error.problems)
+
+    @property
+    def assumed(self) -> AssumedDamper | None:
+        """The damper of `prior`; None without one.
+
+        Raises:
+            NotRead: the fit could not be read.
+        """
+        if self.prior is None:
+            return None
+        if not is_fit_file(self.prior):
+            return of_set(self.prior)
+        if self._fitted is None:
+            raise NotRead
+        return self._fitted
 
 
 class Sweep(Section):

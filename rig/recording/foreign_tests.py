@@ -100,7 +100,7 @@ def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]
     if not files:
         raise FileProblem("import", ["no files given"])
     if problems:
-        raise FileProblem("import", [f"{_named(where)}: {problem}" for problem, where in problems.items()])
+        raise FileProblem("import", [f"{named_files(where)}: {problem}" for problem, where in problems.items()])
     return tests
 
 
@@ -113,7 +113,8 @@ def _said_twice(files: Sequence[Path], wanted: WantedTests) -> Iterator[str]:
         yield f"{place} is given {places.count(place)} times: repeats of one test would make it surer than it is"
 
 
-def _named(files: Sequence[Path]) -> str:
+def named_files(files: Sequence[Path]) -> str:
+    """The first three of them, and how many more there are."""
     more = f" and {len(files) - 3} more" if len(files) > 3 else ""
     return ", ".join(map(str, files[:3])) + more
 

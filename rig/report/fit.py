@@ -42,7 +42,7 @@ WELL_KNOWN_PERCENT, KNOWN_PERCENT = 2.0, 20.0
 THRESHOLD = 3.84
 STRONG_CORRELATION = 0.9
 SMALLEST_WHITE_P = 0.001
-SEEN = frozenset({"signs-reversed"})
+SEEN = frozenset({"signs-reversed", "force-offset"})
 """Causes that no fit was asked about."""
 
 

@@ -80,6 +80,12 @@ dl.data {{ display:grid; grid-template-columns:max-content 1fr; gap:2px 18px; ma
 dl.data {{ font-size:15px; }}
 dl.data dt {{ color:var(--soft); }} dl.data dd {{ margin:0; overflow-wrap:anywhere; }}
 @media (max-width:700px) {{ .cards,.charts {{ grid-template-columns:1fr; }} .pair {{ grid-template-columns:1fr; }} }}
+@media screen and (max-width:700px) {{
+table {{ width:max-content; min-width:100%; font-size:13px; }} th,td {{ padding:4px 7px; }}
+td:not(.n) {{ max-width:190px; }} th.n {{ max-width:76px; }}
+.wide {{ background:linear-gradient(to left,var(--paper) 20px,transparent 40px) right/40px 100% no-repeat local,
+linear-gradient(to left,#0004,transparent) right/16px 100% no-repeat scroll,var(--paper); }}
+}}
 @page {{ size:A4; margin:12mm 11mm 14mm; }}
 @page {{ @bottom-right {{ content:counter(page) " / " counter(pages); font-size:8pt; }} }}
 @media print {{

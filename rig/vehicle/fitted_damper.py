@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from rig import dampers
-from rig.errors import FileProblem, RigError
-from rig.text_file import read_json
+from rig.errors import FileProblem
+from rig.vehicle.fit_values import fit_values
 from rig.vehicle.motion import CornerDamper
 
 
@@ -62,23 +62,8 @@ def fitted_damper(given: str, members: int, seed: int = 0) -> FittedDamper:
 def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:
     if not path.is_file():
         raise FileProblem(str(path), ["there is no fit in this run; `rig identify` makes one"])
-    fit = read_json(path)
-    entries = fit.get("parameters")
-    if not isinstance(entries, dict) or not all(isinstance(entry, dict) for entry in entries.values()):
-        raise FileProblem(str(path), ["not a fit: expected a JSON object with `model` and `parameters`"])
-    try:
-        model = dampers.model(str(fit.get("model")), fit.get("hysteresis", "kwok"))
-    except RigError as error:
-        raise FileProblem(str(path), [str(error)]) from error
-    values = {name: entry["value"] for name, entry in entries.items() if entry.get("value") is not None}
-    missing = [name for name in model.names if name not in values and name != "eta"]
-    if missing:
-        way = "" if "affine" in str((fit.get("current") or {}).get("dependence", "affine")) else (
-            "; it holds one fit for each current: identify again with --current affine"
-        )
-        raise FileProblem(str(path), [f"no value for {', '.join(missing)}{way}"])
-    known = {name: float(values.get(name, model.parameter(name).start)) for name in model.names}
-    damper = CornerDamper(model, known)
+    known = fit_values(path)
+    fit, damper = known.content, CornerDamper(known.model, dict(known.values))
     adequate = fit.get("adequate")
     remark = (
         "the interval is that of the parameters; the model does not reach the tests' own scatter, and that misfit is "
@@ -86,7 +71,7 @@ def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:
     )
     if isinstance(warmth := fit.get("temperature"), dict):
         remark += "; " * bool(remark) + f"the damper at {warmth.get('reference_degC'):.4g} degC all the time"
-    return FittedDamper(given, damper, _draws(damper, entries, fit, members, seed), adequate, remark)
+    return FittedDamper(given, damper, _draws(damper, fit["parameters"], fit, members, seed), adequate, remark)
 
 
 def _draws(

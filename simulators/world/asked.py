@@ -16,7 +16,7 @@ from rig.bench.model import Bench
 from rig.campaign.setup import accepted
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix, load_files, load_matrix
-from rig.matrix.signal_files import with_whole_names
+from rig.matrix.named_files import with_whole_names
 from rig.text_file import read_text
 from simulators.bench import Addresses, bench_text
 from simulators.injection import NEEDS_AUXILIARY

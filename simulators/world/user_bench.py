@@ -26,7 +26,9 @@ from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import ActuatorConfig
 from rig.errors import FileProblem
+from rig.matrix.assumed_damper import is_fit_file
 from rig.matrix.model import Matrix
+from rig.matrix.sections import Specimen
 from simulators.bench import BY_HAND, Addresses
 from simulators.conditioner import group_delay_s
 from simulators.options import (
@@ -34,6 +36,7 @@ from simulators.options import (
     CEILINGS,
     LVDT,
     ControllerOptions,
+    DamperOptions,
     InputOptions,
     RigOptions,
     SensorOptions,
@@ -281,6 +284,17 @@ def _filter(delay_s: float | None, bandwidth_Hz: float) -> tuple[float, float]:
     return (bandwidth_Hz, delay_s - own_s) if own_s <= delay_s else (bandwidth_Hz * own_s / delay_s, 0.0)
 
 
+def _damper(usual: DamperOptions, specimen: Specimen) -> DamperOptions:
+    """The damper that the matrix assumes."""
+    assumed = specimen.assumed
+    if assumed is None:
+        return usual
+    if not is_fit_file(specimen.prior):
+        return replace(usual, set=assumed.key)
+    fitted = assumed.model
+    return replace(usual, model=fitted.name, hysteresis=fitted.hysteresis, values=dict(assumed.values))
+
+
 def _options(bench: Bench, matrix: Matrix) -> RigOptions:
     """The rig of a bench file, with the matrix's specimen in it."""
     usual, limits, specimen = RigOptions(), bench.limits, matrix.specimen
@@ -298,7 +312,7 @@ def _options(bench: Bench, matrix: Matrix) -> RigOptions:
         controller=_controller(controller, bench, reach_m),
         position_input=_input(usual.position_input, bench.actuator),
         force_input=_input(usual.force_input, bench.actuator),
-        damper=replace(usual.damper, set=specimen.prior or usual.damper.set),
+        damper=_damper(usual.damper, specimen),
         specimen=replace(
             usual.specimen, serial_number=specimen.serial_number, mid_stroke_m=specimen.mid_stroke_m,
             stroke_m=specimen.stroke_m + SHORTER_M,

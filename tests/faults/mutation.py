@@ -118,7 +118,7 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     "matrix-changed": (
         Edit(
             "rig/campaign/resume.py",
-            'if described(folder).get("hashes", {}).get("matrix") not in {matrix.digest, *matrix.earlier_digests}:',
+            'if hashes.get("matrix") not in {matrix.digest, *matrix.earlier_digests}:',
             "if False:",
         ),
     ),

@@ -333,8 +333,8 @@ def hybrid_order(campaign: CampaignContext, point: TestPoint) -> dict[str, Any]:
     Raises:
         RuntimeError: the matrix has none.
     """
-    matrix = campaign.matrix
-    if matrix.hybrid is None or matrix.specimen.prior is None:
+    matrix, assumed = campaign.matrix, campaign.matrix.specimen.assumed
+    if matrix.hybrid is None or assumed is None:
         raise RuntimeError(f"{point.id}: the matrix has no hybrid test")
     low_m, high_m, _ = command_room(matrix, campaign.bench)
-    return matrix.hybrid.order(point, matrix.specimen.prior, campaign.bench, (low_m, high_m)).to_json()
+    return matrix.hybrid.order(point, assumed, campaign.bench, (low_m, high_m)).to_json()

@@ -204,17 +204,14 @@ def expected_signature(specimen: Specimen, amplitude_m: float, speed_m_s: float)
         amplitude_m: half of the move's way (m).
         speed_m_s: its speed (m/s).
     """
-    if specimen.prior is None:
+    prior = specimen.assumed
+    if prior is None:
         return None
-    from rig.dampers import model, parameter_set
-
-    prior = parameter_set(specimen.prior)
-    damper = model(prior.model, "printed" if prior.hysteresis == "printed" else "kwok")
     # Two cycles; the second counts, because models with memory start at rest.
     dt_s = 4.0 * amplitude_m / speed_m_s / STEPS_A_CYCLE
     quarter = np.arange(2 * STEPS_A_CYCLE) % STEPS_A_CYCLE / STEPS_A_CYCLE
     v = np.where((quarter < 0.25) | (quarter >= 0.75), speed_m_s, -speed_m_s)
-    force_N = damper.force(prior.values, np.cumsum(v) * dt_s, v, np.zeros_like(v), 0.0, dt_s)[STEPS_A_CYCLE:]
+    force_N = prior.model.force(prior.values, np.cumsum(v) * dt_s, v, np.zeros_like(v), 0.0, dt_s)[STEPS_A_CYCLE:]
     upwards = v[STEPS_A_CYCLE:] > 0.0
     return measured_signature(np.asarray(force_N[upwards]), np.asarray(force_N[~upwards]))
 

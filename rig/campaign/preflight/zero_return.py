@@ -139,7 +139,7 @@ def zeros_returned(zeros: ZeroReturn, campaign: CampaignContext) -> tuple[Campai
         except (OSError, FileProblem) as error:
             campaign.display.message("error", say("at-the-end", error=error))
     warn = partial(campaign.display.message, "warning")
-    campaign.results.doubted(findings, warn, campaign.stock.results)
+    campaign.results.doubted(findings, warn)
     return findings
 
 

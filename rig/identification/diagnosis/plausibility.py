@@ -12,11 +12,13 @@ from rig.identification.uncertainty.fit_entries import Cause
 from rig.identification.words import say
 from rig.signals.plausibility import TestSize, doubts
 
-SIGNS = "signs-reversed"
+SIGNS, OFFSET = "signs-reversed", "force-offset"
 SAME_RATE = (0.5, 2.0)  # of the displacement's rate over the velocity given, between which one belongs to the other
 NEAR_MIDDLE = 0.3  # of the amplitude
 OFFSET_OF_PEAK = 0.01  # by which the force must be off towards extension to be no gas force
-CLEAR_OF_PEAK = 0.03  # the same where rebound is stronger than jounce, which speaks against it
+CLEAR_OF_PEAK = 0.03  # the same where rebound is not the weaker one, which speaks for signs that are right
+WEAKER_REBOUND = 0.01  # of the peak, by which rebound must be the weaker one at speed to speak for reversed signs
+LARGEST_ZERO = 0.3  # of the greatest peak: an offset beyond is seldom a zero or a preload, whatever rebound does
 ZERO_ERRORS = 3.0  # stated standard deviations of the force's zero
 SAME_CURRENT_A = 0.05
 AT_ZERO = 0.25  # of the yield force at the top current: more at 0 A is seldom friction alone
@@ -36,7 +38,7 @@ def implausible(tests: Sequence[Measurement]) -> list[Cause]:
         _certain(doubt.slug, value=doubt.value, unit=doubt.taken_as, likely=doubt.likely, factor=doubt.factor)
         for doubt in doubts(size)
     ]
-    return causes or [*_rates(tests), *_both_signs(tests)]
+    return causes or [*_rates(tests), *_off_middle(tests)]
 
 
 def _certain(slug: str, **numbers: object) -> Cause:
@@ -53,8 +55,29 @@ def _rates(tests: Sequence[Measurement]) -> list[Cause]:
     return [] if SAME_RATE[0] < ratio < SAME_RATE[1] else [_certain("units-velocity", ratio=ratio)]
 
 
-def _both_signs(tests: Sequence[Measurement]) -> list[Cause]:
-    """Gas pushes a rod out, so the force's middle is negative; where it is positive, both signs are reversed."""
+def _off_middle(tests: Sequence[Measurement]) -> list[Cause]:
+    """Gas pushes a rod out, so the force's middle is negative; where it is positive, both signs are reversed or not.
+
+    Dampers resist rebound more than jounce: where rebound is the weaker one too, the signs are reversed. Else it is an
+    offset, a preload or a load cell's zero, unless it is larger than those are.
+    """
+    measured = _middle_N(tests)
+    if measured is None:
+        return []
+    offset_N, growth_N = measured
+    peaks_N = [test.peak_force_N for test in tests]
+    peak_N, top_N = float(np.median(peaks_N)), max(peaks_N)
+    least_N = ZERO_ERRORS * max(test.force_zero_std_N for test in tests)
+    clear = CLEAR_OF_PEAK if growth_N > 0.0 else OFFSET_OF_PEAK
+    if offset_N <= max(clear * peak_N, least_N):
+        return []
+    if growth_N < -WEAKER_REBOUND * peak_N or offset_N > LARGEST_ZERO * top_N:
+        return [_certain(SIGNS, offset_N=offset_N)]
+    return [Cause(OFFSET, say(OFFSET, offset_N=offset_N), 0.0, say(f"next-{OFFSET}"))]
+
+
+def _middle_N(tests: Sequence[Measurement]) -> tuple[float, float] | None:
+    """The force's middle at standstill (N), and by how much rebound is stronger than jounce at speed (N)."""
     rows, middles = [], []
     for test in tests:
         near = test.scored & (np.abs(test.u_m - np.mean(test.u_m)) < NEAR_MIDDLE * 0.5 * float(np.ptp(test.u_m)))
@@ -65,16 +88,10 @@ def _both_signs(tests: Sequence[Measurement]) -> list[Cause]:
         speed = float(np.mean(np.abs(test.v_m_s[near])))
         rows.append((1.0, speed, speed * float(np.mean(test.current_A))))
     if not rows:
-        return []
+        return None
     table = np.array(rows)
     amounts = np.linalg.lstsq(table, np.array(middles), rcond=1e-3)[0]
-    offset_N, growth_N = float(amounts[0]), float(np.median(table[:, 1:] @ amounts[1:]))
-    peak_N = float(np.median([test.peak_force_N for test in tests]))
-    least_N = ZERO_ERRORS * max(test.force_zero_std_N for test in tests)
-    clear = CLEAR_OF_PEAK if growth_N > 0.0 else OFFSET_OF_PEAK
-    if offset_N <= max(clear * peak_N, least_N):
-        return []
-    return [_certain(SIGNS, offset_N=offset_N)]
+    return float(amounts[0]), float(np.median(table[:, 1:] @ amounts[1:]))
 
 
 def law_from_two_currents(

@@ -20,7 +20,7 @@ from rig.identification.diagnosis import distortions as of
 from rig.identification.diagnosis.descent import Damper, Explained, explain, first_step, residual_N
 from rig.identification.diagnosis.force_channel import beyond, ends_N, outliers
 from rig.identification.diagnosis.groups import two_groups
-from rig.identification.diagnosis.plausibility import SIGNS, implausible, law_from_two_currents
+from rig.identification.diagnosis.plausibility import OFFSET, SIGNS, implausible, law_from_two_currents
 from rig.identification.diagnosis.stretches import Stretch, stretches
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.projection import Weighting
@@ -64,7 +64,9 @@ class _Trial:
 
 
 def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
-    """What probably explains the misfit of a fit, most first; wrong units alone, reversed signs before the others.
+    """What probably explains the misfit of a fit, most first.
+
+    Wrong units come alone, reversed signs before the others, an offset of the force after them.
 
     Args:
         fitted: the fit.
@@ -72,11 +74,12 @@ def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
             at in any case.
     """
     wrong = implausible(fitted.tests)
-    if any(cause.slug != SIGNS for cause in wrong):
+    if any(cause.slug not in {SIGNS, OFFSET} for cause in wrong):
         return tuple(wrong)
-    causes = [*wrong, *_saturated(fitted.tests)]
+    causes = [*(cause for cause in wrong if cause.slug == SIGNS), *_saturated(fitted.tests)]
     causes += _of_misfit(fitted) if misfit else _hidden(fitted)
-    return (*causes, *law_from_two_currents(fitted.model, fitted.values, fitted.tests))
+    causes += law_from_two_currents(fitted.model, fitted.values, fitted.tests)
+    return (*causes, *(cause for cause in wrong if cause.slug == OFFSET))
 
 
 def _saturated(tests: Sequence[Measurement]) -> list[Cause]:

@@ -28,8 +28,9 @@ GROUPED = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?"), ",": re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?"),
 }  # fmt: skip
 CLOCK = r"\d{1,2}:\d{2}:\d{2}([.,]\d{1,9})?"
-ISO = rf"\d{{4}}-\d{{2}}-\d{{2}}[T ]{CLOCK}(Z|[+-]\d{{2}}:?\d{{2}})?"
-STAMP = re.compile(rf"({ISO})|(\d{{2}}\.\d{{2}}\.\d{{4}} {CLOCK})|({CLOCK})")
+ISO = rf"\d{{4}}(?P<iso>[-/])\d{{2}}(?P=iso)\d{{2}}[T ]{CLOCK}(Z|[+-]\d{{2}}:?\d{{2}})?"
+DATE = r"\d{1,2}(?P<sign>[./-])(\d{1,2}|[A-Za-z]{3})(?P=sign)(\d{4}|\d{2})"
+STAMP = re.compile(rf"({ISO})|(({DATE} )?{CLOCK}( [AaPp][Mm])?)")
 MARKS = {
     b"\xff\xfe\0\0": "utf-32", b"\0\0\xfe\xff": "utf-32", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16",
 }  # fmt: skip
@@ -199,8 +200,27 @@ def _grouped(decimal: str, cell: str) -> bool:
 
 
 def is_stamp(cell: str) -> bool:
-    """Whether a cell is a time of day, with or without its date: ISO 8601, or 31.12.2026 23:59:59."""
+    """Whether a cell is a time of day, with a date or not: ISO 8601, 31.12.2026 23:59:59, 12/31/26 11:59:59 PM."""
     return STAMP.fullmatch(cell) is not None
+
+
+def stamp_forms(stamp: str) -> tuple[str, ...]:
+    """How time stamps like that one may be written, as pandas says it; none where it is a plain time of day.
+
+    Two where nobody can tell from one stamp whether day or month comes first.
+    """
+    if re.match(r"\d{4}[-/]", stamp):
+        return ("ISO8601",)
+    noon = stamp[-1] in "Mm"
+    clock = ("%I" if noon else "%H") + ":%M:%S" + (".%f" if "." in stamp[stamp.index(":") :] else "") + " %p" * noon
+    date = re.match(DATE, stamp)
+    if date is None:
+        return (clock,) if noon else ()
+    sign, middle, year = date["sign"], date[2], "%Y" if len(date[3]) == 4 else "%y"
+    if middle.isalpha():
+        return (f"%d{sign}%b{sign}{year} {clock}",)
+    orders = (("%d", "%m"),) if sign == "." else (("%d", "%m"), ("%m", "%d"))
+    return tuple(f"{sign.join((*order, year))} {clock}" for order in orders)
 
 
 def _decimal(file: Path, rows: Sequence[Sequence[str]], said: str | None) -> tuple[str, str]:

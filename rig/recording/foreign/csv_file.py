@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.errors import FileProblem
 from rig.recording.foreign.columns import split_heading
@@ -19,6 +20,7 @@ from rig.recording.foreign.csv_dialect import (
     is_number,
     is_stamp,
     layout_of,
+    stamp_forms,
 )
 from rig.recording.foreign.foreign_file import Dialect, ForeignColumn
 from rig.signals.arrays import FloatArray
@@ -150,8 +152,6 @@ class CsvFile:
         Raises:
             FileProblem: some are no time stamps, or they are not written alike.
         """
-        import pandas as pd
-
         texts = ["" if cell is None or cell != cell else str(cell).strip().replace(",", ".") for cell in cells]
         while texts and not texts[-1]:
             texts.pop()
@@ -162,12 +162,7 @@ class CsvFile:
                 for k in wrong[:MOST_PROBLEMS]
             ])  # fmt: skip
         try:
-            if "-" not in texts[0] and "." not in texts[0][:3]:
-                nanoseconds = pd.to_timedelta(texts).to_numpy().astype("timedelta64[ns]").astype(np.int64)
-            else:
-                form = "ISO8601" if "-" in texts[0] else "%d.%m.%Y %H:%M:%S" + (".%f" if "." in texts[0][10:] else "")
-                stamps = pd.to_datetime(pd.Series(texts), format=form, utc=True)
-                nanoseconds = stamps.dt.tz_localize(None).to_numpy().astype("datetime64[ns]").astype(np.int64)
+            nanoseconds = _nanoseconds(texts)
         except (ValueError, OverflowError) as error:
             problem = f"column {self.columns[place].name!r}: not all time stamps are written alike: {error}"
             raise FileProblem(str(self._file), [problem]) from error
@@ -196,3 +191,31 @@ class CsvFile:
             if told >= MOST_PROBLEMS:
                 yield "and maybe more"
                 return
+
+
+def _nanoseconds(texts: Sequence[str]) -> NDArray[np.int64]:
+    """Time stamps, shape (n,), in ns; where day and month may be either, in the order that makes the test shorter.
+
+    Raises:
+        ValueError: they are not written alike.
+    """
+    import pandas as pd
+
+    forms = stamp_forms(texts[0])
+    if not forms:
+        return np.asarray(pd.to_timedelta(list(texts)).to_numpy().astype("timedelta64[ns]").astype(np.int64))
+    series = pd.Series(texts)
+    if forms == ("ISO8601",):
+        series = series.str.replace("/", "-")
+    read: list[NDArray[np.int64]] = []
+    refused: ValueError | None = None
+    for form in forms:
+        try:
+            stamps = pd.to_datetime(series, format=form, utc=True).dt.tz_localize(None)
+        except ValueError as error:
+            refused = error
+        else:
+            read.append(np.asarray(stamps.to_numpy().astype("datetime64[ns]").astype(np.int64)))
+    if not read and refused is not None:
+        raise refused
+    return min(read, key=lambda nanoseconds: abs(int(nanoseconds[-1]) - int(nanoseconds[0])))

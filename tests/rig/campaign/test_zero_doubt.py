@@ -38,9 +38,11 @@ def books(folder: Path) -> PointResults:
 
 
 def test_every_point_of_the_session_is_doubted_and_none_of_an_earlier_one(tmp_path: Path) -> None:
-    results = books(tmp_path)
-    warned: list[str] = []
-    results.doubted([FINDING], warned.append, [results.results["p001"]])
+    before = books(tmp_path).results
+    results, warned = PointResults(POINTS, {"p001": before["p001"]}), list[str]()
+    for point in POINTS[1:]:
+        results.judged(point, before[point.id].file, "valid", (), 0)
+    results.doubted([FINDING], warned.append)
     assert warned == []
     assert results.valid == 1
     assert results.results["p001"].verdict == "valid"

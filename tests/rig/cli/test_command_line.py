@@ -161,6 +161,23 @@ def test_foreign_tests_become_a_run_that_is_listed(tmp_path: Path) -> None:
     assert rig("recover", made["campaign"]).stdout == "nothing to recover\n"
 
 
+def test_files_read_alike_are_told_once_and_the_odd_one_by_its_name(tmp_path: Path) -> None:
+    rows = [(k / 100, 20 * math.sin(k / 50), 300 * math.cos(k / 50)) for k in range(1200)]
+    for name, sign in (("a", ","), ("b", ","), ("odd", ";"), ("c", ",")):
+        (tmp_path / f"{name}.csv").write_text(
+            sign.join(("t_s", "x_mm", "F_N")) + "\n" + "".join(sign.join(map(str, row)) + "\n" for row in rows)
+        )
+    wanted = ("--column", "time=t_s", "--column", "displacement=x_mm", "--column", "force=F_N", "--current", "1 A")
+    told = rig("import", *sorted(tmp_path.glob("*.csv")), *wanted, "--dry-run").stdout
+    columns = "  time t_s (s, by its name)\n  displacement x_mm (mm, by its name)\n  force F_N (N, by its name)\n"
+    alike, odd = told.split(columns)[:2]
+    assert alike == (", ".join(str(tmp_path / f"{name}.csv") for name in "abc")
+                     + ": CSV, separator ',', decimal '.', utf-8, names in line 1, numbers from line 2\n")  # fmt: skip
+    assert odd.startswith(f"{tmp_path / 'odd.csv'}: CSV, separator ';'")
+    told = rig("import", *sorted(tmp_path.glob("?.csv")), *wanted, "--dry-run").stdout
+    assert told == alike.replace(alike.split(": CSV")[0], "all 3 files") + columns
+
+
 def test_a_damaged_run_is_remarked_and_hides_no_other(tmp_path: Path) -> None:
     (tmp_path / "bad" / "points").mkdir(parents=True)
     (tmp_path / "bad" / "points" / "p001.h5").write_bytes(b"no HDF5")

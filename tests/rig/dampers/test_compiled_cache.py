@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -11,6 +12,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile, NullCache
 
@@ -83,6 +85,7 @@ def test_what_a_compiled_function_calls_is_compiled_with_it(module: ModuleType) 
     assert not called & kept
 
 
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled, so nothing is kept")
 @pytest.mark.parametrize("named", ["bouc_wen", "bingham"])
 def test_what_is_kept_closes_over_no_compiled_function_whose_number_is_another_in_each_process(named: str) -> None:
     model = dampers.model(named)
@@ -95,6 +98,23 @@ def test_what_is_kept_closes_over_no_compiled_function_whose_number_is_another_i
     for value in kept:
         closed = [cell.cell_contents for cell in value.py_func.__closure__ or ()]
         assert not [over for over in closed if hasattr(over, "py_func")], value.__qualname__
+
+
+def test_a_changed_compensator_is_another_entry_of_the_cache(tmp_path: Path) -> None:
+    """What `_run` calls lies in other files; numba compares the time of its own file alone."""
+    room = Path(virtual_test.__file__).parent
+    changed = tmp_path / "hybrid"
+    shutil.copytree(room, changed, ignore=shutil.ignore_patterns("__pycache__"))
+    assert kernel.fingerprint(changed) == kernel.fingerprint(room)
+    with (changed / "compensators.py").open("a", encoding="utf-8") as file:
+        file.write("# another gain\n")
+    marks = kernel.fingerprint(room), kernel.fingerprint.__wrapped__(changed)  # what it said before is kept
+    assert marks[0] != marks[1]
+    for made, loop in ((virtual_test._run, virtual_test._whole_loop), (virtual_test._once, virtual_test._one_step)):
+        (key,) = (cell.cell_contents for cell in made.py_func.__closure__)
+        assert str(marks[0]) in key
+        names = {kernel.cached(loop(str(mark))).__qualname__ for mark in marks}
+        assert len(names) == 2
 
 
 def test_a_part_of_a_loop_is_called_from_python_too() -> None:

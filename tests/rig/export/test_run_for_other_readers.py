@@ -30,6 +30,34 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.parametrize("given", [True, False])
+def test_every_format_says_whether_the_current_was_measured(
+    given: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import pandas as pd
+    import pyarrow.parquet
+    import xarray
+    from asammdf import MDF
+    from scipy.io import loadmat
+
+    point = RecordedPoint.from_arrays(
+        time_s=T, displacement_m=X, force_N=FORCE, id="p001", waveform="sine", amplitude_m=0.01, frequency_Hz=1.114,
+        current_A=0.5, provenance={"current": "as given, not measured"} if given else {},
+    )  # fmt: skip
+    monkeypatch.setattr(Run, "open", lambda path: Run(path, (point,)))
+    for target in ("csv", "mat", "netcdf", "parquet", "mf4"):
+        export(tmp_path, target, tmp_path)
+    with xarray.open_dataset(tmp_path / "p001.nc", engine="scipy", decode_times=False) as data:
+        told = {data.attrs["current_source"]}
+    told |= {pd.read_csv(tmp_path / "points.csv")["current_source"][0]}
+    told |= {loadmat(tmp_path / "p001.mat", simplify_cells=True)["point"]["current_source"]}
+    told |= {pyarrow.parquet.read_table(tmp_path / "p001.parquet").schema.metadata[b"current_source"].decode()}
+    wanted = "as given, not measured" if given else "measured"
+    assert told == {wanted}
+    with MDF(tmp_path / "p001.mf4") as data:
+        assert f"current_source: {wanted}</TX>" in data.header.comment
+
+
 def test_octave_reads_the_matlab_file_bit_for_bit(folder: Path) -> None:
     octave = shutil.which("octave-cli")
     if octave is None:

@@ -223,6 +223,21 @@ def test_reversed_signs_do_not_hide_what_explains_a_misfit() -> None:
     assert slugs[:2] == ["signs-reversed", "skew"]
 
 
+def test_an_offset_of_a_damper_that_resists_rebound_more_is_no_reversed_sign() -> None:
+    pushed = damper_tests(values_of=lambda number: {**DEMO, "F0": 200.0})
+    fit = identify(pushed)
+    assert fit.adequate
+    assert (named_first(fit), fit.diagnosis[0].explains) == ("force-offset", 0.0)
+    assert "+200 N" in fit.diagnosis[0].text
+    assert identify(damper_tests(values_of=lambda number: {**DEMO, "F0": 0.0})).diagnosis == ()
+
+
+def test_an_offset_comes_after_what_explains_a_misfit() -> None:
+    fit = identify(damper_tests(skew_s=3e-3, values_of=lambda number: {**DEMO, "F0": 150.0}))
+    slugs = [cause.slug for cause in fit.diagnosis]
+    assert (slugs[0], slugs[-1]) == ("skew", "force-offset")
+
+
 def test_a_model_without_hysteresis_is_told_what_it_lacks() -> None:
     fit = identify(damper_tests(), model="bingham")
     assert fit.adequate is False

@@ -12,6 +12,7 @@ import pytest
 from rig.bench.model import Bench
 from rig.campaign.resume import same_matrix
 from rig.errors import FileProblem, Refused
+from rig.matrix.assumed_damper import of_set
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import plan
 
@@ -207,7 +208,7 @@ def test_what_is_asked_of_the_station_keeps_to_the_machine(tmp_path: Path) -> No
     matrix, rig = load(tmp_path, EXAMPLE), bench(tmp_path)
     point = matrix.points()[0]
     assert matrix.hybrid is not None
-    order = matrix.hybrid.order(point, "demo", rig, (-0.05, 0.08))
+    order = matrix.hybrid.order(point, of_set("demo"), rig, (-0.05, 0.08))
     assert order.bounds.extension_m == pytest.approx(0.05), "no further than to the nearer end"
     assert (order.bounds.speed_m_s, order.bounds.acceleration_m_s2) == (
         rig.limits.speed_m_s, rig.limits.acceleration_m_s2

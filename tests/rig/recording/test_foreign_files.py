@@ -95,6 +95,25 @@ def test_common_dialects_are_read_and_the_guess_is_told(name: str, tmp_path: Pat
     assert test.read_as.startswith(told + "; ")
 
 
+@pytest.mark.parametrize(("before", "after"), [
+    ("03/02/2024 23:59:{:06.3f}", "04/02/2024 00:00:{:06.3f}"),
+    ("02/03/24 11:59:{:06.3f} PM", "02/04/24 12:00:{:06.3f} AM"),
+    ("1/31/2024 11:59:{:06.3f} pm", "2/1/2024 12:00:{:06.3f} am"),
+    ("29-Feb-2024 23:59:{:06.3f}", "01-Mar-2024 00:00:{:06.3f}"),
+    ("31-12-2023 23:59:{:06.3f}", "01-01-2024 00:00:{:06.3f}"),
+    ("2024/02/03 23:59:{:06.3f}", "2024/02/04 00:00:{:06.3f}"),
+])  # fmt: skip
+def test_day_and_month_in_either_order_are_elapsed_seconds_over_midnight(
+    before: str, after: str, tmp_path: Path
+) -> None:
+    def stamp(t: float) -> str:
+        return before.format(58.0 + t) if t < 1.999 else after.format(t - 2.0 + 1e-9)
+
+    path = tmp_path / "a.csv"
+    path.write_text("at,x_mm,F_kN\n" + rows(",", ".", time=stamp))
+    check(read(path, time="at", displacement="x_mm", force="F_kN"))
+
+
 def test_what_the_user_says_goes_before_the_guess(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("1;2;3\n10;20;30\nA;B;C\n" + rows(";", "."))

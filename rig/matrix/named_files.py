@@ -1,4 +1,4 @@
-"""Files that a matrix file names, of roads and records: found beside it, hashed by content, kept with a campaign."""
+"""Files that a matrix file names (roads, records, a fit): found beside it, hashed by content, kept with a campaign."""
 
 from __future__ import annotations
 
@@ -9,11 +9,16 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from rig.errors import FileProblem
+from rig.matrix.assumed_damper import is_fit_file
 from rig.vehicle.road_file import road_names
 
 FOLDER = "records"
 """Of a campaign's directory: where copies lie."""
 MOST_BYTES = 262_144
+Place = tuple[str, ...]
+ROAD, RECORD, PRIOR = ("matrix", "road", "road"), ("matrix", "file", "file"), ("specimen", "prior")
+PLACES: tuple[Place, ...] = (ROAD, RECORD, PRIOR)
+"""Entries that may name files."""
 NESTED = ("profile", "drive")
 """Tables of a road file that name a CSV file beside it."""
 
@@ -25,24 +30,47 @@ def with_paths(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         data: as read.
         folder: the matrix file's.
     """
-    result = dict(data)
-    for table, names in named(data).items():
-        whole = tuple(str(folder / name) if name in names else name for name in data["matrix"][table][table])
-        result["matrix"] = {**result["matrix"], table: {**result["matrix"][table], table: whole}}
-    return result
+    whole = {
+        place: {name: str(folder / name) for name in names} for place, names in named(data).items()
+    }
+    return _renamed(data, whole)
 
 
-def named(data: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Files named by `[matrix.road]` and `[matrix.file]`, as written, by the table's name."""
-    matrix = data.get("matrix")
+def named(data: Mapping[str, Any]) -> dict[Place, tuple[str, ...]]:
+    """Files named by `[matrix.road]`, `[matrix.file]` and `[specimen] prior`, as written, by their entry."""
     result = {}
-    for table in ("road", "file"):
-        inside = matrix.get(table) if isinstance(matrix, Mapping) else None
-        names = inside.get(table) if isinstance(inside, Mapping) else None
+    for place in PLACES:
+        value = _entry(data, place)
+        names = (value,) if place == PRIOR else value
         if isinstance(names, (list, tuple)) and all(isinstance(name, str) for name in names):
-            shipped = road_names() if table == "road" else ()
-            result[table] = tuple(name for name in names if name not in shipped)
-    return {table: names for table, names in result.items() if names}
+            result[place] = tuple(name for name in names if _is_file(place, name))
+    return {place: names for place, names in result.items() if names}
+
+
+def _is_file(place: Place, name: str) -> bool:
+    """Whether an entry's value is a file's name, and not that of something that comes with the program."""
+    return is_fit_file(name) if place == PRIOR else place != ROAD or name not in road_names()
+
+
+def _entry(data: object, place: Place) -> object:
+    for key in place:
+        data = data.get(key) if isinstance(data, Mapping) else None
+    return data
+
+
+def _renamed(data: Mapping[str, Any], names: Mapping[Place, Mapping[str, str]]) -> dict[str, Any]:
+    """The data of a matrix file with its files renamed, and nothing else changed."""
+    result = dict(data)
+    for place, new in names.items():
+        table = result
+        for key in place[:-1]:
+            table[key] = dict(table[key])
+            table = table[key]
+        value = table[place[-1]]
+        table[place[-1]] = (
+            new.get(value, value) if isinstance(value, str) else type(value)(new.get(name, name) for name in value)
+        )
+    return result
 
 
 def with_whole_names(text: str, folder: Path) -> str:
@@ -69,30 +97,22 @@ def kept(text: str, folder: Path) -> tuple[str, dict[str, bytes]]:
         FileProblem: one cannot be read, or its name stands in the file in a way that cannot be replaced.
     """
     files: dict[str, bytes] = {}
-    original, renamed = text, dict[str, dict[str, str]]()
-    for table, names in named(tomllib.loads(text)).items():
+    original, renamed = text, dict[Place, dict[str, str]]()
+    for place, names in named(tomllib.loads(text)).items():
         for name in names:
             content, beside = _read(folder / name), dict[str, bytes]()
-            if table == "road":
+            if place == ROAD:
                 content, beside = _road(content, (folder / name).parent, files)
             own = _free(PurePath(name).name, files)
             files |= {own: content, **beside}
             text = _replaced(text, name, f"{FOLDER}/{own}")
-            renamed.setdefault(table, {})[name] = f"{FOLDER}/{own}"
-    if tomllib.loads(text) != _expected(tomllib.loads(original), renamed):
+            renamed.setdefault(place, {})[name] = f"{FOLDER}/{own}"
+    if tomllib.loads(text) != _renamed(tomllib.loads(original), renamed):
         raise FileProblem(
             FOLDER, ["a file's name cannot be replaced in the copy: write it plainly in quotes, and give the file "
                      "a name that is no other entry of the matrix file"],
         )
     return text, files
-
-
-def _expected(data: dict[str, Any], renamed: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
-    """The data of a matrix file with its files renamed, and nothing else changed."""
-    for table, names in renamed.items():
-        inside = data["matrix"][table]
-        inside[table] = [names.get(name, name) for name in inside[table]]
-    return data
 
 
 def _road(content: bytes, folder: Path, taken: Mapping[str, bytes]) -> tuple[bytes, dict[str, bytes]]:

@@ -1,0 +1,82 @@
+"""A damper's model and parameters from a `fit.json`, with every reason why there are none; loads no compiler."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rig import dampers
+from rig.dampers import DamperModel
+from rig.errors import FileProblem, RigError
+from rig.text_file import JSON_LIMIT_BYTES, json_of, read_bytes
+
+COIL = "eta"
+"""Rate of the coil's lag, which many tests cannot tell."""
+NOT_A_FIT = "not a fit: expected a JSON object with `model` and `parameters`, as `rig identify` writes it"
+
+
+@dataclass(frozen=True)
+class FitValues:
+    """What a fit says of a damper.
+
+    Attributes:
+        model: the fitted one.
+        values: complete parameters, SI; of one that the fit does not name (the coil's lag) its usual value.
+        content: the whole object of the file.
+        sha256: of the file (hex).
+    """
+
+    model: DamperModel
+    values: Mapping[str, float]
+    content: Mapping[str, Any]
+    sha256: str
+
+
+def fit_values(path: Path) -> FitValues:
+    """Model and parameters of a fit.
+
+    Raises:
+        FileProblem: no such file, no fit, a model that is not known here, or parameters without a finite number: each.
+    """
+    raw = read_bytes(path, JSON_LIMIT_BYTES)
+    fit = json_of(path, raw)
+    entries = fit.get("parameters")
+    if not isinstance(entries, dict) or not all(isinstance(entry, dict) for entry in entries.values()):
+        raise FileProblem(str(path), [NOT_A_FIT])
+    try:
+        model = dampers.model(str(fit.get("model")), fit.get("hysteresis", "kwok"))
+    except RigError as error:
+        raise FileProblem(str(path), [str(error)]) from error
+    problems = [*_without_value(model, entries, fit)]
+    if problems:
+        raise FileProblem(str(path), problems)
+    values = {name: float(value) for name, value in _written(model, entries).items()}
+    return FitValues(model, values, fit, hashlib.sha256(raw).hexdigest())
+
+
+def _written(model: DamperModel, entries: Mapping[str, Any]) -> dict[str, Any]:
+    """Each parameter's value as the file has it, None where it has none; the coil's lag its usual one there."""
+    written = {name: (entries.get(name) or {}).get("value") for name in model.names}
+    return {
+        name: model.parameter(name).start if value is None and name == COIL else value
+        for name, value in written.items()
+    }
+
+
+def _without_value(model: DamperModel, entries: Mapping[str, Any], fit: Mapping[str, Any]) -> Iterator[str]:
+    """The parameters that have none, and those whose value is no finite number."""
+    written = _written(model, entries)
+    missing = [name for name, value in written.items() if value is None]
+    if missing:
+        current = fit.get("current")
+        one_each = isinstance(current, Mapping) and str(current.get("dependence")).startswith("per-current")
+        way = "; it holds one fit for each current: identify again with --current affine" if one_each else ""
+        yield f"no value for {', '.join(missing)}{way}"
+    for name, value in written.items():
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if value is not None and not (number and math.isfinite(value)):
+            yield f"parameters.{name}.value = {str(value)[:40]!r} is no finite number"
