@@ -135,8 +135,8 @@ def current_std(point: RecordedPoint, wanted_s: FloatArray) -> float:
 def _current_in(point: RecordedPoint, wanted_s: FloatArray) -> FloatArray:
     """The measured current (A) from the first to the last wanted time, where it was measured, shape (k,)."""
     inside = (point.time_s >= wanted_s[0]) & (point.time_s <= wanted_s[-1])
-    found: FloatArray = point.current_measured_A[inside & np.isfinite(point.current_measured_A)]
-    return found
+    readings_A: FloatArray = point.current_measured_A[inside & np.isfinite(point.current_measured_A)]
+    return readings_A
 
 
 def temperature_at(point: RecordedPoint, wanted_s: FloatArray) -> FloatArray | None:
