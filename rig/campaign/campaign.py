@@ -215,7 +215,7 @@ def _run(
     signals: Signals,
     display: Display,
 ) -> CampaignResult:
-    baseline = read_baseline(start.folder)
+    baseline = read_baseline(start.folder, needed=bool(start.stock.results))
     points = tuple(item.point for item in start.plan.points)
     display.phase("starting the station")
     live = signals.live

@@ -21,6 +21,7 @@ from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
 from rig.recording.conversion.recovery import recover_held
+from rig.recording.hdf5.reading import check_values
 from rig.recording.point_files import FILE, OLD_FILE
 from rig.recording.recorded_point import RecordedPoint
 
@@ -206,8 +207,11 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         except (TypeError, ValueError) as error:
             problems.append(f"points/{file.name}: not as a campaign writes it: {error}")
             continue
-        temperatures_degC += [end_degC for end_degC in ends_degC if end_degC is not None]
         attempts[name] = max(attempts.get(name, 0), attempt)
+        if damaged := () if aside or recorded.verdict == INVALID else _damage(file):
+            problems += [f"points/{file.name}: {problem}; the point is run again" for problem in damaged]
+            continue
+        temperatures_degC += [end_degC for end_degC in ends_degC if end_degC is not None]
         if name not in best or rank > best[name][0]:
             best[name] = rank, recorded
     points = tuple(points)
@@ -222,6 +226,15 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         problems=tuple(problems),
         temperatures_degC=tuple(temperatures_degC),
     )
+
+
+def _damage(file: Path) -> tuple[str, ...]:
+    """What of a file's values is not as it was written; a disk may keep a description and lose what it describes."""
+    try:
+        check_values(file)
+    except FileProblem as error:
+        return tuple(error.problems)
+    return ()
 
 
 def _result(point: TestPoint, recorded: RecordedPoint) -> PointResult:

@@ -35,6 +35,9 @@ class Motion(Protocol):
     def stop_inputs(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:
         """Moving, clock (s), hydraulics low, hydraulics off; each None without a fresh status."""
 
+    def restart_still(self) -> None:
+        """Begin the proof of standstill anew, by statuses read after the stop command was sent."""
+
     @property
     def stop_taken(self) -> bool:
         """No stop command waits to be sent or to be acknowledged."""
@@ -52,7 +55,7 @@ class Travel(Protocol):
 
     @property
     def changed(self) -> bool:
-        """The LVDT has shown more than one value since the proof of standstill began."""
+        """The LVDT's value has changed since the proof of standstill began, and not stood for too long since."""
 
     def restart_still(self) -> None:
         """Begin the proof of standstill anew."""

@@ -46,6 +46,7 @@ from rig.station.threads.devices import Devices, slug_of
 HYDRAULICS_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 60.0
 REST_PATIENCE_S = 0.5
+LONGEST_REST_S = 4.0
 QUIET_NS = 250_000_000
 """So long nothing that stops the rig may have been found before a trip is forgotten ..."""
 QUIET_PATIENCE_NS = 2_000_000_000
@@ -316,7 +317,9 @@ class Requests:
             StationRefused: it moves.
         """
         actuator = self._devices.actuator
-        patience_s = REST_PATIENCE_S + STILL_S / self._config.device_rate
+        # Behind a trip the controller's word counts after a whole period.
+        period_s = min(self._supervisor.movement.period_s, LONGEST_REST_S)
+        patience_s = REST_PATIENCE_S + max(STILL_S, period_s) / self._config.device_rate
         if actuator.wait_status(lambda _: actuator.rests(monotonic_ns()), patience_s) is None:
             raise StationRefused(
                 "not-at-rest", f"{do}: the actuator moves, or does not say that it stands; stop it first"

@@ -76,7 +76,7 @@ class StopInputs:
         current_A: measured coil current; None without a fresh ECU status.
         stop_taken: the controller has acknowledged the stop command; False while none gets through.
         period_s: device seconds of one cycle of the program that ran (0: none), for standstill without the controller.
-        lvdt_changed: the LVDT has shown more than one value since the stop began.
+        lvdt_changed: the LVDT's value has changed since the stop began, and still does now and then.
     """
 
     now_ns: int
@@ -109,6 +109,7 @@ class SafeStop:
         current_zero: True proved, False not (yet).
         current_judged: the current's deadline has been judged.
         current_s: that deadline (s).
+        current_due_ns: host time from which it counts: the trip, or when a current that was gone came back.
         current_falls: a source that is not heard any more goes to 0 A by itself.
         position_trusted: nothing speaks against what the controller says of the rod.
     """
@@ -128,6 +129,7 @@ class SafeStop:
     watchdog_s: float = 0.0
     current_s: float = CURRENT_LIMIT_S
     current_falls: bool = True
+    current_due_ns: int = 0
     position_trusted: bool = True
 
     @property
@@ -142,7 +144,8 @@ def begin(
     """Start a stop; its actions are to be carried out at once and independently of each other."""
     halt = halt or kind is StopKind.HALT or fade_s > LONGEST_FADE_S
     stop = SafeStop(
-        kind, halt, fade_s, device_rate, now_ns, step_ns=now_ns, repeated_ns=now_ns, watchdog_s=watchdog_s
+        kind, halt, fade_s, device_rate, now_ns, step_ns=now_ns, repeated_ns=now_ns, watchdog_s=watchdog_s,
+        current_due_ns=now_ns,
     )
     return stop, (StopAction.ZERO_CURRENT, stop_command(stop))
 
@@ -201,8 +204,11 @@ def escalate(
         return again, actions_again
     actions: list[StopAction] = []
     if halt and not stop.halt and not stop.standstill:
-        stop = replace(stop, halt=True, step=StopPhase.STOPPING, step_ns=now_ns, clock_start_s=None)
+        stop = replace(stop, halt=True)
         actions.append(StopAction.HALT)
+        if stop.step is StopPhase.STOPPING:
+            # A pressure that is being taken away goes on going: its deadline is not given again.
+            stop = replace(stop, step_ns=now_ns, clock_start_s=None)
     if kind.severity > stop.kind.severity:
         stop = replace(stop, kind=kind)
     return stop, tuple(actions)
@@ -242,11 +248,11 @@ def _judge_current(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[
     if inputs.current_A is not None and abs(inputs.current_A) < ZERO_CURRENT_A:
         return replace(stop, current_zero=True, current_judged=True), ()
     if stop.current_zero and inputs.current_A is not None:
-        # It has come back: what was judged is judged again.
-        stop = replace(stop, current_judged=False)
+        # It has come back, or one sample was noise: it is given the time that a current is given at first.
+        stop = replace(stop, current_judged=False, current_due_ns=inputs.now_ns)
     stop = replace(stop, current_zero=False)
     allowed_s = stop.current_s / min(1.0, stop.device_rate)
-    if stop.current_judged or _elapsed_s(stop.started_ns, inputs) <= allowed_s:
+    if stop.current_judged or _elapsed_s(stop.current_due_ns, inputs) <= allowed_s:
         return stop, ()
     stop = replace(stop, current_judged=True)
     return (stop, ()) if inputs.current_A is None else (stop, (StopAction.CURRENT_STUCK,))
@@ -255,20 +261,28 @@ def _judge_current(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[
 def _standstill(stop: SafeStop, inputs: StopInputs) -> bool:
     """Standstill is proved: by the LVDT and a controller that agrees, or by the only one of them that is left.
 
-    Alone, the controller has to be trusted with its position, and the LVDT to have shown a change since the stop began:
-    one that repeats its value would prove the standstill of any rod.
+    Alone, or beside a controller that is not trusted with its position, the LVDT has to show that it lives: one that
+    repeats its value would prove the standstill of any rod, also where it did so at rest.
     """
     if inputs.still_s is None:
         return stop.position_trusted and inputs.controller_moving is False
     if inputs.controller_moving is None:
         return inputs.lvdt_changed and inputs.still_s >= max(STILL_S, inputs.period_s)
-    return inputs.still_s >= STILL_S and not inputs.controller_moving
+    seen = stop.position_trusted or inputs.lvdt_changed
+    return seen and inputs.still_s >= STILL_S and not inputs.controller_moving
+
+
+def _shows(inputs: StopInputs) -> bool:
+    """The LVDT shows where the rod goes; what stands, and does not change now and then, may be stuck."""
+    return inputs.still_s is not None and (inputs.lvdt_changed or inputs.still_s < STILL_S)
 
 
 def _late(stop: SafeStop, inputs: StopInputs) -> bool:
     """The motion outlasts its deadline, measured on the controller's clock while there is one."""
     allowed_s = HALT_LIMIT_S if stop.halt else stop.fade_s + STOP_MARGIN_S
-    margin_s = STILL_S + STOP_MARGIN_S * max(0.0, stop.device_rate - 1.0)
+    # A rod that may stand is given the period that is the proof behind a trip; one that is seen to move is late.
+    may_stand = inputs.still_s is None or inputs.still_s >= STILL_S
+    margin_s = max(STILL_S, inputs.period_s if may_stand else 0.0) + STOP_MARGIN_S * max(0.0, stop.device_rate - 1.0)
     wall_s = _elapsed_s(stop.step_ns, inputs)
     if inputs.controller_clock_s is None or stop.clock_start_s is None:
         return wall_s > (allowed_s + max(STILL_S, inputs.period_s)) / stop.device_rate + LOST_LIMIT_S
@@ -280,13 +294,13 @@ def _stopping(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopA
     begun = inputs.stop_taken or _elapsed_s(stop.step_ns, inputs) > stop.watchdog_s
     if begun and stop.clock_start_s is None and inputs.controller_clock_s is not None:
         stop = replace(stop, clock_start_s=inputs.controller_clock_s)
-    if _standstill(stop, inputs):
-        stop = replace(stop, standstill=True)
+    stop = replace(stop, standstill=_standstill(stop, inputs))
+    if stop.standstill:
         if stop.kind is StopKind.PRESSURE_OFF:
             return replace(stop, step=StopPhase.LOWERING, step_ns=inputs.now_ns), (StopAction.HYDRAULICS_LOW,)
         return _conclude(stop, inputs)
     if _late(stop, inputs):
-        if inputs.controller_moving is None and inputs.still_s is None:
+        if inputs.controller_moving is None and not _shows(inputs):
             return replace(stop, step=StopPhase.UNKNOWN), (StopAction.HYDRAULICS_OFF,)
         stop = replace(stop, kind=StopKind.PRESSURE_OFF, step=StopPhase.OFF, step_ns=inputs.now_ns)
         return stop, (StopAction.STOP_IGNORED, StopAction.HYDRAULICS_OFF)

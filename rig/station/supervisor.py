@@ -32,7 +32,6 @@ FORGIVEN_NS = 1_000_000_000
 UNTAKEN_NS = 200_000_000
 """So long a stop command may go unacknowledged before the controller's watchdog is starved."""
 EXPECTED_IN_PROOF = frozenset({"host-silent", "controller-trip"})
-
 NO_TROUBLE = Finding("", "", 0)
 _SLOWEST_LAST = (*(action for action in StopAction if action is not StopAction.ZERO_CURRENT), StopAction.ZERO_CURRENT)
 
@@ -273,8 +272,6 @@ class Supervisor:
             if self.stop is None:
                 if first:
                     self.trip = Trip(finding.slug, kind, finding.detail, finding.t_ns, finding.value, finding.limit)
-                if self._travel is not None:
-                    self._travel.restart_still()
                 # From now on devices may be gone; hearing none of them is not the host's any more.
                 self.host.listen(now_ns, listening=False)
                 self._blind_before_ns = self.host.total_ns
@@ -285,6 +282,9 @@ class Supervisor:
                 self.stop = safe_stop.of_source(self.stop, self._coil)
             else:
                 self.stop, actions = safe_stop.escalate(self.stop, kind, self._stop_clock_ns(now_ns), halt=halt)
+            if actions and self._travel is not None and self._motion is not None:
+                self._travel.restart_still()
+                self._motion.restart_still()
             self.stop = safe_stop.after_fault(self.stop, finding.slug)
             if not first and not known:
                 self.later[finding.slug] = finding.detail
@@ -301,6 +301,8 @@ class Supervisor:
         """
         if not actions:
             return
+        if self.stop is not None and self.stop.halt and StopAction.HALT not in actions:  # another thread halts it
+            actions = [StopAction.HALT if action is StopAction.FADE else action for action in actions]
         for action in sorted(actions, key=_SLOWEST_LAST.index):
             self._try(self._carry_out, action)
         with self.changed:
@@ -352,10 +354,9 @@ class Supervisor:
         self.host.awake(now_ns)
         self.report(self.watchdogs.machine(now_ns))
         self.report(self.watchdogs.devices(now_ns))
-        if self._guards:
-            self.report(self.watchdogs.application(now_ns))
-        if self._guards:
-            self.report(self.watchdogs.consumer(now_ns))
+        for guard in (self.watchdogs.application, self.watchdogs.consumer):
+            if self._guards:
+                self.report(guard(now_ns))
         self._advance_stop(now_ns)
 
     def _stop_clock_ns(self, now_ns: int) -> int:
@@ -392,9 +393,8 @@ class Supervisor:
 
     def _stop_inputs(self, now_ns: int) -> StopInputs:
         motion = (None,) * 4 if self._motion is None else self._motion.stop_inputs(now_ns)
-        current_A = None if self._coil is None else self._coil.fresh_current_A
         taken, travel = self._motion is None or self._motion.stop_taken, self._travel
+        current_A = None if self._coil is None else self._coil.fresh_current_A
         still_s, changed = (None, False) if travel is None else (travel.still_s(now_ns), travel.changed)
-        return StopInputs(
-            self._stop_clock_ns(now_ns), still_s, *motion, current_A, self.movement.period_s, taken, changed
-        )
+        clock_ns = self._stop_clock_ns(now_ns)
+        return StopInputs(clock_ns, still_s, *motion, current_A, self.movement.period_s, taken, changed)

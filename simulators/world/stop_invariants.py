@@ -24,6 +24,8 @@ CURRENT_AT_ONCE_S = 0.3
 """Where nothing is wrong with the way to the ECU, nor with the station."""
 SEEN_NS = 300e6
 """By then the station has looked at the controller again, whatever was sent meanwhile."""
+SHOWS_NS = 1e9
+"""Within this time a rod that stood around a reversal only moves on."""
 SENT_S = 0.25
 LATE_JOURNAL_S = 0.5
 UNNOTICED_S, UNNOTICED_TIMES = 1.0, 10.0
@@ -194,6 +196,9 @@ def what_is_proved_is_true(view: View) -> Findings:
         _, speed, current, _, _, pressure, _ = rows[-1]
         if abs(speed) > STILL_M_S:
             yield f"standstill was proved at {speed:.3g} m/s", t_ns
+        later = view.between(t_ns, min(t_ns + SHOWS_NS, view.restarted_ns(t_ns)))
+        if len(later) and np.max(np.abs(later[:, 1])) > STILL_M_S and not view.faults_by_name() & {"second-master"}:
+            yield f"standstill was proved before the rod moved on at {np.max(np.abs(later[:, 1])):.3g} m/s", t_ns
         if safe.get("current_zero") and abs(current) > 2 * NO_CURRENT_A:
             yield f"0 A was proved at {current:.2f} A", t_ns
         unproved = not safe.get("current_zero") and not view.by_hand

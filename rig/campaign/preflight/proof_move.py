@@ -340,13 +340,20 @@ def _lasting(device: str, identities: Mapping[str, Any]) -> dict[str, Any]:
     return {name: entry[name] for name in LASTING.get(device, ()) if name in entry}
 
 
-def read_baseline(folder: Path) -> Baseline:
+def read_baseline(folder: Path, *, needed: bool = False) -> Baseline:
     """What the campaign's first session found; damaged entries are found now, not in motion.
 
+    Args:
+        folder: the campaign's directory.
+        needed: points of an earlier session are kept: the rest must be measured on the same damper and devices.
+
     Raises:
-        FileProblem: the file cannot be used.
+        FileProblem: the file cannot be used, or is missing where it is needed.
     """
     baseline = Baseline(folder)
+    if needed and baseline.signature is None:
+        text = "is missing or empty, and points are kept: nobody can tell that this is their damper and their devices; "
+        raise FileProblem(str(folder / "baseline.json"), [text + "put the file back, or begin a new campaign"])
     if baseline.signature is not None:
         try:
             baseline.other_device({})

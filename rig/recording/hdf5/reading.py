@@ -74,6 +74,27 @@ def read_description(path: Path, *, whole: bool = True) -> dict[str, Any]:
     }
 
 
+def check_values(path: Path) -> None:
+    """Read every column of a file, as its checksums allow: a disk may have lost what its description still tells.
+
+    Raises:
+        FileProblem: the file cannot be trusted, or columns cannot be read: each.
+    """
+    problems: list[str] = []
+
+    def read(_name: str, place: Any) -> None:  # noqa: ANN401 - h5py has no types
+        if hasattr(place, "dtype"):
+            try:
+                _values(path, place)
+            except FileProblem as error:
+                problems.extend(error.problems)
+
+    with opened(path) as file:
+        file.visititems(read)
+    if problems:
+        raise FileProblem(str(path), problems)
+
+
 def channel_names(path: Path) -> list[str]:
     """Names of the aligned channels a file holds, time among them.
 

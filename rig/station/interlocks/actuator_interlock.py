@@ -24,6 +24,9 @@ OVERRUN_S = 0.07
 """Device time by which a program may outlast its own length."""
 HOST_CLOCK_SHARE = 1e-3
 """By so much a controller's own time, which it does not tell, may differ from the host's."""
+UNSEEN_S = 0.1
+"""Device time, beside the usual age of a status: what moved and came back between two statuses farther apart than this
+is not seen, so their positions prove no standstill in between."""
 AT_REST_STATES = frozenset({State.HOLD, State.LOW, State.OFF})
 RESTLESS_M_S = 0.02
 CLOCK_MODULUS = 1 << 32
@@ -117,7 +120,9 @@ class ActuatorInterlock:
         elif lvdt_m is not None:
             self._compare(status, lvdt_m, lvdt_speed_m_s, findings)
         self._follow_path(status.position_m)
-        if not abs(status.position_m - self._anchor_m) <= STILL_TOLERANCE_M:
+        # Around a slow reversal the rod stays where it is for a while, though the controller moves it.
+        moves = status.state in MOVING_STATES
+        if moves or not abs(status.position_m - self._anchor_m) <= STILL_TOLERANCE_M:
             self._anchor_m, self._anchor_s = status.position_m, self.clock_s
         self.status = status
         return findings
@@ -136,14 +141,25 @@ class ActuatorInterlock:
         self._apart = 0
         self._commands.restart()
 
+    def restart_still(self) -> None:
+        """Begin the proof of standstill anew, from the next status on."""
+        self._anchor_m = math.nan
+
     @property
     def still_s(self) -> float:
         """Seconds of the controller's clock for which its own position has stood still."""
         return 0.0 if math.isnan(self._anchor_m) else self.clock_s - self._anchor_s
 
-    def moving(self, still_s: float) -> bool:
-        """The controller moves, by its state or because its position has not stood still for `still_s`."""
-        return self.status is None or self.status.state in MOVING_STATES or self.still_s < still_s
+    def moving(self, still_s: float, period_s: float = 0.0) -> bool:
+        """The controller moves, or its position has not stood still for long enough since it last said so.
+
+        Args:
+            still_s: enough where its state tells whether it moves.
+            period_s: of what ran: a latched trip says nothing of the fade-out that goes on behind it.
+        """
+        if (status := self.status) is None or status.state in MOVING_STATES:
+            return True
+        return self.still_s < (max(still_s, period_s) if status.state == State.TRIPPED else still_s)
 
     def _follow_clock(self, status: ActuatorStatus, findings: list[Finding]) -> None:
         before = self.status
@@ -157,6 +173,8 @@ class ActuatorInterlock:
             self._anchor_m = math.nan
         else:
             self.clock_s += forward_us * 1e-6
+            if forward_us * 1e-6 > UNSEEN_S + self.lag_s:
+                self._anchor_m = math.nan
         if status.heartbeat != before.heartbeat:
             self._beat_ns = status.received_ns
         age_ms = (status.received_ns - self._beat_ns) / 1e6

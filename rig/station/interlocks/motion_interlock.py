@@ -22,6 +22,8 @@ STILL_TOLERANCE_M = 0.0003
 TRAVEL_M = 0.2e-3
 STEPS = 4.0
 SETTLED_POLLS = 5
+UNSEEN_PERIODS, UNSEEN_S = 5, 0.025
+"""What moved and came back between two samples farther apart than both is not seen: no standstill in between."""
 """Polls of the controller, before and after, by which its status and the sensor may differ in age."""
 
 
@@ -37,6 +39,7 @@ class MotionInterlock:
         self.speed_limit_m_s = speed_limit_m_s
         self._period_s = 1.0 / rate_Hz
         self._span = max(CONSECUTIVE, round(SPEED_WINDOW_S * rate_Hz))
+        self._unseen_s = max(UNSEEN_S, UNSEEN_PERIODS / rate_Hz)
         self._recent: deque[tuple[float, float]] = deque(maxlen=self._span)
         self._over = 0
         self._unusable = 0
@@ -82,6 +85,8 @@ class MotionInterlock:
             t_s = device_us * 1e-6 if device_us >= 0 else sequence * self._period_s
             if self._recent and t_s <= self._recent[-1][0]:
                 self._recent.clear()
+                self.restart_still()
+            elif t_s - self._latest_s > self._unseen_s:
                 self.restart_still()
             if len(self._recent) == self._span:
                 before_s, before_m = self._recent[0]

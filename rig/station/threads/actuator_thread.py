@@ -34,10 +34,8 @@ from rig.station.threads.setpoint_stream import SetpointStream
 from rig.station.threads.status_records import StatusRecords
 
 T = TypeVar("T")
-
 SILENT = "modbus-halfopen"
 """What silence is called while nothing else was said since the last good status."""
-
 COUNTER_MODULUS = 1 << 16
 OPEN_PATIENCE_S = 2.0
 FEED_AGAIN_NS = 100_000_000
@@ -80,7 +78,7 @@ class ActuatorThread(DeviceThread):
         self._append = append
         self._wake = threading.Condition()
         self._actions: frozenset[StopAction] = frozenset()
-        self._hurry = False
+        self._hurry = self._anew = False
         self._jobs: deque[tuple[Callable[[], object], Future[object]]] = deque()
         self._counter = 0
         self._echo = EchoWatch()
@@ -151,6 +149,10 @@ class ActuatorThread(DeviceThread):
             self._hurry = True
             self._wake.notify()
 
+    def restart_still(self) -> None:
+        """Begin the proof of standstill anew: what counts is read after the stop command was sent."""
+        self._anew = True
+
     def call(self, job: Callable[[Actuator], T], timeout_s: float) -> T:
         """Run `job` with the driver on this thread and return its result.
 
@@ -181,9 +183,10 @@ class ActuatorThread(DeviceThread):
 
     def wait_status(self, wanted: Callable[[ActuatorStatus], bool], timeout_s: float) -> ActuatorStatus | None:
         """The first status from now on that is wanted; None after `timeout_s` wall seconds."""
+        judge = self.judge
         with self.status_changed:
-            came = self.status_changed.wait_for(lambda: self._is(wanted), timeout_s)
-            return self.judge.status if came else None
+            came = self.status_changed.wait_for(lambda: judge.status is not None and wanted(judge.status), timeout_s)
+            return judge.status if came else None
 
     def fresh_status(self, now_ns: int) -> ActuatorStatus | None:
         """The last status, None when it is stale: not answered, or answered by a controller whose heartbeat stands."""
@@ -197,7 +200,8 @@ class ActuatorThread(DeviceThread):
         """Moving, clock (s), hydraulics low, hydraulics off; None without a fresh status, moving without a position."""
         if (status := self.fresh_status(now_ns)) is None:
             return None, None, None, None
-        moving = self.judge.moving(STILL_S) if math.isfinite(status.position_m) else None
+        moves = self._anew or self.judge.moving(STILL_S, self._supervisor.movement.period_s)
+        moving = moves if math.isfinite(status.position_m) else None
         if not self.capabilities.hydraulics:
             # There is no pressure to take away: standing still is all that can be proved.
             return moving, self.judge.clock_s, moving is False, moving is False
@@ -276,6 +280,9 @@ class ActuatorThread(DeviceThread):
             DriverError: one was not answered; it is sent again, but no stronger one has waited for that.
         """
         waiting, unanswered = self._actions, None
+        if self._anew and waiting - PRESSURE_ACTIONS:
+            self._anew = False
+            self.judge.restart_still()
         weakest_first = [action for action in COMMANDS if action in waiting]
         for place, action in enumerate(weakest_first):
             try:
@@ -366,9 +373,6 @@ class ActuatorThread(DeviceThread):
         self._supervisor.report([Finding(slug, detail, status.received_ns)])
         if not self._supervisor.settled:
             self.act(sent.action)
-
-    def _is(self, wanted: Callable[[ActuatorStatus], bool]) -> bool:
-        return self.judge.status is not None and wanted(self.judge.status)
 
     def _failed(self, error: DriverError) -> None:
         self.failures += 1

@@ -70,7 +70,7 @@ class CurrentSourceThread(ReadingThread):
         self._repeats = 0
         self._stamps_told = False
         self._zeroed = True
-        self._zeroed_ns = 0
+        self._zeroed_ns = self._before_ns = 0
         self._command_lock = threading.Lock()
         self._progress = threading.Condition()
 
@@ -208,14 +208,15 @@ class CurrentSourceThread(ReadingThread):
 
     @property
     def fresh_current_A(self) -> float | None:
-        """Measured current (A), None when its status is stale or older than the 0 A that a trip commanded.
+        """Measured current (A), None when its status is stale, or may be older than the 0 A that a trip commanded.
 
+        The first one that comes after that may have been measured before it, or asked for.
         Of one set by hand what was said; None once a stop wants it to be taken away and nobody has said that it was.
         """
         status = self._driver.status
         if self._zeroed and self.by_hand and not self._is_zero():
             return None
-        if self._zeroed and self._last_ns <= self._zeroed_ns:
+        if self._zeroed and self._before_ns <= self._zeroed_ns:
             return None
         allowed_ns = self._stale_ns + int(self._timeout_s * 1e9)
         if status is None or self.port_lost is not None or monotonic_ns() - self._last_ns > allowed_ns:
@@ -342,8 +343,9 @@ class CurrentSourceThread(ReadingThread):
         now_ns = batch.arrival_ns
         findings: list[Finding] = []
         commanded_A = self._driver.commanded_A
+        if batch.statuses:
+            self._before_ns, self._last_ns = self._last_ns, now_ns
         for status in batch.statuses:
-            self._last_ns = now_ns
             findings += self.judge.judge_status(status, now_ns)
             if not late and self._driver.traits.measures:
                 # What waited may be from before the set-point.

@@ -292,8 +292,11 @@ class SensorThread(ReadingThread):
 
     @property
     def changed(self) -> bool:
-        """The LVDT has shown more than one value since the proof of standstill began."""
-        return self.motion is not None and self.motion.changed
+        """The LVDT's value has changed since the proof of standstill began, and not stood for too long since.
+
+        A quiet one that rests cannot be told from one that followed the rod for a while and is stuck.
+        """
+        return self.motion is not None and self.motion.changed and self.judge.repeats < self._stuck_samples
 
     def restart_still(self) -> None:
         """Begin the proof of standstill anew."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -117,3 +118,25 @@ def test_a_file_that_was_set_aside_is_told_where_a_later_session_left_none_and_i
     write(tmp_path, 2, "invalid")
     (told,) = take_stock(tmp_path, (POINT,)).invalid
     assert told.file == tmp_path / "points" / "p001-attempt2.h5"
+
+
+def test_a_file_whose_values_are_not_what_was_written_is_run_again_and_told(tmp_path: Path) -> None:
+    """Its description opens and says valid; one value of one column was changed behind it."""
+    write(tmp_path, 1, "valid")
+    assert not take_stock(tmp_path, (POINT,)).remaining
+    with h5py.File(tmp_path / "points" / "p001.h5", "r+") as file:
+        file["entry/data/force"][3] = 99.0
+    stock = take_stock(tmp_path, (POINT,))
+    assert ([point.id for point in stock.remaining], stock.results, stock.attempts) == (["p001"], (), {"p001": 1})
+    (told,) = stock.problems
+    assert told.startswith("points/p001.h5: /entry/data/force: damaged")
+    assert told.endswith("the point is run again")
+
+
+def test_a_damaged_later_attempt_gives_way_to_one_that_can_be_read(tmp_path: Path) -> None:
+    write(tmp_path, 1, "suspect")
+    write(tmp_path, 2, "valid")
+    with h5py.File(tmp_path / "points" / "p001-attempt2.h5", "r+") as file:
+        file["entry/data/time"][0] = -1.0
+    (kept,) = take_stock(tmp_path, (POINT,)).results
+    assert kept.file == tmp_path / "points" / "p001.h5"

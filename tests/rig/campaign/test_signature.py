@@ -8,7 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.campaign.preflight.proof_move import Baseline, Signature, expected_signature, judge_damper, measured_signature
+from rig.campaign.preflight.proof_move import (
+    Baseline,
+    Signature,
+    expected_signature,
+    judge_damper,
+    measured_signature,
+    read_baseline,
+)
 from rig.errors import FileProblem
 from rig.matrix.sections import Specimen
 
@@ -117,3 +124,12 @@ def test_a_damaged_baseline_is_said_and_not_believed(tmp_path: Path, text: str) 
     (tmp_path / "baseline.json").write_text(text, encoding="utf-8")
     with pytest.raises(FileProblem):
         _ = Baseline(tmp_path).signature
+
+
+@pytest.mark.parametrize("content", [None, "{}"])
+def test_kept_points_want_the_first_session_s_damper_and_devices(tmp_path: Path, content: str | None) -> None:
+    if content is not None:
+        (tmp_path / "baseline.json").write_text(content, encoding="utf-8")
+    assert read_baseline(tmp_path).signature is None, "nothing was measured yet"
+    with pytest.raises(FileProblem, match=r"baseline\.json: is missing or empty, and points are kept.*begin a new"):
+        read_baseline(tmp_path, needed=True)

@@ -71,6 +71,33 @@ def test_a_controller_that_measures_no_finite_number_is_not_trusted(name: str, v
     assert [slugs(made, status(ms, **{name: value}), 0.1) for ms in (10, 20)] == [["feedback-lost"]] * 2
 
 
+@pytest.mark.parametrize(("gap_ms", "moving"), [(40, False), (500, True)])
+def test_a_rod_that_was_not_seen_for_half_a_second_is_not_said_to_have_stood(gap_ms: int, moving: bool) -> None:
+    made = judge()
+    for ms in range(0, 200, 10):
+        made.judge(status(ms), 0.0, 0.0, NOTHING_SENT)
+    assert not made.moving(0.1)
+    made.judge(status(190 + gap_ms), 0.0, 0.0, NOTHING_SENT)
+    assert made.moving(0.1) is moving
+    for ms in range(200 + gap_ms, 320 + gap_ms, 10):
+        made.judge(status(ms), 0.0, 0.0, NOTHING_SENT)
+    assert not made.moving(0.1)
+
+
+@pytest.mark.parametrize(("state", "proved_ms"), [(State.HOLD, 100), (State.TRIPPED, 4000)])
+def test_behind_a_trip_the_rod_has_to_stand_for_a_whole_period_since_its_state_does_not_tell_the_fade_out(
+    state: State, proved_ms: int
+) -> None:
+    made = judge()
+    for ms in range(0, 200, 10):
+        made.judge(status(ms, state=State.FADING), 0.0, 0.0, NOTHING_SENT)
+    told = []
+    for ms in range(200, 5000, 10):
+        made.judge(status(ms, state=state), 0.0, 0.0, NOTHING_SENT)
+        told += [] if made.moving(0.1, period_s=4.0) else [ms - 190]
+    assert told[0] == pytest.approx(proved_ms, abs=15)
+
+
 def test_several_fault_bits_give_several_findings() -> None:
     both = int(FaultBit.WATCHDOG | FaultBit.FORCE_LIMIT)
     assert slugs(judge(), status(0, fault_bits=both, state=State.TRIPPED)) == ["host-silent", "force-limit"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -82,9 +83,9 @@ class Controller:
         self.supervisor.attach(Coil(), self.thread, MovingRod(), ())
         self.supervisor.arm()
 
-    def show(self, state: State) -> None:
+    def show(self, state: State, clock_us: int = 0) -> None:
         inputs = Input.E_STOP_CLOSED | Input.HYDRAULICS_ON
-        values = {"state": int(state), "inputs": int(inputs), "owner": 77, "position": 0.01}
+        values = {"state": int(state), "inputs": int(inputs), "owner": 77, "position": 0.01, "clock_us": clock_us}
         self.device.put(STATUS.address, STATUS.encode(values))
 
     def written(self) -> list[int]:
@@ -217,6 +218,24 @@ def test_a_controller_without_a_position_leaves_the_proof_of_standstill_to_the_l
     moving, clock_s, _, _ = rig.thread.stop_inputs(monotonic_ns())
     assert moving is None
     assert clock_s is not None
+
+
+def test_what_the_controller_said_before_the_stop_was_sent_is_no_proof_that_the_rod_stands(controller: Make) -> None:
+    rig = controller()
+    clock_us = itertools.count(0, 2000)
+
+    def rests() -> bool:
+        rig.show(State.HOLD, clock_us=next(clock_us))
+        return rig.thread.rests(monotonic_ns())
+
+    rig.thread.start()
+    assert wait_for(rests)
+    rig.thread.restart_still()
+    polls = rig.thread.polls
+    assert wait_for(lambda: not rests() and rig.thread.polls > polls + 20), "a start may be on its way"
+    rig.thread.act(StopAction.FADE)
+    assert wait_for(rests)
+    assert Command.FADE_STOP in rig.device.executed
 
 
 def test_a_status_that_stands_in_running_is_no_view_and_the_stop_ends_in_time_without_proof(controller: Make) -> None:

@@ -163,6 +163,14 @@ def test_slow_creep_is_not_standstill() -> None:
     assert longest_s < 0.05
 
 
+@pytest.mark.parametrize(("missing", "still_s"), [(4, 0.22), (25, 0.0)])
+def test_what_was_not_seen_between_two_samples_is_no_standstill(missing: int, still_s: float) -> None:
+    judge = MotionInterlock(0.88, rate_Hz=250.0)
+    motion_of([0.02] * 51, judge)
+    judge.judge([record(51 + missing, 0.02)])
+    assert judge.still_s == pytest.approx(still_s)
+
+
 def test_clock_that_falls_back_restarts_the_proof_of_standstill() -> None:
     judge = MotionInterlock(0.88, rate_Hz=250.0)
     motion_of([0.0] * 100, judge)

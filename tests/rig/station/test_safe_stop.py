@@ -165,11 +165,43 @@ def test_current_that_comes_back_is_not_zero() -> None:
 
 def test_a_current_that_comes_back_after_its_deadline_is_stuck_and_told_each_time() -> None:
     stop, _ = run(begin(), replace(MOVING, current_A=0.0), 400)
-    stop, actions = run(stop, MOVING, 600, from_ms=400)
-    assert actions == [(400, StopAction.CURRENT_STUCK)]
-    stop, _ = run(stop, replace(MOVING, current_A=0.0), 620, from_ms=600)
-    _, actions = run(stop, MOVING, 700, from_ms=620)
-    assert actions == [(620, StopAction.CURRENT_STUCK)]
+    stop, actions = run(stop, MOVING, 800, from_ms=400)
+    assert actions == [(655, StopAction.CURRENT_STUCK)], "given the time of a first 0 A: one sample may be noise"
+    stop, _ = run(stop, replace(MOVING, current_A=0.0), 820, from_ms=800)
+    _, actions = run(stop, MOVING, 1200, from_ms=820)
+    assert actions == [(1075, StopAction.CURRENT_STUCK)]
+
+
+def test_one_sample_of_noise_after_a_proved_0_A_is_no_stuck_current_but_judged_before_the_end() -> None:
+    stop, _ = run(begin(), replace(MOVING, current_A=0.0), 400)
+    stop, actions = run(stop, replace(AT_REST, current_A=0.051), 410, from_ms=400)
+    assert (stop.step, stop.current_zero, actions) == (StopPhase.STOPPING, False, [])
+    stop, actions = run(stop, AT_REST, 420, from_ms=410)
+    assert (stop.step, stop.current_zero, actions) == (StopPhase.SAFE, True, [])
+
+
+def test_a_rod_that_moves_on_while_the_current_is_waited_for_takes_its_standstill_back() -> None:
+    stop, _ = run(begin(), replace(AT_REST, current_A=None), 100)
+    assert (stop.step, stop.standstill) == (StopPhase.STOPPING, True)
+    stop, _ = run(stop, replace(MOVING, current_A=0.0), 110, from_ms=100)
+    assert (stop.step, stop.standstill) == (StopPhase.STOPPING, False)
+    _, actions = safe_stop.escalate(stop, StopKind.HALT, 110 * MS, halt=True)
+    assert actions == (StopAction.HALT,)
+
+
+def test_a_halt_asked_for_while_the_pressure_is_taken_away_does_not_give_that_its_time_again() -> None:
+    stop, actions = run(begin(fade_s=0.5), replace(MOVING, current_A=0.0), 1000)
+    assert StopAction.HYDRAULICS_OFF in [action for _, action in actions]
+    assert stop.step is StopPhase.OFF
+    after, halts = safe_stop.escalate(stop, StopKind.HALT, 1000 * MS, halt=True)
+    assert (after.step, after.step_ns, halts) == (StopPhase.OFF, stop.step_ns, (StopAction.HALT,))
+    assert after.kind is StopKind.PRESSURE_OFF
+
+
+def test_a_frozen_position_beside_an_lvdt_that_repeats_its_value_proves_nothing() -> None:
+    stop = safe_stop.after_fault(begin(StopKind.HALT), "actuator-frozen")
+    ended, _ = run(stop, replace(AT_REST, lvdt_changed=False, hydraulics_low=True, hydraulics_off=True), 10_000)
+    assert (ended.step, ended.standstill) == (StopPhase.UNKNOWN, False)
 
 
 def test_everything_lost_ends_unknown_and_tries_to_stop_until_then() -> None:

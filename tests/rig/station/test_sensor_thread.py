@@ -150,6 +150,8 @@ def test_a_value_that_repeats_is_a_standstill_only_where_it_repeated_at_rest_bef
     still_s = line.thread.still_s(monotonic_ns())
     assert (still_s is not None) is quiet
     assert still_s is None or still_s > 0.1
+    assert not line.thread.changed, "alone it proves nothing: a quiet one may be stuck too"
+    line.send(noisy, 5)
     assert line.thread.changed
 
 

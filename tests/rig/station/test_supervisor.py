@@ -85,6 +85,7 @@ class Rod:
 
     def __init__(self) -> None:
         self.actions: list[StopAction] = []
+        self.restarts = 0
 
     def act(self, action: StopAction) -> None:
         self.actions.append(action)
@@ -97,7 +98,7 @@ class Rod:
         del now_ns
 
     def restart_still(self) -> None:
-        """Nothing was still."""
+        self.restarts += 1
 
     def position_m(self, now_ns: int) -> None:
         del now_ns
@@ -200,6 +201,35 @@ def test_a_coil_that_keeps_the_stop_waiting_holds_up_neither_the_motion_nor_the_
     assert supervisor.trip is not None
     assert supervisor.trip.slug == FAULT.slug
     assert rod.actions == [StopAction.FADE, StopAction.HALT]
+
+
+def test_a_fade_out_that_comes_to_be_sent_after_a_halt_does_not_take_it_back() -> None:
+    rod, told = Rod(), Told()
+
+    def emit(event: dict[str, object]) -> None:
+        told.append(event)
+        if event["event"] == "trip":
+            made.report([LATER])  # another thread's, before this one has sent its fade-out
+
+    made = Supervisor(config_for(), emit, lambda records: None, lambda now_ns: None, lambda: 0.0)
+    made.attach(Coil(lambda: None), rod, rod, ())
+    made.arm()
+    made.report([FAULT])
+    assert told.slugs("trip") == [FAULT.slug]
+    assert rod.actions
+    assert rod.actions[-1] is StopAction.HALT
+
+
+def test_each_stop_command_begins_the_proof_of_standstill_anew(supervisor: Supervisor) -> None:
+    rod = Rod()
+    supervisor.attach(Coil(lambda: None), rod, rod, ())
+    supervisor.arm()
+    supervisor.report([FAULT])
+    assert rod.restarts == 2, "LVDT and controller"
+    supervisor.report([Finding("sensor-saturated", "load_cell: at its end", 0)])
+    assert rod.restarts == 2, "nothing new is asked of the controller"
+    supervisor.report([LATER])
+    assert rod.restarts == 4
 
 
 def test_a_defect_of_the_interlock_loop_stops_the_rig_and_the_stop_goes_on(told: Told) -> None:

@@ -13,10 +13,13 @@ from simulators.world.world import World
 STILL_M_S = 5e-3
 
 
-def ended(root: Path, *happenings: str, actuator: str = "tcp") -> World:
+def ended(
+    root: Path, *happenings: str, actuator: str = "tcp", options: tuple[str, ...] = (), slow: bool = False
+) -> World:
     """The world's first session; everything that must hold did."""
-    matrix = matrix_text("0.5 A", amplitude="6 mm", frequency="2 Hz")
-    plan = WorldPlan(7, matrix, tuple(map(Happening.parse, happenings)), actuator)
+    amplitude, frequency, cycles = ("10 mm", "0.5 Hz", 3) if slow else ("6 mm", "2 Hz", 6)
+    matrix = matrix_text("0.5 A", amplitude=amplitude, frequency=frequency, cycles=cycles)
+    plan = WorldPlan(7, matrix, tuple(map(Happening.parse, happenings)), actuator, options)
     world, found = live(plan, root, most_sessions=1)
     assert found.failed == ()
     return world
@@ -72,3 +75,25 @@ def test_a_stop_without_a_measured_current_whose_force_comes_back_is_as_before(t
     world = ended(tmp_path, "can-malformed@0.7")
     answer = world.sessions[0].answer
     assert (answer.stop.current_zero, answer.findings, world.sessions[0].exit_code) == (False, (), 4)
+
+
+def test_a_slow_reversal_behind_a_trip_of_the_controller_is_no_standstill(tmp_path: Path) -> None:
+    """Writes are lost: the controller's watchdog fades out behind TRIPPED, while the rod turns within 0.3 mm."""
+    world = ended(tmp_path, "modbus-write-lost@1", slow=True)
+    (safe,) = [line for line in world.journal if line.get("what") == "safe"]
+    rows = world.sessions[0].truth.arrays
+    moving = rows[abs(rows[:, 1]) > 1e-3]
+    assert safe["t_ns"] > moving[-1, 0] + 1.8e9, "a period of 2 s after the last motion"
+    assert not [line for line in world.journal if line.get("what") == "also" and line["slug"] == "stop-ignored"]
+
+
+def test_a_quiet_lvdt_that_sticks_in_the_fade_out_proves_nothing_where_the_controller_is_not_heard(
+    tmp_path: Path,
+) -> None:
+    """Steps of 0.1 mm: at rest it repeats one value too."""
+    quiet = ("lvdt.resolution=0.1", "lvdt.noise=0.0001")
+    world = ended(tmp_path, "rtu-crc@0.7", "sensor-stuck:lvdt@0.85", actuator="rtu", options=quiet)
+    told = [line for line in world.journal if line.get("event") == "station"]
+    assert not [line for line in told if line["what"] == "safe"]
+    assert [line["what"] for line in told if line["what"] == "unknown"] == ["unknown"]
+    assert world.sessions[0].exit_code == 7
