@@ -133,6 +133,9 @@ def _start(law: Law, motion: Motion, state: FloatArray | None) -> FloatArray:
             raise FileProblem("state", [
                 f"shape {np.shape(state)}; {law.model.name} has {count} internal states: ({count},) or (n, {count})"
             ])  # fmt: skip
+        if not np.all(np.isfinite(rows)):
+            row, place = np.argwhere(~np.isfinite(rows))[0]
+            raise FileProblem("state", [f"state_{place + 1} of row {row} is {rows[row, place]:g}, expected numbers"])
         return np.ascontiguousarray(np.broadcast_to(rows, (motion.u_m.size, count)))
     if count and motion.time_s is None:
         raise FileProblem("state", [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -53,7 +53,7 @@ class Motion:
     temperature_degC: FloatArray | None = None
 
 
-def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "") -> Motion:
+def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "", also: Sequence[str] = ()) -> Motion:
     """Read motion and current from a table.
 
     Args:
@@ -62,6 +62,7 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "") -> Mot
             without a time).
         mid_stroke_m: the displacement at mid-stroke (m).
         needs_time: why the time is needed; empty where it is not.
+        also: further columns of the table that must hold numbers.
 
     Raises:
         FileProblem: what is missing, no numbers, or of another length; all of it.
@@ -71,6 +72,8 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "") -> Mot
     frame = table if isinstance(table, pd.DataFrame) else _frame(table)
     problems: list[str] = []
     arrays = {name: _column(frame, name, problems) for name in COLUMNS}
+    for name in also:
+        _numbers(frame, name, problems)
     time_s = arrays["time_s"]
     if time_s is None and str(frame.index.name) in COLUMNS["time_s"]:
         time_s = np.asarray(frame.index, dtype=float)
@@ -117,15 +120,18 @@ def _named(frame: pd.DataFrame, name: str) -> str | None:
 
 def _column(frame: pd.DataFrame, name: str, problems: list[str]) -> FloatArray | None:
     column = _named(frame, name)
-    if column is None:
-        return None
+    return None if column is None else _numbers(frame, column, problems, empty=name == "temperature_degC")
+
+
+def _numbers(frame: pd.DataFrame, column: str, problems: list[str], *, empty: bool = False) -> FloatArray | None:
+    """A column's values; what is no number among them is a problem, unless they may be left empty."""
     try:
         values = np.ascontiguousarray(frame[column].to_numpy(), dtype=float)
     except (TypeError, ValueError) as error:
         problems.append(f"column `{column}` must hold numbers: {error}")
         return None
     broken = np.flatnonzero(~np.isfinite(values))
-    if broken.size and name != "temperature_degC":
+    if broken.size and not empty:
         problems.append(
             f"column `{column}` row {broken[0]} is {values[broken[0]]:g} ({broken.size} such rows), expected numbers; "
             "leave such rows out, or interpolate them"

@@ -65,6 +65,7 @@ class Measurement:
         nominal_current_A: commanded current (A).
         samples_per_cycle: samples in the first whole cycle; it also warms up models with internal states.
         usable: which samples carry a measured force, shape (n,); None when all do.
+        current_std_A: standard error (A) of a steady measured current, the same all through the test; 0 where none.
         commanded_A: commanded current (A) where it changes and the coil current was not measured; None otherwise.
         commanded_before_A: the command at the same interval before the first sample, shape (k,); None when unknown.
         skew_std_s: standard uncertainty of the force-to-displacement skew left after correction (s).
@@ -97,6 +98,7 @@ class Measurement:
     usable: BoolArray | None = None
     commanded_A: FloatArray | None = None
     commanded_before_A: FloatArray | None = None
+    current_std_A: float = 0.0
     skew_std_s: float = 0.0
     unseen_v_m_s: FloatArray | None = None
     unseen_a_m_s2: FloatArray | None = None

@@ -17,6 +17,7 @@ from rig.identification.models.measurement import Measurement
 RELATIVE_STEP = 1e-4
 TIME_STEP_S = 2e-6
 SCALE_STEP = 1e-5
+CURRENT_STEP_A = 1e-4
 EXTENSION_STEP_M, SPEED_STEP_M_S, ACCELERATION_STEP_M_S2 = 1e-9, 1e-7, 1e-4
 
 
@@ -183,6 +184,15 @@ def time_slope(model: DamperModel, values: Mapping[str, float], test: Measuremen
 def scale_slope(model: DamperModel, values: Mapping[str, float], test: Measurement) -> FloatArray:
     """Change of the modelled force with the displacement's scale (N per 1), shape (n,)."""
     return _motion_slope(model, values, test, (test.u_m, test.v_m_s, test.a_m_s2), SCALE_STEP)
+
+
+def current_slope(model: DamperModel, values: Mapping[str, float], test: Measurement) -> FloatArray:
+    """Change of the modelled force with the current (N/A), shape (n,)."""
+    forces = [
+        modelled_force(model, values, replace(test, current_A=test.current_A + signed))
+        for signed in (CURRENT_STEP_A, -CURRENT_STEP_A)
+    ]
+    return (forces[0] - forces[1]) / (2.0 * CURRENT_STEP_A)
 
 
 def unseen_force(model: DamperModel, values: Mapping[str, float], test: Measurement) -> FloatArray:

@@ -100,6 +100,18 @@ def _lower_powers(model: DamperModel, untold: Undetermined, *, without_current: 
             untold.reasons.setdefault(name, say("lower-power", name=name, left_out=left_out))
 
 
+def only_at(model: DamperModel, measurements: Sequence[Measurement]) -> tuple[float, ...]:
+    """The tested currents (A), where the force is known at these alone: powers of the current are left out.
+
+    Empty where the tests have currents enough for the model, so that its law holds between them.
+    """
+    ordered = np.sort([current_A for test in measurements for current_A in _of_test(test)])
+    groups = np.split(ordered, np.flatnonzero(np.diff(ordered) > SAME_CURRENT_A) + 1)
+    if all(parameter.power < 2 or len(groups) > parameter.power for parameter in model.parameters):
+        return ()
+    return tuple(float(np.mean(group)) for group in groups)
+
+
 def _of_test(test: Measurement) -> list[float]:
     """The current of a test: its mean, or where it changes throughout, quantiles of it."""
     if float(np.ptp(test.current_A)) <= SAME_CURRENT_A:

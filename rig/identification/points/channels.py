@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from protocols.quality import DOUBTFUL
@@ -52,6 +54,7 @@ def measured(
         usable=None if bool(np.all(usable)) else usable,
         skew_std_s=point.skew_std_s if skew is None else skew.std_s,
         force_zero_std_N=point.quality.rest.force_zero_std_N or 0.0,
+        current_std_A=current_std(point, motion.time_s),
         commanded_A=None if commanded is None else commanded[1],
         commanded_before_A=None if commanded is None else commanded[0],
         temperature_degC=temperature_at(point, motion.time_s),
@@ -97,11 +100,11 @@ def current_at(
     A steady current is its mean. Without a measurement it is the commanded one, whose lag the fit then has to find if
     it changes.
     """
-    measured = np.isfinite(point.current_measured_A)
-    inside = measured & (point.time_s >= wanted_s[0]) & (point.time_s <= wanted_s[-1])
-    if np.any(inside):
-        if float(np.std(point.current_measured_A[inside])) < STEADY_CURRENT_A:
-            return np.full(wanted_s.size, float(np.mean(point.current_measured_A[inside]))), None
+    inside_A = _current_in(point, wanted_s)
+    if inside_A.size:
+        if float(np.std(inside_A)) < STEADY_CURRENT_A:
+            return np.full(wanted_s.size, float(np.mean(inside_A))), None
+        measured = np.isfinite(point.current_measured_A)
         return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured]), None
     before_A, during_A = _command(point, wanted_s)
     if during_A.size and float(np.ptp(np.concatenate((before_A, during_A)))) >= SMALLEST_STEP_A:
@@ -110,6 +113,30 @@ def current_at(
     current_A = float(during_A[0]) if during_A.size else point.current_A
     warnings.append(say("command-steady", current_A=current_A))
     return np.full(wanted_s.size, current_A), None
+
+
+def current_std(point: RecordedPoint, wanted_s: FloatArray) -> float:
+    """Standard error (A) of a steady measured current, the mean of its noisy readings; 0 where it is something else.
+
+    Readings between which the recording draws a straight line are no more readings: their autocovariances say so.
+    """
+    inside_A = _current_in(point, wanted_s)
+    count = inside_A.size
+    if count < FEWEST_SAMPLES or not 0.0 < float(np.std(inside_A)) < STEADY_CURRENT_A:
+        return 0.0
+    spectrum = np.fft.rfft(inside_A - np.mean(inside_A), 2 * count)
+    covariances = np.fft.irfft(np.abs(spectrum) ** 2)[:count] / count
+    ended = np.flatnonzero(covariances <= 0.0)
+    together = covariances[: int(ended[0]) if ended.size else count]
+    independent = count - 2 * together.size + 1  # the mean is their own: what it takes with it is missing in each
+    return math.sqrt(float(2.0 * np.sum(together) - together[0]) / max(1, independent))
+
+
+def _current_in(point: RecordedPoint, wanted_s: FloatArray) -> FloatArray:
+    """The measured current (A) from the first to the last wanted time, where it was measured, shape (k,)."""
+    inside = (point.time_s >= wanted_s[0]) & (point.time_s <= wanted_s[-1])
+    readings_A: FloatArray = point.current_measured_A[inside & np.isfinite(point.current_measured_A)]
+    return readings_A
 
 
 def temperature_at(point: RecordedPoint, wanted_s: FloatArray) -> FloatArray | None:

@@ -6,8 +6,9 @@ residual's root mean square, q_t >= 1 what correlation in time and misfit that r
 (`residuals`), n the samples of all tests, each test's divided by its q_t, p the parameters, and d_k the effect
 J'W^2 dF/dk of each error k that is stated: the skew left in each test, the scale of force and displacement, the zero of
 the force, each coefficient of the motion's Fourier series (`motion_errors`), the motion that the displacement's samples
-do not resolve at sharp reversals. Skew and zero are taken as shared by all tests, which is the larger of the two
-possible effects; errors of the motion, whose effects on the tests may cancel, count test by test. With
+do not resolve at sharp reversals, the mean of each test's noisy readings of the current. Skew and zero are taken as
+shared by all tests, which is the larger of the two possible effects; errors of the motion and of the current, whose
+effects on the tests may cancel, count test by test. With
 Huber's loss s_t is the root mean square of psi(r), the residual as the loss sees it, and A sums the samples whose psi'
 is 1 (Huber 1964).
 
@@ -29,6 +30,7 @@ from rig.dampers.arrays import BoolArray, FloatArray
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import (
     FittedModel,
+    current_slope,
     scale_slope,
     unseen_force,
 )
@@ -154,7 +156,7 @@ def _sums(
     fitted: FittedModel, test: Measurement, weighting: Weighting, index: int, declared: DeclaredErrors
 ) -> _Sums:
     model, values, size = fitted.model, fitted.values, len(fitted.names)
-    sums, unseen = _Sums(size), np.zeros(size)
+    sums, unseen, of_current = _Sums(size), np.zeros(size), np.zeros(size)
     plain = replace(weighting, extra=None)
     for rows, piece in pieces_of(model, test):
         squared = plain.of(test, index, rows) ** 2
@@ -178,7 +180,9 @@ def _sums(
         sums.shared[3] += test.force_zero_std_N * np.sum(weighted, axis=0)
         if test.unseen_v_m_s is not None:
             unseen += weighted.T @ unseen_force(model, values, piece)
-    sums.alone = np.outer(unseen, unseen)
+        if test.current_std_A > 0.0:
+            of_current += test.current_std_A * (weighted.T @ current_slope(model, values, piece))
+    sums.alone = np.outer(unseen, unseen) + np.outer(of_current, of_current)
     if test.motion_error is not None:
         effects, sums.known_power = _of_motion(fitted, test, weighting, index)
         sums.alone += effects @ effects.T

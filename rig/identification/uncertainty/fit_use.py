@@ -220,7 +220,8 @@ class FitUse:
             `extrapolates`, `beyond`; states.
 
         Raises:
-            FileProblem: arrays that do not fit together, or neither states nor time for a model with states.
+            FileProblem: arrays that do not fit together or hold what is no number, or neither states nor time for a
+                model with states.
             IdentificationFailed: the tests ran at one current.
         """
         from rig.identification.application.inversion import inverse
@@ -232,7 +233,7 @@ class FitUse:
             "time_s": time_s, "displacement_m": displacement_m, "velocity_m_s": velocity_m_s,
             "acceleration_m_s2": acceleration_m_s2, "current_A": np.zeros(count), "force_N": given,
         }  # fmt: skip
-        motion = motion_of(table, 0.0)
+        motion = motion_of(table, 0.0, also=("force_N",))
         wanted = np.ascontiguousarray(np.broadcast_to(given, (motion.u_m.size,)))
         chosen = None if state is None else np.asarray(state, dtype=float)
         return inverse(self.law.at_reference(), self.tested, motion, wanted, chosen)

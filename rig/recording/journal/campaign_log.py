@@ -58,9 +58,15 @@ class CampaignLog:
         data = json.dumps(line, default=str).encode() + b"\n"
         if self._torn:
             data = b"\n" + data
-        while data:
+        begun = os.fstat(self._handle).st_size
+        left = data
+        while left:
             # A disk that fills up takes a part first and refuses the rest.
-            data = data[self._append(data) :]
+            try:
+                left = left[self._append(left) :]
+            except OSError:
+                self._take_back(begun, len(data) - len(left))
+                raise
         self._torn = False
         if event in KEPT_AT_ONCE:
             self.flush()
@@ -81,6 +87,13 @@ class CampaignLog:
                 raise
             self._reserve.unlink()
             return os.write(self._handle, data)
+
+    def _take_back(self, begun: int, written: int) -> None:
+        """Cut off the part of a line that was refused: half a line reads as damage to whoever resumes."""
+        with contextlib.suppress(OSError):  # then the next line begins on its own
+            if written and os.fstat(self._handle).st_size == begun + written:
+                os.ftruncate(self._handle, begun)
+                self._torn = False
 
     def flush(self) -> None:
         """Make what was appended survive a power cut.

@@ -115,7 +115,7 @@ def test_tests_at_too_few_currents_say_so(make_synthetic: Make) -> None:
 
 @pytest.mark.parametrize(("currents_A", "known"), [((0.5, 1.0, 2.0), set()), ((0.0, 1.0, 2.0), {"kt"})])
 def test_what_the_currents_tell_only_beside_a_power_left_out_is_not_identified(
-    currents_A: tuple[float, ...], known: set[str], make_synthetic: Make
+    currents_A: tuple[float, ...], known: set[str], make_synthetic: Make, tmp_path: Path
 ) -> None:
     values = {**model("lost_motion").demonstration, "kt": 60.0, "kt_b": 300.0, "kt_c": -90.0, "kt_d": 12.0}
     fit = identify(make_synthetic(values, currents_A, (0.75, 1.5), name="lost_motion", cycles=3), model="lost_motion")
@@ -129,6 +129,14 @@ def test_what_the_currents_tell_only_beside_a_power_left_out_is_not_identified(
         assert interval.high is not None
         assert interval.low <= values[name] <= interval.high
     assert "kt_d" in fit.parameters["kt_b"].reason
+    table = {"time_s": np.arange(4) * 0.01, "displacement_m": 0.0, "velocity_m_s": 0.1,
+             "current_A": [1.02, 1.4, 2.0, 0.8]}  # fmt: skip
+    told = fit.predict(table)
+    assert list(told["beyond"]) == ["", "current_A", "", "current_A"]  # 12 I^3 is not known between tested currents
+    tested = ", ".join(f"{current_A:.2f}" for current_A in currents_A)
+    assert f"of the currents only {tested} A" in told.attrs["extrapolation"]
+    path, _ = write_fit(fit, tmp_path)
+    assert list(Fit.load(path).predict(table)["beyond"]) == list(told["beyond"])
 
 
 def test_a_law_in_the_models_name_is_fitted_too(make_synthetic: Make) -> None:

@@ -181,3 +181,46 @@ def test_judging_a_long_recording_takes_little_memory_beside_it(make_synthetic: 
         tracemalloc.stop()
     assert fit.adequate is True
     assert peak < 6 * size + 30e6
+
+
+def with_readings(point: RecordedPoint, readings_A: np.ndarray, every_s: float) -> RecordedPoint:
+    """The point with a measured current: straight lines between readings, as a recording has it."""
+    assert point.arrays is not None
+    at_s = point.time_s[0] + every_s * np.arange(readings_A.size)
+    copy = replace(point, arrays={**point.arrays, "current": np.interp(point.time_s, at_s, readings_A)})
+    copy.__dict__["force_samples"] = point.force_samples
+    return copy
+
+
+def test_the_mean_of_noisy_readings_of_the_current_is_as_sure_as_their_number_says(make_campaign: MakeCampaign) -> None:
+    point = make_campaign("demo", (1.0,), (1.0,))[0]
+    random, every_s = np.random.default_rng(3), 0.1
+    count = int((point.time_s[-1] - point.time_s[0]) / every_s) + 2
+    stated_A, mean_A = [], []
+    for _ in range(25):
+        test = prepare(with_readings(point, 1.0 + 0.01 * random.standard_normal(count), every_s))
+        stated_A.append(test.current_std_A)
+        mean_A.append(test.current_A[0] - 1.0)
+    seconds = test.dt_s * test.u_m.size  # of the kept cycles
+    by_hand_A = 0.01 / np.sqrt(seconds / every_s)  # white readings, 10 a second
+    assert np.median(stated_A) == pytest.approx(by_hand_A, rel=0.2)
+    assert np.std(mean_A) == pytest.approx(by_hand_A, rel=0.5)
+
+
+def test_a_current_that_is_given_has_no_error_of_its_own(make_campaign: MakeCampaign) -> None:
+    point = make_campaign("demo", (1.0,), (1.0,))[0]
+    assert prepare(with_readings(point, np.ones(2), 1.0)).current_std_A == 0.0
+
+
+def test_what_a_current_is_uncertain_by_is_in_the_interval_of_what_changes_with_it(make_synthetic: Make) -> None:
+    tests = make_synthetic(DEMO, (0.0, 2.0), (1.0,), noise_N=0.01)  # one test at either current
+    sure = identify(tests, diagnose=False)
+    unsure = identify([replace(test, current_std_A=0.01) for test in tests], diagnose=False)
+    for name in ("Fyb", "Cb_plus", "Cb_minus"):  # 0.01 A too much is 0.01 of it too much at that current, over 2 A
+        by_hand = 0.01 * DEMO[name] * np.sqrt(2.0) / 2.0
+        before, after = (fit.parameters[name].standard_error for fit in (sure, unsure))
+        assert before is not None
+        assert before < 0.3 * by_hand
+        assert after == pytest.approx(np.hypot(before, by_hand), rel=0.05), name
+    before, after = (fit.parameters["F0"].standard_error for fit in (sure, unsure))
+    assert after == pytest.approx(before, rel=0.05)  # no current is in it

@@ -163,6 +163,19 @@ def test_the_exported_table_gives_the_dampers_current_for_a_force_and_says_what_
     assert "current_A 0 to 2" in head[1]
 
 
+def test_what_is_no_number_is_named_by_row_when_a_current_is_asked_for(fit: Fit, make_synthetic: Make) -> None:
+    with pytest.raises(FileProblem) as raised:
+        fit.inverse([100.0, math.nan], [math.inf, 0.1])
+    assert [line.split(" is ")[0] for line in raised.value.problems] == [
+        "column `velocity_m_s` row 0", "column `force_N` row 1"]  # fmt: skip
+    values = dict(model("bouc_wen").demonstration)
+    wound = identify(make_synthetic(values, (0.0, 1.0), (1.0,), name="bouc_wen", cycles=3), model="bouc_wen")
+    with pytest.raises(FileProblem, match="state_1 of row 0 is nan"):
+        wound.inverse([100.0, 90.0], 0.1, state=[math.nan])
+    with pytest.raises(FileProblem, match="`force_N` row 1 is nan"):  # and not that there is no state
+        wound.inverse([100.0, math.nan], 0.1)
+
+
 def test_tests_at_one_current_have_no_inverse(make_synthetic: Make) -> None:
     one = identify(make_synthetic(DEMO, currents_A=(1.0,), frequencies_Hz=(0.5, 1.0)))
     with pytest.raises(IdentificationFailed, match=r"every test ran at 1\.00 A"):

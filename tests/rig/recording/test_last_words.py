@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.recording.journal.campaign_log import RESERVE_BYTES, CampaignLog, read_log
+from rig.recording.journal.campaign_log import RESERVE_BYTES, CampaignLog, read_lines, read_log
 
 
 class FullDisk:
@@ -55,7 +55,26 @@ def test_after_a_line_that_was_cut_off_the_next_one_stands_by_itself(
             log.write("first")
     log.write("second")
     log.close()
-    assert [line["event"] for line in read_log(tmp_path)] == ["second"]
+    assert [line["event"] for line in read_lines(tmp_path)] == ["second"]
+
+
+def test_a_session_that_a_full_disk_refused_leaves_the_journal_as_it_found_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = CampaignLog(tmp_path)
+    first.write("begun")
+    first.close()
+    kept = first.path.read_bytes()
+    log = CampaignLog(tmp_path)
+    (tmp_path / "journal.reserve").unlink()
+    disk = FullDisk(tmp_path, 30)
+    disk.reserve = tmp_path
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "write", disk.write)
+        with pytest.raises(OSError, match="no space"):
+            log.write("resumed")
+    log.close()
+    assert first.path.read_bytes() == kept
 
 
 def test_a_journal_that_ends_well_leaves_nothing_behind(tmp_path: Path) -> None:
