@@ -58,14 +58,13 @@ class CampaignLog:
         data = json.dumps(line, default=str).encode() + b"\n"
         if self._torn:
             data = b"\n" + data
-        begun = os.fstat(self._handle).st_size
-        left = data
+        begun, left = os.fstat(self._handle).st_size, data
         while left:
             # A disk that fills up takes a part first and refuses the rest.
             try:
                 left = left[self._append(left) :]
             except OSError:
-                self._take_back(begun, len(data) - len(left))
+                self._torn = self._torn or not self._taken_back(begun, len(data) - len(left))
                 raise
         self._torn = False
         if event in KEPT_AT_ONCE:
@@ -82,18 +81,18 @@ class CampaignLog:
         try:
             return os.write(self._handle, data)
         except OSError:
-            self._torn = True
             if not self._reserve.exists():
                 raise
             self._reserve.unlink()
             return os.write(self._handle, data)
 
-    def _take_back(self, begun: int, written: int) -> None:
+    def _taken_back(self, begun: int, written: int) -> bool:
         """Cut off the part of a line that was refused: half a line reads as damage to whoever resumes."""
         with contextlib.suppress(OSError):  # then the next line begins on its own
             if written and os.fstat(self._handle).st_size == begun + written:
                 os.ftruncate(self._handle, begun)
-                self._torn = False
+                return True
+        return not written
 
     def flush(self) -> None:
         """Make what was appended survive a power cut.

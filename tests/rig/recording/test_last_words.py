@@ -82,3 +82,28 @@ def test_a_journal_that_ends_well_leaves_nothing_behind(tmp_path: Path) -> None:
     log.write("begun")
     log.close()
     assert [path.name for path in tmp_path.iterdir()] == ["journal.jsonl"]
+
+
+def test_half_a_line_that_could_not_be_taken_back_stays_apart_from_the_next_though_one_more_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unable(_handle: int, _length: int) -> None:
+        raise OSError(errno.EIO, "input/output error")
+
+    log = CampaignLog(tmp_path)
+    (tmp_path / "journal.reserve").unlink()
+    disk = FullDisk(tmp_path, 30)
+    disk.reserve = tmp_path
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "write", disk.write)
+        patched.setattr(os, "ftruncate", unable)
+        with pytest.raises(OSError, match="no space"):
+            log.write("first")
+    disk.room = 10
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "write", disk.write)
+        with pytest.raises(OSError, match="no space"):
+            log.write("second")
+    log.write("third")
+    log.close()
+    assert [line["event"] for line in read_log(tmp_path)] == ["third"]
