@@ -30,6 +30,8 @@ POSITION_FAULTS = frozenset({"actuator-frozen", "feedback-lost"})
 """After these what the controller says of the rod is no proof by itself."""
 LONGEST_FADE_S = 10.0
 """Device time: a motion whose fade-out would last longer is slow enough for the halt ramp."""
+LONGEST_FALL_S = 5.0
+"""A source that is not heard and goes to 0 A by itself later than that may still drive its current."""
 
 
 class StopPhase(Enum):
@@ -166,7 +168,9 @@ def of_source(stop: SafeStop, source: Source | None) -> SafeStop:
     """The stop with the time and the fall of this current source."""
     if source is None:
         return stop
-    return replace(stop, current_s=source.zero_within_s, current_falls_s=source.falls_within_s)
+    falls_s = source.falls_within_s
+    in_time = falls_s is not None and falls_s <= LONGEST_FALL_S
+    return replace(stop, current_s=source.zero_within_s, current_falls_s=falls_s if in_time else None)
 
 
 def after_fault(stop: SafeStop, slug: str) -> SafeStop:

@@ -332,3 +332,14 @@ def test_a_source_that_is_not_heard_is_given_the_time_after_which_it_falls_by_it
     assert not heard.finished
     stop, _ = safe_stop.advance(stop, replace(silent, now_ns=int(0.8e9)))
     assert stop.step is StopPhase.SAFE
+
+
+def test_a_source_that_falls_by_itself_later_than_anybody_waits_for_proves_nothing() -> None:
+    class Source:
+        zero_within_s = 0.25
+
+        def __init__(self, falls_within_s: float | None) -> None:
+            self.falls_within_s = falls_within_s
+
+    told = [safe_stop.of_source(begin(), Source(falls_s)).current_falls_s for falls_s in (0.6, 5.0, 5.1, 60.0, None)]
+    assert told == [0.6, 5.0, None, None, None]
