@@ -122,7 +122,7 @@ def layout_of(file: Path, text: str, encoding: str, said: Dialect) -> CsvLayout:
     lines = text.split("\n")[:LOOKED_AT]
     rows = _first_rows(lines, said)
     if rows is None:
-        fortran = next((told for k, line in enumerate(lines) if (told := _fortran_in(k + 1, line))), "")
+        fortran = next((hint for k, line in enumerate(lines) if (hint := _fortran_in(k + 1, line))), "")
         raise FileProblem(str(file), [
             f"no rows of numbers in the first {len(lines)} lines (three at least, of at least two columns): "
             + (fortran or "--separator, --decimal and --header-line say how it is written"),
