@@ -108,7 +108,7 @@ class CanCurrentSource:
         """What else the rig has to know of it."""
         described = self._description
         return SourceTraits(
-            own_timeout=described.command_timeout_s is not None, lowest_A=described.low_A,
+            own_timeout_s=described.command_timeout_s, lowest_A=described.low_A,
             tells_bad_commands=bool(described.told_faults & SourceFault.COMMAND_CHECK),
         )
 

@@ -59,7 +59,7 @@ class SourceTraits(NamedTuple):
     """What the rig has to know of a current source beside its statuses.
 
     Attributes:
-        own_timeout: without commands it goes to 0 A by itself.
+        own_timeout_s: after so long without commands it goes to 0 A by itself (wall s); None: it keeps its current.
         measures: it measures its current; else a status repeats what was asked for.
         settling_s: a new set-point's current is there after so long (s of its clock).
         lowest_A: the most negative current it drives (A); None: as negative as positive.
@@ -67,7 +67,7 @@ class SourceTraits(NamedTuple):
         by_hand: a person sets it: commands are what that person said, and no stop takes it away.
     """
 
-    own_timeout: bool = True
+    own_timeout_s: float | None = 0.1
     measures: bool = True
     settling_s: float = 0.15
     lowest_A: float | None = None

@@ -45,7 +45,7 @@ class HandSource(ToldSource):
     @property
     def traits(self) -> SourceTraits:
         """Nothing is measured, one sign, and no stop reaches it."""
-        return SourceTraits(own_timeout=False, measures=False, settling_s=PERIOD_S, lowest_A=0.0, by_hand=True)
+        return SourceTraits(own_timeout_s=None, measures=False, settling_s=PERIOD_S, lowest_A=0.0, by_hand=True)
 
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:

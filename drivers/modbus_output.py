@@ -68,8 +68,9 @@ class ModbusOutput(PolledSource):
     @property
     def traits(self) -> SourceTraits:
         """What else the rig has to know of it."""
+        watchdog = self._output.watchdog
         return SourceTraits(
-            own_timeout=self._output.watchdog is not None, measures=self._output.measures,
+            own_timeout_s=None if watchdog is None else watchdog.time_s, measures=self._output.measures,
             settling_s=self._described.settling_s, lowest_A=min(0.0, self._described.current_A[0]),
         )
 

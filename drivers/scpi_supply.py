@@ -59,8 +59,8 @@ class ScpiSupply(PolledSource):
         """What else the rig has to know of it."""
         described = self._described
         return SourceTraits(
-            own_timeout=described.watchdog is not None, settling_s=described.settling_s,
-            lowest_A=min(0.0, described.current_A[0]),
+            own_timeout_s=None if described.watchdog is None else described.watchdog.time_s,
+            settling_s=described.settling_s, lowest_A=min(0.0, described.current_A[0]),
         )
 
     @property

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -181,7 +183,7 @@ def export(path: Path | str, to: str, out: Path | str) -> list[Path]:
         The files that were written.
 
     Raises:
-        RigError: no such format; the known ones are listed.
+        RigError: no such format; the known ones are listed. Where an export is refused, a folder that it made is gone.
         FileProblem: there is no such run or fit, or the folder cannot be made.
         PlugInProblem: the format is a plug-in's, and that cannot be used or failed.
     """
@@ -189,5 +191,19 @@ def export(path: Path | str, to: str, out: Path | str) -> list[Path]:
         raise RigError(f"no export {to!r}; known: {', '.join(EXPORTERS)}")
     exporter, source, folder = EXPORTERS[to], Source(Path(path)), Path(out)
     _ = source.run if exporter.takes == "run" else source.fit
-    folder.mkdir(parents=True, exist_ok=True)
-    return exporter.write(source, folder)
+    made = [level for level in (folder, *folder.parents) if not level.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return exporter.write(source, folder)
+    except BaseException:
+        _take_back(made)
+        raise
+
+
+def _take_back(made: Sequence[Path]) -> None:
+    """Remove folders that a refused export made, deepest first: the files in the first, the others where empty."""
+    if made:
+        shutil.rmtree(made[0], ignore_errors=True)
+    for level in made[1:]:
+        with suppress(OSError):
+            level.rmdir()

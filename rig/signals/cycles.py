@@ -32,6 +32,10 @@ GRID = 4000
 WORST_CONDITION = 5.0
 """Samples that fall on few phases of the period (1.4 when evenly spread) leave the phase open."""
 FEWEST_SAMPLES = 2 * HARMONICS + 4
+WIDEST_GAP = 2.5
+"""Between samples of a cycle, of their mean distance."""
+SAMPLES_OF_NORMAL_EQUATIONS = 60
+"""Of a cycle without gaps, from which its harmonics are well conditioned and need no singular values."""
 
 
 class NoCycles(RigError):
@@ -318,11 +322,16 @@ def _cycle(
     """Amplitude, mean, frequency, phase and distortion of one cycle; NaN where samples are missing."""
     expected = len(t)
     gap = float(np.max(np.diff(t))) if expected > 1 else math.inf
-    if expected < FEWEST_SAMPLES or gap > 2.5 / (frequency_Hz * expected):
+    widest = WIDEST_GAP / (frequency_Hz * expected) if expected else 0.0
+    if expected < FEWEST_SAMPLES or gap > widest:
         return (math.nan, math.nan, frequency_Hz, math.nan, math.nan)
     orders = np.arange(1, HARMONICS + 1)
     design = harmonic_columns(t - t[0], math.tau * frequency_Hz, orders)
-    coefficients, *_ = np.linalg.lstsq(design, u, rcond=None)
+    whole = 1.0 / frequency_Hz - float(t[-1] - t[0]) <= widest  # none missing at the ends either
+    if expected >= SAMPLES_OF_NORMAL_EQUATIONS and whole:
+        coefficients = np.linalg.solve(design.T @ design, design.T @ u)
+    else:
+        coefficients, *_ = np.linalg.lstsq(design, u, rcond=None)
     harmonics = coefficients[2::2] + 1j * coefficients[1::2]
     first = complex(harmonics[0])
     phase = math.atan2(first.imag, first.real)

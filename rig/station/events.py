@@ -86,7 +86,7 @@ def unknown_reason(stop: SafeStop, inputs: StopInputs) -> str:
         )
         if value is None
     ]
-    if inputs.current_A is None and not stop.current_falls and stop.standstill:
+    if inputs.current_A is None and stop.current_falls_s is None and stop.standstill:
         return "the rod stands, but the current source is not heard and may still drive its current: switch it off"
     proof = "hydraulics off cannot be proved" if stop.standstill else "standstill cannot be proved"
     return f"{proof}; no fresh data from: {', '.join(lost) or 'none lost'}"

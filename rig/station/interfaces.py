@@ -22,8 +22,8 @@ class Coil(Protocol):
         """After so long a commanded 0 A must be measured (wall s)."""
 
     @property
-    def falls_by_itself(self) -> bool:
-        """Without commands it goes to 0 A."""
+    def falls_within_s(self) -> float | None:
+        """After so long without commands it is at 0 A (wall s); None: it keeps its current."""
 
 
 class Motion(Protocol):

@@ -30,6 +30,8 @@ POSITION_FAULTS = frozenset({"actuator-frozen", "feedback-lost"})
 """After these what the controller says of the rod is no proof by itself."""
 LONGEST_FADE_S = 10.0
 """Device time: a motion whose fade-out would last longer is slow enough for the halt ramp."""
+LONGEST_FALL_S = 5.0
+"""A source that is not heard and goes to 0 A by itself later than that may still drive its current."""
 
 
 class StopPhase(Enum):
@@ -110,7 +112,7 @@ class SafeStop:
         current_judged: the current's deadline has been judged.
         current_s: that deadline (s).
         current_due_ns: host time from which it counts: the trip, or when a current that was gone came back.
-        current_falls: a source that is not heard any more goes to 0 A by itself.
+        current_falls_s: after so long without commands the source is at 0 A by itself (s); None: it keeps its current.
         position_trusted: nothing speaks against what the controller says of the rod.
     """
 
@@ -128,7 +130,7 @@ class SafeStop:
     current_judged: bool = False
     watchdog_s: float = 0.0
     current_s: float = CURRENT_LIMIT_S
-    current_falls: bool = True
+    current_falls_s: float | None = 0.0
     current_due_ns: int = 0
     position_trusted: bool = True
 
@@ -158,15 +160,17 @@ class Source(Protocol):
         """After so long a commanded 0 A must be measured (wall s)."""
 
     @property
-    def falls_by_itself(self) -> bool:
-        """Without commands it goes to 0 A."""
+    def falls_within_s(self) -> float | None:
+        """After so long without commands it is at 0 A (wall s); None: it keeps its current."""
 
 
 def of_source(stop: SafeStop, source: Source | None) -> SafeStop:
     """The stop with the time and the fall of this current source."""
     if source is None:
         return stop
-    return replace(stop, current_s=source.zero_within_s, current_falls=source.falls_by_itself)
+    falls_s = source.falls_within_s
+    in_time = falls_s is not None and falls_s <= LONGEST_FALL_S
+    return replace(stop, current_s=source.zero_within_s, current_falls_s=falls_s if in_time else None)
 
 
 def after_fault(stop: SafeStop, slug: str) -> SafeStop:
@@ -199,7 +203,8 @@ def escalate(
             watchdog_s=stop.watchdog_s,
         )
         again = replace(
-            again, current_s=stop.current_s, current_falls=stop.current_falls, position_trusted=stop.position_trusted
+            again, current_s=stop.current_s, current_falls_s=stop.current_falls_s,
+            position_trusted=stop.position_trusted,
         )
         return again, actions_again
     actions: list[StopAction] = []
@@ -251,7 +256,8 @@ def _judge_current(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[
         # It has come back, or one sample was noise: it is given the time that a current is given at first.
         stop = replace(stop, current_judged=False, current_due_ns=inputs.now_ns)
     stop = replace(stop, current_zero=False)
-    allowed_s = stop.current_s / min(1.0, stop.device_rate)
+    silent_s = 0.0 if inputs.current_A is not None else stop.current_falls_s or 0.0
+    allowed_s = max(stop.current_s, silent_s) / min(1.0, stop.device_rate)
     if stop.current_judged or _elapsed_s(stop.current_due_ns, inputs) <= allowed_s:
         return stop, ()
     stop = replace(stop, current_judged=True)
@@ -331,7 +337,7 @@ def _conclude(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopA
 
     A source that is not heard, and keeps its current then, leaves the rig in a state that nobody knows.
     """
-    if stop.current_judged and not stop.current_zero and inputs.current_A is None and not stop.current_falls:
+    if stop.current_judged and not stop.current_zero and inputs.current_A is None and stop.current_falls_s is None:
         return replace(stop, step=StopPhase.UNKNOWN, step_ns=inputs.now_ns), ()
     if stop.current_zero or stop.current_judged:
         return replace(stop, step=StopPhase.SAFE, step_ns=inputs.now_ns), ()

@@ -267,7 +267,7 @@ def test_without_a_measurement_the_value_read_back_is_told_and_all_that_is_missi
     source = driver(module, text)
     assert run(source, 0.5).current_A == 0.5
     assert not source.traits.measures
-    assert not source.traits.own_timeout
+    assert source.traits.own_timeout_s is None
     said = dict(supply_lacks(supply(tomllib.loads(text))))
     assert {"timeout", "measurement", "enable", "faults", "identity", "coil-temperature"} == said.keys()
     assert "keeps its value" in said["timeout"]

@@ -9,14 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from drivers.current_source import (
-    UNKNOWN_STATE,
-    CurrentSource,
-    SourceBatch,
-    SourceFault,
-    SourceIdentity,
-    SourceState,
-)
+from drivers.current_source import UNKNOWN_STATE, CurrentSource, SourceBatch, SourceFault, SourceIdentity, SourceState
 from drivers.errors import DriverError
 from drivers.ring import Record
 from protocols.quality import Quality
@@ -248,8 +241,8 @@ class CurrentSourceThread(ReadingThread):
     @property
     def zero_within_s(self) -> float:
         """After so long a commanded 0 A must be measured (wall s)."""
-        slow_s = self._settle_s + 2.0 * self._stale_ns * 1e-9
-        return max(CURRENT_LIMIT_S, slow_s) if self._driver.timing.status_s > SLOW_STATUS_S else CURRENT_LIMIT_S
+        slow = self._driver.timing.status_s > SLOW_STATUS_S
+        return max(CURRENT_LIMIT_S, self._settle_s + 2e-9 * self._stale_ns if slow else 0.0)
 
     @property
     def lowest_A(self) -> float | None:
@@ -257,9 +250,10 @@ class CurrentSourceThread(ReadingThread):
         return self._driver.traits.lowest_A
 
     @property
-    def falls_by_itself(self) -> bool:
-        """Without commands it goes to 0 A, or a person is asked to see to that."""
-        return self._driver.traits.own_timeout or self.by_hand
+    def falls_within_s(self) -> float | None:
+        """After so long without commands it is at 0 A (wall s), or a person is asked; None: it keeps its current."""
+        own_s = 0.0 if self.by_hand else self._driver.traits.own_timeout_s
+        return None if own_s is None else max(own_s, 1e-9 * self._stale_ns) + self._settle_s
 
     @property
     def by_hand(self) -> bool:

@@ -255,14 +255,17 @@ def test_everything_that_a_fit_lacks_is_said_at_once(tmp_path: Path) -> None:
         "parameters.beta.value: got '50', expected a finite number: add tests that tell it",
         "parameters.Ka.value: got None, expected a finite number: no stroke",
     ]
-    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+    assert not (tmp_path / "out").exists()
 
 
-def test_a_fit_for_each_current_is_refused_with_the_way_out(tmp_path: Path) -> None:
+def test_a_fit_for_each_current_is_refused_with_the_way_out_and_leaves_what_was_there(tmp_path: Path) -> None:
     fit = fit_of(CATALOGUE[0]) | {"current": {"dependence": "per-current-affine"}}
     (tmp_path / "fit.json").write_text(json.dumps(fit))
-    with pytest.raises(FileProblem, match="--current affine"):
-        export(tmp_path / "fit.json", "octave", tmp_path / "out")
+    (tmp_path / "mine").mkdir()
+    for out in ("out/of/mine", "mine/new", "mine"):
+        with pytest.raises(FileProblem, match="--current affine"):
+            export(tmp_path / "fit.json", "octave", tmp_path / out)
+    assert sorted(tmp_path.rglob("*")) == [tmp_path / "fit.json", tmp_path / "mine"]
 
 
 ASYMMETRIC = next(model for model in CATALOGUE if model.name == "asymmetric")

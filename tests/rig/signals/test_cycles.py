@@ -1,8 +1,11 @@
 """Cycles told from measured displacement: ramps, rests, offsets and noise."""
 
+import math
+
 import numpy as np
 import pytest
 
+from rig.signals import cycles as cycles_of
 from rig.signals.cycles import NoCycles, find_cycles, full_cycles, kept_cycles, measured_motion
 
 
@@ -72,3 +75,34 @@ def test_a_motion_stopped_while_it_ramped_in_has_no_full_cycle() -> None:
     with pytest.raises(NoCycles, match="full amplitude"):
         find_cycles(t, u)
     assert measured_motion(t, u) is None
+
+
+def harmonics_by_singular_values(t: np.ndarray, u: np.ndarray, frequency_Hz: float) -> np.ndarray:
+    """Mean and complex harmonics 1 to 9, by numpy's own least squares over written-out sines."""
+    turns = 2.0 * math.pi * frequency_Hz * (t - t[0])
+    columns = [np.ones_like(t)]
+    for order in range(1, 10):
+        columns += [np.cos(order * turns), np.sin(order * turns)]
+    found = np.linalg.lstsq(np.stack(columns, axis=1), u, rcond=None)[0]
+    return np.concatenate(([found[0] + 0j], found[2::2] + 1j * found[1::2]))
+
+
+@pytest.mark.parametrize("missing", ["none", "every second for a while", "the last eighth"])
+@pytest.mark.parametrize("samples", [60, 97, 1000])
+def test_the_shape_of_a_cycle_is_that_of_its_singular_values(samples: int, missing: str) -> None:
+    random = np.random.default_rng(samples)
+    frequency_Hz, amplitude_m = 3.7, 2e-5
+    t = (np.arange(2 * samples) / 2.0 + random.uniform(-0.1, 0.1, 2 * samples)) / (samples * frequency_Hz)
+    t = t[::2] if missing == "none" else t
+    if missing == "every second for a while":
+        t = np.delete(t, np.arange(20, samples, 2))
+    if missing == "the last eighth":
+        t = t[: -samples // 4]
+    phases = 2.0 * math.pi * frequency_Hz * t + 0.4
+    u = 0.03 + amplitude_m * (np.sin(phases) + 0.05 * np.sin(3.0 * phases) + random.normal(0.0, 0.01, t.size))
+    _, mean_m, _, phase_rad, distortion = cycles_of._cycle(t, u, frequency_Hz, cycles_of.SINE, frequency_Hz)
+    mean, first, *higher = harmonics_by_singular_values(t, u, frequency_Hz)
+    assert mean_m == pytest.approx(mean.real, abs=1e-9 * amplitude_m)
+    began_rad = math.atan2(first.imag, first.real) - 2.0 * math.pi * frequency_Hz * t[0]
+    assert math.remainder(phase_rad - began_rad, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
+    assert distortion == pytest.approx(np.sqrt(np.sum(np.abs(higher) ** 2)) / abs(first), abs=1e-9)

@@ -35,7 +35,7 @@ class Coil:
 
     fresh_current_A = 0.0
     zero_within_s = 0.25
-    falls_by_itself = True
+    falls_within_s = 0.25
 
     def zero_now(self) -> None:
         """Nothing to do."""

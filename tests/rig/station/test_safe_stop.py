@@ -312,11 +312,34 @@ def test_a_fade_out_longer_than_any_stop_may_take_becomes_a_halt() -> None:
 
 def test_a_source_that_is_not_heard_and_keeps_its_current_leaves_the_state_unknown() -> None:
     silent = StopInputs(0, 1.0, False, 1.0, False, False, None)
-    for falls, ends in ((True, StopPhase.SAFE), (False, StopPhase.UNKNOWN)):
-        stop = replace(begin(fade_s=0.0), current_s=0.6, current_falls=falls)
+    for falls_s, ends in ((0.25, StopPhase.SAFE), (None, StopPhase.UNKNOWN)):
+        stop = replace(begin(fade_s=0.0), current_s=0.6, current_falls_s=falls_s)
         stop, _ = safe_stop.advance(stop, replace(silent, now_ns=int(0.55e9)))
         assert not stop.finished, "a slow source has its own time"
         stop, _ = safe_stop.advance(stop, replace(silent, now_ns=int(0.65e9)))
         assert stop.step is ends
         again, _ = safe_stop.escalate(stop, StopKind.PRESSURE_OFF, int(0.7e9))
-        assert (again.current_s, again.current_falls) == (0.6, falls)
+        assert (again.current_s, again.current_falls_s) == (0.6, falls_s)
+
+
+def test_a_source_that_is_not_heard_is_given_the_time_after_which_it_falls_by_itself() -> None:
+    silent = StopInputs(0, 1.0, False, 1.0, False, False, None)
+    stop = replace(begin(fade_s=0.0), current_s=0.25, current_falls_s=0.75)
+    stop, _ = safe_stop.advance(stop, replace(silent, now_ns=int(0.7e9)))
+    assert not stop.finished, "it may still drive its current"
+    heard, actions = safe_stop.advance(stop, replace(silent, now_ns=int(0.7e9), current_A=1.5))
+    assert StopAction.CURRENT_STUCK in actions, "heard again, it has had its time"
+    assert not heard.finished
+    stop, _ = safe_stop.advance(stop, replace(silent, now_ns=int(0.8e9)))
+    assert stop.step is StopPhase.SAFE
+
+
+def test_a_source_that_falls_by_itself_later_than_anybody_waits_for_proves_nothing() -> None:
+    class Source:
+        zero_within_s = 0.25
+
+        def __init__(self, falls_within_s: float | None) -> None:
+            self.falls_within_s = falls_within_s
+
+    told = [safe_stop.of_source(begin(), Source(falls_s)).current_falls_s for falls_s in (0.6, 5.0, 5.1, 60.0, None)]
+    assert told == [0.6, 5.0, None, None, None]

@@ -70,7 +70,7 @@ class Coil:
 
     fresh_current_A = None
     zero_within_s = 0.25
-    falls_by_itself = True
+    falls_within_s = 0.25
 
     def __init__(self, zero: Callable[[], None]) -> None:
         self.zero_now = zero
