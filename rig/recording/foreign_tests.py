@@ -138,7 +138,7 @@ def _read_test(file: Path, wanted: WantedTests, pattern: re.Pattern[str] | None)
     if "voltage" in table:
         table.setdefault("commanded_current", table["voltage"] * wanted.ampere_per_volt)
     known = next((name for name in ("current", "commanded_current") if name in table), "")
-    problems = [*_wrong_time(opened, table["time"], choices), *_too_large(table, choices)]
+    problems = [*_wrong_time(opened, table["time"], choices), *_empty(table, choices), *_too_large(table, choices)]
     nominal_A = np.nan
     try:
         nominal_A = _nominal_A(file, table.get(known), wanted, pattern)
@@ -242,6 +242,14 @@ def _wrong_time(opened: ForeignFile, time_s: FloatArray, choices: Mapping[str, C
         kind = "line" if opened.first_line else "row"
         yield (f"{kind} {row + first}: time {float(time_s[row])!r} s does not come after {float(time_s[row - 1])!r} s "
                f"({len(wrong)} such line(s)); times must increase")  # fmt: skip
+
+
+def _empty(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice]) -> Iterator[str]:
+    """Columns without a single number; the time and the current have their own words."""
+    for quantity, choice in choices.items():
+        if quantity not in {"time", "current", "commanded_current"} and not np.any(np.isfinite(table[quantity])):
+            way_out = "name another column" if quantity in REQUIRED else "name another column, or none"
+            yield f"column {choice.text!r}, as {quantity}: no number in any of {len(table[quantity])} rows; {way_out}"
 
 
 def _too_large(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice]) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """Sizes that no damper test has, and the unit of the numbers, probably: kN for N, ms for s, mm for m, mA for A.
 
 The envelope is wide: motions of 1.5 m and 10 m/s, cycles of 5 ms to 200 s, forces of 10 N to 500 kN, currents of 20 A.
+A motion both small and slow (below 0.5 mm and 1 mm/s) is outside too: metres read in mm are, hardly any damper test.
 What is outside is not refused by its size alone, but is named with the likely unit. A test that stays inside may still
 have a wrong unit: a damper of 20 kN read in kN is one of 20 N.
 """
@@ -12,6 +13,8 @@ from dataclasses import dataclass
 
 LARGEST_SPAN_m, SMALLEST_SPAN_m = 1.5, 2e-5
 LARGEST_SPEED_m_s, SMALLEST_SPEED_m_s = 10.0, 5e-5
+SMALL_SPAN_m, SLOW_m_s = 5e-4, 1e-3
+"""Tests have one or the other; both together are metres read in mm, of up to 500 mm at up to 1 m/s."""
 LARGEST_FORCE_N, SMALLEST_FORCE_N = 500e3, 10.0
 LARGEST_CURRENT_A, SMALLEST_CURRENT_A = 20.0, 0.01
 LONGEST_CYCLE_s, SHORTEST_CYCLE_s = 200.0, 0.005
@@ -80,7 +83,10 @@ def _displacement(size: TestSize, *, timed: bool) -> Iterator[Doubt]:
     if size.span_m > LARGEST_SPAN_m or (speed is not None and speed > LARGEST_SPEED_m_s):
         yield Doubt("units-displacement", size.span_m, "m", "mm", 1e-3)
     elif 0.0 < size.span_m < SMALLEST_SPAN_m or (
-        speed is not None and 0.0 < speed < SMALLEST_SPEED_m_s and size.span_m < 1e3 * SMALLEST_SPAN_m
+        speed is not None and size.span_m > 0.0 and any(
+            0.0 < speed < slow and size.span_m < small
+            for slow, small in ((SMALLEST_SPEED_m_s, 1e3 * SMALLEST_SPAN_m), (SLOW_m_s, SMALL_SPAN_m))
+        )
     ):
         yield Doubt("units-displacement", size.span_m, "m", "m, taken as mm", 1e3)
 

@@ -31,7 +31,7 @@ class Command:
         attainable: whether a tested current gives the wanted force here.
         resolvable: whether the force tells the current here; where not, the wanted current is held.
         follows: whether the coil can be at the wanted current one interval later.
-        extrapolates: whether motion or temperature lies beyond what the tests covered.
+        extrapolates: whether motion, temperature or the wanted current lies beyond what the tests covered.
     """
 
     command_A: float
@@ -96,7 +96,7 @@ class Controller:
         self.coil_A = self._stays * self.coil_A + (1.0 - self._stays) * self._command_A
         now = (displacement_m - self._mid_stroke_m, velocity_m_s, acceleration_m_s2)
         state = self._advanced(now)
-        motion = _instant(now, self._law.at_degC)
+        motion = self._instant(now)
         wanted_N, rate_N_s = np.array([force_N]), np.array([self._rate(force_N)])
         answer = solve(self._law, self._grid, state[None, :], motion, wanted_N, rate_N_s)
         width_A = float(self._grid[-1] - self._grid[0])
@@ -113,7 +113,7 @@ class Controller:
             attainable=bool(answer[0, 3]),
             resolvable=resolvable,
             follows=abs(ahead - self._command_A) < 1e-9,
-            extrapolates=self._tested is None or bool(self._tested.beyond(motion)),
+            extrapolates=self._tested is None or bool(self._tested.beyond(self._instant(now))),
         )
 
     def _rate(self, force_N: float) -> float:
@@ -140,7 +140,9 @@ class Controller:
         self._before = now
         return self._state
 
-
-def _instant(now: tuple[float, float, float], at_degC: float | None) -> Motion:
-    u, v, a = (np.array([value]) for value in now)
-    return Motion(None, None, 0.0, u, v, a, np.zeros(1), None if at_degC is None else np.array([at_degC]))
+    def _instant(self, now: tuple[float, float, float]) -> Motion:
+        """One sample of the motion with the wanted current, at the law's temperature."""
+        at_degC = self._law.at_degC
+        warm = None if at_degC is None else np.array([at_degC])
+        u, v, a = (np.array([value]) for value in now)
+        return Motion(None, None, 0.0, u, v, a, np.array([self.wanted_A]), warm)

@@ -97,7 +97,7 @@ def judge(
         memory_s=stride * dt_s,
         portmanteau_p=_portmanteau(thinned),
         runs_p=_runs(thinned),
-        widening=max(1.0, (max(rest, 0.0) + cycles * max(misfit, 0.0)) / power),
+        widening=max(1.0, float(max(rest, 0.0) + cycles * max(misfit, 0.0)) / power),
     )
 
 

@@ -24,6 +24,8 @@ SHOWN = {"\t": "tab", " ": "white space"}
 NOTHING = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--"))
 POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
 COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?", re.IGNORECASE)
+FORTRAN = re.compile(r"(?<![\w.,])[+-]?(\d+[.,]?\d*|[.,]\d+)[dD][+-]?\d{1,3}(?![\w.])")
+FORTRAN_HINT = "has Fortran's exponent D: write the numbers with E (sed -E 's/([0-9.])[Dd]([+-]?[0-9])/\\1E\\2/g')"
 GROUPED = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?"), ",": re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?"),
 }  # fmt: skip
@@ -120,9 +122,10 @@ def layout_of(file: Path, text: str, encoding: str, said: Dialect) -> CsvLayout:
     lines = text.split("\n")[:LOOKED_AT]
     rows = _first_rows(lines, said)
     if rows is None:
+        fortran = next((hint for k, line in enumerate(lines) if (hint := _fortran_in(k + 1, line))), "")
         raise FileProblem(str(file), [
             f"no rows of numbers in the first {len(lines)} lines (three at least, of at least two columns): "
-            "--separator, --decimal and --header-line say how it is written",
+            + (fortran or "--separator, --decimal and --header-line say how it is written"),
         ])  # fmt: skip
     separator, first, count = rows
     sample = [cells for line in lines[first : first + 200] if (cells := cells_of(line, separator))]
@@ -137,6 +140,12 @@ def layout_of(file: Path, text: str, encoding: str, said: Dialect) -> CsvLayout:
         tuple(next((cells[k] for cells in sample if k < len(cells) and cells[k].lower() not in NOTHING), "")
               for k in range(count)),
     )  # fmt: skip
+
+
+def _fortran_in(line_number: int, line: str) -> str:
+    """What to do about the first Fortran number of a line; empty where it has none."""
+    number = FORTRAN.search(line)
+    return f"line {line_number}: {number[0]!r} {FORTRAN_HINT}" if number else ""
 
 
 def _first_rows(lines: Sequence[str], said: Dialect, *, words: bool = False) -> tuple[str, int, int] | None:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from rig.errors import FileProblem
 from rig.recording.foreign.columns import split_heading
 from rig.recording.foreign.csv_dialect import (
+    FORTRAN,
+    FORTRAN_HINT,
     NOTHING,
     POINT,
     CsvLayout,
@@ -184,6 +186,7 @@ class CsvFile:
                     cell, layout.decimal, grouped=bool(layout.thousands)
                 ):
                     hint = f"; decimals are taken to be written with {layout.decimal!r}" if "," in cell else ""
+                    hint = f"; it {FORTRAN_HINT}" if FORTRAN.fullmatch(cell) else hint
                     name = self.columns[place].name
                     problems.append(f"line {line}, column {name!r}: {cell[:40]!r} is not a number{hint}")
             yield from problems

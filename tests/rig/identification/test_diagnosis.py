@@ -214,6 +214,7 @@ def test_oil_that_thins_between_cold_and_warm_tests_is_no_second_damper() -> Non
         ("units-force", "kN", lambda t: replace(t, force_N=1e-3 * t.force_N, noise_N=1e-3 * NOISE_N)),
         ("units-time", "ms", lambda t: replace(t, dt_s=1e3 * t.dt_s, v_m_s=1e-3 * t.v_m_s, a_m_s2=1e-6 * t.a_m_s2)),
         ("units-displacement", "mm", lambda t: t.moved(1e3 * t.u_m, 1e3 * t.v_m_s, 1e3 * t.a_m_s2)),
+        ("units-displacement", "as mm", lambda t: t.moved(1e-3 * t.u_m, 1e-3 * t.v_m_s, 1e-3 * t.a_m_s2)),
         ("units-current", "mA", lambda t: replace(t, current_A=1e3 * t.current_A)),
         ("units-velocity", "500 times", lambda t: replace(t, u_m=500.0 * 0.01 * t.u_m, v_m_s=0.01 * t.v_m_s)),
     ],

@@ -204,6 +204,21 @@ def test_a_controller_tracks_a_force_through_the_coils_lag(fit: Fit) -> None:
     assert math.sqrt(np.mean(error**2)) < 0.05 * np.max(np.abs(wanted))
 
 
+def test_a_controller_says_when_its_step_lies_beyond_the_tests(fit: Fit) -> None:
+    def beyond(wanted_A: float, velocity_m_s: float = 0.2, only_at_A: tuple[float, ...] = ()) -> bool:
+        assert fit.tested is not None
+        tested = replace(fit.tested, current_A=(0.5, 2.0), only_at_A=only_at_A)
+        u, v, a, current = (np.array([value]) for value in (0.01, velocity_m_s, 0.0, wanted_A))
+        controller = replace(fit, tested=tested).controller(0.002)
+        step = controller.step(float(by_hand(u, v, a, current)[0]), 0.01, velocity_m_s)
+        assert step.wanted_A == pytest.approx(wanted_A, abs=0.02)
+        return step.extrapolates
+
+    assert not beyond(1.0), "that no test ran at 0 A says nothing of 1 A"
+    assert beyond(1.0, velocity_m_s=3.0)
+    assert [beyond(at_A, only_at_A=(0.5, 1.0, 2.0)) for at_A in (1.0, 1.5)] == [False, True]
+
+
 def test_the_lag_of_a_coil_is_the_exact_answer_to_a_step_and_refused_where_unknown(fit: Fit) -> None:
     with pytest.raises(FileProblem, match="lag"):
         fit.simulate(TIME_S, 0.0 * TIME_S, 1.0, lag=True)
@@ -240,6 +255,8 @@ def test_a_written_fit_is_read_back_whole_and_says_the_same(fit: Fit, make_synth
         again = Fit.load(written)
         assert json.loads(json.dumps(again.to_json())) == json.loads(written.read_text())
         assert again.path == written
+        for name in ("parameters", "residuals"):
+            assert repr(getattr(again, name)) == repr(getattr(one, name))
     assert (
         Fit.load(tmp_path / "0")
         .predict({"displacement_m": 0.01, "velocity_m_s": 0.1, "current_A": 1.0})

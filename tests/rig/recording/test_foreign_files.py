@@ -13,6 +13,7 @@ from rig.errors import FileProblem
 from rig.recording.foreign.csv_file import CsvFile
 from rig.recording.foreign.foreign_file import Dialect
 from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
+from rig.signals.plausibility import TestSize, doubts
 
 ROWS = 1000
 T = np.arange(ROWS) * 0.004
@@ -159,20 +160,24 @@ def test_without_columns_the_file_is_shown_with_what_may_be_meant(tmp_path: Path
 
 
 @pytest.mark.parametrize(("columns", "slug"), [
-    ({"force": "F_kN:N"}, "units-force"), ({"time": "t_s:h"}, "units-time"), ({"displacement": "x_mm:um"}, ""),
-    ({"displacement": "x_mm:cm", "time": "t_s:ms"}, "units-time"),
+    ({"force": "F_kN:N"}, "units-force"), ({"time": "t_s:h"}, "units-time"),
+    ({"displacement": "x_mm:um"}, "units-displacement"), ({"displacement": "x_mm:cm", "time": "t_s:ms"}, "units-time"),
 ])
 def test_sizes_no_damper_test_has_are_refused_unless_they_are_accepted(
     columns: dict[str, str], slug: str, tmp_path: Path
 ) -> None:
     (tmp_path / "a.csv").write_text("t_s;x_mm;F_kN\n" + rows(";", "."))
     named = {"time": "t_s", "displacement": "x_mm", "force": "F_kN", **columns}
-    if not slug:
-        assert read(tmp_path / "a.csv", **named).displacement_m[0] == pytest.approx(12e-6)
-        return
     with pytest.raises(FileProblem, match=f"{slug}: .*--accept {slug}"):
         read(tmp_path / "a.csv", **named)
     assert len(read(tmp_path / "a.csv", accept=(slug, "sample-rate", "units-displacement"), **named).time_s) == ROWS
+
+
+def test_a_small_stroke_is_one_where_it_is_quick_and_a_slow_motion_where_it_is_long() -> None:
+    for span_m, speed_m_s in ((4e-4, 1.3e-3), (6e-4, 0.9e-3), (1e-4, 0.02), (0.1, 1e-4)):
+        assert doubts(TestSize(span_m=span_m, speed_m_s=speed_m_s)) == []
+    (doubt,) = doubts(TestSize(span_m=8e-5, speed_m_s=7.5e-4))  # 40 mm at 3 Hz, in metres, called mm
+    assert (doubt.slug, doubt.factor) == ("units-displacement", 1e3)
 
 
 def test_a_rate_stands_for_a_time_that_no_column_has(tmp_path: Path) -> None:

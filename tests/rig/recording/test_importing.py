@@ -199,9 +199,14 @@ def test_a_force_of_the_wrong_sign_is_not_valid_and_is_not_fitted_as_suspect(tmp
         identify_run([folder])
 
 
-def test_a_column_without_a_number_is_all_of_it(tmp_path: Path) -> None:
+def test_a_column_without_a_number_is_named(tmp_path: Path) -> None:
     path = sine_file(tmp_path)
-    rows = [line.rsplit(",", 1)[0] + ",nan" for line in path.read_text().splitlines()[1:]]
-    path.write_text("\n".join(["t_s,x_mm,F", *rows]) + "\n")
-    (point,) = Run.open(import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)).points
-    assert "2000 of 2000 force samples not a number (100 %" in point.reasons[0]
+    rows = [line.rsplit(",", 1)[0] + ",nan,NaN" for line in path.read_text().splitlines()[1:]]
+    path.write_text("\n".join(["t_s,x_mm,F,T", *rows]) + "\n")
+    with pytest.raises(FileProblem) as caught:
+        import_tests([path], columns={**COLUMNS, "temperature": "T:degC"}, out=tmp_path / "out", current_A=0.5)
+    force, temperature, _ = caught.value.problems
+    assert force.endswith("as force: no number in any of 2000 rows; name another column")
+    assert temperature.endswith("as temperature: no number in any of 2000 rows; name another column, or none")
+    assert not (tmp_path / "out").exists()
+

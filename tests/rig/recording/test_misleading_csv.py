@@ -138,3 +138,14 @@ def test_what_is_said_in_two_ways_is_not_chosen_from_in_silence(tmp_path: Path) 
     told = "\n".join(caught.value.problems)
     assert "--rate and --column time=t_s both" in told
     assert f"{path} is given 2 times" in told
+
+
+def test_exponents_of_fortran_are_named_with_the_way_out(tmp_path: Path) -> None:
+    told = "line 2: '-1.200000D+01' has Fortran's exponent D: write the numbers with E"
+    fortran = [f"{-12.0 + k:.6E},{k:.6E},{2 * k:.6E}".replace("E", "D") for k in range(ROWS)]
+    assert told in problems(tmp_path / "a.csv", HEAD + "\n".join(fortran))
+    some = [f"{0.1 * k:.3f},{k:.3f},{2 * k:.3f}" for k in range(ROWS)]
+    some[300] = "30.0,300.0,6.0d2"
+    assert "line 302, column 'F_N': '6.0d2' is not a number; it has Fortran's exponent D" in problems(
+        tmp_path / "b.csv", HEAD + "\n".join(some)
+    )
