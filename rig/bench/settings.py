@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import date
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from drivers.catalogue import make_actuator, watchdog_time_s
@@ -157,9 +158,12 @@ class ActuatorConfig(Settings):
         connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
         return make_actuator(self.register_map, connection).capabilities.hydraulics
 
-    @property
+    @cached_property
     def setpoints_s(self) -> float | None:
-        """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own."""
+        """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own.
+
+        Looked up once: a plan asks for each of its points.
+        """
         connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
         return None if make_actuator(self.register_map, connection).capabilities.generator else self.poll_s
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from rig.bench.model import Bench
 from rig.errors import EXIT_REFUSED
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, StopKind
@@ -17,8 +18,10 @@ from simulators.world.plan import DISK, FOREIGN, SIGNALS
 from simulators.world.view import KILLING, NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
 
 STILL_AFTER_S = 3.0
-"""From a latched stop to standstill: the slowest motion's last cycles and a controller left to its watchdog; what the
-station was kept from running comes on top."""
+"""From a latched stop to standstill, at least: a fast motion's last cycles and a controller left to its watchdog; what
+the station was kept from running comes on top."""
+STOPPED_BY_S = 1.0
+"""What is to spare where a controller left to its watchdog fades a slow motion out."""
 CURRENT_AFTER_S = 1.5
 CURRENT_AT_ONCE_S = 0.3
 """Where nothing is wrong with the way to the ECU, nor with the station."""
@@ -38,14 +41,21 @@ SEEN_LATER = frozenset({
 })  # fmt: skip
 """Rows that show only when a loop has changed, a motion is to end, or a current is to flow; jumps spoil the point."""
 OTHER_NAMES = {
-    "can-busoff:lost": {"can-lost"}, "current-tracking": {"load-train"},
+    "can-busoff:lost": {"can-lost"},
+    "current-tracking": {"load-train"},
     "current-tracking:over": {"overcurrent", "load-train"},
     "second-master:span": {"speed-limit", "stroke-limit", "load-train"},
-    "second-master:offset": {"stroke-limit", "load-train"}, "second-master:jumps": {"load-train", "speed-limit"},
-    "actuator-frozen:slips": {"position-disagreement", "load-train"}, "load-train:jammed": {"force-limit"},
-    "ecu-overtemp:coil": {"coil-temperature"}, "current-stuck:full": {"overcurrent", "load-train"},
-    "sensor-stuck": {"sensor-saturated"}, "sensor-stuck:lvdt": {"sensor-saturated"}, "modbus-mismatch": {"rtu-crc"},
-    "sample-gap": {"loadcell-pulled"}, "sample-gap:lvdt": {"lvdt-pulled"},
+    "second-master:offset": {"stroke-limit", "load-train"},
+    "second-master:jumps": {"load-train", "speed-limit"},
+    "actuator-frozen:slips": {"position-disagreement", "load-train"},
+    "load-train:jammed": {"force-limit"},
+    "ecu-overtemp:coil": {"coil-temperature"},
+    "current-stuck:full": {"overcurrent", "load-train"},
+    "sensor-stuck": {"sensor-saturated"},
+    "sensor-stuck:lvdt": {"sensor-saturated"},
+    "modbus-mismatch": {"rtu-crc"},
+    "sample-gap": {"loadcell-pulled"},
+    "sample-gap:lvdt": {"lvdt-pulled"},
 }
 """Faults that the station may name otherwise than their row; a gap of 16 ms is silence where a device hands over every
 10 ms besides."""
@@ -55,9 +65,16 @@ DISK_SLUGS = {"disk-full", "dir-readonly", "fsync-error", "disk-error", "recorde
 SECOND_MASTER = {"second-master"}
 SIGNAL_SLUGS = {"sigint", "sigterm", "sigint-storm"}
 EXPLAINS: dict[str, set[str]] = {
-    **dict.fromkeys(DISK, DISK_SLUGS), **dict.fromkeys(SIGNALS, SIGNAL_SLUGS), **dict.fromkeys(FOREIGN, SECOND_MASTER),
-    "clock-step": set(), "log-full": set(), "pause": set(), "converter-stalled": set(), "finaliser-stalled": set(),
-    "converter-killed": set(), "finaliser-killed": {"task-dies"},
+    **dict.fromkeys(DISK, DISK_SLUGS),
+    **dict.fromkeys(SIGNALS, SIGNAL_SLUGS),
+    **dict.fromkeys(FOREIGN, SECOND_MASTER),
+    "clock-step": set(),
+    "log-full": set(),
+    "pause": set(),
+    "converter-stalled": set(),
+    "finaliser-stalled": set(),
+    "converter-killed": set(),
+    "finaliser-killed": {"task-dies"},
     "application-stalled": {*REACTIONS, *DISK_SLUGS} - {"host-silent"},
 }
 """What around the devices explains a stop of these names; anything else explains any."""
@@ -65,19 +82,39 @@ WATCHERS = {"application-stalled": 0.8, "station-stalled": 0.2}
 """So long (s) each may stand still while the rod moves and nobody minds."""
 MOVING_SHARE = 0.5
 OWN_SLUGS = frozenset({"host-late", "host-silent"})
-SEEN_BY_STATION = frozenset({
-    "estop", "loadcell-pulled", "lvdt-pulled", "ecu-overtemp", "actuator-frozen", "current-stuck", "second-master",
-})
+SEEN_BY_STATION = frozenset(
+    {
+        "estop",
+        "loadcell-pulled",
+        "lvdt-pulled",
+        "ecu-overtemp",
+        "actuator-frozen",
+        "current-stuck",
+        "second-master",
+    }
+)
 """Causes that only the station's own detectors name."""
 SPOILED = frozenset({"sensor-nan", "sample-gap", "rtu-stale"})
 
 
+def _still_after_s(view: View) -> float:
+    """From a latched stop to standstill (s): a controller left alone notices it, and fades the slowest motion out."""
+    matrix, bench = view.world.root / "matrix.toml", view.world.root / "bench.toml"
+    if not matrix.exists() or not bench.exists():
+        return STILL_AFTER_S
+    actuator = Bench.load(bench).actuator
+    period_s = max((1.0 / point.frequency_Hz for point in load_matrix(matrix).points()), default=0.0)
+    fade_s = (actuator.fade_out_cycles + 1.0) * period_s
+    return max(STILL_AFTER_S, actuator.watchdog_s + fade_s + STOPPED_BY_S)
+
+
 def stop_stays_stopped(view: View) -> Findings:
     """After a latched stop the rod comes to rest and the current goes, and neither comes back without a restart."""
+    still_after_s = _still_after_s(view) + view.stalled_s
     for trip in view.station("trip"):
         t_ns = float(trip["t_ns"])
         until_ns = view.restarted_ns(t_ns)
-        moving = view.between(t_ns + (STILL_AFTER_S + view.stalled_s) * 1e9, until_ns)
+        moving = view.between(t_ns + still_after_s * 1e9, until_ns)
         late = moving[np.abs(moving[:, 1]) > STILL_M_S]
         if len(late) and not view.faults_by_name() & {"second-master"}:
             yield f"the rod moves {1e-9 * (late[0, 0] - t_ns):.1f} s after the stop for {trip['slug']}", late[0, 0]
@@ -216,8 +253,9 @@ def nothing_is_asked_while_stopped(view: View) -> Findings:
         until_ns = view.resetting_ns(latched_ns)
         for line in view.session.truth.log:
             if line.code in energising and latched_ns + 20e6 < line.host_ns < until_ns:
-                yield f"{line.code} {1e-9 * (line.host_ns - latched_ns):.2f} s after the stop for {trip['slug']}", (
-                    line.host_ns
+                yield (
+                    f"{line.code} {1e-9 * (line.host_ns - latched_ns):.2f} s after the stop for {trip['slug']}",
+                    (line.host_ns),
                 )
 
 
@@ -281,7 +319,8 @@ def what_is_spoiled_is_not_valid(view: View) -> Findings:
 def refused_before_it_moves(view: View) -> Findings:
     """With a fault that is refused, there from the start, no program is started; a healthy rig is not refused."""
     refused = [
-        (at_ns, fault) for at_ns, fault in view.begun(view.session.ended_ns)
+        (at_ns, fault)
+        for at_ns, fault in view.begun(view.session.ended_ns)
         if (row := MATRIX.get(fault.partition(":")[0])) is not None and row.end is Ending.REFUSE
     ]
     if view.session.exit_code == EXIT_REFUSED and not view.faults() and not view.session.happened:

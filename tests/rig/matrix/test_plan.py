@@ -12,6 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.catalogue import make_actuator
+from drivers.connection import ActuatorConnection
+from drivers.roles import Actuator
 from rig.bench.model import Bench
 from rig.cli.tables import PlanText
 from rig.dampers import model, parameter_set
@@ -219,3 +222,20 @@ def test_a_point_that_ends_too_hot_even_from_ambient_is_refused() -> None:
     assert item.reasons == (f"its heat would warm the damper by {rise_K:.3g} K; the temperature window is 3 K wide "
                             "above ambient",)
     assert windowed("15 degC", "27 degC", bound).feasible
+
+
+def test_a_plan_asks_once_how_the_controller_is_given_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And another controller in the same table's place is asked for itself."""
+    asked: list[str] = []
+
+    def made(name: str, connection: ActuatorConnection) -> Actuator:
+        asked.append(name)
+        return make_actuator(name, connection)
+
+    monkeypatch.setattr("rig.bench.settings.make_actuator", made)
+    bench, matrix = Bench.load(EXAMPLES / "demo-bench.toml"), load_matrix(EXAMPLES / "table1.toml")
+    assert len(plan(matrix, bench).points) == 20
+    assert asked == ["demo"]
+    assert bench.actuator.setpoints_s is None
+    streamed = replace(bench.actuator, register_map="demo-streamed", poll_s=0.02)
+    assert streamed.setpoints_s == 0.02
