@@ -21,6 +21,7 @@ import os
 import shutil
 import socket
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,8 @@ STATION_SOCKET, APPLICATION_SOCKET = "station.sock", "application.sock"
 LINK_FILE = "live.json"
 """In the campaign's directory while it runs: where this folder is."""
 LONGEST_DATAGRAM = 32768
+LONGEST_ADDRESS = 103
+"""Bytes that every kernel takes as the address of a socket (Linux 107, macOS 103)."""
 
 
 def make_live_folder(place: Path | None = None) -> tuple[Path, int]:
@@ -97,6 +100,23 @@ def held(path: Path) -> bool:
     return False
 
 
+@contextlib.contextmanager
+def address(path: Path) -> Iterator[str]:
+    """What to bind or send to for the socket at `path`: where that is too long for the kernel, by its open folder.
+
+    Raises:
+        OSError: its folder cannot be opened.
+    """
+    if len(os.fsencode(path)) <= LONGEST_ADDRESS:
+        yield str(path)
+        return
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        yield f"/proc/self/fd/{folder}/{path.name}"
+    finally:
+        os.close(folder)
+
+
 def bound(path: Path) -> socket.socket:
     """A datagram socket that never blocks, bound at `path`, for this user alone.
 
@@ -105,7 +125,8 @@ def bound(path: Path) -> socket.socket:
     """
     inbox = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
     try:
-        inbox.bind(str(path))
+        with address(path) as short:
+            inbox.bind(short)
         path.chmod(0o600)
     except OSError:
         inbox.close()
@@ -134,7 +155,8 @@ def tell(path: str | Path, message: dict[str, Any]) -> bool:
     """Send a message; never blocks. False: nobody is there, or they do not read."""
     with contextlib.suppress(OSError, ValueError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as outbox:
         outbox.setblocking(False)
-        outbox.sendto(json.dumps(message).encode(), str(path))
+        with address(Path(path)) as short:
+            outbox.sendto(json.dumps(message).encode(), short)
         return True
     return False
 

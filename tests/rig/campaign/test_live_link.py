@@ -19,7 +19,7 @@ from rig.campaign.results import PointResult
 from rig.campaign.sequencer import event as ev
 from rig.errors import Stopped
 from rig.recording.journal.campaign_log import CampaignLog, read_log
-from rig.station.live_folder import held, make_live_folder, read_json, tell
+from rig.station.live_folder import STATION_SOCKET, bound, held, make_live_folder, read_json, received, tell
 
 
 @pytest.fixture
@@ -193,3 +193,15 @@ def test_the_folder_is_its_owners_alone_and_a_killed_campaigns_is_taken_away(tmp
     make_live_folder(tmp_path)
     assert not left.exists()
     assert alive.exists()
+
+
+def test_a_live_folder_may_lie_deeper_than_the_kernel_takes_an_address(tmp_path: Path) -> None:
+    place = tmp_path / ("deep" * 30)
+    place.mkdir()
+    live, lock = make_live_folder(place)
+    with bound(live / STATION_SOCKET) as inbox:
+        assert tell(live / STATION_SOCKET, {"do": "stop"})
+        assert received(inbox) == {"do": "stop"}
+        assert (live / STATION_SOCKET).stat().st_mode & 0o777 == 0o600
+    assert not tell(place / "gone" / STATION_SOCKET, {"do": "stop"})
+    os.close(lock)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from rig.station.live_folder import tell
+from rig.station.live_folder import address, tell
 from rig.station.stop_socket import BREATH_S, StopSocket
 
 WAIT_S = 20.0
@@ -57,7 +57,8 @@ def test_everything_else_is_thrown_away(stops: Stops, message: dict[str, Any]) -
 def test_garbage_and_a_defect_behind_it_do_not_close_the_door(stops: Stops) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as stranger:
         for data in (b"", b"\xff" * 100, b"[" * 5000, b"null"):
-            stranger.sendto(data, str(stops.path))
+            with address(stops.path) as short:
+                stranger.sendto(data, short)
     tell(stops.path, {"do": "stop", "by": "defect"})
     assert stops.heard.wait(WAIT_S)
     stops.heard.clear()
