@@ -247,7 +247,7 @@ class _Problem:
         keep &= np.abs(np.nan_to_num(shown - straight)) <= max(UNRESOLVED_DEVIATIONS * noise, 1e-12)
         if used is not None and np.count_nonzero(keep & used) >= FEWEST_SAMPLES:
             keep &= used
-        if np.count_nonzero(keep) < FEWEST_SAMPLES or np.ptp(shown[keep]) == 0.0:
+        if np.count_nonzero(keep) < FEWEST_SAMPLES or _stands_still(shown[keep]):
             return None
         keep &= np.abs(_residual(self.wanted, shown, keep)) <= OUTLIER_DEVIATIONS * noise
         count = int(np.count_nonzero(keep))
@@ -275,6 +275,16 @@ class _Problem:
         return _Step(float(estimates[2]), drift, float(spread[2]), drift_std, correlation, keep)
 
 
+def _stands_still(shown: FloatArray) -> bool:
+    """Whether a signal (m,) moves by no more than its rounding: no line can be laid through that.
+
+    A cubic through equal samples leaves their last digit open. A least-squares line has full rank where the deviation
+    is above `2 m eps` of the signal.
+    """
+    resolved = 4.0 * len(shown) * float(np.finfo(np.float64).eps)
+    return float(np.std(shown)) <= resolved * float(np.max(np.abs(shown)))
+
+
 def _repeated(scores: FloatArray, cycles: FloatArray) -> FloatArray:
     """Covariance (p, p) of the summed scores (n, p) when those at equal phase of the cycle share their error."""
     bins = np.floor(PHASE_BINS * (cycles % 1.0)).astype(np.int64)
@@ -292,7 +302,7 @@ def _residual(wanted: FloatArray, shown: FloatArray, keep: BoolArray) -> FloatAr
 
 def _noise(wanted: FloatArray, shown: FloatArray) -> float:
     """Robust standard deviation of what a straight line from shown to wanted leaves."""
-    if np.ptp(shown) == 0.0:
+    if _stands_still(shown):
         return float(np.std(wanted))
     gain, offset = np.polyfit(shown, wanted, 1)
     rest = wanted - offset - gain * shown
