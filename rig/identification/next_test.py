@@ -29,9 +29,7 @@ AMPLITUDES, FREQUENCIES, CURRENTS = 5, 6, 5
 ENOUGH = 4096  # samples of a test that tell what it says of the parameters
 SAMPLES = 120  # of one candidate cycle
 KEPT_CYCLES = 8
-PRIOR_DEVIATION = (
-    10.0  # prior standard deviation of every parameter, in its scale, so that what was never tested stays finite
-)
+PRIOR_DEVIATION = 10.0  # of every parameter, in its scale, so that what was never tested stays finite
 SMALLEST_CONTRIBUTION = 0.01  # of the peak force: a smaller contribution's interval is judged by this, not by its value
 WORTHWHILE = 0.9  # ratio of the intervals after and before, above which a test is not worth proposing
 FORCE_SHARE = 0.95  # of the greatest force allowed that a candidate may be expected to need
@@ -158,23 +156,27 @@ def _loop(
         spread.append(max(error.rmse_N, 1e-9) ** 2 * residual.widening)
         scaled = jacobian[test.scored] * scale
         before += by * (scaled.T @ scaled) / spread[-1]
+    if not np.all(np.isfinite(before)):
+        return
     widths = _widths(before)
     longest = float(np.median([test.u_m.size for test in measurements]))
     dt_s, noise = float(np.median([test.dt_s for test in measurements])), float(np.median(spread))
-    candidates = list(_candidates(model, values, measurements, allowance))
-    expected = []
-    for point, motion in candidates:
+    candidates, expected = [], []
+    for point, motion in _candidates(model, values, measurements, allowance):
         scaled = parameter_slopes(model, values, names, motion) * scale
         weight = min(KEPT_CYCLES / (point.frequency_Hz * dt_s), longest) / SAMPLES / noise
-        expected.append(_widths(before + weight * scaled.T @ scaled))
+        after = before + weight * scaled.T @ scaled
+        if np.all(np.isfinite(after)):
+            candidates.append(point)
+            expected.append(_widths(after))
     for worst in np.argsort(-widths) if candidates else ():
         ranked = np.argsort([widths[worst] for widths in expected])[:MOST_CHECKS]
         for k in ranked:
             ratio = float(expected[k][worst] / widths[worst])
-            if ratio > WORTHWHILE:
+            if not ratio <= WORTHWHILE:
                 break
-            if allowance.feasible is None or allowance.feasible(candidates[k][0]):
-                yield _proposal(candidates[k][0], names[worst], fit, ratio, allowance)
+            if allowance.feasible is None or allowance.feasible(candidates[k]):
+                yield _proposal(candidates[k], names[worst], fit, ratio, allowance)
                 return
 
 
@@ -197,7 +199,7 @@ def _candidates(
     for amplitude, frequency, current_A in product(amplitudes, frequencies, currents):
         amplitude_m, frequency_Hz = _down(float(amplitude)), _down(float(frequency))
         omega = 2.0 * math.pi * frequency_Hz
-        if omega * amplitude_m > allowance.speed_m_s or omega**2 * amplitude_m > allowance.acceleration_m_s2:
+        if not (omega * amplitude_m <= allowance.speed_m_s and omega**2 * amplitude_m <= allowance.acceleration_m_s2):
             continue
         motion = Measurement(
             id="candidate",
@@ -209,7 +211,8 @@ def _candidates(
             dt_s=1.0 / (frequency_Hz * SAMPLES),
             samples_per_cycle=SAMPLES,
         )
-        if float(np.max(np.abs(modelled_force(model, values, motion)))) > FORCE_SHARE * allowance.force_N:
+        # A force that is no number is not a force that is allowed.
+        if not float(np.max(np.abs(modelled_force(model, values, motion)))) <= FORCE_SHARE * allowance.force_N:
             continue
         yield (
             TestPoint(

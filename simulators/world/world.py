@@ -272,7 +272,8 @@ class World:
         what, lasts_ns, stage = happening.what, int((happening.lasts_s or 0.0) * 1e9), self.stage
         if what == "pause":
             stage.signal("application", signal.SIGTSTP)
-            self.kernel.spawn("resume", self._fate, lambda: stage.signal("application", signal.SIGTSTP), lasts_ns)
+            paused = self.sessions[-1]
+            self.kernel.spawn("resume", self._fate, lambda: self._go_on(paused), lasts_ns)
         elif what in SIGNALS:
             stage.signal("application", getattr(signal, SIGNALS[what]))
         elif what in DEATHS:
@@ -288,6 +289,11 @@ class World:
             stage.power_cut()
         elif what in FOREIGN:
             self._stop_by_somebody_else(happening)
+
+    def _go_on(self, paused: Session) -> None:
+        """The pause's key again, unless the session that it paused is over: it would pause the next one, for good."""
+        if self.sessions[-1] is paused:
+            self.stage.signal("application", signal.SIGTSTP)
 
     def _spoil_the_disk(self, what: str, lasts_ns: int) -> None:
         """It refuses writes or flushes, or takes longer, until it is repaired."""

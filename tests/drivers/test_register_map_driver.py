@@ -164,8 +164,8 @@ def test_a_handshake_is_gone_on_with_at_the_polls_and_then_acknowledged(device: 
 def test_a_handshake_that_is_not_answered_in_time_is_a_refusal(device: Device) -> None:
     device.words["discrete"][0] = 1
     actuator = driven(device, HANDSHAKE)
-    actuator.send(Command.MOVE_TO, Move(0.01, 0.1))
     begin_s = time.monotonic()
+    actuator.send(Command.MOVE_TO, Move(0.01, 0.1))
     while (result := actuator.read_status().result) == Result.BUSY:
         assert time.monotonic() - begin_s < 5.0
     assert result == Result.REFUSED_STATE

@@ -60,7 +60,6 @@ class CurrentSourceThread(ReadingThread):
         self._set_points = 0
         self._bus_errors = 0
         self._errors_before = 0
-        self._repeats = 0
         self._stamps_told = False
         self._zeroed = True
         self._zeroed_ns = self._before_ns = 0
@@ -349,7 +348,6 @@ class CurrentSourceThread(ReadingThread):
         if batch.statuses:
             # Errors that came with the last status frame may be the beginning of what silences the bus.
             self._bus_errors, self._errors_before = self._errors_before, self._driver.bus_errors
-            self._repeats = self._driver.counters.duplicates
         for temperature in batch.temperatures:
             findings += self.judge.judge_temperature(temperature, now_ns)
         findings += self.judge.judge_temperature_age(now_ns)
@@ -376,7 +374,7 @@ class CurrentSourceThread(ReadingThread):
         """Why no fresh status comes: the bus has errors, the ECU sends bad or old ones, or it says nothing."""
         if self._driver.bus_errors > self._bus_errors:
             return "can-busoff"
-        late = self._driver.counters.duplicates > self._repeats
+        late = self._driver.counters.lateness > 0
         return thrown_away(self._driver.counters) or ("ecu-late" if late else "ecu-silent")
 
     def _is_zero(self) -> bool:

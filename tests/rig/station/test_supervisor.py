@@ -12,7 +12,7 @@ from station_bench import Told, config_for
 from drivers.can_current_source import CanCurrentSource
 from drivers.can_port import CanPort
 from drivers.connection import CanAddress
-from drivers.current_source import SourceBatch, SourceCounters
+from drivers.current_source import SourceBatch, SourceCounters, SourceStatus
 from drivers.devices.source import current_source
 from drivers.ring import Channel, Record
 from rig.clock import monotonic_ns
@@ -161,7 +161,7 @@ def test_a_bus_that_takes_no_frame_beside_a_full_disk_costs_no_fade_out(supervis
     ("counted", "slug"),
     [
         (SourceCounters(), "ecu-silent"),
-        (SourceCounters(duplicates=1), "ecu-late"),
+        (SourceCounters(duplicates=1, lateness=2), "ecu-late"),
         (SourceCounters(bad_checks=2, bad_in_a_row=2), "ecu-crc"),
         (SourceCounters(malformed=2, bad_in_a_row=2, malformed_in_a_row=2), "can-malformed"),
     ],
@@ -177,6 +177,19 @@ def test_no_good_status_is_named_by_what_comes_in_its_place(
     later_ns = monotonic_ns() + int(1.05e9 * supervisor.config.ecu.stale_after_s)
     findings = coil._judge(SourceBatch([], [], [], 0, 0, later_ns))
     assert [finding.slug for finding in findings if not finding.warns] == [slug]
+
+
+def test_a_repeat_that_came_with_the_last_fresh_status_tells_that_the_ecu_is_late(supervisor: Supervisor) -> None:
+    source = CanCurrentSource(CanPort(CanAddress("slcan", "socket://127.0.0.1:1")), current_source("demo"))
+    coil = CurrentSourceThread(
+        supervisor.config.ecu, source, EcuInterlock(3.0, 120.0, lambda: 0), supervisor, lambda records: None
+    )
+    fresh_ns = monotonic_ns()
+    source.counters = SourceCounters(duplicates=4, lateness=2)
+    coil._judge(SourceBatch([], [SourceStatus(fresh_ns, 0.0, 0.0, 12.0, 0, 7)], [], 0, 0, fresh_ns))
+    later_ns = fresh_ns + int(1.05e9 * supervisor.config.ecu.stale_after_s)
+    findings = coil._judge(SourceBatch([], [], [], 0, 0, later_ns))
+    assert [finding.slug for finding in findings if not finding.warns] == ["ecu-late"]
 
 
 def test_a_coil_that_keeps_the_stop_waiting_holds_up_neither_the_motion_nor_the_order_of_what_is_told(
