@@ -1,5 +1,7 @@
 """The proposed test does what it promises, and is one the machine can run."""
 
+import dataclasses
+import math
 import shutil
 import tomllib
 from collections.abc import Callable
@@ -11,7 +13,7 @@ import pytest
 from rig.bench.model import Bench
 from rig.dampers import model, parameter_set
 from rig.identification import Fit, Measurement, identify
-from rig.identification.next_test import bench_of, envelope_of
+from rig.identification.next_test import bench_of, envelope_of, next_tests
 from rig.matrix.model import load_matrix
 from rig.matrix.plan import plan
 
@@ -48,6 +50,15 @@ def test_the_interval_shrinks_as_promised(make_synthetic: Make) -> None:
     now, expected = after.parameters[promised.parameter].standard_error, promised.expected_error
     assert now == pytest.approx(expected, rel=0.15)
     assert now < 0.9 * promised.standard_error  # type: ignore[operator] - identifiable
+
+
+@pytest.mark.parametrize("limit", ["speed_m_s", "acceleration_m_s2", "force_N"])
+def test_nothing_is_proposed_under_a_limit_that_is_no_number(make_synthetic: Make, limit: str) -> None:
+    tests = make_synthetic(DEMO, (0.0, 1.0), (1.0,))
+    fit, unlimited = identify(tests), envelope_of(tests)
+    assert next_tests(model("asymmetric"), fit, tests, unlimited)
+    unknown = dataclasses.replace(unlimited, **{limit: math.nan})
+    assert not next_tests(model("asymmetric"), fit, tests, unknown)
 
 
 def test_the_worst_parameter_is_the_one_nothing_is_known_of(make_synthetic: Make) -> None:

@@ -12,7 +12,7 @@ from station_bench import Told, config_for
 from drivers.can_current_source import CanCurrentSource
 from drivers.can_port import CanPort
 from drivers.connection import CanAddress
-from drivers.current_source import SourceBatch, SourceCounters, SourceStatus
+from drivers.current_source import SourceBatch, SourceCounters, SourceState, SourceStatus
 from drivers.devices.source import current_source
 from drivers.ring import Channel, Record
 from rig.clock import monotonic_ns
@@ -186,7 +186,7 @@ def test_a_repeat_that_came_with_the_last_fresh_status_tells_that_the_ecu_is_lat
     )
     fresh_ns = monotonic_ns()
     source.counters = SourceCounters(duplicates=4, lateness=2)
-    coil._judge(SourceBatch([], [SourceStatus(fresh_ns, 0.0, 0.0, 12.0, 0, 7)], [], 0, 0, fresh_ns))
+    coil._judge(SourceBatch([], [SourceStatus(SourceState.ENABLED, 0.0, 0)], [], 0, 0, fresh_ns))
     later_ns = fresh_ns + int(1.05e9 * supervisor.config.ecu.stale_after_s)
     findings = coil._judge(SourceBatch([], [], [], 0, 0, later_ns))
     assert [finding.slug for finding in findings if not finding.warns] == ["ecu-late"]
