@@ -169,9 +169,12 @@ def test_every_tenth_sample_that_is_no_number_only_warns(cable: Callable[[str], 
     line = cable(DEFAULT_FORMAT)
     line.begin(frame(120.0))
     line.supervisor.arm()
+    began_s = time.monotonic()
     line.send(lambda number: frame(math.nan if number % 10 == 0 else 120.0)(number), 100)
     assert line.supervisor.trip is None
-    assert line.told.slugs("warning") == ["sensor-nan"], "told once a second, not once a sample"
+    told = line.told.slugs("warning")
+    assert set(told) == {"sensor-nan"}
+    assert len(told) <= 1 + int(time.monotonic() - began_s), "told once a second, not once a sample"
 
 
 def test_a_sensor_that_reports_a_fault_from_power_on_stops_the_rig_once_it_is_armed(
