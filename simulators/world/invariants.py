@@ -21,6 +21,7 @@ from rig.faults.row import StopKind
 from rig.recording.recorded_point import RecordedPoint
 from simulators.controller_firmware import Command
 from simulators.world.plan import DEATHS, DISK, STALLS
+from simulators.world.proof_invariants import PROOF_CHECKS
 from simulators.world.stop_invariants import STOP_CHECKS, STOPS
 from simulators.world.view import KILLING, NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
 from simulators.world.world import EVERY_S, MOST_SESSIONS, World
@@ -294,6 +295,7 @@ CHECKS: dict[str, Callable[[View], Findings]] = {
     "rest": rest_is_reached,
     "unarmed": unarmed_stands_still,
     **STOP_CHECKS,
+    **PROOF_CHECKS,
     "limits": limits_stop_the_rig,
     "current-told": a_current_that_is_left_is_told,
     "acceleration": acceleration_is_kept,

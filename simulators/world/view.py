@@ -25,6 +25,8 @@ UNSEEN = frozenset({"modbus", "rtu", "controller", "can", "ecu"})
 STUCK_CURRENT = frozenset({"current-stuck"})
 PLAIN = frozenset({"second-master:span", "second-master:offset", "second-master:jumps", "ecu-overtemp:coil"})
 """Faults at those places that hide nothing."""
+PRESSING = frozenset({"load-train:jammed"})
+"""Faults that press on the rod where it stands, or let go of it."""
 STARTING = ("centring", "proving the sensors by a slow move")
 
 
@@ -73,16 +75,15 @@ class View:
         """The same, each as `SLUG` or `SLUG:VARIANT`."""
         return {line.text for line in self.session.truth.log if line.code == "FAULT"}
 
-    @property
-    def _hiding_places(self) -> set[str]:
-        """Places of the fault matrix at which something is wrong that may hide something."""
-        slugs = (name.partition(":")[0] for name in self.faults_by_name() - PLAIN)
+    def _hiding_places(self, but: str = "") -> set[str]:
+        """Places of the fault matrix at which something is wrong, but this row's fault, that may hide something."""
+        slugs = {name.partition(":")[0] for name in self.faults_by_name() - PLAIN} - {but}
         return {MATRIX[slug].place for slug in slugs if slug in MATRIX}
 
     @property
     def hidden_devices(self) -> bool:
         """Something is wrong with controller, current source or the ways to them, and may hide something."""
-        return bool(self._hiding_places & UNSEEN)
+        return bool(self._hiding_places() & UNSEEN)
 
     @property
     def hidden(self) -> bool:
@@ -95,7 +96,11 @@ class View:
     @property
     def hidden_way(self) -> bool:
         """Something may be wrong with the way to the controller, or with whoever goes it."""
-        return bool(self._hiding_places & {"modbus", "rtu", "controller"}) or any(
+        return self.way_hidden_besides("")
+
+    def way_hidden_besides(self, slug: str) -> bool:
+        """The same, whatever the fault of this row does."""
+        return bool(self._hiding_places(slug) & {"modbus", "rtu", "controller"}) or any(
             happening.what in KILLING or happening.what in STALLS for _, happening in self.session.happened
         )
 
@@ -130,6 +135,26 @@ class View:
             (line.host_ns, line.text) for line in self.session.truth.log
             if line.code == "FAULT" and line.host_ns <= until_ns
         ]
+
+    def pressed_ns(self, since_ns: float) -> float:
+        """When something began, or ceased, to press on the rod where it stands; infinite where nothing did since then.
+
+        The plant is brought up to date once a tick: what a fault does in that tick was there before its line.
+        """
+        tick_ns = 1e9 * self.world.plan.tick_s
+        return min((
+            line.host_ns - tick_ns for line in self.session.truth.log
+            if line.code in {"FAULT", "FAULT_ENDS"} and line.text in PRESSING and line.host_ns >= since_ns
+        ), default=math.inf)
+
+    def without_current(self, from_ns: float) -> bool:
+        """From then to the session's end the current source was asked for none, and none flowed."""
+        asked = [line for line in self.session.truth.log if line.code == "SET_CURRENT"]
+        earlier = sum(line.host_ns < from_ns for line in asked)
+        if any(float(line.text.split()[0]) != 0.0 for line in asked[max(0, earlier - 1):]):
+            return False
+        rows = self.between(from_ns, self.session.ended_ns)
+        return not np.any(np.abs(rows[:, 2]) > NO_CURRENT_A)
 
     def stays(self, fault: str) -> bool:
         """A fault that was drawn does not end by itself."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -33,6 +34,7 @@ def session(root: Path, frequency: str, moves_s: float) -> View:
         hidden=False,
         station=lambda *_: [trip],
         between=lambda begin_ns, end_ns: rows[(rows[:, 0] >= begin_ns) & (rows[:, 0] < end_ns)],
+        pressed_ns=lambda _: math.inf,
         restarted_ns=lambda _: TRIP_NS + 20e9,
         faults=set,
         faults_by_name=set,
