@@ -197,7 +197,7 @@ def stops_have_a_cause(view: View) -> Findings:
         causes = set().union(*(EXPLAINS[what] for what in around))
         for _, fault in view.begun(latched_ns):
             causes |= {fault.partition(":")[0]} | OTHER_NAMES.get(fault, set())
-        if "estop" in causes and view.hidden_way:
+        if "estop" in causes and view.way_hidden_from("estop"):
             causes.add("ecu-overtemp")  # What opens the contactor too was not to be heard of: the ECU's own word is.
         if trip["slug"] not in causes and not (causes and trip["slug"] in OF_ANY_FAULT):
             yield f"stopped for {trip['slug']} ({trip['detail']}), what happened explains {sorted(causes)}", latched_ns

@@ -73,16 +73,15 @@ class View:
         """The same, each as `SLUG` or `SLUG:VARIANT`."""
         return {line.text for line in self.session.truth.log if line.code == "FAULT"}
 
-    @property
-    def _hiding_places(self) -> set[str]:
-        """Places of the fault matrix at which something is wrong that may hide something."""
-        slugs = (name.partition(":")[0] for name in self.faults_by_name() - PLAIN)
+    def _hiding_places(self, but: str = "") -> set[str]:
+        """Places of the fault matrix at which something is wrong that may hide something; `but` this row's fault."""
+        slugs = {name.partition(":")[0] for name in self.faults_by_name() - PLAIN} - {but}
         return {MATRIX[slug].place for slug in slugs if slug in MATRIX}
 
     @property
     def hidden_devices(self) -> bool:
         """Something is wrong with controller, current source or the ways to them, and may hide something."""
-        return bool(self._hiding_places & UNSEEN)
+        return bool(self._hiding_places() & UNSEEN)
 
     @property
     def hidden(self) -> bool:
@@ -95,7 +94,11 @@ class View:
     @property
     def hidden_way(self) -> bool:
         """Something may be wrong with the way to the controller, or with whoever goes it."""
-        return bool(self._hiding_places & {"modbus", "rtu", "controller"}) or any(
+        return self.way_hidden_from("")
+
+    def way_hidden_from(self, slug: str) -> bool:
+        """The same of something else than this row's own fault."""
+        return bool(self._hiding_places(but=slug) & {"modbus", "rtu", "controller"}) or any(
             happening.what in KILLING or happening.what in STALLS for _, happening in self.session.happened
         )
 
