@@ -15,7 +15,7 @@ from rig.faults.row import Ending, StopKind
 from rig.matrix.model import load_matrix
 from simulators.controller_firmware import Command
 from simulators.world.plan import DISK, FOREIGN, SIGNALS
-from simulators.world.view import KILLING, NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
+from simulators.world.view import KILLING, NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, WAY, Findings, View
 
 STILL_AFTER_S = 3.0
 """From a latched stop to standstill, at least: a fast motion's last cycles and a controller left to its watchdog; what
@@ -195,9 +195,10 @@ def stops_have_a_cause(view: View) -> Findings:
         if any(what not in EXPLAINS for what in around):
             return
         causes = set().union(*(EXPLAINS[what] for what in around))
-        for _, fault in view.begun(latched_ns):
+        begun = {fault for _, fault in view.begun(latched_ns)}
+        for fault in begun:
             causes |= {fault.partition(":")[0]} | OTHER_NAMES.get(fault, set())
-        if "estop" in causes and view.way_hidden_from("estop"):
+        if "estop" in begun and view.hiding_places(begun - {"estop"}) & WAY:
             causes.add("ecu-overtemp")  # What opens the contactor too was not to be heard of: the ECU's own word is.
         if trip["slug"] not in causes and not (causes and trip["slug"] in OF_ANY_FAULT):
             yield f"stopped for {trip['slug']} ({trip['detail']}), what happened explains {sorted(causes)}", latched_ns

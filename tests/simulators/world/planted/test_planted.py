@@ -54,7 +54,7 @@ def test_the_text_of_every_edit_stands_in_a_function_exactly_once(name: str) -> 
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1500)
 @pytest.mark.parametrize("name", CASES)
 def test_a_bug_is_found_in_its_world_and_nothing_without_it(
     name: str, ended: tuple[dict[str, Ended], dict[Case, Without]]
