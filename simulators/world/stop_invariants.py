@@ -78,6 +78,8 @@ EXPLAINS: dict[str, set[str]] = {
     "application-stalled": {*REACTIONS, *DISK_SLUGS} - {"host-silent"},
 }
 """What around the devices explains a stop of these names; anything else explains any."""
+EXPLAINS_FOR_S = {"application-stalled": 5.0}
+"""So long after its end (s); what else happens around the devices explains for good."""
 WATCHERS = {"application-stalled": 0.8, "station-stalled": 0.2}
 """So long (s) each may stand still while the rod moves and nobody minds."""
 MOVING_SHARE = 0.5
@@ -191,7 +193,12 @@ def stops_have_a_cause(view: View) -> Findings:
     """The rig is stopped in the name of something that has happened."""
     for trip in view.station("trip")[:1]:
         latched_ns = float(trip["latched_ns"])
-        around = [happening.what for at_ns, happening in view.session.happened if at_ns <= latched_ns]
+        around = [
+            happening.what for at_ns, happening in view.session.happened
+            if at_ns <= latched_ns <= at_ns + 1e9 * (
+                (happening.lasts_s or 0.0) + EXPLAINS_FOR_S.get(happening.what, math.inf)
+            )
+        ]
         if any(what not in EXPLAINS for what in around):
             return
         causes = set().union(*(EXPLAINS[what] for what in around))
