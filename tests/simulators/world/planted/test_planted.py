@@ -68,6 +68,12 @@ def test_an_emergency_stop_and_a_pressure_taken_away_too_late_excuse_nothing(nam
     assert CASES[name].invariant in with_the_bug(name)[0]
 
 
+def test_an_application_that_stood_still_long_before_explains_no_stop() -> None:
+    case = replace(CASES["controller-boots"], happenings=("application-stalled@0.9+0.3", "actuator-reboot@0.5"))
+    assert "cause" in lived(case, PLANTED["controller-boots"])[0]
+    assert lived(case, ())[0] == {}
+
+
 @pytest.mark.nightly
 def test_a_bug_is_the_same_in_another_process(ended: tuple[dict[str, Ended], dict[Case, Without]]) -> None:
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
