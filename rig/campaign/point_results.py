@@ -36,7 +36,8 @@ class PointResults:
     Attributes:
         points: the planned points in order.
         results: those that there are.
-        earlier: what earlier sessions recorded of points that are to be run again; told until they are.
+        earlier: what was recorded of points that are to be run again, by earlier sessions or out of tolerance in this
+            one; told until something else of them is recorded.
         measured: files of this session; those of others were measured between other rests.
         began_ns: when the first recording of this session began (monotonic); None before.
         ended_ns: when the last one ended.
@@ -69,9 +70,19 @@ class PointResults:
         result = replace(_result(point, file, verdict, tuple(reasons), lost_samples), quality=quality or {})
         if file is not None:
             self.measured.add(file)
-        known = self.results.get(point.id) or self.earlier.get(point.id)
+        known = self.results.get(point.id)
         self.results[point.id] = result if known is None else _counts(known, result)
         return result
+
+    def recorded_apart(
+        self, point: TestPoint, file: Path, verdict: str, reasons: Iterable[str], lost_samples: int,
+        quality: Mapping[str, float],
+    ) -> None:
+        """Enter the record of a motion out of tolerance, after which the point is to be run again.
+
+        Its file may be made after the point was judged: of records out of tolerance the last one entered is told.
+        """
+        self.earlier[point.id] = replace(_result(point, file, verdict, tuple(reasons), lost_samples), quality=quality)
 
     def renamed(self, names: Mapping[Path, Path]) -> None:
         """Files of earlier sessions have other names now: old path -> new path."""
@@ -82,9 +93,10 @@ class PointResults:
 
     def mended(self, file: Path, verdict: str, reasons: Iterable[str], quality: Mapping[str, float]) -> None:
         """A point's file (absolute path) was written again; its verdict and numbers are these now."""
-        for point_id, result in self.results.items():
-            if result.file == file:
-                self.results[point_id] = replace(result, verdict=verdict, reasons=tuple(reasons), quality=quality)
+        for books in (self.results, self.earlier):
+            for point_id, result in books.items():
+                if result.file == file:
+                    books[point_id] = replace(result, verdict=verdict, reasons=tuple(reasons), quality=quality)
 
     def doubted(self, findings: Sequence[CampaignFinding], warn: Callable[[str], None]) -> None:
         """Make the session's valid points suspect for what the rest after its motion showed, in their files too.
@@ -114,8 +126,14 @@ class PointResults:
 
     def all_results(self) -> tuple[PointResult, ...]:
         """Every point in planned order; the ones of which no session tells anything were not run."""
-        known = {**self.earlier, **self.results}
-        return tuple(known.get(point.id) or _result(point, None, NOT_RUN, (), 0) for point in self.points)
+        return tuple(self._told(point) for point in self.points)
+
+    def _told(self, point: TestPoint) -> PointResult:
+        """What counts of what was recorded before and of this session's attempts."""
+        before, result = self.earlier.get(point.id), self.results.get(point.id)
+        if before is None or result is None:
+            return before or result or _result(point, None, NOT_RUN, (), 0)
+        return _counts(before, result)
 
     @property
     def valid(self) -> int:

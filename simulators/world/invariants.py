@@ -128,13 +128,14 @@ def points_are_there(view: View) -> Findings:
 
 
 def recorded_points_are_written(view: View) -> Findings:
-    """A point that was run has a file where nothing is wrong with the disk and with those who write files."""
+    """Of a point that was run a file is told, and is there, where disk and those who write files are well."""
     answer = view.session.answer
     if answer is None or any(happening.what in LOSING for _, happening in view.session.happened):
         return
     began = {str(line["point"]) for line in view.lines if line.get("event") == "point"}
+    last = view.session is view.world.sessions[-1]  # what earlier ones told was set aside since
     for point in answer.points:
-        if point.file is None and point.id in began and not view.station("trip"):
+        if point.id in began and (point.file is None or (last and not point.file.exists())):
             yield f"{point.id} has no file: {'; '.join(point.reasons)[:300]}", view.session.ended_ns
 
 

@@ -11,7 +11,6 @@ from rig.bench.model import Bench
 from rig.campaign.stop_cause import CURRENT_FLOWS
 from rig.faults.matrix import MATRIX
 from rig.faults.row import StopKind
-from simulators.controller_firmware import Command
 from simulators.world.view import NO_CURRENT_A, STILL_M_S, Findings, View
 from simulators.world.world import EVERY_S
 
@@ -26,7 +25,6 @@ HANDED_OVER_S = 0.02
 """From an instant to the status that tells of it, and on to the station."""
 ZERO_A = 2 * NO_CURRENT_A
 COMES_BACK_S = 0.3
-TAKES_PRESSURE = frozenset({Command.HYDRAULICS_OFF.name, "TRIP", "FAULT"})
 OF_THE_SOURCE = frozenset({"can", "ecu"})
 
 
@@ -67,16 +65,8 @@ def what_is_proved_is_true(view: View) -> Findings:
         unproved = not safe.get("current_zero") and not view.by_hand
         if unproved and not view.faults() and not view.session.happened:
             yield "safe without a proof of 0 A", t_ns
-        if str(safe.get("stop")) == str(StopKind.PRESSURE_OFF) and _pressure_on(view, t_ns):
+        if str(safe.get("stop")) == str(StopKind.PRESSURE_OFF) and rows[-1, 5] > 0.0:
             yield "an S1 stop was proved with the pressure on", t_ns
-
-
-def _pressure_on(view: View, t_ns: float) -> bool:
-    """There was pressure at an instant, whatever is ordered later in the tick of the plant in which that lies."""
-    tick_ns = 1e9 * view.world.plan.tick_s
-    rows = view.between(t_ns - tick_ns - SEEN_NS, t_ns - tick_ns)
-    just_now = (line.code for line in view.session.truth.log if t_ns - 2 * tick_ns < line.host_ns <= t_ns)
-    return len(rows) > 0 and rows[-1, 5] > 0.0 and TAKES_PRESSURE.isdisjoint(just_now)
 
 
 def _heard_ns(view: View) -> float:

@@ -16,7 +16,7 @@ from rig.matrix.model import load_matrix
 from simulators.controller_firmware import Command
 from simulators.world.plan import DISK, FOREIGN, SIGNALS
 from simulators.world.proof_invariants import moving_by_itself
-from simulators.world.view import KILLING, NO_CURRENT_A, STUCK_CURRENT, Findings, View
+from simulators.world.view import KILLING, NO_CURRENT_A, STUCK_CURRENT, WAY, Findings, View
 
 STILL_AFTER_S = 3.0
 """From a latched stop to standstill, at least: a fast motion's last cycles and a controller left to its watchdog; what
@@ -79,6 +79,8 @@ EXPLAINS: dict[str, set[str]] = {
     "application-stalled": {*REACTIONS, *DISK_SLUGS} - {"host-silent"},
 }
 """What around the devices explains a stop of these names; anything else explains any."""
+EXPLAINS_FOR_S = {"application-stalled": 5.0}
+"""So long after its end (s); what else happens around the devices explains for good."""
 WATCHERS = {"application-stalled": 0.8, "station-stalled": 0.2}
 """So long (s) each may stand still while the rod moves and nobody minds."""
 MOVING_SHARE = 0.5
@@ -187,13 +189,19 @@ def stops_have_a_cause(view: View) -> Findings:
     """The rig is stopped in the name of something that has happened."""
     for trip in view.station("trip")[:1]:
         latched_ns = float(trip["latched_ns"])
-        around = [happening.what for at_ns, happening in view.session.happened if at_ns <= latched_ns]
+        around = [
+            happening.what for at_ns, happening in view.session.happened
+            if at_ns <= latched_ns <= at_ns + 1e9 * (
+                (happening.lasts_s or 0.0) + EXPLAINS_FOR_S.get(happening.what, math.inf)
+            )
+        ]
         if any(what not in EXPLAINS for what in around):
             return
         causes = set().union(*(EXPLAINS[what] for what in around))
-        for _, fault in view.begun(latched_ns):
+        begun = {fault for _, fault in view.begun(latched_ns)}
+        for fault in begun:
             causes |= {fault.partition(":")[0]} | OTHER_NAMES.get(fault, set())
-        if "estop" in causes and view.way_hidden_besides("estop"):
+        if "estop" in begun and view.hiding_places(begun - {"estop"}) & WAY:
             causes.add("ecu-overtemp")  # What opens the contactor too was not to be heard of: the ECU's own word is.
         if trip["slug"] not in causes and not (causes and trip["slug"] in OF_ANY_FAULT):
             yield f"stopped for {trip['slug']} ({trip['detail']}), what happened explains {sorted(causes)}", latched_ns

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -22,6 +22,8 @@ NO_CURRENT_A = 0.05
 KILLING = frozenset({"application-killed", "station-killed", "power-cut"})
 UNSEEN = frozenset({"modbus", "rtu", "controller", "can", "ecu"})
 """Places of the fault matrix where a fault may hide whether the rig has stopped."""
+WAY = frozenset({"modbus", "rtu", "controller"})
+"""Those of the way to the controller."""
 STUCK_CURRENT = frozenset({"current-stuck"})
 PLAIN = frozenset({"second-master:span", "second-master:offset", "second-master:jumps", "ecu-overtemp:coil"})
 """Faults at those places that hide nothing."""
@@ -75,15 +77,16 @@ class View:
         """The same, each as `SLUG` or `SLUG:VARIANT`."""
         return {line.text for line in self.session.truth.log if line.code == "FAULT"}
 
-    def _hiding_places(self, but: str = "") -> set[str]:
-        """Places of the fault matrix at which something is wrong, but this row's fault, that may hide something."""
-        slugs = {name.partition(":")[0] for name in self.faults_by_name() - PLAIN} - {but}
+    @staticmethod
+    def hiding_places(faults: Iterable[str]) -> set[str]:
+        """Places of the fault matrix at which one of these faults (`SLUG` or `SLUG:VARIANT`) may hide something."""
+        slugs = (name.partition(":")[0] for name in faults if name not in PLAIN)
         return {MATRIX[slug].place for slug in slugs if slug in MATRIX}
 
     @property
     def hidden_devices(self) -> bool:
         """Something is wrong with controller, current source or the ways to them, and may hide something."""
-        return bool(self._hiding_places() & UNSEEN)
+        return bool(self.hiding_places(self.faults_by_name()) & UNSEEN)
 
     @property
     def hidden(self) -> bool:
@@ -96,11 +99,7 @@ class View:
     @property
     def hidden_way(self) -> bool:
         """Something may be wrong with the way to the controller, or with whoever goes it."""
-        return self.way_hidden_besides("")
-
-    def way_hidden_besides(self, slug: str) -> bool:
-        """The same, whatever the fault of this row does."""
-        return bool(self._hiding_places(slug) & {"modbus", "rtu", "controller"}) or any(
+        return bool(self.hiding_places(self.faults_by_name()) & WAY) or any(
             happening.what in KILLING or happening.what in STALLS for _, happening in self.session.happened
         )
 

@@ -65,18 +65,28 @@ class WorldTruth:
         self._plant = plant
         self._kernel = kernel
         self._every = max(1, round(EVERY_S / plant.dt_s))
-        self._slices: list[tuple[int, float, NDArray[Any]]] = []
+        self._slices: list[tuple[int, NDArray[Any]]] = []
+        self._pressures: list[tuple[int, float]] = [(0, 0.0)]
+        """From when on (ns) which pressure level: a slice lasts longer than a stop takes it away."""
 
     def slice(self) -> None:
         """Take the plant's last slice."""
         # The slice ends now; before it the rig's clock may have waited.
-        rows = self._plant.out[:: self._every].copy()
-        self._slices.append((self._kernel.now_ns, float(self._plant.command["pressure"][0]), rows))
+        self._take_pressure(self._slices[-1][0] if self._slices else 0)
+        self._slices.append((self._kernel.now_ns, self._plant.out[:: self._every].copy()))
 
     def note(self, code: str, text: str, time_s: float | None = None) -> None:
         """A line of the log."""
         del time_s
+        self._take_pressure(self._kernel.now_ns)
         self.log.append(Noted(self._kernel.now_ns, code, text))
+
+    def _take_pressure(self, since_ns: int) -> None:
+        """The pressure has its level since then, where it had another one before."""
+        last_ns, last = self._pressures[-1]
+        level = float(self._plant.command["pressure"][0])
+        if level != last:
+            self._pressures.append((max(last_ns, since_ns), level))
 
     def finish(self, about: Any) -> None:  # noqa: ANN401 - nothing is written
         """Nothing is written."""
@@ -87,11 +97,13 @@ class WorldTruth:
         """Host's clock (ns), velocity (m/s), current (A), displacement (m), force (N), pressure level, coil (degC)."""
         if not self._slices:
             return np.empty((0, 7))
-        ends_ns, pressures, parts = zip(*self._slices, strict=True)
+        ends_ns, parts = zip(*self._slices, strict=True)
         lengths, rows = [len(part) for part in parts], np.concatenate(parts)[:, COLUMNS]
         left = np.concatenate([np.arange(length)[::-1] for length in lengths])
         times_ns = np.repeat(np.array(ends_ns), lengths) - left * self._every * self._plant.dt_s * 1e9
-        return np.column_stack((times_ns, rows[:, :4], np.repeat(np.array(pressures), lengths), rows[:, 4]))
+        since_ns, levels = map(np.array, zip(*self._pressures, strict=True))
+        pressures = levels[np.searchsorted(since_ns, times_ns, side="right") - 1]
+        return np.column_stack((times_ns, rows[:, :4], pressures, rows[:, 4]))
 
     @property
     def moved_s(self) -> float:

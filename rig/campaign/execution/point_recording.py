@@ -42,12 +42,14 @@ class PointRecording:
         finaliser: the process that writes the points' files.
         recorder: recording's thread on the station's ring; None before the station is connected.
         handed_in: points whose files are being made, by the name of their files.
+        apart: those of these names that are records out of tolerance.
     """
 
     campaign: CampaignContext
     finaliser: Finaliser
     recorder: PointRecorder | None = None
     handed_in: dict[str, TestPoint] = field(default_factory=dict)
+    apart: set[str] = field(default_factory=set)
 
     def begin(self, action: act.BeginRecording) -> None:
         """Open the journal of a point's attempt.
@@ -102,6 +104,8 @@ class PointRecording:
             kept = kept_apart(recorder.end(), self.campaign.point_ids)
         except OSError as error:
             raise RecorderFailed(f"{self.campaign.folder / 'points'}: {error}") from error
+        self.handed_in[kept.id] = action.point
+        self.apart.add(kept.id)
         self.finaliser.submit(kept)
         text = say("dropped", kept=kept.id)
         self.campaign.log.note("dropped", point=action.point.id, kept=kept.id, text=text)
@@ -141,20 +145,23 @@ class PointRecording:
         return events
 
     def _entered(self, finished: FinishedPoint) -> PointResult | None:
-        """Enter what the finaliser says about a point; None when it was not handed in here."""
+        """Enter what the finaliser says about a point's attempt; None for anything else that it tells of."""
         campaign, point = self.campaign, self.handed_in.pop(finished.id, None)
+        attempt = point is not None and finished.id not in self.apart
+        if finished.error and not attempt:
+            campaign.log.note("warning", slug=finished.error_slug, text=f"{finished.id}: {finished.error}")
         if point is None:
-            if finished.error:
-                campaign.log.note("warning", slug=finished.error_slug, text=f"{finished.id}: {finished.error}")
             return None
         if finished.error or not finished.file:
-            return self.give_up(point, because("not-written", "said", text=finished.error))
-        file = self.campaign.folder / "points" / finished.file
-        return self._announced(
-            campaign.results.judged(
-                point, file, finished.verdict, finished.reasons, finished.lost_samples, finished.quality
-            )
+            return self.give_up(point, because("not-written", "said", text=finished.error)) if attempt else None
+        entry = (
+            point, campaign.folder / "points" / finished.file, finished.verdict, finished.reasons,
+            finished.lost_samples, finished.quality,
         )
+        if attempt:
+            return self._announced(campaign.results.judged(*entry))
+        campaign.results.recorded_apart(*entry)
+        return None
 
     def collect(self, signals: Signals) -> ev.Abort | None:
         """Wait for the files of the points that were recorded; the rig is at rest, whatever happens here.
@@ -176,14 +183,14 @@ class PointRecording:
     def _collect(self, enough: _Enough) -> None:
         recorded_s = sum(point.motion_s for point in self.handed_in.values())
         deadline_ns = monotonic_ns() + int(1e9 * (FILES_TIMEOUT_S + recorded_s))
-        for name, point in tuple(self.handed_in.items()):
+        for name in tuple(self.handed_in):
             while name in self.handed_in:
                 try:
                     self._entered(self.finaliser.wait(name, ASK_AGAIN_S))
                 except TimeoutError:
                     if enough() or monotonic_ns() > deadline_ns:
-                        self.handed_in.pop(name)
-                        self.give_up(point, because("not-written", "file-unfinished"))
+                        cause = because("not-written", "file-unfinished")
+                        self._entered(FinishedPoint(name, error=cause.detail, error_slug=cause.slug))
         if self.campaign.results.results.keys() >= set(self.campaign.point_ids) and not enough():
             self._bring_to_one_skew(enough)
 

@@ -108,6 +108,26 @@ def test_what_an_earlier_session_recorded_is_told_until_the_point_has_been_run_a
     assert (books.all_results()[0].file, books.all_results()[0].reasons) == (earlier, ("stroke: 2",))
 
 
+@pytest.mark.parametrize("apart_first", [True, False])
+def test_a_record_out_of_tolerance_is_told_until_the_point_is_recorded_again(apart_first: bool) -> None:
+    """The file may be made before the point is given up, or after."""
+    results, apart = PointResults((POINT,)), Path("p001-out-of-tolerance1.h5")
+    if apart_first:
+        results.recorded_apart(POINT, apart, "invalid", ("out-of-tolerance: 4.8 mm",), 1, {})
+        (told,) = results.all_results()
+        assert (told.file, told.verdict, told.reasons) == (apart, "invalid", ("out-of-tolerance: 4.8 mm",))
+        assert not results.results, "the point was not judged"
+    results.given_up(POINT, UNSETTLED)
+    if not apart_first:
+        results.recorded_apart(POINT, apart, "invalid", ("out-of-tolerance: 4.8 mm",), 1, {})
+    (told,) = results.all_results()
+    assert (told.file, told.lost_samples, told.reasons) == (apart, 1, ("out-of-tolerance: 4.8 mm", SAID))
+    results.judged(POINT, Path("p001.h5"), "invalid", ("stroke: 2",), 0)
+    assert results.all_results()[0].file == Path("p001.h5")
+    results.judged(POINT, Path("p001-attempt2.h5"), "valid", (), 0)
+    assert results.all_results()[0].reasons == ()
+
+
 def test_a_file_that_was_set_aside_is_told_where_a_later_session_left_none_and_is_never_kept(tmp_path: Path) -> None:
     write(tmp_path, 1, "suspect")
     set_aside(tmp_path / "points", "p001", ("p001",))

@@ -138,13 +138,6 @@ CASES: dict[str, Case] = {
     "watchdog-fed": Case("refused"),
     "watchdog-proved": Case("refused", ("watchdog-absent",)),
 }
-EVERY_TIME = (
-    "S1-hangs", "S2-others-journals", "S3-foreign-stop", "S7-log-first", "S8-late-word", "lease", "echo",
-    "e-stop-bit", "controller-silent", "sensor-silent", "stroke-limit", "acceleration-limit", "current-limit",
-    "standstill-proved", "current-proved", "pressure-off-after-s1", "zero-at-once", "stop-sent", "link-ends",
-    "pressure-off-at-disarm", "own-lateness", "watchdog-fed",
-)
-"""Whose worlds the test suite runs: some for each invariant; `python3 dev.py worlds --planted --made` runs all."""
 
 
 def judged_by_case(name: str, bug: dict[str, str], healthy: tuple[dict[str, str], set[str]]) -> str:

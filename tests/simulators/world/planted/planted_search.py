@@ -2,10 +2,11 @@
 
 With `--made` each in the world that was made for it, which must fail with the bug and hold without.
 
-For each bug the first worlds are tried in which something happens of what happens in the world made for it, which
-their plans say. Then, for those not found, a block of worlds is run without a bug, and which bugs they come by is
-noted: those that come by where a bug matters are tried with it, by seed; where a line of the bug is reached by less
-than half of the worlds, only those that come by such a line. So on with the next block.
+For each bug the worlds are tried first in which the most happens of what happens in the world made for it, and points
+have names where they have there, which their plans say. Then, for those not found, a block of worlds is run without a
+bug, and which bugs they come by is noted: those that come by where a bug matters are tried with it, by seed; where a
+line of the bug is reached by less than half of the worlds, only those that come by such a line. So on with the next
+block.
 
 Told are the first world tried in which an invariant does not hold (but holds without the bug), the same world again in
 another process, and what happens in it, or in the smallest world in which it still does not hold. Worlds are run to the
@@ -22,7 +23,6 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
-from itertools import islice
 
 import click
 from planted_cases import CASES, PLANTED, judged_by_case, with_the_bug, world_of
@@ -42,6 +42,7 @@ LIKELY = 10
 """So many of the worlds are tried first in which what a bug needs is drawn."""
 BLOCK = 40
 """So many worlds are run without a bug before the bugs are tried in them."""
+NAMED_POINT = "[[point]]"
 FEW = 0.5
 """A line that a smaller share of all worlds comes by says where it is worth looking."""
 
@@ -93,10 +94,19 @@ def worth_trying(name: str, without: Sequence[Unbugged]) -> list[int]:
 
 
 def likely(name: str, seeds: range) -> list[int]:
-    """Seeds in whose worlds something is drawn that happens in the world made for a bug, ascending; any if nothing."""
-    what = {Happening.parse(text).what for text in CASES[name].happenings}
-    drawn_too = (seed for seed in seeds if not what or what & {given.what for given in drawn(seed).happenings})
-    return list(islice(drawn_too, LIKELY))
+    """Seeds in whose worlds something is drawn that happens in the world made for a bug: the most of it first.
+
+    Another variant of the same row comes after all that are the same.
+    """
+    case, drawn_too = CASES[name], list[tuple[int, int, bool, int]]()
+    what = {Happening.parse(text).what for text in case.happenings}
+    for seed in seeds:
+        plan = drawn(seed)
+        given = {happening.what for happening in plan.happenings}
+        rows = {text.partition(":")[0] for text in what} & {text.partition(":")[0] for text in given}
+        if (rows or not what) and (NAMED_POINT in plan.matrix or NAMED_POINT not in case.matrix):
+            drawn_too.append((-len(what & given), -len(rows), plan.held_up < case.held_up, seed))
+    return [seed for *_, seed in sorted(drawn_too)[:LIKELY]]
 
 
 def looked_for(name: str, seeds: Sequence[int], pool: Executor, jobs: int) -> tuple[int, Ended | None]:
