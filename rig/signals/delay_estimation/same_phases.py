@@ -5,10 +5,10 @@ same phases, so no number of cycles tells where between two of them the jump lie
 samples, its residual is small, its harmonics beyond half the rate are folded into the others, and the lag comes out
 wrong by up to half the time between polls with a small error stated. Measured: `docs/decisions/skew-by-signals.md`.
 
-So the lag is sought a second time there, by phase: each sample's mean over all cycles, a cubic between four of them,
-and what such a cubic is wrong by as it shows where every other sample is left out. That error belongs to the stretch
-between two samples, however often the reference was read in it. How far the lags that this allows lie from the match's
-is stated.
+So where flanks are sharp the lag is sought a second time, by phase: each sample's mean over all cycles, a cubic between
+four of them, and what such a cubic is wrong by as it shows where every other sample is left out. That error belongs to
+the stretch between two samples, however often the reference was read in it. How far the lags that this allows lie from
+the match's is stated.
 """
 
 from __future__ import annotations
@@ -27,12 +27,14 @@ LOCKED = 0.5
 """Length of the samples' mean direction about the nearest of equal phases; 0 where the phases are spread evenly."""
 TOP, HIGHEST = 1.0 / 3.0, 0.45
 """Between these shares of the sampling rate harmonics tell what lies beyond, and is folded into all of them."""
+RESOLVED = 0.01
+"""A flank less sharp than this is known between the samples too: a damper's under a sine has half of it."""
 WITHIN = 1.0 / math.sqrt(12.0)
 FEWEST_PHASES, FEWEST_A_PHASE, FEWEST_REFERENCES = 8, 2, 8
 CUBIC_NOISE = 1.0 + (2.0 * 9.0**2 + 2.0) / 16.0**2
 """Variance of a sample less that of the cubic between its neighbours, in variances of one."""
-REACH, MOST_OF_CYCLE, LAGS = 4.0, 0.2, 201
-"""Lags are tried within so many times what lies between the phases, no further than this share of a cycle."""
+REACH, MOST_OF_CYCLE, MOST_S, LAGS = 4.0, 0.2, 0.03, 201
+"""Lags are tried within so many times what lies between the phases, but no further than this share of a cycle, or s."""
 
 
 def doubted(laid: Match, reference: TimeSeries, series: Series, sensor: TimeSeries, cycles: CycleStretch) -> Match:
@@ -50,9 +52,10 @@ def doubted(laid: Match, reference: TimeSeries, series: Series, sensor: TimeSeri
     if sharp == 0.0:
         return laid
     apart_s = math.hypot(sampled_s, _shared_s(reference.time_s, cycles))
-    told = _by_phase(laid, reference, sensor, cycles, apart_s) if laid.compliance is None else None
+    by_phase = laid.compliance is None and sharp > RESOLVED
+    told_s = _by_phase(laid, reference, sensor, cycles, apart_s) if by_phase else None
     # It is an error of the lag alone: how it goes with a compliance stays as it is.
-    open_s = WITHIN * sharp * apart_s if told is None else math.hypot(told[0] - laid.lag_s, told[1])
+    open_s = WITHIN * sharp * apart_s if told_s is None else told_s
     return replace(laid, lag_std_s=math.hypot(laid.lag_std_s, open_s))
 
 
@@ -104,8 +107,8 @@ def _phases(sensor: TimeSeries, cycles: CycleStretch) -> _Phases | None:
 
 def _by_phase(
     laid: Match, reference: TimeSeries, sensor: TimeSeries, cycles: CycleStretch, apart_s: float
-) -> tuple[float, float] | None:
-    """The lag and its standard deviation (s) by the sensor's phases; None where they are too few."""
+) -> float | None:
+    """How far the match's lag is from those that the sensor's phases allow (s, rms); None where they are too few."""
     phases = _phases(sensor, cycles)
     inside = np.isfinite(reference.values) & (reference.time_s >= cycles.start_s) & (reference.time_s < cycles.end_s)
     wanted = reference.values[inside]
@@ -113,14 +116,20 @@ def _by_phase(
         return None
     count = len(phases.means)
     place = (reference.time_s[inside] - cycles.start_s) / cycles.period_s * count - phases.first
-    reach_s = min(REACH * apart_s, MOST_OF_CYCLE * cycles.period_s)
+    reach_s = min(REACH * apart_s, MOST_OF_CYCLE * cycles.period_s, MOST_S)
     lags_s = laid.lag_s + np.linspace(-reach_s, reach_s, LAGS)
     own = _noise(np.mod(place, count) / count, wanted)
     steps = lags_s / cycles.period_s * count
     squares, freedom = np.array([_misfit(phases, place + step, wanted, own, laid.gain) for step in steps]).T
     best = int(np.argmin(squares))
     # Two instruments never agree to their noise alone.
-    weights = np.exp(-0.5 * (squares - squares[best]) / max(1.0, squares[best] / max(1.0, freedom[best])))
+    lag_s, std_s = _likely(lags_s, squares / max(1.0, squares[best] / max(1.0, freedom[best])))
+    return math.hypot(lag_s - laid.lag_s, std_s)
+
+
+def _likely(lags_s: FloatArray, squares: FloatArray) -> tuple[float, float]:
+    """Mean and standard deviation (s) of lags (n,) by what each leaves, in squares over variances."""
+    weights = np.exp(-0.5 * (squares - np.min(squares)))
     weights /= weights.sum()
     lag_s = float(weights @ lags_s)
     return lag_s, math.sqrt(float(weights @ (lags_s - lag_s) ** 2))
