@@ -215,7 +215,7 @@ def _matches(ties: Mapping[str, _Tie], *, steps: bool) -> dict[str, Match]:
             force = series.get("force") if name == "displacement" else None
             laid = match_cycles(reference.record, series[name], cycles, reach_s=DELAY_REACH_S, force=force)
             if laid is not None:
-                laid = doubted(laid, reference.record, series[name], tie.thin_s, cycles)
+                laid = doubted(laid, reference.record, series[name], TimeSeries(tie.thin_s, tie.thin), cycles)
         else:
             laid = _sample_by_sample(tie, reference, DELAY_REACH_S, cycles, with_drift=False)
         if laid is not None:
@@ -277,7 +277,7 @@ def _drifting(tie: _Tie, reference: Reference, reach_s: float) -> Match | None:
     left = match_cycles(reference.record, series, cycles, reach_s=DELAY_REACH_S, with_drift=True)
     if left is None or not left.lag_std_s < rough.lag_std_s:
         return rough
-    left = doubted(left, reference.record, series, moved_s, cycles)
+    left = doubted(left, reference.record, series, TimeSeries(moved_s, tie.thin), cycles)
     return replace(
         left, lag_s=left.lag_s + rough.lag_s + rough.drift * (left.middle_s - rough.middle_s),
         drift=left.drift + rough.drift,

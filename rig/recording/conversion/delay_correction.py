@@ -44,7 +44,8 @@ if TYPE_CHECKING:
     import h5py
 
 CERTAIN = 2.0
-"""Standard deviations of the pooled skew by which a file must be off ..."""
+"""Standard deviations, of the pooled skew or of what the file states, by which a file must be off; or so many times
+what it states is what all points leave open, since they contradict each other ..."""
 MATTERS_S = 1e-4
 """... and by how much, which is what a skew is to be known to."""
 WHY = "the campaign's points together, against the controller's own inputs"
@@ -87,7 +88,9 @@ def _change(point: RecordedPoint, skew: PointSkew | None, instruments: Verdict |
     after = with_skew(before, skew.trusted_std_s, float(point.test.get("record_highest_Hz", point.frequency_Hz)))
     judged = before if instruments is None else instruments
     reasons = [reason for reason in judged.entries if reason.slug in SLUGS]
-    if abs(skew.shift_s) > max(CERTAIN * skew.std_s, MATTERS_S):
+    stated_s = skew.std_s if point.quality.skew.std_s is None else point.quality.skew.std_s
+    off = abs(skew.shift_s) > max(CERTAIN * min(skew.std_s, stated_s), MATTERS_S)
+    if off or skew.std_s > max(CERTAIN * stated_s, MATTERS_S):
         why = f"all points together put its skew at {1e3 * skew.delays.value_s:.3f} +- {1e3 * skew.std_s:.2g} ms"
         return Change(why, skew, reasons)
     if after != before:

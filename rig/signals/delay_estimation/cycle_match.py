@@ -23,7 +23,7 @@ import numpy as np
 
 from rig.signals.arrays import FloatArray, IntArray, TimeSeries
 from rig.signals.delay_estimation.sample_match import Match, student
-from rig.signals.fourier import FALSE_ALARM, FIRST_LINE, GRID, Series, series_of
+from rig.signals.fourier import FALSE_ALARM, FIRST_LINE, GRID, HIGHEST_SHARE, Series, series_of
 
 FEWEST_CYCLES = 2
 FEWEST_REFERENCES = 8
@@ -50,6 +50,8 @@ LARGEST_STEP = 0.02
 PHASE_BINS = 40
 STRETCHES_A_CYCLE = 10
 OUTLIER = 6.0
+HARMONICS = 9
+"""Of the motion, beside its frequency."""
 LARGEST_CHANGE = 0.03
 """Relative: beyond it what the samples show of the period is not the program's."""
 LARGEST_COMPLIANCE_m_N = 1e-5
@@ -109,18 +111,25 @@ def cycle_series(time_s: FloatArray, values: FloatArray, cycles: CycleStretch) -
 
 
 def refined(cycles: CycleStretch, time_s: FloatArray, values: FloatArray) -> CycleStretch:
-    """The same stretch with the period that a sensor's samples (n,) show: the program's, on another clock."""
+    """The same stretch with the period that a sensor's samples (n,) show: the program's, on another clock.
+
+    The motion's harmonics are fitted beside its frequency: what a triangle has of them is no change of the period.
+    """
     inside = np.isfinite(values) & (time_s >= cycles.start_s) & (time_s < cycles.end_s)
     t, y = time_s[inside] - 0.5 * (cycles.start_s + cycles.end_s), values[inside]
     if len(t) < FEWEST_SAMPLES:
         return cycles
-    omega = math.tau / cycles.period_s
+    omega, per_cycle = math.tau / cycles.period_s, cycles.period_s / float(np.median(np.diff(t)))
+    orders = np.arange(1, max(1, min(HARMONICS, int(HIGHEST_SHARE * per_cycle))) + 1)
     for _ in range(2):
-        design = np.column_stack((np.ones(len(t)), np.cos(omega * t), np.sin(omega * t)))
-        (_, cosine, sine), *_ = np.linalg.lstsq(design, y, rcond=None)
-        slope = t * (sine * design[:, 1] - cosine * design[:, 2])
+        turns = np.outer(t, omega * orders)
+        cosines, sines = np.cos(turns), np.sin(turns)
+        design = np.column_stack((np.ones(len(t)), cosines, sines))
+        (_, *amplitudes), *_ = np.linalg.lstsq(design, y, rcond=None)
+        cosine, sine = np.split(np.asarray(amplitudes), 2)
+        slope = t * ((cosines * sine - sines * cosine) @ orders)
         full = np.column_stack((design, slope))
-        omega += float(np.linalg.lstsq(full, y, rcond=None)[0][3])
+        omega += float(np.linalg.lstsq(full, y, rcond=None)[0][-1])
     period_s = math.tau / omega
     if not abs(period_s / cycles.period_s - 1.0) < LARGEST_CHANGE:
         return cycles

@@ -68,9 +68,14 @@ class Match:
     coupling: float = 0.0
 
     def widened(self, lag_std_s: float) -> Match:
-        """The same with a larger standard deviation of the lag (s), its correlation with the compliance kept."""
+        """The same with a larger standard deviation of the lag (s); what is as unsure of the compliance is kept so.
+
+        How the lag goes with the compliance stays as it is: what makes a lag unsure turns no load train into another.
+        """
         factor = lag_std_s / self.lag_std_s
-        return replace(self, lag_std_s=lag_std_s, coupling=self.coupling * factor)
+        return replace(
+            self, lag_std_s=lag_std_s, compliance_std=self.compliance_std * factor, coupling=self.coupling * factor**2,
+        )
 
 
 class Course(NamedTuple):

@@ -28,12 +28,12 @@ KEPT_POLLS = 3
 
 def write_points(
     folder: Path, lag_s: float, count: int = 5, frequency_Hz: float = 2.0, delay_s: float | None = 0.0,
+    first: int = 1,
 ) -> dict[str, SyntheticRig]:
     rigs = {}
-    for number in range(1, count + 1):
-        rig = SyntheticRig(
-            frequency_Hz=frequency_Hz, cycles=10, amplitude_m=0.03 if number < 3 else 0.003, seed=number, noise_N=5.0
-        )
+    for number in range(first, first + count):
+        amplitude_m = 0.03 if number < first + 2 else 0.003
+        rig = SyntheticRig(frequency_Hz=frequency_Hz, cycles=10, amplitude_m=amplitude_m, seed=number, noise_N=5.0)
         records = with_controller_record(rig, lag_s)
         polls = np.isin(records["channel"], (Channel.POSITION, Channel.CONTROLLER_FORCE))
         keep = ~polls | (np.cumsum(polls) % (2 * KEPT_POLLS) < 2)
@@ -109,6 +109,18 @@ def test_points_that_agree_with_the_declaration_are_not_written_again(tmp_path: 
     before = {file.name: file.stat().st_mtime_ns for file in tmp_path.glob("*.h5")}
     assert list(retime(tmp_path)) == []
     assert {file.name: file.stat().st_mtime_ns for file in tmp_path.glob("*.h5")} == before
+
+
+def test_points_that_contradict_each_other_are_not_as_sure_as_each_of_them_alone(tmp_path: Path) -> None:
+    write_points(tmp_path, 0.0, count=2)
+    write_points(tmp_path, LAG_S, count=2, first=3)
+    alone = [point.skew_s for point in opened(tmp_path)]
+    assert max(alone) - min(alone) > 0.8 * LAG_S
+    list(retime(tmp_path))
+    for point in opened(tmp_path):
+        for wanted_s in (0.0, LAG_S):
+            assert abs(point.skew_s - wanted_s) < 3.0 * point.skew_std_s, point.id
+    assert list(retime(tmp_path)) == []
 
 
 @pytest.mark.parametrize("lost", ["force/time", "velocity"])
