@@ -15,12 +15,12 @@ import numpy as np
 
 from rig.bench.model import Bench
 from rig.campaign.results import INVALID, VALID, RigState
-from rig.campaign.stop_cause import CURRENT_FLOWS
+from rig.campaign.stop_cause import CURRENT_FLOWS, because
 from rig.errors import FileProblem
 from rig.faults.row import StopKind
 from rig.recording.recorded_point import RecordedPoint
 from simulators.controller_firmware import Command
-from simulators.world.plan import DEATHS, DISK, STALLS
+from simulators.world.plan import DEATHS, DISK, SIGNALS, STALLS
 from simulators.world.proof_invariants import PROOF_CHECKS
 from simulators.world.stop_invariants import STOP_CHECKS, STOPS
 from simulators.world.view import KILLING, NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
@@ -128,18 +128,25 @@ def points_are_there(view: View) -> Findings:
 
 
 def recorded_points_are_written(view: View) -> Findings:
-    """Of a point that was run a file is told, and is there, where disk and those who write files are well."""
-    answer = view.session.answer
-    if answer is None or any(happening.what in LOSING for _, happening in view.session.happened):
+    """Of every attempt that was run a file is told, and is there, where disk and those who write files are well."""
+    answer, happened = view.session.answer, {happening.what for _, happening in view.session.happened}
+    if answer is None or happened & LOSING:
         return
     began = {str(line["point"]) for line in view.lines if line.get("event") == "point"}
     last = view.session is view.world.sessions[-1]  # what earlier ones told was set aside since
+    hurried = UNFINISHED if happened & SIGNALS.keys() else None  # who stops again does not wait for files
     for point in answer.points:
-        if point.id in began and (point.file is None or (last and not point.file.exists())):
+        missing = point.file is None or (last and not point.file.exists())
+        if point.id in began and missing and hurried not in point.reasons:
             yield f"{point.id} has no file: {'; '.join(point.reasons)[:300]}", view.session.ended_ns
+    for line in view.lines:
+        lost = [why for why in line.get("reasons") or () if why.startswith("not-written") and why != hurried]
+        if line.get("event") == "judged" and line.get("file") is None and lost:
+            yield f"{line['id']}: an attempt has no file: {'; '.join(lost)[:300]}", float(line["host_ns"])
 
 
 LOSING = frozenset({*DISK, *DEATHS, "power-cut"})
+UNFINISHED = f"not-written: {because('not-written', 'file-unfinished').detail}"
 
 
 def a_current_that_is_left_is_told(view: View) -> Findings:

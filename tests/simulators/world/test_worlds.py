@@ -76,6 +76,17 @@ def test_a_journal_that_tells_otherwise_is_found(
     assert invariant in {failed for failed, _, _ in judged(world)}
 
 
+def test_an_attempt_without_a_file_is_found_though_another_one_has_it(
+    undisturbed: tuple[World, Ended], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = undisturbed[0]
+    told = world.journal
+    line = next(line for line in told if line.get("event") == "judged")
+    told.append({**line, "file": None, "verdict": "invalid", "reasons": ["not-written: its journal is gone"]})
+    monkeypatch.setattr(World, "journal", property(lambda _: told))
+    assert "written" in {failed for failed, _, _ in judged(world)}
+
+
 def test_a_program_that_outlasts_its_length_and_a_current_at_the_end_are_found(
     undisturbed: tuple[World, Ended], monkeypatch: pytest.MonkeyPatch
 ) -> None:
