@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from unittest.mock import patch
 
 from edits import Edit
 from matrices import matrix_text
@@ -52,8 +53,8 @@ class Case:
 
 def lived(case: Case, edits: Sequence[Edit]) -> tuple[dict[str, str], str]:
     """One session of a case's world with these edits: what did not hold, and the digest of all it made."""
-    worlds.SESSION_S, worlds.REST_S = SESSION_S, REST_S
-    with in_force(tuple(edits)), tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
+    shorter = patch.multiple(worlds, SESSION_S=SESSION_S, REST_S=REST_S)
+    with shorter, in_force(tuple(edits)), tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
         world = worlds.World(case.plan, Path(name), most_sessions=1)
         world.run()
         return {invariant: words[:300] for invariant, words, _ in judged(world)}, world.digest()
