@@ -197,6 +197,7 @@ CAUSES = {
         "the displacement spans {value:.3g} {unit}, which no test of a damper does: it is probably in {likely}"
     ),
     "units-current": "the greatest current is {value:.3g} {unit}, which no coil takes: it is probably in {likely}",
+    "units-of-some": "in {tests} and no other test {what}",
     "units-velocity": (
         "the displacement changes {ratio:.3g} times as fast as the velocity says: one of them, or the sampling "
         "interval, is in another unit"

@@ -225,6 +225,25 @@ def test_a_wrong_unit_is_named(slug: str, likely: str, wrong: Callable[[Measurem
     assert likely in fit.diagnosis[0].text
 
 
+@pytest.mark.parametrize(
+    ("slug", "likely", "wrong"),
+    [
+        ("units-force", "kN", lambda t: replace(t, force_N=1e-3 * t.force_N, noise_N=1e-3 * NOISE_N)),
+        ("units-time", "ms", lambda t: replace(t, dt_s=1e3 * t.dt_s, v_m_s=1e-3 * t.v_m_s, a_m_s2=1e-6 * t.a_m_s2)),
+        ("units-displacement", "mm", lambda t: t.moved(1e3 * t.u_m, 1e3 * t.v_m_s, 1e3 * t.a_m_s2)),
+        ("units-current", "mA", lambda t: replace(t, current_A=1e3 * t.current_A)),
+    ],
+)
+def test_a_wrong_unit_of_one_test_is_named_with_the_test(
+    slug: str, likely: str, wrong: Callable[[Measurement], Measurement]
+) -> None:
+    *others, last = damper_tests(currents_A=(0.0, 1.0))
+    fit = identify([*others, wrong(last)])
+    assert named_first(fit) == slug
+    assert fit.diagnosis[0].text.startswith(f"in {last.id} and no other test ")
+    assert likely in fit.diagnosis[0].text
+
+
 def test_both_signs_reversed_are_named() -> None:
     turned = [
         replace(test.moved(-test.u_m, -test.v_m_s, -test.a_m_s2), force_N=-test.force_N) for test in damper_tests()
