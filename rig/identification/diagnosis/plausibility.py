@@ -17,7 +17,7 @@ CHANNEL = {
     "units-time": "cycle_s", "units-displacement": "span_m", "units-force": "force_N", "units-current": "current_A",
 }  # fmt: skip
 """Which of a test's sizes (SI) a doubt is about."""
-OTHER_TESTS = 30.0  # times the size of the other tests, or of their part, within which one with its unit mended is alike
+OTHER_TESTS = 30.0  # times the others' size or the part of it within which a test with its unit mended is like them
 SAME_RATE = (0.5, 2.0)  # of the displacement's rate over the velocity given, between which one belongs to the other
 NEAR_MIDDLE = 0.3  # of the amplitude
 OFFSET_OF_PEAK = 0.01  # by which the force must be off towards extension to be no gas force

@@ -186,6 +186,7 @@ def _distorted(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iter
     for slug, trend in _trends(fitted.tests):
         reached = explain(damper, parts, of.Trend(trend))
         yield _Trial(slug, reached.squares, 2, _numbers(slug, reached))
+    yield from _drifting(fitted.tests, parts, damper)
     yield from _softened(fitted, parts, damper)
     yield from _clipped(fitted, parts, damper)
     yield from _compliant(parts, damper)
@@ -225,6 +226,16 @@ def _trends(tests: Sequence[Measurement]) -> Iterator[tuple[str, Callable[[Stret
             return np.zeros(part.time.size) if recorded is None else np.asarray((recorded - middle) / span)
 
         yield "temperature", warmth
+
+
+def _drifting(tests: Sequence[Measurement], parts: Sequence[Stretch], damper: Damper) -> Iterator[_Trial]:
+    """A drift in some of the tests, which the same drift in all does not show."""
+    reached = explain(damper, parts, of.TrendApart(len(tests)))
+    drifts = np.abs(reached.amounts)
+    ids = [test.id for test, drift in zip(tests, drifts.tolist(), strict=True) if drift >= SMALLEST_DRIFT]
+    if ids:
+        numbers = {"tests": some(ids), "percent": 100.0 * float(reached.amounts[np.argmax(drifts)])}
+        yield _Trial("force-drift", reached.squares, len(tests), numbers, "force-drift-some")
 
 
 def _ends_degC(tests: Sequence[Measurement]) -> tuple[float, float] | None:

@@ -120,6 +120,15 @@ def test_a_drift_of_a_quarter_is_named(over: str) -> None:
     assert "+25" in fit.diagnosis[0].text or "+2" in fit.diagnosis[0].text
 
 
+def test_a_drift_in_some_of_the_tests_is_no_second_damper() -> None:
+    def shown(number: int, share: np.ndarray, force_N: np.ndarray) -> np.ndarray:
+        return force_N * (1.0 + 0.25 * share) if number in {1, 6} else force_N
+
+    fit = identify(damper_tests(shown=shown))
+    assert named_first(fit) == "force-drift"
+    assert "(p002, p007; most +25" in fit.diagnosis[0].text
+
+
 def test_outliers_are_named_and_counted() -> None:
     random, tests, hit = np.random.default_rng(5), [], 0
     for test in damper_tests():
