@@ -55,7 +55,7 @@ def _of_some(tests: Sequence[Measurement]) -> dict[str, tuple[Doubt, list[str]]]
 
     A small current is none of them: at 0 A one is measured.
     """
-    found: dict[str, tuple[Doubt, list[str]]] = {}
+    by_slug: dict[str, tuple[Doubt, list[str]]] = {}
     sizes = [_size([test]) for test in tests]
     for test, size in zip(tests, sizes, strict=True):
         for doubt in doubts(size):
@@ -63,8 +63,8 @@ def _of_some(tests: Sequence[Measurement]) -> dict[str, tuple[Doubt, list[str]]]
             usual = float(np.median([getattr(other, field) for other in sizes]))
             alike = usual / OTHER_TESTS < doubt.factor * getattr(size, field) < usual * OTHER_TESTS
             if alike and not (doubt.slug == "units-current" and doubt.factor > 1.0):
-                found.setdefault(doubt.slug, (doubt, []))[1].append(test.id)
-    return found
+                by_slug.setdefault(doubt.slug, (doubt, []))[1].append(test.id)
+    return by_slug
 
 
 def _wrong_unit(doubt: Doubt, ids: Sequence[str]) -> Cause:
