@@ -197,6 +197,7 @@ CAUSES = {
         "the displacement spans {value:.3g} {unit}, which no test of a damper does: it is probably in {likely}"
     ),
     "units-current": "the greatest current is {value:.3g} {unit}, which no coil takes: it is probably in {likely}",
+    "units-of-some": "in {tests} and no other test {what}",
     "units-velocity": (
         "the displacement changes {ratio:.3g} times as fast as the velocity says: one of them, or the sampling "
         "interval, is in another unit"
@@ -217,6 +218,10 @@ CAUSES = {
     ),
     "force-drift": (
         "a drift of the force channel over time, {percent:+.3g} % in gain and {zero_N:+.3g} N in zero from end to end, "
+        "explains {percent_explained:.0f} % of the misfit"
+    ),
+    "force-drift-some": (
+        "a force channel that drifts in some tests ({tests}; most {percent:+.3g} % in gain from its start to its end) "
         "explains {percent_explained:.0f} % of the misfit"
     ),
     "temperature": (

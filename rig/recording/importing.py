@@ -233,7 +233,7 @@ def _judge(
 ) -> Verdict:
     quantities = {"force": test.force_N, "displacement": test.displacement_m}
     return judge(PointEvidence(
-        sensors={name: _counts(test.time_s, values, lost, motion) for name, values in quantities.items()},
+        sensors={name: _counts(name, test.time_s, values, lost, motion) for name, values in quantities.items()},
         samples_a_cycle=np.inf if motion is None else len(test.time_s) / (test.time_s[-1] * motion.frequency_Hz),
         wanted_cycles=fewest_cycles, wanted_amplitude_m=0.0, wanted_frequency_Hz=0.0, current_tolerance_A=np.inf,
         measured_cycles=None if motion is None else motion.cycles, current_error_A=0.0,
@@ -258,17 +258,21 @@ def _reversed(test: ImportedTest, velocity_m_s: FloatArray, motion: MeasuredMoti
     )]
 
 
-def _counts(time_s: FloatArray, values: FloatArray, lost: int, motion: MeasuredMotion | None) -> SensorCounts:
+def _counts(
+    name: str, time_s: FloatArray, values: FloatArray, lost: int, motion: MeasuredMotion | None
+) -> SensorCounts:
     """What a column holds, and whether it stands still over the full cycles; a flat top may be a filter's or a file's.
 
-    No sensor's range is known here, so nothing is said to be saturated.
+    No sensor's range is known here, so nothing is said to be saturated: identification looks for a force that ends at
+    the same value again and again, and does without these samples.
     """
     missing = int(np.count_nonzero(~np.isfinite(values)))
     if motion is None:
         return SensorCounts(len(time_s), lost, missing)
     stood = standing(values[(time_s >= motion.start_s) & (time_s < motion.end_s)])
+    longest = 0 if name == "force" and stood.ends else stood.longest
     return SensorCounts(
-        len(time_s), lost, missing, standing=stood.longest, coarse=stood.coarse, step=stood.step, span=stood.span,
+        len(time_s), lost, missing, standing=longest, coarse=stood.coarse, step=stood.step, span=stood.span,
     )
 
 

@@ -220,6 +220,7 @@ def _rest_m(
 class Standing:
     """Longest runs of exactly equal neighbours: anywhere, and at the greatest or least value (samples).
 
+    `ends`: whether the longest run is at an extreme that another run is at too, as at the end of a channel's range.
     `coarse`: besides the longest run and away from the extremes equal neighbours are usual: the resolution is coarse,
     and a run at the extreme says nothing. `step` is the smallest difference of two neighbours, `span` peak to peak.
     """
@@ -229,6 +230,7 @@ class Standing:
     coarse: bool = False
     step: float = 0.0
     span: float = 0.0
+    ends: bool = False
 
 
 def standing(values: FloatArray) -> Standing:
@@ -254,4 +256,6 @@ def standing(values: FloatArray) -> Standing:
     elsewhere[starts[longest] : starts[longest] + lengths[longest]] = False
     coarse = bool(np.any(elsewhere)) and float(np.mean(equal[elsewhere])) > REPEATED_SHARE
     at_extreme = 0 if coarse or not np.any(extreme) else int(np.max(lengths[extreme]))
-    return Standing(int(lengths[longest]), at_extreme, coarse, step, high - low)
+    alike = np.count_nonzero((known[starts] == known[starts[longest]]) & (2 * lengths > lengths[longest]))
+    ends = bool(extreme[longest] and alike > 1 and not coarse)
+    return Standing(int(lengths[longest]), at_extreme, coarse, step, high - low, ends)

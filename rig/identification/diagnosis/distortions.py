@@ -85,6 +85,23 @@ class Trend(Distortion):
         return np.asarray(np.ones_like(force_N) + amounts[0] * self._of(part))
 
 
+class TrendApart(Distortion):
+    """The gain of the force drifts in each test by itself, from 1 at its start to 1 + amounts[k] at its end."""
+
+    limits = (-0.9, 3.0)
+
+    def __init__(self, tests: int) -> None:
+        self.start, self.steps = (0.0,) * tests, (1e-4,) * tests
+
+    def shown_N(self, part: Stretch, force_N: FloatArray, amounts: FloatArray) -> FloatArray:
+        """The force times its gain."""
+        return np.asarray(force_N * self.gain(part, force_N, amounts))
+
+    def gain(self, part: Stretch, force_N: FloatArray, amounts: FloatArray) -> FloatArray:
+        """1 and the test's own trend."""
+        return np.asarray(np.ones_like(force_N) + amounts[part.index] * (part.time + 0.5))
+
+
 class Softened(Distortion):
     """Warm oil weakens viscous (amounts[0], 1/K) and yield forces (amounts[1]) about a temperature (degC)."""
 

@@ -29,10 +29,13 @@ class Parting:
     Attributes:
         second: which tests are the other damper's, shape (tests,).
         squares: weighted sum of squares of both fits.
+        foretold: part of the misfit of tests that are left out, each in turn, which goes when the better of two dampers
+            foretells them instead of one. What a model lacks is parted too, but the parts foretell little.
     """
 
     second: BoolArray
     squares: float
+    foretold: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +72,17 @@ def two_groups(damper: Damper, common: Explained, parts: Sequence[Stretch]) -> P
     for side in (True, False):
         own = [part for part in parts if best[1][part.index] == side]
         squares += explain(damper, own, Distortion()).squares
-    return Parting(best[1], squares)
+    return Parting(best[1], squares, _foretold(best[1], sums, scale, sum(part.floor for part in parts)))
+
+
+def _foretold(second: BoolArray, sums: Sequence[_Sums], scale: FloatArray, floor: float) -> float:
+    one = two = 0.0
+    for left_out, test in enumerate(sums):
+        others = np.arange(second.size) != left_out
+        errors = [_left(_step(sums, side & others, scale), [test])[0] for side in (second, ~second)]
+        two += min(errors)
+        one += _left(_step(sums, others, scale), [test])[0]
+    return 1.0 - (two - floor) / max(one - floor, 1e-300)
 
 
 def _of_test(damper: Damper, common: Explained, parts: Sequence[Stretch]) -> _Sums:

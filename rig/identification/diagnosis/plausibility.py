@@ -9,10 +9,15 @@ import numpy as np
 from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.uncertainty.fit_entries import Cause
-from rig.identification.words import say
-from rig.signals.plausibility import TestSize, doubts
+from rig.identification.words import say, some
+from rig.signals.plausibility import Doubt, TestSize, doubts
 
 SIGNS, OFFSET = "signs-reversed", "force-offset"
+CHANNEL = {
+    "units-time": "cycle_s", "units-displacement": "span_m", "units-force": "force_N", "units-current": "current_A",
+}  # fmt: skip
+"""Which of a test's sizes (SI) a doubt is about."""
+OTHER_TESTS = 30.0  # times the others' size or the part of it within which a test with its unit mended is like them
 SAME_RATE = (0.5, 2.0)  # of the displacement's rate over the velocity given, between which one belongs to the other
 NEAR_MIDDLE = 0.3  # of the amplitude
 OFFSET_OF_PEAK = 0.01  # by which the force must be off towards extension to be no gas force
@@ -27,18 +32,48 @@ LOWEST_OF_TOP = 0.1  # least current over the greatest, below which zero current
 
 def implausible(tests: Sequence[Measurement]) -> list[Cause]:
     """Units and signs that are probably wrong, likeliest first; empty where all is as in a damper's test."""
-    size = TestSize(
+    apart = _of_some(tests)
+    causes = [
+        *(_wrong_unit(doubt, apart.pop(doubt.slug, (doubt, []))[1]) for doubt in doubts(_size(tests))),
+        *(_wrong_unit(doubt, ids) for doubt, ids in apart.values()),
+    ]
+    return causes or [*_rates(tests), *_off_middle(tests)]
+
+
+def _size(tests: Sequence[Measurement]) -> TestSize:
+    return TestSize(
         span_m=max(float(np.ptp(test.u_m)) for test in tests),
         speed_m_s=max(float(np.max(np.abs(test.v_m_s))) for test in tests),
         force_N=max(test.peak_force_N for test in tests),
         current_A=max(float(np.max(np.abs(test.current_A))) for test in tests),
         cycle_s=float(np.median([samples_a_cycle(test.u_m) * test.dt_s for test in tests])),
     )
-    causes = [
-        _certain(doubt.slug, value=doubt.value, unit=doubt.taken_as, likely=doubt.likely, factor=doubt.factor)
-        for doubt in doubts(size)
-    ]
-    return causes or [*_rates(tests), *_off_middle(tests)]
+
+
+def _of_some(tests: Sequence[Measurement]) -> dict[str, tuple[Doubt, list[str]]]:
+    """Units of some tests only, by slug: their numbers times the factor are of the size of the others'.
+
+    A small current is none of them: at 0 A one is measured.
+    """
+    by_slug: dict[str, tuple[Doubt, list[str]]] = {}
+    sizes = [_size([test]) for test in tests]
+    for test, size in zip(tests, sizes, strict=True):
+        for doubt in doubts(size):
+            field = CHANNEL[doubt.slug]
+            usual = float(np.median([getattr(other, field) for other in sizes]))
+            alike = usual / OTHER_TESTS < doubt.factor * getattr(size, field) < usual * OTHER_TESTS
+            if alike and not (doubt.slug == "units-current" and doubt.factor > 1.0):
+                by_slug.setdefault(doubt.slug, (doubt, []))[1].append(test.id)
+    return by_slug
+
+
+def _wrong_unit(doubt: Doubt, ids: Sequence[str]) -> Cause:
+    """Of all tests, or of those with these ids."""
+    numbers = {"value": doubt.value, "unit": doubt.taken_as, "likely": doubt.likely, "factor": doubt.factor}
+    if not ids:
+        return _certain(doubt.slug, **numbers)
+    text = say("units-of-some", what=say(doubt.slug, **numbers), tests=some(ids))
+    return Cause(doubt.slug, text, 1.0, say(f"next-{doubt.slug}", **numbers))
 
 
 def _certain(slug: str, **numbers: object) -> Cause:

@@ -30,6 +30,7 @@ from rig.identification.words import say, some
 
 AN_AMOUNT = 0.02  # of the logarithm of what is left, that each amount of a cause must be worth
 WORTH_NAMING = 0.15  # share of the misfit from which a cause is listed
+WORTH_PARTING = 0.5  # the same of two dampers, of the fitted tests at most and of tests left out
 MISFIT_OF_NOISE = 0.02  # of the noise's sum of squares: less than this is no misfit
 SAME_CURRENT_A = 0.05
 MOST_BENDS = 3
@@ -40,6 +41,7 @@ BEYOND_DOUBT = 10.0  # standard errors of white noise; noise of a filtered chann
 SMALLEST_DRIFT = 0.05  # of the force, over all that it follows, which is worth a word in an adequate fit
 SMALLEST_TEMPERATURE_SPAN_K = 1.0
 NEAR_REVERSAL_m = 1e-3
+MIXED = "mixed-specimens"
 
 
 @dataclass(frozen=True)
@@ -159,9 +161,15 @@ def _of_misfit(fitted: Fitted) -> list[Cause]:
     causes: list[Cause] = []
     for trial in sorted(trials, key=lambda trial: _score(trial, floor)):
         share = min(1.0, max(0.0, (whole.squares - trial.squares) / excess))
-        if share >= WORTH_NAMING and trial.slug not in {cause.slug for cause in causes}:
+        if share >= _least_share(trial) and trial.slug not in {cause.slug for cause in causes}:
             causes.append(_cause(trial, share))
     return causes
+
+
+def _least_share(trial: _Trial) -> float:
+    """Share of the misfit from which a cause is listed: many amounts explain some of it whatever they stand for."""
+    share = max(WORTH_NAMING, 1.0 - math.exp(-AN_AMOUNT * trial.amounts))
+    return min(WORTH_PARTING, share) if trial.slug == MIXED else share
 
 
 def _score(trial: _Trial, floor: float) -> float:
@@ -178,6 +186,7 @@ def _distorted(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iter
     for slug, trend in _trends(fitted.tests):
         reached = explain(damper, parts, of.Trend(trend))
         yield _Trial(slug, reached.squares, 2, _numbers(slug, reached))
+    yield from _drifting(fitted.tests, parts, damper)
     yield from _softened(fitted, parts, damper)
     yield from _clipped(fitted, parts, damper)
     yield from _compliant(parts, damper)
@@ -217,6 +226,16 @@ def _trends(tests: Sequence[Measurement]) -> Iterator[tuple[str, Callable[[Stret
             return np.zeros(part.time.size) if recorded is None else np.asarray((recorded - middle) / span)
 
         yield "temperature", warmth
+
+
+def _drifting(tests: Sequence[Measurement], parts: Sequence[Stretch], damper: Damper) -> Iterator[_Trial]:
+    """A drift in some of the tests, which the same drift in all does not show."""
+    reached = explain(damper, parts, of.TrendApart(len(tests)))
+    drifts = np.abs(reached.amounts)
+    ids = [test.id for test, drift in zip(tests, drifts.tolist(), strict=True) if drift >= SMALLEST_DRIFT]
+    if ids:
+        numbers = {"tests": some(ids), "percent": 100.0 * float(reached.amounts[np.argmax(drifts)])}
+        yield _Trial("force-drift", reached.squares, len(tests), numbers, "force-drift-some")
 
 
 def _ends_degC(tests: Sequence[Measurement]) -> tuple[float, float] | None:
@@ -272,11 +291,13 @@ def _two_dampers(
     fitted: Fitted, parts: Sequence[Stretch], damper: Damper, base: Explained
 ) -> Iterator[_Trial]:
     reached = two_groups(damper, base, parts)
-    if reached is not None and not _parted_by_motion_or_warmth(fitted.tests, reached.second):
+    if reached is None or reached.foretold < WORTH_PARTING:
+        return
+    if not _parted_by_motion_or_warmth(fitted.tests, reached.second):
         minor = reached.second if 2 * np.count_nonzero(reached.second) <= reached.second.size else ~reached.second
         ids = [test.id for test, other in zip(fitted.tests, minor.tolist(), strict=True) if other]
         amounts = len(fitted.names) + len(fitted.tests)  # another damper, and whose each test is
-        yield _Trial("mixed-specimens", reached.squares, amounts, {"tests": some(ids)})
+        yield _Trial(MIXED, reached.squares, amounts, {"tests": some(ids)})
 
 
 def _parted_by_motion_or_warmth(tests: Sequence[Measurement], second: BoolArray) -> bool:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rig.recording.recorded_point import RecordedPoint
 
 REVERSED = -0.1  # share of the work done without regard to sign, below which a test puts energy in
+CLEARLY_REVERSED = -0.3  # the same of a test whose others resist, where stiffness and a delay may make a little of it
 PHASES = 64
 SAME_MOTION = 0.02  # relative difference of amplitude and frequency within which two tests are the same
 SAME_CURRENT_A = 0.03
@@ -72,9 +73,9 @@ def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
     """Refuse tests whose measured force drives the motion instead of resisting it.
 
     Raises:
-        IdentificationFailed: most of the tests put energy in.
+        IdentificationFailed: most of the tests put energy in, or one of them much.
     """
-    reversed_ids = []
+    reversed_ids, clear_ids = [], []
     for test in measurements:
         scored = test.scored
         mean_N, done, size = float(np.mean(test.force_N, where=scored)), 0.0, 0.0
@@ -84,9 +85,12 @@ def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
             size += float(np.sum(np.abs(work)))
         if done < REVERSED * size:
             reversed_ids.append(test.id)
-    if 2 * len(reversed_ids) > len(measurements):
+        if done < CLEARLY_REVERSED * size:
+            clear_ids.append(test.id)
+    refused = reversed_ids if 2 * len(reversed_ids) > len(measurements) else clear_ids
+    if refused:
         raise IdentificationFailed(
-            f"{some(reversed_ids)}: the measured force drives the motion instead of resisting it: the sign of "
+            f"{some(refused)}: the measured force drives the motion instead of resisting it: the sign of "
             "force or displacement is reversed, or their columns are exchanged (displacement is extension, and a "
             "positive force resists extension)"
         )

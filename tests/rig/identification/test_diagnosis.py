@@ -120,6 +120,15 @@ def test_a_drift_of_a_quarter_is_named(over: str) -> None:
     assert "+25" in fit.diagnosis[0].text or "+2" in fit.diagnosis[0].text
 
 
+def test_a_drift_in_some_of_the_tests_is_no_second_damper() -> None:
+    def shown(number: int, share: np.ndarray, force_N: np.ndarray) -> np.ndarray:
+        return force_N * (1.0 + 0.25 * share) if number in {1, 6} else force_N
+
+    fit = identify(damper_tests(shown=shown))
+    assert named_first(fit) == "force-drift"
+    assert "(p002, p007; most +25" in fit.diagnosis[0].text
+
+
 def test_outliers_are_named_and_counted() -> None:
     random, tests, hit = np.random.default_rng(5), [], 0
     for test in damper_tests():
@@ -222,6 +231,25 @@ def test_oil_that_thins_between_cold_and_warm_tests_is_no_second_damper() -> Non
 def test_a_wrong_unit_is_named(slug: str, likely: str, wrong: Callable[[Measurement], Measurement]) -> None:
     fit = identify([wrong(test) for test in damper_tests(currents_A=(0.0, 1.0))])
     assert named_first(fit) == slug
+    assert likely in fit.diagnosis[0].text
+
+
+@pytest.mark.parametrize(
+    ("slug", "likely", "wrong"),
+    [
+        ("units-force", "kN", lambda t: replace(t, force_N=1e-3 * t.force_N, noise_N=1e-3 * NOISE_N)),
+        ("units-time", "ms", lambda t: replace(t, dt_s=1e3 * t.dt_s, v_m_s=1e-3 * t.v_m_s, a_m_s2=1e-6 * t.a_m_s2)),
+        ("units-displacement", "mm", lambda t: t.moved(1e3 * t.u_m, 1e3 * t.v_m_s, 1e3 * t.a_m_s2)),
+        ("units-current", "mA", lambda t: replace(t, current_A=1e3 * t.current_A)),
+    ],
+)
+def test_a_wrong_unit_of_one_test_is_named_with_the_test(
+    slug: str, likely: str, wrong: Callable[[Measurement], Measurement]
+) -> None:
+    *others, last = damper_tests(currents_A=(0.0, 1.0))
+    fit = identify([*others, wrong(last)])
+    assert named_first(fit) == slug
+    assert fit.diagnosis[0].text.startswith(f"in {last.id} and no other test ")
     assert likely in fit.diagnosis[0].text
 
 

@@ -52,6 +52,8 @@ def test_a_reversed_sign_is_refused_and_a_spring_is_not(make_synthetic: Make) ->
     turned = [replace(test, force_N=-test.force_N) for test in tests]
     with pytest.raises(IdentificationFailed, match="p001, p002, p003 and 1 more: the measured force drives the motion"):
         identify(turned)
+    with pytest.raises(IdentificationFailed, match="p004: the measured force drives the motion"):
+        identify([*tests[:3], turned[3]])
     rng = np.random.default_rng(1)
     refuse_reversed_signs([replace(t, force_N=900.0 * t.u_m + rng.normal(0.0, 5.0, t.u_m.size)) for t in tests])
 

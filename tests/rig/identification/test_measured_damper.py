@@ -93,3 +93,11 @@ def test_the_data_choose_the_model_made_for_real_dampers(measured: list[Measurem
     assert not fit.adequate  # two to seven per cent of the peak remain, far more than the scatter
     unseen = {each.model: each.holdout_nrmse_percent_of_peak for each in fit.selection}
     assert unseen["asymmetric"] > unseen["lost_motion"] > unseen["sprung_bouc_wen"]  # type: ignore[operator]  # tests were held out
+
+
+def test_what_the_best_model_lacks_is_no_second_damper(measured: list[Measurement]) -> None:
+    fit = identify(measured, model="sprung_bouc_wen")
+    assert fit.adequate is False
+    assert {cause.slug for cause in fit.diagnosis} <= {"force-offset"}
+    few = identify(measured[1::2], model="lost_motion")
+    assert few.diagnosis[0].slug != "mixed-specimens"

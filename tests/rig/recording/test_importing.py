@@ -178,6 +178,19 @@ def test_a_force_that_stands_still_while_the_rod_moves_is_not_valid(tmp_path: Pa
     assert point.reasons[0].startswith("sensor-stuck: ")
 
 
+@pytest.mark.parametrize(("column", "verdict"), [(2, "valid"), (1, "invalid")])
+def test_a_force_that_ends_at_the_same_value_in_every_cycle_did_not_stand_still(
+    column: int, verdict: str, tmp_path: Path
+) -> None:
+    path = sine_file(tmp_path)
+    rows = np.loadtxt(path, delimiter=",", skiprows=1)
+    rows[:, 1:] += np.random.default_rng(1).normal(0.0, 0.002, (len(rows), 2))
+    rows[:, column] = np.minimum(rows[:, column], np.quantile(rows[:, column], 0.8))
+    np.savetxt(path, rows, "%.9g", ",", header="t_s,x_mm,F", comments="")
+    (point,) = Run.open(import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)).points
+    assert point.verdict == verdict, point.reasons
+
+
 def test_an_exact_force_of_few_digits_is_not_accused(tmp_path: Path) -> None:
     path = sine_file(tmp_path)
     rows = [line.rsplit(",", 1) for line in path.read_text().splitlines()[1:]]

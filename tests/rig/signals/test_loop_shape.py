@@ -108,11 +108,14 @@ def test_the_noise_of_a_smooth_signal_is_told_from_its_neighbours() -> None:
 
 def test_an_amplifier_at_its_end_and_a_stuck_value_are_told_apart() -> None:
     moving = 500.0 * np.sin(PHASE) + NOISE_N
-    assert standing(np.minimum(moving, 450.0)).at_extreme > 20
+    clipped = standing(np.minimum(moving, 450.0))
+    assert clipped.at_extreme > 20
+    assert clipped.ends
     stuck = moving.copy()
     stuck[300:360] = stuck[300]
     assert standing(stuck).longest == 60
     assert standing(stuck).at_extreme < 5
+    assert not standing(stuck).ends
     assert standing(np.round(3.0 * np.sin(PHASE))).at_extreme == 0
 
 
