@@ -20,6 +20,7 @@ pytestmark = pytest.mark.wire
 
 HERE = Path(__file__).parent / "plain_actuator"
 LATE_S = 0.03
+AGAIN = 2
 MATRIX = matrix_text("0.5 A", "1.0 A", amplitude="10 mm", frequency="2 Hz", cycles=5)
 
 
@@ -66,6 +67,12 @@ def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, 
     assert {"actuator-without-lease", "actuator-without-watchdog", "actuator-without-generator"} <= set(said)
     assert "actuator-without-lease" in done.stderr, "also on the terminal"
     assert answer["rig_state"] == "safe"
+    for _ in range(AGAIN):
+        # A busy host polls seldom, and ties force and displacement together less well: as it says, run again.
+        reasons = [reason for point in answer["points"] for reason in point["reasons"]]
+        if done.returncode == 5 and all(reason.startswith("skew: ") for reason in reasons):
+            done = rig("run", "--resume", str(folder), "--json")
+            answer = json.loads(done.stdout)
     if done.returncode != 0:
         # They move the rod otherwise; then its points, or the rig's stop, rightly say so.
         skip_where_the_host_was_held_up(folder)
