@@ -59,6 +59,9 @@ FIRST_CYCLE_S = 3.0
 """The first cycle begins about so long after the application was started."""
 SHOW_LATE = frozenset({"serial-garbage"})
 """Faults that the rig may bear for a second: where one is a seed's turn, it stays."""
+STANDS = "application-stalled"
+STANDS_TIMES = 2.0
+"""Where that is a seed's turn, it comes when the rod moves and lasts so many times as long: nobody minds 0.5 s of it."""
 NONE_IN_TURN = 10
 """So many seeds of a round have nothing in turn."""
 LATEST_S = 16.0
@@ -270,7 +273,10 @@ def _in_turn(seed: int, possible: Sequence[str], chance: random.Random, motion_s
     random.Random(f"turns {number}").shuffle(turns)
     what = turns[place]
     if what in AROUND:
-        return [_around(what, chance.uniform(0.0, max(EARLY_S[1], motion_s)), chance)]
+        begins_s = FIRST_CYCLE_S if what == STANDS else 0.0
+        happening = _around(what, chance.uniform(begins_s, max(EARLY_S[1], motion_s)), chance)
+        times = STANDS_TIMES if what == STANDS else 1.0
+        return [replace(happening, lasts_s=None if happening.lasts_s is None else times * happening.lasts_s)]
     if not what:
         return []
     fault = _fault(what, chance, 0.0, max(EARLY_S[0], motion_s))
