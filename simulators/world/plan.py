@@ -61,7 +61,7 @@ SHOW_LATE = frozenset({"serial-garbage"})
 """Faults that the rig may bear for a second: where one is a seed's turn, it stays."""
 STANDS = "application-stalled"
 STANDS_TIMES = 2.0
-"""Where that is a seed's turn, it comes when the rod moves and lasts so many times as long: nobody minds 0.5 s of it."""
+"""Where that is a seed's turn, it comes when the rod moves and lasts so many times as long: nobody minds 0.5 s."""
 NONE_IN_TURN = 10
 """So many seeds of a round have nothing in turn."""
 LATEST_S = 16.0
