@@ -221,7 +221,8 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         results=tuple(_result(point, kept[point.id]) for point in points if point.id in kept),
         remaining=tuple(point for point in points if point.id not in kept),
         invalid=tuple(
-            _result(point, best[point.id][1]) for point in points if point.id in best and point.id not in kept
+            replace(_result(point, best[point.id][1]), verdict=INVALID)  # whatever a file that was set aside says
+            for point in points if point.id in best and point.id not in kept
         ),
         attempts=attempts,
         problems=tuple(problems),

@@ -221,7 +221,7 @@ CAUSES = {
         "explains {percent_explained:.0f} % of the misfit"
     ),
     "force-drift-some": (
-        "a force channel that drifts in some tests ({tests}; most {percent:+.3g} % in gain from its start to its end) "
+        "a force channel that drifts in each test by itself ({tests}; most {percent:+.3g} % in gain from its start to its end) "
         "explains {percent_explained:.0f} % of the misfit"
     ),
     "temperature": (

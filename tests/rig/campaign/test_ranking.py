@@ -153,7 +153,11 @@ def test_a_file_that_was_set_aside_is_told_where_a_later_session_left_none_and_i
     (tmp_path / "points" / "p001-attempt2.h5.old").write_bytes(b"damaged")
     stock = take_stock(tmp_path, (POINT,))
     assert (stock.results, stock.problems, stock.attempts) == ((), (), {"p001": 1})
-    assert [result.file for result in stock.invalid] == [tmp_path / "points" / "p001-attempt1.h5.old"]
+    (told,) = stock.invalid
+    assert (told.file, told.verdict) == (tmp_path / "points" / "p001-attempt1.h5.old", "invalid")
+    books = stock.books((POINT,))
+    books.given_up(POINT, UNSETTLED)
+    assert [result.verdict for result in books.all_results()] == ["invalid"]
     write(tmp_path, 2, "invalid")
     (told,) = take_stock(tmp_path, (POINT,)).invalid
     assert told.file == tmp_path / "points" / "p001-attempt2.h5"

@@ -130,6 +130,16 @@ def test_a_drift_in_some_of_the_tests_is_no_second_damper() -> None:
     assert "(p002, p007; most +25" in fit.diagnosis[0].text
 
 
+def test_what_drifts_in_every_test_by_itself_is_not_said_of_some_tests() -> None:
+    def shown(number: int, share: np.ndarray, force_N: np.ndarray) -> np.ndarray:
+        return np.asarray(force_N * (1.0 + 0.25 * (-1) ** number * share))
+
+    fit = identify(damper_tests(shown=shown))
+    assert named_first(fit) == "force-drift"
+    assert "some tests" not in fit.diagnosis[0].text
+    assert "(p001, p002, p003 and 7 more; most" in fit.diagnosis[0].text
+
+
 def test_outliers_are_named_and_counted() -> None:
     random, tests, hit = np.random.default_rng(5), [], 0
     for test in damper_tests():
