@@ -180,8 +180,8 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
     """Finish what the earlier session left and sort the matrix's points into kept and remaining.
 
     A point is kept when one of its files opens and is not invalid: the one with the best verdict, then the latest
-    attempt. Of a point that is to be run again the same is told, files that were set aside last. The caller holds the
-    campaign.
+    attempt. Of a point that is to be run again the same is told, a record out of tolerance after any attempt, the last
+    of several such, and files that were set aside last. The caller holds the campaign.
 
     Args:
         folder: the campaign's directory.
@@ -189,10 +189,11 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
     """
     (folder / "points").mkdir(exist_ok=True)
     problems = [f"{finished.id}: {finished.error}" for finished in recover_held(folder) if finished.error]
-    best: dict[str, tuple[tuple[int, int], RecordedPoint]] = {}
+    best: dict[str, tuple[tuple[int, bool, int], RecordedPoint]] = {}
     attempts: dict[str, int] = {}
     temperatures_degC: list[float] = []
-    for file in sorted(file for ending in (FILE, OLD_FILE) for file in (folder / "points").glob(f"*{ending}")):
+    files = [file for ending in (FILE, OLD_FILE) for file in (folder / "points").glob(f"*{ending}")]
+    for file in sorted(files, key=lambda file: (len(file.name), file.name)):  # number 2 before number 10
         aside = file.name.endswith(OLD_FILE)
         try:
             recorded = RecordedPoint.open(file, whole=False)
@@ -203,7 +204,7 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         try:
             attempt = int(recorded.provenance.get("attempt", 1))
             ends_degC = (recorded.quality.coil_low_degC, recorded.quality.coil_high_degC)
-            rank = (SET_ASIDE if aside else RANKS.index(recorded.verdict), attempt)
+            rank = SET_ASIDE if aside else RANKS.index(recorded.verdict), not recorded.kept_apart, attempt
         except (TypeError, ValueError) as error:
             problems.append(f"points/{file.name}: not as a campaign writes it: {error}")
             continue
@@ -212,15 +213,16 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
             problems += [f"points/{file.name}: {problem}; the point is run again" for problem in damaged]
             continue
         temperatures_degC += [end_degC for end_degC in ends_degC if end_degC is not None]
-        if name not in best or rank > best[name][0]:
+        if name not in best or rank >= best[name][0]:
             best[name] = rank, recorded
     points = tuple(points)
-    kept = {name: recorded for name, ((verdict, _), recorded) in best.items() if verdict > RANKS.index(INVALID)}
+    kept = {name: recorded for name, ((verdict, *_), recorded) in best.items() if verdict > RANKS.index(INVALID)}
     return Stock(
         results=tuple(_result(point, kept[point.id]) for point in points if point.id in kept),
         remaining=tuple(point for point in points if point.id not in kept),
         invalid=tuple(
-            _result(point, best[point.id][1]) for point in points if point.id in best and point.id not in kept
+            replace(_result(point, best[point.id][1]), verdict=INVALID)  # whatever a file that was set aside says
+            for point in points if point.id in best and point.id not in kept
         ),
         attempts=attempts,
         problems=tuple(problems),

@@ -221,8 +221,8 @@ CAUSES = {
         "explains {percent_explained:.0f} % of the misfit"
     ),
     "force-drift-some": (
-        "a force channel that drifts in some tests ({tests}; most {percent:+.3g} % in gain from its start to its end) "
-        "explains {percent_explained:.0f} % of the misfit"
+        "a force channel that drifts in each test by itself ({tests}; most {percent:+.3g} % in gain from its start to "
+        "its end) explains {percent_explained:.0f} % of the misfit"
     ),
     "temperature": (
         "the recorded temperature, {percent:+.3g} % of force and {zero_N:+.3g} N from the coldest to the warmest, "

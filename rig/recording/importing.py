@@ -36,6 +36,8 @@ from rig.signals.interpolation import LARGEST_STEP_PERIODS
 from rig.signals.loop_shape import standing
 
 FEWEST_CYCLES = 3
+CLIPPED_OF_CYCLES = 0.5
+"""In so many of the cycles a force that only ends stands at its end, as identification asks for it."""
 REVERSED = -0.1
 """Share of all work done that a force must put in, in sum, to be one of a wrong sign."""
 SOFTWARE = f"mr-damper-rig {rig.__version__}"
@@ -264,13 +266,14 @@ def _counts(
     """What a column holds, and whether it stands still over the full cycles; a flat top may be a filter's or a file's.
 
     No sensor's range is known here, so nothing is said to be saturated: identification looks for a force that ends at
-    the same value again and again, and does without these samples.
+    the same value in half of the cycles, and does without these samples. A force that goes there now and then stood.
     """
     missing = int(np.count_nonzero(~np.isfinite(values)))
     if motion is None:
         return SensorCounts(len(time_s), lost, missing)
     stood = standing(values[(time_s >= motion.start_s) & (time_s < motion.end_s)])
-    longest = 0 if name == "force" and stood.ends else stood.longest
+    clipped = name == "force" and stood.ends >= max(2.0, CLIPPED_OF_CYCLES * motion.cycles)
+    longest = 0 if clipped else stood.longest
     return SensorCounts(
         len(time_s), lost, missing, standing=longest, coarse=stood.coarse, step=stood.step, span=stood.span,
     )

@@ -220,7 +220,8 @@ def _rest_m(
 class Standing:
     """Longest runs of exactly equal neighbours: anywhere, and at the greatest or least value (samples).
 
-    `ends`: whether the longest run is at an extreme that another run is at too, as at the end of a channel's range.
+    `ends`: how many runs of about this length are at the extreme at which the longest one is, as at the end of a
+    channel's range; 0 where it is at none, or where most samples are at an extreme: those show no moving quantity.
     `coarse`: besides the longest run and away from the extremes equal neighbours are usual: the resolution is coarse,
     and a run at the extreme says nothing. `step` is the smallest difference of two neighbours, `span` peak to peak.
     """
@@ -230,7 +231,7 @@ class Standing:
     coarse: bool = False
     step: float = 0.0
     span: float = 0.0
-    ends: bool = False
+    ends: int = 0
 
 
 def standing(values: FloatArray) -> Standing:
@@ -253,9 +254,10 @@ def standing(values: FloatArray) -> Standing:
     extreme = (known[starts] == high) | (known[starts] == low)
     longest = int(np.argmax(lengths))
     elsewhere = (known[1:] != high) & (known[1:] != low)
+    moves = bool(2 * np.count_nonzero(elsewhere) >= len(elsewhere))
     elsewhere[starts[longest] : starts[longest] + lengths[longest]] = False
     coarse = bool(np.any(elsewhere)) and float(np.mean(equal[elsewhere])) > REPEATED_SHARE
     at_extreme = 0 if coarse or not np.any(extreme) else int(np.max(lengths[extreme]))
     alike = np.count_nonzero((known[starts] == known[starts[longest]]) & (2 * lengths > lengths[longest]))
-    ends = bool(extreme[longest] and alike > 1 and not coarse)
+    ends = int(alike) if extreme[longest] and moves and not coarse else 0
     return Standing(int(lengths[longest]), at_extreme, coarse, step, high - low, ends)

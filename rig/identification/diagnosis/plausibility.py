@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +18,7 @@ CHANNEL = {
     "units-time": "cycle_s", "units-displacement": "span_m", "units-force": "force_N", "units-current": "current_A",
 }  # fmt: skip
 """Which of a test's sizes (SI) a doubt is about."""
-OTHER_TESTS = 30.0  # times the others' size or the part of it within which a test with its unit mended is like them
+OTHER_TESTS = 30.0  # times the largest of the others, or part of the smallest, within which a mended test is like them
 SAME_RATE = (0.5, 2.0)  # of the displacement's rate over the velocity given, between which one belongs to the other
 NEAR_MIDDLE = 0.3  # of the amplitude
 OFFSET_OF_PEAK = 0.01  # by which the force must be off towards extension to be no gas force
@@ -30,9 +31,15 @@ AT_ZERO = 0.25  # of the yield force at the top current: more at 0 A is seldom f
 LOWEST_OF_TOP = 0.1  # least current over the greatest, below which zero current was as good as tested
 
 
-def implausible(tests: Sequence[Measurement]) -> list[Cause]:
-    """Units and signs that are probably wrong, likeliest first; empty where all is as in a damper's test."""
-    apart = _of_some(tests)
+def implausible(tests: Sequence[Measurement], likelier: Callable[[Doubt, Sequence[str]], bool]) -> list[Cause]:
+    """Units and signs that are probably wrong, likeliest first; empty where all is as in a damper's test.
+
+    Args:
+        tests: all that were fitted.
+        likelier: whether tests of these ids fit the others better with their unit mended. A size alone does not tell of
+            a few tests: among strokes of 60 mm one of 0.4 mm in a second may be meant, or a cycle of 250 s.
+    """
+    apart = {slug: (doubt, ids) for slug, (doubt, ids) in _of_some(tests).items() if likelier(doubt, ids)}
     causes = [
         *(_wrong_unit(doubt, apart.pop(doubt.slug, (doubt, []))[1]) for doubt in doubts(_size(tests))),
         *(_wrong_unit(doubt, ids) for doubt, ids in apart.values()),
@@ -57,14 +64,30 @@ def _of_some(tests: Sequence[Measurement]) -> dict[str, tuple[Doubt, list[str]]]
     """
     by_slug: dict[str, tuple[Doubt, list[str]]] = {}
     sizes = [_size([test]) for test in tests]
-    for test, size in zip(tests, sizes, strict=True):
-        for doubt in doubts(size):
-            field = CHANNEL[doubt.slug]
-            usual = float(np.median([getattr(other, field) for other in sizes]))
-            alike = usual / OTHER_TESTS < doubt.factor * getattr(size, field) < usual * OTHER_TESTS
-            if alike and not (doubt.slug == "units-current" and doubt.factor > 1.0):
-                by_slug.setdefault(doubt.slug, (doubt, []))[1].append(test.id)
+    doubted = [{doubt.slug: doubt for doubt in doubts(size)} for size in sizes]
+    for slug, field in CHANNEL.items():
+        others = [getattr(size, field) for size, of_test in zip(sizes, doubted, strict=True) if slug not in of_test]
+        if not others:
+            continue
+        for test, size, of_test in zip(tests, sizes, doubted, strict=True):
+            doubt = of_test.get(slug)
+            if doubt is None or (slug == "units-current" and doubt.factor > 1.0):
+                continue
+            if min(others) / OTHER_TESTS <= doubt.factor * getattr(size, field) <= max(others) * OTHER_TESTS:
+                by_slug.setdefault(slug, (doubt, []))[1].append(test.id)
     return by_slug
+
+
+def mended(test: Measurement, doubt: Doubt) -> Measurement:
+    """The test with its numbers in the unit that they probably are in."""
+    factor = doubt.factor
+    if doubt.slug == "units-time":
+        timed = test.moved(test.u_m, test.v_m_s / factor, test.a_m_s2 / factor**2)
+        return replace(timed, dt_s=test.dt_s * factor)
+    if doubt.slug == "units-displacement":
+        return test.moved(test.u_m * factor, test.v_m_s * factor, test.a_m_s2 * factor)
+    name = CHANNEL[doubt.slug]
+    return replace(test, **{name: factor * getattr(test, name)})
 
 
 def _wrong_unit(doubt: Doubt, ids: Sequence[str]) -> Cause:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,13 +21,14 @@ from rig.identification.diagnosis import distortions as of
 from rig.identification.diagnosis.descent import Damper, Explained, explain, first_step, residual_N
 from rig.identification.diagnosis.force_channel import beyond, ends_N, outliers
 from rig.identification.diagnosis.groups import two_groups
-from rig.identification.diagnosis.plausibility import OFFSET, SIGNS, implausible, law_from_two_currents
+from rig.identification.diagnosis.plausibility import OFFSET, SIGNS, implausible, law_from_two_currents, mended
 from rig.identification.diagnosis.stretches import Stretch, stretches
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.projection import Weighting
 from rig.identification.series_spring import Softened
 from rig.identification.uncertainty.fit_entries import Cause
 from rig.identification.words import say, some
+from rig.signals.plausibility import Doubt
 
 AN_AMOUNT = 0.02  # of the logarithm of what is left, that each amount of a cause must be worth
 WORTH_NAMING = 0.15  # share of the misfit from which a cause is listed
@@ -41,6 +43,7 @@ BEYOND_DOUBT = 10.0  # standard errors of white noise; noise of a filtered chann
 SMALLEST_DRIFT = 0.05  # of the force, over all that it follows, which is worth a word in an adequate fit
 SMALLEST_TEMPERATURE_SPAN_K = 1.0
 NEAR_REVERSAL_m = 1e-3
+MENDED = 0.25  # of the squares that are missed, below which a unit is likelier than the one that was given
 MIXED = "mixed-specimens"
 
 
@@ -76,13 +79,32 @@ def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
         misfit: whether to look for causes of misfit; units, signs and a current law drawn from two currents are looked
             at in any case.
     """
-    wrong = implausible(fitted.tests)
+    wrong = implausible(fitted.tests, partial(_likelier_mended, fitted))
     if any(cause.slug not in {SIGNS, OFFSET} for cause in wrong):
         return tuple(wrong)
     causes = [*(cause for cause in wrong if cause.slug == SIGNS), *_saturated(fitted.tests)]
     causes += _of_misfit(fitted) if misfit else _hidden(fitted)
     causes += law_from_two_currents(fitted.model, fitted.values, fitted.tests)
     return (*causes, *(cause for cause in wrong if cause.slug == OFFSET))
+
+
+def _likelier_mended(fitted: Fitted, doubt: Doubt, ids: Sequence[str]) -> bool:
+    """Whether a fit of the other tests foretells these with their unit mended, each in shares of its own force."""
+    parts = stretches(fitted.model, fitted.tests, fitted.weighting)
+    apart = [part for part in parts if part.test.id in ids]
+    others = [part for part in parts if part.test.id not in ids]
+    if not others:
+        return False
+    reached = explain(Damper(fitted.model, fitted.values, fitted.names), others, of.Distortion())
+
+    def left(part: Stretch) -> float:
+        missed_N = residual_N(fitted.model, reached.values, part, of.Distortion(), np.zeros(0))
+        force_N = part.test.force_N - np.mean(part.test.force_N)
+        return float(np.sum(missed_N**2)) / max(float(np.sum(force_N**2)), 1e-300)
+
+    as_they_are = [left(part) for part in apart]
+    changed = [left(replace(part, test=mended(part.test, doubt))) for part in apart]
+    return float(np.median(changed)) < MENDED * float(np.median(as_they_are))
 
 
 def _saturated(tests: Sequence[Measurement]) -> list[Cause]:

@@ -52,6 +52,9 @@ STRETCHES_A_CYCLE = 10
 OUTLIER = 6.0
 HARMONICS = 9
 """Of the motion, beside its frequency."""
+SINGULAR = 1e-12
+"""Of the columns' products, below which they tell nothing."""
+SAMPLES_AT_ONCE = 8192
 LARGEST_CHANGE = 0.03
 """Relative: beyond it what the samples show of the period is not the program's."""
 LARGEST_COMPLIANCE_m_N = 1e-5
@@ -116,24 +119,43 @@ def refined(cycles: CycleStretch, time_s: FloatArray, values: FloatArray) -> Cyc
     The motion's harmonics are fitted beside its frequency: what a triangle has of them is no change of the period.
     """
     inside = np.isfinite(values) & (time_s >= cycles.start_s) & (time_s < cycles.end_s)
-    t, y = time_s[inside] - 0.5 * (cycles.start_s + cycles.end_s), values[inside]
-    if len(t) < FEWEST_SAMPLES:
+    middle_s, half_s = 0.5 * (cycles.start_s + cycles.end_s), 0.5 * (cycles.end_s - cycles.start_s)
+    t, y = (time_s[inside] - middle_s) / half_s, values[inside]
+    if len(t) < FEWEST_SAMPLES or np.ptp(y) == 0.0:
         return cycles
-    omega, per_cycle = math.tau / cycles.period_s, cycles.period_s / float(np.median(np.diff(t)))
-    orders = np.arange(1, max(1, min(HARMONICS, int(HIGHEST_SHARE * per_cycle))) + 1)
+    y = (y - np.mean(y)) / np.ptp(y)
+    omega, per_cycle = math.tau / cycles.period_s, cycles.period_s / (half_s * float(np.median(np.diff(t))))
+    count = max(1, min(HARMONICS, int(HIGHEST_SHARE * per_cycle)))
+    known, orders = 2 * count + 1, np.arange(1, count + 1)
     for _ in range(2):
-        turns = np.outer(t, omega * orders)
-        cosines, sines = np.cos(turns), np.sin(turns)
-        design = np.column_stack((np.ones(len(t)), cosines, sines))
-        (_, *amplitudes), *_ = np.linalg.lstsq(design, y, rcond=None)
-        cosine, sine = np.split(np.asarray(amplitudes), 2)
-        slope = t * ((cosines * sine - sines * cosine) @ orders)
-        full = np.column_stack((design, slope))
-        omega += float(np.linalg.lstsq(full, y, rcond=None)[0][-1])
+        gram, right = _sums(t, y, half_s * omega, count)
+        amplitudes = np.linalg.lstsq(gram[:known, :known], right[:known], rcond=SINGULAR)[0]
+        cosine, sine = np.split(amplitudes[1:], 2)
+        # Of the columns of `_sums`: each harmonic's own, and together those times the time, by the frequency.
+        basis = np.zeros((len(right), known + 1))
+        basis[:known, :known] = np.eye(known)
+        basis[known:, known] = np.concatenate((orders * sine, -orders * cosine))
+        solution = np.linalg.lstsq(basis.T @ gram @ basis, basis.T @ right, rcond=SINGULAR)[0]
+        omega += float(solution[known]) / half_s
     period_s = math.tau / omega
     if not abs(period_s / cycles.period_s - 1.0) < LARGEST_CHANGE:
         return cycles
     return CycleStretch(cycles.start_s, cycles.end_s, period_s)
+
+
+def _sums(t: FloatArray, y: FloatArray, turns: float, count: int) -> tuple[FloatArray, FloatArray]:
+    """Products of columns with each other and with samples (n,): 1, cosines, sines, and both times the time t (n,).
+
+    A part of the samples at a time: a long record would not find room for its columns.
+    """
+    gram, right = np.zeros((4 * count + 1, 4 * count + 1)), np.zeros(4 * count + 1)
+    for first in range(0, len(t), SAMPLES_AT_ONCE):
+        at, values = t[first : first + SAMPLES_AT_ONCE, None], y[first : first + SAMPLES_AT_ONCE]
+        waves = np.cumprod(np.repeat(np.exp(1j * turns * at), count, axis=1), axis=1)
+        design = np.hstack((np.ones_like(at), waves.real, waves.imag, at * waves.real, at * waves.imag))
+        gram += design.T @ design
+        right += design.T @ values
+    return gram, right
 
 
 def match_cycles(

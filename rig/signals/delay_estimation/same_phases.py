@@ -47,11 +47,13 @@ def doubted(laid: Match, reference: TimeSeries, series: Series, sensor: TimeSeri
         sensor: its samples (n,), NaN where there is none.
         cycles: where the motion repeats.
     """
-    sampled_s = _shared_s(sensor.time_s, cycles)
-    sharp = 0.0 if sampled_s == 0.0 else _sharpness(series, 1.0 / sampled_s)
+    sampled_s, polled_s = _shared_s(sensor.time_s, cycles), _shared_s(reference.time_s, cycles)
+    if sampled_s == 0.0:
+        return laid
+    sharp = max(_sharpness(series, 1.0 / shared_s) for shared_s in (sampled_s, polled_s) if shared_s > 0.0)
     if sharp == 0.0:
         return laid
-    apart_s = math.hypot(sampled_s, _shared_s(reference.time_s, cycles))
+    apart_s = math.hypot(sampled_s, polled_s)
     by_phase = laid.compliance is None and sharp > RESOLVED
     told_s = _by_phase(laid, reference, sensor, cycles, apart_s) if by_phase else None
     # It is an error of the lag alone: how it goes with a compliance stays as it is.

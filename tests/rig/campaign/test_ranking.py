@@ -31,14 +31,16 @@ def expected(verdicts: tuple[str, ...]) -> str:
     return f"{name_of(best + 1)}.h5"
 
 
-def write(folder: Path, attempt: int, verdict: str) -> None:
+def write(folder: Path, attempt: int, verdict: str, apart: int = 0) -> None:
+    """An attempt's file, or that of the record out of tolerance with this number."""
     (folder / "points").mkdir(exist_ok=True)
     time_s = np.arange(16) / 250.0
-    write_file(folder / "points" / f"{name_of(attempt)}.h5", PointFile(
+    name, slug = (f"p001-out-of-tolerance{apart}", "out-of-tolerance") if apart else (name_of(attempt), "amplitude")
+    write_file(folder / "points" / f"{name}.h5", PointFile(
         time_s, 250.0, [AlignedChannel(name, time_s, unit, name) for name, unit in (
             ("force", "N"), ("displacement", "m"), ("velocity", "m/s"), ("current", "A"))],
-        quality={"verdict": verdict, "reasons": () if verdict == "valid" else (f"amplitude: {attempt}",)},
-        test={"id": name_of(attempt), "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": 2.0, "current_A": 0.5},
+        quality={"verdict": verdict, "reasons": () if verdict == "valid" else (f"{slug}: {attempt}",)},
+        test={"id": name, "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": 2.0, "current_A": 0.5},
         provenance={"point": "p001", "attempt": str(attempt)},
     ))
 
@@ -128,13 +130,34 @@ def test_a_record_out_of_tolerance_is_told_until_the_point_is_recorded_again(apa
     assert results.all_results()[0].reasons == ()
 
 
+@pytest.mark.parametrize("recorded_then", [True, False])
+def test_the_next_session_tells_of_records_out_of_tolerance_what_their_own_session_told(
+    recorded_then: bool, tmp_path: Path
+) -> None:
+    books = PointResults((POINT,))
+    for number in (1, 2, 10):
+        write(tmp_path, 1, "invalid", apart=number)
+        file = tmp_path / "points" / f"p001-out-of-tolerance{number}.h5"
+        books.recorded_apart(POINT, file, "invalid", ("out-of-tolerance: 1",), 0, {})
+    if recorded_then:
+        write(tmp_path, 1, "invalid")
+        books.judged(POINT, tmp_path / "points" / "p001.h5", "invalid", ("amplitude: 1",), 0)
+    (told,) = books.all_results()
+    (again,) = take_stock(tmp_path, (POINT,)).books((POINT,)).all_results()
+    assert (again.file, again.verdict, again.reasons) == (told.file, told.verdict, told.reasons)
+
+
 def test_a_file_that_was_set_aside_is_told_where_a_later_session_left_none_and_is_never_kept(tmp_path: Path) -> None:
     write(tmp_path, 1, "suspect")
     set_aside(tmp_path / "points", "p001", ("p001",))
     (tmp_path / "points" / "p001-attempt2.h5.old").write_bytes(b"damaged")
     stock = take_stock(tmp_path, (POINT,))
     assert (stock.results, stock.problems, stock.attempts) == ((), (), {"p001": 1})
-    assert [result.file for result in stock.invalid] == [tmp_path / "points" / "p001-attempt1.h5.old"]
+    (told,) = stock.invalid
+    assert (told.file, told.verdict) == (tmp_path / "points" / "p001-attempt1.h5.old", "invalid")
+    books = stock.books((POINT,))
+    books.given_up(POINT, UNSETTLED)
+    assert [result.verdict for result in books.all_results()] == ["invalid"]
     write(tmp_path, 2, "invalid")
     (told,) = take_stock(tmp_path, (POINT,)).invalid
     assert told.file == tmp_path / "points" / "p001-attempt2.h5"

@@ -13,6 +13,7 @@ from rig.dampers import model, parameter_set
 from rig.identification import Fit, Measurement, identify
 from rig.identification.diagnosis.stretches import path_since_reversal_m
 from rig.identification.runs import write_fit
+from rig.identification.words import some
 
 DEMO = dict(parameter_set("demo").values)
 DAMPER = model("asymmetric")
@@ -129,6 +130,16 @@ def test_a_drift_in_some_of_the_tests_is_no_second_damper() -> None:
     assert "(p002, p007; most +25" in fit.diagnosis[0].text
 
 
+def test_what_drifts_in_every_test_by_itself_is_not_said_of_some_tests() -> None:
+    def shown(number: int, share: np.ndarray, force_N: np.ndarray) -> np.ndarray:
+        return np.asarray(force_N * (1.0 + 0.25 * (-1) ** number * share))
+
+    fit = identify(damper_tests(shown=shown))
+    assert named_first(fit) == "force-drift"
+    assert "some tests" not in fit.diagnosis[0].text
+    assert "(p001, p002, p003 and 7 more; most" in fit.diagnosis[0].text
+
+
 def test_outliers_are_named_and_counted() -> None:
     random, tests, hit = np.random.default_rng(5), [], 0
     for test in damper_tests():
@@ -234,6 +245,7 @@ def test_a_wrong_unit_is_named(slug: str, likely: str, wrong: Callable[[Measurem
     assert likely in fit.diagnosis[0].text
 
 
+@pytest.mark.parametrize("right", [3, 9])
 @pytest.mark.parametrize(
     ("slug", "likely", "wrong"),
     [
@@ -243,14 +255,37 @@ def test_a_wrong_unit_is_named(slug: str, likely: str, wrong: Callable[[Measurem
         ("units-current", "mA", lambda t: replace(t, current_A=1e3 * t.current_A)),
     ],
 )
-def test_a_wrong_unit_of_one_test_is_named_with_the_test(
-    slug: str, likely: str, wrong: Callable[[Measurement], Measurement]
+def test_a_wrong_unit_of_some_tests_is_named_with_the_tests(
+    slug: str, likely: str, wrong: Callable[[Measurement], Measurement], right: int
 ) -> None:
-    *others, last = damper_tests(currents_A=(0.0, 1.0))
-    fit = identify([*others, wrong(last)])
+    tests = damper_tests()
+    fit = identify([*tests[:right], *map(wrong, tests[right:])])
     assert named_first(fit) == slug
-    assert fit.diagnosis[0].text.startswith(f"in {last.id} and no other test ")
+    ids = some([test.id for test in tests[right:]])
+    assert fit.diagnosis[0].text.startswith(f"in {ids} and no other test ")
     assert likely in fit.diagnosis[0].text
+
+
+@pytest.mark.parametrize(
+    ("amplitude_m", "frequency_Hz", "rate_Hz"), [(2e-4, 0.4, RATE_Hz), (1e-2, 0.004, 5.0)], ids=["small", "slow"]
+)
+@pytest.mark.parametrize("skew_s", [0.0, 3e-3], ids=["adequate", "not adequate"])
+def test_a_small_or_slow_test_among_others_is_no_wrong_unit(
+    amplitude_m: float, frequency_Hz: float, rate_Hz: float, skew_s: float
+) -> None:
+    tests = damper_tests(skew_s=skew_s)
+    rate, random = 2.0 * np.pi * frequency_Hz, np.random.default_rng(1)
+    time_s = np.arange(round(3 * rate_Hz / frequency_Hz)) / rate_Hz + 0.0013
+    u_m, v_m_s = amplitude_m * np.sin(rate * time_s), amplitude_m * rate * np.cos(rate * time_s)
+    motion = (u_m, v_m_s, -(rate**2) * u_m)
+    force_N = DAMPER.force(DEMO, *motion, 1.0, 1.0 / rate_Hz) + random.normal(0.0, NOISE_N, time_s.size)
+    fit = identify([*tests, Measurement(
+        "slow", *motion, force_N, np.full(time_s.size, 1.0), 1.0 / rate_Hz, amplitude_m=amplitude_m,
+        frequency_Hz=frequency_Hz, nominal_current_A=1.0, noise_N=NOISE_N,
+        samples_per_cycle=round(rate_Hz / frequency_Hz),
+    )], diagnose=True)
+    assert fit.adequate is (skew_s == 0.0)
+    assert not [cause.slug for cause in fit.diagnosis if cause.slug.startswith("units-")]
 
 
 def test_both_signs_reversed_are_named() -> None:

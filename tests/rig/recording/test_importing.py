@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -189,6 +190,31 @@ def test_a_force_that_ends_at_the_same_value_in_every_cycle_did_not_stand_still(
     np.savetxt(path, rows, "%.9g", ",", header="t_s,x_mm,F", comments="")
     (point,) = Run.open(import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)).points
     assert point.verdict == verdict, point.reasons
+
+
+def at_the_rail(force_kN: np.ndarray) -> np.ndarray:
+    """A cable that lost contact twice in eight cycles."""
+    lost = np.zeros(force_kN.size, bool)
+    lost[600:660] = lost[1000:1060] = True
+    return np.where(lost, -10.0, force_kN)
+
+
+def of_two_values(force_kN: np.ndarray) -> np.ndarray:
+    """A trigger's column."""
+    return np.where(force_kN > 0.0, 0.3, 0.0)
+
+
+@pytest.mark.parametrize("shown", [at_the_rail, of_two_values])
+def test_a_force_that_stands_at_an_extreme_otherwise_than_as_a_clipped_one_is_not_valid(
+    shown: Callable[[np.ndarray], np.ndarray], tmp_path: Path
+) -> None:
+    path = sine_file(tmp_path)
+    rows = np.loadtxt(path, delimiter=",", skiprows=1)
+    rows[:, 2] = shown(rows[:, 2] + np.random.default_rng(1).normal(0.0, 0.002, len(rows)))
+    np.savetxt(path, rows, "%.9g", ",", header="t_s,x_mm,F", comments="")
+    (point,) = Run.open(import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)).points
+    assert point.verdict == "invalid"
+    assert point.reasons[0].startswith("sensor-stuck: ")
 
 
 def test_an_exact_force_of_few_digits_is_not_accused(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -31,6 +33,23 @@ def test_the_period_is_that_of_the_motion_wherever_in_a_cycle_the_stretch_ends(
     values = wave(time_s - 0.123, period_s) + 5e-6 * random.standard_normal(len(time_s))
     found = refined(CycleStretch(0.05, 0.05 + 0.4 * cycles, 0.4), time_s, values)
     assert abs(found.period_s / period_s - 1.0) * cycles < 3e-4, "the cycles lie over each other to 0.1 ms"
+
+
+def test_a_long_record_takes_little_more_memory_than_its_samples() -> None:
+    """A converter may take 2 GiB, and an hour at 1 kHz has 3.6 million samples."""
+    time_s = np.arange(400_000) * 1e-3
+    values = triangle_m(time_s, 0.4)
+    tracemalloc.start()
+    refined(CycleStretch(0.05, 399.9, 0.4), time_s, values)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak / len(time_s) < 100.0, "bytes a sample"
+
+
+@pytest.mark.parametrize("value", [0.0, 5.0, np.nan])
+def test_what_stands_still_shows_no_period(value: float) -> None:
+    time_s, cycles = np.arange(0.0, 3.0, 0.004), CycleStretch(0.05, 2.9, 0.4)
+    assert refined(cycles, time_s, np.full_like(time_s, value)) == cycles
 
 
 def test_what_makes_a_lag_unsure_turns_no_load_train_into_another() -> None:

@@ -37,6 +37,13 @@ def sprung_N(time_s: FloatArray, period_s: float) -> FloatArray:
     return 250.0 * sign * np.where(since_s < 12e-3, 2.0 * (since_s / 12e-3) ** 2 - 1.0, 1.0)
 
 
+def stiff_N(time_s: FloatArray, period_s: float) -> FloatArray:
+    """The same within 6 ms, less than what lies between two polls."""
+    half_s = 0.5 * period_s
+    since_s, sign = np.mod(time_s, half_s), np.where(np.mod(time_s, period_s) < half_s, 1.0, -1.0)
+    return 250.0 * sign * np.where(since_s < 6e-3, 2.0 * (since_s / 6e-3) ** 2 - 1.0, 1.0)
+
+
 def even_s(first_s: float, last_s: float) -> FloatArray:
     """Polls every 10 ms."""
     return np.arange(first_s, last_s, 0.01)
@@ -49,11 +56,12 @@ def uneven_s(first_s: float, last_s: float) -> FloatArray:
 
 def laid(
     force: Force, period_s: float, seed: int, polls_s: Callable[[float, float], FloatArray] = even_s,
+    sampled_s: float = 0.004,
 ) -> tuple[Match, Match, float]:
     """The match without and with the doubt, and the true lag (s)."""
     random = np.random.default_rng(seed)
     lag_s, began_s = random.uniform(-2e-3, 2e-3), random.uniform(0.0, period_s)
-    time_s, at_s = np.arange(0.0, 12 * period_s, 0.004), polls_s(random.uniform(0.0, 0.01), 12 * period_s)
+    time_s, at_s = np.arange(0.0, 12 * period_s, sampled_s), polls_s(random.uniform(0.0, 0.01), 12 * period_s)
     sensor = TimeSeries(time_s, force(time_s - lag_s + began_s, period_s) + 8.0 * random.standard_normal(len(time_s)))
     values = force(at_s + began_s, period_s) + 10.0 * random.standard_normal(len(at_s))
     reference, cycles = TimeSeries(at_s, values), CycleStretch(0.0, 12 * period_s, period_s)
@@ -85,6 +93,18 @@ def test_a_flank_that_the_polls_step_over_is_known_no_better_than_the_samples_ab
     assert np.sqrt(np.mean(stated**2)) < 1.5
     assert np.max(np.abs(stated)) < 4.0
     assert np.median([sure.lag_std_s for _, sure, _ in tries]) < 3e-3
+
+
+@pytest.mark.parametrize("polls_s", [even_s, uneven_s])
+def test_a_flank_that_a_fast_sensor_resolves_and_the_polls_step_over_is_known_no_better(
+    polls_s: Callable[[float, float], FloatArray],
+) -> None:
+    tries = [laid(stiff_N, 0.4, seed, polls_s, 0.001) for seed in range(20)]
+    before = np.array([(alone.lag_s - lag_s) / alone.lag_std_s for alone, _, lag_s in tries])
+    stated = np.array([(sure.lag_s - lag_s) / sure.lag_std_s for _, sure, lag_s in tries])
+    assert np.max(np.abs(before)) > 6.0
+    assert np.sqrt(np.mean(stated**2)) < 1.5
+    assert np.max(np.abs(stated)) < 4.0
 
 
 @pytest.mark.parametrize(("force", "period_s"), [(smooth_N, 0.4), (jumping_N, 0.4 * 1.0131)])
