@@ -24,6 +24,7 @@ from rig.dampers.parameter import Hysteresis, ParameterSet
 from rig.dampers.plastic import BinghamModel, ViscoelasticPlasticModel
 from rig.dampers.published import PARAMETER_SETS as PUBLISHED
 from rig.dampers.sprung_bouc_wen import SprungBoucWenModel
+from rig.dampers.thixotropic_bouc_wen import ThixotropicBoucWenModel
 from rig.errors import RigError
 from rig.plugins import DAMPER_MODELS, Catalogue
 
@@ -49,6 +50,7 @@ CATALOGUE: tuple[DamperModel, ...] = (
     LuGreModel(),
     GeneralizedBoucWenModel(),
     SprungBoucWenModel(),
+    ThixotropicBoucWenModel(),
 )
 """Every model in every form; a place here is the model's `kind`, which files of simulated runs hold: append."""
 

@@ -15,6 +15,7 @@ class Integrable(Protocol):
     name: ClassVar[str]
     states: ClassVar[int]
     positions: ClassVar[int]
+    memories: ClassVar[int]
 
     @property
     def hysteresis(self) -> Hysteresis:

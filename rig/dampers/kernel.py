@@ -309,7 +309,9 @@ def series_of(model: Integrable) -> Compiled:
     """`force_series` of one model, compiled: (p, start, u, v, a, current, dt, warm)."""
     kernel, step = kernel_of(model), sampled_step(model)
     key = f"{fingerprint()} {model.name} {model.hysteresis}"
-    return cached(_series(key, model.states, model.positions), _force=kernel.force, _loop=kernel.loop, _step=step)
+    return cached(
+        _series(key, model.states, model.positions, model.memories), _force=kernel.force, _loop=kernel.loop, _step=step
+    )
 
 
 _force: Compiled = _no_rates
@@ -318,7 +320,7 @@ _step: Compiled = _no_step
 """Of the loop's model, once `series_of` has made it."""
 
 
-def _series(key: str, states: int, positions: int) -> Compiled:
+def _series(key: str, states: int, positions: int, memories: int) -> Compiled:
     def series(
         p: FloatArray,
         start: FloatArray,
@@ -343,6 +345,8 @@ def _series(key: str, states: int, positions: int) -> Compiled:
             return force
         state = start.copy()
         if warm > 1:
+            for place in range(state.size - memories, state.size):
+                state[place] = np.mean(np.abs(v[:warm]))
             for k in range(1, warm):
                 _step(p, state, u, v, a, current, dt, k - 1, k)
             # A cycle is no whole number of samples, so the last step ends a fraction of a sample beside the first one:
@@ -381,7 +385,8 @@ def force_series(
         a: acceleration (m/s^2), shape (n,).
         current: coil current after its lag (A), shape (n,).
         dt: sampling interval (s).
-        warm: samples of one whole cycle that is run once before, so that the start is forgotten; 0 for none.
+        warm: samples of one whole cycle that is run once before, so that the start is forgotten; 0 for none. A memory
+            of the speed, which may last for several cycles, begins with the cycle's mean.
     """
     force: FloatArray = series_of(model)(p, start, u, v, a, current, dt, warm)
     return force

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rig.dampers.separation import MotionScale, Search, Separation
 
 PLUS = "+"
-_SHARED = ("states", "positions", "energy", "forms", "jumps_at", "redundant", "speeds_tell_yield")
+_SHARED = ("states", "positions", "memories", "energy", "forms", "jumps_at", "redundant", "speeds_tell_yield")
 
 
 class LawedModel(DamperModel):

@@ -33,6 +33,7 @@ class DamperModel(ABC):
         parameters: in the order of the kernel's vector.
         states: number of internal states; 0 for algebraic models.
         positions: how many of them, from the first, are positions, which move with the rod.
+        memories: how many of them, from the last, are low-passes of the speed (m/s).
         equation: the force as text, with its source.
         energy: what it dissipates, and where it gives energy back.
         forms: forms of the hysteresis argument that it has.
@@ -47,6 +48,7 @@ class DamperModel(ABC):
     name: ClassVar[str]
     states: ClassVar[int]
     positions: ClassVar[int] = 0
+    memories: ClassVar[int] = 0
     equation: ClassVar[str]
     energy: ClassVar[str] = ""
     forms: ClassVar[tuple[Hysteresis, ...]] = ("kwok",)

@@ -77,7 +77,7 @@ class SprungBoucWenModel(HystereticModel):
         """See `DamperModel.kernel`."""
         from rig.dampers.compiled_cache import njit
         from rig.dampers.kernel import Instant, Kernel, Wanted
-        from rig.dampers.sprung_flow import MASS, OFFSET, SPRING, at_current, law, moved
+        from rig.dampers.sprung_flow import MASS, OFFSET, SPRING, at_current, law, moved, remembered
 
         @njit()
         def force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:
@@ -87,7 +87,8 @@ class SprungBoucWenModel(HystereticModel):
         def held(p: FloatArray, state: FloatArray, motion: Instant, current: float, wanted: Wanted) -> float:
             u, v, a = motion
             place = u - (wanted[0] - p[OFFSET] - p[MASS] * a) / p[SPRING]
-            piston = law(p, at_current(p, current), place, v - wanted[1] / p[SPRING], state[1])
+            at = at_current(p, current, remembered(state))
+            piston = law(p, at, place, v - wanted[1] / p[SPRING], state[1])
             return float(p[OFFSET] + piston[0] + p[MASS] * a)
 
         return Kernel(force, step=moved, held=held)

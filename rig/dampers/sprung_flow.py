@@ -1,4 +1,4 @@
-"""What happens behind the spring of `sprung_bouc_wen`, compiled: the law of the piston, its speed, and steps in time.
+"""What happens behind the spring of `sprung_bouc_wen` and `thixotropic_bouc_wen`: the piston's law, speed, and steps.
 
 The piston's speed follows from the spring's force, because the law rises with the speed. The spring's stretch is stiff
 where the piston slides (k over the slope of the law is thousands per second), so it is integrated by a diagonally
@@ -7,7 +7,9 @@ loop w has a solution in closed form along any path, and each stage takes w wher
 the force turns round, and up to 2.5 ms long where the piston slides: steps of 4 ms were off by up to 2 N there, in
 every cycle the same, and the fitted parameters by more than their intervals.
 
-Parameters p are those of `SprungBoucWenModel` in their order, the state is the spring's stretch (m), then w.
+Parameters p are those of `SprungBoucWenModel` in their order, the state is the spring's stretch (m), then w. The
+thixotropic model has a parameter more, and a third state, the remembered speed (m/s); a model without memory
+remembers `NOTHING`.
 """
 
 from __future__ import annotations
@@ -18,7 +20,10 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
 from rig.dampers.kernel import SATURATED
 
-OFFSET, RHO, BEND, SPRING, MASS = 3, 13, 14, 15, 16  # where they are in p
+OFFSET, RHO, BEND, SPRING, MASS, CURVED = 3, 13, 14, 15, 16, 17  # where they are in p
+REMEMBERS_S = 0.1  # time constant of the memory of the speed
+HALVES_M_S = 0.1  # remembered speed that halves the force at 0 A
+NOTHING = -1.0
 IMPLICIT = 1.0 - math.sqrt(0.5)  # share of a step that each stage is implicit over
 TURNING = 8.0  # steps in the time in which the rod, from rest, goes as far as the force stretches the spring, / sqrt 2
 LONGEST_PATH = 0.5  # of w in a step, in 1/rho
@@ -28,6 +33,7 @@ CLOSE, NEAREST_M_S = 1e-6, 1e-10  # last change of the piston's speed, relative 
 FASTEST_M_S = 1e3  # speeds are looked for up to this one
 MOST_TRIALS = 80
 Numbers = tuple[float, float, float, float]
+AtCurrent = tuple[float, float, float, float, float]
 Stage = tuple[float, float, float, float, float]
 """Where the rod is (m), piston place (m) but for this stage's own part, that part (s), where the step began (m), w."""
 Motion = tuple[float, float, float, float, float]
@@ -35,22 +41,35 @@ Motion = tuple[float, float, float, float, float]
 
 
 @njit()
-def at_current(p: FloatArray, current: float) -> Numbers:
-    """Viscous damping (N s/m), yield force (N), its change along the stroke (N/m), logarithmic force (N)."""
-    viscous = max(p[1] + p[2] * current, 0.0)
-    yielding = p[4] + current * (p[5] + current * p[6])
-    along = p[7] + p[8] * current
-    thinning = max(p[9] + current * (p[10] + current * (p[11] + current * p[12])), 0.0)
-    return viscous, yielding, along, thinning
+def kept(speed: float) -> float:
+    """Share of its force at 0 A that the fluid keeps after a remembered speed (m/s)."""
+    return HALVES_M_S / (HALVES_M_S + speed) if speed >= 0.0 else 1.0
 
 
 @njit()
-def law(p: FloatArray, at: Numbers, u: float, v: float, w: float) -> Numbers:
+def at_current(p: FloatArray, current: float, speed: float) -> AtCurrent:
+    """Viscous damping (N s/m), yield force (N), its change along the stroke (N/m), logarithmic force (N), kxx (N/m^2).
+
+    Args:
+        p: parameters.
+        current: coil current (A).
+        speed: that the fluid remembers (m/s).
+    """
+    share, curved = kept(speed), p[CURVED] if speed >= 0.0 else 0.0
+    viscous = max(share * p[1] + current * p[2], 0.0)
+    yielding = share * p[4] + current * (p[5] + current * p[6])
+    along = p[7] + p[8] * current
+    thinning = max(p[9] + current * (p[10] + current * (p[11] + current * p[12])), 0.0)
+    return viscous, yielding, along, thinning, curved
+
+
+@njit()
+def law(p: FloatArray, at: AtCurrent, u: float, v: float, w: float) -> Numbers:
     """Force (N) of the piston, f0 left out, at place u (m) and speed v (m/s), and its slopes over u, v and w."""
-    viscous, yielding, along, thinning = at
-    force = p[0] * u + viscous * v + (yielding + along * u) * w + thinning * math.asinh(v / p[BEND])
+    viscous, yielding, along, thinning, curved = at
+    force = (p[0] + curved * u) * u + viscous * v + (yielding + along * u) * w + thinning * math.asinh(v / p[BEND])
     by_v = viscous + thinning / math.hypot(v, p[BEND])
-    return force, p[0] + along * w, by_v, yielding + along * u
+    return force, p[0] + 2.0 * curved * u + along * w, by_v, yielding + along * u
 
 
 @njit()
@@ -73,7 +92,7 @@ def turned(w: float, path: float) -> tuple[float, float, float]:
 
 
 @njit()
-def piston_speed(p: FloatArray, at: Numbers, stage: Stage, guess: float) -> float:
+def piston_speed(p: FloatArray, at: AtCurrent, stage: Stage, guess: float) -> float:
     """The piston's speed (m/s) at which its law takes the spring's force: Newton's method, else bisection."""
     rod, base, part, began, w = stage
     k, rho, v = p[SPRING], p[RHO], guess
@@ -105,7 +124,7 @@ def rod_at(motion: Motion, t: float) -> float:
 
 
 @njit()
-def steps_in(p: FloatArray, at: Numbers, w: float, motion: Motion, dt: float) -> int:
+def steps_in(p: FloatArray, at: AtCurrent, w: float, motion: Motion, dt: float) -> int:
     """How many equal steps a motion of dt (s) is cut into."""
     v_0, v_1 = motion[1], motion[1] + dt * (motion[2] + dt * (motion[3] + dt * motion[4]))
     faster = max(abs(v_0), abs(v_1))
@@ -134,14 +153,33 @@ def second_stage(early: Stage, motion: Motion, t: float, h: float, first: float)
 
 
 @njit()
+def remembered(state: FloatArray) -> float:
+    """The speed (m/s) that the fluid remembers."""
+    return float(state[2]) if state.size > 2 else NOTHING
+
+
+@njit()
+def remember(state: FloatArray, motion: Motion, t: float, h: float) -> float:
+    """Moves the memory over a step of length h (s) from t (s); gives the remembered speed (m/s) in its middle."""
+    if state.size <= 2:
+        return NOTHING
+    middle = t + 0.5 * h
+    rod = abs(motion[1] + middle * (motion[2] + middle * (motion[3] + middle * motion[4])))
+    before, share = state[2], math.exp(-0.5 * h / REMEMBERS_S)
+    state[2] = rod + (before - rod) * share * share
+    return float(rod + (before - rod) * share)
+
+
+@njit()
 def moved(p: FloatArray, state: FloatArray, motion: Motion, current: float, dt: float) -> bool:
     """See `Kernel.step`."""
     if dt <= 0.0:
         return True
-    at = at_current(p, current)
+    at = at_current(p, current, remembered(state))
     count = steps_in(p, at, state[1], motion, dt)
     h, v = dt / count, motion[1]
     for k in range(count):
+        at = at_current(p, current, remember(state, motion, k * h, h))
         early = first_stage(state, motion, k * h, h)
         first = piston_speed(p, at, early, v)
         late = second_stage(early, motion, k * h, h, first)

@@ -1,8 +1,9 @@
-"""Force of `sprung_bouc_wen` along a motion with its slopes over every parameter, in one pass, compiled.
+"""Force of `sprung_bouc_wen` or `thixotropic_bouc_wen` with its slopes over every parameter, in one pass, compiled.
 
 Each parameter's slope is carried through the same steps as the states (see `sprung_flow`): a stage solves law(v_p) =
 k (rod - place), so the slope of v_p is what the parameter and the states' slopes do to that balance, over the balance's
-slope in v_p. That is the parameter's column behind a low-pass of time constant (dF/dv_p)/k.
+slope in v_p. That is the parameter's column behind a low-pass of time constant (dF/dv_p)/k. What the fluid remembers
+is the rod's speed, which no parameter changes.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from rig.dampers.compiled_cache import njit
 from rig.dampers.kernel import Compiled, between_samples, cached, fingerprint
 from rig.dampers.sprung_flow import (
     BEND,
+    CURVED,
     MASS,
     OFFSET,
     RHO,
@@ -26,62 +28,67 @@ from rig.dampers.sprung_flow import (
     Stage,
     at_current,
     first_stage,
+    kept,
     law,
     piston_speed,
+    remember,
+    remembered,
     second_stage,
     steps_in,
     turned,
 )
 
-PARAMETERS = 17
-
 
 @njit()
-def balance_slopes(p: FloatArray, current: float, stage: Stage, v: float, own: FloatArray) -> Numbers:
-    """What parameters by themselves do to law - k (rod - place) at a stage's end, into `own` (17,).
+def balance_slopes(p: FloatArray, current: float, speed: float, stage: Stage, v: float, own: FloatArray) -> Numbers:
+    """What parameters by themselves do to law - k (rod - place) at a stage's end, into `own`, as long as p.
 
     Returns:
         Its slopes over the place before the stage, over w and over where the step began, and over v_p.
     """
     rod, base, part, began, w = stage
-    at = at_current(p, current)
+    at, share = at_current(p, current, speed), kept(speed)
     u = base + part * v
     loop, by_start, by_path = turned(w, p[RHO] * (u - began))
     _, by_u, by_v, by_w = law(p, at, u, v, loop)
     viscous = 1.0 if at[0] > 0.0 else 0.0
     bend = math.asinh(v / p[BEND]) if at[3] > 0.0 else 0.0
-    own[0], own[1], own[2], own[OFFSET] = u, viscous * v, viscous * v * current, 0.0
-    own[4], own[5], own[6] = loop, loop * current, loop * current * current
+    own[0], own[1], own[2], own[OFFSET] = u, share * viscous * v, viscous * v * current, 0.0
+    own[4], own[5], own[6] = share * loop, loop * current, loop * current * current
     own[7], own[8] = u * loop, u * loop * current
     own[9], own[10] = bend, bend * current
     own[11], own[12] = bend * current * current, bend * current * current * current
     own[RHO] = by_w * by_path * (u - began)
     own[BEND] = -at[3] * v / (p[BEND] * math.hypot(v, p[BEND]))
     own[SPRING], own[MASS] = u - rod, 0.0
+    if speed >= 0.0:
+        own[CURVED] = u * u
     along = by_w * by_path * p[RHO]
     return by_u + p[SPRING] + along, by_w * by_start, -along, by_v + part * (by_u + p[SPRING] + along)
 
 
 @njit()
 def carried(p: FloatArray, state: FloatArray, slopes: FloatArray, motion: Motion, current: float, dt: float) -> None:
-    """`sprung_flow.moved`, and the slopes (2, 17) of the piston's place and of w moved with it."""
-    at, own = at_current(p, current), np.empty(PARAMETERS)
-    by_first = np.empty(PARAMETERS)
+    """`sprung_flow.moved`, and the slopes (2, parameters) of the piston's place and of w moved with it."""
+    at, own = at_current(p, current, remembered(state)), np.empty(p.size)
+    by_first = np.empty(p.size)
     count = steps_in(p, at, state[1], motion, dt)
     h, v = dt / count, motion[1]
     for k in range(count):
+        speed = remember(state, motion, k * h, h)
+        at = at_current(p, current, speed)
         early = first_stage(state, motion, k * h, h)
         first = piston_speed(p, at, early, v)
         late = second_stage(early, motion, k * h, h, first)
         v = piston_speed(p, at, late, first)
-        by_base, by_w, by_began, by_v = balance_slopes(p, current, early, first, own)
-        for q in range(PARAMETERS):
+        by_base, by_w, by_began, by_v = balance_slopes(p, current, speed, early, first, own)
+        for q in range(p.size):
             by_first[q] = -(own[q] + (by_base + by_began) * slopes[0, q] + by_w * slopes[1, q]) / by_v
-        by_base, by_w, by_began, by_v = balance_slopes(p, current, late, v, own)
+        by_base, by_w, by_began, by_v = balance_slopes(p, current, speed, late, v, own)
         rod, base, part, began, w = late
         now = base + part * v
         end, by_start, by_path = turned(w, p[RHO] * (now - began))
-        for q in range(PARAMETERS):
+        for q in range(p.size):
             of_base = slopes[0, q] + (h - part) * by_first[q]
             by_second = -(own[q] + by_base * of_base + by_began * slopes[0, q] + by_w * slopes[1, q]) / by_v
             way = (h - part) * by_first[q] + part * by_second
@@ -93,7 +100,7 @@ def carried(p: FloatArray, state: FloatArray, slopes: FloatArray, motion: Motion
 
 @cache
 def slopes_along() -> Compiled:
-    """Force (N), (n,), and its slopes over the parameters, (n, 17), along a sampled motion, compiled.
+    """Force (N), (n,), and its slopes over the parameters, (n, parameters), along a sampled motion, compiled.
 
     Called as `rig.dampers.kernel.series_of` is: (p, start, u, v, a, current, dt, warm).
     """
@@ -112,8 +119,10 @@ def _pass(key: str) -> Compiled:
         warm: int,
     ) -> tuple[FloatArray, FloatArray]:
         n = u.size + 0 * len(key)
-        force, columns = np.empty(n), np.empty((n, PARAMETERS))
-        state, slopes = start.copy(), np.zeros((2, PARAMETERS))
+        force, columns = np.empty(n), np.empty((n, p.size))
+        state, slopes = start.copy(), np.zeros((2, p.size))
+        if state.size > 2 and warm > 0:
+            state[2] = np.mean(np.abs(v[:warm]))
         for step in range(n + warm):
             k = step - warm if step >= warm else step
             if step > 0:
@@ -122,7 +131,7 @@ def _pass(key: str) -> Compiled:
                 carried(p, state, slopes, motion, 0.5 * (current[last] + current[k]), dt)
             if step >= warm:
                 force[k] = p[OFFSET] + p[SPRING] * state[0] + p[MASS] * a[k]
-                for q in range(PARAMETERS):
+                for q in range(p.size):
                     columns[k, q] = -p[SPRING] * slopes[0, q]
                 columns[k, OFFSET] += 1.0
                 columns[k, SPRING] += state[0]

@@ -187,7 +187,7 @@ def solve_states(
         unknowns = search.unknowns(natural, held | frozenset(bound))
         short = StateSquares(search, unknowns, few, weighting, short.evaluations)
         full = StateSquares(search, unknowns, measurements, weighting)
-        theta, left = short.minimise(unknowns.theta(natural), ITERATIONS, ROUGH)
+        theta, left = short.minimise(unknowns.theta(search.named(natural)), ITERATIONS, ROUGH)
     finish = LAST_ITERATIONS if start is None and left <= DESCRIBED * short.noise_power else 0
     theta, objective = full.minimise(theta, finish) if finish else (theta, full.value(theta))
     evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
@@ -198,11 +198,7 @@ def solve_states(
 def _simpler_values(
     search: Search, single: Sequence[Measurement], weighting: Weighting, held: frozenset[str]
 ) -> dict[str, float]:
-    """The fitted values of the simpler model that gives the starts; none without one.
-
-    Raises:
-        TypeError: the simpler model does not split.
-    """
+    """The fitted values of the simpler model that gives the starts; none without one."""
     if not search.simpler:
         return {}
     simpler = damper_model(search.simpler)
@@ -211,5 +207,5 @@ def _simpler_values(
         return solve_separable(single, simpler, weighting, held=without).values
     form = simpler.separation(motion_scale(single))
     if form is None:
-        raise TypeError(f"{simpler.name}, from which {search.model.name} is started, does not split")
+        return solve_states(single, simpler, weighting, without).values
     return solve_loop(single, simpler, form, weighting, without).values
