@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from rig.dampers.separation import MotionScale, Search, Separation
 
 PLUS = "+"
-_SHARED = ("states", "positions", "memories", "energy", "forms", "jumps_at", "redundant", "speeds_tell_yield")
+_SHARED = ("states", "positions", "memories", "energy", "forms", "jumps_at", "redundant", "speeds_tell_yield",
+           "apart_at_one_current")  # fmt: skip
 
 
 class LawedModel(DamperModel):

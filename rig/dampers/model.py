@@ -40,6 +40,7 @@ class DamperModel(ABC):
         hysteresis: the form of this one.
         jumps_at: where the force jumps, so that noise of motion or clocks puts samples on the wrong side.
         redundant: parameters that only scale others, and those; the others are known for one choice of it only.
+        apart_at_one_current: parameters of power 1 that one current tells from their value at 0 A.
         speeds_tell_yield: whether a single speed tells yield force from viscous force.
         non_negative: linear parameters that no damper has below 0; a fit that finds one there holds it at 0.
         demonstration: plausible values of a damper for the simulated rig, complete; not a published fit.
@@ -54,6 +55,7 @@ class DamperModel(ABC):
     forms: ClassVar[tuple[Hysteresis, ...]] = ("kwok",)
     jumps_at: ClassVar[Jump] = ""
     redundant: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    apart_at_one_current: ClassVar[tuple[str, ...]] = ()
     speeds_tell_yield: ClassVar[bool] = False
     non_negative: ClassVar[tuple[str, ...]] = ()
     demonstration: ClassVar[Mapping[str, float]]

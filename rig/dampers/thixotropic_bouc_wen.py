@@ -24,9 +24,10 @@ from typing import ClassVar
 
 from rig.dampers.parameter import Parameter, linear_parameter
 from rig.dampers.separation import MotionScale, Search, Unknowns
-from rig.dampers.sprung_bouc_wen import SprungBoucWenModel, SprungSearch
+from rig.dampers.sprung_bouc_wen import VISCOUS, SprungBoucWenModel, SprungSearch
 
 CURVED_N_m2 = 1e4  # size at which kxx is searched
+ONE_CURRENT = 0.05  # range over mean up to which tests have one current
 
 
 class ThixotropicBoucWenModel(SprungBoucWenModel):
@@ -35,17 +36,18 @@ class ThixotropicBoucWenModel(SprungBoucWenModel):
     name: ClassVar[str] = "thixotropic_bouc_wen"
     states: ClassVar[int] = 3
     memories: ClassVar[int] = 1
+    apart_at_one_current: ClassVar[tuple[str, ...]] = ("kv_b", "ky_b")
     equation: ClassVar[str] = (
         "F = f0 + k x + m a, k x = (kx + kxx u_p) u_p + kv v_p + (ky + ku u_p) w + kt asinh(v_p/vt), u_p = u - x, "
         "v_p = v - x', w' = rho (v_p - |v_p| |w| w / 2 - v_p w^2 / 2); kv, ku affine, ky quadratic, kt cubic in I, kv, "
-        "kt no less than 0; kv and ky at 0 A times vh / (vh + s), s' = (|v| - s) / (0.1 s), vh = 0.1 m/s (Wen 1976; Eyring 1936; "
-        "Barnes 1997)"
+        "kt no less than 0; kv and ky at 0 A times vh / (vh + s), s' = (|v| - s) / (0.1 s), vh = 0.1 m/s (Wen 1976; "
+        "Eyring 1936; Barnes 1997)"
     )
     energy: ClassVar[str] = (
         "kv and kt dissipate at every instant; the yield force over a loop, while it unloads it gives back; the "
         "springs k, kx, kxx and the mass give back; while the fluid heals at rest, what the loop's flank stores grows"
     )
-    demonstration: ClassVar[Mapping[str, float]] = {**SprungBoucWenModel.demonstration, "kxx": 4000.0}
+    demonstration: ClassVar[Mapping[str, float]] = {**SprungBoucWenModel.demonstration, "ky": 120.0, "kxx": 4e3}
     parameters: tuple[Parameter, ...] = (
         *SprungBoucWenModel.parameters,
         linear_parameter("kxx", "N/m^2", 0.0, "change of the stiffness kx along the stroke", term="stiffness"),
@@ -57,7 +59,7 @@ class ThixotropicBoucWenModel(SprungBoucWenModel):
 
 
 class ThixotropicSearch(SprungSearch):
-    """From the fit of `sprung_bouc_wen`."""
+    """From the fit of `sprung_bouc_wen`, which remembers nothing."""
 
     simpler = "sprung_bouc_wen"
     simpler_names: Mapping[str, str] = {name: name for name in SprungBoucWenModel().names}
@@ -65,8 +67,18 @@ class ThixotropicSearch(SprungSearch):
 
     def starts(self, simple: Mapping[str, float], scale: MotionScale) -> list[dict[str, float]]:
         """See `Search.starts`."""
-        del scale
-        return [{**simple, "kxx": 0.0}]
+        start, current_A = {**simple, "kxx": 0.0}, scale.mean_current_A
+        little = VISCOUS * abs(start["ky"] + start["ky_b"] * current_A) / scale.top_speed_m_s
+        if scale.high_current_A - scale.low_current_A > ONE_CURRENT * abs(current_A):
+            return [start, start | {"kv": max(start["kv"], little)}]
+        # at one current the simpler model knows sums, of which the fluid forgets only the part at 0 A
+        whole = {name: start[name] + start[f"{name}_b"] * current_A for name in ("kv", "ky")}
+        whole["kv"] = max(whole["kv"], little)
+        return [
+            start | {name: share * force for name, force in whole.items()}
+            | {f"{name}_b": (1.0 - share) * force / current_A for name, force in whole.items()}
+            for share in (0.0, 0.5, 1.0)
+        ]  # fmt: skip
 
     def unknowns(self, start: Mapping[str, float], held: frozenset[str]) -> Unknowns:
         """See `Search.unknowns`."""

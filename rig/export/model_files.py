@@ -20,7 +20,7 @@ ARGUMENTS = "double u, double v, double a, double current"
 
 def _program(fitted: FittedModel) -> tuple[Program, Library]:
     program = program_of(fitted.model, fitted.vector)
-    return program, Library([program.start, program.step])
+    return program, Library([program.start, program.step], program.states)
 
 
 def source_name(fitted: FittedModel) -> str:

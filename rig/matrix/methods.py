@@ -12,7 +12,7 @@ METHODS = (
     "zhu_three_step",
 )  # fmt: skip
 
-FEW_MODELS = ("asymmetric", "normalized_bouc_wen", "lost_motion", "sprung_bouc_wen")
+FEW_MODELS = ("asymmetric", "normalized_bouc_wen", "lost_motion", "sprung_bouc_wen", "thixotropic_bouc_wen")
 """A hysteretic tanh, the hysteresis that most publications use, and what fits real dampers best: seconds together."""
 
 DEPENDENCES = ("affine", "per-current-affine", "per-current-polynomial", "per-current-lagrange")

@@ -113,6 +113,7 @@ class Library:
 
     Args:
         wanted: functions, compiled by numba or plain.
+        states: length of a state array that asks; there is always room for two, and what is not used stays zero.
 
     Attributes:
         functions: in an order in which each comes behind all that it calls.
@@ -122,7 +123,8 @@ class Library:
         NotTranslatable: something in them is not known here.
     """
 
-    def __init__(self, wanted: Sequence[Callable[..., Any]]) -> None:
+    def __init__(self, wanted: Sequence[Callable[..., Any]], states: int = 2) -> None:
+        self.states = states
         self.functions: list[Function] = []
         self.arrays: dict[str, FloatArray] = {}
         self._of: dict[Callable[..., Any], Function] = {}

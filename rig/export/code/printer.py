@@ -17,8 +17,6 @@ COMPARISONS: dict[type[ast.cmpop], str] = {
     ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
 }  # fmt: skip
 OR, AND, COMPARED, UNARY, POWER, ATOM = 1, 2, 4, 7, 8, 9
-STATE_LENGTH = "2"
-"""Of a state that asks: there is always room for two, and what is not used stays zero."""
 
 
 def number(value: float) -> str:
@@ -190,7 +188,7 @@ class Printer(ABC):
         if ast.unparse(node) == "math.inf":
             return self.infinity
         if node.attr == "size" and isinstance(node.value, ast.Name) and node.value.id in self.arrays:
-            return STATE_LENGTH
+            return str(self.library.states)
         raise self.function.refused(node, "an unknown attribute")
 
     def comparison(self, node: ast.Compare) -> tuple[str, int]:

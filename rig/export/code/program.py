@@ -21,11 +21,17 @@ from rig.dampers.model import DamperModel
 
 @dataclass(frozen=True)
 class Program:
-    """What is translated: `start(p, d, u, v, a, current)` and `step(p, d, u, v, a, current, dt)`, and length of d."""
+    """What is translated: `start(p, d, u, v, a, current)` and `step(p, d, u, v, a, current, dt)`.
+
+    Attributes:
+        length: of d.
+        states: internal states, the first of d.
+    """
 
     start: Callable[..., Any]
     step: Callable[..., Any]
     length: int
+    states: int = 2
 
 
 def program_of(model: DamperModel, p: FloatArray) -> Program:
@@ -96,33 +102,35 @@ def _integrated(model: DamperModel, kernel: Kernel, p: FloatArray) -> Program:
     force, rest = kernel.force, model.initial_state(1.0)
     moves_0 = float(rest[0])
     moves_1 = float(rest[1]) if rest.size > 1 else 0.0
+    moves_2 = float(rest[2]) if rest.size > 2 else 0.0
 
     def start(p: FloatArray, d: FloatArray, u: float, v: float, a: float, current: float) -> float:
         """Force (N) at the first sample, springs free."""
         d[0] = moves_0 * u
         d[1] = moves_1 * u
-        d[2] = u
-        d[3] = v
-        d[4] = a
-        d[5] = current
+        d[2] = moves_2 * u
+        d[3] = u
+        d[4] = v
+        d[5] = a
+        d[6] = current
         return float(force(p, d[0], d[1], u, v, a, current))
 
     move = _mover(model, kernel, p)
 
     def step(p: FloatArray, d: FloatArray, u: float, v: float, a: float, current: float, dt: float) -> float:
         """Force (N) at the next sample; d is the internal state, then u, v, a and current of the sample before."""
-        slope = (v - d[3]) / dt
-        c2 = (3.0 * slope - 2.0 * d[4] - a) / dt
-        c3 = (d[4] + a - 2.0 * slope) / (dt * dt)
-        motion = (d[2], d[3], d[4], c2, c3)
-        move(p, d, motion, max(abs(d[3]), abs(v)), 0.5 * (d[5] + current), dt)
-        d[2] = u
-        d[3] = v
-        d[4] = a
-        d[5] = current
+        slope = (v - d[4]) / dt
+        c2 = (3.0 * slope - 2.0 * d[5] - a) / dt
+        c3 = (d[5] + a - 2.0 * slope) / (dt * dt)
+        motion = (d[3], d[4], d[5], c2, c3)
+        move(p, d, motion, max(abs(d[4]), abs(v)), 0.5 * (d[6] + current), dt)
+        d[3] = u
+        d[4] = v
+        d[5] = a
+        d[6] = current
         return float(force(p, d[0], d[1], u, v, a, current))
 
-    return Program(start, step, 6)
+    return Program(start, step, 7, max(2, model.states))
 
 
 def _mover(model: DamperModel, kernel: Kernel, p: FloatArray) -> Callable[..., Any]:

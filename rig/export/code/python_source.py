@@ -8,7 +8,6 @@ from typing import cast
 import numpy as np
 
 from rig.export.code.functions import Function, Library
-from rig.export.code.printer import STATE_LENGTH
 
 
 class _Renamed(ast.NodeTransformer):
@@ -41,7 +40,7 @@ class _Renamed(ast.NodeTransformer):
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
         """The length of a state."""
         if node.attr == "size":
-            return ast.Constant(int(STATE_LENGTH))
+            return ast.Constant(self.library.states)
         return node
 
 

@@ -78,7 +78,7 @@ def _current(model: DamperModel, measurements: Sequence[Measurement], untold: Un
     mean_A = 0.5 * (low + high)
     for parameter in model.parameters:
         name, base = parameter.name, parameter.at_zero
-        if parameter.power != 1:
+        if parameter.power != 1 or (name in model.apart_at_one_current and abs(mean_A) > SAME_CURRENT_A):
             continue
         untold.held.add(name)
         if abs(mean_A) <= SAME_CURRENT_A:

@@ -45,9 +45,11 @@ def recorded(set_name: str, seed: int = 3) -> list[Measurement]:
 SPRUNG = "demo-sprung-bouc-wen"
 
 
-def moved(current_A: float, amplitude_m: float, frequency_Hz: float, rng: np.random.Generator) -> Measurement:
-    """Two settled cycles of the demonstration damper behind a spring, 250 samples each, 3 N of noise."""
-    chosen, omega = parameter_set(SPRUNG), 2.0 * np.pi * frequency_Hz
+def moved(
+    current_A: float, amplitude_m: float, frequency_Hz: float, rng: np.random.Generator, named: str = SPRUNG
+) -> Measurement:
+    """Two settled cycles of a demonstration damper behind a spring, 250 samples each, 3 N of noise."""
+    chosen, omega = parameter_set(named), 2.0 * np.pi * frequency_Hz
     t = np.arange(500) / (250.0 * frequency_Hz)
     test = Measurement(
         id=f"{current_A:g} A, {amplitude_m:g} m, {frequency_Hz:g} Hz",
@@ -67,6 +69,7 @@ def moved(current_A: float, amplitude_m: float, frequency_Hz: float, rng: np.ran
     return test
 
 
+@pytest.mark.parametrize("named", [SPRUNG, "demo-thixotropic-bouc-wen"], ids=["sprung", "thixotropic"])
 @pytest.mark.parametrize(
     ("currents_A", "motions"),
     [
@@ -78,15 +81,16 @@ def moved(current_A: float, amplitude_m: float, frequency_Hz: float, rng: np.ran
     ids=["one current", "one motion", "fast", "slow"],
 )
 def test_a_damper_behind_a_spring_is_found_from_few_or_unusual_tests(
-    currents_A: tuple[float, ...], motions: tuple[tuple[float, float], ...]
+    currents_A: tuple[float, ...], motions: tuple[tuple[float, float], ...], named: str
 ) -> None:
-    rng = np.random.default_rng(8)
-    fit = identify([moved(amps, *motion, rng) for motion in motions for amps in currents_A], model="sprung_bouc_wen")
+    rng, plant = np.random.default_rng(8), parameter_set(named)
+    tests = [moved(amps, *motion, rng, named) for motion in motions for amps in currents_A]
+    fit = identify(tests, model=plant.model)
     assert fit.error.rmse_N == pytest.approx(3.0, rel=0.08)
     assert fit.adequate
     spring = fit.parameters["k"]
     assert spring.identifiable
-    assert spring.value == pytest.approx(parameter_set(SPRUNG).values["k"], rel=0.1)
+    assert spring.value == pytest.approx(plant.values["k"], rel=0.1)
 
 
 def test_mass_and_stiffness_of_a_sprung_damper_are_not_told_apart_at_one_frequency() -> None:
@@ -104,7 +108,7 @@ def test_mass_and_stiffness_of_a_sprung_damper_are_not_told_apart_at_one_frequen
     [
         "demo-modified-bouc-wen", "demo-viscoelastic-plastic", "demo-thinning-bouc-wen", "demo-bouc-wen",
         "demo-lost-motion", "demo-dahl", "demo-hysteretic-biviscous", "demo-asymmetric-bouc-wen",
-        "demo-generalized-bouc-wen", "demo-lugre", "demo-sprung-bouc-wen",
+        "demo-generalized-bouc-wen", "demo-lugre", "demo-sprung-bouc-wen", "demo-thixotropic-bouc-wen",
     ],
 )  # fmt: skip
 def test_a_model_with_states_is_found_to_the_noise_with_its_truth_inside_the_intervals(set_name: str) -> None:
