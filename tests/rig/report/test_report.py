@@ -164,7 +164,7 @@ def test_held_out_tests_are_scored_apart(run: Path) -> None:
     fit["error"]["holdout"] = {"rmse_N": 5.0, "mae_N": 4.0, "nrmse_percent_of_peak": 4.56, "per_test": [apart]}
     page = written(run, fit)
     assert "error on held-out tests" in page
-    assert "held out of the fit" in page
+    assert '<div class="remark">held out</div>' in page
     assert '<span class="chip plain">held out</span>' in page
 
 
