@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -52,35 +51,32 @@ class Covered:
         """Each quantity with its lowest and highest value."""
         return [(name, getattr(self, name)) for name in QUANTITIES]
 
-    def limits(self) -> dict[str, Ends]:
-        """The same, those that are known, with the room that overshoot and noise get: from where on is beyond."""
-        limits = {}
+    def intervals(self) -> dict[str, tuple[Ends, ...]]:
+        """Quantity -> where it is within, rising: what is known of it, with the room for overshoot and noise."""
+        intervals: dict[str, tuple[Ends, ...]] = {}
         for name, ends in self.ranges():
             if ends is not None:
                 room = max(BEYOND * (ends[1] - ends[0]), LEAST.get(name, 0.0))
-                limits[name] = (ends[0] - room, ends[1] + room)
-        return limits
-
-    def between_currents(self, current_A: FloatArray) -> BoolArray:
-        """Which currents (A) are none of `only_at_A`, where there are such, shape (n,)."""
-        away_A = np.full(current_A.shape, math.inf if self.only_at_A else 0.0)
-        for tested_A in self.only_at_A:
-            away_A = np.minimum(away_A, np.abs(current_A - tested_A))
-        return np.asarray(away_A > ROOM_A)
+                intervals[name] = ((ends[0] - room, ends[1] + room),)
+        if self.only_at_A:
+            ((low, high),) = intervals["current_A"]
+            intervals["current_A"] = tuple((max(low, at - ROOM_A), min(high, at + ROOM_A)) for at in self.only_at_A)
+        return intervals
 
     def outside(self, values: Mapping[str, FloatArray | None]) -> dict[str, BoolArray]:
         """Quantity -> which of its values (SI, any shape) lie beyond; only those with such values.
 
-        A temperature that is given where no test recorded one lies beyond: nobody knows.
+        A temperature that is given where no test recorded one lies beyond: nobody knows. What is no number (a
+        temperature that was not read) does not.
         """
-        limits, outside = self.limits(), {}
+        intervals, outside = self.intervals(), {}
         for name, given in values.items():
             if given is None:
                 continue
-            low, high = limits.get(name, (math.nan, math.nan))
-            outside[name] = np.full(given.shape, name not in limits) | (given < low) | (given > high)
-            if name == "current_A" and self.only_at_A:
-                outside[name] |= self.between_currents(given)
+            where = np.full(given.shape, name not in intervals) | ~np.isnan(given)
+            for low, high in intervals.get(name, ()):
+                where &= ~((given >= low) & (given <= high))
+            outside[name] = where
         return {name: where for name, where in outside.items() if np.any(where)}
 
     def told(self) -> str:
@@ -100,7 +96,7 @@ def ranges_of(entry: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         KeyError, TypeError, ValueError: the entry is not what `TestedRange.to_json` gives.
     """
-    warm = entry["temperature_degC"]
+    warm = entry.get("temperature_degC")
     fields: dict[str, Any] = {name: (float(entry[name][0]), float(entry[name][1])) for name in QUANTITIES[:3]}
     fields["temperature_degC"] = None if warm is None else (float(warm[0]), float(warm[1]))
     return fields | {"only_at_A": tuple(map(float, entry.get("only_at_A", ())))}
