@@ -30,6 +30,7 @@ GRID = 33  # currents between which a force is looked for
 RESOLVED = 0.1  # half width of the current's band, as a share of its range, up to which the force tells the current
 SPEEDS = 24  # of the control range, each way
 FORCES = 41  # of the table, at each speed
+LAW_STEPS = 6  # along the chord of the law between two currents of the grid
 SAME = 0.01  # A: a smaller range of currents is one current
 
 
@@ -104,7 +105,21 @@ def solve(
     dt_s = motion.dt_s if start.shape[0] == 1 and motion.time_s is not None else 0.0
     data = (motion.u_m, motion.v_m_s, motion.a_m_s2, wanted_N, rate_N_s)
     answer: FloatArray = inverse_of(law.model)(vectors, grid, seen_A, start, *data, dt_s)
+    if law.felt is not None:
+        answer[:, 0] = _felt_as(law, grid, seen_A, answer[:, 0])
     return answer
+
+
+def _felt_as(law: Law, grid: FloatArray, seen_A: FloatArray, between_A: FloatArray) -> FloatArray:
+    """Currents (A) that are felt as the equation needs them, from those on straight lines between the grid's, (n,)."""
+    place = np.clip(np.searchsorted(grid, between_A, side="right") - 1, 0, grid.size - 2)
+    low, high = grid[place], grid[place + 1]
+    rise = seen_A[place + 1] - seen_A[place]
+    slope = np.divide(high - low, rise, out=np.zeros_like(rise), where=rise != 0.0)
+    wanted, current_A = np.interp(between_A, grid, seen_A), between_A
+    for _ in range(LAW_STEPS):
+        current_A = np.clip(current_A + slope * (wanted - law.vectors(current_A)[1]), low, high)
+    return current_A
 
 
 def current_band_A(
