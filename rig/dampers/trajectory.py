@@ -227,13 +227,16 @@ def _inverse(key: str, states: int) -> Compiled:
         n, count, last, size = u.size + 0 * len(key), grid.size, p.shape[0] - 1, start.shape[1]
         answer = np.empty((n, 8 + size))
         forces, state, used = np.empty(count), start[0].copy(), np.empty(n)
-        row = p[0].copy()
+        row, before = p[0].copy(), start[0].copy()
         for k in range(n):
+            follows = dt > 0.0 and k > 0 and states > 0
             if dt <= 0.0:
                 for place in range(size):
                     state[place] = start[min(k, start.shape[0] - 1), place]
-            elif k > 0 and states > 0:
-                used[k] = used[k - 1]
+            elif follows:
+                used[k] = used[k - 1]  # what it is nobody knows yet
+                for place in range(size):
+                    before[place] = state[place]
                 _step(row, state, u, v, a, used, dt, k - 1, k)
             motion, aim = (u[k], v[k], a[k]), (wanted[k], rates[k])
             for g in range(count):
@@ -248,6 +251,10 @@ def _inverse(key: str, states: int) -> Compiled:
                 share = _solve(row, below, above, (seen[low], seen[low + 1]), state, motion, misses, aim)
             _blend(row, below, above, share)
             used[k] = seen[low] + share * (seen[low + 1] - seen[low])
+            if follows:  # on the way that the current really takes
+                for place in range(size):
+                    state[place] = before[place]
+                _step(row, state, u, v, a, used, dt, k - 1, k)
             answer[k, 0] = grid[low] + share * (grid[low + 1] - grid[low])
             answer[k, 1] = _held(row, state, motion, used[k], aim)
             answer[k, 2] = (forces[low + 1] - forces[low]) / (grid[low + 1] - grid[low])
