@@ -37,7 +37,8 @@ def inverse_of(model: Integrable) -> Compiled:
     Called with parameters (1 or G, P), one row a current of the grid, the grid (A), (G,), rising, the currents that the
     model's equation sees there (G,), states (1 or n, S), extension, velocity, acceleration and wanted force (N), (n,)
     each, the wanted force's rate (N/s), (n,), and the sampling interval (s). With an interval above 0 the first state
-    is the start, and the states follow with the currents that were found; with 0 every sample has a state of its own.
+    is the start, and the states follow with the currents that were found, straight from sample to sample, as in
+    `trajectory_of`; with 0 every sample has a state of its own.
     Gives columns current (A), force there (N; see `Kernel.held`), dF/dI (N/A), whether the force is attainable (1 or
     0), least and greatest force over the grid (N), what the current has to make up of an error of the wanted force (1)
     and of its rate (s), in force, then the states, (n, 8 + S).

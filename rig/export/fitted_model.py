@@ -57,9 +57,9 @@ class FittedModel:
 
     @property
     def tested(self) -> dict[str, tuple[float, float]]:
-        """Lowest and highest displacement (m), velocity (m/s) and current (A) of the tests; empty where not told."""
+        """Lowest and highest displacement (m), velocity (m/s), current (A), temperature (degC); those that are told."""
         covered = self.covered
-        return {} if covered is None else {name: ends for name, ends in covered.ranges() if name in TESTED and ends}
+        return {} if covered is None else {name: ends for name, ends in covered.ranges() if ends is not None}
 
     def covariance(self) -> tuple[list[str], FloatArray]:
         """Names of the parameters that have standard errors, and their covariance (SI), shape (names, names)."""

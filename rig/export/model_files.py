@@ -146,7 +146,6 @@ def write_python(fitted: FittedModel, folder: Path) -> list[Path]:
         for a, row in zip(names, matrix.tolist(), strict=True)
     }
     units = {parameter.name: parameter.unit for parameter in fitted.model.parameters}
-    tested = {} if fitted.covered is None else {name: ends for name, ends in fitted.covered.ranges() if ends}
     path = folder / f"{source_name(fitted)}.py"
     write_text_durably(path, f'''"""{told}
 """
@@ -158,7 +157,7 @@ MODEL = {fitted.model.name!r}
 PARAMETERS = {json.dumps(dict(fitted.values), indent=4)}
 UNITS = {json.dumps(units, indent=4)}
 COVARIANCE = {covariance!r}
-TESTED = {tested!r}
+TESTED = {fitted.tested!r}
 _P = [{_numbers(fitted)}]
 
 
