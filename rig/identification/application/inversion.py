@@ -168,7 +168,8 @@ def control_range(law: Law, tested: TestedRange | None) -> pd.DataFrame:
         of them), `monotone` (whether every force has one current), `resolvable` (see `inverse`), `passive` (whether F v
         >= 0 at every current, the force at rest left out). `attrs["invertible_from_m_s"]`: the least speed from which
         on all rows are resolvable and monotone; None where there is none. `attrs["extrapolation"]`: that the
-        temperature of the fit (`Fit.at`) lies beyond the tests; empty otherwise.
+        temperature of the fit (`Fit.at`) lies beyond the tests, or that the force between their currents is not known;
+        empty otherwise.
 
     Raises:
         IdentificationFailed: the tests ran at one current.
@@ -197,19 +198,20 @@ def control_range(law: Law, tested: TestedRange | None) -> pd.DataFrame:
     limit = float(np.max(reached)) if reached.size else 0.0
     above = np.abs(speeds)[np.abs(speeds) > limit]
     frame.attrs["invertible_from_m_s"] = float(np.min(above)) if above.size else None
-    frame.attrs["extrapolation"] = _too_warm(law, tested)
+    frame.attrs["extrapolation"] = _unknown(law, tested)
     return frame
 
 
-def _too_warm(law: Law, tested: TestedRange | None) -> str:
-    """That the temperature at which the law holds lies beyond the tests; empty where it does not."""
-    if law.at_degC is None or tested is None:
+def _unknown(law: Law, tested: TestedRange | None) -> str:
+    """What of a table within the tested speeds and currents lies beyond the tests all the same; empty where nothing."""
+    if tested is None:
         return ""
-    still, degC = np.zeros(1), np.array([law.at_degC])
-    beyond = tested.beyond(Motion(None, None, 0.0, still, still, still, np.full(1, tested.current_A[0]), degC))
-    if "temperature_degC" not in beyond:
-        return ""
-    return f"beyond the tests: temperature_degC {law.at_degC:.4g}; tested were {tested.told()}"
+    told = []
+    if tested.only_at_A:
+        told.append("current_A between the tested ones")
+    if law.at_degC is not None and tested.outside({"temperature_degC": np.array([law.at_degC])}):
+        told.append(f"temperature_degC {law.at_degC:.4g}")
+    return f"beyond the tests: {', '.join(told)}; tested were {tested.told()}" if told else ""
 
 
 def inverse_table(law: Law, tested: TestedRange | None) -> pd.DataFrame:
@@ -244,7 +246,7 @@ def inverse_table(law: Law, tested: TestedRange | None) -> pd.DataFrame:
         }))  # fmt: skip
     names = ["velocity_m_s", "force_N", "current_A", "low_A", "high_A", "resolvable"]
     table = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=names)
-    table.attrs["extrapolation"] = _too_warm(law, tested)
+    table.attrs["extrapolation"] = _unknown(law, tested)
     return table
 
 
