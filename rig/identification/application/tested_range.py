@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from rig.dampers.arrays import BoolArray, FloatArray
 from rig.dampers.covered import Covered, Ends, ranges_of
 from rig.identification.application.law import Law
 from rig.identification.application.motion_table import Motion
-from rig.identification.models.coverage import covered_by
+from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle
 from rig.identification.models.undetermined import only_at
 
@@ -93,16 +93,16 @@ def tested_range(
     Args:
         law: the fitted model.
         fitted: tests it was fitted to.
-        held_out: tests it has not seen; if there are any, they alone give the band.
+        held_out: tests it has not seen; if there are any within what the fitted ones covered, they alone give the band.
         temperature_degC: lowest and highest recorded; None where nothing was.
         widened: factor on the band of fitted tests, 1 or more: how much larger the error on left-out tests was.
     """
-    seen = held_out or fitted
-    factor = 1.0 if held_out else max(1.0, widened)
-    source = "held-out tests" if held_out else f"fitted tests x {factor:.3g}" if factor > 1.0 else "fitted tests"
-    covered = vars(covered_by(fitted)) | {"temperature_degC": temperature_degC}
-    covered["only_at_A"] = only_at(law.model, fitted) if law.current is None else ()
-    return TestedRange(**covered, band=_band(law, seen, factor, source))
+    levels = only_at(law.model, fitted) if law.current is None else ()
+    covered = replace(covered_by(fitted), temperature_degC=temperature_degC, only_at_A=levels)
+    within = [test for test in held_out if not beyond(covered, test)]
+    factor = 1.0 if within else max(1.0, widened)
+    source = "held-out tests" if within else f"fitted tests x {factor:.3g}" if factor > 1.0 else "fitted tests"
+    return TestedRange(**vars(covered), band=_band(law, within or fitted, factor, source))
 
 
 def _band(law: Law, tests: Sequence[Measurement], factor: float, source: str) -> Band:

@@ -131,6 +131,10 @@ def test_a_held_out_test_says_in_what_it_lies_beyond_the_fitted_ones(make_synthe
     assert alone.holdout is not None
     assert alone.holdout.within_nrmse_percent_of_peak is None
     assert "all of it extrapolation" in shown(alone)
+    assert fit.tested is not None
+    assert alone.tested is not None
+    assert (fit.tested.band.source, alone.tested.band.source) == ("held-out tests", "fitted tests")
+    assert max(fit.tested.band.half_width_N) < 15.0  # 5 N of noise
 
 
 def test_a_current_between_too_few_for_the_model_is_beyond_too(make_synthetic: Make) -> None:
