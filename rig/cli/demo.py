@@ -56,7 +56,7 @@ def _show_beside_truth(fit: dict[str, Any], truth_path: Path, shown: Console) ->
     """The fit's 95 % intervals beside the parameters the simulated damper really had."""
     from rich.text import Text
 
-    from rig.cli.tables import fit_tables, inside
+    from rig.cli.fit_tables import fit_tables, inside
 
     truth = _true_parameters(truth_path)
     for part in fit_tables(fit, truth):

@@ -147,7 +147,7 @@ def command(
     if as_json:
         write_json(fit.to_json())
         return EXIT_DONE
-    from rig.cli.tables import fit_tables
+    from rig.cli.fit_tables import fit_tables
 
     for part in fit_tables(fit.to_json()):
         console().print(part)

@@ -129,7 +129,10 @@ def tables(study: RideStudy) -> list[Table]:
 
 def remarks(study: RideStudy) -> list[str]:
     """What a reader has to know of the numbers."""
+    from rig.vehicle.answer import extrapolations
+
     lines = [f"{variant.name}: {variant.fit.remark}" for variant in study.variants if variant.fit.remark]
+    lines += extrapolations(study)
     if study.car.estimate:
         lines.append(f"{study.car.name}: the numbers of this car are an estimate")
     if not study.step_close:

@@ -247,7 +247,8 @@ def show_result(result: JobResult, shown: Console) -> None:
 
     from rich.text import Text
 
-    from rig.cli.tables import duration, fit_tables
+    from rig.cli.fit_tables import fit_tables
+    from rig.cli.tables import duration
     from rig.cli.words import ending
 
     campaign = result.campaign

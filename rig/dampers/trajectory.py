@@ -37,7 +37,8 @@ def inverse_of(model: Integrable) -> Compiled:
     Called with parameters (1 or G, P), one row a current of the grid, the grid (A), (G,), rising, the currents that the
     model's equation sees there (G,), states (1 or n, S), extension, velocity, acceleration and wanted force (N), (n,)
     each, the wanted force's rate (N/s), (n,), and the sampling interval (s). With an interval above 0 the first state
-    is the start, and the states follow with the currents that were found; with 0 every sample has a state of its own.
+    is the start, and the states follow with the currents that were found, straight from sample to sample, as in
+    `trajectory_of`; with 0 every sample has a state of its own.
     Gives columns current (A), force there (N; see `Kernel.held`), dF/dI (N/A), whether the force is attainable (1 or
     0), least and greatest force over the grid (N), what the current has to make up of an error of the wanted force (1)
     and of its rate (s), in force, then the states, (n, 8 + S).
@@ -227,13 +228,16 @@ def _inverse(key: str, states: int) -> Compiled:
         n, count, last, size = u.size + 0 * len(key), grid.size, p.shape[0] - 1, start.shape[1]
         answer = np.empty((n, 8 + size))
         forces, state, used = np.empty(count), start[0].copy(), np.empty(n)
-        row = p[0].copy()
+        row, before = p[0].copy(), start[0].copy()
         for k in range(n):
+            follows = dt > 0.0 and k > 0 and states > 0
             if dt <= 0.0:
                 for place in range(size):
                     state[place] = start[min(k, start.shape[0] - 1), place]
-            elif k > 0 and states > 0:
-                used[k] = used[k - 1]
+            elif follows:
+                used[k] = used[k - 1]  # what it is nobody knows yet
+                for place in range(size):
+                    before[place] = state[place]
                 _step(row, state, u, v, a, used, dt, k - 1, k)
             motion, aim = (u[k], v[k], a[k]), (wanted[k], rates[k])
             for g in range(count):
@@ -248,6 +252,10 @@ def _inverse(key: str, states: int) -> Compiled:
                 share = _solve(row, below, above, (seen[low], seen[low + 1]), state, motion, misses, aim)
             _blend(row, below, above, share)
             used[k] = seen[low] + share * (seen[low + 1] - seen[low])
+            if follows:  # on the way that the current really takes
+                for place in range(size):
+                    state[place] = before[place]
+                _step(row, state, u, v, a, used, dt, k - 1, k)
             answer[k, 0] = grid[low] + share * (grid[low + 1] - grid[low])
             answer[k, 1] = _held(row, state, motion, used[k], aim)
             answer[k, 2] = (forces[low + 1] - forces[low]) / (grid[low + 1] - grid[low])

@@ -12,12 +12,13 @@ import numpy as np
 
 import rig.dampers
 from rig.dampers.arrays import FloatArray
+from rig.dampers.covered import QUANTITIES, Covered
 from rig.dampers.model import DamperModel
 from rig.dampers.temperature_law import law_of_entries
 from rig.errors import FileProblem
 
-TESTED = {"displacement_m": "m", "velocity_m_s": "m/s", "current_A": "A"}
-"""Keys of `tested` in `fit.json`, and their units."""
+TESTED = QUANTITIES[:3]
+"""Keys of `tested` in `fit.json` that every fit has which tells it."""
 NOT_OF_THE_FORCE = "eta"
 """The coil's lag: it belongs to the current, not to the force."""
 
@@ -49,10 +50,16 @@ class FittedModel:
         return self.model.vector(self.values)
 
     @property
-    def tested(self) -> dict[str, tuple[float, float]]:
-        """Lowest and highest displacement (m), velocity (m/s) and current (A) of the tests; empty where not told."""
+    def covered(self) -> Covered | None:
+        """What the tests covered; None where the fit does not tell."""
         told = self.fit.get("tested")
-        return {key: (float(told[key][0]), float(told[key][1])) for key in TESTED} if told else {}
+        return Covered.of_entry(told) if told else None
+
+    @property
+    def tested(self) -> dict[str, tuple[float, float]]:
+        """Lowest and highest displacement (m), velocity (m/s), current (A), temperature (degC); those that are told."""
+        covered = self.covered
+        return {} if covered is None else {name: ends for name, ends in covered.ranges() if ends is not None}
 
     def covariance(self) -> tuple[list[str], FloatArray]:
         """Names of the parameters that have standard errors, and their covariance (SI), shape (names, names)."""
@@ -92,9 +99,8 @@ class FittedModel:
 
     def _judged(self) -> list[str]:
         lines = []
-        if self.tested:
-            ranges = [f"{key} {low:.6g} to {high:.6g}" for key, (low, high) in self.tested.items()]
-            lines.append(f"Tested, and valid, within: {', '.join(ranges)}. Beyond is extrapolation.")
+        if (covered := self.covered) is not None:
+            lines.append(f"Tested, and valid, within: {covered.told()}. Beyond is extrapolation.")
         else:
             lines.append("This fit does not say within which motion and currents it was tested.")
         if self.fit.get("adequate") is False:
@@ -177,8 +183,12 @@ def _problems_of_tested(tested: object) -> list[str]:
         return []
     told = tested if isinstance(tested, dict) else {}
     problems = []
-    for key in TESTED:
+    warm = ["temperature_degC"] if told.get("temperature_degC") is not None else []
+    for key in (*TESTED, *warm):
         ends = told.get(key)
         if not (isinstance(ends, list) and len(ends) == 2 and all(map(_finite, ends)) and ends[0] <= ends[1]):
             problems.append(f"tested.{key}: got {ends!r}, expected the lowest and the highest value")
+    levels = told.get("only_at_A") or []
+    if not (isinstance(levels, list) and all(map(_finite, levels))):
+        problems.append(f"tested.only_at_A: got {levels!r}, expected currents")
     return problems

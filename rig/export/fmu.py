@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 
 import rig
 from rig.errors import FileProblem
+from rig.export.code.ranges import ABOUT
 from rig.export.fitted_model import FittedModel
 from rig.export.model_files import source_name, write_c
 from rig.recording.atomic_write import write_durably
@@ -69,6 +70,7 @@ def _model_header(fitted: FittedModel, header: str) -> str:
 #define MEMORY {name.upper()}_MEMORY
 #define model_start {name}_start
 #define model_step {name}_step
+#define model_beyond {name}_beyond
 static const double constants[] = {{{numbers}}};
 """
 
@@ -90,7 +92,11 @@ def _description(fitted: FittedModel, source: str) -> str:
         told, kind = f"{parameter.meaning} ({parameter.unit})", 'causality="local" variability="constant"'
         start = f'start="{float(fitted.values[parameter.name])!r}"'
         variables.append(_variable(place, f"p.{parameter.name}", told, kind, start))
+    last = len(variables)
+    variables.append(_variable(last, "beyond", ABOUT, output, ""))
     listed = "\n".join(variables)
+    unknowns = '<Unknown index="5" dependencies="1 2 3 4"/>'
+    unknowns += f'<Unknown index="{last + 1}" dependencies="1 2 4"/>'
     about = f"MR damper, model {fitted.model.name}: {fitted.model.equation}; fit {fitted.sha256}"
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{_guid(fitted)}" description={quoteattr(about)}
@@ -105,8 +111,8 @@ def _description(fitted: FittedModel, source: str) -> str:
 {listed}
   </ModelVariables>
   <ModelStructure>
-    <Outputs><Unknown index="5" dependencies="1 2 3 4"/></Outputs>
-    <InitialUnknowns><Unknown index="5" dependencies="1 2 3 4"/></InitialUnknowns>
+    <Outputs>{unknowns}</Outputs>
+    <InitialUnknowns>{unknowns}</InitialUnknowns>
   </ModelStructure>
 </fmiModelDescription>
 """

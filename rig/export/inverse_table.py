@@ -26,6 +26,7 @@ def write_inverse(fit: Path, path: Path) -> Path:
     lines = (
         f"# {known.model}: {known.equation}",
         f"# tested: {tested}",
+        *([f"# {beyond}"] if (beyond := str(table.attrs["extrapolation"])) else []),
         *([f"# at {warmth.reference_degC:.4g} degC: at another temperature see the equation"] if warmth else []),
         "# sliding at mid-stroke; SI units; low_A and high_A: 95 % band of current_A",
     )

@@ -12,6 +12,7 @@ from rig.export.code.modelica_source import PROVED, modelica_functions
 from rig.export.code.octave_source import octave_functions
 from rig.export.code.program import Program, program_of
 from rig.export.code.python_source import python_functions
+from rig.export.code.ranges import ABOUT, c_beyond, modelica_beyond, octave_beyond, python_beyond
 from rig.export.fitted_model import FittedModel
 from rig.recording.atomic_write import write_text_durably
 
@@ -48,6 +49,8 @@ def write_c(fitted: FittedModel, folder: Path) -> list[Path]:
  *
  * {name}_start takes the first sample and returns its force; {name}_step takes each further one, dt > 0 (s) later.
  * d is the damper's memory: one array for each damper, written by both.
+ * {name}_beyond says whether a force there is an extrapolation: {ABOUT};
+ * 8: the temperature (degC; not a number where it is not known). The force itself does not follow it.
  */
 #ifndef {guard}
 #define {guard}
@@ -60,6 +63,7 @@ extern "C" {{
 
 double {name}_start(double d[{name.upper()}_MEMORY], {ARGUMENTS});
 double {name}_step(double d[{name.upper()}_MEMORY], {ARGUMENTS}, double dt);
+int {name}_beyond(double u, double v, double current, double temperature);
 
 #ifdef __cplusplus
 }}
@@ -82,6 +86,9 @@ double {name}_start(double d[{name.upper()}_MEMORY], {ARGUMENTS}) {{
 double {name}_step(double d[{name.upper()}_MEMORY], {ARGUMENTS}, double dt) {{
     return mr_step(parameters, d, u, v, a, current, dt);
 }}
+
+int {name}_beyond(double u, double v, double current, double temperature) {{
+{c_beyond(fitted.covered)}}}
 """)
     return [header, source]
 
@@ -96,17 +103,21 @@ def write_octave(fitted: FittedModel, folder: Path) -> list[Path]:
     name = source_name(fitted)
     told = "\n".join(f"% {line}".rstrip() for line in fitted.described())
     path = folder / f"{name}.m"
-    write_text_durably(path, f"""function [F, d] = {name}(u, v, a, current, dt, d)
+    write_text_durably(path, f"""function [F, d, beyond] = {name}(u, v, a, current, dt, d)
 {told}
 %
 % [F, d] = {name}(u, v, a, current, dt): force (N) at each sample of a motion that is sampled every dt (s).
 % [F, d] = {name}(u, v, a, current, dt, d): the samples that follow those which gave back d.
 % u, v, a: vectors of one length; current: a vector, or one number.
+% beyond, the third output, says where F is an extrapolation: {ABOUT}.
     p = [{_numbers(fitted)}]; % {", ".join(fitted.model.names)}
     F = zeros(size(u));
     if isscalar(current)
         current = current * ones(size(u));
     end
+    v = reshape(v, size(u));
+    current = reshape(current, size(u));
+    beyond = {octave_beyond(fitted.covered)};
     first = 1;
     if nargin < 6
         [d, F(1)] = mr_start(p, zeros(1, {program.length}), u(1), v(1), a(1), current(1));
@@ -167,6 +178,13 @@ def step(d, u, v, a, current, dt):
     return mr_step(_P, d, u, v, a, current, dt)
 
 
+def beyond(u, v, current, temperature=None):
+    """In what a sample lies beyond the tests, so that its force is an extrapolation: names of `TESTED`; "" within.
+
+    The temperature (degC) is only compared with those tested; the force itself does not follow it.
+    """
+{python_beyond(fitted.covered)}
+
 def force(u, v, a, current, dt):
     """Force (N) at each sample of a motion that is sampled every dt (s), a list; all but dt are sequences."""
     d = memory()
@@ -216,12 +234,14 @@ block {name} "MR damper, force of motion and coil current"
   input Real a(unit = "m/s2") "acceleration";
   input Real current(unit = "A") "the coil's own";
   output Real force(unit = "N") "positive where it resists extension";
+  output Real beyond "{ABOUT}";
   constant Real p[{len(fitted.vector)}] = {{{_numbers(fitted)}}}; // {", ".join(model.names)}
 {declared}
 {modelica_functions(library)}
 
 {begun}equation
 {moving}  force = {called}({given}, a, current);
+  beyond = {modelica_beyond(fitted.covered)};
 end {name};
 """)
     return [path]

@@ -9,12 +9,14 @@ from typing import Any
 
 from rig.recording.atomic_write import write_text_durably
 
-DESCRIBED = ("model", "equation", "hysteresis", "method", "adequate")
+DESCRIBED = ("model", "equation", "hysteresis", "method", "adequate", "tested")
 OF_A_PARAMETER = ("value", "unit", "low", "high", "identifiable")
 
 
 def write_values(fit: Mapping[str, Any], path: Path) -> Path:
-    """Write the model, its equation, whether it fits, and each parameter's value (SI), unit and 95 % interval.
+    """Write the model, its equation, whether it fits, where it was tested, and the parameters.
+
+    Of each parameter its value (SI), unit and 95 % interval.
 
     Args:
         fit: of `fit.json`; what it does not say is left out.

@@ -8,16 +8,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 import rig.dampers
 from rig.dampers import Hysteresis
+from rig.dampers.covered import Ends
 from rig.dampers.lawed_model import PLUS, with_law
 from rig.dampers.model import DamperModel
 from rig.dampers.temperature_law import NONE as NO_LAW
 from rig.errors import IdentificationFailed
-from rig.identification.application.tested_range import Ends, tested_range
+from rig.identification.application.tested_range import tested_range
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
+from rig.identification.models.coverage import beyond, recorded_degC
 from rig.identification.models.law_search import laws_over, named_over
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
 from rig.identification.models.solving import Candidate, Method, solve
@@ -26,13 +26,13 @@ from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.per_current import AFFINE, identify_per_current
 from rig.identification.points.consistency import contradictions, refuse_reversed_signs, runs_apart
 from rig.identification.points.given import given
-from rig.identification.selection import candidates_of, compare, groups_of, weighted_by_misfit
+from rig.identification.selection import candidates_of, compare, extrapolations, groups_of, weighted_by_misfit
 from rig.identification.temperature import at_one_temperature, refuse_beside, softened
 from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.uncertainty.fit_entries import Cause, ErrorSummary, Estimate, SeriesSpring
-from rig.identification.uncertainty.scoring import score
+from rig.identification.uncertainty.scoring import score, told_apart
 from rig.identification.words import say, some
 from rig.matrix.methods import FEW_MODELS
 
@@ -209,21 +209,14 @@ def _diagnosis(best: Candidate, fit: Fit, fitted: Sequence[Measurement], *, misf
 def _usable(
     fit: Fit, fitted: Sequence[Measurement], held_out: Sequence[Measurement], temperature_degC: Ends | None
 ) -> Fit:
-    """The fit with what its tests covered, and a cycle of each of them."""
-    unseen = next((one.holdout_nrmse_percent_of_peak for one in fit.selection if one.model == fit.model), None)
+    """The fit with what its tests covered, a cycle of each of them, and which held-out ones lie beyond."""
+    unseen = next((one.within_nrmse_percent_of_peak for one in fit.selection if one.model == fit.model), None)
     seen = fit.error.nrmse_percent_of_peak
     widened = 1.0 if unseen is None or not (math.isfinite(unseen) and seen > 0.0) else unseen / seen
-    warmth = temperature_degC or _recorded_degC(fitted)
+    tested = tested_range(fit.law, fitted, held_out, temperature_degC or recorded_degC(fitted), widened)
     cycles = tuple(spaced(first_cycle(test), DRAWN_SAMPLES) for test in fitted)
-    return replace(fit, tested=tested_range(fit.law, fitted, held_out, warmth, widened), tests=cycles)
-
-
-def _recorded_degC(tests: Sequence[Measurement]) -> Ends | None:
-    """Lowest and highest recorded temperature (degC); None where none was."""
-    known = [test.temperature_degC for test in tests if test.temperature_degC is not None]
-    finite = [values[np.isfinite(values)] for values in known]
-    every = np.concatenate(finite) if finite else np.zeros(0)
-    return (float(np.min(every)), float(np.max(every))) if every.size else None
+    holdout = None if fit.holdout is None else told_apart(fit.holdout, [beyond(tested, test) for test in held_out])
+    return replace(fit, tested=tested, tests=cycles, holdout=holdout)
 
 
 def _best_fit(
@@ -246,16 +239,18 @@ def _best_fit(
     if on_progress is not None and len(candidates) > 1:
         on_progress("comparing the models on what they have not seen")
     ranking, best = compare(candidates, fitted, held_out, wanted.method)
+    doubts = extrapolations(ranking, held_out)
     if len(wanted.laws) > 1:
         bent = [with_law(best.model, law) for law in wanted.laws if law != AFFINE]
         more, failed, _ = candidates_of(bent, fitted, wanted.method, on_progress)
         by_law, recommended = compare([best, *more], fitted, held_out, wanted.method)
+        doubts = extrapolations(by_law, held_out) or doubts
         ranking = (*by_law, *(one for one in ranking if one.model != best.model.name))
         best, refused = recommended, [*refused, *failed]
     if eta_1_s is not None and "eta" in best.model.names:
         values = {**best.solution.values, "eta": eta_1_s}
         best = replace(best, solution=replace(best.solution, values=values))
-    wanted = replace(wanted, warnings=(*wanted.warnings, *refused))
+    wanted = replace(wanted, warnings=(*wanted.warnings, *refused, *doubts))
     fit = judged(best, fitted, held_out, (*ranking, *given_up), wanted)
     if len(models) > 1:
         from rig.identification.reference import references

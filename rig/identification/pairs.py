@@ -71,7 +71,8 @@ def foretold(
         pairs.append(UnseenPair(amplitude_m, frequency_Hz, len(group), relative, error.r_squared))
         rows += [
             UnseenTest(
-                test.id, amplitude_m, frequency_Hz, test.nominal_current_A, one.rmse_N, one.nrmse_percent_of_peak
+                test.id, amplitude_m, frequency_Hz, test.nominal_current_A, one.rmse_N, one.nrmse_percent_of_peak,
+                one.beyond,
             )
             for test, one in zip(group, error.per_test, strict=True)
         ]

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
+from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle, samples_a_cycle, spaced, thinned
 from rig.identification.uncertainty.no_model import Reference
 from rig.signals.waveform import WAVEFORMS
@@ -48,7 +49,7 @@ def references(
 def _mean_cycle(fitted: Sequence[Measurement], held_out: Sequence[Measurement]) -> Reference:
     seen, unseen = (_mean([_apart(test) for test in tests]) for tests in (fitted, held_out or fitted))
     lacking = "" if unseen is not None else "no test has two whole cycles"
-    return Reference("mean_cycle", unseen, seen, lacking)
+    return Reference("mean_cycle", unseen, seen, lacking, unseen)
 
 
 def _apart(test: Measurement) -> float:
@@ -79,17 +80,24 @@ def _regression(
     whole = _learnt([_spaced(test, most) for test in fitted])
     seen = _mean([_error(whole, _spaced(test, most)) for test in fitted])
     if held_out:
-        unseen = _mean([_error(whole, _spaced(test, most)) for test in held_out])
-        return Reference("regression", unseen, seen, "")
+        return _regressed(seen, [(_error(whole, _spaced(test, most)), test, fitted) for test in held_out])
     folds = [[test for group in groups[k::MOST_FOLDS] for test in group] for k in range(min(MOST_FOLDS, len(groups)))]
     if len(folds) < 2:
         return Reference("regression", None, seen, "all tests have one motion; none can be left out")
-    errors = []
+    errors: list[tuple[float, Measurement, Sequence[Measurement]]] = []
     for fold in folds:
         rest = [test for other in folds if other is not fold for test in other]
         learnt = _learnt([_spaced(test, most) for test in rest])
-        errors += [_error(learnt, _spaced(test, most)) for test in fold]
-    return Reference("regression", _mean(errors), seen, "")
+        errors += [(_error(learnt, _spaced(test, most)), test, rest) for test in fold]
+    return _regressed(seen, errors)
+
+
+def _regressed(
+    seen: float | None, errors: Sequence[tuple[float, Measurement, Sequence[Measurement]]]
+) -> Reference:
+    """The regression by its errors on fitted tests and on unseen ones, each with the tests that it learnt from."""
+    within = [error for error, test, learnt in errors if not beyond(covered_by(learnt), test)]
+    return Reference("regression", _mean([error for error, _, _ in errors]), seen, "", _mean(within))
 
 
 def _spaced(test: Measurement, most: int) -> Measurement:

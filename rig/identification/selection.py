@@ -16,12 +16,14 @@ import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
 from rig.identification.models.separable import GivenUp, motion_scale
 from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
-from rig.identification.uncertainty.fit_entries import ModelScore
-from rig.identification.uncertainty.scoring import score
+from rig.identification.uncertainty.fit_entries import ModelScore, TestError, mean_within
+from rig.identification.uncertainty.scoring import score, told_apart
+from rig.identification.words import Saying, say, some
 
 RANKING_SAMPLES = 250  # samples of a cycle that rank models
 RELATIVE = "relative"
@@ -69,26 +71,50 @@ def compare(
     """Rank the candidates, best first, and name the recommended one.
 
     With held-out tests each model's error on them decides. Without, each group of tests of the same waveform, amplitude
-    and frequency is left out in turn (of the same current, if there is only one such group). Models whose errors are
-    equal to 1 % are ranked by the Bayesian information criterion (Schwarz 1978). All are scored on the same samples:
-    those where one of them jumps, and a fit of it does not look, count for none.
+    and frequency is left out in turn (of the same current, if there is only one such group), and the error on those
+    decides that lie within the data of the others: beyond them it says how a model extrapolates, which nobody asked
+    for. Models whose errors are equal to 1 %, and all where none lies within, are ranked by the Bayesian information
+    criterion (Schwarz 1978). All are scored on the same samples: those where one of them jumps, and a fit of it does
+    not look, count for none.
     """
     if len(candidates) > 1:
         models = [candidate.model for candidate in candidates]
         fitted = [_away_from_jumps(test, models) for test in fitted]
         held_out = [_away_from_jumps(test, models) for test in held_out]
     scores = [_score(candidate, fitted, held_out, method, alone=len(candidates) == 1) for candidate in candidates]
-    errors = [score.holdout_nrmse_percent_of_peak for score in scores]
+    places = _ordered(scores, within=not held_out)
+    return tuple(scores[place] for place in places), candidates[places[0]]
+
+
+def _ordered(scores: Sequence[ModelScore], *, within: bool) -> list[int]:
+    """Places of the scores, best first, by the error on all unseen tests or on those within the data."""
+    errors = [score.within_nrmse_percent_of_peak if within else score.holdout_nrmse_percent_of_peak for score in scores]
     known = [value for value in errors if value is not None and math.isfinite(value)]
     limit = min(known) * (1.0 + EQUIVALENT) if known else math.inf
 
-    def rank(pair: tuple[ModelScore, Candidate]) -> tuple[float, float]:
-        error = pair[0].holdout_nrmse_percent_of_peak
+    def rank(place: int) -> tuple[float, float]:
+        error = errors[place]
         held = math.inf if error is None else error
-        return (0.0 if held <= limit or not known else held, pair[0].bic)
+        return (0.0 if held <= limit or not known else held, scores[place].bic)
 
-    ordered = sorted(zip(scores, candidates, strict=True), key=rank)
-    return tuple(score for score, _ in ordered), ordered[0][1]
+    return sorted(range(len(scores)), key=rank)
+
+
+def extrapolations(scores: Sequence[ModelScore], held_out: Sequence[Measurement]) -> list[Saying]:
+    """Warnings: that models were ranked by how they extrapolate, or could not be ranked by what they have not seen."""
+    outside = scores[0].beyond
+    if len(scores) < 2 or not outside or scores[0].holdout_nrmse_percent_of_peak is None:
+        return []
+    quantities = ", ".join(dict.fromkeys(name.partition("_")[0] for names in outside.values() for name in names))
+    if scores[0].within_nrmse_percent_of_peak is None:
+        return [say("ranked-beyond" if held_out else "ranked-unseen-by-none", quantities=quantities)]
+    first, other = scores[0], scores[_ordered(scores, within=True)[0]]
+    if not held_out or first is other:
+        return []
+    errors = {"error": first.within_nrmse_percent_of_peak, "other_error": other.within_nrmse_percent_of_peak}
+    tests = some(list(outside))
+    told = {"tests": tests, "quantities": quantities, "model": first.model, "other": other.model, **errors}
+    return [say("ranked-by-those-beyond", **told)]
 
 
 def _away_from_jumps(test: Measurement, models: Sequence[DamperModel]) -> Measurement:
@@ -108,19 +134,31 @@ def _score(
     model, values = candidate.model, candidate.solution.values
     error = score(model, values, fitted)
     if held_out:
-        unseen: float | None = score(model, values, held_out).nrmse_percent_of_peak
+        covered = covered_by(fitted)
+        told = told_apart(score(model, values, held_out), [beyond(covered, test) for test in held_out])
+        unseen = list(told.per_test)
     else:
-        unseen = None if alone else cross_validated_nrmse(model, fitted, method, values)
+        unseen = [] if alone else cross_validated(model, fitted, method, values)
+    errors = [(test.nrmse_percent_of_peak, test.beyond) for test in unseen]
     samples = sum(test.samples for test in error.per_test)
     free = len(candidate.findings.free(values))
     bic = samples * math.log(max(error.rmse_N, 1e-300) ** 2) + free * math.log(samples)
-    return ModelScore(model.name, unseen, bic, error.rmse_N, free, method.name)
+    return ModelScore(
+        model.name,
+        sum(one for one, _ in errors) / len(errors) if errors else None,
+        bic,
+        error.rmse_N,
+        free,
+        method.name,
+        within_nrmse_percent_of_peak=mean_within(errors),
+        beyond={test.id: test.beyond for test in unseen if test.beyond},
+    )
 
 
-def cross_validated_nrmse(
+def cross_validated(
     model: DamperModel, measurements: Sequence[Measurement], method: Method, near: Mapping[str, float] | None = None
-) -> float | None:
-    """Mean relative error (% of peak) over groups of tests, each predicted from the others; None with one group.
+) -> list[TestError]:
+    """Errors of groups of tests, each predicted from the others, beyond whose data it may lie; none with one group.
 
     One cycle of each test is used, and each fit starts from `near`, the values fitted to all tests, where the method
     can make use of a start: this ranks models, nothing else.
@@ -128,13 +166,15 @@ def cross_validated_nrmse(
     measurements = [spaced(first_cycle(test), RANKING_SAMPLES) for test in measurements]
     groups = groups_of(measurements)
     if len(groups) < 2:
-        return None
-    errors = []
+        return []
+    errors: list[TestError] = []
     for group in groups:
         rest = [test for test in measurements if not any(test is other for other in group)]
         solution = solve(model, rest, method, examine(model, rest), near)
-        errors += [test.nrmse_percent_of_peak for test in score(model, solution.values, group).per_test]
-    return sum(errors) / len(errors)
+        covered = covered_by(rest)
+        told = told_apart(score(model, solution.values, group), [beyond(covered, test) for test in group])
+        errors += told.per_test
+    return errors
 
 
 def groups_of(measurements: Sequence[Measurement]) -> list[list[Measurement]]:

@@ -164,6 +164,18 @@ WARNINGS = {
         "no test has two whole cycles left without its first and last, which are not fitted, so whether the model fits "
         "to the noise is unknown; run more cycles"
     ),
+    "ranked-unseen-by-none": (
+        "every test that was left out to compare the models lies beyond the others' data ({quantities}): its error is "
+        "that of an extrapolation, so the information criterion ranks the models; add tests between these"
+    ),
+    "ranked-beyond": (
+        "every held-out test lies beyond the fitted ones' data ({quantities}): the models are ranked by how they "
+        "extrapolate"
+    ),
+    "ranked-by-those-beyond": (
+        "{model} is first by held-out tests beyond the fitted ones' data ({tests}: {quantities}); on those within it "
+        "{other} is: {other_error:.3g} % of peak, {model} {error:.3g} %"
+    ),
     "relative-weights": (
         "what even the best model leaves is {ratio:.1f} times the tests' scatter, so misfit: every test counts alike, "
         "by its error in % of its peak, and not by newtons; weight 1 counts all samples alike"

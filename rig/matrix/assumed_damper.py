@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.dampers import DamperModel, model, parameter_set
+from rig.dampers.covered import BEYOND, LEAST
 from rig.matrix.point import TestPoint
 from rig.vehicle.fit_values import fit_values
 
@@ -16,9 +17,6 @@ if TYPE_CHECKING:  # it loads the compiler
     from rig.vehicle.motion import CornerDamper
 
 ENDING = ".json"
-BEYOND = 1.02
-"""A tested speed or current may be passed by so much: overshoot and noise."""
-LEAST_CURRENT_A = 0.02
 SPEED_M_S = 0.1
 """Of the damper's rod, at which a law's currents are compared."""
 LEAST_RISE = 0.02
@@ -75,12 +73,13 @@ class AssumedDamper:
 
     def _extrapolated(self, points: tuple[TestPoint, ...]) -> Iterator[str]:
         asked = {
+            "displacement_m": (max((point.amplitude_m for point in points), default=0.0), "m"),
             "velocity_m_s": (max((point.peak_speed_m_s for point in points), default=0.0), "m/s"),
             "current_A": (max((point.current_A for point in points), default=0.0), "A"),
         }
         for name, (most, unit) in asked.items():
             tested = _tested_most(self.content.get("tested"), name)
-            if most > BEYOND * tested + (LEAST_CURRENT_A if unit == "A" else 0.0):
+            if most > (1.0 + BEYOND) * tested + LEAST.get(name, 0.0):
                 yield (
                     f"{self.told} was fitted to tests of up to {tested:.3g} {unit}, and the points reach "
                     f"{most:.3g} {unit}: forces beyond are extrapolated"

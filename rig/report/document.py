@@ -169,10 +169,23 @@ def header(run: Run, fit: JsonObject | None) -> str:
         facts.append(fact(f"{number(error.get('nrmse_percent_of_peak'), 3)} %", "error of peak force, mean of tests"))
         facts.append(fact(f"{number(error.get('rmse_N'), 3)} N", "RMS error"))
         if (apart := error.get("holdout")) is not None:
-            facts.append(fact(f"{number(apart.get('nrmse_percent_of_peak'), 3)} %", "error on held-out tests"))
+            facts.append(fact(f"{number(apart.get('nrmse_percent_of_peak'), 3)} %", _of_unseen(apart)))
     name = specimen_of(run) or run.path.name
     title = heading(f"Damper test report: {text(name)}", described, 1)
     return title + block("facts", "".join(facts))
+
+
+def _of_unseen(apart: JsonObject) -> str:
+    """What the error on held-out tests is, and the mean without those that are foretold by extrapolation."""
+    tests = apart.get("per_test") or ()
+    outside = sum(bool(test.get("beyond")) for test in tests)
+    if not outside:
+        return "error on held-out tests"
+    within = apart.get("within_nrmse_percent_of_peak")
+    if within is None:
+        return "error on held-out tests, all beyond the fitted data: extrapolation"
+    apart_from = f"without the {outside} of {len(tests)} beyond the fitted data"
+    return f"error on held-out tests; {number(within, 3)} % {apart_from}"
 
 
 def _verdict(fit: JsonObject | None) -> list[str]:

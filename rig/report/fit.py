@@ -16,6 +16,7 @@ from rig.report.chart import Chart, Trace
 from rig.report.fragment import (
     NOTHING,
     between,
+    beyond,
     block,
     card,
     charts,
@@ -23,6 +24,7 @@ from rig.report.fragment import (
     code_block,
     details,
     heading,
+    held_out,
     key,
     key_line,
     lead,
@@ -98,7 +100,7 @@ def quality(fit: JsonObject) -> str:
     """Errors, residuals and energy test by test, and how the parameters depend on each other."""
     error = fit.get("error") or {}
     tests = [*((test, "") for test in error.get("per_test") or ())]
-    tests += [(test, "held out") for test in (error.get("holdout") or {}).get("per_test") or ()]
+    tests += [(test, held_out(test)) for test in (error.get("holdout") or {}).get("per_test") or ()]
     if not any("energy_J" in test for test, _ in tests):
         return ""
     head = ["Test", "Error %", "RMS error N", "Scatter N", "Noise N", "Repeats N", "White?", "Energy J", "Model J", ""]
@@ -256,11 +258,17 @@ def _selection(fit: JsonObject) -> str:
     entries: Sequence[JsonObject] = fit.get("selection") or ()
     if len(entries) < 2:
         return ""
-    rows = [("", [text(entry.get("model")), number(entry.get("holdout_nrmse_percent_of_peak"), 3),
-                  number(entry.get("bic"), 6)]) for entry in entries]  # fmt: skip
+    outside: Mapping[str, Sequence[str]] = next((entry["beyond"] for entry in entries if entry.get("beyond")), {})
+    keys = ["holdout_nrmse_percent_of_peak", *(["within_nrmse_percent_of_peak"] if outside else [])]
+    rows = [("", [text(entry.get("model")), *(number(entry.get(key), 3) for key in keys), number(entry.get("bic"), 6)])
+            for entry in entries]  # fmt: skip
     rows += [("", [text(REFERENCES.get(str(entry.get("name")), entry.get("name"))),
-                   number(entry.get("holdout_nrmse_percent_of_peak"), 3),
+                   *(number(entry.get(key), 3) for key in keys),
                    NOTHING]) for entry in fit.get("references") or ()]  # fmt: skip
-    given_up = "".join(lead(text(entry["reason"])) for entry in entries if entry.get("reason"))
-    head = ["Model", "Error on held-out tests %", "BIC"]
-    return heading("Models compared", level=3) + table(head, rows, (1, 2)) + given_up
+    notes = [entry["reason"] for entry in entries if entry.get("reason")]
+    if outside:
+        told = "; ".join(f"{test} ({beyond(names)})" for test, names in outside.items())
+        notes.insert(0, f"Unseen tests beyond the data of their fit, so foretold by extrapolation: {told}.")
+    head = ["Model", "Error on unseen tests %", *(["Without those beyond the data %"] if outside else []), "BIC"]
+    below = "".join(lead(text(note)) for note in notes)
+    return heading("Models compared", level=3) + table(head, rows, range(1, len(head))) + below

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from rig.report.style import STYLE_SHEET
 from rig.signals.estimate import Estimate
@@ -86,6 +87,17 @@ def table(head: Sequence[str], rows: Sequence[tuple[str, Sequence[str]]], numeri
         for kind, cells in rows
     )
     return f'<div class="wide"><table><thead><tr>{header}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def beyond(names: Sequence[str] | None) -> str:
+    """In which quantities an unseen test lies beyond the data of its fit; empty where in none, or not told."""
+    return ", ".join(name.partition("_")[0] for name in names or ())
+
+
+def held_out(test: Mapping[str, Any]) -> str:
+    """That a test was held out, and in what it lies beyond the fitted data."""
+    told = beyond(test.get("beyond"))
+    return f"held out, beyond the fitted data: {told}" if told else "held out"
 
 
 def data_list(pairs: Mapping[str, object]) -> str:

@@ -20,7 +20,7 @@ from rig.recording.layout import HYBRID, SIGNAL
 from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.chart import Chart, Range, Trace, span, thinned
-from rig.report.fragment import block, card, charts, chip, heading, key, key_line, number, paragraph, text
+from rig.report.fragment import block, card, charts, chip, heading, held_out, key, key_line, number, paragraph, text
 from rig.report.style import FITTED, MEASURED, OVERLAID, RESIDUAL, current_colour
 from rig.signals.arrays import FloatArray
 
@@ -98,7 +98,7 @@ def _card(view: PointView, force: Range, residual: Range) -> str:
     if isinstance(error, (int, float)):
         title.append(f"<span>error {number(error, 3)} % of peak</span>")
     if view.held_out:
-        title.append(chip("held out", "plain"))
+        title.append(chip(held_out(view.error), "plain"))
     header = "".join(title)
     if view.loop is None:
         return card(header, paragraph(f"Not drawn: {text(view.why)}"))

@@ -22,6 +22,7 @@ from rig.report.fragment import (
     bullet_list,
     chip,
     heading,
+    held_out,
     lines,
     number,
     paragraph,
@@ -87,7 +88,7 @@ def _remarks(view: PointView) -> str:
     remarks = [f"{reason} [{reason.blamed}]" for reason in entries]
     remarks += [view.why] if view.why and view.point.verdict != "invalid" else []
     if view.held_out:
-        remarks.append("held out of the fit")
+        remarks.append(held_out(view.error))
     return block("remark", lines(remarks))
 
 

@@ -22,6 +22,7 @@ from rig.report.fragment import (
 )
 from rig.report.style import current_colour
 from rig.signals.arrays import FloatArray
+from rig.vehicle.answer import extrapolations
 from rig.vehicle.response import BANDS
 from rig.vehicle.ride import RideStudy
 
@@ -66,6 +67,7 @@ def _facts(study: RideStudy) -> str:
 
 def _warnings(study: RideStudy) -> str:
     lines = [f"{text(variant.name)}: {text(variant.fit.remark)}" for variant in study.variants if variant.fit.remark]
+    lines += [text(line) for line in extrapolations(study)]
     if study.car.estimate:
         lines.append(f"The numbers of this car are an estimate: {text(study.car.source)}.")
     if not study.step_close:

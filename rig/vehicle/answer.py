@@ -21,6 +21,7 @@ def as_json(study: RideStudy) -> dict[str, Any]:
                 "name": variant.name, "model": variant.fit.damper.model.name, "law": variant.control.law,
                 "current_A": variant.control.current_A, "adequate": variant.fit.adequate,
                 "members": len(variant.fit.draws), "remark": variant.fit.remark or None,
+                "beyond": study.beyond(variant.name),
             }
             for variant in study.variants
         ],
@@ -54,6 +55,22 @@ def as_json(study: RideStudy) -> dict[str, Any]:
         for phase, by_name in study.driven.items()
     }
     return answer
+
+
+def extrapolations(study: RideStudy) -> list[str]:
+    """A sentence for each damper whose tests the ride left, or of whose tests nothing is known."""
+    lines = []
+    for variant in study.variants:
+        beyond, covered = study.beyond(variant.name), variant.fit.covered
+        if beyond and covered is not None:
+            parts = (f"{name.partition('_')[0]} {100.0 * share:.3g} % of the time" for name, share in beyond.items())
+            lines.append(
+                f"{variant.name}: beyond its tests ({', '.join(parts)}), where its force is an extrapolation; tested "
+                f"were {covered.told()}"
+            )
+        elif covered is None and variant.fit.adequate is not None:
+            lines.append(f"{variant.name}: this fit does not say what its tests covered; identify again")
+    return lines
 
 
 def _band(study: RideStudy, phase: str, motion: str, band: str) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rig import dampers
+from rig.dampers.covered import Covered
 from rig.errors import FileProblem
 from rig.vehicle.fit_values import fit_values
 from rig.vehicle.motion import CornerDamper
@@ -25,6 +26,7 @@ class FittedDamper:
         draws: from the covariance of the fit; empty where it has none.
         adequate: what the fit says of itself; None: it is no fit, or says nothing.
         remark: what a reader has to know of the interval.
+        covered: what its tests covered; None: it is no fit, or does not tell.
     """
 
     name: str
@@ -32,6 +34,7 @@ class FittedDamper:
     draws: tuple[CornerDamper, ...] = ()
     adequate: bool | None = None
     remark: str = ""
+    covered: Covered | None = None
 
 
 def fitted_damper(given: str, members: int, seed: int = 0) -> FittedDamper:
@@ -71,7 +74,22 @@ def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:
     )
     if isinstance(warmth := fit.get("temperature"), dict):
         remark += "; " * bool(remark) + f"the damper at {warmth.get('reference_degC'):.4g} degC all the time"
-    return FittedDamper(given, damper, _draws(damper, fit["parameters"], fit, members, seed), adequate, remark)
+    draws = _draws(damper, fit["parameters"], fit, members, seed)
+    return FittedDamper(given, damper, draws, adequate, remark, _covered(path, fit.get("tested")))
+
+
+def _covered(path: Path, tested: object) -> Covered | None:
+    """What the tests of a fit covered; None where it does not tell.
+
+    Raises:
+        FileProblem: it tells no ranges.
+    """
+    if not isinstance(tested, dict):
+        return None
+    try:
+        return Covered.of_entry(tested)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise FileProblem(str(path), [f"tested: not as `rig identify` writes it: {error!r}"]) from error
 
 
 def _draws(

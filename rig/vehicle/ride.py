@@ -110,6 +110,22 @@ class RideStudy:
         low, high = np.percentile([value for value in drawn if value is not None], COVERED)
         return best, (float(min(low, best)), float(max(high, best)))
 
+    def beyond(self, variant: str) -> dict[str, float] | None:
+        """Share of the time for which a damper was beyond its fit's tests, by quantity; None: they are not known.
+
+        Of all dampers of the car together, on the road where that was longest; empty: nowhere.
+        """
+        covered = next(one.fit.covered for one in self.variants if one.name == variant)
+        if covered is None:
+            return None
+        shares: dict[str, float] = {}
+        for by_name in self.driven.values():
+            ride = by_name[variant].ride
+            values = {"displacement_m": ride.extension_m, "velocity_m_s": ride.speed_m_s, "current_A": ride.current_A}
+            for name, where in covered.outside(values).items():
+                shares[name] = max(shares.get(name, 0.0), float(np.mean(np.any(where, axis=1))))
+        return shares
+
     def number(self, variant: str, name: str) -> tuple[float, tuple[float, float] | None]:
         """One of `response.figures` on the chosen phase, and its 95 % interval (None: no draws)."""
         values = [numbers[name] for numbers in self.driven["chosen"][variant].numbers]

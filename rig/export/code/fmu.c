@@ -1,8 +1,9 @@
 /* FMI 2.0 for co-simulation around the functions of a damper model; model.h names them.
  *
- * Inputs u (m), v (m/s), a (m/s^2), current (A); output force (N). The force is that of the inputs set last. A step
+ * Inputs u (m), v (m/s), a (m/s^2), current (A); outputs force (N), beyond (of the inputs set last). The force is that of the inputs set last. A step
  * takes the inputs as they are at its beginning: what is read after it is the force there, until new inputs are set.
  */
+#include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
@@ -110,6 +111,8 @@ EXPORT fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], si
             value[k] = damper->force;
         } else if (vr[k] - FIRST_CONSTANT < sizeof constants / sizeof constants[0]) {
             value[k] = constants[vr[k] - FIRST_CONSTANT];
+        } else if (vr[k] - FIRST_CONSTANT == sizeof constants / sizeof constants[0]) {
+            value[k] = model_beyond(damper->input[0], damper->input[1], damper->input[3], NAN);
         } else {
             return fmi2Error;
         }

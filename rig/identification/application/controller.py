@@ -17,7 +17,7 @@ from rig.errors import FileProblem
 from rig.identification.application.inversion import RESOLVED, current_band_A, currents_A, solve
 from rig.identification.application.law import Law
 from rig.identification.application.motion_table import Motion
-from rig.identification.application.tested_range import TestedRange
+from rig.identification.application.tested_range import UNKNOWN, TestedRange
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class Command:
         resolvable: whether the force tells the current here; where not, the wanted current is held.
         follows: whether the coil can be at the wanted current one interval later.
         extrapolates: whether motion, temperature or the wanted current lies beyond what the tests covered.
+        beyond: in which of them, by the names of `predict`; empty where in none.
     """
 
     command_A: float
@@ -41,6 +42,7 @@ class Command:
     resolvable: bool
     follows: bool
     extrapolates: bool
+    beyond: str
 
 
 class Controller:
@@ -106,6 +108,7 @@ class Controller:
             self.wanted_A = float(answer[0, 0])
         ahead = (self.wanted_A - self._stays * self.coil_A) / (1.0 - self._stays)
         self._command_A = float(np.clip(ahead, *self._limits))
+        beyond = UNKNOWN if self._tested is None else " ".join(self._tested.beyond(self._instant(now)))
         return Command(
             command_A=self._command_A,
             wanted_A=self.wanted_A,
@@ -113,7 +116,8 @@ class Controller:
             attainable=bool(answer[0, 3]),
             resolvable=resolvable,
             follows=abs(ahead - self._command_A) < 1e-9,
-            extrapolates=self._tested is None or bool(self._tested.beyond(self._instant(now))),
+            extrapolates=bool(beyond),
+            beyond=beyond,
         )
 
     def _rate(self, force_N: float) -> float:

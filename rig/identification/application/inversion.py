@@ -30,6 +30,7 @@ GRID = 33  # currents between which a force is looked for
 RESOLVED = 0.1  # half width of the current's band, as a share of its range, up to which the force tells the current
 SPEEDS = 24  # of the control range, each way
 FORCES = 41  # of the table, at each speed
+LAW_STEPS = 6  # along the chord of the law between two currents of the grid
 SAME = 0.01  # A: a smaller range of currents is one current
 
 
@@ -104,7 +105,21 @@ def solve(
     dt_s = motion.dt_s if start.shape[0] == 1 and motion.time_s is not None else 0.0
     data = (motion.u_m, motion.v_m_s, motion.a_m_s2, wanted_N, rate_N_s)
     answer: FloatArray = inverse_of(law.model)(vectors, grid, seen_A, start, *data, dt_s)
+    if law.felt is not None:
+        answer[:, 0] = _felt_as(law, grid, seen_A, answer[:, 0])
     return answer
+
+
+def _felt_as(law: Law, grid: FloatArray, seen_A: FloatArray, between_A: FloatArray) -> FloatArray:
+    """Currents (A) that are felt as the equation needs them, from those on straight lines between the grid's, (n,)."""
+    place = np.clip(np.searchsorted(grid, between_A, side="right") - 1, 0, grid.size - 2)
+    low, high = grid[place], grid[place + 1]
+    rise = seen_A[place + 1] - seen_A[place]
+    slope = np.divide(high - low, rise, out=np.zeros_like(rise), where=rise != 0.0)
+    wanted, current_A = np.interp(between_A, grid, seen_A), between_A
+    for _ in range(LAW_STEPS):
+        current_A = np.clip(current_A + slope * (wanted - law.vectors(current_A)[1]), low, high)
+    return current_A
 
 
 def current_band_A(
@@ -153,7 +168,8 @@ def control_range(law: Law, tested: TestedRange | None) -> pd.DataFrame:
         of them), `monotone` (whether every force has one current), `resolvable` (see `inverse`), `passive` (whether F v
         >= 0 at every current, the force at rest left out). `attrs["invertible_from_m_s"]`: the least speed from which
         on all rows are resolvable and monotone; None where there is none. `attrs["extrapolation"]`: that the
-        temperature of the fit (`Fit.at`) lies beyond the tests; empty otherwise.
+        temperature of the fit (`Fit.at`) lies beyond the tests, or that the force between their currents is not known;
+        empty otherwise.
 
     Raises:
         IdentificationFailed: the tests ran at one current.
@@ -182,19 +198,20 @@ def control_range(law: Law, tested: TestedRange | None) -> pd.DataFrame:
     limit = float(np.max(reached)) if reached.size else 0.0
     above = np.abs(speeds)[np.abs(speeds) > limit]
     frame.attrs["invertible_from_m_s"] = float(np.min(above)) if above.size else None
-    frame.attrs["extrapolation"] = _too_warm(law, tested)
+    frame.attrs["extrapolation"] = _unknown(law, tested)
     return frame
 
 
-def _too_warm(law: Law, tested: TestedRange | None) -> str:
-    """That the temperature at which the law holds lies beyond the tests; empty where it does not."""
-    if law.at_degC is None or tested is None:
+def _unknown(law: Law, tested: TestedRange | None) -> str:
+    """What of a table within the tested speeds and currents lies beyond the tests all the same; empty where nothing."""
+    if tested is None:
         return ""
-    still, degC = np.zeros(1), np.array([law.at_degC])
-    beyond = tested.beyond(Motion(None, None, 0.0, still, still, still, np.full(1, tested.current_A[0]), degC))
-    if "temperature_degC" not in beyond:
-        return ""
-    return f"beyond the tests: temperature_degC {law.at_degC:.4g}; tested were {tested.told()}"
+    told = []
+    if tested.only_at_A:
+        told.append("current_A between the tested ones")
+    if law.at_degC is not None and tested.outside({"temperature_degC": np.array([law.at_degC])}):
+        told.append(f"temperature_degC {law.at_degC:.4g}")
+    return f"beyond the tests: {', '.join(told)}; tested were {tested.told()}" if told else ""
 
 
 def inverse_table(law: Law, tested: TestedRange | None) -> pd.DataFrame:
@@ -229,7 +246,7 @@ def inverse_table(law: Law, tested: TestedRange | None) -> pd.DataFrame:
         }))  # fmt: skip
     names = ["velocity_m_s", "force_N", "current_A", "low_A", "high_A", "resolvable"]
     table = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=names)
-    table.attrs["extrapolation"] = _too_warm(law, tested)
+    table.attrs["extrapolation"] = _unknown(law, tested)
     return table
 
 

@@ -65,18 +65,21 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "", also: 
         also: further columns of the table that must hold numbers.
 
     Raises:
-        FileProblem: what is missing, no numbers, or of another length; all of it.
+        FileProblem: what is missing, there twice, no numbers, or of another length; all of it.
     """
     import pandas as pd
 
     frame = table if isinstance(table, pd.DataFrame) else _frame(table)
-    problems: list[str] = []
+    problems = _twice(frame, also)
     arrays = {name: _column(frame, name, problems) for name in COLUMNS}
     for name in also:
         _numbers(frame, name, problems)
     time_s = arrays["time_s"]
-    if time_s is None and str(frame.index.name) in COLUMNS["time_s"]:
-        time_s = np.asarray(frame.index, dtype=float)
+    if str(frame.index.name) in COLUMNS["time_s"]:
+        index_s = np.asarray(frame.index, dtype=float)
+        if time_s is not None and not np.array_equal(time_s, index_s):
+            problems.append("the time stands in the index and in another column, and they differ: leave one out")
+        time_s = index_s if time_s is None else time_s
     dt_s = _interval_s(time_s, problems)
     for name in ("displacement_m", "current_A"):
         if arrays[name] is None and not _named(frame, name):
@@ -114,6 +117,16 @@ def _frame(table: Mapping[str, Any]) -> pd.DataFrame:
     return pd.DataFrame({name: np.broadcast_to(np.atleast_1d(np.asarray(table[name])), (longest,)) for name in sizes})
 
 
+def _twice(frame: pd.DataFrame, also: Sequence[str]) -> list[str]:
+    """Quantities that several columns give: which of them is meant nobody knows."""
+    problems = []
+    for names in (*COLUMNS.values(), *((name,) for name in also)):
+        given = [str(column) for column in frame.columns if column in names]
+        if len(given) > 1:
+            problems.append(f"columns {' and '.join(f'`{name}`' for name in given)} are one quantity: leave one out")
+    return problems
+
+
 def _named(frame: pd.DataFrame, name: str) -> str | None:
     return next((column for column in COLUMNS[name] if column in frame), None)
 
@@ -124,9 +137,9 @@ def _column(frame: pd.DataFrame, name: str, problems: list[str]) -> FloatArray |
 
 
 def _numbers(frame: pd.DataFrame, column: str, problems: list[str], *, empty: bool = False) -> FloatArray | None:
-    """A column's values; what is no number among them is a problem, unless they may be left empty."""
+    """A column's values, the first one's of several; what is no number is a problem, unless it may be left empty."""
     try:
-        values = np.ascontiguousarray(frame[column].to_numpy(), dtype=float)
+        values = np.ascontiguousarray(frame.loc[:, frame.columns == column].iloc[:, 0].to_numpy(), dtype=float)
     except (TypeError, ValueError) as error:
         problems.append(f"column `{column}` must hold numbers: {error}")
         return None

@@ -84,16 +84,23 @@ def along(law: Law, motion: Motion) -> tuple[FloatArray, FloatArray]:
 
 
 def _at_a_temperature(law: Law, motion: Motion) -> Motion:
-    """The motion, at the law's reference temperature where it tells none and the law follows one."""
-    if law.temperature is None or motion.temperature_degC is not None:
+    """The motion at the temperatures that a law takes which follows one: gaps bridged, the reference where none is."""
+    if law.temperature is None:
         return motion
-    return replace(motion, temperature_degC=np.full(motion.u_m.size, law.temperature.reference_degC))
+    recorded = np.full(motion.u_m.size, math.nan) if motion.temperature_degC is None else motion.temperature_degC
+    return replace(motion, temperature_degC=filled(recorded, law.temperature.reference_degC))
 
 
 def _assuming(frame: pd.DataFrame, law: Law, motion: Motion) -> pd.DataFrame:
     """The result, with the temperature that was assumed where none was given."""
-    if law.temperature is not None and motion.temperature_degC is None:
+    if law.temperature is None:
+        return frame
+    given = motion.temperature_degC
+    missing = motion.u_m.size if given is None else int(np.count_nonzero(np.isnan(given)))
+    if missing == motion.u_m.size:
         frame.attrs["assumed"] = f"no temperature given: force at {law.temperature.reference_degC:.4g} degC"
+    elif missing:
+        frame.attrs["assumed"] = f"no temperature in {missing} of {motion.u_m.size} rows: straight between the others"
     return frame
 
 

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from rig.dampers.arrays import BoolArray, FloatArray
+from rig.dampers.covered import Covered, Ends, ranges_of
 from rig.identification.application.law import Law
 from rig.identification.application.motion_table import Motion
+from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle
 from rig.identification.models.undetermined import only_at
 
-Ends = tuple[float, float]
-
-BEYOND = 0.02  # share of a range by which its ends may be passed: overshoot and noise
-LEAST_CURRENT_A, LEAST_TEMPERATURE_K = 0.02, 2.0  # and at least so much of these
 BAND = 0.95  # share of samples within the band
-ROOM_A = 0.05  # about a tested current, where it is the only thing known: a set-point and its error
 LEVELS = 16  # of the current, over which the band is told apart
 LEAST_LEVEL_A = 0.1
 FEWEST = 20  # samples of a level
@@ -46,32 +43,21 @@ class Band:
         return np.asarray(np.interp(current_A, self.current_A, self.half_width_N))
 
 
-@dataclass(frozen=True)
-class TestedRange:
-    """Lowest and highest value in the tests that were fitted; None where it was not recorded.
+@dataclass(frozen=True, kw_only=True)
+class TestedRange(Covered):
+    """What the fitted tests covered, and how far measured forces were from modelled ones there.
 
     Attributes:
-        displacement_m: extension about mid-stroke (m).
-        velocity_m_s: velocity (m/s).
-        current_A: coil current (A).
-        temperature_degC: coil temperature (degC).
-        band: how far measured forces were from modelled ones.
-        only_at_A: the tested currents (A), rising, where the force is known at these alone because the model has
-            powers of the current that so few do not tell; empty where it is known from the lowest to the highest.
+        band: within how much of the modelled force 95 % of the measured samples lay.
     """
 
     __test__ = False  # pytest takes classes called Test for its own
 
-    displacement_m: Ends
-    velocity_m_s: Ends
-    current_A: Ends
-    temperature_degC: Ends | None
     band: Band
-    only_at_A: tuple[float, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Key `tested` of `rig identify --json`."""
-        ends = {name: None if value is None else list(value) for name, value in self._ranges()}
+        ends = {name: None if value is None else list(value) for name, value in self.ranges()}
         band = {key: list(value) if isinstance(value, tuple) else value for key, value in vars(self.band).items()}
         return ends | {"only_at_A": list(self.only_at_A), "band": band}
 
@@ -82,59 +68,17 @@ class TestedRange:
         Raises:
             KeyError, TypeError, ValueError: the entry is not what `to_json` gives.
         """
-        ends = {name: (float(entry[name][0]), float(entry[name][1])) for name in ("displacement_m", "velocity_m_s",
-                "current_A")}  # fmt: skip
-        warm = entry["temperature_degC"]
         band = entry["band"]
         widths = tuple(map(float, band["half_width_N"]))
-        return cls(
-            **ends,
-            temperature_degC=None if warm is None else (float(warm[0]), float(warm[1])),
-            band=Band(tuple(map(float, band["current_A"])), widths, str(band["source"])),
-            only_at_A=tuple(map(float, entry.get("only_at_A", ()))),
-        )
-
-    def _ranges(self) -> list[tuple[str, Ends | None]]:
-        names = ("displacement_m", "velocity_m_s", "current_A", "temperature_degC")
-        return [(name, getattr(self, name)) for name in names]
-
-    def between_currents(self, current_A: FloatArray) -> BoolArray:
-        """Which currents (A) are none of `only_at_A`, where there are such, shape (n,)."""
-        away_A = np.full(current_A.shape, math.inf if self.only_at_A else 0.0)
-        for tested_A in self.only_at_A:
-            away_A = np.minimum(away_A, np.abs(current_A - tested_A))
-        return np.asarray(away_A > ROOM_A)
-
-    def told(self) -> str:
-        """The ranges in words and units."""
-        ranges = ", ".join(
-            f"{name} {value[0]:.4g} to {value[1]:.4g}" for name, value in self._ranges() if value is not None
-        )
-        if not self.only_at_A:
-            return ranges
-        currents = ", ".join(f"{current_A:.2f}" for current_A in self.only_at_A)
-        return f"{ranges}, of the currents only {currents} A (too few for the model to know the force between them)"
+        known = Band(tuple(map(float, band["current_A"])), widths, str(band["source"]))
+        return cls(**ranges_of(entry), band=known)
 
     def beyond(self, motion: Motion) -> dict[str, BoolArray]:
         """Quantity -> which samples lie beyond what was tested, shape (n,); only those with such samples."""
-        given = {
+        return self.outside({
             "displacement_m": motion.u_m, "velocity_m_s": motion.v_m_s, "current_A": motion.current_A,
             "temperature_degC": motion.temperature_degC,
-        }  # fmt: skip
-        least = {"current_A": LEAST_CURRENT_A, "temperature_degC": LEAST_TEMPERATURE_K}
-        outside = {}
-        for name, ends in self._ranges():
-            values = given[name]
-            if values is None:
-                continue
-            if ends is None:  # a temperature that no test recorded: nobody knows
-                outside[name] = np.ones(values.size, dtype=bool)
-                continue
-            room = max(BEYOND * (ends[1] - ends[0]), least.get(name, 0.0))
-            outside[name] = (values < ends[0] - room) | (values > ends[1] + room)
-        if self.only_at_A:
-            outside["current_A"] |= self.between_currents(motion.current_A)
-        return {name: where for name, where in outside.items() if np.any(where)}
+        })  # fmt: skip
 
 
 def tested_range(
@@ -149,22 +93,16 @@ def tested_range(
     Args:
         law: the fitted model.
         fitted: tests it was fitted to.
-        held_out: tests it has not seen; if there are any, they alone give the band.
+        held_out: tests it has not seen; if there are any within what the fitted ones covered, they alone give the band.
         temperature_degC: lowest and highest recorded; None where nothing was.
         widened: factor on the band of fitted tests, 1 or more: how much larger the error on left-out tests was.
     """
-    seen = held_out or fitted
-    factor = 1.0 if held_out else max(1.0, widened)
-    source = "held-out tests" if held_out else f"fitted tests x {factor:.3g}" if factor > 1.0 else "fitted tests"
-    ends = {name: _ends(getattr(test, name) for test in fitted) for name in ("u_m", "v_m_s", "current_A")}
-    band = _band(law, seen, factor, source)
     levels = only_at(law.model, fitted) if law.current is None else ()
-    return TestedRange(ends["u_m"], ends["v_m_s"], ends["current_A"], temperature_degC, band, levels)
-
-
-def _ends(arrays: Iterable[FloatArray]) -> Ends:
-    pairs = [(float(np.min(values)), float(np.max(values))) for values in arrays]
-    return min(low for low, _ in pairs), max(high for _, high in pairs)
+    covered = replace(covered_by(fitted), temperature_degC=temperature_degC, only_at_A=levels)
+    within = [test for test in held_out if not beyond(covered, test)]
+    factor = 1.0 if within else max(1.0, widened)
+    source = "held-out tests" if within else f"fitted tests x {factor:.3g}" if factor > 1.0 else "fitted tests"
+    return TestedRange(**vars(covered), band=_band(law, within or fitted, factor, source))
 
 
 def _band(law: Law, tests: Sequence[Measurement], factor: float, source: str) -> Band:

@@ -144,7 +144,7 @@ class Fit(FitUse):
                 parameters=parameters,
                 error=_read_summary(error),
                 holdout=None if holdout is None else _read_summary(holdout),
-                selection=tuple(record(ModelScore, score) for score in content.get("selection") or ()),
+                selection=tuple(_read_score(score) for score in content.get("selection") or ()),
                 references=tuple(record(Reference, one) for one in content.get("references") or ()),
                 residuals=tuple(record(Residual, entry) for entry in residuals),
                 passivity=None if passive is None else record(Passivity, passive),
@@ -176,11 +176,15 @@ class Fit(FitUse):
         error = summary_entry(self.error)
         for entry, residual in zip(error["per_test"], self.residuals, strict=False):
             entry["residual"] = plain(residual)
-        error["holdout"] = None if self.holdout is None else summary_entry(self.holdout)
+        error["holdout"] = None if self.holdout is None else summary_entry(self.holdout) | {
+            "within_nrmse_percent_of_peak": number(self.holdout.within_nrmse_percent_of_peak),
+        }  # fmt: skip
         scores = [
             {
                 "model": score.model,
                 "holdout_nrmse_percent_of_peak": number(score.holdout_nrmse_percent_of_peak),
+                "within_nrmse_percent_of_peak": number(score.within_nrmse_percent_of_peak),
+                "beyond": {test: list(names) for test, names in score.beyond.items()},
                 "bic": number(score.bic),
                 "rmse_N": number(score.rmse_N),
                 "parameters": score.parameters,
@@ -223,6 +227,12 @@ class Fit(FitUse):
             "coil_eta_1_s": number(self.coil_eta_1_s),
             "notes": list(self.notes),
         }
+
+
+def _read_score(entry: Mapping[str, Any]) -> ModelScore:
+    """A model's score; an earlier version does not tell what lay beyond."""
+    told = {test: tuple(names) for test, names in (entry.get("beyond") or {}).items()}
+    return record(ModelScore, entry, beyond=told)
 
 
 def _read_summary(entry: Mapping[str, Any]) -> ErrorSummary:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,9 @@ class TestError:
         samples: number of samples.
         energy_J: energy dissipated in a mean cycle, measured (J); NaN where a stretch of every cycle has no force.
         modelled_energy_J: the same by the model (J).
+        beyond: of a test that the fit has not seen, the quantities in which it lies beyond the fitted ones
+            (`velocity_m_s`, `current_A` ...): its error is that of an extrapolation; empty: it lies within. None: a
+            fitted test, or a file that does not tell.
     """
 
     __test__ = False  # pytest takes classes called Test for its own
@@ -63,6 +67,7 @@ class TestError:
     samples: int
     energy_J: float
     modelled_energy_J: float
+    beyond: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -85,12 +90,35 @@ class ErrorSummary:
     nrmse_percent_of_peak: float
     per_test: tuple[TestError, ...]
 
+    @property
+    def within_nrmse_percent_of_peak(self) -> float | None:
+        """The same mean over the unseen tests that lie within the fitted ones' data; None where none is known to."""
+        return mean_within([(test.nrmse_percent_of_peak, test.beyond) for test in self.per_test])
+
+
+def mean_within(errors: Sequence[tuple[float, tuple[str, ...] | None]]) -> float | None:
+    """Mean of the errors of tests that lie within the data, each with that in which its test lies beyond."""
+    known = [error for error, beyond in errors if beyond == ()]
+    return sum(known) / len(known) if known else None
+
 
 @dataclass(frozen=True)
 class ModelScore:
-    """One model in the comparison: held-out error (None without held-out tests) and Bayesian information criterion.
+    """One model in the comparison: error on unseen tests (None without any) and Bayesian information criterion.
 
     A model that was not fitted to the end has its reason, and neither of them.
+
+    Attributes:
+        model: its name.
+        holdout_nrmse_percent_of_peak: mean relative error on unseen tests: held out, or each left out in turn.
+        bic: Bayesian information criterion.
+        rmse_N: root mean square error on the fitted tests (N).
+        parameters: how many were fitted.
+        method: by which.
+        reason: why it was given up; empty otherwise.
+        within_nrmse_percent_of_peak: the mean over those unseen tests that lie within the data of their fit; None where
+            none does.
+        beyond: unseen test -> the quantities in which it lies beyond them; only those that do.
     """
 
     model: str
@@ -100,6 +128,8 @@ class ModelScore:
     parameters: int
     method: str
     reason: str = ""
+    within_nrmse_percent_of_peak: float | None = None
+    beyond: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

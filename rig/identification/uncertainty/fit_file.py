@@ -88,6 +88,10 @@ def estimate_entry(estimate: object) -> dict[str, Any]:
 
 
 def summary_entry(summary: object) -> dict[str, Any]:
-    """The entry of an `ErrorSummary`: its numbers, then each test."""
+    """The entry of an `ErrorSummary`: its numbers, then each test; a fitted one lies beyond nothing."""
     entry = plain(summary)
-    return {**entry, "per_test": [plain(error) for error in entry["per_test"]]}
+    tests = [plain(error) for error in entry["per_test"]]
+    for test in tests:
+        beyond = test.pop("beyond")
+        test |= {} if beyond is None else {"beyond": list(beyond)}
+    return {**entry, "per_test": tests}

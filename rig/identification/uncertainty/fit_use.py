@@ -123,12 +123,18 @@ class FitUse:
         return pd.DataFrame(rows, index=pd.Index(self.parameters, name="parameter"))
 
     def tests_to_pandas(self: Found) -> pd.DataFrame:
-        """Errors and energies as a table, one row a test (N, J); `held_out` says which the fit has not seen."""
+        """Errors and energies as a table, one row a test (N, J); `held_out` says which the fit has not seen.
+
+        `beyond` says in which quantities a held-out test lies beyond the fitted ones, as `predict` does of rows; empty
+        where in none.
+        """
         import pandas as pd
 
         held_out = () if self.holdout is None else self.holdout.per_test
         rows = [vars(error) | {"held_out": False} for error in self.error.per_test]
         rows += [vars(test) | {"held_out": True} for test in held_out]
+        for row in rows:
+            row["beyond"] = " ".join(row["beyond"] or ())
         return pd.DataFrame(rows).set_index("id")
 
     def predict(self: Found, table: Table, *, mid_stroke_m: float = 0.0, band: bool = False) -> pd.DataFrame:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -82,6 +83,12 @@ def score_forces(measurements: Sequence[Measurement], modelled_N: Iterable[Float
         nrmse_percent_of_peak=float(np.mean([test.nrmse_percent_of_peak for test in tests])),
         per_test=tuple(tests),
     )
+
+
+def told_apart(error: ErrorSummary, beyond: Iterable[tuple[str, ...]]) -> ErrorSummary:
+    """Errors of unseen tests, each with the quantities in which it lies beyond the fitted ones."""
+    tests = tuple(replace(test, beyond=names) for test, names in zip(error.per_test, beyond, strict=True))
+    return replace(error, per_test=tests)
 
 
 def describes(

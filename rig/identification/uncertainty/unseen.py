@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rig.identification.uncertainty.fit_file import plain, record
+from rig.identification.uncertainty.fit_entries import mean_within
+from rig.identification.uncertainty.fit_file import number, plain, record
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,8 @@ class UnseenTest:
         current_A: commanded current (A).
         rmse_N: root mean square error (N).
         nrmse_percent_of_peak: 100 rmse / max|F - mean F|.
+        beyond: the quantities in which it lies beyond the other pairs' data (`velocity_m_s`, `current_A` ...); empty:
+            it lies within. None: a file that does not tell.
     """
 
     id: str
@@ -28,6 +31,7 @@ class UnseenTest:
     current_A: float
     rmse_N: float
     nrmse_percent_of_peak: float
+    beyond: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,11 @@ class Unseen:
     per_pair: tuple[UnseenPair, ...]
     per_test: tuple[UnseenTest, ...]
 
+    @property
+    def within_nrmse_percent_of_peak(self) -> float | None:
+        """Mean over the tests that lie within the other pairs' data; None where none is known to."""
+        return mean_within([(test.nrmse_percent_of_peak, test.beyond) for test in self.per_test])
+
     @classmethod
     def from_json(cls, entry: Mapping[str, Any] | None) -> Unseen | None:
         """The inverse of `to_json`; None where there is none."""
@@ -76,4 +85,6 @@ class Unseen:
     def to_json(self) -> dict[str, Any]:
         """Plain types, no NaN or infinity (null instead)."""
         pairs, tests = ([plain(one) for one in some] for some in (self.per_pair, self.per_test))
-        return {**plain(self), "per_pair": pairs, "per_test": tests}
+        tests = [one | {"beyond": None if one["beyond"] is None else list(one["beyond"])} for one in tests]
+        within = {"within_nrmse_percent_of_peak": number(self.within_nrmse_percent_of_peak)}
+        return {**plain(self), **within, "per_pair": pairs, "per_test": tests}

@@ -13,9 +13,10 @@ from rich.console import Console
 from rig.bench.model import Bench
 from rig.campaign.results import CampaignFinding, CampaignResult, PointResult, StopReport
 from rig.cli.display import LiveDisplay, PlainDisplay, display_for
+from rig.cli.fit_tables import fit_tables, inside
 from rig.cli.job import JobResult
 from rig.cli.run import show_result
-from rig.cli.tables import duration, fit_tables, inside
+from rig.cli.tables import duration
 from rig.matrix.model import load_matrix
 from rig.matrix.plan import plan
 

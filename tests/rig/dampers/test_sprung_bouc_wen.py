@@ -156,7 +156,7 @@ def test_the_inverse_finds_the_current_though_the_force_only_follows_it() -> Non
     told = (t > 0.05) & (answer[:, 3] > 0.0) & (np.abs(answer[:, 2]) > 100.0)  # attainable, and 10 N say 0.1 A
     assert np.mean(told) > 0.8
     assert np.sqrt(np.mean((answer[told, 0] - current[told]) ** 2)) < 0.03 * 2.0
-    assert np.allclose(answer[told, 1], wanted[told], atol=0.1)
+    assert np.allclose(answer[told, 1], wanted[told], atol=0.2)  # of 1,500 N: at the state to which this current leads
     noisy = wanted + np.random.default_rng(3).normal(0.0, 5.0, t.size)
     answer = inverse_of(DAMPER)(row, grid, grid, start, u, v, a, noisy, rates_N_s(noisy, 1e-3), 1e-3)
     half_N = 1.96 * 5.0 * amplified(answer[:, 6], answer[:, 7], 1e-3, causal=False)

@@ -135,7 +135,11 @@ def test_what_the_currents_tell_only_beside_a_power_left_out_is_not_identified(
     assert list(told["beyond"]) == ["", "current_A", "", "current_A"]  # 12 I^3 is not known between tested currents
     tested = ", ".join(f"{current_A:.2f}" for current_A in currents_A)
     assert f"of the currents only {tested} A" in told.attrs["extrapolation"]
+    for between in (fit.inverse_table(), fit.control_range()):
+        assert "beyond the tests: current_A between the tested ones" in between.attrs["extrapolation"]
     path, _ = write_fit(fit, tmp_path)
+    (exported,) = export(path, "inverse", tmp_path / "out")
+    assert "# beyond the tests: current_A between the tested ones" in exported.read_text()
     assert list(Fit.load(path).predict(table)["beyond"]) == list(told["beyond"])
 
 

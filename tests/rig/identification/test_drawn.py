@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.cli.tables import fit_tables
+from rig.cli.fit_tables import fit_tables
 from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import Fit, Measurement, identify

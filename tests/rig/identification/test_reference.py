@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rig.cli.tables import fit_tables
+from rig.cli.fit_tables import fit_tables
 from rig.dampers import parameter_set
 from rig.identification import Fit, Measurement, identify
 from rig.identification.reference import references

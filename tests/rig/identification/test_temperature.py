@@ -131,6 +131,10 @@ def test_the_force_is_foretold_at_any_temperature_and_said_where_beyond(fit: Fit
     bare = fit.predict({name: values for name, values in table.items() if name != "temperature_degC"} | {
         "displacement_m": [0.0, 0.0]})  # fmt: skip
     assert "no temperature given" in bare.attrs["assumed"]
+    gap = fit.predict({"displacement_m": 0.0, "velocity_m_s": 0.3, "current_A": 1.0,
+                       "temperature_degC": [30.0, np.nan, 90.0]})  # fmt: skip
+    assert gap["beyond"].tolist() == ["", "temperature_degC", "temperature_degC"]  # bridged: 60 degC
+    assert gap.attrs["assumed"] == "no temperature in 1 of 3 rows: straight between the others"
     cold, warm = (fit.at(degC).inverse(150.0, 0.1) for degC in (20.0, 45.0))
     assert warm["current_A"][0] > cold["current_A"][0] + 0.1
     again = fit.predict({"displacement_m": 0.0, "velocity_m_s": 0.1, "current_A": warm["current_A"],
@@ -138,7 +142,7 @@ def test_the_force_is_foretold_at_any_temperature_and_said_where_beyond(fit: Fit
     assert again["force_N"][0] == pytest.approx(150.0, abs=0.5)
     assert fit.at(80.0).inverse(150.0, 0.1)["beyond"][0] == "temperature_degC"
     assert "temperature_degC" in fit.at(80.0).control_range().attrs["extrapolation"]
-    assert fit.at(80.0).controller(0.001).step(300.0, 0.0, 0.1).extrapolates
+    assert fit.at(80.0).controller(0.001).step(300.0, 0.0, 0.1).beyond == "temperature_degC"
     assert not fit.at(30.0).controller(0.001).step(300.0, 0.0, 0.1).extrapolates
     file = tmp_path / "fit.json"
     file.write_text(json.dumps(fit.to_json()))

@@ -57,6 +57,22 @@ def test_the_force_of_a_table_is_the_dampers_within_its_band_where_it_was_tested
     assert told.attrs["extrapolation"] == ""
 
 
+def test_a_quantity_that_stands_in_two_columns_is_refused_by_both_names(fit: Fit) -> None:
+    row = {"displacement_m": [0.0, 0.01], "velocity_m_s": [0.1, 0.1], "current_A": [1.0, 1.0], "time_s": [0.0, 0.1]}
+    with pytest.raises(FileProblem) as refused:
+        fit.predict(row | {"displacement": [0.02, 0.0], "current": [1.0, 1.0]})
+    assert list(refused.value.problems) == [
+        "columns `displacement_m` and `displacement` are one quantity: leave one out",
+        "columns `current_A` and `current` are one quantity: leave one out",
+    ]
+    table = pd.DataFrame(row)
+    with pytest.raises(FileProblem, match="columns `velocity_m_s` and `velocity_m_s` are one quantity"):
+        fit.predict(pd.concat([table, table["velocity_m_s"]], axis=1))
+    with pytest.raises(FileProblem, match="time stands in the index and in another column"):
+        fit.predict(table.set_index(pd.Index([5.0, 6.0], name="time")))
+    assert len(fit.predict(table.set_index("time_s", drop=False))) == 2  # one time, twice the same
+
+
 def test_a_row_beyond_the_tests_says_so_and_in_what(fit: Fit) -> None:
     table = {"displacement_m": [0.0, 0.0, 0.08, 0.0], "velocity_m_s": [0.1, 0.9, 0.1, -0.1],
              "current_A": [1.0, 1.0, 2.5, 1.0], "temperature_degC": [np.nan, np.nan, np.nan, np.nan]}  # fmt: skip

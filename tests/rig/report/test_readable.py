@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from rig.cli.tables import fit_tables
+from rig.cli.fit_tables import fit_tables
 from rig.report.chart import Chart, Trace
 from rig.report.fit import parameters, quality
 from rig.report.fragment import between

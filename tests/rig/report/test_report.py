@@ -158,13 +158,35 @@ def test_an_inadequate_model_and_warnings_come_first(run: Path) -> None:
     assert page.index("one frequency only") < page.index("Test points")
 
 
+def test_unseen_tests_beyond_the_fitted_data_are_marked_with_what_lay_beyond(run: Path) -> None:
+    fit = fit_of()
+    apart = {"id": "p002", "file": "", "rmse_N": 5.0, "nrmse_percent_of_peak": 45.6, "energy_J": 1.0,
+             "beyond": ["current_A", "velocity_m_s"]}  # fmt: skip
+    other = apart | {"id": "p009", "beyond": []}
+    fit["error"]["holdout"] = {"rmse_N": 5.0, "mae_N": 4.0, "nrmse_percent_of_peak": 45.6, "per_test": [apart, other],
+                               "within_nrmse_percent_of_peak": 3.21}  # fmt: skip
+    score = {"bic": 1.0, "reason": "", "beyond": {"p002": ["current_A"]}}
+    fit["selection"] = [
+        score | {"model": "kwok", "holdout_nrmse_percent_of_peak": 77.7, "within_nrmse_percent_of_peak": 3.21},
+        score | {"model": "bingham", "holdout_nrmse_percent_of_peak": 66.6, "within_nrmse_percent_of_peak": 4.32},
+    ]
+    page = written(run, fit)
+    assert "error on held-out tests; 3.21 % without the 1 of 2 beyond the fitted data" in page
+    assert "held out, beyond the fitted data: current, velocity" in page
+    assert "Unseen tests beyond the data of their fit, so foretold by extrapolation: p002 (current)." in page
+    assert "Without those beyond the data %" in page
+    assert page.index(">3.21<") < page.index(">4.32<")
+    fit["error"]["holdout"] |= {"per_test": [apart], "within_nrmse_percent_of_peak": None}
+    assert "all beyond the fitted data: extrapolation" in written(run, fit)
+
+
 def test_held_out_tests_are_scored_apart(run: Path) -> None:
     fit = fit_of()
     apart = {"id": "p002", "file": "", "rmse_N": 5.0, "nrmse_percent_of_peak": 4.56}
     fit["error"]["holdout"] = {"rmse_N": 5.0, "mae_N": 4.0, "nrmse_percent_of_peak": 4.56, "per_test": [apart]}
     page = written(run, fit)
     assert "error on held-out tests" in page
-    assert "held out of the fit" in page
+    assert '<div class="remark">held out</div>' in page
     assert '<span class="chip plain">held out</span>' in page
 
 

@@ -86,6 +86,10 @@ def test_every_entry_is_scored_on_pairs_it_has_not_seen(benchmark_file: Path, tm
     assert unseen["asymmetric", "separable"] < 6.0  # 5 N of noise on forces of 70 N and more
     assert unseen["bingham", "separable"] > 2.0 * unseen["asymmetric", "separable"]
     assert int(rows["bingham", "de"]["evaluations"]) <= 3 * 60  # a search of 60 evaluations for each of three pairs
+    for key in (("asymmetric", "separable"), ("bingham", "separable"), ("bingham", "de")):
+        row = rows[key]  # of three pairs the fastest lies beyond the others
+        assert float(row["without those beyond the data / % of peak"]) != float(row["unseen NRMSE / % of peak"])
+        assert ("(beyond the data: velocity)" in row["note"]) == row["note"].startswith("worst: 2Hz")
     order = [float(row[3]) for row in outcome.table.rows if isinstance(row[3], float)]
     assert order == sorted(order)
     assert "https://example.org/sines" in (tmp_path / "out/study.json").read_text()

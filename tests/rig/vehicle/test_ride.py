@@ -96,6 +96,29 @@ def test_the_report_is_one_page_with_the_paper_s_values_beside_ours(paper: dict[
     assert "http" not in page.replace("http://www.w3.org", "")
 
 
+def test_a_ride_beyond_the_fitted_tests_says_in_what_and_for_how_long(tmp_path: Path, road: str) -> None:
+    path = a_fit(tmp_path / "fit.json", 0.0)
+    fit = json.loads(path.read_text())
+    quiet, narrow = tmp_path / "quiet.json", tmp_path / "narrow.json"
+    wide = {"displacement_m": [-1.0, 1.0], "velocity_m_s": [-9.0, 9.0], "current_A": [0.0, 2.0]}
+    quiet.write_text(json.dumps(fit | {"tested": wide}))
+    narrow.write_text(json.dumps(fit | {"tested": wide | {"velocity_m_s": [-0.05, 0.05], "current_A": [0.5, 1.0]}}))
+    out = tmp_path / "ride.html"
+    names = (str(path), str(quiet), str(narrow))
+    options = ("--road", road, "--members", "0", "--json", "--out", str(out))
+    unknown, nowhere, somewhere = (one["beyond"] for one in json.loads(ride(*names, *options).stdout)["fits"])
+    assert unknown is None
+    assert nowhere == {}
+    assert set(somewhere) == {"velocity_m_s", "current_A"}
+    assert 0.05 < somewhere["velocity_m_s"] < 0.95
+    assert somewhere["current_A"] == 1.0  # 0 A all the time
+    page = out.read_text(encoding="utf-8")
+    assert f"{narrow}: beyond its tests (velocity " in page
+    assert "current 1e+02 %" not in page
+    assert f"{path}: this fit does not say what its tests covered" in page
+    assert f"{quiet}: " not in page
+
+
 @pytest.mark.nightly
 def test_a_surer_fit_has_a_narrower_band(tmp_path: Path, road: str) -> None:
     widths = []

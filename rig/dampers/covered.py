@@ -1,0 +1,102 @@
+"""Where a damper was tested, and what lies beyond: there a model's force is an extrapolation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rig.dampers.arrays import BoolArray, FloatArray
+
+Ends = tuple[float, float]
+
+QUANTITIES = ("displacement_m", "velocity_m_s", "current_A", "temperature_degC")
+BEYOND = 0.02  # share of a range by which its ends may be passed: overshoot and noise
+LEAST = {"current_A": 0.02, "temperature_degC": 2.0}  # A, K: and at least so much of these
+ROOM_A = 0.05  # about a tested current, where it is the only thing known: a set-point and its error
+SHARE = 0.01  # of a test's samples that lie beyond, from which on the test does
+
+
+@dataclass(frozen=True, kw_only=True)
+class Covered:
+    """Lowest and highest value in the tests that a model was fitted to.
+
+    Attributes:
+        displacement_m: extension about mid-stroke (m).
+        velocity_m_s: velocity (m/s).
+        current_A: coil current (A).
+        temperature_degC: coil temperature (degC); None where none was recorded.
+        only_at_A: the tested currents (A), rising, where the force is known at these alone because the model has
+            powers of the current that so few do not tell; empty where it is known from the lowest to the highest.
+    """
+
+    displacement_m: Ends
+    velocity_m_s: Ends
+    current_A: Ends
+    temperature_degC: Ends | None = None
+    only_at_A: tuple[float, ...] = ()
+
+    @classmethod
+    def of_entry(cls, entry: Mapping[str, Any]) -> Covered:
+        """From the key `tested` of a fit.json.
+
+        Raises:
+            KeyError, TypeError, ValueError: the entry is not what `TestedRange.to_json` gives.
+        """
+        return Covered(**ranges_of(entry))
+
+    def ranges(self) -> list[tuple[str, Ends | None]]:
+        """Each quantity with its lowest and highest value."""
+        return [(name, getattr(self, name)) for name in QUANTITIES]
+
+    def intervals(self) -> dict[str, tuple[Ends, ...]]:
+        """Quantity -> where it is within, rising: what is known of it, with the room for overshoot and noise."""
+        intervals: dict[str, tuple[Ends, ...]] = {}
+        for name, ends in self.ranges():
+            if ends is not None:
+                room = max(BEYOND * (ends[1] - ends[0]), LEAST.get(name, 0.0))
+                intervals[name] = ((ends[0] - room, ends[1] + room),)
+        if self.only_at_A:
+            ((low, high),) = intervals["current_A"]
+            intervals["current_A"] = tuple((max(low, at - ROOM_A), min(high, at + ROOM_A)) for at in self.only_at_A)
+        return intervals
+
+    def outside(self, values: Mapping[str, FloatArray | None]) -> dict[str, BoolArray]:
+        """Quantity -> which of its values (SI, any shape) lie beyond; only those with such values.
+
+        A temperature that is given where no test recorded one lies beyond: nobody knows. What is no number (a
+        temperature that was not read) does not.
+        """
+        intervals, outside = self.intervals(), {}
+        for name, given in values.items():
+            if given is None:
+                continue
+            where = np.full(given.shape, name not in intervals) | ~np.isnan(given)
+            for low, high in intervals.get(name, ()):
+                where &= ~((given >= low) & (given <= high))
+            outside[name] = where
+        return {name: where for name, where in outside.items() if np.any(where)}
+
+    def told(self) -> str:
+        """The ranges in words and units."""
+        ranges = ", ".join(
+            f"{name} {value[0]:.4g} to {value[1]:.4g}" for name, value in self.ranges() if value is not None
+        )
+        if not self.only_at_A:
+            return ranges
+        currents = ", ".join(f"{current_A:.2f}" for current_A in self.only_at_A)
+        return f"{ranges}, of the currents only {currents} A (too few for the model to know the force between them)"
+
+
+def ranges_of(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of `Covered` in the key `tested` of a fit.json.
+
+    Raises:
+        KeyError, TypeError, ValueError: the entry is not what `TestedRange.to_json` gives.
+    """
+    warm = entry.get("temperature_degC")
+    fields: dict[str, Any] = {name: (float(entry[name][0]), float(entry[name][1])) for name in QUANTITIES[:3]}
+    fields["temperature_degC"] = None if warm is None else (float(warm[0]), float(warm[1]))
+    return fields | {"only_at_A": tuple(map(float, entry.get("only_at_A", ())))}

@@ -1,0 +1,42 @@
+"""What tests covered, and in what another test lies beyond them: foretelling it is extrapolation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from rig.dampers.arrays import FloatArray
+from rig.dampers.covered import SHARE, Covered, Ends
+from rig.identification.models.measurement import Measurement
+
+
+def covered_by(tests: Sequence[Measurement]) -> Covered:
+    """Lowest and highest displacement, velocity, current and recorded temperature of tests, one at least."""
+    return Covered(
+        displacement_m=_ends(test.u_m for test in tests),
+        velocity_m_s=_ends(test.v_m_s for test in tests),
+        current_A=_ends(test.current_A for test in tests),
+        temperature_degC=recorded_degC(tests),
+    )
+
+
+def recorded_degC(tests: Sequence[Measurement]) -> Ends | None:
+    """Lowest and highest recorded temperature (degC); None where none was."""
+    known = [test.temperature_degC for test in tests if test.temperature_degC is not None]
+    finite = [part for values in known if (part := values[np.isfinite(values)]).size]
+    return _ends(finite) if finite else None
+
+
+def _ends(arrays: Iterable[FloatArray]) -> Ends:
+    pairs = [(float(np.min(values)), float(np.max(values))) for values in arrays]
+    return min(low for low, _ in pairs), max(high for _, high in pairs)
+
+
+def beyond(covered: Covered, test: Measurement) -> tuple[str, ...]:
+    """In which quantities a test lies beyond what others covered: with more than `SHARE` of its samples."""
+    values: Mapping[str, FloatArray | None] = {
+        "displacement_m": test.u_m, "velocity_m_s": test.v_m_s, "current_A": test.current_A,
+        "temperature_degC": test.temperature_degC if recorded_degC([test]) else None,
+    }  # fmt: skip
+    return tuple(name for name, where in covered.outside(values).items() if np.mean(where) > SHARE)
