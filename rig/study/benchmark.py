@@ -29,6 +29,7 @@ from rig.study.benchmark_file import SEPARABLE, BenchmarkFile, load_benchmark
 from rig.study.execution import StudyProgress, local_workers
 from rig.study.open_recordings import Fold, Found, find_all, folds_of, variance_percent
 from rig.study.outputs import Table, write_outputs
+from rig.study.provenance import SOFTWARE, provenance
 from rig.study.results import ResultsFile
 
 REFERENCE = "reference"
@@ -98,6 +99,7 @@ def run_benchmark(
         "recordings": [_source(one) for one in sets],
         "entries": len(entries),
         "left_out": lacking,
+        "made": provenance(path, folder, wanted.benchmark.seed, wanted.fingerprint, lines),
         "wall_s": round((time.monotonic_ns() - started_ns) * 1e-9, 1),
     }
     return BenchmarkOutcome(write_outputs(folder, wanted.name, [table], {}, {}, facts), table, facts)
@@ -145,7 +147,7 @@ def run_entry(wanted: BenchmarkFile, found: Found, model: str, method: str) -> d
         A line of the results file; its `rows` are lines of the table.
     """
     began_s = time.process_time()
-    line: dict[str, Any] = {"key": _key(found, model, method), "marks": {}}
+    line: dict[str, Any] = {"key": _key(found, model, method), "marks": {}, "software": SOFTWARE}
     try:
         folds = _folds(found)
         if method == REFERENCE:
@@ -156,7 +158,7 @@ def run_entry(wanted: BenchmarkFile, found: Found, model: str, method: str) -> d
         rows = [{"model": model, "method": method, "note": str(error)[:300]}]
     for row in rows:
         row["cpu_s"] = round(time.process_time() - began_s, 2)
-    return {**line, "rows": rows}
+    return {**line, "seconds": rows[0]["cpu_s"], "rows": rows}
 
 
 _read: dict[tuple[Path, str], list[Fold]] = {}
