@@ -111,7 +111,7 @@ def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -
         cells = [written(cell) for cell in row[:5]]
         said = zip(cells[3:], ("% of peak", "% of variance"), strict=True)
         unseen = [f"{cell} {what}" for cell, what in said if cell]
-        shown.print(f"{cells[0]:<10}{', '.join(cells[1:3]):<44}{', '.join(unseen)}", markup=False, soft_wrap=True)
+        shown.print(f"{cells[0]:<12}  {', '.join(cells[1:3]):<54}  {', '.join(unseen)}", markup=False, soft_wrap=True)
     for line in outcome.facts["left_out"]:
         shown.print(line, markup=False, soft_wrap=True)
     shown.print(f"page: {outcome.page}")

@@ -275,6 +275,7 @@ def _made(facts: Mapping[str, Any]) -> str:
         "written": f"{made['written_utc']} UTC",
         "software": f"{made['software']}; Python {made['python']}; {libraries}",
         "searched with": ", ".join(made["searched_with"]),
+        "plug-ins": "; ".join(made.get("plug_ins", ())),
         "machine that wrote this page": made["machine"],
         "time": f"{made['searched_s']:,.0f} s of searches, all sessions and workers together; {facts['wall_s']:,.0f} s "
         "in the session that wrote this page",
