@@ -132,8 +132,9 @@ def answered(command: click.Command, arguments: Sequence[str], name: str) -> int
     except OSError as error:
         text = f"{error.filename or 'input or output'}: {error.strerror or error}"
         return _ended(f"rig: {text}", {"error": text, "slug": FileProblem.slug}, EXIT_USAGE, as_json=as_json)
-    except (click.Abort, KeyboardInterrupt):
-        text = "stopped by operator"
+    except (click.Abort, KeyboardInterrupt) as stop:
+        said = str(stop.__cause__) if isinstance(stop.__cause__, KeyboardInterrupt) else ""  # click passes it on so
+        text = f"stopped by operator: {said}" if said else "stopped by operator"
         return _ended(f"rig: {text}", {"error": text, "slug": OPERATOR_STOP}, EXIT_STOPPED, as_json=as_json)
 
 

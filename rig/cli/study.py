@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,9 +51,10 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
 
     folder = out or Path("logs") / f"study-{file.stem}"
     if is_benchmark(file):
-        return _benchmark(file, folder, processes, as_json)
+        with _resumable(folder):
+            return _benchmark(file, folder, processes, as_json)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}"))
-    with Progress(*columns, console=console(as_json=True)) as bar:
+    with _resumable(folder), Progress(*columns, console=console(as_json=True)) as bar:
         task = bar.add_task("searches", total=None, left="")
 
         def show(progress: StudyProgress) -> None:
@@ -69,6 +72,19 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
         shown.print(f"page: {outcome.page}")
         shown.print(f"tables: {folder / 'tables'}")
     return EXIT_DONE
+
+
+@contextmanager
+def _resumable(folder: Path) -> Iterator[None]:
+    """Ctrl-C says what is kept and how to go on.
+
+    Raises:
+        KeyboardInterrupt: Passed on, with that text.
+    """
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        raise KeyboardInterrupt(f"what is finished is kept in {folder}; the same command continues") from stop
 
 
 def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -> int:
@@ -95,7 +111,7 @@ def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -
         cells = [written(cell) for cell in row[:5]]
         said = zip(cells[3:], ("% of peak", "% of variance"), strict=True)
         unseen = [f"{cell} {what}" for cell, what in said if cell]
-        shown.print(f"{cells[0]:<10}{', '.join(cells[1:3]):<44}{', '.join(unseen)}", markup=False, soft_wrap=True)
+        shown.print(f"{cells[0]:<12}  {', '.join(cells[1:3]):<54}  {', '.join(unseen)}", markup=False, soft_wrap=True)
     for line in outcome.facts["left_out"]:
         shown.print(line, markup=False, soft_wrap=True)
     shown.print(f"page: {outcome.page}")

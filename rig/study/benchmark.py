@@ -6,11 +6,14 @@ test, averaged over all of them; and the share of the unseen force's variance th
 
 from __future__ import annotations
 
+import hashlib
+import importlib.util
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +29,13 @@ from rig.identification.models.undetermined import examine
 from rig.identification.reference import references
 from rig.identification.uncertainty.fit_entries import ErrorSummary, TestError, mean_within
 from rig.identification.uncertainty.scoring import score, told_apart
+from rig.plugins import DAMPER_MODELS, METHODS
+from rig.plugins import found as plug_ins
 from rig.study.benchmark_file import SEPARABLE, BenchmarkFile, load_benchmark
 from rig.study.execution import StudyProgress, local_workers
 from rig.study.open_recordings import Fold, Found, find_all, folds_of, variance_percent
 from rig.study.outputs import Table, write_outputs
+from rig.study.provenance import SOFTWARE, provenance
 from rig.study.results import ResultsFile
 
 REFERENCE = "reference"
@@ -102,6 +108,8 @@ def run_benchmark(
         "recordings": [_source(one) for one in sets],
         "entries": len(entries),
         "left_out": lacking,
+        "made": provenance(path, folder, wanted.benchmark.seed, wanted.fingerprint, lines)
+        | {"plug_ins": sorted({code for _, *pair in entries if (code := code_of(*pair))})},
         "wall_s": round((time.monotonic_ns() - started_ns) * 1e-9, 1),
     }
     return BenchmarkOutcome(write_outputs(folder, wanted.name, [table], {}, {}, facts), table, facts)
@@ -139,17 +147,43 @@ def competitors(wanted: BenchmarkFile) -> list[tuple[str, str]]:
 
 
 def _key(found: Found, model: str, method: str) -> str:
-    return f"{found.recordings.name}|{model}|{method}"
+    """Name of a result: of a plug-in with its version and code, so that an improved one is fitted again."""
+    code = code_of(model, method)
+    return f"{found.recordings.name}|{model}|{method}" + (f"@{code}" if code else "")
+
+
+@cache
+def code_of(model: str, method: str) -> str:
+    """Package, version and checksum of the code of the plug-ins that an entry consists of; empty for none.
+
+    Args:
+        model: Damper model.
+        method: Method, or `reference`.
+    """
+    brought = [one for one in plug_ins(DAMPER_MODELS) if one.name == model]
+    brought += [one for one in plug_ins(METHODS) if one.name == method]
+    return ", ".join(f"{one.package} {one.version} ({_checksum(one.target)})" for one in brought)
+
+
+def _checksum(target: str) -> str:
+    """Of all Python files of the package that an entry point `package.module:object` lies in."""
+    spec = importlib.util.find_spec(target.partition(":")[0].partition(".")[0])
+    if spec is None:
+        return ""
+    folders = [Path(folder) for folder in spec.submodule_search_locations or ()]
+    files = sorted(file for folder in folders for file in folder.rglob("*.py"))
+    files = files or ([Path(spec.origin)] if spec.origin else [])
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:8]
 
 
 def run_entry(wanted: BenchmarkFile, found: Found, model: str, method: str) -> dict[str, Any]:
     """In a worker: fit and score one entry on every split.
 
     Returns:
-        A line of the results file; its `rows` are lines of the table.
+        A line of the results file; its `rows` are lines of the table. What a plug-in raises is its row's note.
     """
     began_s = time.process_time()
-    line: dict[str, Any] = {"key": _key(found, model, method), "marks": {}}
+    line: dict[str, Any] = {"key": _key(found, model, method), "marks": {}, "software": SOFTWARE}
     try:
         folds = _folds(found)
         if method == REFERENCE:
@@ -158,9 +192,15 @@ def run_entry(wanted: BenchmarkFile, found: Found, model: str, method: str) -> d
             rows = [_row(model, method, [_scored(wanted, fold, model, method) for fold in folds])]
     except RigError as error:
         rows = [{"model": model, "method": method, "note": str(error)[:300]}]
+    except Exception as error:  # of a plug-in: whatever foreign code raises is told as its own failure
+        code = code_of(model, method)
+        if not code:
+            raise
+        note = f"{code} failed: {type(error).__name__}: {error}"
+        rows = [{"model": model, "method": method, "note": note[:300]}]
     for row in rows:
         row["cpu_s"] = round(time.process_time() - began_s, 2)
-    return {**line, "rows": rows}
+    return {**line, "seconds": rows[0]["cpu_s"], "rows": rows}
 
 
 _read: dict[tuple[Path, str], list[Fold]] = {}

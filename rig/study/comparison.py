@@ -26,7 +26,9 @@ from rig.study.paper1_tables import (
 )
 from rig.study.paper2_tables import current_tables
 from rig.study.parallel_timing import time_parallel
+from rig.study.provenance import provenance
 from rig.study.results import ResultsFile
+from rig.study.ride_of_fits import Rides, ride_table, rides
 from rig.study.search_cell import all_cells, searches
 from rig.study.settings import TITLES, KruskalWallis, best_settings, kruskal_wallis, setting_groups, setting_values
 from rig.study.study_file import StudyFile, load_study
@@ -98,14 +100,16 @@ def run_study(
         "searches": total,
         "repeats": study.comparison.repeats,
         "left_out": bench.left_out,
-        "wall_s": round((time.monotonic_ns() - started_ns) * 1e-9, 1),
+        "made": provenance(path, folder, study.seed, bench.fingerprint, lines.values()),
     }
     tell(StudyProgress(total, total, None, "", "writing tables and figures"))
-    minima = study_minima(study, bench)
-    tables = study_tables(study, bench, lines, minima)
+    minima, driven = study_minima(study, bench), rides(study, lines)
+    tables = study_tables(study, bench, lines, minima, driven)
     tests = study_tests(study, lines)
-    facts["findings"] = [asdict(finding) for finding in findings(study, lines, minima, tests)]
-    page = write_outputs(folder, study.name, tables, figures(study, bench, lines), tests, facts)
+    facts["findings"] = [asdict(finding) for finding in findings(study, lines, minima, tests, driven)]
+    drawn = figures(study, bench, lines, driven)
+    facts["wall_s"] = round((time.monotonic_ns() - started_ns) * 1e-9, 1)
+    page = write_outputs(folder, study.name, tables, drawn, tests, facts)
     return StudyOutcome(folder, page, tuple(tables), tests, facts)
 
 
@@ -134,7 +138,11 @@ def study_minima(study: StudyFile, bench: Workbench) -> dict[str, float]:
 
 
 def study_tables(
-    study: StudyFile, bench: Workbench, lines: dict[str, dict[str, Any]], minima: Mapping[str, float]
+    study: StudyFile,
+    bench: Workbench,
+    lines: dict[str, dict[str, Any]],
+    minima: Mapping[str, float],
+    driven: Rides | None = None,
 ) -> list[Table]:
     """Every table of both papers that the results allow, in the papers' order.
 
@@ -143,6 +151,7 @@ def study_tables(
         bench: Its recordings.
         lines: Result lines by key.
         minima: From `study_minima`.
+        driven: From `rides`.
 
     Returns:
         Tables 1-14 of paper 1, then paper 2's.
@@ -157,6 +166,7 @@ def study_tables(
         *parallel_table(study, lines),
         *sensitivity_tables(study, lines),
     ]
+    paper1 += [ride_table(driven)] if driven is not None else []
     return [*sorted(paper1, key=lambda table: table.name), *current_tables(study, lines)]
 
 

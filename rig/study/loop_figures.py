@@ -13,9 +13,8 @@ from rig.identification.models.measurement import Measurement, first_cycle
 from rig.identification.models.model_slope import modelled_force
 from rig.signals.waveform import TRIANGLE
 from rig.study.recordings import TABLE1_AMPLITUDE_M
-from rig.study.search_cell import comparison_cells
-from rig.study.settings import TITLES, Lines
-from rig.study.study_file import StudyFile
+from rig.study.settings import TITLES, Lines, best_lines
+from rig.study.study_file import Data, StudyFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,6 +30,32 @@ LOOPS_A = (0.2, 0.8)
 """Currents of paper 2's Figure 12."""
 
 
+def motion_figure(study: StudyFile, new: Callable[[float], Figure]) -> Figure | None:
+    """Figure 3: position and velocity of the triangle of Figure 4; None of recorded runs.
+
+    Args:
+        study: The study.
+        new: Makes an empty figure of a height (inch).
+    """
+    if study.data.simulate != "table1":
+        return None
+    phase, motion = _triangle()
+    figure = new(2.6)
+    for axes, values, label in zip(
+        figure.subplots(1, 2), motion[:2], ("position / m", "velocity / (m/s)"), strict=True
+    ):
+        axes.plot(phase / TRIANGLE_HZ, values, linewidth=1)
+        _labelled(axes, "time / s", "")
+        axes.set_ylabel(label, fontsize=8)
+    return figure
+
+
+def _triangle() -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Two periods: phase, and displacement (m), velocity (m/s), acceleration (m/s^2), (n,) each."""
+    phase = np.arange(0.0, 2.0, TRIANGLE_HZ / TRIANGLE_RATE_HZ, dtype=np.float64)
+    return phase, TRIANGLE.motion(phase, TABLE1_AMPLITUDE_M, TRIANGLE_HZ)
+
+
 def triangle_figure(study: StudyFile, new: Callable[[float], Figure]) -> Figure | None:
     """Figure 4: the force over a triangle of displacement, of the simulated damper; None of recorded runs.
 
@@ -42,8 +67,7 @@ def triangle_figure(study: StudyFile, new: Callable[[float], Figure]) -> Figure 
         return None
     values = parameter_set(study.data.truth)
     damper = damper_model(values.model, values.hysteresis)
-    phase = np.arange(0.0, 2.0, TRIANGLE_HZ / TRIANGLE_RATE_HZ, dtype=np.float64)
-    motion = TRIANGLE.motion(phase, TABLE1_AMPLITUDE_M, TRIANGLE_HZ)
+    phase, motion = _triangle()
     figure = new(3.2)
     for axes, current_A in zip(figure.subplots(1, 2, sharey=True), TRIANGLE_A, strict=True):
         force_N = damper.force(values.values, *motion, current_A, 1.0 / TRIANGLE_RATE_HZ)
@@ -77,7 +101,7 @@ def recorded_figure(tests: Sequence[Measurement], new: Callable[[float], Figure]
 def fitted_figure(
     study: StudyFile, results: Lines, tests: Sequence[Measurement], over: str, new: Callable[[float], Figure]
 ) -> Figure | None:
-    """Figures 10 and 11: measured and fitted force at the lowest frequency, the highest currents; None without a fit.
+    """Figures 10 and 11: recorded and fitted force at the lowest frequency, the highest currents; None without a fit.
 
     Args:
         study: The study.
@@ -97,7 +121,7 @@ def fitted_figure(
     for axes, test in zip(figure.subplots(-(-len(shown) // 2), 2, squeeze=False).flat, shown, strict=False):
         cycle = first_cycle(test)
         x = cycle.v_m_s if over == "velocity" else 1e3 * cycle.u_m
-        axes.plot(x, cycle.force_N, linewidth=0.8, color="0.4", label="measured")
+        axes.plot(x, cycle.force_N, linewidth=0.8, color="0.4", label=recorded(study.data))
         axes.plot(x, modelled_force(damper, fit["parameters"], cycle), linewidth=1.0, color="C3", label=fit["title"])
         label = "velocity / (m/s)" if over == "velocity" else "extension / mm"
         _labelled(axes, label, f"I = {test.nominal_current_A:g} A, {lowest_Hz:g} Hz")
@@ -109,6 +133,7 @@ def reconstructed_figure(
     outcomes: Mapping[str, Mapping[float, Sequence[Mapping[str, Any]]]],
     tests: Mapping[float, Measurement],
     fitted: Callable[[str, Mapping[str, Any], Measurement], np.ndarray],
+    label: str,
     new: Callable[[float], Figure],
 ) -> Figure:
     """Paper 2's Figure 12: each method's best force over speed, at the currents nearest to 0.2 and 0.8 A.
@@ -117,6 +142,7 @@ def reconstructed_figure(
         outcomes: Method -> current (A) -> result lines.
         tests: Current (A) -> its recording.
         fitted: Force (n,), N, of a method's result line on a recording.
+        label: Of the recordings, from `recorded`.
         new: Makes an empty figure of a height (inch).
     """
     currents = [min(tests, key=lambda current_A: abs(current_A - wanted_A)) for wanted_A in LOOPS_A]
@@ -124,7 +150,7 @@ def reconstructed_figure(
     panels = list(dict.fromkeys(currents))
     for axes, current_A in zip(figure.subplots(1, len(panels), squeeze=False).flat, panels, strict=True):
         cycle = first_cycle(tests[current_A])
-        axes.plot(cycle.v_m_s, cycle.force_N, color="0.6", linewidth=2.0, label="measured")
+        axes.plot(cycle.v_m_s, cycle.force_N, color="0.6", linewidth=2.0, label=label)
         for method, by_current in outcomes.items():
             lines = by_current.get(current_A)
             if lines:
@@ -135,16 +161,21 @@ def reconstructed_figure(
     return figure
 
 
+def recorded(data: Data) -> str:
+    """What the recordings are called in a figure: nothing synthetic is called measured.
+
+    Args:
+        data: Where they come from.
+    """
+    return "measured" if data.simulate is None else "synthetic, with noise"
+
+
 def _best_fit(study: StudyFile, results: Lines) -> dict[str, Any] | None:
     """Parameters of c-FOA's best search, of any method's where c-FOA took no part."""
-    model = study.comparison.models[0]
-    lines = [
-        results[cell.key] for cell in comparison_cells(study) if cell.problem == model and cell.key in results
-    ]
+    lines = best_lines(study, results)
     if not lines:
         return None
-    of_c_foa = [line for line in lines if line["method"] == "c_foa"]
-    best = min(of_c_foa or lines, key=_value)
+    best = lines.get("c_foa") or min(lines.values(), key=_value)
     return {"title": TITLES[best["method"]], "parameters": best["parameters"]}
 
 

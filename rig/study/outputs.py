@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rig.report.fragment import table, text
-from rig.study.settings import KruskalWallis
+from rig.report.fragment import bullet_list, code_block, data_list, details, table, text
+from rig.study.provenance import CITE_PAPERS, CITE_SOFTWARE, METHODS
+from rig.study.settings import TITLES, KruskalWallis
 
 Cell = str | float | int | None
 
@@ -60,23 +61,35 @@ def written(cell: Cell) -> str:
 
 
 FIGURE_TITLES = {
-    "figure-04": "Figure 4: force over a triangle of displacement",
+    "figure-03": "Figure 3: a triangle's position and velocity",
+    "figure-04": "Figure 4: force over velocity in a triangle of displacement, without noise",
     "figure-05": "Figure 5: the recordings at the lowest frequency",
     "figure-08": "Figure 8: box plots of every setting",
     "figure-08-pair": "Figure 8 as printed: best-tuned PSO and c-FOA",
-    "figure-09": "Figure 9: convergence, each method at its best setting",
-    "figure-10": "Figure 10: measured and fitted force over speed",
-    "figure-11": "Figure 11: measured and fitted force over extension",
+    "figure-09": "Figure 9: convergence, each method at its best setting (right: its second half, near the lowest)",
+    "figure-10": "Figure 10: recorded and fitted force over velocity",
+    "figure-11": "Figure 11: recorded and fitted force over extension",
+    "figure-12": "Figure 12: force over velocity of the fits of c-FOA, GA and PSO, printed (Table 5) and this study's",
+    "figure-13": "Figure 13: response of a car with the fits of c-FOA, GA and PSO, printed (Table 5) and this study's",
     "paper2-figure-08": "Paper 2, Figure 8: the recordings",
     "paper2-figure-10": "Paper 2, Figure 10: minimum error, and its running average, against generations",
     "paper2-figure-11": "Paper 2, Figure 11: distribution of the minimum error, and the exponential one",
-    "paper2-figure-12": "Paper 2, Figure 12: measured and reconstructed hysteresis",
+    "paper2-figure-12": "Paper 2, Figure 12: recorded and reconstructed hysteresis",
     "paper2-figure-13-bars": "Paper 2, Figure 13: errors and generations of each method",
-    "paper2-figure-relations": "Paper 2: parameters against current",
+    "paper2-figure-relations": "Paper 2, Table 1 drawn: parameters against current, and their relations to it",
 }
 COMPARED = (
     "What of the papers' statements holds on these recordings. The papers' own are not public: orders and ratios are "
     "compared, never sizes."
+)
+SYNTHETIC = (
+    "The recordings are synthetic: simulated dampers with known parameters (truth) and white noise. Searched models "
+    "can fit these to their noise, which none does with a real damper: what is said here of algorithms need not hold "
+    "there, and nothing here tells how well a model fits a real damper."
+)
+NOT_DRAWN = (
+    "Not here: photographs, schemes and flow charts (Figures 1, 2, 6 and 7; paper 2, Figures 1 to 7 and 9), which "
+    "show nothing that is computed."
 )
 HYPOTHESIS = (
     "Hypothesis: all settings draw from one distribution. Over all settings it is honest; over best-tuned settings "
@@ -104,8 +117,8 @@ def write_outputs(
         tables: All tables.
         figures: Name -> SVG.
         tests: What was compared -> Kruskal-Wallis test, None where it cannot be done.
-        facts: About the study: name, recordings, tests, samples, searches, repeats, left_out, wall_s; `summary` in
-            place of a sentence made of them.
+        facts: About the study: name, recordings, tests, samples, searches, repeats, left_out, wall_s, `made` (from
+            `provenance`); `summary` in place of a sentence made of them.
 
     Returns:
         Path of the page.
@@ -174,7 +187,11 @@ def _page(
     from rig.report.fragment import page
 
     parts = [f"<style>{FIGURE_STYLE}</style><h1>{text(title)}</h1><p class='lead'>{text(_summary(facts))}</p>"]
+    made = f"Written {facts['made']['written_utc']} UTC by {facts['made']['software']}"
+    more = "<a href='#made'>how this was made</a>, <a href='#cite'>how to cite</a>"
+    parts.append(f"<p class='lead'>{text(made)}: {more}.</p>")
     parts += [f"<p class='lead'>{text(line)}</p>" for line in facts["left_out"]]
+    parts += [f"<p class='lead'>{SYNTHETIC}</p>"] if facts["recordings"] == "synthetic" else []
     parts += [_html_findings(facts["findings"])] if facts.get("findings") else []
     parts.append(_contents(tables, figures, tests))
     parts += [_html_table(part) for part in tables]
@@ -183,7 +200,8 @@ def _page(
     parts += [_html_test(name, test) for name, test in tests.items()]
     for name, svg in figures.items():
         parts.append(f"<h2 id='{name}'>{text(FIGURE_TITLES.get(name, name))}</h2><div class='figure'>{svg}</div>")
-    return page(title, "".join(parts))
+    parts += [f"<p class='lead'>{NOT_DRAWN}</p>"] if facts.get("findings") else []
+    return page(title, "".join([*parts, _made(facts), _cite(facts)]))
 
 
 def _html_findings(statements: Sequence[Mapping[str, str]]) -> str:
@@ -208,6 +226,7 @@ def _contents(tables: Sequence[Table], figures: Mapping[str, str], tests: Collec
     places = {part.name: f"{part.heading}{_suffix(part)}" for part in tables}
     places |= {"kruskal-wallis": "Kruskal-Wallis test"} if tests else {}
     places |= {**{name: FIGURE_TITLES.get(name, name) for name in figures}}
+    places |= {"made": "How this was made", "cite": "How to cite"}
     links = " | ".join(f"<a href='#{name}'>{text(label)}</a>" for name, label in places.items())
     return f"<nav>{links}</nav>"
 
@@ -222,7 +241,7 @@ def _summary(facts: Mapping[str, Any]) -> str:
         return str(facts["summary"])
     return (
         f"{facts['tests']} tests ({facts['recordings']}), {facts['samples']:,} samples; {facts['searches']} searches, "
-        f"{facts['repeats']} repeats of each setting; {facts['wall_s']:g} s in the session that wrote this page."
+        f"{facts['repeats']} repeats of each setting of the comparison."
     )
 
 
@@ -242,3 +261,50 @@ def _html_pairs(test: KruskalWallis) -> str:
     said = f"<p>Dunn's test with Holm's correction: {counted}.</p>"
     rows = [("", [text(pair.first), text(pair.second), f"{pair.z:.2f}", f"{pair.p_holm:.2g}"]) for pair in clear]
     return said + (table(["lower ranks", "higher ranks", "z", "p after Holm"], rows, (2, 3)) if rows else "")
+
+
+def _made(facts: Mapping[str, Any]) -> str:
+    """Date, versions, machine, seed, the command and the study file (HTML).
+
+    Args:
+        facts: About the study, with `made`.
+    """
+    made = facts["made"]
+    libraries = ", ".join(f"{name} {version}" for name, version in made["libraries"].items())
+    pairs = {
+        "written": f"{made['written_utc']} UTC",
+        "software": f"{made['software']}; Python {made['python']}; {libraries}",
+        "searched with": ", ".join(made["searched_with"]),
+        "plug-ins": "; ".join(made.get("plug_ins", ())),
+        "machine that wrote this page": made["machine"],
+        "time": f"{made['searched_s']:,.0f} s of searches, all sessions and workers together; {facts['wall_s']:,.0f} s "
+        "in the session that wrote this page",
+        "seed": str(made["seed"]),
+        "fingerprint": f"{made['fingerprint']} (of the study's decisions and its recordings)",
+    }
+    again = (
+        "Again, with the file below (finished searches in the folder are kept; with the same versions, seed "
+        "and kind of processor every search returns the same value, only the times differ):"
+    )
+    file = details("The study file", code_block(made["file"]))
+    return f"<h2 id='made'>How this was made</h2>{data_list(pairs)}<p>{again}</p>{code_block(made['command'])}{file}"
+
+
+def _cite(facts: Mapping[str, Any]) -> str:
+    """The software, the papers or the recordings' sources, and what each method follows (HTML).
+
+    Args:
+        facts: About the study; `recordings` is a list of sources where it is a benchmark.
+    """
+    of_benchmark = isinstance(facts["recordings"], list)
+    sources = [
+        f"Recordings {one['name']}: {one['title']}. {one['source']}. Licence: {one['licence']}. Split: {one['split']}."
+        for one in facts["recordings"] if of_benchmark and one["complete"]
+    ]  # fmt: skip
+    cited = bullet_list([CITE_SOFTWARE, *(sources if of_benchmark else CITE_PAPERS)])
+    models = "Each damper model's source: <code>rig models NAME</code>."
+    head = f"<h2 id='cite'>How to cite</h2>{cited}<p class='lead'>{models}</p>"
+    if of_benchmark:
+        return head
+    rows = [("", [text(TITLES[name]), text(source)]) for name, source in METHODS.items()]
+    return head + table(["method", "follows"], rows)

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
+from rig.dampers import parameter_set
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.problem import unmirrored
 from rig.study import printed_values
 from rig.study.outputs import Cell, Table, known
 from rig.study.parallel_timing import parallel_key
-from rig.study.search_cell import SENSITIVITY, SearchCell, comparison_cells, symmetry_cells, varied_cells
-from rig.study.settings import TITLES, Lines, Summary, best_settings, setting_summary, summarise, values_of
+from rig.study.search_cell import SENSITIVITY, SearchCell, symmetry_cells, varied_cells
+from rig.study.settings import (
+    TITLES,
+    Lines,
+    Summary,
+    best_lines,
+    best_settings,
+    objective_unit,
+    setting_summary,
+    summarise,
+    values_of,
+)
 from rig.study.study_file import StudyFile
 
 TABLE_NUMBERS = {"ga": 10, "de": 11, "pso": 12, "i_abc": 13, "c_foa": 14}
@@ -22,11 +32,16 @@ SYMMETRY_TITLES = {
     "asymmetric": "Asymmetric model: Ca_minus \N{NOT EQUAL TO} Ca_plus, Cb_minus \N{NOT EQUAL TO} Cb_plus",
     "symmetric": "Symmetric model: Ca_minus = Ca_plus, Cb_minus = Cb_plus",
 }
+LAMBDA = "The printed lambda, which the paper gives no unit, is read as delta."
 MIRRORED = (
     "beta is given positive: with beta, delta, Fya and Fyb of the other signs the force is the same (tanh is odd), and "
     "a search may end at either."
 )
-OBJECTIVE = "Objective f(s) = sum(((Fexp - F) w)^2), (12)."
+
+
+def _objective(study: StudyFile) -> str:
+    weight = "v" if study.comparison.weight == "v" else "1"
+    return f"Objective f(s) = sum(((Fexp - F) w)^2), (12), w = {weight}; BV, MV and SD in {objective_unit(study)}."
 
 
 def tests_table(tests: Sequence[Measurement]) -> Table:
@@ -73,12 +88,13 @@ def comparison_tables(study: StudyFile, results: Lines, minima: Mapping[str, flo
     """
     best = best_settings(study, results)
     winners = tuple(
-        (TITLES[name], N, budget, *_cells(summary), *_printed(printed_values.BEST.get(name, (0, 0, None))[2]))
+        (TITLES[name], N, budget, *_cells(summary), *_printed(_best_printed(name)))
         for name, (N, budget, summary) in best.items()
     )
     note = (
-        f"{OBJECTIVE} {_lowest(minima, study.comparison.models[:1])} The setting with the lowest mean of each method: "
-        f"chosen on the same values it is judged by. {NOT_PUBLIC} Printed are those of the paper's best settings."
+        f"{_objective(study)} {_lowest(minima, study.comparison.models[:1])} The setting with the lowest mean of each "
+        f"method: chosen on the same values it is judged by. {NOT_PUBLIC} "
+        "Printed are those of the paper's best settings."
     )
     columns = ("method", "N", "fun_evals", *VALUE_COLUMNS, *PRINTED_COLUMNS)
     title = _statistics(study, ", ".join(TITLES[method] for method in best))
@@ -86,7 +102,7 @@ def comparison_tables(study: StudyFile, results: Lines, minima: Mapping[str, flo
     model, printed = study.comparison.models[0], printed_values.SETTINGS
     for method in study.comparison.methods:
         rows = [
-            (f"N={N}, fun_evals={budget}", *_cells(summary), *_printed(printed.get((method, N, budget))))
+            (f"N={N}, fun_evals={budget}", *_cells(summary), *_printed(printed.get((_printed_as(method), N, budget))))
             for N in study.comparison.populations
             for budget in study.comparison.budgets
             if (summary := setting_summary(study, results, model, method, N, budget)) is not None
@@ -96,7 +112,7 @@ def comparison_tables(study: StudyFile, results: Lines, minima: Mapping[str, flo
         heading = f"Beside the papers, {TITLES[method]}" if number is None else f"Table {number}"
         title = _statistics(study, TITLES[method])
         headings = (TITLES[method], *VALUE_COLUMNS, *PRINTED_COLUMNS)
-        tables.append(Table(name, heading, title, headings, tuple(rows), f"{OBJECTIVE} {NOT_PUBLIC}"))
+        tables.append(Table(name, heading, title, headings, tuple(rows), f"{_objective(study)} {NOT_PUBLIC}"))
     return tables
 
 
@@ -127,7 +143,7 @@ def model_tables(study: StudyFile, results: Lines, minima: Mapping[str, float]) 
         )
         name = TITLES[wanted.method]
         title = _statistics(study, f"{name} using an asymmetric and a symmetric model")
-        note = f"{OBJECTIVE} {_lowest(minima, SYMMETRY_TITLES)} {NOT_PUBLIC}"
+        note = f"{_objective(study)} {_lowest(minima, SYMMETRY_TITLES)} {NOT_PUBLIC}"
         columns = (name, "N", "fun_evals", *VALUE_COLUMNS, *PRINTED_COLUMNS)
         tables.append(Table("table-03", "Table 3", title, columns, rows, note))
     if len(study.comparison.models) > 1:
@@ -140,7 +156,7 @@ def model_tables(study: StudyFile, results: Lines, minima: Mapping[str, float]) 
                     several.append((model, TITLES[method], *_cells(summary)))
         heading = "Beside the papers, models"
         headings = ("model", "method", *VALUE_COLUMNS)
-        tables.append(Table("table-x-models", heading, "Models compared", headings, tuple(several), OBJECTIVE))
+        tables.append(Table("table-x-models", heading, "Models compared", headings, tuple(several), _objective(study)))
     return tables
 
 
@@ -155,32 +171,29 @@ def parameter_tables(study: StudyFile, results: Lines, units: Mapping[str, str])
     Returns:
         Two tables; Table 4 only when c-FOA took part.
     """
-    model = study.comparison.models[0]
-    winners: dict[str, Mapping[str, Any]] = {}
-    for cell in comparison_cells(study):
-        line = results.get(cell.key)
-        if line is not None and cell.problem == model:
-            held = winners.setdefault(cell.method, line)
-            if line["value"] < held["value"]:
-                winners[cell.method] = line
-    ordered = [method for method in study.comparison.methods if method in winners]
+    winners = best_lines(study, results)
+    ordered = list(winners)
     tables = []
     for number, methods in ((4, [m for m in ordered if m == "c_foa"]), (5, ordered)):
         if not methods:
             continue
         fits = [winners[method] for method in methods]
-        rows: list[tuple[Cell, ...]] = [("", "f(s)", "", *(fit["value"] for fit in fits))]
-        known_methods = [method for method in methods if method in printed_values.FITS]
+        truth = _truth(study)
+        rows: list[tuple[Cell, ...]] = [("", "f(s)", objective_unit(study), *(fit["value"] for fit in fits))]
+        printed_fits = {method: fit for method, fit in printed_values.FITS[number].items() if method in methods}
+        printed_sets = [parameter_set(name).values for name, _ in printed_fits.values()]
         values = [unmirrored(fit["parameters"]) for fit in fits]
         for place, (name, unit) in enumerate(units.items(), start=1):
-            printed = [printed_values.FITS[method].get(name) for method in known_methods]
-            rows.append((place, name, unit, *(one.get(name) for one in values), *printed))
-        rows[0] = (*rows[0], *(printed_values.BEST[method][2][0] for method in known_methods))
+            printed = [one.get(name) for one in printed_sets]
+            rows.append((place, name, unit, *(one.get(name) for one in values), *_known(truth, name), *printed))
+        rows[0] = (*rows[0], *_known(truth, "f(s)"), *(value for _, value in printed_fits.values()))
         titles = ", ".join(TITLES[method] for method in methods)
         columns = ("No.", "parameter", "unit", *(TITLES[method] for method in methods))
-        columns += tuple(f"{TITLES[method]} printed" for method in known_methods)
+        columns += ("truth",) if truth else ()
+        columns += tuple(f"{TITLES[method]} printed" for method in printed_fits)
         note = "eta (9) is not searched: with constant current it cannot be identified." if "eta" in units else ""
-        note += f" {MIRRORED} {NOT_PUBLIC}"
+        note += f" The best of all settings. {MIRRORED} {LAMBDA} {NOT_PUBLIC}"
+        note += " Truth: what the synthetic recordings were made with, beside noise." if truth else ""
         title = f"Optimised model parameter values using {titles}"
         tables.append(Table(f"table-{number:02d}", f"Table {number}", title, columns, tuple(rows), note))
     return tables
@@ -213,7 +226,7 @@ def sensitivity_tables(study: StudyFile, results: Lines) -> list[Table]:
             for name, cells in groups.items()
             if (values := values_of(cells, results))
         )
-        columns, note = ("c-FOA", *VALUE_COLUMNS, *PRINTED_COLUMNS), f"{OBJECTIVE} {NOT_PUBLIC}"
+        columns, note = ("c-FOA", *VALUE_COLUMNS, *PRINTED_COLUMNS), f"{_objective(study)} {NOT_PUBLIC}"
         tables.append(Table(f"table-{number:02d}", f"Table {number}", title, columns, rows, note))
     return tables
 
@@ -252,10 +265,18 @@ def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
     )
     note = (
         f"Measured on {processors} processors: more processes than that cannot gain. Time of the search alone; workers "
-        "already started and holding the recordings."
+        "already started and holding the recordings. Each timed once: beside other work on the machine it says little."
     )
     parallel = (f"parallel computing with {count} processes" if count > 1 else "serial computing" for count in counts)
     return [Table("table-06", "Table 6", title, ("model", "computational burden", *parallel), tuple(rows), note)]
+
+
+def _best_printed(method: str) -> printed_values.Triple | None:
+    return printed_values.BEST.get(_printed_as(method), (0, 0, None))[2]
+
+
+def _printed_as(method: str) -> str:
+    return printed_values.PRINTED_AS.get(method, method)
 
 
 def _ratio(above: float | None, below: float | None) -> float | None:
@@ -273,6 +294,18 @@ def _cells(summary: Summary) -> tuple[Cell, ...]:
 def _lowest(minima: Mapping[str, float], models: Iterable[str]) -> str:
     known = [f"{minima[model]:.3e} for the {model} model" for model in models if model in minima]
     return f"Separable least squares reaches {', '.join(known)}." if known else ""
+
+
+def _truth(study: StudyFile) -> Mapping[str, float]:
+    """Parameters that synthetic recordings were made with, where the first model has them; none of recorded runs."""
+    if study.data.simulate != "table1":
+        return {}
+    truth = parameter_set(study.data.truth)
+    return truth.values if truth.model == study.comparison.models[0] else {}
+
+
+def _known(truth: Mapping[str, float], name: str) -> tuple[Cell, ...]:
+    return (truth.get(name),) if truth else ()
 
 
 def _statistics(study: StudyFile, what: str) -> str:

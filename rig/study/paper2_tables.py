@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from rig.dampers import model
 from rig.identification.models.relation import Relation, relations
 from rig.study.outputs import Cell, Table, known
+from rig.study.recordings import BOUC_WEN_TRUTH
 from rig.study.search_cell import current_cells
 from rig.study.settings import TITLES, Lines
-from rig.study.study_file import StudyFile
+from rig.study.study_file import CurrentStudy, StudyFile
 
 AT_THE_EDGE = 1e-3
 """Share of a box's width."""
@@ -111,23 +113,50 @@ def parameter_tables(study: StudyFile, outcomes: Mapping[str, Mapping[float, lis
         outcomes: From `current_results`.
 
     Returns:
-        Two tables for each method.
+        Of synthetic recordings the truth, then two tables for each method.
     """
     if study.current is None:
         return []
-    tables = []
+    tables = _true_parameters(study.current)
     for method, by_current in outcomes.items():
         currents = sorted(by_current)
         best = [min(by_current[current], key=lambda line: float(line["value"])) for current in currents]
         names = list(best[0]["parameters"])
-        rows = [(name, *(line["parameters"][name] for line in best)) for name in names]
-        columns = ("parameter", *(f"I = {current:g} A" for current in currents))
+        units = parameter_units(study.current, method)
+        rows = [(name, units[name], *(line["parameters"][name] for line in best)) for name in names]
+        columns = ("parameter", "unit", *(f"I = {current:g} A" for current in currents))
         title = f"Parameter values relative to input current, {TITLES[method]} (best of the repeats)"
         note = "" if method == "zhu_three_step" else _edges(study.current.boxes, dict(zip(currents, best, strict=True)))
         tables.append(Table(f"paper2-table-01-{method}", "Paper 2, Table 1", title, columns, tuple(rows), note))
         if len(currents) >= 2:
             tables.append(_relation_table(method, np.array(currents), best, study.current.degree))
     return tables
+
+
+def _true_parameters(wanted: CurrentStudy) -> list[Table]:
+    """What synthetic recordings of a Bouc-Wen damper were made with; nothing where the model searched is another."""
+    if wanted.data.simulate != "bouc_wen" or wanted.model != "bouc_wen":
+        return []
+    units, truth = parameter_units(wanted, ""), BOUC_WEN_TRUTH
+    rows: list[tuple[Cell, ...]] = [
+        (name, units[name], *(truth[name] + truth.get(f"{name}_b", 0.0) * current_A for current_A in wanted.current_A))
+        for name in wanted.boxes
+    ]
+    columns = ("parameter", "unit", *(f"I = {current_A:g} A" for current_A in wanted.current_A))
+    title = "Parameter values relative to input current, truth of the synthetic recordings"
+    note = f"Affine in the current by construction. A = {truth['A']:g} is held: alpha, beta and gamma depend on it."
+    return [Table("paper2-table-01-truth", "Paper 2, Table 1", title, columns, tuple(rows), note)]
+
+
+def parameter_units(wanted: CurrentStudy, method: str) -> dict[str, str]:
+    """Unit of every parameter that a method of the per-current study finds.
+
+    Args:
+        wanted: The per-current study.
+        method: As the study file writes it.
+    """
+    name = "normalized_bouc_wen" if method == "zhu_three_step" else wanted.model
+    return {parameter.name: parameter.unit for parameter in model(name).parameters}
 
 
 def parameter_relations(current_A: np.ndarray, best: list[Mapping[str, Any]], degree: int) -> dict[str, list[Relation]]:

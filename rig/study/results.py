@@ -22,6 +22,7 @@ from rig.errors import FileProblem
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.problem import Problem
 from rig.optimisers import Result
+from rig.study.provenance import SOFTWARE
 from rig.study.search_cell import SearchCell
 
 HISTORY_ROWS = 80
@@ -54,6 +55,7 @@ def result_line(cell: SearchCell, names: Sequence[str], result: Result, **more: 
         "stopped_by": result.stopped_by,
         "seconds": result.seconds,
         "host": f"{socket.gethostname()}:{os.getpid()}",
+        "software": SOFTWARE,
         "history": thin_history(result.history),
         "marks": {
             str(mark): {"value": value, "parameters": _named(names, best)}
@@ -80,6 +82,7 @@ def failure_line(cell: SearchCell, why: str) -> dict[str, Any]:
         "budget": cell.budget,
         "repeat": cell.repeat,
         "seconds": 0.0,
+        "software": SOFTWARE,
         "marks": {},
         "failed": why,
     }

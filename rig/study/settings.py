@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rig.study.post_hoc import Pair, dunn
-from rig.study.search_cell import SearchCell
+from rig.study.search_cell import SearchCell, comparison_cells
 from rig.study.study_file import StudyFile
 
 Lines = Mapping[str, Mapping[str, Any]]
@@ -34,6 +34,15 @@ TITLES = {
 }
 
 
+def objective_unit(study: StudyFile) -> str:
+    """Unit of the objective (12): of (force times velocity)^2, or of force^2 where nothing weights it.
+
+    Args:
+        study: The study.
+    """
+    return "W^2" if study.comparison.weight == "v" else "N^2"
+
+
 def best_settings(study: StudyFile, results: Lines) -> dict[str, tuple[int, int, Summary]]:
     """Population and budget with the lowest mean value of each method, as the paper's Table 2 chooses them.
 
@@ -56,6 +65,23 @@ def best_settings(study: StudyFile, results: Lines) -> dict[str, tuple[int, int,
         if settings:
             best[method] = min(settings, key=lambda entry: entry[2].mean)
     return best
+
+
+def best_lines(study: StudyFile, results: Lines) -> dict[str, Mapping[str, Any]]:
+    """The search that ended lowest, of every method, over all its settings with the first model.
+
+    Args:
+        study: The study.
+        results: Result lines by key.
+
+    Returns:
+        Method -> result line, in the study file's order; methods without a result are left out.
+    """
+    by_method: dict[str, list[Mapping[str, Any]]] = {method: [] for method in study.comparison.methods}
+    for cell in comparison_cells(study):
+        if cell.problem == study.comparison.models[0] and cell.key in results:
+            by_method[cell.method].append(results[cell.key])
+    return {method: min(lines, key=lambda line: float(line["value"])) for method, lines in by_method.items() if lines}
 
 
 def setting_values(

@@ -13,6 +13,7 @@ from rig.bench.places import problem_at
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section
+from rig.dampers import PARAMETER_SETS
 from rig.errors import FileProblem
 
 Method = Literal[
@@ -133,6 +134,12 @@ class CurrentStudy(Section):
         return {**CURRENT_BOXES[self.model], **self.bounds}
 
 
+class RideOfFits(Section):
+    """A car with the fits of c-FOA, GA and PSO: Figures 12 and 13 of paper 1."""
+
+    current_A: Ampere = Field(default=0.0, alias="current", description="of the dampers, constant")
+
+
 class StudyFile(Section):
     """A whole study file."""
 
@@ -144,6 +151,7 @@ class StudyFile(Section):
     symmetry: Symmetry | None = None
     sensitivity: Sensitivity | None = None
     parallel: Parallel | None = None
+    ride: RideOfFits | None = None
     current: CurrentStudy | None = Field(default=None, alias="per_current")
 
     @property
@@ -188,6 +196,14 @@ def load_study(path: Path) -> StudyFile:
         for section, names in named.items()
         for name in names
         if name not in known
+    ]
+    problems += [
+        problem_at(source, place, f"{data.truth!r} is no parameter set; known: {', '.join(PARAMETER_SETS)}")
+        for place, data in (
+            (("data", "truth"), study.data),
+            *([(("per_current", "data", "truth"), study.current.data)] if study.current is not None else []),
+        )
+        if data.simulate == "table1" and data.truth not in PARAMETER_SETS
     ]
     if not problems and study.comparison.start == "ones" and study.comparison.bounds == "model":
         problems = [

@@ -77,7 +77,6 @@ ONE_IMPORTER = {
     "rig.vehicle.comfort": "the weightings of a standard, whatever is weighted",
     "rig.dampers.leaning_loop": "compiled: loads numba, and only where its model is integrated",
     "rig.dampers.sprung_slopes": "compiled: loads numba, and only where its model is fitted",
-    "rig.study.loop_figures": "drawn from recordings; the other figures are of results",
     "rig.identification.points.faint_orders": "its own estimate of weak harmonics; the motion only asks it",
 }
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from drivers import plugins
 from rig.cli.study import command
 from rig.dampers import model, parameter_set
 from rig.errors import FileProblem
-from rig.study.benchmark import run_benchmark
+from rig.study.benchmark import code_of, run_benchmark
 from rig.study.benchmark_file import load_benchmark
 
 NOISE_N = 5.0
@@ -128,3 +130,71 @@ def test_the_example_names_sources_licences_and_checksums_of_all_open_recordings
     assert all(one.source.startswith("https://") and one.licence for one in wanted.recordings)
     assert (utfsm.split, ranran.split) == ("leave-one-pair-out", "last 30 %")
     assert json.loads(json.dumps(wanted.benchmark.models)) == "all"
+
+
+WALK = """
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Walk:
+    def run(self, search):
+        while True:
+            search.evaluate(search.draw(1.0))
+            search.generation_done()
+"""
+
+
+@pytest.fixture
+def walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], None]]:
+    """Installs a package with one method, of that name and source, as `pip install` would before the next command."""
+    folder = tmp_path / "site"
+    monkeypatch.syspath_prepend(str(folder))
+
+    def installed(name: str, source: str) -> None:
+        about = folder / f"{name}-1.0.dist-info"
+        about.mkdir(parents=True, exist_ok=True)
+        (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        (about / "entry_points.txt").write_text(f"[mr_rig.methods]\n{name} = {name}:Walk\n")
+        (folder / f"{name}.py").write_text(source)
+        forget()
+
+    def forget() -> None:
+        plugins.found.cache_clear()
+        code_of.cache_clear()
+
+    yield installed
+    forget()
+
+
+def with_method(benchmark_file: Path, name: str) -> None:
+    """Leaves one model and that method in the file."""
+    text = benchmark_file.read_text().replace('"separable", "de"', f'"{name}"')
+    benchmark_file.write_text(text.replace('["asymmetric", "bingham"]', '["bingham"]'))
+
+
+def test_a_plug_in_is_fitted_again_after_its_code_changed(
+    benchmark_file: Path, tmp_path: Path, walk: Callable[[str, str], None]
+) -> None:
+    with_method(benchmark_file, "a_walk")
+    keys = []
+    for source in (WALK, WALK, WALK.replace("1.0", "2.0")):
+        walk("a_walk", source)
+        run_benchmark(benchmark_file, tmp_path / "out", processes=1)
+        lines = (tmp_path / "out/results.jsonl").read_text().splitlines()[1:]
+        keys.append([json.loads(line)["key"] for line in lines if "a_walk" in line])
+    assert keys[0] == keys[1] == keys[2][:1]
+    assert len(set(keys[2])) == 2
+    assert keys[0][0].startswith("sines|bingham|a_walk@a_walk 1.0 (")
+    assert keys[2][1].partition("@")[2] in (tmp_path / "out/study.html").read_text()
+
+
+def test_what_a_plug_in_raises_is_its_own_rows_note(
+    benchmark_file: Path, tmp_path: Path, walk: Callable[[str, str], None]
+) -> None:
+    with_method(benchmark_file, "a_fall")
+    walk("a_fall", WALK.replace("while True:", "raise ValueError('no walk')\n        while True:"))
+    outcome = run_benchmark(benchmark_file, tmp_path / "out", processes=1)
+    (row,) = (row for row in outcome.table.rows if row[2] == "a_fall")
+    assert row[3] is None
+    assert str(row[-1]).endswith("failed: ValueError: no walk")
+    assert any(row[1] == "gradient boosting" and row[3] is not None for row in outcome.table.rows)

@@ -108,7 +108,7 @@ def test_a_study_of_a_run_fills_table_1_and_says_what_a_method_could_not_do(run_
     tables = {table.name: table for table in outcome.tables}
     assert tables["table-01"].columns == ("I / A", "A / m at f = 1 Hz", "A / m at f = 2 Hz")
     assert tables["table-01"].rows == (("0", "0.02", "0.02"), ("1", "0.02", "0.02"))
-    assert tables["paper2-table-01-ga_novel"].columns == ("parameter", "I = 0 A", "I = 1 A")
+    assert tables["paper2-table-01-ga_novel"].columns == ("parameter", "unit", "I = 0 A", "I = 1 A")
     # the demo damper's hysteretic force at 0 A is 5.56 N, its noise 5 N: no loop to find three steps in
     assert "Zhu et al., three steps at 0 A failed (p001: zhu_three_step:" in tables["paper2-figure-13"].note
     again = run_study(path, tmp_path / "out", processes=1)

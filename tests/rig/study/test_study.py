@@ -15,6 +15,7 @@ from rig.dampers import model, parameter_set
 from rig.errors import FileProblem
 from rig.study.comparison import run_study
 from rig.study.execution import StudyProgress
+from rig.study.provenance import SOFTWARE
 from rig.study.recordings import BOUC_WEN_TRUTH, bouc_wen, content_hash, table1
 from rig.study.results import ResultsFile, shorter_lines
 from rig.study.search_cell import SearchCell, all_cells, searches
@@ -126,7 +127,16 @@ def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_stud
     assert page.index("id='findings'") < page.index("id='table-01'")
     assert all(f"id='figure-{name}'" in page for name in ("04", "05", "08-pair", "10", "11"))
     assert "Kruskal-Wallis" in page
-    assert page.count("<svg") == 12
+    assert page.count("<svg") == 13
+    assert all(f"<h2 id='{section}'>" in page for section in ("made", "cite"))
+    assert all(f"class='lead'>{word}" in page for word in ("Written ", "The recordings are synthetic"))
+    assert "doi 10.1177/1687814020950546" in page
+    assert "keep_every = 40" in page  # the study file itself
+    assert outcome.facts["made"]["seed"] == 3
+    assert outcome.facts["made"]["searched_with"] == [SOFTWARE]
+    parameters = next(table for table in outcome.tables if table.name == "table-05")
+    of_preload = {column: row[2:] for column in ("F0",) for row in parameters.rows if row[1] == column}["F0"]
+    assert of_preload[-3:] == (-270.0, -275.0, -201.0)  # truth, then Table 5's fits of c-FOA and PSO
     plain = json.loads((tmp_path / "out" / "study.json").read_text())
     assert plain["kruskal_wallis"]["all settings"]["p"] <= 1.0
     assert len(plain["kruskal_wallis"]["all settings"]["mean_ranks"]) == 3 * 2 * 2
@@ -238,6 +248,7 @@ def test_paper_2s_fitness_at_the_truth_is_the_noise_over_the_forces_variance(sma
         ('noise = "5 N"', "noise = 5", "noise"),
         ('simulate = "table1"\n', "", 'give simulate = "table1" or runs'),
         ("[symmetry]", '[comparision]\nx = 1\n[symmetry]', "comparision"),
+        ('simulate = "table1"\n', 'simulate = "table1"\ntruth = "dem"\n', "no parameter set; known: demo"),
         ("[comparison]\n", '[comparison]\nmodels = ["asymetric"]\n', "no model; known: .*asymmetric"),
     ],
 )  # fmt: skip

@@ -1,0 +1,92 @@
+"""How a study was made, how to make it again, and how to cite it."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import sys
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from rig import __version__
+
+SOFTWARE = f"mr-damper-rig {__version__}"
+LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")
+CITE_SOFTWARE = (
+    "mr-damper-rig: a hardware-in-the-loop test-rig controller for magneto-rheological dampers, by the mr-damper-rig "
+    f"authors, version {__version__}, MIT licence (CITATION.cff)"
+)
+CITE_PAPERS = (
+    "Paper 1, the c-FOA paper: S. Kanarachos, D. Savitski, N. Lagaros, M. E. Fitzpatrick, Automotive "
+    "magneto-rheological dampers: modelling and parameter identification using contrast-based fruit fly optimisation, "
+    "Soft Computing 22 (24), 2018",
+    "Paper 2, the novel-GA paper: novel genetic algorithm for the Bouc-Wen model of magneto-rheological fluid dampers, "
+    "Advances in Mechanical Engineering, 2020, doi 10.1177/1687814020950546",
+)
+METHODS = {
+    "c_foa": "as paper 1 intends it: its first swarm draws the signs, it decides every kappa generations; `c-FOA as "
+             "printed` is its Fig. 6 to the letter",
+    "foa": "Pan 2012",
+    "ga": "MATLAB's ga as paper 1 words it, with Gaussian mutation; feasible directions: with the mutation that "
+          "fits the paper's words better",
+    "de": "Price, Storn, Lampinen 2005, rand/1 with dither (Storn's deopt)",
+    "pso": "MATLAB's particleswarm, equations (20) to (22) of paper 1",
+    "i_abc": "Li, Niu, Xiao 2012, reconstructed: paper 1 names it and gives one constant",
+    "ga_standard": "as paper 2 describes what it compares with",
+    "ga_kwok": "Kwok et al. 2007, as paper 2 describes it",
+    "ga_novel": "paper 2",
+    "hybrid": "c-FOA, then local least squares: what paper 1 announces",
+    "zhu_three_step": "Zhu et al., reconstructed from paper 2's summary",
+}  # fmt: skip
+"""What each method follows; its equations are in the docstring of its file under `rig/optimisers`."""
+
+
+def provenance(
+    file: Path, folder: Path, seed: int, fingerprint: str, lines: Iterable[Mapping[str, Any]]
+) -> dict[str, Any]:
+    """When, where, with which versions and how often; JSON values.
+
+    Args:
+        file: Study file, as the user named it.
+        folder: Of the results, as the user named it.
+        seed: Of every draw.
+        fingerprint: Of the study and its recordings.
+        lines: Results, with `software` and `seconds` where they are known.
+
+    Raises:
+        OSError: The file cannot be read.
+    """
+    made = [line for line in lines if "seconds" in line]
+    return {
+        "written_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
+        "software": SOFTWARE,
+        "searched_with": sorted({str(line.get("software", "not recorded")) for line in made}),
+        "python": platform.python_version(),
+        "libraries": {name: version for name in LIBRARIES if (version := _version(name))},
+        "machine": f"{platform.system()} {platform.machine()}, {_processor()}, {os.cpu_count()} processors",
+        "searched_s": round(sum(float(line["seconds"]) for line in made), 1),
+        "seed": seed,
+        "fingerprint": fingerprint,
+        "command": f"rig study {file} --out {folder}",
+        "file": file.read_text(encoding="utf-8"),
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def _processor() -> str:
+    """The processor's name where the system tells it."""
+    place = Path("/proc/cpuinfo")
+    if sys.platform == "linux" and place.is_file():
+        for line in place.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or "processor unknown"
