@@ -26,7 +26,7 @@ STOPPED_BY_S = 1.0
 CURRENT_AFTER_S = 1.5
 CURRENT_AT_ONCE_S = 0.3
 """Where nothing is wrong with the way to the ECU, nor with the station."""
-SEEN_NS = 300e6
+TOLD_NS = 300e6
 """By then the station has looked at the controller again, whatever was sent meanwhile."""
 SENT_S = 0.25
 LATE_JOURNAL_S = 0.5
@@ -147,7 +147,7 @@ def first_cause_is_named(view: View) -> Findings:
 def no_start_after_a_foreign_stop(view: View) -> Findings:
     """Once somebody else has stopped the rig, this program starts nothing."""
     foreign = [float(trip["t_ns"]) for trip in view.station("trip", "also") if trip["slug"] == "second-master"]
-    foreign += [line.host_ns + SEEN_NS for line in view.session.truth.log if line.code == "FOREIGN"]
+    foreign += [line.host_ns + TOLD_NS for line in view.session.truth.log if line.code == "FOREIGN"]
     for line in view.session.truth.log:
         if foreign and line.code in {Command.START.name, Command.MOVE_TO.name} and line.host_ns > min(foreign) + 20e6:
             yield f"{line.code} after another master's stop", line.host_ns
@@ -324,11 +324,11 @@ def a_watcher_that_stands_is_noticed(view: View) -> Findings:
         ends_ns = at_ns + 1e9 * (happening.lasts_s or 0.0)
         rows = view.between(at_ns, ends_ns)
         moving = len(rows) and np.mean(np.abs(rows[:, 1]) > MOVING_M_S) > MOVING_SHARE
-        if moving and not view.killed and not any(trip_ns < ends_ns + SEEN_NS for trip_ns in trips):
+        if moving and not view.killed and not any(trip_ns < ends_ns + TOLD_NS for trip_ns in trips):
             yield f"{happening}: the rod moved on, and nobody minded", at_ns
         first = next((trip for trip in view.station("trip") if float(trip["latched_ns"]) > at_ns), None)
         own = happening.what == "application-stalled" or first is None or first["slug"] in OWN_SLUGS
-        if moving and not own and len(view.session.happened) == 1 and not view.begun(ends_ns + SEEN_NS):
+        if moving and not own and len(view.session.happened) == 1 and not view.begun(ends_ns + TOLD_NS):
             yield f"{happening}: stopped for {first and first['slug']}, not for the station's own lateness", at_ns
 
 
