@@ -24,10 +24,11 @@ from typing import ClassVar
 
 from rig.dampers.parameter import Parameter, linear_parameter
 from rig.dampers.separation import MotionScale, Search, Unknowns
-from rig.dampers.sprung_bouc_wen import VISCOUS, SprungBoucWenModel, SprungSearch
+from rig.dampers.sprung_bouc_wen import SprungBoucWenModel, SprungSearch
 
 CURVED_N_m2 = 1e4  # size at which kxx is searched
 ONE_CURRENT = 0.05  # range over mean up to which tests have one current
+AT_ZERO = (0.0, 0.5, 1.0)  # starts there: share of yield and viscous force that is there at 0 A
 
 
 class ThixotropicBoucWenModel(SprungBoucWenModel):
@@ -59,25 +60,21 @@ class ThixotropicBoucWenModel(SprungBoucWenModel):
 
 
 class ThixotropicSearch(SprungSearch):
-    """From the fit of `sprung_bouc_wen`, which remembers nothing."""
-
-    simpler = "sprung_bouc_wen"
-    simpler_names: Mapping[str, str] = {name: name for name in SprungBoucWenModel().names}
-    family = 1
+    """From where `sprung_bouc_wen` begins; at one current with several parts of each sum at 0 A, which is forgotten."""
 
     def starts(self, simple: Mapping[str, float], scale: MotionScale) -> list[dict[str, float]]:
         """See `Search.starts`."""
-        start, current_A = {**simple, "kxx": 0.0}, scale.mean_current_A
-        little = VISCOUS * abs(start["ky"] + start["ky_b"] * current_A) / scale.top_speed_m_s
+        starts, current_A = [{**start, "kxx": 0.0} for start in super().starts(simple, scale)], scale.mean_current_A
         if scale.high_current_A - scale.low_current_A > ONE_CURRENT * abs(current_A):
-            return [start, start | {"kv": max(start["kv"], little)}]
-        # at one current the simpler model knows sums, of which the fluid forgets only the part at 0 A
-        whole = {name: start[name] + start[f"{name}_b"] * current_A for name in ("kv", "ky")}
-        whole["kv"] = max(whole["kv"], little)
+            return starts
+        whole = [
+            {name: start[name] + start[f"{name}_b"] * current_A for name in ("kv", "ky")} for start in starts
+        ]
         return [
-            start | {name: share * force for name, force in whole.items()}
-            | {f"{name}_b": (1.0 - share) * force / current_A for name, force in whole.items()}
-            for share in (0.0, 0.5, 1.0)
+            start | {name: share * force for name, force in forces.items()}
+            | {f"{name}_b": (1.0 - share) * force / current_A for name, force in forces.items()}
+            for share in AT_ZERO
+            for start, forces in zip(starts, whole, strict=True)
         ]  # fmt: skip
 
     def unknowns(self, start: Mapping[str, float], held: frozenset[str]) -> Unknowns:

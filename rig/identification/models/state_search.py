@@ -198,7 +198,11 @@ def solve_states(
 def _simpler_values(
     search: Search, single: Sequence[Measurement], weighting: Weighting, held: frozenset[str]
 ) -> dict[str, float]:
-    """The fitted values of the simpler model that gives the starts; none without one."""
+    """The fitted values of the simpler model that gives the starts; none without one.
+
+    Raises:
+        TypeError: the simpler model does not split.
+    """
     if not search.simpler:
         return {}
     simpler = damper_model(search.simpler)
@@ -207,5 +211,5 @@ def _simpler_values(
         return solve_separable(single, simpler, weighting, held=without).values
     form = simpler.separation(motion_scale(single))
     if form is None:
-        return solve_states(single, simpler, weighting, without).values
+        raise TypeError(f"{simpler.name}, from which {search.model.name} is started, does not split")
     return solve_loop(single, simpler, form, weighting, without).values
