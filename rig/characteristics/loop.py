@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.identification.diagnosis.force_channel import FLAT_WITHIN, ends_N
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.points.preparation import prepare
 from rig.identification.uncertainty.scoring import cycle_energies_J
@@ -20,11 +21,17 @@ from rig.signals.loop_shape import noise_of
 
 NEAR_PEAK = 0.97
 """Samples whose speed is at least this share of the greatest one count as "at peak velocity"."""
+FEW_MISSING = 0.9
 FEWEST_FOR_A_LINE = 5
 SMALLEST_SPREAD = 0.004
 PHASES = 200
 NOISE_SHARE = 0.1
 """Share of the steepest slope that noise may make of it."""
+SLOWEST = 0.6  # of the greatest speed: a force that stays the same from there to the top has no viscous part
+STEADY = 0.9  # of the greatest speed: where hardly any fast sample is slower, the speed does not change
+MOST_OF_FAST = 0.8  # of the samples at these speeds; measured dampers that were not cut off have up to 0.67
+RISE_ERRORS = 3.0  # standard errors, beyond which the force is larger at the greater speeds
+LARGEST_NOISE = 0.02  # of the force's span: beyond, nothing looks flat
 
 
 @dataclass(frozen=True)
@@ -163,14 +170,56 @@ def _cycles(measured: Measurement, count: int) -> Iterator[tuple[int, int]]:
 def _at_peak(force_N: FloatArray, speed_m_s: FloatArray, good: NDArray[np.bool_]) -> float:
     """Force (N) at the greatest speed in one direction: a straight line through the samples near it.
 
-    Where the speed hardly varies there (a triangle's flank), their mean. NaN where most of them carry no force.
+    Where the speed hardly varies there (a triangle's flank), their mean. NaN where more than a few carry no force:
+    those that a channel cut off were the greatest.
     """
     peak_m_s = float(np.max(speed_m_s))
     near = speed_m_s >= NEAR_PEAK * peak_m_s
     chosen = good & near
-    if 2 * np.count_nonzero(chosen) < np.count_nonzero(near):
+    if np.count_nonzero(chosen) < FEW_MISSING * np.count_nonzero(near):
         return math.nan
     below = speed_m_s[chosen] / peak_m_s - 1.0
     if np.count_nonzero(chosen) < FEWEST_FOR_A_LINE or float(np.std(below)) < SMALLEST_SPREAD:
         return float(np.mean(force_N[chosen]))
     return float(np.polyfit(below, force_N[chosen], 1)[1])
+
+
+def without_cut_ends(test: Measurement) -> tuple[Measurement, list[str]]:
+    """The measurement without the samples at which its force was cut off, or looks like that, and this in words.
+
+    Where noise comes after the cut, no sample equals its neighbour. What tells then is a force that stays within the
+    noise while the speed changes much, and is no larger at the greater speeds, which viscous dampers do not show.
+
+    Args:
+        test: its measurement.
+    """
+    ends_cut = [
+        f"the force stood at its {warning.numbers['end']} value, {warning.numbers['extreme_N']:.0f} N"
+        for warning in test.warnings if warning.slug == "saturated-force"
+    ]
+    if ends_cut:
+        return test, ends_cut  # its preparation did without these samples
+    scored, speed_m_s = test.scored, np.abs(test.v_m_s)
+    noise_N = max(noise_of(test.force_N[scored]), 0.5 * test.force_step_N)
+    top_m_s = float(np.max(speed_m_s))
+    fast = scored & (speed_m_s > SLOWEST * top_m_s)
+    if not 0.0 < noise_N < LARGEST_NOISE * float(np.ptp(test.force_N[scored])):
+        return test, []
+    if np.percentile(speed_m_s[fast], 10.0) > STEADY * top_m_s:
+        return test, []  # a triangle's flank: the force of one speed is flat
+    kept = scored.copy()
+    for side, end_N in zip((-1.0, 1.0), ends_N(test, noise_N), strict=True):
+        at_end = np.abs(test.force_N - end_N) < FLAT_WITHIN * noise_N
+        one_way = fast & (side * test.v_m_s > 0.0)
+        if np.count_nonzero(one_way & at_end) <= MOST_OF_FAST * np.count_nonzero(one_way):
+            continue
+        force_N, speed = test.force_N[one_way & at_end], speed_m_s[one_way & at_end]
+        slower = speed < np.median(speed)
+        rise_N = float(np.mean(force_N[~slower]) - np.mean(force_N[slower]))
+        if abs(rise_N) < RISE_ERRORS * 2.0 * noise_N / math.sqrt(speed.size):
+            kept &= ~at_end
+            ends_cut.append(
+                f"the force stands at {end_N:+.0f} N, within its noise, at {100 * SLOWEST:.0f} to 100 % of its "
+                "greatest speed: probably the end of the channel's range"
+            )
+    return (replace(test, usable=kept) if ends_cut else test), ends_cut

@@ -210,6 +210,14 @@ CAUSES = {
     ),
     "units-current": "the greatest current is {value:.3g} {unit}, which no coil takes: it is probably in {likely}",
     "units-of-some": "in {tests} and no other test {what}",
+    "odd-test": (
+        "{test} does not fit the other tests, whose fit misses {percent_missed:.0f} % of its force; {mends}"
+    ),
+    "odd-test-mended": "it would with {mends}",
+    "odd-test-apart": "no gain of its force, other current or other motion makes up for it",
+    "mend-force": "its force multiplied by {factor:.3g}",
+    "mend-current": "a current of {likely_A:.2f} A, not {told_A:.2f} A",
+    "mend-motion": "its motion multiplied by {factor:.3g}",
     "units-velocity": (
         "the displacement changes {ratio:.3g} times as fast as the velocity says: one of them, or the sampling "
         "interval, is in another unit"
@@ -289,6 +297,10 @@ NEXT = {
         "multiply the displacement by {factor:g}, or name its unit on import (--column displacement=NAME:mm)"
     ),
     "next-units-current": "multiply the current by {factor:g}, or name its unit on import (--column current=NAME:mA)",
+    "next-odd-test": (
+        "check the current, the units and the ranges of both channels of that test and the damper in it, or identify "
+        "without it"
+    ),
     "next-units-velocity": "give displacement in m, velocity in m/s, acceleration in m/s^2 and the interval in s",
     "next-signs-reversed": (
         "check the signs by a slow extension by hand: displacement rises, force is positive; if both are reversed, "

@@ -77,6 +77,7 @@ ONE_IMPORTER = {
     "rig.vehicle.comfort": "the weightings of a standard, whatever is weighted",
     "rig.dampers.leaning_loop": "compiled: loads numba, and only where its model is integrated",
     "rig.dampers.sprung_slopes": "compiled: loads numba, and only where its model is fitted",
+    "rig.identification.diagnosis.groups": "the search for the best parting; the trials only ask it",
     "rig.identification.points.faint_orders": "its own estimate of weak harmonics; the motion only asks it",
 }
 

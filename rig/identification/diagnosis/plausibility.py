@@ -9,6 +9,7 @@ import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement, samples_a_cycle
+from rig.identification.uncertainty.covariance import quantile
 from rig.identification.uncertainty.fit_entries import Cause
 from rig.identification.words import say, some
 from rig.signals.plausibility import Doubt, TestSize, doubts
@@ -25,14 +26,15 @@ OFFSET_OF_PEAK = 0.01  # by which the force must be off towards extension to be 
 CLEAR_OF_PEAK = 0.03  # the same where rebound is not the weaker one, which speaks for signs that are right
 WEAKER_REBOUND = 0.01  # of the peak, by which rebound must be the weaker one at speed to speak for reversed signs
 LARGEST_ZERO = 0.3  # of the greatest peak: an offset beyond is seldom a zero or a preload, whatever rebound does
+SAME_SPEED = 1e-3  # of the largest singular value, below which speeds are one
 ZERO_ERRORS = 3.0  # stated standard deviations of the force's zero
 SAME_CURRENT_A = 0.05
 AT_ZERO = 0.25  # of the yield force at the top current: more at 0 A is seldom friction alone
 LOWEST_OF_TOP = 0.1  # least current over the greatest, below which zero current was as good as tested
 
 
-def implausible(tests: Sequence[Measurement], likelier: Callable[[Doubt, Sequence[str]], bool]) -> list[Cause]:
-    """Units and signs that are probably wrong, likeliest first; empty where all is as in a damper's test.
+def units(tests: Sequence[Measurement], likelier: Callable[[Doubt, Sequence[str]], bool]) -> list[Cause]:
+    """Units that are probably wrong, likeliest first; empty where all is as in a damper's test.
 
     Args:
         tests: all that were fitted.
@@ -44,7 +46,7 @@ def implausible(tests: Sequence[Measurement], likelier: Callable[[Doubt, Sequenc
         *(_wrong_unit(doubt, apart.pop(doubt.slug, (doubt, []))[1]) for doubt in doubts(_size(tests))),
         *(_wrong_unit(doubt, ids) for doubt, ids in apart.values()),
     ]
-    return causes or [*_rates(tests), *_off_middle(tests)]
+    return causes or _rates(tests)
 
 
 def _size(tests: Sequence[Measurement]) -> TestSize:
@@ -113,29 +115,32 @@ def _rates(tests: Sequence[Measurement]) -> list[Cause]:
     return [] if SAME_RATE[0] < ratio < SAME_RATE[1] else [_certain("units-velocity", ratio=ratio)]
 
 
-def _off_middle(tests: Sequence[Measurement]) -> list[Cause]:
-    """Gas pushes a rod out, so the force's middle is negative; where it is positive, both signs are reversed or not.
+def middle(tests: Sequence[Measurement]) -> list[Cause]:
+    """Is the force's middle where gas puts it? Gas pushes a rod out, so the middle is negative.
 
-    Dampers resist rebound more than jounce: where rebound is the weaker one too, the signs are reversed. Else it is an
-    offset, a preload or a load cell's zero, unless it is larger than those are.
+    Where it is positive, both signs are reversed or not. Dampers resist rebound more than jounce: where rebound is the
+    weaker one too, the signs are reversed. Else it is an offset, a preload or a load cell's zero, unless it is larger
+    than those are beside a powered damper's force; without current friction is all there is to compare. Both must be
+    clear beyond what the tests differ by.
     """
     measured = _middle_N(tests)
     if measured is None:
         return []
-    offset_N, growth_N = measured
+    offset_N, growth_N, offset_doubt_N, growth_doubt_N = measured
     peaks_N = [test.peak_force_N for test in tests]
     peak_N, top_N = float(np.median(peaks_N)), max(peaks_N)
     least_N = ZERO_ERRORS * max(test.force_zero_std_N for test in tests)
     clear = CLEAR_OF_PEAK if growth_N > 0.0 else OFFSET_OF_PEAK
     if offset_N <= max(clear * peak_N, least_N):
         return []
-    if growth_N < -WEAKER_REBOUND * peak_N or offset_N > LARGEST_ZERO * top_N:
-        return [_certain(SIGNS, offset_N=offset_N)]
-    return [Cause(OFFSET, say(OFFSET, offset_N=offset_N), 0.0, say(f"next-{OFFSET}"))]
+    powered = max(abs(float(np.mean(test.current_A))) for test in tests) > SAME_CURRENT_A
+    weaker = growth_N < -max(WEAKER_REBOUND * peak_N, growth_doubt_N)
+    slug = SIGNS if weaker or (powered and offset_N - offset_doubt_N > LARGEST_ZERO * top_N) else OFFSET
+    return [Cause(slug, say(slug, offset_N=offset_N), 0.0, say(f"next-{slug}"))]
 
 
-def _middle_N(tests: Sequence[Measurement]) -> tuple[float, float] | None:
-    """The force's middle at standstill (N), and by how much rebound is stronger than jounce at speed (N)."""
+def _middle_N(tests: Sequence[Measurement]) -> tuple[float, float, float, float] | None:
+    """The force's middle at standstill, by how much rebound is stronger than jounce at speed, and 95 % of each (N)."""
     rows, middles = [], []
     for test in tests:
         near = test.scored & (np.abs(test.u_m - np.mean(test.u_m)) < NEAR_MIDDLE * 0.5 * float(np.ptp(test.u_m)))
@@ -148,8 +153,15 @@ def _middle_N(tests: Sequence[Measurement]) -> tuple[float, float] | None:
     if not rows:
         return None
     table = np.array(rows)
-    amounts = np.linalg.lstsq(table, np.array(middles), rcond=1e-3)[0]
-    return float(amounts[0]), float(np.median(table[:, 1:] @ amounts[1:]))
+    amounts, _, rank, _ = np.linalg.lstsq(table, np.array(middles), rcond=SAME_SPEED)
+    at_speed = np.array((0.0, *np.median(table[:, 1:], axis=0)))
+    freedom, told = len(rows) - int(rank), np.linalg.pinv(table.T @ table, rcond=SAME_SPEED**2)
+    offset_N, growth_N = float(amounts[0]), float(at_speed @ amounts)
+    if not freedom or rank == 1:  # a line through two tests, or one speed: nothing tells the growth from the offset
+        return offset_N, growth_N, np.inf, np.inf
+    doubt_N = quantile(1, freedom) * float(np.linalg.norm(table @ amounts - middles)) / np.sqrt(freedom)
+    growth_doubt_N = doubt_N * float(np.sqrt(at_speed @ told @ at_speed))
+    return offset_N, growth_N, doubt_N * float(np.sqrt(told[0, 0])), growth_doubt_N
 
 
 def law_from_two_currents(

@@ -187,6 +187,22 @@ def test_a_saturated_force_leaves_energy_and_peak_force_unknown_and_says_so(tmp_
     assert json.loads(json.dumps(found.to_json(), allow_nan=False))["loops"][1]["energy_J"]["value"] is None
 
 
+def test_a_force_cut_off_before_its_noise_leaves_its_peak_unknown_and_says_so(tmp_path: Path) -> None:
+    random, passive, strong = np.random.default_rng(1), viscous(800.0, 1.0), viscous(2000.0, 1.0, current_A=1.0)
+
+    def noisy(point: RecordedPoint) -> RecordedPoint:
+        force_N = point.force_N + random.normal(0.0, 1.5, point.force_N.size)
+        return replace(point, arrays={**(point.arrays or {}), "force": force_N})
+
+    cut = noisy(with_a_load_cell_of(120.0, strong))
+    found = characterise(Run(tmp_path, (noisy(passive), cut)))
+    assert [math.isnan(loop.rebound_N.value) for loop in found.loops] == [False, True]
+    assert math.isnan(found.loops[1].energy_J.value)
+    assert found.dynamic_range == ()
+    assert any("+120 N, within its noise" in line for line in found.left_out)
+    assert characterise(Run(tmp_path, (noisy(passive), noisy(strong)))).left_out == ()
+
+
 def test_a_peak_force_unknown_in_one_direction_leaves_the_other_ratio_standing() -> None:
     one_sided = viscous(1500.0, 1.0, current_A=1.0)
     cut = replace(one_sided, arrays={**(one_sided.arrays or {}), "force": np.minimum(one_sided.force_N, 183.0)})

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -118,3 +119,33 @@ def test_what_the_best_model_lacks_is_no_second_damper(measured: list[Measuremen
     assert {cause.slug for cause in fit.diagnosis} <= {"force-offset"}
     few = identify(measured[1::2], model="lost_motion")
     assert few.diagnosis[0].slug != "mixed-specimens"
+
+
+def test_no_sign_is_doubted_in_the_tests_without_current_whose_zeros_differ(measured: list[Measurement]) -> None:
+    without = [test for test in measured if test.nominal_current_A == 0.0]
+    slugs = [cause.slug for cause in identify(without).diagnosis]
+    assert len(without) == 4
+    assert "signs-reversed" not in slugs
+    assert "force-offset" in slugs
+
+
+@pytest.mark.parametrize(("id_", "gain"), [("25mm0x25Hz_0.25A", 10.0), ("2mm5Hz_0.00A", 0.1), ("5mm3Hz_1.00A", 2.0)])
+def test_one_wrong_gain_among_twenty_is_named_with_its_test(
+    measured: list[Measurement], id_: str, gain: float
+) -> None:
+    altered = [replace(test, force_N=gain * test.force_N) if test.id == id_ else test for test in measured]
+    first = identify(altered, model="lost_motion").diagnosis[0]
+    assert first.slug == "odd-test"
+    assert first.text.startswith(f"{id_} does not fit")
+
+
+def test_one_current_told_wrong_among_twenty_is_named_and_the_others_are_not(measured: list[Measurement]) -> None:
+    altered = [
+        replace(test, current_A=np.full(test.u_m.size, 0.75)) if test.id == "25mm0x25Hz_0.25A" else test
+        for test in measured
+    ]
+    first = identify(altered, model="lost_motion").diagnosis[0]
+    assert first.text.startswith("25mm0x25Hz_0.25A does not fit")
+    assert "a current of 0.25 A, not 0.75 A" in first.text
+    slugs = [cause.slug for cause in identify(measured, model="lost_motion").diagnosis]
+    assert "odd-test" not in slugs

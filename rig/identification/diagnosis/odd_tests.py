@@ -1,0 +1,232 @@
+"""Single tests that do not fit the others: wrong gain, current, or motion of one file among good ones.
+
+Such a test bends a fit to all of them, so the damper is fitted again with each test counting by its error, not by the
+square of it (L1 over tests, by reweighting). What that fit foretells of every test is compared with what was measured,
+and the scatter of the other tests tells what a model's own misfit makes of a gain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers.arrays import FloatArray
+from rig.dampers.model import DamperModel
+from rig.identification.diagnosis.descent import Damper, explain
+from rig.identification.diagnosis.distortions import Distortion
+from rig.identification.diagnosis.stretches import MEDIAN_OF_NORMAL, Stretch
+from rig.identification.models.measurement import Measurement, samples_a_cycle
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.words import Saying, say
+
+FEWEST_TESTS = 6
+MOST_ODD, MOST_ODD_TESTS = 0.25, 5  # of the tests; more are no mistakes with single files
+ROUNDS, REFITS = 5, 4
+SMALLEST_ERROR = 0.01  # of the force, below which tests fit alike
+LEAST_OF_MEDIAN = 0.1  # of the median error, so that no test counts for all others
+OF_SCATTER = 4.5  # robust standard deviations of the other tests' gains
+LEAST_GAIN = 1.15
+LEAST_GAIN_ALONE = 3.0  # where no other test has the same current, or the same motion: a model may lack that much
+LEAST_SPEED = 2.0  # factor on the motion, which changes most forces little
+MISSED, OF_MEDIAN = 0.15, 3.0  # of the force, and of the others' median error, from which an error is looked at
+AS_OTHERS = 2.0  # times the others' median error, up to which a mended test is like them
+HALVED = 0.7  # of a test's error, which a mend must leave at most
+APART = 0.5  # of the force: an error that is said where nothing mends it
+SAME_CURRENT_A, OTHER_A, SAME_MOTION = 0.05, 0.1, 0.1
+POWER_OF_TEN = 0.06  # of a decade
+CURRENTS, SPEEDS = 41, np.geomspace(1e-3, 1e3, 61)
+
+
+@dataclass(frozen=True)
+class OddTest:
+    """A test that does not fit the others.
+
+    Attributes:
+        index: its number.
+        error: what was missed of its force, root mean square in parts of the larger of measured and foretold force.
+        mends: what would make it fit, likeliest first, in words; empty where nothing does.
+        left: sum of squares (N^2) that the best of them leaves; noise alone where there is none.
+    """
+
+    index: int
+    error: float
+    mends: tuple[Saying, ...]
+    left: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Foretold:
+    """Forces of one test about their means (N), measured and foretold, each (n,), and the sum of squares of noise."""
+
+    measured_N: FloatArray
+    foretold_N: FloatArray
+    noise: float
+
+    @property
+    def size(self) -> float:
+        return max(float(np.linalg.norm(self.measured_N)), float(np.linalg.norm(self.foretold_N)), 1e-300)
+
+    @property
+    def missed(self) -> float:
+        return float(np.sum((self.measured_N - self.foretold_N) ** 2))
+
+    @property
+    def error(self) -> float:
+        """Of the larger of both, so that a force ten times too small is as wrong as one ten times too large."""
+        return math.sqrt(max(self.missed - self.noise, 0.0)) / self.size
+
+    @property
+    def gain(self) -> float:
+        """The measured force over the foretold one."""
+        return float(self.measured_N @ self.foretold_N) / max(float(self.foretold_N @ self.foretold_N), 1e-300)
+
+
+@dataclass(frozen=True)
+class _Mend:
+    """One mistake undone: what is foretold then, a size that such mistakes often have, and how it is said."""
+
+    then: _Foretold
+    usual: bool
+    said: Saying
+
+
+def odd_tests(damper: Damper, parts: Sequence[Stretch]) -> tuple[list[OddTest], Mapping[str, float]]:
+    """The tests that the others' fit misses by more than its own misfit, with what would make them fit; worst first.
+
+    Args:
+        damper: the damper; searches begin at its start.
+        parts: the samples of all tests.
+
+    Returns:
+        The odd tests, and the damper's values (SI) in a fit to the others.
+    """
+    by_test: list[list[Stretch]] = [[] for _ in range(1 + max(part.index for part in parts))]
+    for part in parts:
+        by_test[part.index].append(part)
+    if len(by_test) < FEWEST_TESTS:
+        return [], damper.start
+    values, suspects, few = _robust(damper, by_test), np.zeros(0, dtype=np.intp), MOST_ODD * len(by_test)
+    for _ in range(REFITS):
+        foretold = [_foretold(damper.model, values, own) for own in by_test]
+        errors, gains = np.array([one.error for one in foretold]), np.array([one.gain for one in foretold])
+        before, (suspects, usual) = suspects, _suspects(errors, gains)
+        if np.array_equal(before, suspects) or suspects.size > few:
+            break
+        kept = [own for k, own in enumerate(by_test) if k not in suspects]
+        values = _robust(Damper(damper.model, values, damper.names), kept)
+    if suspects.size > min(few, MOST_ODD_TESTS):
+        return [], damper.start
+    good = [own[0].test for k, own in enumerate(by_test) if k not in suspects]
+    odd, fitting = [], partial(_foretold, damper.model, values)
+    for k in suspects.tolist():
+        enough = min(max(AS_OTHERS * usual, SMALLEST_ERROR), HALVED * float(errors[k]))
+        mends = [mend for mend in _mends(fitting, by_test[k], foretold[k], good) if mend.then.error < enough]
+        if mends or (suspects.size == 1 and errors[k] > APART):
+            mends.sort(key=lambda mend: (not mend.usual, mend.then.error))
+            left = min((mend.then.missed for mend in mends), default=foretold[k].noise)
+            odd.append(OddTest(k, float(errors[k]), tuple(mend.said for mend in mends), left))
+    return sorted(odd, key=lambda test: -test.error), values
+
+
+def _suspects(errors: FloatArray, gains: FloatArray) -> tuple[NDArray[np.intp], float]:
+    """Numbers of the tests that may be odd, and the median error."""
+    usual, logs = float(np.median(errors)), np.log(np.maximum(gains, 1e-6))
+    logs -= float(np.median(logs))
+    scatter = float(np.median(np.abs(logs))) / MEDIAN_OF_NORMAL
+    other_gain = np.abs(logs) > max(OF_SCATTER * scatter, math.log(LEAST_GAIN))
+    return np.flatnonzero(other_gain | (errors > max(MISSED, OF_MEDIAN * usual))), usual
+
+
+def _mends(
+    fitting: Callable[[Sequence[Stretch]], _Foretold], own: Sequence[Stretch], here: _Foretold,
+    good: Sequence[Measurement],
+) -> Iterator[_Mend]:
+    """The best mend of each kind: force, current, motion."""
+    test, gain = own[0].test, here.gain
+    same = [other for other in good if abs(_current_A(other) - _current_A(test)) < SAME_CURRENT_A]
+    alone = not same or not any(_same_motion(other, test) for other in good)
+    if gain > 0.0 and abs(math.log(gain)) > math.log(LEAST_GAIN_ALONE if alone else LEAST_GAIN):
+        then, said = replace(here, foretold_N=gain * here.foretold_N), say("mend-force", factor=1.0 / gain)
+        yield _Mend(then, _is_power_of_ten(gain), said)
+    told_A, tested = _current_A(test), [_current_A(other) for other in good]
+    if same and float(np.ptp(test.current_A)) < SAME_CURRENT_A:
+        between = np.linspace(min(tested), max(tested), CURRENTS).tolist()
+        currents = [x for x in (*tested, *between) if abs(x - told_A) > OTHER_A]
+        tried = [(fitting([replace(part, test=_at(part.test, x)) for part in own]), x) for x in currents]
+        if tried:
+            then, likely_A = min(tried, key=_error)
+            usual = min(abs(likely_A - x) for x in tested) < SAME_CURRENT_A
+            yield _Mend(then, usual, say("mend-current", likely_A=likely_A, told_A=told_A))
+    speeds = [x for x in SPEEDS.tolist() if max(x, 1.0 / x) > LEAST_SPEED]
+    then, times = min(
+        ((fitting([replace(part, test=_slower(part.test, x)) for part in own]), x) for x in speeds), key=_error
+    )
+    yield _Mend(then, _is_power_of_ten(times), say("mend-motion", factor=1.0 / times))
+
+
+def _error(tried: tuple[_Foretold, float]) -> float:
+    return tried[0].error
+
+
+def _is_power_of_ten(factor: float) -> bool:
+    return abs(math.log10(factor) - round(math.log10(factor))) < POWER_OF_TEN
+
+
+def _robust(damper: Damper, by_test: Sequence[Sequence[Stretch]]) -> Mapping[str, float]:
+    """The damper's values (SI) at the least sum of the tests' errors.
+
+    Searched from the fit as it is, and from one in which large forces count most: tests that are too small hold the
+    one, tests that are too large the other.
+    """
+    best: tuple[float, Mapping[str, float]] | None = None
+    for alike in (True, False):
+        values = damper.start
+        for round_ in range(ROUNDS + 1):
+            foretold = [_foretold(damper.model, values, own) for own in by_test]
+            errors = np.array([one.error for one in foretold])
+            if best is None or float(np.sum(errors)) < best[0]:
+                best = float(np.sum(errors)), values
+            if round_ == ROUNDS:
+                break
+            sizes = np.array([one.size if alike or round_ else 1.0 for one in foretold])
+            least = max(LEAST_OF_MEDIAN * float(np.median(errors)), SMALLEST_ERROR)
+            count = 1.0 / (sizes * np.sqrt(np.maximum(errors, least)))
+            weighted = [
+                replace(part, weights=(part.weights > 0.0) * weight)
+                for own, weight in zip(by_test, count.tolist(), strict=True) for part in own
+            ]
+            values = explain(damper, weighted, Distortion(), values).values
+    return damper.start if best is None else best[1]
+
+
+def _foretold(model: DamperModel, values: Mapping[str, float], own: Sequence[Stretch]) -> _Foretold:
+    measured, modelled, noise = [], [], 0.0
+    for part in own:
+        counts = part.weights > 0.0
+        measured.append(part.test.force_N[counts])
+        modelled.append(modelled_force(model, values, part.test)[counts])
+        noise += float(np.count_nonzero(counts)) * part.noise_N**2
+    measured_N, modelled_N = np.concatenate(measured), np.concatenate(modelled)
+    return _Foretold(measured_N - np.mean(measured_N), modelled_N - np.mean(modelled_N), noise)
+
+
+def _at(test: Measurement, current_A: float) -> Measurement:
+    return replace(test, current_A=np.full(test.u_m.size, current_A))
+
+
+def _slower(test: Measurement, times: float) -> Measurement:
+    return test.moved(test.u_m / times, test.v_m_s / times, test.a_m_s2 / times)
+
+
+def _current_A(test: Measurement) -> float:
+    return float(np.mean(test.current_A))
+
+
+def _same_motion(first: Measurement, second: Measurement) -> bool:
+    sizes = [(float(np.ptp(test.u_m)), samples_a_cycle(test.u_m) * test.dt_s) for test in (first, second)]
+    return all(abs(a - b) <= SAME_MOTION * max(a, b) for a, b in zip(*sizes, strict=True))

@@ -1,0 +1,240 @@
+"""What may explain a misfit, one trial each: what is left where it is fitted together with the damper."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rig.dampers.arrays import BoolArray, FloatArray
+from rig.dampers.model import DamperModel
+from rig.errors import IdentificationFailed
+from rig.identification.diagnosis import distortions as of
+from rig.identification.diagnosis.descent import Damper, Explained, explain, residual_N
+from rig.identification.diagnosis.force_channel import beyond, ends_N
+from rig.identification.diagnosis.groups import two_groups
+from rig.identification.diagnosis.stretches import Stretch
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.projection import Weighting
+from rig.identification.series_spring import Softened
+from rig.identification.words import some
+
+WORTH_PARTING = 0.5  # share of the misfit of two dampers, of the fitted tests at most and of tests left out
+SAME_CURRENT_A = 0.05
+MOST_BENDS = 3
+OTHER_AMPLITUDE = 1.2  # smallest stroke of some tests over the largest of the others, from which they differ
+SKEWS_S = (0.0, 1e-3, 3e-3, -1e-3, -3e-3)  # to start from where a model jumps at the reversals, which show the skew
+SMALLEST_DRIFT = 0.05  # of the force, over all that it follows, which is worth a word in an adequate fit
+SMALLEST_TEMPERATURE_SPAN_K = 1.0
+NEAR_REVERSAL_m = 1e-3
+MOST_TESTS = 20  # beyond which further ones do not count
+MIXED = "mixed-specimens"
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What is diagnosed: a model, its values (SI), the names of those that were fitted, its tests and their weights."""
+
+    model: DamperModel
+    values: Mapping[str, float]
+    names: tuple[str, ...]
+    tests: Sequence[Measurement]
+    weighting: Weighting
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One cause: what it leaves, how many amounts it has, what there is to say; by which sentence if not its own."""
+
+    slug: str
+    squares: float
+    amounts: int
+    numbers: Mapping[str, object]
+    sentence: str = ""
+
+
+def trials(
+    fitted: Fitted, parts: Sequence[Stretch], damper: Damper, base: Explained
+) -> Iterator[Trial]:
+    """Every cause but samples that lie alone.
+
+    Args:
+        fitted: the fit.
+        parts: the samples of its tests.
+        damper: the damper, at the best fit to these samples.
+        base: that fit.
+    """
+    yield from _distorted(fitted, parts, damper)
+    yield from _two_dampers(fitted, parts, damper, base)
+
+
+def _distorted(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iterator[Trial]:
+    def add(slug: str, distortion: of.Distortion, **numbers: object) -> Trial:
+        return Trial(slug, explain(damper, parts, distortion).squares, len(distortion.start), numbers)
+
+    starts = SKEWS_S if fitted.model.jumps_at == "reversal" else (0.0,)
+    skewed = min((explain(damper, parts, of.Skew(start_s)) for start_s in starts), key=lambda reached: reached.squares)
+    yield Trial("skew", skewed.squares, 1, numbers_of("skew", skewed))
+    for slug, trend in trends(fitted.tests):
+        reached = explain(damper, parts, of.Trend(trend))
+        yield Trial(slug, reached.squares, 2, numbers_of(slug, reached))
+    yield from _drifting(fitted.tests, parts, damper)
+    yield from _softened(fitted, parts, damper)
+    yield from _clipped(fitted, parts, damper)
+    yield from _compliant(parts, damper)
+    levels = _levels(fitted.tests)
+    if len(levels) > 2:
+        law = of.CurrentLaw(levels[0], levels[-1], min(len(levels) - 2, MOST_BENDS))
+        yield add("current-law", law, currents=", ".join(f"{level:.3g}" for level in levels))
+    top = max(float(np.max(np.abs(test.v_m_s))) for test in fitted.tests)
+    most = max(float(np.max(np.abs(test.u_m))) for test in fitted.tests)
+    yield add("missing-hysteresis", of.Added(of.after_reversal, parts), percent=_near_reversals(fitted, parts))
+    yield add("speed-shape", of.Added(of.over_speed(top), parts))
+    yield add("stroke-shape", of.Added(of.over_stroke(most), parts))
+
+
+def _near_reversals(fitted: Fitted, parts: Sequence[Stretch]) -> float:
+    """Part (%) of the misfit within 1 mm after a reversal."""
+    near = total = 0.0
+    for part in parts:
+        squares = (part.weights * left_N(fitted, part)) ** 2
+        near, total = near + float(np.sum(squares[part.since_m < NEAR_REVERSAL_m])), total + float(np.sum(squares))
+    return 100.0 * near / max(total, 1e-300)
+
+
+def trends(tests: Sequence[Measurement]) -> Iterator[tuple[str, Callable[[Stretch], FloatArray]]]:
+    """What force may follow: the time in each test, the campaign's, both as one, and a recorded temperature."""
+    yield "force-drift", lambda part: part.time
+    count = len(tests)
+    if count > 2:
+        yield "force-drift", lambda part: np.full(part.time.size, part.order)
+        yield "force-drift", lambda part: part.order + part.time / count
+    ends = _ends_degC(tests)
+    if ends is not None:
+        middle, span = 0.5 * (ends[0] + ends[1]), ends[1] - ends[0]
+
+        def warmth(part: Stretch) -> FloatArray:
+            recorded = part.test.temperature_degC
+            return np.zeros(part.time.size) if recorded is None else np.asarray((recorded - middle) / span)
+
+        yield "temperature", warmth
+
+
+def _drifting(tests: Sequence[Measurement], parts: Sequence[Stretch], damper: Damper) -> Iterator[Trial]:
+    """A drift in some of the tests, which the same drift in all does not show."""
+    reached = explain(damper, parts, of.TrendApart(len(tests)))
+    drifts = np.abs(reached.amounts)
+    ids = [test.id for test, drift in zip(tests, drifts.tolist(), strict=True) if drift >= SMALLEST_DRIFT]
+    if ids:
+        numbers = {"tests": some(ids), "percent": 100.0 * float(reached.amounts[np.argmax(drifts)])}
+        yield Trial("force-drift", reached.squares, _each(tests), numbers, "force-drift-some")
+
+
+def _ends_degC(tests: Sequence[Measurement]) -> tuple[float, float] | None:
+    """Lowest and highest recorded temperature (degC); None where a test has none, or they hardly differ."""
+    known = [test.temperature_degC for test in tests if test.temperature_degC is not None]
+    if len(known) < len(tests):
+        return None
+    low, high = (float(end([end(values) for values in known])) for end in (np.min, np.max))
+    return (low, high) if high - low >= SMALLEST_TEMPERATURE_SPAN_K else None
+
+
+def _softened(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iterator[Trial]:
+    """A recorded temperature that weakens viscous and yield forces, each at a rate of its own."""
+    ends = _ends_degC(fitted.tests)
+    if ends is not None:
+        reached = explain(damper, parts, of.Softened(damper.model, damper.start, 0.5 * (ends[0] + ends[1])))
+        viscous, yielding = (100.0 * reached.amounts).tolist()
+        numbers = {"viscous_percent_K": viscous, "yield_percent_K": yielding}
+        yield Trial("temperature", reached.squares, 2, numbers, "temperature-rates")
+
+
+def _clipped(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iterator[Trial]:
+    """The force channel's ends, the same in all tests or each test's own; first fitted without what is near them."""
+    noise = {part.index: part.noise_N for part in parts}
+    own = [ends_N(test, noise[k]) for k, test in enumerate(fitted.tests)]
+    common = min(low for low, _ in own), max(high for _, high in own)
+    for ends in ([common] * len(own), own):
+        inner = []
+        for part in parts:
+            outside = beyond(part.test, ends[part.index], noise[part.index])
+            inner.append(replace(part, weights=np.where(outside, 0.0, part.weights)))
+        start = explain(damper, inner, of.Distortion())
+        together = ends is not own
+        channel = of.Clipped(*common) if together else of.ClippedApart(own)
+        reached = explain(damper, parts, channel, start.values)
+        low, high = reached.amounts.tolist() if together else common
+        yield Trial("clipping", reached.squares, 2 if together else 2 + _each(own), {"low_N": low, "high_N": high})
+
+
+def _compliant(parts: Sequence[Stretch], damper: Damper) -> Iterator[Trial]:
+    try:
+        soft = Softened([part.test for part in parts])
+    except IdentificationFailed:
+        return  # a test whose cycles are unknown has no smooth force, and shows no compliance
+    give = of.Compliance(soft.forces, parts, soft.largest_m_N)
+    reached = explain(damper, parts, give)
+    compliance = float(reached.amounts[0])
+    if compliance > 0.0:
+        yield Trial("series-compliance", reached.squares, 1, {"stiffness_N_m": 1.0 / compliance})
+
+
+def _two_dampers(
+    fitted: Fitted, parts: Sequence[Stretch], damper: Damper, base: Explained
+) -> Iterator[Trial]:
+    reached = two_groups(damper, base, parts)
+    if reached is None or reached.foretold < WORTH_PARTING:
+        return
+    if not _parted_by_motion_or_warmth(fitted.tests, reached.second):
+        minor = reached.second if 2 * np.count_nonzero(reached.second) <= reached.second.size else ~reached.second
+        ids = [test.id for test, other in zip(fitted.tests, minor.tolist(), strict=True) if other]
+        amounts = len(fitted.names) + _each(fitted.tests)  # another damper, and whose each test is
+        yield Trial(MIXED, reached.squares, amounts, {"tests": some(ids)})
+
+
+def _parted_by_motion_or_warmth(tests: Sequence[Measurement], second: BoolArray) -> bool:
+    """Whether one part has all the larger strokes, or all the warmer tests.
+
+    What a model lacks over the amplitude or the temperature parts the tests like that.
+    """
+    spans = np.array([float(np.ptp(test.u_m)) for test in tests])
+    if _all_above(np.log(spans), second, math.log(OTHER_AMPLITUDE)):
+        return True
+    if _ends_degC(tests) is None:
+        return False
+    means = [float(np.mean(test.temperature_degC)) for test in tests if test.temperature_degC is not None]
+    return _all_above(np.array(means), second, SMALLEST_TEMPERATURE_SPAN_K)
+
+
+def _all_above(values: FloatArray, second: BoolArray, by: float) -> bool:
+    one, other = values[second], values[~second]
+    return any(bool(np.min(large) > np.max(small) + by) for large, small in ((one, other), (other, one)))
+
+
+def _each(tests: Sequence[object]) -> int:
+    """Amounts that one for each test counts as: for each of many they explain no larger part than for each of some."""
+    return min(len(tests), MOST_TESTS)
+
+
+def _levels(tests: Sequence[Measurement]) -> list[float]:
+    """Different currents (A), rising."""
+    levels: list[float] = []
+    for current in sorted(float(np.mean(test.current_A)) for test in tests):
+        if not levels or current > levels[-1] + SAME_CURRENT_A:
+            levels.append(current)
+    return levels
+
+
+def numbers_of(slug: str, reached: Explained) -> dict[str, object]:
+    """What is said of a delay or a trend, from the amounts that were reached."""
+    if slug == "skew":
+        return {"skew_ms": 1e3 * float(reached.amounts[0])}
+    gain, zero_N = reached.amounts.tolist()
+    return {"percent": 100.0 * gain, "zero_N": zero_N}
+
+
+def left_N(fitted: Fitted, part: Stretch) -> FloatArray:
+    """Measured force less the fit's (N), shape (n,)."""
+    return residual_N(fitted.model, fitted.values, part, of.Distortion(), np.zeros(0))
