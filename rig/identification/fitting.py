@@ -198,7 +198,8 @@ def _foretold(
 
 def _diagnosis(best: Candidate, fit: Fit, fitted: Sequence[Measurement], *, misfit: bool) -> tuple[Cause, ...]:
     """What probably explains the misfit of the fit."""
-    from rig.identification.diagnosis.ranking import Fitted, diagnose
+    from rig.identification.diagnosis.ranking import diagnose
+    from rig.identification.diagnosis.trials import Fitted
 
     values = best.solution.values
     names = tuple(best.findings.free(name for name in best.model.names if name in values and name != "eta"))

@@ -185,7 +185,8 @@ def _joined(
 
 def _diagnosed(model: DamperModel, levels: Sequence[Level], wanted: Wanted) -> tuple[Cause, ...]:
     """What probably explains the misfit at the current where it is largest; units and signs of all tests."""
-    from rig.identification.diagnosis.ranking import Fitted, diagnose
+    from rig.identification.diagnosis.ranking import diagnose
+    from rig.identification.diagnosis.trials import Fitted
 
     worst = max(levels, key=lambda level: level.fit.error.nrmse_percent_of_peak)
     misfit = any(level.fit.adequate is False for level in levels) if wanted.diagnose is None else wanted.diagnose
