@@ -28,6 +28,8 @@ FAR = 2.0
 """An algorithm that ends above so many times the lowest objective has not found the model's parameters."""
 RIGHT_SIZE = 2.0
 """A difference in dB is of the paper's size within so many times."""
+SENT_S = 1e-3
+"""More than it takes to send a candidate to another process and its objective back."""
 LINEAR_BUT_TWO = ("asymmetric", "symmetric", "kwok")
 """Models whose force is linear in all parameters but beta and delta."""
 
@@ -252,9 +254,12 @@ def _parallel(study: StudyFile, results: Lines) -> Iterator[Claim]:
         f"{model} {', '.join(f'{s:.3g} s on {count}' for count, s in seconds.items())}" for model, seconds in told
     )
     losers = [model for model, gain in gains.items() if gain <= 1.0]
-    why = (
-        f" Where nothing is gained ({', '.join(losers)}), sending candidates takes longer than computing them."
-        if losers else ""
+    small = [model for model, seconds in told if model in losers and seconds[1] < SENT_S * wanted.evaluations]
+    busy = [model for model in losers if model not in small]
+    why = f" For {' and '.join(small)}, sending candidates takes longer than computing them." if small else ""
+    why += (
+        f" That nothing was gained for {' and '.join(busy)}, whose candidates take longer than to be sent, is the "
+        "machine's doing: other work, or fewer free processors than processes." if busy else ""
     )
     yield Claim(
         "parallel", HOLDS if gains[first] > 1.0 + ALIKE else FAILS if gains[first] < 1.0 - ALIKE else OPEN,
