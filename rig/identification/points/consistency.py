@@ -64,6 +64,21 @@ def refuse_twice(fitted: Sequence[RecordedPoint | Measurement]) -> None:
         )
 
 
+def refuse_still(tests: Sequence[Measurement]) -> None:
+    """Refuse tests in which force or displacement does not change: no error can be told in parts of such a force.
+
+    Raises:
+        IdentificationFailed: one stands still; the message names it, the channel and its value.
+    """
+    for test in tests:
+        for name, values, unit in (("force", test.force_N, "N"), ("displacement", test.u_m, "m")):
+            if values.size and float(np.ptp(values)) == 0.0:
+                raise IdentificationFailed(
+                    f"the {name} of {_name(test)} is {values[0]:g} {unit} in all of its {values.size} samples: a "
+                    "channel that was not connected, or a wrong column; leave the test out, or give its own values"
+                )
+
+
 def _fingerprint(test: RecordedPoint | Measurement) -> bytes:
     force = test.force_N if isinstance(test, Measurement) else test.force_samples.force_N
     return hashlib.sha256(np.ascontiguousarray(force).data).digest()

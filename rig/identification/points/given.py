@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
-from rig.identification.points.consistency import refuse_seen, refuse_twice
+from rig.identification.points.consistency import refuse_seen, refuse_still, refuse_twice
 
 if TYPE_CHECKING:
     from rig.identification.points.current_steps import CurrentLag
@@ -53,7 +53,8 @@ def given(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Recorded
     Of motion without cycles `holdout` may be a part of the time, `last 30 %`.
 
     Raises:
-        IdentificationFailed: nothing or everything is held out, or a test is there twice or on both sides.
+        IdentificationFailed: nothing or everything is held out, a test is there twice or on both sides, or nothing
+            moves in it.
     """
     share = _last_share(holdout) if isinstance(holdout, str) else None
     if share is not None:
@@ -68,6 +69,7 @@ def given(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Recorded
         return _recorded(tests, holdout, campaign)
     refuse_twice(fitted)
     refuse_seen(fitted, held_out)
+    refuse_still([*fitted, *held_out])
     return Given(fitted, held_out)
 
 
@@ -137,6 +139,7 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
         prepared, left_out = prepare_all(kept_out, skews)
         held_out += prepared
         refused += left_out
+    refuse_still([*fitted, *held_out])
     lag, unusable_steps = lag_of(recorded)
     return Given(fitted, held_out, tuple(refused), lag, tuple(unusable_steps), _temperature_degC(points))
 

@@ -51,6 +51,19 @@ def test_held_out_tests_that_are_fitted_are_refused(make_synthetic: Make, demo_p
         identify(demo_points, holdout=demo_points)
 
 
+@pytest.mark.parametrize(("channel", "said"), [("force_N", "force of p002 is 120 N"), ("u_m", "displacement of p002")])
+def test_a_test_in_which_a_channel_stands_still_is_refused_by_name(
+    make_synthetic: Make, channel: str, said: str
+) -> None:
+    """Its error in parts of its force is a division by zero, which ended in a linear algebra error."""
+    tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0))
+    dead = replace(tests[1], **{channel: np.full_like(tests[1].force_N, 120.0)})
+    with pytest.raises(IdentificationFailed, match=said):
+        identify([tests[0], dead, *tests[2:]])
+    with pytest.raises(IdentificationFailed, match=said):
+        identify([tests[0], *tests[2:]], holdout=[dead])
+
+
 def test_tests_beside_mid_stroke_that_start_elsewhere_in_their_cycle_are_not_accused(make_synthetic: Make) -> None:
     one = make_synthetic(DEMO, (1.0,), (1.0,), noise_N=1.0)[0]
     shifted = {name: np.roll(getattr(one, name), 60) for name in ("v_m_s", "a_m_s2", "force_N")}
