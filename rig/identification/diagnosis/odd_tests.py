@@ -32,6 +32,7 @@ LEAST_OF_MEDIAN = 0.1  # of the median error, so that no test counts for all oth
 OF_SCATTER = 4.5  # robust standard deviations of the other tests' gains
 LEAST_GAIN = 1.15
 LEAST_GAIN_ALONE = 3.0  # where no other test has the same current, or the same motion: a model may lack that much
+FITS = 1.1  # gain within which all tests are as foretold by the fit as it is: none is looked for
 LEAST_SPEED = 2.0  # factor on the motion, which changes most forces little
 MISSED, OF_MEDIAN = 0.15, 3.0  # of the force, and of the others' median error, from which an error is looked at
 AS_OTHERS = 2.0  # times the others' median error, up to which a mended test is like them
@@ -109,6 +110,9 @@ def odd_tests(damper: Damper, parts: Sequence[Stretch]) -> tuple[list[OddTest], 
     for part in parts:
         by_test[part.index].append(part)
     if len(by_test) < FEWEST_TESTS:
+        return [], damper.start
+    fit = [_foretold(damper.model, damper.start, own) for own in by_test]
+    if all(one.error < MISSED and abs(math.log(max(one.gain, 1e-6))) < math.log(FITS) for one in fit):
         return [], damper.start
     values, suspects, few = _robust(damper, by_test), np.zeros(0, dtype=np.intp), MOST_ODD * len(by_test)
     for _ in range(REFITS):
