@@ -23,6 +23,7 @@ from rig.dampers.sprung_flow import (
     OFFSET,
     RHO,
     SPRING,
+    AtCurrent,
     Motion,
     Numbers,
     Stage,
@@ -40,14 +41,25 @@ from rig.dampers.sprung_flow import (
 
 
 @njit()
-def balance_slopes(p: FloatArray, current: float, speed: float, stage: Stage, v: float, own: FloatArray) -> Numbers:
+def balance_slopes(
+    p: FloatArray, at: AtCurrent, now: tuple[float, float], stage: Stage, v: float, own: FloatArray
+) -> Numbers:
     """What parameters by themselves do to law - k (rod - place) at a stage's end, into `own`, as long as p.
+
+    Args:
+        p: parameters.
+        at: `at_current`.
+        now: coil current (A) and remembered speed (m/s).
+        stage: the stage.
+        v: the piston's speed there (m/s).
+        own: filled.
 
     Returns:
         Its slopes over the place before the stage, over w and over where the step began, and over v_p.
     """
     rod, base, part, began, w = stage
-    at, share = at_current(p, current, speed), kept(speed)
+    current, speed = now
+    share = kept(speed)
     u = base + part * v
     loop, by_start, by_path = turned(w, p[RHO] * (u - began))
     _, by_u, by_v, by_w = law(p, at, u, v, loop)
@@ -76,15 +88,15 @@ def carried(p: FloatArray, state: FloatArray, slopes: FloatArray, motion: Motion
     h, v = dt / count, motion[1]
     for k in range(count):
         speed = remember(state, motion, k * h, h)
-        at = at_current(p, current, speed)
+        at, here = at_current(p, current, speed), (current, speed)
         early = first_stage(state, motion, k * h, h)
         first = piston_speed(p, at, early, v)
         late = second_stage(early, motion, k * h, h, first)
         v = piston_speed(p, at, late, first)
-        by_base, by_w, by_began, by_v = balance_slopes(p, current, speed, early, first, own)
+        by_base, by_w, by_began, by_v = balance_slopes(p, at, here, early, first, own)
         for q in range(p.size):
             by_first[q] = -(own[q] + (by_base + by_began) * slopes[0, q] + by_w * slopes[1, q]) / by_v
-        by_base, by_w, by_began, by_v = balance_slopes(p, current, speed, late, v, own)
+        by_base, by_w, by_began, by_v = balance_slopes(p, at, here, late, v, own)
         rod, base, part, began, w = late
         now = base + part * v
         end, by_start, by_path = turned(w, p[RHO] * (now - began))
