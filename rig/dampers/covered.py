@@ -51,25 +51,25 @@ class Covered:
         """Each quantity with its lowest and highest value."""
         return [(name, getattr(self, name)) for name in QUANTITIES]
 
-    def intervals(self) -> dict[str, tuple[Ends, ...]]:
-        """Quantity -> where it is within, rising: what is known of it, with the room for overshoot and noise."""
+    def intervals(self, share: float = BEYOND) -> dict[str, tuple[Ends, ...]]:
+        """Quantity -> where it is within, rising: what is known of it, and so large a share of its range beyond."""
         intervals: dict[str, tuple[Ends, ...]] = {}
         for name, ends in self.ranges():
             if ends is not None:
-                room = max(BEYOND * (ends[1] - ends[0]), LEAST.get(name, 0.0))
+                room = max(share * (ends[1] - ends[0]), LEAST.get(name, 0.0))
                 intervals[name] = ((ends[0] - room, ends[1] + room),)
         if self.only_at_A:
             ((low, high),) = intervals["current_A"]
             intervals["current_A"] = tuple((max(low, at - ROOM_A), min(high, at + ROOM_A)) for at in self.only_at_A)
         return intervals
 
-    def outside(self, values: Mapping[str, FloatArray | None]) -> dict[str, BoolArray]:
-        """Quantity -> which of its values (SI, any shape) lie beyond; only those with such values.
+    def outside(self, values: Mapping[str, FloatArray | None], share: float = BEYOND) -> dict[str, BoolArray]:
+        """Quantity -> which of its values (SI, any shape) lie beyond by `share`; only those with such values.
 
         A temperature that is given where no test recorded one lies beyond: nobody knows. What is no number (a
         temperature that was not read) does not.
         """
-        intervals, outside = self.intervals(), {}
+        intervals, outside = self.intervals(share), {}
         for name, given in values.items():
             if given is None:
                 continue

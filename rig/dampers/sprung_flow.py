@@ -55,7 +55,9 @@ def at_current(p: FloatArray, current: float, speed: float) -> AtCurrent:
         current: coil current (A).
         speed: that the fluid remembers (m/s).
     """
-    share, curved = kept(speed), p[CURVED] if speed >= 0.0 else 0.0
+    share, curved = kept(speed), 0.0
+    if speed >= 0.0:
+        curved = p[CURVED]
     viscous = max(share * p[1] + current * p[2], 0.0)
     yielding = share * p[4] + current * (p[5] + current * p[6])
     along = p[7] + p[8] * current
@@ -179,7 +181,8 @@ def moved(p: FloatArray, state: FloatArray, motion: Motion, current: float, dt: 
     count = steps_in(p, at, state[1], motion, dt)
     h, v = dt / count, motion[1]
     for k in range(count):
-        at = at_current(p, current, remember(state, motion, k * h, h))
+        speed = remember(state, motion, k * h, h)
+        at = at_current(p, current, speed)
         early = first_stage(state, motion, k * h, h)
         first = piston_speed(p, at, early, v)
         late = second_stage(early, motion, k * h, h, first)

@@ -10,6 +10,9 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.covered import SHARE, Covered, Ends
 from rig.identification.models.measurement import Measurement
 
+NEAR = 0.1
+"""Share of a range by which a test may pass its ends and still be foretold rather than extrapolated."""
+
 
 def covered_by(tests: Sequence[Measurement]) -> Covered:
     """Lowest and highest displacement, velocity, current and recorded temperature of tests, one at least."""
@@ -34,9 +37,9 @@ def _ends(arrays: Iterable[FloatArray]) -> Ends:
 
 
 def beyond(covered: Covered, test: Measurement) -> tuple[str, ...]:
-    """In which quantities a test lies beyond what others covered: with more than `SHARE` of its samples."""
+    """In which quantities a test lies beyond what others covered: with more than `SHARE` of its samples, by `NEAR`."""
     values: Mapping[str, FloatArray | None] = {
         "displacement_m": test.u_m, "velocity_m_s": test.v_m_s, "current_A": test.current_A,
         "temperature_degC": test.temperature_degC if recorded_degC([test]) else None,
     }  # fmt: skip
-    return tuple(name for name, where in covered.outside(values).items() if np.mean(where) > SHARE)
+    return tuple(name for name, where in covered.outside(values, NEAR).items() if np.mean(where) > SHARE)
