@@ -36,7 +36,7 @@ WORTH_PARTING = 0.5  # the same of two dampers, of the fitted tests at most and 
 MISFIT_OF_NOISE = 0.02  # of the noise's sum of squares: less than this is no misfit
 SAME_CURRENT_A = 0.05
 MOST_BENDS = 3
-OTHER_AMPLITUDE = 1.2  # smallest stroke of some tests over the largest of the others, from which they differ
+OTHER_AMPLITUDE = 1.2  # smallest stroke or speed of some tests over the largest of the others, from which they differ
 SKEWS_S = (0.0, 1e-3, 3e-3, -1e-3, -3e-3)  # to start from where a model jumps at the reversals, which show the skew
 SMALLEST_SKEW_S, SKEW_ERRORS = 2e-4, 3.0  # a delay that is worth a word: so long, and so many of its stated errors
 BEYOND_DOUBT = 10.0  # standard errors of white noise; noise of a filtered channel has a few times those
@@ -44,7 +44,8 @@ SMALLEST_DRIFT = 0.05  # of the force, over all that it follows, which is worth 
 SMALLEST_TEMPERATURE_SPAN_K = 1.0
 NEAR_REVERSAL_m = 1e-3
 MENDED = 0.25  # of the squares that are missed, below which a unit is likelier than the one that was given
-MIXED = "mixed-specimens"
+SLOW = 0.1  # of the greatest speed
+MIXED, UNEXPLAINED = "mixed-specimens", "unexplained"
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,24 @@ def _of_misfit(fitted: Fitted) -> list[Cause]:
         share = min(1.0, max(0.0, (whole.squares - trial.squares) / excess))
         if share >= _least_share(trial) and trial.slug not in {cause.slug for cause in causes}:
             causes.append(_cause(trial, share))
-    return causes
+    return causes or ([_unexplained(fitted, everything)] if excess > floor else [])
+
+
+def _unexplained(fitted: Fitted, parts: Sequence[Stretch]) -> Cause:
+    """Where a misfit lies that no cause explains."""
+    top_m_s = max(float(np.max(np.abs(part.test.v_m_s))) for part in parts)
+    whole, by_test = 0.0, np.zeros(len(fitted.tests))
+    near = slow = 0.0
+    for part in parts:
+        squares = (part.weights * _residual_N(fitted, part)) ** 2
+        whole, near = whole + float(np.sum(squares)), near + float(np.sum(squares[part.since_m < NEAR_REVERSAL_m]))
+        slow += float(np.sum(squares[np.abs(part.test.v_m_s) < SLOW * top_m_s]))
+        by_test[part.index] += float(np.sum(squares))
+    worst = int(np.argmax(by_test))
+    shares = {"near": near, "slow": slow, "of_worst": float(by_test[worst])}
+    numbers: dict[str, object] = {name: 100.0 * share / max(whole, 1e-300) for name, share in shares.items()}
+    numbers |= {"worst": fitted.tests[worst].id, "count": by_test.size, "least": 100.0 * WORTH_NAMING}
+    return Cause(UNEXPLAINED, say(UNEXPLAINED, **numbers), 0.0, say(f"next-{UNEXPLAINED}", **numbers))
 
 
 def _least_share(trial: _Trial) -> float:
@@ -218,6 +236,11 @@ def _distorted(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iter
         yield add("current-law", law, currents=", ".join(f"{level:.3g}" for level in levels))
     top = max(float(np.max(np.abs(test.v_m_s))) for test in fitted.tests)
     most = max(float(np.max(np.abs(test.u_m))) for test in fitted.tests)
+    if levels[0] < -SAME_CURRENT_A and levels[-1] > SAME_CURRENT_A:
+        unsigned = [
+            replace(part, test=replace(part.test, current_A=np.abs(part.test.current_A))) for part in parts
+        ]
+        yield _Trial("current-sign", explain(damper, unsigned, of.Distortion()).squares, 0, {})
     yield add("missing-hysteresis", of.Added(of.after_reversal, parts), percent=_near_reversals(fitted, parts))
     yield add("speed-shape", of.Added(of.over_speed(top), parts))
     yield add("stroke-shape", of.Added(of.over_stroke(most), parts))
@@ -323,13 +346,13 @@ def _two_dampers(
 
 
 def _parted_by_motion_or_warmth(tests: Sequence[Measurement], second: BoolArray) -> bool:
-    """Whether one part has all the larger strokes, or all the warmer tests.
+    """Whether one part has all the larger strokes, all the faster tests, or all the warmer ones.
 
-    What a model lacks over the amplitude or the temperature parts the tests like that.
+    What a model lacks over amplitude, speed or temperature parts the tests like that.
     """
-    spans = np.array([float(np.ptp(test.u_m)) for test in tests])
-    if _all_above(np.log(spans), second, math.log(OTHER_AMPLITUDE)):
-        return True
+    for sizes in ([np.ptp(test.u_m) for test in tests], [np.ptp(test.v_m_s) for test in tests]):
+        if _all_above(np.log(np.array(sizes)), second, math.log(OTHER_AMPLITUDE)):
+            return True
     if _ends_degC(tests) is None:
         return False
     means = [float(np.mean(test.temperature_degC)) for test in tests if test.temperature_degC is not None]
