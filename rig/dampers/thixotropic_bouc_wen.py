@@ -27,6 +27,7 @@ from rig.dampers.separation import MotionScale, Search, Unknowns
 from rig.dampers.sprung_bouc_wen import VISCOUS, SprungBoucWenModel, SprungSearch
 
 CURVED_N_m2 = 1e4  # size at which kxx is searched
+NO_CURRENT_A = 0.03  # up to which tests at one current are at none, and show nothing per ampere
 ONE_CURRENT = 0.05  # range over mean up to which tests have one current
 
 
@@ -69,7 +70,8 @@ class ThixotropicSearch(SprungSearch):
         """See `Search.starts`."""
         start, current_A = {**simple, "kxx": 0.0}, scale.mean_current_A
         little = VISCOUS * abs(start["ky"] + start["ky_b"] * current_A) / scale.top_speed_m_s
-        if scale.high_current_A - scale.low_current_A > ONE_CURRENT * abs(current_A):
+        span_A = scale.high_current_A - scale.low_current_A
+        if abs(current_A) <= NO_CURRENT_A or span_A > ONE_CURRENT * abs(current_A):
             return [start, start | {"kv": max(start["kv"], little)}]
         # at one current the simpler model knows sums, of which the fluid forgets only the part at 0 A
         whole = {name: start[name] + start[f"{name}_b"] * current_A for name in ("kv", "ky")}

@@ -285,7 +285,8 @@ CAUSES = {
     ),
     "unexplained": (
         "no cause that was looked for explains {least:.0f} % of the misfit; {near:.0f} % of it lies within 1 mm after "
-        "a reversal, {slow:.0f} % below a tenth of the greatest speed, {of_worst:.0f} % in {worst}, one of {count} tests"
+        "a reversal, {slow:.0f} % below a tenth of the greatest speed, {of_worst:.0f} % in {worst}, one of {count} "
+        "tests"
     ),
 }
 """What may explain a misfit, or is implausible."""

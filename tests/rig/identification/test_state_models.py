@@ -80,11 +80,12 @@ def moved(
     ("currents_A", "motions"),
     [
         ((1.0,), ((0.005, 3.0), (0.02, 0.5), (0.02, 2.0))),
+        ((0.0,), ((0.005, 3.0), (0.02, 0.5), (0.02, 2.0))),
         ((0.0, 1.0), ((0.02, 1.0),)),
         ((0.0, 0.5, 1.0, 2.0), ((0.002, 20.0), (0.005, 10.0), (0.001, 30.0))),
         ((0.0, 0.5, 1.0, 2.0), ((0.02, 0.01), (0.01, 0.02))),
     ],
-    ids=["one current", "one motion", "fast", "slow"],
+    ids=["one current", "no current", "one motion", "fast", "slow"],
 )
 def test_a_damper_behind_a_spring_is_found_from_few_or_unusual_tests(
     currents_A: tuple[float, ...], motions: tuple[tuple[float, float], ...], named: str
