@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -34,6 +35,7 @@ from rig.identification.uncertainty.covariance import quantile
 from rig.identification.uncertainty.drawn import PREDICTED, Drawn, drawn_of, intervals_of
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.uncertainty.prediction_band import predict_with_band
+from rig.identification.words import some
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -131,13 +133,14 @@ def bootstrap(
         chunks: parts for the executor; None: one for each processor of this machine.
 
     Raises:
-        IdentificationFailed: fewer than three tests, a model without quick weighted fits, relations to the current, or
-            a series spring.
+        IdentificationFailed: fewer than three tests or others than the fit's, a model without quick weighted fits,
+            relations to the current, or a series spring.
     """
     if count < LEAST_DRAWS:
         raise IdentificationFailed(f"bootstrap: count = {count}, expected {LEAST_DRAWS} draws or more")
     measurements = tuple(given(tests, None, ()).fitted)
     task = _task(fit, measurements, seed)
+    _refuse_others([test.id for test in fit.error.per_test], [test.id for test in measurements])
     numbers = np.array_split(np.arange(count), 1 if executor is None else chunks or os.cpu_count() or 1)
     parts = [(task, tuple(part.tolist())) for part in numbers if part.size]
     results = map(_fitted, parts) if executor is None else executor.map(_fitted, parts)
@@ -148,6 +151,19 @@ def bootstrap(
     many = len(measurements)
     widening = math.sqrt((many + 1.0) / (many - 1.0)) * quantile(1, many - 1.0) / quantile()
     return Bootstrap(fit, kept, task.names, many, widening)
+
+
+def _refuse_others(fitted: Sequence[str], drawn: Sequence[str]) -> None:
+    """Refuse tests that the fit did not see, such as held-out ones, or a part of those it saw.
+
+    Raises:
+        IdentificationFailed: the ids are others.
+    """
+    more, fewer = Counter(drawn) - Counter(fitted), Counter(fitted) - Counter(drawn)
+    both = (("not fitted:", more), ("missing:", fewer))
+    differ = [f"{what} {some(list(ids.elements()))}" for what, ids in both if ids]
+    if differ:
+        raise IdentificationFailed(f"bootstrap: give the tests of the fit, without held-out ones ({'; '.join(differ)})")
 
 
 def _task(fit: Fit, measurements: tuple[Measurement, ...], seed: int) -> _Task:

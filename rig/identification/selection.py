@@ -190,10 +190,17 @@ def groups_of(measurements: Sequence[Measurement]) -> list[list[Measurement]]:
 
 
 def misfit_over_scatter(candidates: Sequence[Candidate], fitted: Sequence[Measurement]) -> float:
-    """Root mean square error of the best candidate over the scatter of the tests (1); NaN where that is not known."""
+    """Root mean square error of the best candidate over the scatter of the tests (1); NaN where that is not known.
+
+    Samples so near to a model's own jump that their side of it is unsure are misfit of none.
+    """
     power = [test.noise_N**2 * test.u_m.size for test in fitted]
     scatter_N = math.sqrt(sum(power) / sum(test.u_m.size for test in fitted))
-    least_N = min(score(candidate.model, candidate.solution.values, fitted).rmse_N for candidate in candidates)
+    errors_N = []
+    for candidate in candidates:
+        away = [_away_from_jumps(test, [candidate.model]) for test in fitted]
+        errors_N.append(score(candidate.model, candidate.solution.values, away).rmse_N)
+    least_N = min(errors_N)
     return least_N / scatter_N if scatter_N > 0.0 else math.nan
 
 

@@ -273,6 +273,10 @@ CAUSES = {
         "{percent:.0f} % of the yield force at {top_A:.3g} A, at zero current, where nothing was measured: probably "
         "the force saturates"
     ),
+    "current-sign": (
+        "currents of both signs: the force follows the current's size and not its sign, which explains "
+        "{percent_explained:.0f} % of the misfit"
+    ),
     "missing-hysteresis": (
         "a force that changes with the path after each reversal, which the model lacks, explains "
         "{percent_explained:.0f} % of the misfit; {percent:.0f} % of it lies within 1 mm after a reversal"
@@ -286,6 +290,11 @@ CAUSES = {
     "stroke-shape": (
         "another shape of the force over the stroke than the model's, such as end stops or gas that stiffens, explains "
         "{percent_explained:.0f} % of the misfit"
+    ),
+    "unexplained": (
+        "no cause that was looked for explains {least:.0f} % of the misfit; {near:.0f} % of it lies within 1 mm after "
+        "a reversal, {slow:.0f} % below a tenth of the greatest speed, {of_worst:.0f} % in {worst}, one of {count} "
+        "tests"
     ),
 }
 """What may explain a misfit, or is implausible."""
@@ -321,11 +330,16 @@ NEXT = {
     "next-series-compliance": "fit with --series-spring; measure the displacement at the damper itself",
     "next-current-law": "fit with --current-law saturating, or compare the laws with --current-law all",
     "next-current-law-two": "measure at 0 A and at one current between",
+    "next-current-sign": "give all currents without their sign: the magnetic field's direction changes no yield force",
     "next-missing-hysteresis": (
         "fit with --model all; measure slow triangles of several amplitudes, which show the path after a reversal"
     ),
     "next-mixed-specimens": "check which damper was mounted, and identify these tests apart",
     "next-speed-shape": "fit with --model all; measure sines of more amplitudes at the same frequency",
+    "next-unexplained": (
+        "fit with --model all; repeat {worst}, the first test and one with the currents in another order: what then "
+        "differs is no model's to describe"
+    ),
     "next-stroke-shape": "measure with less amplitude, and at more positions of the stroke",
 }
 """What to measure or mend then."""

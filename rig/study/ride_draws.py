@@ -40,9 +40,10 @@ def drawn_again(fitted: FittedDamper, members: int, seed: int) -> FittedDamper:
     if fitted.adequate is not False or members == 0 or not (folder / "points").is_dir():
         return fitted
     try:
-        again = bootstrap(
-            Fit.load(folder / "fit.json"), Run.open(folder), count=max(members, LEAST_DRAWS), seed=seed
-        )
+        fit = Fit.load(folder / "fit.json")
+        seen = {test.id for test in fit.error.per_test}
+        points = [point for point in Run.open(folder).usable if point.id in seen]
+        again = bootstrap(fit, points, count=max(members, LEAST_DRAWS), seed=seed)
     except IdentificationFailed as error:
         return replace(fitted, remark=f"{fitted.remark}; {error}")
     remark = REMARK.format(count=len(again.draws), tests=again.tests)

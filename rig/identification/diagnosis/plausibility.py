@@ -12,7 +12,7 @@ from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.uncertainty.covariance import quantile
 from rig.identification.uncertainty.fit_entries import Cause
 from rig.identification.words import say, some
-from rig.signals.plausibility import Doubt, TestSize, doubts
+from rig.signals.plausibility import SMALLEST_CURRENT_A, Doubt, TestSize, doubts
 
 SIGNS, OFFSET = "signs-reversed", "force-offset"
 CHANNEL = {
@@ -29,6 +29,7 @@ LARGEST_ZERO = 0.3  # of the greatest peak: an offset beyond is seldom a zero or
 SAME_SPEED = 1e-3  # of the largest singular value, below which speeds are one
 ZERO_ERRORS = 3.0  # stated standard deviations of the force's zero
 SAME_CURRENT_A = 0.05
+ZERO_CURRENT_ERRORS = 10.0  # standard errors, up to which the small currents of tests are the same
 AT_ZERO = 0.25  # of the yield force at the top current: more at 0 A is seldom friction alone
 LOWEST_OF_TOP = 0.1  # least current over the greatest, below which zero current was as good as tested
 
@@ -54,9 +55,19 @@ def _size(tests: Sequence[Measurement]) -> TestSize:
         span_m=max(float(np.ptp(test.u_m)) for test in tests),
         speed_m_s=max(float(np.max(np.abs(test.v_m_s))) for test in tests),
         force_N=max(test.peak_force_N for test in tests),
-        current_A=max(float(np.max(np.abs(test.current_A))) for test in tests),
+        current_A=_greatest_current_A(tests),
         cycle_s=float(np.median([samples_a_cycle(test.u_m) * test.dt_s for test in tests])),
     )
+
+
+def _greatest_current_A(tests: Sequence[Measurement]) -> float:
+    """Greatest current (A); 0 where it is small and the same in all tests: what is measured without any."""
+    greatest_A = max(float(np.max(np.abs(test.current_A))) for test in tests)
+    means = [float(np.mean(test.current_A)) for test in tests]
+    error_A = ZERO_CURRENT_ERRORS * max(test.current_std_A for test in tests)
+    without = max(means) - min(means) <= max(0.5 * greatest_A, error_A)
+    without = without or all(test.nominal_current_A == 0.0 for test in tests)
+    return 0.0 if without and greatest_A < SMALLEST_CURRENT_A else greatest_A
 
 
 def _of_some(tests: Sequence[Measurement]) -> dict[str, tuple[Doubt, list[str]]]:

@@ -25,6 +25,7 @@ from rig.identification.diagnosis.trials import (
     SMALLEST_DRIFT,
     WORTH_PARTING,
     Fitted,
+    NEAR_REVERSAL_m,
     Trial,
     left_N,
     numbers_of,
@@ -42,6 +43,8 @@ MISFIT_OF_NOISE = 0.02  # of the noise's sum of squares: less than this is no mi
 SMALLEST_SKEW_S, SKEW_ERRORS = 2e-4, 3.0  # a delay that is worth a word: so long, and so many of its stated errors
 BEYOND_DOUBT = 10.0  # standard errors of white noise; noise of a filtered channel has a few times those
 MENDED = 0.25  # of the squares that are missed, below which a unit is likelier than the one that was given
+SLOW = 0.1  # of the greatest speed
+UNEXPLAINED = "unexplained"
 ODD_AMOUNTS = 2  # of a test that does not fit the others: which one, and by how much
 
 
@@ -200,7 +203,26 @@ def _of_misfit(fitted: Fitted, of_all: float | None = None) -> _Misfit:
         share = min(1.0, max(0.0, (whole.squares - trial.squares) / (excess if of_all is None else of_all)))
         if share >= _least_share(trial) and trial.slug not in {cause.slug for cause in causes}:
             causes.append(_cause(trial, share))
+    if not causes and excess > floor:
+        causes = [_unexplained(fitted, everything)]
     return _Misfit(excess, causes, tried[0].squares, tried[0].amounts)
+
+
+def _unexplained(fitted: Fitted, parts: Sequence[Stretch]) -> Cause:
+    """Where a misfit lies that no cause explains."""
+    top_m_s = max(float(np.max(np.abs(part.test.v_m_s))) for part in parts)
+    whole, by_test = 0.0, np.zeros(len(fitted.tests))
+    near = slow = 0.0
+    for part in parts:
+        squares = (part.weights * left_N(fitted, part)) ** 2
+        whole, near = whole + float(np.sum(squares)), near + float(np.sum(squares[part.since_m < NEAR_REVERSAL_m]))
+        slow += float(np.sum(squares[np.abs(part.test.v_m_s) < SLOW * top_m_s]))
+        by_test[part.index] += float(np.sum(squares))
+    worst = int(np.argmax(by_test))
+    shares = {"near": near, "slow": slow, "of_worst": float(by_test[worst])}
+    numbers: dict[str, object] = {name: 100.0 * share / max(whole, 1e-300) for name, share in shares.items()}
+    numbers |= {"worst": fitted.tests[worst].id, "count": by_test.size, "least": 100.0 * WORTH_NAMING}
+    return Cause(UNEXPLAINED, say(UNEXPLAINED, **numbers), 0.0, say(f"next-{UNEXPLAINED}", **numbers))
 
 
 def _least_share(trial: Trial) -> float:

@@ -24,7 +24,7 @@ from rig.identification.words import some
 WORTH_PARTING = 0.5  # share of the misfit of two dampers, of the fitted tests at most and of tests left out
 SAME_CURRENT_A = 0.05
 MOST_BENDS = 3
-OTHER_AMPLITUDE = 1.2  # smallest stroke of some tests over the largest of the others, from which they differ
+OTHER_AMPLITUDE = 1.2  # smallest stroke or speed of some tests over the largest of the others, from which they differ
 SKEWS_S = (0.0, 1e-3, 3e-3, -1e-3, -3e-3)  # to start from where a model jumps at the reversals, which show the skew
 SMALLEST_DRIFT = 0.05  # of the force, over all that it follows, which is worth a word in an adequate fit
 SMALLEST_TEMPERATURE_SPAN_K = 1.0
@@ -90,6 +90,11 @@ def _distorted(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iter
         yield add("current-law", law, currents=", ".join(f"{level:.3g}" for level in levels))
     top = max(float(np.max(np.abs(test.v_m_s))) for test in fitted.tests)
     most = max(float(np.max(np.abs(test.u_m))) for test in fitted.tests)
+    if levels[0] < -SAME_CURRENT_A and levels[-1] > SAME_CURRENT_A:
+        unsigned = [
+            replace(part, test=replace(part.test, current_A=np.abs(part.test.current_A))) for part in parts
+        ]
+        yield Trial("current-sign", explain(damper, unsigned, of.Distortion()).squares, 0, {})
     yield add("missing-hysteresis", of.Added(of.after_reversal, parts), percent=_near_reversals(fitted, parts))
     yield add("speed-shape", of.Added(of.over_speed(top), parts))
     yield add("stroke-shape", of.Added(of.over_stroke(most), parts))
@@ -195,13 +200,13 @@ def _two_dampers(
 
 
 def _parted_by_motion_or_warmth(tests: Sequence[Measurement], second: BoolArray) -> bool:
-    """Whether one part has all the larger strokes, or all the warmer tests.
+    """Whether one part has all the larger strokes, all the faster tests, or all the warmer ones.
 
-    What a model lacks over the amplitude or the temperature parts the tests like that.
+    What a model lacks over amplitude, speed or temperature parts the tests like that.
     """
-    spans = np.array([float(np.ptp(test.u_m)) for test in tests])
-    if _all_above(np.log(spans), second, math.log(OTHER_AMPLITUDE)):
-        return True
+    for sizes in ([np.ptp(test.u_m) for test in tests], [np.ptp(test.v_m_s) for test in tests]):
+        if _all_above(np.log(np.array(sizes)), second, math.log(OTHER_AMPLITUDE)):
+            return True
     if _ends_degC(tests) is None:
         return False
     means = [float(np.mean(test.temperature_degC)) for test in tests if test.temperature_degC is not None]

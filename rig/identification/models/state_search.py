@@ -20,10 +20,11 @@ from rig.dampers.algebraic import AlgebraicModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.kernel import Compiled, force_series
 from rig.dampers.model import DamperModel
-from rig.dampers.separation import Search, Unknowns
+from rig.dampers.separation import MotionScale, Search, Unknowns
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
 from rig.identification.models.projection import Weighting
 from rig.identification.models.separable import GivenUp, Solution, motion_scale, solve_loop, solve_separable
+from rig.identification.models.undetermined import examine
 from rig.identification.words import say
 from rig.optimisers.least_squares import Descent, Squares, descend
 
@@ -183,7 +184,7 @@ def solve_states(
     natural = unknowns.values(theta)
     bound = tuple(name for name in model.non_negative if natural[name] < 0.0)
     if bound:
-        natural |= dict.fromkeys(bound, 0.0)
+        natural |= _held_at_zero(model, natural, bound, held, motion_scale(measurements))
         unknowns = search.unknowns(natural, held | frozenset(bound))
         short = StateSquares(search, unknowns, few, weighting, short.evaluations)
         full = StateSquares(search, unknowns, measurements, weighting)
@@ -195,10 +196,29 @@ def solve_states(
     return Solution(known, objective, evaluations, bound, search.at_limit(unknowns, theta))
 
 
+def _held_at_zero(
+    model: DamperModel, values: Mapping[str, float], bound: Sequence[str], held: frozenset[str], scale: MotionScale
+) -> dict[str, float]:
+    """Parameters at 0 that were found below, and what they gain per ampere so that the strongest current's force stays.
+
+    Below 0 at most currents a parameter does nothing, and its two numbers may have run off together.
+    """
+    strongest_A = max(scale.low_current_A, scale.high_current_A, key=abs)
+    kept = {
+        parameter.name: values[parameter.name] + values[parameter.at_zero] / strongest_A
+        for parameter in model.parameters
+        if parameter.power == 1 and parameter.at_zero in bound and parameter.name not in held
+    }
+    return kept | dict.fromkeys(bound, 0.0)
+
+
 def _simpler_values(
     search: Search, single: Sequence[Measurement], weighting: Weighting, held: frozenset[str]
 ) -> dict[str, float]:
     """The fitted values of the simpler model that gives the starts; none without one.
+
+    It is fitted without what these tests cannot tell of it, its own powers of the current among them: those would run
+    off, and take along the lower ones, which start the search.
 
     Raises:
         TypeError: the simpler model does not split.
@@ -207,6 +227,7 @@ def _simpler_values(
         return {}
     simpler = damper_model(search.simpler)
     without = frozenset(search.simpler_names[name] for name in held if name in search.simpler_names)
+    without |= examine(simpler, single).held
     if isinstance(simpler, AlgebraicModel):
         return solve_separable(single, simpler, weighting, held=without).values
     form = simpler.separation(motion_scale(single))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.identification.models.coil import needs_lag
 from rig.identification.models.measurement import Measurement, cycle_times_s
@@ -66,7 +68,7 @@ def _current(model: DamperModel, measurements: Sequence[Measurement], untold: Un
     low = min(float(np.min(test.current_A)) for test in measurements)
     high = max(float(np.max(test.current_A)) for test in measurements)
     currents_A = [current_A for test in measurements for current_A in _of_test(test)]
-    levels = _levels(currents_A)
+    levels = len(_levels(currents_A))
     for parameter in model.parameters:
         needed = parameter.power + 1
         if parameter.power > 1 and levels < needed:
@@ -105,8 +107,7 @@ def only_at(model: DamperModel, measurements: Sequence[Measurement]) -> tuple[fl
 
     Empty where the tests have currents enough for the model, so that its law holds between them.
     """
-    ordered = np.sort([current_A for test in measurements for current_A in _of_test(test)])
-    groups = np.split(ordered, np.flatnonzero(np.diff(ordered) > SAME_CURRENT_A) + 1)
+    groups = _levels([current_A for test in measurements for current_A in _of_test(test)])
     if all(parameter.power < 2 or len(groups) > parameter.power for parameter in model.parameters):
         return ()
     return tuple(float(np.mean(group)) for group in groups)
@@ -119,10 +120,20 @@ def _of_test(test: Measurement) -> list[float]:
     return [float(value) for value in np.quantile(test.current_A, QUANTILES)]
 
 
-def _levels(currents_A: Sequence[float]) -> int:
-    """How many of the currents differ."""
+def _levels(currents_A: Sequence[float]) -> list[FloatArray]:
+    """The currents (A), rising, parted into those that are one level: a level and its errors span little.
+
+    Neighbours of a finely stepped current, each near to the next, are levels all the same.
+    """
     ordered = np.sort(currents_A)
-    return 1 + int(np.count_nonzero(np.diff(ordered) > SAME_CURRENT_A))
+    levels: list[FloatArray] = []
+    for chain in np.split(ordered, np.flatnonzero(np.diff(ordered) > SAME_CURRENT_A) + 1):
+        width_A = SAME_CURRENT_A if np.ptp(chain) > 2.0 * SAME_CURRENT_A else math.inf
+        while chain.size:
+            inside = chain <= chain[0] + width_A
+            levels.append(chain[inside])
+            chain = chain[~inside]
+    return levels
 
 
 def _inertia(model: DamperModel, measurements: Sequence[Measurement], untold: Undetermined) -> None:

@@ -29,6 +29,16 @@ def test_draws_are_the_same_however_they_are_shared_out(make_synthetic: Make) ->
     assert not np.allclose(alone.draws, bootstrap(fit, tests, count=24, seed=5).draws, rtol=1e-6)
 
 
+def test_tests_that_the_fit_has_not_seen_are_refused(make_synthetic: Make) -> None:
+    """Held-out tests among the drawn ones would move the draws away from the fit, and narrow its intervals."""
+    tests = make_synthetic(DEMO, (0.0, 1.0, 2.0), (1.0, 2.0), cycles=3)
+    fit = identify(tests[:5], holdout=tests[5:])
+    with pytest.raises(IdentificationFailed, match="not fitted: p006"):
+        bootstrap(fit, tests, count=24)
+    with pytest.raises(IdentificationFailed, match="missing: p005"):
+        bootstrap(fit, tests[:4], count=24)
+
+
 @pytest.mark.nightly
 def test_a_right_models_spread_is_that_of_fits_to_new_noise(make_synthetic: Make) -> None:
     fits = [identify(make_synthetic(DEMO, (0.0, 1.0, 2.0), (0.5, 1.0, 2.0), seed=seed, cycles=4)) for seed in range(25)]

@@ -10,6 +10,7 @@ from rig.dampers import model, parameter_set
 from rig.identification import Fit, Measurement, identify
 from rig.identification.models.model_slope import FittedModel
 from rig.identification.models.projection import Weighting
+from rig.identification.models.undetermined import examine, only_at
 from rig.identification.uncertainty.alternative_shapes import explain
 from rig.identification.uncertainty.covariance import information
 
@@ -42,6 +43,17 @@ def test_without_current_the_values_at_zero_are_known(make_synthetic: Make) -> N
     assert unknown(fit) == {"eta", "Fyb", "Cb_plus", "Cb_minus", "Kb"}
     assert "every test ran without current" in fit.parameters["Fyb"].reason
     assert fit.parameters["Fya"].low < 100.0 < fit.parameters["Fya"].high  # type: ignore[operator] - identifiable, so not None
+
+
+def test_a_finely_stepped_current_has_its_levels_and_a_badly_held_one_has_no_more(make_synthetic: Make) -> None:
+    """Steps of 25 mA are levels, though each is near to the next; 20 mA about a set-point are its error."""
+    model_with_cubic = model("thinning_bouc_wen")
+    fine = make_synthetic(DEMO, tuple(np.arange(0.0, 0.21, 0.025).tolist()), (1.0,), cycles=2)
+    assert examine(model_with_cubic, fine).held.isdisjoint({"kt_b", "kt_c", "kt_d"})
+    assert only_at(model_with_cubic, fine) == ()
+    badly = make_synthetic(DEMO, (0.0, 0.02, -0.01, 0.98, 1.0, 1.02), (1.0,), cycles=2)
+    assert {"kt_c", "kt_d"} <= examine(model_with_cubic, badly).held
+    assert only_at(model_with_cubic, badly) == pytest.approx((0.01 / 3.0, 1.0))
 
 
 def test_one_frequency_cannot_tell_mass_from_stiffness(make_synthetic: Make) -> None:

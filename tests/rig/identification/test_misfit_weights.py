@@ -66,3 +66,24 @@ def test_where_the_scatter_is_not_known_all_samples_count_alike(tests: list[Meas
 def test_the_papers_algorithms_have_no_relative_weight() -> None:
     with pytest.raises(IdentificationFailed, match="equation"):
         Method("c_foa", weight="relative")
+
+
+def test_samples_on_a_jump_of_the_model_are_no_misfit(make_synthetic: Callable[..., list[Measurement]]) -> None:
+    """Bingham's force at a reversal: which side a sample shows is chance, and 500 N."""
+    values, random = parameter_set("demo-bingham").values, np.random.default_rng(2)
+    tests = []
+    for test in make_synthetic(values, name="bingham", currents_A=(0.0, 2.0), frequencies_Hz=(0.5, 1.5), cycles=2):
+        angle, rate = 2.0 * np.pi * test.frequency_Hz, test.amplitude_m * 2.0 * np.pi * test.frequency_Hz
+        time_s = np.arange(test.u_m.size) * test.dt_s + 2e-4
+        sine, cosine = np.sin(angle * time_s), np.cos(angle * time_s)
+        moved = test.moved(test.amplitude_m * sine, rate * cosine, -rate * angle * sine)
+        side = np.where(np.abs(moved.v_m_s) < 5e-4 * np.abs(moved.a_m_s2), -1.0, 1.0) * np.sign(cosine)
+        yielding_N = values["fc"] + values["fc_b"] * test.current_A
+        viscous = values["c0"] + values["c0_b"] * test.current_A
+        force_N = yielding_N * side + viscous * moved.v_m_s + values["f0"] + random.normal(0.0, 2.0, side.size)
+        tests.append(replace(moved, force_N=force_N, noise_N=2.0))
+    fit = identify(tests, model="bingham")
+    assert fit.adequate
+    assert fit.error.rmse_N > 10.0
+    assert fit.weight == "1"
+    assert not any("counts alike" in text for text in fit.warnings)

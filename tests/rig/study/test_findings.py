@@ -107,10 +107,32 @@ def test_the_best_line_of_a_method_is_the_lowest_over_all_its_settings(small_stu
     assert best_lines(study, results)["pso"]["value"] == 101.0 - len(cells)
 
 
+def test_generations_of_searches_that_the_budget_ended_tell_no_convergence(small_study: Path) -> None:
+    both = small_study.read_text().replace('["ga_novel", ', '["ga_standard", "ga_novel", ')
+    small_study.write_text(both.replace("repeats = 1", "repeats = 3"))
+    study = load_study(small_study)
+
+    def claim(stopped_by: str) -> Claim:
+        results = {
+            cell.key: line(
+                1.0, mae_N=1.0, generations=7 if cell.method == "ga_novel" else 9, stopped_by=stopped_by,
+                method=cell.method, parameters={"c0": cell.current_A},
+            )
+            for cell in current_cells(study)
+        }  # fmt: skip
+        return {one.slug: one for one in paper2_findings(study, results)}["novel-ga-speed"]
+
+    assert claim("statistics").verdict == "holds"
+    assert claim("budget").verdict == "cannot be told"
+    assert "tell no convergence" in claim("budget").text
+
+
 def test_the_rank_test_of_two_groups_is_kruskal_wallis() -> None:
-    # mean ranks 2 and 5: H = 12 / 42 * (36 + 225) / 3 - 21
-    statistic = 12.0 / 42.0 * (36.0 + 225.0) / 3.0 - 21.0
-    assert rank_test([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]) == pytest.approx(math.erfc(math.sqrt(statistic / 2.0)))
+    # mean ranks 4 and 11: H = 12 / 210 * 7 * (16 + 121) - 45
+    statistic = 12.0 / 210.0 * 7.0 * (16.0 + 121.0) - 45.0
+    low, high = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0]
+    assert rank_test(low, high) == pytest.approx(math.erfc(math.sqrt(statistic / 2.0)))
+    assert rank_test(low[:3], high[:3]) == pytest.approx(2.0 / 20.0)  # no order of 3 and 3 is rarer
     assert rank_test([1.0, 1.0], [1.0, 1.0]) == rank_test([1.0], [2.0, 3.0]) == 1.0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,12 @@ def test_the_draws_of_an_inadequate_fit_are_those_of_its_tests(run: Path) -> Non
     drawn = [draw.values["c0"] for draw in again.draws]
     assert np.mean(drawn) == pytest.approx(fitted.damper.values["c0"], abs=3.0 * spread)
     assert drawn_again(fitted, 8, seed=1).draws == again.draws
+
+
+def test_held_out_tests_are_not_drawn(run: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(run, tmp_path / "run")
+    identify_run([copy], model="bingham", holdout="frequency_Hz=2")
+    assert "4 tests, drawn again" in drawn_again(fitted_damper(str(copy), 8), 8, seed=1).remark
 
 
 def test_whatever_has_no_tests_beside_it_is_left_as_it_is(run: Path, tmp_path: Path) -> None:
