@@ -87,14 +87,14 @@ def descend(squares: Squares, start: FloatArray, descent: Descent) -> tuple[Floa
     for _ in range(descent.iterations):
         if squares.spent:
             break
-        whole = step = damped_step(curvature, gradient, damping, descent.floor)
+        step = damped_step(curvature, gradient, damping, descent.floor)
         if descent.longest is not None:
-            step = np.minimum(np.maximum(whole, -descent.longest), descent.longest)
+            step = np.minimum(np.maximum(step, -descent.longest), descent.longest)
         promised = float(step @ gradient)
         if not np.isfinite(step).all():
             break
         if promised <= descent.tolerance * value + descent.absolute:
-            if np.array_equal(step, whole) or damping > descent.most_damping:
+            if promised >= 0.0 or damping > descent.most_damping:
                 break
             damping = max(damping * descent.more, descent.least_damping)  # cut, it may lead up: the gradient does not
             continue

@@ -33,6 +33,7 @@ ITERATIONS, FIRST_ITERATIONS, LAST_ITERATIONS = 40, 15, 15
 TOLERANCE, ROUGH = 1e-7, 1e-5  # share of the objective that a step must promise: on all samples, while searching
 MOST_EVALUATIONS = 700  # of the search, on its few samples
 SEARCHED = 125  # samples of a cycle that the search sees
+FAR_OFF = 25.0  # times the sum of squares of the best start, beyond which a start is not followed
 HOPELESS = 2.0  # times a rival's root mean square error, after the starts
 LONGEST_LOGARITHM = 1.0
 DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
@@ -167,7 +168,10 @@ def solve_states(
     short = StateSquares(search, unknowns, few, weighting)
     full = StateSquares(search, unknowns, measurements, weighting)
     families = [starts[k : k + search.family] for k in range(0, len(starts), search.family)]
-    thetas = [min((unknowns.theta(values) for values in family), key=short.value) for family in families]
+    seen = [[(short.value(theta), theta) for theta in map(unknowns.theta, family)] for family in families]
+    best_of = [min(family, key=lambda pair: pair[0]) for family in seen]
+    nearest = min(value for value, _ in best_of)
+    thetas = [theta for value, theta in best_of if value <= FAR_OFF * nearest]
     share = short.counting / max(1, full.counting)
     part = MOST_EVALUATIONS // (2 * len(thetas))
     tried = [short.minimise(theta, FIRST_ITERATIONS, ROUGH, short.evaluations + part) for theta in thetas]
