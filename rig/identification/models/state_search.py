@@ -32,9 +32,10 @@ DIFFERENCE = 1e-4
 ITERATIONS, FIRST_ITERATIONS, LAST_ITERATIONS = 40, 15, 15
 TOLERANCE, ROUGH = 1e-7, 1e-5  # share of the objective that a step must promise: on all samples, while searching
 MOST_EVALUATIONS = 700  # of the search, on its few samples
+NEARLY = 1e-3  # the same from a fit to nearly the same tests, where the model misses far more than the noise
 SEARCHED = 125  # samples of a cycle that the search sees
 FAR_OFF = 25.0  # times the sum of squares of the best start, beyond which a start is not followed
-HOPELESS = 2.0  # times a rival's root mean square error, after the starts
+HOPELESS_START, HOPELESS = 5.0, 2.0  # times a rival's root mean square error, before and after the starts' descents
 LONGEST_LOGARITHM = 1.0
 DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
 FLOOR = 1e-12  # of the largest curvature, below which an unknown counts as without effect
@@ -171,20 +172,16 @@ def solve_states(
     seen = [[(short.value(theta), theta) for theta in map(unknowns.theta, family)] for family in families]
     best_of = [min(family, key=lambda pair: pair[0]) for family in seen]
     nearest = min(value for value, _ in best_of)
+    _refuse_hopeless(model, short, nearest, HOPELESS_START, rival_N)
     thetas = [theta for value, theta in best_of if value <= FAR_OFF * nearest]
     share = short.counting / max(1, full.counting)
     part = MOST_EVALUATIONS // (2 * len(thetas))
-    tried = [short.minimise(theta, FIRST_ITERATIONS, ROUGH, short.evaluations + part) for theta in thetas]
+    first = FIRST_ITERATIONS if len(thetas) > 1 else ITERATIONS
+    rough = NEARLY if start is not None and nearest > DESCRIBED * short.noise_power else ROUGH
+    tried = [short.minimise(theta, first, rough, short.evaluations + part) for theta in thetas]
     best = min(tried, key=lambda minimum: minimum[1])
-    reached_N = math.sqrt(best[1] / max(1, short.counting))
-    if reached_N > HOPELESS * rival_N:
-        raise GivenUp(
-            say(
-                "given-up", model=model.name, evaluations=short.evaluations, reached_N=reached_N,
-                times=reached_N / rival_N, rival_N=rival_N,
-            )
-        )  # fmt: skip
-    theta, left = short.minimise(best[0], ITERATIONS, ROUGH)
+    _refuse_hopeless(model, short, best[1], HOPELESS, rival_N)
+    theta, left = best if len(thetas) == 1 else short.minimise(best[0], ITERATIONS, ROUGH)
     natural = unknowns.values(theta)
     bound = tuple(name for name in model.non_negative if natural[name] < 0.0)
     if bound:
@@ -198,6 +195,22 @@ def solve_states(
     evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
     known = {name: value for name, value in unknowns.values(theta).items() if name != "eta"}
     return Solution(known, objective, evaluations, bound, search.at_limit(unknowns, theta))
+
+
+def _refuse_hopeless(model: DamperModel, squares: StateSquares, left: float, times: float, rival_N: float) -> None:
+    """Gives up a search that has reached so large a sum of squares.
+
+    Raises:
+        GivenUp: its error is so many times that of a rival.
+    """
+    reached_N = math.sqrt(left / max(1, squares.counting))
+    if reached_N > times * rival_N:
+        raise GivenUp(
+            say(
+                "given-up", model=model.name, evaluations=squares.evaluations, reached_N=reached_N,
+                times=reached_N / rival_N, rival_N=rival_N,
+            )
+        )  # fmt: skip
 
 
 def _held_at_zero(
