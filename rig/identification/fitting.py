@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
 ALL, FEW = "all", "few"
 DRAWN_SAMPLES = 250  # samples of a cycle that figures show
+DIAGNOSED_SAMPLES = 125  # of a cycle, of models with internal states: a cause costs an integration of all tests a step
 
 
 def identify(
@@ -204,7 +205,8 @@ def _diagnosis(best: Candidate, fit: Fit, fitted: Sequence[Measurement], *, misf
     values = best.solution.values
     names = tuple(best.findings.free(name for name in best.model.names if name in values and name != "eta"))
     weighting = Method(weight=fit.weight).weighting(best.model)
-    return diagnose(Fitted(best.model, values, names, fitted, weighting), misfit=misfit)
+    tests = [spaced(test, DIAGNOSED_SAMPLES) for test in fitted] if best.model.states else list(fitted)
+    return diagnose(Fitted(best.model, values, names, tests, weighting), misfit=misfit)
 
 
 def _usable(
