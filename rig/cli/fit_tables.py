@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rig.cli.tables import number
+from rig.dampers.covered import in_words
 from rig.matrix.methods import FEW_MODELS
 
 INADEQUATE = (
@@ -84,7 +85,7 @@ def outside(names: Sequence[str] | None) -> str:
     """In which quantities a test lies beyond the data of its fit; `-` where a file does not tell."""
     if names is None:
         return "-"
-    return ", ".join(name.partition("_")[0] for name in names) or "no"
+    return in_words(names) or "no"
 
 
 def _apart(summary: Mapping[str, Any]) -> str:

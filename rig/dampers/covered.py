@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,6 +88,11 @@ class Covered:
             return ranges
         currents = ", ".join(f"{current_A:.2f}" for current_A in self.only_at_A)
         return f"{ranges}, of the currents only {currents} A (too few for the model to know the force between them)"
+
+
+def in_words(names: Iterable[str]) -> str:
+    """Quantities without their units, each once: `velocity, current`."""
+    return ", ".join(dict.fromkeys(name.partition("_")[0] for name in names))
 
 
 def ranges_of(entry: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rig.dampers.covered import in_words
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.models.coverage import beyond, covered_by
@@ -105,7 +106,7 @@ def extrapolations(scores: Sequence[ModelScore], held_out: Sequence[Measurement]
     outside = scores[0].beyond
     if len(scores) < 2 or not outside or scores[0].holdout_nrmse_percent_of_peak is None:
         return []
-    quantities = ", ".join(dict.fromkeys(name.partition("_")[0] for names in outside.values() for name in names))
+    quantities = in_words(name for names in outside.values() for name in names)
     if scores[0].within_nrmse_percent_of_peak is None:
         return [say("ranked-beyond" if held_out else "ranked-unseen-by-none", quantities=quantities)]
     first, other = scores[0], scores[_ordered(scores, within=True)[0]]

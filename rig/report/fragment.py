@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rig.dampers.covered import in_words
 from rig.report.style import STYLE_SHEET
 from rig.signals.estimate import Estimate
 
@@ -91,7 +92,7 @@ def table(head: Sequence[str], rows: Sequence[tuple[str, Sequence[str]]], numeri
 
 def beyond(names: Sequence[str] | None) -> str:
     """In which quantities an unseen test lies beyond the data of its fit; empty where in none, or not told."""
-    return ", ".join(name.partition("_")[0] for name in names or ())
+    return in_words(names or ())
 
 
 def held_out(test: Mapping[str, Any]) -> str:

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from rig.dampers import model as damper_model
+from rig.dampers.covered import in_words
 from rig.errors import RigError
 from rig.identification import Measurement, Method, identify
 from rig.identification.models.coverage import beyond, covered_by
@@ -262,7 +263,7 @@ def _row(model: str, method: str, scored: Sequence[_Scored]) -> dict[str, Any]:
 
 def _beyond(test: TestError) -> str:
     """In what a test lies beyond the data of its fit."""
-    told = ", ".join(name.partition("_")[0] for name in test.beyond or ())
+    told = in_words(test.beyond or ())
     return f" (beyond the data: {told})" if told else ""
 
 
