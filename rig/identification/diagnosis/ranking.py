@@ -25,9 +25,9 @@ from rig.identification.diagnosis.trials import (
     SMALLEST_DRIFT,
     WORTH_PARTING,
     Fitted,
-    NEAR_REVERSAL_m,
     Trial,
     left_N,
+    near_reversals,
     numbers_of,
     trends,
     trials,
@@ -211,16 +211,14 @@ def _of_misfit(fitted: Fitted, of_all: float | None = None) -> _Misfit:
 def _unexplained(fitted: Fitted, parts: Sequence[Stretch]) -> Cause:
     """Where a misfit lies that no cause explains."""
     top_m_s = max(float(np.max(np.abs(part.test.v_m_s))) for part in parts)
-    whole, by_test = 0.0, np.zeros(len(fitted.tests))
-    near = slow = 0.0
+    slow, by_test = 0.0, np.zeros(len(fitted.tests))
     for part in parts:
         squares = (part.weights * left_N(fitted, part)) ** 2
-        whole, near = whole + float(np.sum(squares)), near + float(np.sum(squares[part.since_m < NEAR_REVERSAL_m]))
         slow += float(np.sum(squares[np.abs(part.test.v_m_s) < SLOW * top_m_s]))
         by_test[part.index] += float(np.sum(squares))
-    worst = int(np.argmax(by_test))
-    shares = {"near": near, "slow": slow, "of_worst": float(by_test[worst])}
-    numbers: dict[str, object] = {name: 100.0 * share / max(whole, 1e-300) for name, share in shares.items()}
+    worst, whole = int(np.argmax(by_test)), max(float(np.sum(by_test)), 1e-300)
+    numbers: dict[str, object] = {"near": near_reversals(fitted, parts), "slow": 100.0 * slow / whole}
+    numbers |= {"of_worst": 100.0 * float(by_test[worst]) / whole}
     numbers |= {"worst": fitted.tests[worst].id, "count": by_test.size, "least": 100.0 * WORTH_NAMING}
     return Cause(UNEXPLAINED, say(UNEXPLAINED, **numbers), 0.0, say(f"next-{UNEXPLAINED}", **numbers))
 

@@ -95,12 +95,12 @@ def _distorted(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iter
             replace(part, test=replace(part.test, current_A=np.abs(part.test.current_A))) for part in parts
         ]
         yield Trial("current-sign", explain(damper, unsigned, of.Distortion()).squares, 0, {})
-    yield add("missing-hysteresis", of.Added(of.after_reversal, parts), percent=_near_reversals(fitted, parts))
+    yield add("missing-hysteresis", of.Added(of.after_reversal, parts), percent=near_reversals(fitted, parts))
     yield add("speed-shape", of.Added(of.over_speed(top), parts))
     yield add("stroke-shape", of.Added(of.over_stroke(most), parts))
 
 
-def _near_reversals(fitted: Fitted, parts: Sequence[Stretch]) -> float:
+def near_reversals(fitted: Fitted, parts: Sequence[Stretch]) -> float:
     """Part (%) of the misfit within 1 mm after a reversal."""
     near = total = 0.0
     for part in parts:
