@@ -1,11 +1,11 @@
 """What happens behind the spring of `sprung_bouc_wen` and `thixotropic_bouc_wen`: the piston's law, speed, and steps.
 
 The piston's speed follows from the spring's force, because the law rises with the speed. The spring's stretch is stiff
-where the piston slides (k over the slope of the law is thousands per second), so it is integrated by a diagonally
-implicit Runge-Kutta method of two stages and second order that damps stiff parts out (Alexander 1977, L-stable). The
-loop w has a solution in closed form along any path, and each stage takes w where the stage ends. Steps are short where
-the force turns round, and up to 2.5 ms long where the piston slides: steps of 4 ms were off by up to 2 N there, in
-every cycle the same, and the fitted parameters by more than their intervals.
+where the piston slides (k over the slope of the law is thousands per second), so it is integrated by the trapezoidal
+rule and then by backward differences of second order over the whole step (TR-BDF2, Bank et al. 1985): it damps stiff
+parts out, and both stages are of second order, so the force of a stiff spring does not depend on the step. The loop w
+has a solution in closed form along any path, and each stage takes w where the stage ends. Steps are short where the
+force turns round and long where the piston slides (docs/decisions/a-spring-in-the-model.md).
 
 Parameters p are those of `SprungBoucWenModel` in their order, the state is the spring's stretch (m), then w. The
 thixotropic model has a parameter more, and a third state, the remembered speed (m/s); a model without memory
@@ -25,11 +25,14 @@ REMEMBERS_S = 0.1  # time constant of the memory of the speed
 HALVES_M_S = 0.1  # remembered speed that halves the force at 0 A
 NOTHING = -1.0
 IMPLICIT = 1.0 - math.sqrt(0.5)  # share of a step that each stage is implicit over
+FIRST_ENDS = 2.0 * IMPLICIT  # of a step: half of the first stage is implicit
+EXPLICIT = math.sqrt(0.125)  # share of a step that the second stage takes with each speed known before
+AT_ONCE_S = 1e-6  # in which the piston's speed at an instant is found
 TURNING = 8.0  # steps in the time in which the rod, from rest, goes as far as the force stretches the spring, / sqrt 2
 LONGEST_PATH = 0.5  # of w in a step, in 1/rho
-LONGEST_S = 2.5e-3  # step where the piston slides
+LONGEST_S = 1e-2  # step
 MOST_STEPS = 400  # between two samples
-CLOSE, NEAREST_M_S = 1e-6, 1e-10  # last change of the piston's speed, relative and in m/s: what is left is its square
+CLOSE, NEAREST_M_S = 1e-4, 1e-10  # last change of the piston's speed, relative and in m/s: what is left is its square
 FASTEST_M_S = 1e3  # speeds are looked for up to this one
 MOST_TRIALS = 80
 Numbers = tuple[float, float, float, float]
@@ -126,9 +129,15 @@ def rod_at(motion: Motion, t: float) -> float:
 
 
 @njit()
+def rod_speed(motion: Motion, t: float) -> float:
+    """How fast the rod is (m/s) after t (s) of a motion."""
+    return float(motion[1] + t * (motion[2] + t * (motion[3] + t * motion[4])))
+
+
+@njit()
 def steps_in(p: FloatArray, at: AtCurrent, w: float, motion: Motion, dt: float) -> int:
     """How many equal steps a motion of dt (s) is cut into."""
-    v_0, v_1 = motion[1], motion[1] + dt * (motion[2] + dt * (motion[3] + dt * motion[4]))
+    v_0, v_1 = motion[1], rod_speed(motion, dt)
     faster = max(abs(v_0), abs(v_1))
     reach = (abs(at[1]) + 5.0 * at[3] + at[0] * faster) / p[SPRING]
     turning = max(abs(motion[2]), abs(v_1 - v_0) / dt)
@@ -141,17 +150,24 @@ def steps_in(p: FloatArray, at: AtCurrent, w: float, motion: Motion, dt: float) 
 
 
 @njit()
-def first_stage(state: FloatArray, motion: Motion, t: float, h: float) -> Stage:
-    """The first stage of a step of length h (s) that begins at t (s)."""
-    part, began = IMPLICIT * h, rod_at(motion, t) - state[0]
-    return rod_at(motion, t + part), began, part, began, state[1]
+def at_once(state: FloatArray, motion: Motion) -> Stage:
+    """A stage so short that the piston's speed there is that where the motion begins."""
+    began = motion[0] - state[0]
+    return rod_at(motion, AT_ONCE_S), began, AT_ONCE_S, began, state[1]
 
 
 @njit()
-def second_stage(early: Stage, motion: Motion, t: float, h: float, first: float) -> Stage:
-    """The second one, behind a first stage with the piston's speed `first` (m/s)."""
+def first_stage(state: FloatArray, motion: Motion, t: float, h: float, v: float) -> Stage:
+    """The first stage of a step of length h (s) that begins at t (s) with the piston's speed v (m/s)."""
+    part, began = IMPLICIT * h, rod_at(motion, t) - state[0]
+    return rod_at(motion, t + FIRST_ENDS * h), began + part * v, part, began, state[1]
+
+
+@njit()
+def second_stage(early: Stage, motion: Motion, t: float, h: float, both: float) -> Stage:
+    """The second one; `both` (m/s) is the sum of the piston's speeds where the step begins and at the first stage."""
     part, began, w = early[2], early[3], early[4]
-    return rod_at(motion, t + h), began + (h - part) * first, part, began, w
+    return rod_at(motion, t + h), began + EXPLICIT * h * both, part, began, w
 
 
 @njit()
@@ -161,15 +177,20 @@ def remembered(state: FloatArray) -> float:
 
 
 @njit()
-def remember(state: FloatArray, motion: Motion, t: float, h: float) -> float:
-    """Moves the memory over a step of length h (s) from t (s); gives the remembered speed (m/s) in its middle."""
+def remembering(state: FloatArray, motion: Motion, t: float, h: float) -> tuple[float, float]:
+    """The remembered speeds (m/s) at both stages of a step of length h (s) from t (s), where `state` is."""
     if state.size <= 2:
-        return NOTHING
-    middle = t + 0.5 * h
-    rod = abs(motion[1] + middle * (motion[2] + middle * (motion[3] + middle * motion[4])))
-    before, share = state[2], math.exp(-0.5 * h / REMEMBERS_S)
-    state[2] = rod + (before - rod) * share * share
-    return float(rod + (before - rod) * share)
+        return NOTHING, NOTHING
+    rod = abs(rod_speed(motion, t + 0.5 * h))
+    before = state[2] - rod
+    return rod + before * math.exp(-FIRST_ENDS * h / REMEMBERS_S), rod + before * math.exp(-h / REMEMBERS_S)
+
+
+@njit()
+def remember(state: FloatArray, speed: float) -> None:
+    """Puts a remembered speed (m/s) into the state, if it has a place for it."""
+    if state.size > 2:
+        state[2] = speed
 
 
 @njit()
@@ -179,17 +200,23 @@ def moved(p: FloatArray, state: FloatArray, motion: Motion, current: float, dt: 
         return True
     at = at_current(p, current, remembered(state))
     count = steps_in(p, at, state[1], motion, dt)
-    h, v = dt / count, motion[1]
+    h = dt / count
+    begins = at_once(state, motion)
+    v = piston_speed(p, at, begins, motion[1])
     for k in range(count):
-        speed = remember(state, motion, k * h, h)
-        at = at_current(p, current, speed)
-        early = first_stage(state, motion, k * h, h)
-        first = piston_speed(p, at, early, v)
-        late = second_stage(early, motion, k * h, h, first)
-        v = piston_speed(p, at, late, first)
+        t = k * h
+        rods = rod_speed(motion, t), rod_speed(motion, t + FIRST_ENDS * h), rod_speed(motion, t + h)
+        speeds = remembering(state, motion, t, h)
+        at = at_current(p, current, speeds[0])
+        early = first_stage(state, motion, t, h, v)
+        first = piston_speed(p, at, early, v + rods[1] - rods[0])
+        at = at_current(p, current, speeds[1])
+        late = second_stage(early, motion, t, h, v + first)
+        v = piston_speed(p, at, late, first + rods[2] - rods[1])
         rod, base, part, began, w = late
         now = base + part * v
         state[0] = rod - now
         end = turned(w, p[RHO] * (now - began))
         state[1] = end[0]
+        remember(state, speeds[1])
     return True

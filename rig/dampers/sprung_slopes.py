@@ -19,6 +19,8 @@ from rig.dampers.kernel import Compiled, between_samples, cached, fingerprint
 from rig.dampers.sprung_flow import (
     BEND,
     CURVED,
+    EXPLICIT,
+    FIRST_ENDS,
     MASS,
     OFFSET,
     RHO,
@@ -28,12 +30,15 @@ from rig.dampers.sprung_flow import (
     Numbers,
     Stage,
     at_current,
+    at_once,
     first_stage,
     kept,
     law,
     piston_speed,
     remember,
     remembered,
+    remembering,
+    rod_speed,
     second_stage,
     steps_in,
     turned,
@@ -83,31 +88,41 @@ def balance_slopes(
 def carried(p: FloatArray, state: FloatArray, slopes: FloatArray, motion: Motion, current: float, dt: float) -> None:
     """`sprung_flow.moved`, and the slopes (2, parameters) of the piston's place and of w moved with it."""
     at, own = at_current(p, current, remembered(state)), np.empty(p.size)
-    by_first = np.empty(p.size)
+    by_last, by_first = np.empty(p.size), np.empty(p.size)
     count = steps_in(p, at, state[1], motion, dt)
-    h, v = dt / count, motion[1]
+    h, begins = dt / count, at_once(state, motion)
+    v = piston_speed(p, at, begins, motion[1])
+    by_base, by_w, by_began, by_v = balance_slopes(p, at, (current, remembered(state)), begins, v, own)
+    for q in range(p.size):
+        by_last[q] = -(own[q] + (by_base + by_began) * slopes[0, q] + by_w * slopes[1, q]) / by_v
     for k in range(count):
-        speed = remember(state, motion, k * h, h)
-        at, here = at_current(p, current, speed), (current, speed)
-        early = first_stage(state, motion, k * h, h)
-        first = piston_speed(p, at, early, v)
-        late = second_stage(early, motion, k * h, h, first)
-        v = piston_speed(p, at, late, first)
-        by_base, by_w, by_began, by_v = balance_slopes(p, at, here, early, first, own)
+        t = k * h
+        rods = rod_speed(motion, t), rod_speed(motion, t + FIRST_ENDS * h), rod_speed(motion, t + h)
+        speeds = remembering(state, motion, t, h)
+        at = at_current(p, current, speeds[0])
+        early = first_stage(state, motion, t, h, v)
+        first = piston_speed(p, at, early, v + rods[1] - rods[0])
+        by_base, by_w, by_began, by_v = balance_slopes(p, at, (current, speeds[0]), early, first, own)
         for q in range(p.size):
-            by_first[q] = -(own[q] + (by_base + by_began) * slopes[0, q] + by_w * slopes[1, q]) / by_v
-        by_base, by_w, by_began, by_v = balance_slopes(p, at, here, late, v, own)
+            of_base = slopes[0, q] + early[2] * by_last[q]
+            by_first[q] = -(own[q] + by_base * of_base + by_began * slopes[0, q] + by_w * slopes[1, q]) / by_v
+        at = at_current(p, current, speeds[1])
+        late = second_stage(early, motion, t, h, v + first)
+        v = piston_speed(p, at, late, first + rods[2] - rods[1])
+        by_base, by_w, by_began, by_v = balance_slopes(p, at, (current, speeds[1]), late, v, own)
         rod, base, part, began, w = late
         now = base + part * v
         end, by_start, by_path = turned(w, p[RHO] * (now - began))
         for q in range(p.size):
-            of_base = slopes[0, q] + (h - part) * by_first[q]
-            by_second = -(own[q] + by_base * of_base + by_began * slopes[0, q] + by_w * slopes[1, q]) / by_v
-            way = (h - part) * by_first[q] + part * by_second
+            before = EXPLICIT * h * (by_last[q] + by_first[q])
+            of_base = slopes[0, q] + before
+            by_last[q] = -(own[q] + by_base * of_base + by_began * slopes[0, q] + by_w * slopes[1, q]) / by_v
+            way = before + part * by_last[q]
             slopes[0, q] += way
             slopes[1, q] = by_start * slopes[1, q] + by_path * p[RHO] * way
         slopes[1, RHO] += by_path * (now - began)
         state[0], state[1] = rod - now, end
+        remember(state, speeds[1])
 
 
 @cache

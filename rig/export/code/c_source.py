@@ -55,6 +55,17 @@ class CPrinter(Printer):
         returns = [node for node in ast.walk(self.function.tree) if isinstance(node, ast.Return)]
         return not self.function.arity and any(node.value is not None for node in returns)
 
+    def call(self, node: ast.Call) -> str:
+        """See `Printer.call`.
+
+        Raises:
+            NotTranslatable: it has no counterpart here, or its value is a tuple, which no expression of C holds.
+        """
+        function = self.called_by(node)
+        if function is not None and function.arity:
+            raise self.function.refused(node, "a tuple wants a name of its own, `name = ...`")
+        return super().call(node)
+
     def call_name(self, name: str) -> str:
         """See `Printer.call_name`."""
         return {"abs": "fabs", "min": "fmin", "max": "fmax", "int": "trunc"}.get(name, name)

@@ -22,12 +22,13 @@ from rig.dampers.separation import MotionScale, Separation
 from rig.dampers.unit_columns import UnitSeparation
 from rig.errors import IdentificationFailed
 from rig.identification.models.inner_least_squares import Inner
-from rig.identification.models.measurement import Measurement, first_cycle
+from rig.identification.models.measurement import Measurement, first_cycle, spaced
 from rig.identification.models.projection import Projection, Weighting
 from rig.identification.models.tanh_projection import TanhProjection
 from rig.optimisers.least_squares import Descent, Squares, descend
 
 THINNED_SAMPLES = 2500
+SEARCHED = 125  # samples of a cycle that the search of a model with states sees
 STARTS = 4  # of a tanh model's grid, refined on thinned data
 LOOP_STARTS = 3  # of a loop's grid, refined on one cycle of each test
 TOLERANCE = 1e-9  # share of the objective that a step must promise
@@ -161,24 +162,31 @@ def solve_loop(
         near: values to start from instead of the form's starts.
     """
     without = form.held_here(held)
-    single = [first_cycle(test) for test in measurements]
-    short = Projection(form, single, weighting, without=without)
+    single, passes = [first_cycle(test) for test in measurements], 0.0
     if near is None:
-        order = np.argsort([short.objective(shape) for shape in form.starts])[:LOOP_STARTS]
-        starts = [form.starts[k] for k in order]
+        # weights of single samples, as a robust loss gives them, belong to all samples of a cycle
+        few = single if weighting.extra is not None else [spaced(test, SEARCHED) for test in single]
+        thin = Projection(form, few, weighting, without=without)
+        order = np.argsort([thin.objective(shape) for shape in form.starts])[:LOOP_STARTS]
+        refined = [refine(thin, form.starts[k], LOOP_ROUGH) for k in order]
+        start, _ = min(refined, key=lambda minimum: minimum[1].objective)
+        passes += thin.evaluations * _samples(few)
     else:
-        starts = [form.shape_of(near)]
-    refined = [refine(short, shape, LOOP_ROUGH) for shape in starts]
-    start, _ = min(refined, key=lambda minimum: minimum[1].objective)
-    full = Projection(form, measurements, weighting, without=without)
-    if isinstance(form, UnitSeparation) and short.objective(start) > DESCRIBED * _noise_power(single, weighting):
-        shape, inner = start, full.solve(start, slope=False)
+        start = form.shape_of(near)
+    short, full = (Projection(form, tests, weighting, without=without) for tests in (single, measurements))
+    shape, inner = refine(short, start, LOOP_ROUGH)
+    if isinstance(form, UnitSeparation) and inner.objective > DESCRIBED * _noise_power(single, weighting):
+        inner = full.solve(shape, slope=False)
     else:
-        shape, inner = refine(full, start, LOOP_FINE)
-    share = sum(test.u_m.size for test in single) / sum(test.u_m.size for test in measurements)
-    evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
+        shape, inner = refine(full, shape, LOOP_FINE)
+    passes += short.evaluations * _samples(single)
+    evaluations = full.evaluations + int(np.ceil(passes / _samples(measurements)))
     values = form.values(inner.linear, shape)
     return Solution(values, inner.objective, evaluations, at_limit=limits_met(form, shape))
+
+
+def _samples(measurements: Sequence[Measurement]) -> int:
+    return sum(test.u_m.size for test in measurements)
 
 
 def _noise_power(measurements: Sequence[Measurement], weighting: Weighting) -> float:

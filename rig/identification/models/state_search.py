@@ -23,7 +23,7 @@ from rig.dampers.model import DamperModel
 from rig.dampers.separation import MotionScale, Search, Unknowns
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
 from rig.identification.models.projection import Weighting
-from rig.identification.models.separable import GivenUp, Solution, motion_scale, solve_loop, solve_separable
+from rig.identification.models.separable import SEARCHED, GivenUp, Solution, motion_scale, solve_loop, solve_separable
 from rig.identification.models.undetermined import examine
 from rig.identification.words import say
 from rig.optimisers.least_squares import Descent, Squares, descend
@@ -33,9 +33,8 @@ ITERATIONS, FIRST_ITERATIONS, LAST_ITERATIONS = 40, 15, 15
 TOLERANCE, ROUGH = 1e-7, 1e-5  # share of the objective that a step must promise: on all samples, while searching
 MOST_EVALUATIONS = 700  # of the search, on its few samples
 NEARLY = 1e-3  # the same from a fit to nearly the same tests, where the model misses far more than the noise
-SEARCHED = 125  # samples of a cycle that the search sees
 FAR_OFF = 25.0  # times the sum of squares of the best start, beyond which a start is not followed
-HOPELESS_START, HOPELESS = 5.0, 2.0  # times a rival's root mean square error, before and after the starts' descents
+HOPELESS = 2.0  # times a rival's root mean square error, after the starts' descents; starts say nothing
 LONGEST_LOGARITHM = 1.0
 DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
 FLOOR = 1e-12  # of the largest curvature, below which an unknown counts as without effect
@@ -172,7 +171,6 @@ def solve_states(
     seen = [[(short.value(theta), theta) for theta in map(unknowns.theta, family)] for family in families]
     best_of = [min(family, key=lambda pair: pair[0]) for family in seen]
     nearest = min(value for value, _ in best_of)
-    _refuse_hopeless(model, short, nearest, HOPELESS_START, rival_N)
     thetas = [theta for value, theta in best_of if value <= FAR_OFF * nearest]
     share = short.counting / max(1, full.counting)
     part = MOST_EVALUATIONS // (2 * len(thetas))
@@ -180,7 +178,7 @@ def solve_states(
     rough = NEARLY if start is not None and nearest > DESCRIBED * short.noise_power else ROUGH
     tried = [short.minimise(theta, first, rough, short.evaluations + part) for theta in thetas]
     best = min(tried, key=lambda minimum: minimum[1])
-    _refuse_hopeless(model, short, best[1], HOPELESS, rival_N)
+    _refuse_hopeless(model, short, best[1], rival_N)
     theta, left = best if len(thetas) == 1 else short.minimise(best[0], ITERATIONS, ROUGH)
     natural = unknowns.values(theta)
     bound = tuple(name for name in model.non_negative if natural[name] < 0.0)
@@ -197,14 +195,14 @@ def solve_states(
     return Solution(known, objective, evaluations, bound, search.at_limit(unknowns, theta))
 
 
-def _refuse_hopeless(model: DamperModel, squares: StateSquares, left: float, times: float, rival_N: float) -> None:
+def _refuse_hopeless(model: DamperModel, squares: StateSquares, left: float, rival_N: float) -> None:
     """Gives up a search that has reached so large a sum of squares.
 
     Raises:
         GivenUp: its error is so many times that of a rival.
     """
     reached_N = math.sqrt(left / max(1, squares.counting))
-    if reached_N > times * rival_N:
+    if reached_N > HOPELESS * rival_N:
         raise GivenUp(
             say(
                 "given-up", model=model.name, evaluations=squares.evaluations, reached_N=reached_N,

@@ -174,3 +174,21 @@ def test_the_force_at_250_samples_a_second_is_that_of_thirty_times_as_many() -> 
         u, v = 0.03 * np.sin(omega * t), 0.03 * omega * np.cos(omega * t)
         forces.append(DAMPER.force(DEMO, u, v, -(omega**2) * u, 1.3, 1.0 / rate_Hz)[:: round(rate_Hz / 250.0)])
     assert np.max(np.abs(forces[0] - forces[1])[125:]) < 1.0  # of 700 N; with one step a sample 2.0
+
+
+@pytest.mark.parametrize(
+    ("amplitude_m", "frequency_Hz", "rate_Hz"), [(0.01, 8.0, 1000.0), (0.02, 4.0, 500.0), (0.025, 0.25, 50.0)]
+)
+def test_a_stiff_springs_force_does_not_depend_on_the_sampling(
+    amplitude_m: float, frequency_Hz: float, rate_Hz: float
+) -> None:
+    """A step whose stages are of first order adds a force that grows with the acceleration, which a fit calls mass."""
+    stiff, forces, fine = {**DEMO, "k": 1.5e7, "vt": 3e-4, "kt": 25.0, "kt_b": 100.0}, [], 20
+    for rate in (rate_Hz, fine * rate_Hz):
+        t = np.arange(round(1.5 * rate / frequency_Hz)) / rate
+        omega = 2.0 * math.pi * frequency_Hz
+        u, v = amplitude_m * np.sin(omega * t), amplitude_m * omega * np.cos(omega * t)
+        forces.append(DAMPER.force(stiff, u, v, -(omega**2) * u, np.full(t.size, 0.5), 1.0 / rate))
+    left = (forces[0] - forces[1][::fine])[t.size // fine // 3 :]
+    assert np.sqrt(np.mean(left**2)) < 2e-4 * np.max(np.abs(forces[1]))
+    assert np.max(np.abs(left)) < 2e-3 * np.max(np.abs(forces[1]))

@@ -125,6 +125,17 @@ def test_a_damper_behind_a_spring_is_found_from_three_currents(more: dict[str, f
     assert fit.values["kv"] == pytest.approx(values["kv"], rel=0.2)
 
 
+def test_a_damper_with_a_memory_is_picked_among_those_without_one() -> None:
+    """Its search begins five times as far off as another model ends, which says nothing of where it ends itself."""
+    rng, named = np.random.default_rng(8), "demo-thixotropic-bouc-wen"
+    motions = ((0.007, 0.5), (0.007, 5.0), (0.021, 0.5), (0.021, 2.5))
+    tests = [moved(amps, *motion, rng, named) for motion in motions for amps in (0.0, 0.5, 1.0, 2.0)]
+    fit = identify(tests, model="few")
+    assert fit.model == "thixotropic_bouc_wen"
+    assert fit.adequate
+    assert fit.error.rmse_N == pytest.approx(3.0, rel=0.05)
+
+
 def test_mass_and_stiffness_of_a_sprung_damper_are_not_told_apart_at_one_frequency() -> None:
     rng = np.random.default_rng(8)
     fit = identify([moved(amps, 0.02, 1.0, rng) for amps in (0.0, 0.5, 1.0)], model="sprung_bouc_wen")
