@@ -33,7 +33,7 @@ from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.uncertainty.fit_entries import Cause, ErrorSummary, Estimate, SeriesSpring
 from rig.identification.uncertainty.scoring import score, told_apart
-from rig.identification.words import say, some
+from rig.identification.words import UNTRIED, say, some
 from rig.matrix.methods import FEW_MODELS
 
 if TYPE_CHECKING:
@@ -151,7 +151,8 @@ def identify(
             max((residual.widening for residual in fit.residuals), default=1.0), quantile() * SMOOTHING
         )
     fit = _usable(softened(fit, softening, fitted, held_out), fitted, held_out, known.temperature_degC)
-    causes = _diagnosis(best, fit, alike, misfit=fit.adequate is False if diagnose is None else diagnose)
+    untried = "" if len(models) == len(rig.dampers.MODELS) else UNTRIED
+    causes = _diagnosis(best, fit, alike, untried, misfit=fit.adequate is False if diagnose is None else diagnose)
     if bootstrap:
         from rig.identification.bootstrap import bootstrap as drawn_again
 
@@ -197,7 +198,9 @@ def _foretold(
     return foretold(tests, error_of)
 
 
-def _diagnosis(best: Candidate, fit: Fit, fitted: Sequence[Measurement], *, misfit: bool) -> tuple[Cause, ...]:
+def _diagnosis(
+    best: Candidate, fit: Fit, fitted: Sequence[Measurement], untried: str, *, misfit: bool
+) -> tuple[Cause, ...]:
     """What probably explains the misfit of the fit."""
     from rig.identification.diagnosis.ranking import diagnose
     from rig.identification.diagnosis.trials import Fitted
@@ -206,7 +209,7 @@ def _diagnosis(best: Candidate, fit: Fit, fitted: Sequence[Measurement], *, misf
     names = tuple(best.findings.free(name for name in best.model.names if name in values and name != "eta"))
     weighting = Method(weight=fit.weight).weighting(best.model)
     tests = [spaced(test, DIAGNOSED_SAMPLES) for test in fitted] if best.model.states else list(fitted)
-    return diagnose(Fitted(best.model, values, names, tests, weighting), misfit=misfit)
+    return diagnose(Fitted(best.model, values, names, tests, weighting, untried), misfit=misfit)
 
 
 def _usable(

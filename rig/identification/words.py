@@ -332,16 +332,18 @@ NEXT = {
     "next-current-law-two": "measure at 0 A and at one current between",
     "next-current-sign": "give all currents without their sign: the magnetic field's direction changes no yield force",
     "next-missing-hysteresis": (
-        "fit with --model all; measure slow triangles of several amplitudes, which show the path after a reversal"
+        "{untried}measure slow triangles of several amplitudes, which show the path after a reversal"
     ),
     "next-mixed-specimens": "check which damper was mounted, and identify these tests apart",
-    "next-speed-shape": "fit with --model all; measure sines of more amplitudes at the same frequency",
+    "next-speed-shape": "{untried}measure sines of more amplitudes at the same frequency",
     "next-unexplained": (
-        "fit with --model all; repeat {worst}, the first test and one with the currents in another order: what then "
+        "{untried}repeat {worst}, the first test and one with the currents in another order: what then "
         "differs is no model's to describe"
     ),
     "next-stroke-shape": "measure with less amplitude, and at more positions of the stroke",
 }
-"""What to measure or mend then."""
+"""What to measure or mend then; `untried` is `UNTRIED` where not every model was compared, else empty."""
+
+UNTRIED = "fit with --model all; "
 
 SENTENCES = {**PARAMETERS, **WARNINGS, **CAUSES, **NEXT}

@@ -13,6 +13,7 @@ import numpy as np
 import rig.dampers
 from rig.errors import RigError
 from rig.report.chart import Chart, Trace
+from rig.report.foretold import foretold
 from rig.report.fragment import (
     NOTHING,
     between,
@@ -70,7 +71,7 @@ def parameters(fit: JsonObject) -> str:
     if unknown:
         parts.append(heading("Not identifiable from these data", level=3))
         parts.append(table(["Parameter", "Value used", "Unit", "Meaning", "Why"], unknown, (1,)))
-    parts += [_diagnosis(fit), _next_tests(fit), _profiles(fit), _selection(fit)]
+    parts += [_diagnosis(fit), _next_tests(fit), _profiles(fit), _selection(fit), foretold(fit)]
     parts += [lead(text(note)) for note in fit.get("notes") or ()]
     return "".join(parts)
 

@@ -220,6 +220,7 @@ def _unexplained(fitted: Fitted, parts: Sequence[Stretch]) -> Cause:
     numbers: dict[str, object] = {"near": near_reversals(fitted, parts), "slow": 100.0 * slow / whole}
     numbers |= {"of_worst": 100.0 * float(by_test[worst]) / whole}
     numbers |= {"worst": fitted.tests[worst].id, "count": by_test.size, "least": 100.0 * WORTH_NAMING}
+    numbers |= {"untried": fitted.untried}
     return Cause(UNEXPLAINED, say(UNEXPLAINED, **numbers), 0.0, say(f"next-{UNEXPLAINED}", **numbers))
 
 

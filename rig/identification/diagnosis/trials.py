@@ -19,7 +19,7 @@ from rig.identification.diagnosis.stretches import Stretch
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.projection import Weighting
 from rig.identification.series_spring import Softened
-from rig.identification.words import some
+from rig.identification.words import UNTRIED, some
 
 WORTH_PARTING = 0.5  # share of the misfit of two dampers, of the fitted tests at most and of tests left out
 SAME_CURRENT_A = 0.05
@@ -35,13 +35,17 @@ MIXED = "mixed-specimens"
 
 @dataclass(frozen=True)
 class Fitted:
-    """What is diagnosed: a model, its values (SI), the names of those that were fitted, its tests and their weights."""
+    """What is diagnosed: a model, its values (SI), the names of those that were fitted, its tests and their weights.
+
+    `untried` begins the advice where another model may do better (`words.UNTRIED`); empty where all were compared.
+    """
 
     model: DamperModel
     values: Mapping[str, float]
     names: tuple[str, ...]
     tests: Sequence[Measurement]
     weighting: Weighting
+    untried: str = UNTRIED
 
 
 @dataclass(frozen=True)
@@ -95,8 +99,9 @@ def _distorted(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iter
             replace(part, test=replace(part.test, current_A=np.abs(part.test.current_A))) for part in parts
         ]
         yield Trial("current-sign", explain(damper, unsigned, of.Distortion()).squares, 0, {})
-    yield add("missing-hysteresis", of.Added(of.after_reversal, parts), percent=near_reversals(fitted, parts))
-    yield add("speed-shape", of.Added(of.over_speed(top), parts))
+    known = {"percent": near_reversals(fitted, parts), "untried": fitted.untried}
+    yield add("missing-hysteresis", of.Added(of.after_reversal, parts), **known)
+    yield add("speed-shape", of.Added(of.over_speed(top), parts), untried=fitted.untried)
     yield add("stroke-shape", of.Added(of.over_stroke(most), parts))
 
 

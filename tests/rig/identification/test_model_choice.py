@@ -68,6 +68,14 @@ def recorded(force: Force, noise_N: float, seed: int) -> tuple[list[Measurement]
         ("demo-modified-bouc-wen", 2.0),
         ("demo-thinning-bouc-wen", 5.0),
         ("demo-lost-motion", 5.0),
+        ("demo-dahl", 5.0),
+        ("demo-hysteretic-biviscous", 5.0),
+        ("demo-digressive-bilinear", 5.0),
+        ("demo-asymmetric-bouc-wen", 5.0),
+        ("demo-lugre", 5.0),
+        ("demo-generalized-bouc-wen", 5.0),
+        ("demo-sprung-bouc-wen", 5.0),
+        ("demo-thixotropic-bouc-wen", 5.0),
     ],
 )
 def test_the_plants_own_model_is_picked_and_covers_its_truth(set_name: str, noise_N: float) -> None:
