@@ -171,7 +171,8 @@ def header(run: Run, fit: JsonObject | None) -> str:
         if (apart := error.get("holdout")) is not None:
             facts.append(fact(f"{number(apart.get('nrmse_percent_of_peak'), 3)} %", _of_unseen(apart)))
         if (unseen := fit.get("unseen")) is not None:
-            facts.append(fact(f"{number(unseen.get('nrmse_percent_of_peak'), 3)} %", "error, each motion from the others"))
+            mean = f"{number(unseen.get('nrmse_percent_of_peak'), 3)} %"
+            facts.append(fact(mean, "error, each motion from the others"))
     name = specimen_of(run) or run.path.name
     title = heading(f"Damper test report: {text(name)}", described, 1)
     return title + block("facts", "".join(facts))
