@@ -26,6 +26,7 @@ from rig.identification import Estimate, Fit, Measurement, identify
 
 PLANTS = (
     "asymmetric", "kwok", "bouc_wen", "normalized_bouc_wen", "modified_bouc_wen", "lost_motion", "sprung_bouc_wen",
+    "thixotropic_bouc_wen",
 )  # fmt: skip
 CURRENTS_A, FREQUENCIES_HZ = (0.0, 0.5, 1.0, 1.5, 2.0), (0.5, 1.0, 1.5, 2.0)
 RATE_HZ, NOISE_N, ETA_1_S = 250.0, 5.0, 25.0

@@ -7,9 +7,10 @@ once lose one of the entries, and both take the same number: who reads later run
 from __future__ import annotations
 
 import contextlib
+import warnings
 import zlib
 from collections.abc import Callable, Iterator
-from functools import cached_property, wraps
+from functools import cache, cached_property, wraps
 from importlib import import_module
 from pathlib import Path
 from types import CodeType
@@ -35,13 +36,29 @@ def njit(**options: Any) -> Callable[[F], F]:  # noqa: ANN401 - numba's own opti
     def compiled(function: F) -> F:
         function.__qualname__ = f"{function.__qualname__}_{contents(function):08x}"
         kept = options.get("cache", False)
-        made: Any = numba.njit(**{"forceinline": not kept, **options})(function)
+        try:
+            made: Any = numba.njit(**{"forceinline": not kept, **options})(function)
+        except RuntimeError:  # no folder takes a file: neither the package's nor one of the user's
+            if not kept:
+                raise
+            _not_kept()
+            made = numba.njit(**{**options, "cache": False})(function)
         if not kept and made is not function:
             made = Part(py_func=function, targetoptions=made.targetoptions)
         part: F = made
         return part
 
     return compiled
+
+
+@cache
+def _not_kept() -> None:
+    """Warns, once."""
+    text = (
+        "compiled models cannot be kept: neither the package's folder nor one of the user's can be written; every "
+        "start compiles them again, for up to a minute. Set NUMBA_CACHE_DIR to a folder that can be written"
+    )
+    warnings.warn(text, RuntimeWarning, stacklevel=2)
 
 
 class Part(CPUDispatcher):

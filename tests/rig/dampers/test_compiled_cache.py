@@ -57,6 +57,18 @@ def test_where_no_lock_can_be_had_it_is_saved_all_the_same(tmp_path: Path, monke
     assert saved == [nowhere, here]
 
 
+def test_where_no_folder_can_be_written_it_is_compiled_and_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("numba.core.caching.CompileResultCacheImpl._locator_classes", [])
+    compiled_cache._not_kept.cache_clear()  # said once in a process
+
+    def doubled(x: float) -> float:
+        return 2.0 * x
+
+    with pytest.warns(RuntimeWarning, match="NUMBA_CACHE_DIR"):
+        compiled = compiled_cache.njit(cache=True)(doubled)
+    assert compiled(2.5) == 5.0
+
+
 def test_no_two_models_share_an_index_or_a_symbol() -> None:
     models = [named for named in map(dampers.model, dampers.MODELS) if named.states]
     names = {kernel.series_of(named).__qualname__ for named in models}  # type: ignore[arg-type]  # they have states
