@@ -165,6 +165,34 @@ def test_a_model_with_states_is_found_to_the_noise_with_its_truth_inside_the_int
         assert each.simultaneous_low <= chosen.values[name] <= each.simultaneous_high, name  # type: ignore[operator]  # identifiable
 
 
+def test_a_dashpot_quicker_than_the_samples_is_found() -> None:
+    """Its state follows at 1,800 1/s, seven times the sampling; a search that may not go so far ends at that edge."""
+    truth = {
+        "alpha_a": 2e4, "alpha_b": 6.3e4, "c0a": 880.0, "c0b": 80.0, "c1a": 1e4, "c1b": 2300.0, "k0": 955.0,
+        "k1": 540.0, "x0": 0.11, "gamma": 3.9e6, "beta": 4.5e6, "A": 120.0, "n": 1.45, "eta": 25.0,
+    }  # fmt: skip
+    rng, motions = np.random.default_rng(12), ((0.006, 1.0), (0.006, 5.0), (0.02, 1.0), (0.02, 2.5))
+    damper, tests = model("modified_bouc_wen"), []
+    for amplitude_m, frequency_Hz in motions:
+        for current_A in (0.0, 0.5, 1.0, 2.0):
+            cycle, omega = round(250.0 / frequency_Hz), 2.0 * np.pi * frequency_Hz
+            t = np.arange(-cycle * 8, 3 * cycle * 8) / 2000.0
+            u, v = amplitude_m * np.sin(omega * t), amplitude_m * omega * np.cos(omega * t)
+            force = damper.force(truth, u, v, -(omega**2) * u, np.full(t.size, current_A), 5e-4)
+            u, v, force = (each[cycle * 8 :: 8] for each in (u, v, force))
+            tests.append(Measurement(
+                f"{len(tests)}", u, v, -(omega**2) * u, force + rng.normal(0.0, 2.0, u.size),
+                np.full(u.size, current_A), 4e-3, amplitude_m=amplitude_m, frequency_Hz=frequency_Hz,
+                nominal_current_A=current_A, samples_per_cycle=cycle, noise_N=2.0,
+            ))  # fmt: skip
+    fit = identify(tests, model="modified_bouc_wen")
+    assert fit.adequate
+    for name in ("c0a", "c1a", "k0", "n"):
+        each = fit.parameters[name]
+        assert each.simultaneous_low <= truth[name] <= each.simultaneous_high, name  # type: ignore[operator]  # identifiable
+    assert fit.values["c1a"] == pytest.approx(truth["c1a"], rel=0.15)
+
+
 def test_the_bouc_wen_family_says_for_which_scale_its_values_are() -> None:
     fit = identify(recorded("demo-modified-bouc-wen"), model="modified_bouc_wen")
     assert "for A = 100" in fit.parameters["alpha_a"].reason
