@@ -34,7 +34,7 @@ LONGEST_S = 1e-2  # step
 MOST_STEPS = 400  # between two samples
 CLOSE, NEAREST_M_S = 1e-4, 1e-10  # last change of the piston's speed, relative and in m/s: what is left is its square
 FASTEST_M_S = 1e3  # speeds are looked for up to this one
-MOST_TRIALS = 80
+PATIENT, MOST_TRIALS = 12, 120  # trials: by Newton's method alone, and at all
 Numbers = tuple[float, float, float, float]
 AtCurrent = tuple[float, float, float, float, float]
 Stage = tuple[float, float, float, float, float]
@@ -98,7 +98,11 @@ def turned(w: float, path: float) -> tuple[float, float, float]:
 
 @njit()
 def piston_speed(p: FloatArray, at: AtCurrent, stage: Stage, guess: float) -> float:
-    """The piston's speed (m/s) at which its law takes the spring's force: Newton's method, else bisection."""
+    """The piston's speed (m/s) at which its law takes the spring's force: Newton's method, else bisection.
+
+    The law bends at 0, where a step from beyond would overshoot, back and forth: so no step goes past 0 at once. A
+    step that comes late and is not half as long as the one before is replaced by bisection.
+    """
     rod, base, part, began, w = stage
     k, rho, v = p[SPRING], p[RHO], guess
     low, high, change, trials = -FASTEST_M_S, FASTEST_M_S, 1.0, 0
@@ -113,7 +117,9 @@ def piston_speed(p: FloatArray, at: AtCurrent, stage: Stage, guess: float) -> fl
         else:
             low = v
         nearer = v - over / slope if slope > 0.0 else high
-        if nearer <= low or nearer >= high:
+        if nearer * v < 0.0:
+            nearer = 0.0
+        if nearer <= low or nearer >= high or (trials > PATIENT and abs(nearer - v) > 0.5 * abs(change)):
             nearer = 0.5 * (low + high) if over != 0.0 else v
         change = nearer - v
         v = nearer

@@ -176,19 +176,47 @@ def test_the_force_at_250_samples_a_second_is_that_of_thirty_times_as_many() -> 
     assert np.max(np.abs(forces[0] - forces[1])[125:]) < 1.0  # of 700 N; with one step a sample 2.0
 
 
+STIFF = {"k": 1.5e7, "vt": 3e-4, "kt": 25.0, "kt_b": 100.0}
+TRUCK = {name: 100.0 * value for name, value in DEMO.items() if name not in {"rho", "vt", "k"}} | {"k": 1e7}
+
+
 @pytest.mark.parametrize(
-    ("amplitude_m", "frequency_Hz", "rate_Hz"), [(0.01, 8.0, 1000.0), (0.02, 4.0, 500.0), (0.025, 0.25, 50.0)]
+    ("changed", "amplitude_m", "frequency_Hz", "rate_Hz"),
+    [
+        (STIFF, 0.01, 8.0, 1000.0),
+        (STIFF, 0.02, 4.0, 500.0),
+        (STIFF, 0.025, 0.25, 50.0),
+        ({"k": 1e5}, 0.01, 10.0, 2000.0),
+        ({"k": 1e4}, 0.05, 10.0, 2000.0),
+        (TRUCK, 0.02, 5.0, 1000.0),
+    ],
+    ids=["stiff and fast", "stiff", "stiff and slow", "soft", "very soft", "truck"],
 )
-def test_a_stiff_springs_force_does_not_depend_on_the_sampling(
-    amplitude_m: float, frequency_Hz: float, rate_Hz: float
+def test_the_force_does_not_depend_on_the_sampling(
+    changed: dict[str, float], amplitude_m: float, frequency_Hz: float, rate_Hz: float
 ) -> None:
-    """A step whose stages are of first order adds a force that grows with the acceleration, which a fit calls mass."""
-    stiff, forces, fine = {**DEMO, "k": 1.5e7, "vt": 3e-4, "kt": 25.0, "kt_b": 100.0}, [], 20
+    """A step whose stages are of first order adds a force that grows with the acceleration, which a fit calls mass.
+
+    And between a soft spring and the logarithm's bend Newton's method would go back and forth for ever.
+    """
+    values, forces, fine = {**DEMO, **changed}, [], 20
     for rate in (rate_Hz, fine * rate_Hz):
         t = np.arange(round(1.5 * rate / frequency_Hz)) / rate
         omega = 2.0 * math.pi * frequency_Hz
         u, v = amplitude_m * np.sin(omega * t), amplitude_m * omega * np.cos(omega * t)
-        forces.append(DAMPER.force(stiff, u, v, -(omega**2) * u, np.full(t.size, 0.5), 1.0 / rate))
+        forces.append(DAMPER.force(values, u, v, -(omega**2) * u, np.full(t.size, 0.5), 1.0 / rate))
     left = (forces[0] - forces[1][::fine])[t.size // fine // 3 :]
     assert np.sqrt(np.mean(left**2)) < 2e-4 * np.max(np.abs(forces[1]))
     assert np.max(np.abs(left)) < 2e-3 * np.max(np.abs(forces[1]))
+
+
+@pytest.mark.parametrize("changed", [{}, {"k": 1e5}, STIFF, TRUCK], ids=["demo", "soft", "stiff", "truck"])
+@pytest.mark.parametrize("rate_Hz", [250.0, 5000.0])
+def test_at_any_sampling_the_force_is_that_of_an_independent_integrator(
+    changed: dict[str, float], rate_Hz: float
+) -> None:
+    values = {**DEMO, **changed}
+    _, force = by_an_independent_integrator(values, 0.8)
+    t, u, v, a = motion(rate_Hz)
+    ours = DAMPER.force(values, u, v, a, np.full(t.size, 0.8), 1.0 / rate_Hz)[:: round(rate_Hz / 250.0)]
+    assert np.max(np.abs(ours - force)) < 4e-3 * np.max(np.abs(force))
