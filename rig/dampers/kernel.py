@@ -1,9 +1,9 @@
 """The models compiled: one plant step, and the force along whole recordings after a cycle of warm-up.
 
 A model gives a `Kernel`, the functions of one instant; here they are integrated. The motion inside a step is the cubic
-of velocity that meets speed and acceleration at both ends, so the internal states are integrated (classical
-Runge-Kutta, substeps by the state's own rate) much finer than the recording is sampled. A rate-independent hysteresis
-needs no time: it depends on the distance travelled; along whole recordings it follows its loop's one curve
+of velocity that meets speed and acceleration at both ends (`motion_between`), so the internal states are integrated
+(classical Runge-Kutta, substeps by the state's own rate) much finer than the recording is sampled. A rate-independent
+hysteresis needs no time: it depends on the distance travelled; along whole recordings it follows its loop's one curve
 (`loop_curve`). Parameters come as vectors in the order of `DamperModel.parameters`; eta is carried but belongs to the
 coil.
 
@@ -34,6 +34,7 @@ SUBSTEP_RATE = 0.5  # rate x substep: RK4 is then within 3e-4 of a relaxing stat
 MAXIMUM_SUBSTEPS = 400  # a sample; stiffer states (50,000 1/s at 250 Hz) belong to no damper
 LONGEST_STEP = 0.1  # of a loop's path, in 1/rho
 STEP_OF_EXPONENT = 0.3  # the same, times the exponent
+CORNER = 0.05  # of the speed: a mean speed that is missed by more, between two samples, is that of a corner
 SATURATED = 0.999  # share of its limit from which the hysteretic variable only closes up
 
 Compiled = Callable[..., Any]
@@ -241,12 +242,30 @@ def advance_of(model: Integrable) -> Compiled:
 
 
 @njit()
+def motion_between(
+    u0: float, v0: float, a0: float, u1: float, v1: float, a1: float, dt: float, turns: bool
+) -> Motion:
+    """The motion from one sample to the next.
+
+    Its velocity is the cubic that meets speed and acceleration at both. Where that does not lead to the next place,
+    there is a corner between them, as in a triangle: `turns` asks for the parabola that meets both speeds and leads
+    there.
+    """
+    slope = (v1 - v0) / dt
+    c2 = (3.0 * slope - 2.0 * a0 - a1) / dt
+    c3 = (a0 + a1 - 2.0 * slope) / (dt * dt)
+    mean = (u1 - u0) / dt
+    missed = mean - (v0 + dt * (a0 / 2.0 + dt * (c2 / 3.0 + dt * c3 / 4.0)))
+    if not turns or abs(missed) <= CORNER * max(abs(v0), abs(v1)):
+        return u0, v0, a0, c2, c3
+    bend = 6.0 * (0.5 * (v0 + v1) - mean) / (dt * dt)
+    return u0, v0, slope - bend * dt, bend, 0.0
+
+
+@njit()
 def between_samples(u: FloatArray, v: FloatArray, a: FloatArray, dt: float, start: int, stop: int) -> Motion:
-    """The motion from one sample to another: its velocity is the cubic that meets speed and acceleration at both."""
-    slope = (v[stop] - v[start]) / dt
-    c2 = (3.0 * slope - 2.0 * a[start] - a[stop]) / dt
-    c3 = (a[start] + a[stop] - 2.0 * slope) / (dt * dt)
-    return u[start], v[start], a[start], c2, c3
+    """The motion from a sample to the next, or from a cycle's last to its first, which is a part of a step away."""
+    return motion_between(u[start], v[start], a[start], u[stop], v[stop], a[stop], dt, stop > start)
 
 
 @cache

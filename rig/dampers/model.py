@@ -208,11 +208,16 @@ class HystereticModel(DamperModel):
 
         Raises:
             KeyError: a parameter is missing or unknown.
+            ValueError: motion or current holds what is no number: every state after it would be none.
         """
         from rig.dampers.kernel import force_series
 
         motion = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (u, v, a, current)))
         u_m, v_m_s, a_m_s2, current_A = (np.array(x) for x in motion)
+        for what, values in zip(("u", "v", "a", "current"), motion, strict=True):
+            if not np.all(np.isfinite(values)):
+                at = int(np.flatnonzero(~np.isfinite(values))[0])
+                raise ValueError(f"{self.name}: {what}[{at}] = {values[at]:g}, expected a number")
         state = self.initial_state(float(u_m[0]))
         data = (u_m, v_m_s, a_m_s2, current_A)
         force: FloatArray = force_series(self, self.vector(parameters), state, *data, dt_s, 0)

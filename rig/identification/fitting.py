@@ -26,7 +26,7 @@ from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.per_current import AFFINE, identify_per_current
 from rig.identification.points.consistency import contradictions, refuse_reversed_signs, runs_apart
 from rig.identification.points.given import given
-from rig.identification.selection import candidates_of, compare, extrapolations, groups_of, weighted_by_misfit
+from rig.identification.selection import candidates_of, compare, doubts_of, groups_of, weighted_by_misfit
 from rig.identification.temperature import at_one_temperature, refuse_beside, softened
 from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
@@ -245,12 +245,12 @@ def _best_fit(
     if on_progress is not None and len(candidates) > 1:
         on_progress("comparing the models on what they have not seen")
     ranking, best = compare(candidates, fitted, held_out, wanted.method)
-    doubts = extrapolations(ranking, held_out)
+    doubts = doubts_of(ranking, held_out)
     if len(wanted.laws) > 1:
         bent = [with_law(best.model, law) for law in wanted.laws if law != AFFINE]
         more, failed, _ = candidates_of(bent, fitted, wanted.method, on_progress)
         by_law, recommended = compare([best, *more], fitted, held_out, wanted.method)
-        doubts = extrapolations(by_law, held_out) or doubts
+        doubts = doubts_of(by_law, held_out) or doubts
         ranking = (*by_law, *(one for one in ranking if one.model != best.model.name))
         best, refused = recommended, [*refused, *failed]
     if eta_1_s is not None and "eta" in best.model.names:

@@ -29,6 +29,7 @@ from rig.identification.words import Saying, say, some
 RANKING_SAMPLES = 250  # samples of a cycle that rank models
 RELATIVE = "relative"
 MISFIT = 3.0  # times the tests' scatter: what the best model leaves is then misfit for nine tenths of its power
+TO_THE_NOISE = 1.2  # times the tests' scatter: what a model may leave that describes them
 EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
 
 
@@ -71,51 +72,58 @@ def compare(
 ) -> tuple[tuple[ModelScore, ...], Candidate]:
     """Rank the candidates, best first, and name the recommended one.
 
-    With held-out tests each model's error on them decides. Without, each group of tests of the same waveform, amplitude
-    and frequency is left out in turn (of the same current, if there is only one such group), and the error on those
-    decides that lie within the data of the others: beyond them it says how a model extrapolates, which nobody asked
-    for. Models whose errors are equal to 1 %, and all where none lies within, are ranked by the Bayesian information
-    criterion (Schwarz 1978). All are scored on the same samples: those where one of them jumps, and a fit of it does
-    not look, count for none.
+    With held-out tests each model's error on them decides. Without, models that describe all tests to their scatter
+    come before those that do not; then each group of tests of the same waveform, amplitude and frequency is left out in
+    turn (of the same current, if there is only one such group), and the error on those decides that lie within the data
+    of the others: beyond them it says how a model extrapolates, which nobody asked for. Models whose errors are equal
+    to 1 %, and all where none lies within, are ranked by the Bayesian information criterion (Schwarz 1978). All are
+    scored on the same samples: those where one of them jumps, and a fit of it does not look, count for none.
     """
     if len(candidates) > 1:
         models = [candidate.model for candidate in candidates]
         fitted = [_away_from_jumps(test, models) for test in fitted]
         held_out = [_away_from_jumps(test, models) for test in held_out]
     scores = [_score(candidate, fitted, held_out, method, alone=len(candidates) == 1) for candidate in candidates]
-    places = _ordered(scores, within=not held_out)
+    places = _ordered(scores, math.inf if held_out else _scatter_N(fitted), within=not held_out)
     return tuple(scores[place] for place in places), candidates[places[0]]
 
 
-def _ordered(scores: Sequence[ModelScore], *, within: bool) -> list[int]:
-    """Places of the scores, best first, by the error on all unseen tests or on those within the data."""
-    errors = [score.within_nrmse_percent_of_peak if within else score.holdout_nrmse_percent_of_peak for score in scores]
-    known = [value for value in errors if value is not None and math.isfinite(value)]
-    limit = min(known) * (1.0 + EQUIVALENT) if known else math.inf
+def _ordered(scores: Sequence[ModelScore], scatter_N: float = math.inf, *, within: bool) -> list[int]:
+    """Places of the scores, best first, by the error on all unseen tests or on those within the data.
 
-    def rank(place: int) -> tuple[float, float]:
-        error = errors[place]
-        held = math.inf if error is None else error
-        return (0.0 if held <= limit or not known else held, scores[place].bic)
+    Those that leave no more than the tests' scatter come first; NaN or infinite: that is not asked.
+    """
+    errors = [score.within_nrmse_percent_of_peak if within else score.holdout_nrmse_percent_of_peak for score in scores]
+    lacking = [score.rmse_N > TO_THE_NOISE * scatter_N for score in scores]
+    told = [error if error is not None and math.isfinite(error) else math.inf for error in errors]
+    least = {True: math.inf, False: math.inf}
+    for lacks, error in zip(lacking, told, strict=True):
+        least[lacks] = min(least[lacks], error)
+
+    def rank(place: int) -> tuple[bool, float, float]:
+        equal = told[place] <= least[lacking[place]] * (1.0 + EQUIVALENT)
+        return lacking[place], 0.0 if equal else told[place], scores[place].bic
 
     return sorted(range(len(scores)), key=rank)
 
 
-def extrapolations(scores: Sequence[ModelScore], held_out: Sequence[Measurement]) -> list[Saying]:
-    """Warnings: that models were ranked by how they extrapolate, or could not be ranked by what they have not seen."""
-    outside = scores[0].beyond
-    if len(scores) < 2 or not outside or scores[0].holdout_nrmse_percent_of_peak is None:
+def doubts_of(scores: Sequence[ModelScore], held_out: Sequence[Measurement]) -> list[Saying]:
+    """Warnings: that the first model is not the one that foretells best, or that an extrapolation decided."""
+    if len(scores) < 2 or scores[0].holdout_nrmse_percent_of_peak is None:
+        return []
+    first, other, outside = scores[0], scores[_ordered(scores, within=True)[0]], scores[0].beyond
+    errors = {"error": first.within_nrmse_percent_of_peak, "other_error": other.within_nrmse_percent_of_peak}
+    told = {"model": first.model, "other": other.model, **errors}
+    if not held_out and first is not other and None not in errors.values():
+        return [say("described-first", times=other.rmse_N / first.rmse_N, **told)]
+    if not outside:
         return []
     quantities = in_words(name for names in outside.values() for name in names)
-    if scores[0].within_nrmse_percent_of_peak is None:
+    if first.within_nrmse_percent_of_peak is None:
         return [say("ranked-beyond" if held_out else "ranked-unseen-by-none", quantities=quantities)]
-    first, other = scores[0], scores[_ordered(scores, within=True)[0]]
     if not held_out or first is other:
         return []
-    errors = {"error": first.within_nrmse_percent_of_peak, "other_error": other.within_nrmse_percent_of_peak}
-    tests = some(list(outside))
-    told = {"tests": tests, "quantities": quantities, "model": first.model, "other": other.model, **errors}
-    return [say("ranked-by-those-beyond", **told)]
+    return [say("ranked-by-those-beyond", tests=some(list(outside)), quantities=quantities, **told)]
 
 
 def _away_from_jumps(test: Measurement, models: Sequence[DamperModel]) -> Measurement:
@@ -190,13 +198,18 @@ def groups_of(measurements: Sequence[Measurement]) -> list[list[Measurement]]:
     return list(groups.values())
 
 
+def _scatter_N(tests: Sequence[Measurement]) -> float:
+    """Root mean square scatter of the tests from cycle to cycle; NaN where one's is not known."""
+    power = [test.noise_N**2 * test.u_m.size for test in tests]
+    return math.sqrt(sum(power) / sum(test.u_m.size for test in tests))
+
+
 def misfit_over_scatter(candidates: Sequence[Candidate], fitted: Sequence[Measurement]) -> float:
     """Root mean square error of the best candidate over the scatter of the tests (1); NaN where that is not known.
 
     Samples so near to a model's own jump that their side of it is unsure are misfit of none.
     """
-    power = [test.noise_N**2 * test.u_m.size for test in fitted]
-    scatter_N = math.sqrt(sum(power) / sum(test.u_m.size for test in fitted))
+    scatter_N = _scatter_N(fitted)
     errors_N = []
     for candidate in candidates:
         away = [_away_from_jumps(test, [candidate.model]) for test in fitted]

@@ -172,6 +172,11 @@ WARNINGS = {
         "every held-out test lies beyond the fitted ones' data ({quantities}): the models are ranked by how they "
         "extrapolate"
     ),
+    "described-first": (
+        "{model} comes first because it describes every test to its scatter; {other} foretells tests left out better "
+        "({other_error:.3g} % of peak against {error:.3g} %), but its error on the fitted ones is {times:.3g} times as "
+        "large: measure more motions"
+    ),
     "ranked-by-those-beyond": (
         "{model} is first by held-out tests beyond the fitted ones' data ({tests}: {quantities}); on those within it "
         "{other} is: {other_error:.3g} % of peak, {model} {error:.3g} %"

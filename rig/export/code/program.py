@@ -1,8 +1,9 @@
 """A kernel with its integration as two functions of one sample, in what the translation knows.
 
-`start` takes the first sample, `step` each further one; both keep what they need in an array `d` and return the force.
-They do what `rig.dampers.kernel.force_series` does: between two samples velocity is the cubic that meets speed and
-acceleration at both ends; a rate-independent hysteresis follows its loop's one curve.
+`start` takes the first sample, `step` each further one; both keep what they need in an array `d` and return the force:
+no number where `step` is given none, and `d` then stays as it was.
+They do what `rig.dampers.kernel.force_series` does: states follow the motion between two samples
+(`rig.dampers.kernel.motion_between`); a rate-independent hysteresis follows its loop's one curve.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rig.dampers.arrays import FloatArray
-from rig.dampers.kernel import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Kernel, runge_kutta
+from rig.dampers.kernel import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Kernel, motion_between, runge_kutta
 from rig.dampers.kernel import _no_step as without_own_step  # the default, by which a model says that it has none
 from rig.dampers.loop_curve import cell_of, has_curve, loop_curve, place, travel_along, turning_point
 from rig.dampers.model import DamperModel
@@ -45,6 +46,11 @@ def program_of(model: DamperModel, p: FloatArray) -> Program:
     return _integrated(model, kernel, p)
 
 
+def known(u: float, v: float, a: float, current: float) -> bool:
+    """Whether all of them are numbers."""
+    return abs(u) + abs(v) + abs(a) + abs(current) < math.inf
+
+
 def _plain(compiled: Callable[..., Any]) -> Callable[..., Any]:
     return getattr(compiled, "py_func", compiled)
 
@@ -59,6 +65,8 @@ def _algebraic(kernel: Kernel) -> Program:
 
     def step(p: FloatArray, d: FloatArray, u: float, v: float, a: float, current: float, dt: float) -> float:
         """Force (N) at the next sample; this model remembers nothing."""
+        if not known(u, v, a, current):
+            return math.inf - math.inf
         d[0] = u
         return float(force(p, 0.0, 0.0, u, v, a, current))
 
@@ -83,6 +91,8 @@ def _along_curve(kernel: Kernel, rho: float, sigma: float, n: float, scale: floa
 
     def step(p: FloatArray, d: FloatArray, u: float, v: float, a: float, current: float, dt: float) -> float:
         """Force (N) at the next sample; d is the place on the loop's curve, then u and v of the sample before."""
+        if not known(u, v, a, current):
+            return math.inf - math.inf
         at = (d[0], d[1], d[2], d[3])
         if d[5] * v < 0.0:
             turn = turning_point(d[4], d[5], u, v, dt)
@@ -119,10 +129,9 @@ def _integrated(model: DamperModel, kernel: Kernel, p: FloatArray) -> Program:
 
     def step(p: FloatArray, d: FloatArray, u: float, v: float, a: float, current: float, dt: float) -> float:
         """Force (N) at the next sample; d is the internal state, then u, v, a and current of the sample before."""
-        slope = (v - d[4]) / dt
-        c2 = (3.0 * slope - 2.0 * d[5] - a) / dt
-        c3 = (d[5] + a - 2.0 * slope) / (dt * dt)
-        motion = (d[3], d[4], d[5], c2, c3)
+        if not known(u, v, a, current):
+            return math.inf - math.inf
+        motion = motion_between(d[3], d[4], d[5], u, v, a, dt, True)
         move(p, d, motion, max(abs(d[4]), abs(v)), 0.5 * (d[6] + current), dt)
         d[3] = u
         d[4] = v

@@ -94,7 +94,14 @@ class Controller:
             displacement_m: measured displacement (m).
             velocity_m_s: measured velocity (m/s).
             acceleration_m_s2: measured acceleration (m/s^2).
+
+        Raises:
+            ValueError: one of them is no number; the controller stays as it was, as if it had not been asked.
         """
+        asked = {"force_N": force_N, "displacement_m": displacement_m, "velocity_m_s": velocity_m_s}
+        for name, value in {**asked, "acceleration_m_s2": acceleration_m_s2}.items():
+            if not math.isfinite(value):
+                raise ValueError(f"controller: {name} = {value:g}, expected a number; hold or drop the last command")
         self.coil_A = self._stays * self.coil_A + (1.0 - self._stays) * self._command_A
         now = (displacement_m - self._mid_stroke_m, velocity_m_s, acceleration_m_s2)
         state = self._advanced(now)

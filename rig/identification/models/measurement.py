@@ -79,7 +79,8 @@ class Measurement:
         warnings: what the preparation found.
 
     Raises:
-        ValueError: an array has another shape than `u_m` or holds what is no number, or `dt_s` is not positive.
+        ValueError: an array has another shape than `u_m` or holds what is no number, `dt_s` is not positive, a cycle
+            is longer than the test, or the noise is negative.
     """
 
     id: str
@@ -122,6 +123,13 @@ class Measurement:
             raise ValueError(f"{self.id}: temperature_degC has shape {shape}, expected ({n},) as u_m")
         if not (math.isfinite(self.dt_s) and self.dt_s > 0.0):
             raise ValueError(f"{self.id}: dt_s = {self.dt_s:g}, expected a positive time in seconds")
+        if not 0 <= self.samples_per_cycle <= n:
+            raise ValueError(
+                f"{self.id}: samples_per_cycle = {self.samples_per_cycle}, expected 0 (no whole cycle) to {n}, the "
+                "samples that there are"
+            )
+        if self.noise_N < 0.0:
+            raise ValueError(f"{self.id}: noise_N = {self.noise_N:g}, expected 0 or more newtons, or nan: not known")
         for name in ("u_m", "v_m_s", "a_m_s2", "force_N", "current_A"):
             values = getattr(self, name)
             broken = np.flatnonzero(~np.isfinite(values))

@@ -69,6 +69,18 @@ def record(kind: type[Record], entry: Mapping[str, Any], **known: object) -> Rec
     return kind(**{**values, **known})
 
 
+def refuse_no_numbers(values: Mapping[str, object]) -> None:
+    """Refuse parameter values (SI) that are no numbers; null, for none, is one.
+
+    Raises:
+        ValueError: one is not.
+    """
+    for name, value in values.items():
+        known = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+        if value is not None and not known:
+            raise ValueError(f"parameters.{name}.value = {value!r}, expected a number")
+
+
 def number(value: float | None) -> float | None:
     """A number as JSON has it: null in place of what is not finite."""
     return None if value is None or not math.isfinite(value) else float(value)

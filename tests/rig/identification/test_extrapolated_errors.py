@@ -14,7 +14,7 @@ from rig.cli.fit_tables import fit_tables
 from rig.dampers import model, parameter_set
 from rig.identification import Fit, Measurement, identify
 from rig.identification.models.solving import Method
-from rig.identification.selection import candidates_of, compare, extrapolations
+from rig.identification.selection import candidates_of, compare, doubts_of
 from rig.identification.uncertainty.fit_entries import ModelScore
 
 Make = Callable[..., list[Measurement]]
@@ -165,9 +165,9 @@ def score(name: str, error: float, within: float | None) -> ModelScore:
 
 def test_held_out_tests_beyond_the_data_decide_as_asked_and_it_is_said(make_synthetic: Make) -> None:
     held_out = make_synthetic(DEMO, (1.0,), (1.0,), cycles=2)
-    (only,) = extrapolations([score("kwok", 20.0, None), score("bingham", 30.0, None)], held_out)
+    (only,) = doubts_of([score("kwok", 20.0, None), score("bingham", 30.0, None)], held_out)
     assert (only.slug, only.numbers["quantities"]) == ("ranked-beyond", "velocity, current")
-    (other,) = extrapolations([score("kwok", 20.0, 8.0), score("bingham", 30.0, 4.0)], held_out)
+    (other,) = doubts_of([score("kwok", 20.0, 8.0), score("bingham", 30.0, 4.0)], held_out)
     assert other.slug == "ranked-by-those-beyond"
     assert "on those within it bingham is: 4 % of peak, kwok 8 %" in other
-    assert extrapolations([score("kwok", 20.0, 4.0), score("bingham", 30.0, 8.0)], held_out) == []
+    assert doubts_of([score("kwok", 20.0, 4.0), score("bingham", 30.0, 8.0)], held_out) == []

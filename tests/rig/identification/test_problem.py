@@ -127,6 +127,11 @@ def test_a_sample_that_is_no_number_is_refused_with_its_place(name: str, make_sy
         replace(test, dt_s=0.0)
     with pytest.raises(ValueError, match=r"usable has shape \(3,\), expected \(2000,\)"):
         replace(test, usable=np.ones(3, dtype=bool))
+    for samples in (-1, 2001, 10**9):
+        with pytest.raises(ValueError, match=rf"p001: samples_per_cycle = {samples}, expected 0 .* to 2000"):
+            replace(test, samples_per_cycle=samples)
+    with pytest.raises(ValueError, match="p001: noise_N = -1, expected 0 or more"):
+        replace(test, noise_N=-1.0)
 
 
 def test_an_eta_without_a_finite_current_scores_infinity(make_synthetic: Make) -> None:

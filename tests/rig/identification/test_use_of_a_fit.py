@@ -220,6 +220,22 @@ def test_a_controller_tracks_a_force_through_the_coils_lag(fit: Fit) -> None:
     assert math.sqrt(np.mean(error**2)) < 0.05 * np.max(np.abs(wanted))
 
 
+@pytest.mark.parametrize("given", ["force_N", "displacement_m", "velocity_m_s", "acceleration_m_s2"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_controller_refuses_what_is_no_number_and_goes_on_as_if_it_had_not_been_asked(
+    fit: Fit, given: str, value: float
+) -> None:
+    at_rest = {"velocity_m_s": 0.1, "acceleration_m_s2": 0.0}
+    steps = [{"force_N": 100.0 + k, "displacement_m": 1e-3 * k, **at_rest} for k in range(4)]
+    disturbed, other = fit.controller(0.002), fit.controller(0.002)
+    for step in steps[:2]:
+        disturbed.step(**step)
+        other.step(**step)
+    with pytest.raises(ValueError, match=rf"controller: {given} = {value:g}, expected a number"):
+        disturbed.step(**{**steps[2], given: value})
+    assert [disturbed.step(**step) for step in steps[2:]] == [other.step(**step) for step in steps[2:]]
+
+
 def test_a_controller_says_when_its_step_lies_beyond_the_tests(fit: Fit) -> None:
     def beyond(wanted_A: float, velocity_m_s: float = 0.2, only_at_A: tuple[float, ...] = ()) -> bool:
         assert fit.tested is not None
@@ -257,6 +273,16 @@ def test_a_fit_per_current_predicts_between_its_currents(make_synthetic: Make) -
     sure = answer["resolvable"].to_numpy() & away
     assert np.max(np.abs(answer["current_A"] - 1.5)[sure]) < 0.06
     assert "Fya = " in related.equation
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, "x", True])
+def test_a_fit_whose_parameter_is_no_number_is_refused(fit: Fit, tmp_path: Path, value: object) -> None:
+    written, _ = write_fit(fit, tmp_path)
+    content = json.loads(written.read_text())
+    content["parameters"]["Fya"]["value"] = value
+    written.write_text(json.dumps(content))
+    with pytest.raises(FileProblem, match=rf"parameters\.Fya\.value = {value!r}, expected a number"):
+        Fit.load(written)
 
 
 def test_a_written_fit_is_read_back_whole_and_says_the_same(fit: Fit, make_synthetic: Make, tmp_path: Path) -> None:
