@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -18,6 +19,7 @@ from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, TEMPERATURE_LAWS
 if TYPE_CHECKING:
     from rig.identification import Method
 
+SELDOM = 200_000  # new objects between two looks for circles of them: a twentieth of the time otherwise, for nothing
 SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
 """Options that are the method's; what `command` does not name otherwise goes to `identify_run` as it is."""
 
@@ -39,7 +41,7 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
 @click.argument("runs", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option(
     "--model",
-    help="Damper model; `few` to compare four, `all` every one.  [default: few; asymmetric with an option that goes "
+    help="Damper model; `few` to compare five, `all` every one.  [default: few; asymmetric with an option that goes "
     "with one model: a search, --current, --series-spring, --temperature-law, --profile-of, --hysteresis printed]",
 )
 @click.option(
@@ -122,6 +124,7 @@ def command(
     Parameters that the tests do not determine are reported as not identifiable, with the reason. Exit 6 if nothing can
     be fitted.
     """
+    gc.set_threshold(SELDOM)
     from rig.identification import Method, identify_run
     from rig.identification.fitting import ALL, FEW
     from rig.identification.runs import one_model_alone

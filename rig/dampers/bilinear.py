@@ -18,7 +18,8 @@ from rig.dampers.separation import MotionScale, Separation
 from rig.dampers.unit_columns import UnitSeparation
 
 if TYPE_CHECKING:
-    from rig.dampers.kernel import Kernel, Motion
+    from rig.dampers.kernel import Kernel
+    from rig.dampers.sampled_motion import Motion
 
 YIELD_SPEEDS = (0.02, 0.08, 0.3)  # starts: vy, as a share of the greatest speed
 OFFSET_SPEEDS = (0.01, 0.05, 0.2)  # v0

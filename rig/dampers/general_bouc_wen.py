@@ -18,7 +18,8 @@ from rig.dampers.separation import MotionScale, Separation
 from rig.dampers.unit_columns import UnitSeparation
 
 if TYPE_CHECKING:
-    from rig.dampers.kernel import Kernel, Motion
+    from rig.dampers.kernel import Kernel
+    from rig.dampers.sampled_motion import Motion
 
 LEANING = (-0.15, 0.15)  # starts of phi
 MOST_LEANING = 0.45  # below 1/2, where one end of the loop would be at infinity

@@ -29,12 +29,12 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
 from rig.dampers.integrable import Integrable
 from rig.dampers.loop_curve import has_curve, hysteresis_along
+from rig.dampers.sampled_motion import Motion, between_samples
 
 SUBSTEP_RATE = 0.5  # rate x substep: RK4 is then within 3e-4 of a relaxing state
 MAXIMUM_SUBSTEPS = 400  # a sample; stiffer states (50,000 1/s at 250 Hz) belong to no damper
 LONGEST_STEP = 0.1  # of a loop's path, in 1/rho
 STEP_OF_EXPONENT = 0.3  # the same, times the exponent
-CORNER = 0.05  # of the speed: a mean speed that is missed by more, between two samples, is that of a corner
 SATURATED = 0.999  # share of its limit from which the hysteretic variable only closes up
 
 Compiled = Callable[..., Any]
@@ -43,8 +43,6 @@ Instant = tuple[float, float, float]
 """Extension (m about mid-stroke), velocity (m/s) and acceleration (m/s^2) at one instant."""
 Wanted = tuple[float, float]
 """A force (N) and its rate (N/s)."""
-Motion = tuple[float, float, float, float, float]
-"""u0, v0 and the coefficients of v(t) = v0 + c1 t + c2 t^2 + c3 t^3 inside a step."""
 
 
 @njit()
@@ -239,33 +237,6 @@ def advance_of(model: Integrable) -> Compiled:
         return float(force(p, state[0], state[1] if state.size > 1 else 0.0, u, v, a, current))
 
     return advance
-
-
-@njit()
-def motion_between(
-    u0: float, v0: float, a0: float, u1: float, v1: float, a1: float, dt: float, turns: bool
-) -> Motion:
-    """The motion from one sample to the next.
-
-    Its velocity is the cubic that meets speed and acceleration at both. Where that does not lead to the next place,
-    there is a corner between them, as in a triangle: `turns` asks for the parabola that meets both speeds and leads
-    there.
-    """
-    slope = (v1 - v0) / dt
-    c2 = (3.0 * slope - 2.0 * a0 - a1) / dt
-    c3 = (a0 + a1 - 2.0 * slope) / (dt * dt)
-    mean = (u1 - u0) / dt
-    missed = mean - (v0 + dt * (a0 / 2.0 + dt * (c2 / 3.0 + dt * c3 / 4.0)))
-    if not turns or abs(missed) <= CORNER * max(abs(v0), abs(v1)):
-        return u0, v0, a0, c2, c3
-    bend = 6.0 * (0.5 * (v0 + v1) - mean) / (dt * dt)
-    return u0, v0, slope - bend * dt, bend, 0.0
-
-
-@njit()
-def between_samples(u: FloatArray, v: FloatArray, a: FloatArray, dt: float, start: int, stop: int) -> Motion:
-    """The motion from a sample to the next, or from a cycle's last to its first, which is a part of a step away."""
-    return motion_between(u[start], v[start], a[start], u[stop], v[stop], a[stop], dt, stop > start)
 
 
 @cache

@@ -13,7 +13,8 @@ from rig.dampers.current_law import CurrentLaw, current_law
 from rig.dampers.model import DamperModel
 
 if TYPE_CHECKING:
-    from rig.dampers.kernel import Kernel, Motion
+    from rig.dampers.kernel import Kernel
+    from rig.dampers.sampled_motion import Motion
     from rig.dampers.separation import MotionScale, Search, Separation
 
 PLUS = "+"

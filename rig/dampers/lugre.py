@@ -22,7 +22,7 @@ from rig.dampers.unit_columns import UnitSeparation
 
 if TYPE_CHECKING:
     from rig.dampers.kernel import Kernel
-    from rig.dampers.kernel import Motion as Step
+    from rig.dampers.sampled_motion import Motion as Step
 
 PIECE = 0.25  # of the bristles' travel, 1/rho, that one piece of a step may be long
 MOST_PIECES = 6  # a step; longer ones saturate inside, where a piece's length does not matter

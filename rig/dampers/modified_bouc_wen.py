@@ -16,7 +16,8 @@ from rig.dampers.parameter import LAG, linear_parameter, shape_parameter
 from rig.dampers.separation import MotionScale, Search, Unknowns
 
 if TYPE_CHECKING:
-    from rig.dampers.kernel import Compiled, Kernel, Motion
+    from rig.dampers.kernel import Compiled, Kernel
+    from rig.dampers.sampled_motion import Motion
 
 STIFF_DASHPOTS = (5.0, 15.0, 40.0, 120.0)  # c1 over c0
 STIFFNESS_SHARE = 0.5  # k0 over k0 + k1

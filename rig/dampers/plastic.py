@@ -21,6 +21,8 @@ SIGN_SLOPE_S_M = 1e12  # tanh of so steep an argument is the sign function of th
 YIELD_SHARES = (0.004, 0.02, 0.1)  # deflection of the series spring at yield over the smallest amplitude
 SPRING_RATIOS = (0.03, 0.5)  # k1 over k2
 RETARDATIONS_S = (0.002, 0.02)  # c1 over k1
+YIELDING = (0.8,)  # share of the force at the top speed: at one motion the Bingham solution does not tell
+LEAST_YIELD = 0.2  # of the yield force at the mean current, at 0 A: at 0 a search could go one way only
 
 
 class BinghamModel(AlgebraicModel):
@@ -137,26 +139,26 @@ class PlasticSearch(Search):
 
     simpler = "bingham"
     simpler_names: Mapping[str, str] = {"fc_b": "fc_b", "c0_b": "c0_b"}
-    family = 4
+    family = 4 * (1 + len(YIELDING))
 
     def starts(self, simple: Mapping[str, float], scale: MotionScale) -> list[dict[str, float]]:
         """See `Search.starts`."""
-        yield_N = max(abs(simple["fc"] + simple["fc_b"] * scale.mean_current_A), 1.0)
-        starts = []
+        top_m_s, starts = scale.top_speed_m_s, []
+        whole, whole_b = simple["fc"] + simple["c0"] * top_m_s, simple["fc_b"] + simple["c0_b"] * top_m_s
+        own = simple["fc"], simple["fc_b"], simple["c0"], simple["c0_b"]
+        parted = [
+            (share * whole, share * whole_b, (1.0 - share) * whole / top_m_s, (1.0 - share) * whole_b / top_m_s)
+            for share in YIELDING
+        ]
         for deflection, ratio, retardation_s in product(YIELD_SHARES, SPRING_RATIOS, RETARDATIONS_S):
-            k2 = yield_N / (deflection * scale.smallest_amplitude_m)
-            starts.append(
-                {
-                    "k1": ratio * k2,
-                    "c1": max(ratio * k2 * retardation_s, 2.5 * k2 / scale.fastest_1_s),
-                    "k2": k2,
-                    "c0": max(simple["c0"], 4.0 * k2 / scale.fastest_1_s, 1.0),
-                    "fc": max(simple["fc"], 0.0),
-                    "fc_b": simple["fc_b"],
-                    "c0_b": max(simple["c0_b"], 0.0),
-                    "f0": simple["f0"],
-                }
-            )
+            for fc, fc_b, c0, c0_b in (own, *parted):
+                yield_N = max(abs(fc + fc_b * scale.mean_current_A), 1.0)
+                k2 = yield_N / (deflection * scale.smallest_amplitude_m)
+                starts.append({
+                    "k1": ratio * k2, "c1": max(ratio * k2 * retardation_s, 5.0 * k2 / scale.fastest_1_s), "k2": k2,
+                    "c0": max(c0, 5.0 * k2 / scale.fastest_1_s, 1.0), "fc": max(fc, LEAST_YIELD * yield_N),
+                    "fc_b": fc_b, "c0_b": max(c0_b, 0.0), "f0": simple["f0"],
+                })  # fmt: skip
         return starts
 
     def unknowns(self, start: Mapping[str, float], held: frozenset[str]) -> Unknowns:

@@ -15,7 +15,8 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
-from rig.dampers.kernel import Compiled, between_samples, cached, fingerprint
+from rig.dampers.kernel import Compiled, cached, fingerprint
+from rig.dampers.sampled_motion import between_samples
 from rig.dampers.sprung_flow import (
     BEND,
     CURVED,

@@ -3,7 +3,7 @@
 `start` takes the first sample, `step` each further one; both keep what they need in an array `d` and return the force:
 no number where `step` is given none, and `d` then stays as it was.
 They do what `rig.dampers.kernel.force_series` does: states follow the motion between two samples
-(`rig.dampers.kernel.motion_between`); a rate-independent hysteresis follows its loop's one curve.
+(`rig.dampers.sampled_motion.motion_between`); a rate-independent hysteresis follows its loop's one curve.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from rig.dampers.arrays import FloatArray
-from rig.dampers.kernel import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Kernel, motion_between, runge_kutta
+from rig.dampers.kernel import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Kernel, runge_kutta
 from rig.dampers.kernel import _no_step as without_own_step  # the default, by which a model says that it has none
 from rig.dampers.loop_curve import cell_of, has_curve, loop_curve, place, travel_along, turning_point
 from rig.dampers.model import DamperModel
+from rig.dampers.sampled_motion import motion_between
 
 
 @dataclass(frozen=True)

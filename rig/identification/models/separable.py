@@ -173,13 +173,15 @@ def solve_loop(
         passes += thin.evaluations * _samples(few)
     else:
         start = form.shape_of(near)
-    short, full = (Projection(form, tests, weighting, without=without) for tests in (single, measurements))
+    full = Projection(form, measurements, weighting, without=without)
+    same = all(one is test for one, test in zip(single, measurements, strict=True))
+    short = full if same else Projection(form, single, weighting, without=without)
     shape, inner = refine(short, start, LOOP_ROUGH)
     if isinstance(form, UnitSeparation) and inner.objective > DESCRIBED * _noise_power(single, weighting):
         inner = full.solve(shape, slope=False)
     else:
         shape, inner = refine(full, shape, LOOP_FINE)
-    passes += short.evaluations * _samples(single)
+    passes += 0.0 if same else short.evaluations * _samples(single)
     evaluations = full.evaluations + int(np.ceil(passes / _samples(measurements)))
     values = form.values(inner.linear, shape)
     return Solution(values, inner.objective, evaluations, at_limit=limits_met(form, shape))
