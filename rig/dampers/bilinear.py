@@ -106,6 +106,11 @@ class DigressiveBilinearModel(HystereticModel):
         "cl, ch affine in I"
     )
     energy: ClassVar[str] = "dissipates at every instant where no slope is negative"
+    knees: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        f"vk_{side}": tuple(f"{slope}_{side}{ampere}" for slope in ("cl", "ch") for ampere in ("", "_b"))
+        for side in ("plus", "minus")
+    }
+    """Each knee with the slopes on its two sides."""
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "f0": -150.0, "cl_plus": 2000.0, "cl_plus_b": 3000.0, "ch_plus": 700.0, "ch_plus_b": 100.0,
         "cl_minus": 1200.0, "cl_minus_b": 2500.0, "ch_minus": 500.0, "ch_minus_b": 150.0, "vk_plus": 0.06,

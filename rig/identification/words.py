@@ -47,6 +47,10 @@ def some(texts: Sequence[str], separator: str = ", ") -> str:
 
 
 PARAMETERS = {
+    "no-knee": (
+        "{name} not identifiable: on its side of standstill one straight line fits as well, so {knee} lies beyond the "
+        "tested speeds, or there is none; test faster and slower"
+    ),
     "no-current-step": "eta not identifiable: every test held its current constant; add a current step",
     "redundant": (
         "{name} not identifiable on its own: {by} only scales {scaled}; the values given are for {by} = {value:g} "

@@ -15,12 +15,14 @@ import numpy as np
 
 from rig.dampers.algebraic import TanhModel
 from rig.dampers.arrays import BoolArray, FloatArray
+from rig.dampers.bilinear import DigressiveBilinearModel
 from rig.dampers.lawed_model import LawedModel
 from rig.dampers.model import DamperModel
 from rig.identification.models.law_search import felt
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import parameter_slopes
-from rig.identification.models.projection import Weighting
+from rig.identification.models.projection import Projection, Weighting
+from rig.identification.models.separable import motion_scale
 from rig.identification.uncertainty.covariance import Information
 from rig.identification.uncertainty.leftover import pieces_of
 from rig.identification.words import Saying, say
@@ -32,6 +34,7 @@ TOLD_APART = 16.0  # times the residual's variance, by which another shape must 
 ROUNDING = 1e-12  # of the force's own sum of squares
 BENT = (0.5, 1.0, 2.0, 4.0)  # arguments of a tanh at the greatest speed where it bends within the tested speeds
 RESTS_ON = 2.0  # times its standard error, which a parameter may have without one side of mid-stroke
+BEYOND = 2.0  # times the top speed, where a knee is none
 TINIEST_SQUARE = 1e-100  # of a regressor without effect
 RIDGE = 1e-12  # of a scaled normal matrix: keeps a variance without information finite, and very large
 
@@ -190,6 +193,30 @@ def explain(
     base, seen = _behind_law(model, values, measurements)
     if isinstance(base, TanhModel):
         reasons |= _tanh(base, known, values, seen, weighting)
+    if isinstance(base, DigressiveBilinearModel):
+        reasons |= _knees(base, known, values, seen, weighting)
+    return reasons
+
+
+def _knees(
+    model: DigressiveBilinearModel,
+    known: Information,
+    values: Mapping[str, float],
+    measurements: Sequence[Measurement],
+    weighting: Weighting,
+) -> dict[str, Saying]:
+    """Reasons where one straight line on a side of v = 0 fits as well: which of the two slopes it is, nobody knows."""
+    scale = motion_scale(measurements)
+    form = model.separation(scale)
+    shape = form.shape_of(values)
+    projected = Projection(form, measurements, weighting, without=frozenset(model.names) - frozenset(known.names))
+    left = projected.objective(shape)
+    reasons: dict[str, Saying] = {}
+    for place, (knee, slopes) in enumerate(model.knees.items()):
+        straight = shape.copy()
+        straight[place] = BEYOND * scale.top_speed_m_s
+        if projected.objective(straight) <= left * (1.0 + TOLD_APART / max(1, projected.samples)):
+            reasons |= {name: say("no-knee", name=name, knee=knee) for name in (knee, *slopes)}
     return reasons
 
 

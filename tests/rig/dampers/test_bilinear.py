@@ -72,6 +72,29 @@ def test_both_knees_are_found() -> None:
         assert fit.values[name] == pytest.approx(truth[name], rel=0.03), name
 
 
+def test_a_knee_beyond_the_tested_speeds_is_not_identified_and_neither_is_which_slope_was_seen() -> None:
+    """At most 0.075 m/s: beyond the knee in rebound (0.06 m/s), not in jounce (0.09 m/s)."""
+    truth, tests = model("digressive_bilinear").demonstration, []
+    for frequency_Hz in (0.2, 0.4):
+        for current_A in (0.0, CURRENT_A):
+            t, omega = np.arange(round(1000 / frequency_Hz)) / 500.0, 2.0 * np.pi * frequency_Hz
+            u, v = 0.03 * np.sin(omega * t), 0.03 * omega * np.cos(omega * t)
+            force = model("digressive_bilinear").force(truth, u, v, -(omega**2) * u, current_A, 2e-3)
+            tests.append(Measurement(
+                f"{current_A:g} A {frequency_Hz:g} Hz", u, v, -(omega**2) * u,
+                force + np.random.default_rng(len(tests)).normal(0.0, 1.0, t.size), np.full(t.size, current_A), 2e-3,
+                amplitude_m=0.03, frequency_Hz=frequency_Hz, nominal_current_A=current_A,
+                samples_per_cycle=round(500 / frequency_Hz), noise_N=1.0,
+            ))  # fmt: skip
+    fit = identify(tests, model="digressive_bilinear")
+    assert fit.adequate
+    unknown = {name for name, each in fit.parameters.items() if not each.identifiable}
+    assert unknown == {"vk_minus", "cl_minus", "cl_minus_b", "ch_minus", "ch_minus_b"}
+    assert "vk_minus lies beyond the tested speeds" in fit.parameters["ch_minus"].reason
+    assert fit.values["vk_plus"] == pytest.approx(truth["vk_plus"], rel=0.02)
+    assert fit.values["ch_plus"] == pytest.approx(truth["ch_plus"], rel=0.1)
+
+
 def test_a_shape_that_needs_another_current_stays_at_zero_with_one() -> None:
     fit = identify([recorded("hysteretic_biviscous", CURRENT_A)], model="hysteretic_biviscous")
     assert fit.parameters["vy_b"].value == 0.0
