@@ -69,7 +69,7 @@ class SprungBoucWenModel(HystereticModel):
         *(LostMotionModel().parameter(name) for name in TAKEN),
         shape_parameter("rho", "1/m", 1000.0, 1e-2, 1e6, "inverse of the way in which the yield force turns round"),
         shape_parameter("vt", "m/s", 0.005, 1e-6, 10.0, "speed from which kt's force grows as its logarithm"),
-        shape_parameter("k", "N/m", 1e6, 1e3, 1e12, "stiffness of the spring in series"),
+        shape_parameter("k", "N/m", 1e6, 1e3, 1e10, "stiffness of the spring in series"),
         linear_parameter("m", "kg", 0.0, "mass that moves with the rod", term="inertia"),
     )
 
