@@ -21,7 +21,8 @@ SIGN_SLOPE_S_M = 1e12  # tanh of so steep an argument is the sign function of th
 YIELD_SHARES = (0.004, 0.02, 0.1)  # deflection of the series spring at yield over the smallest amplitude
 SPRING_RATIOS = (0.03, 0.5)  # k1 over k2
 RETARDATIONS_S = (0.002, 0.02)  # c1 over k1
-YIELDING = (0.8,)  # share of the force at the top speed: at one motion the Bingham solution does not tell
+YIELDING = 0.8  # share of the force at the top speed in a second start: at one motion Bingham's solution does not tell
+RIGID = 5.0  # dashpots of a start at least, in k2 over the fastest rate: nearer to its limit no step is admissible
 LEAST_YIELD = 0.2  # of the yield force at the mean current, at 0 A: at 0 a search could go one way only
 
 
@@ -135,29 +136,31 @@ class ViscoelasticPlasticModel(HystereticModel):
 
 
 class PlasticSearch(Search):
-    """From the Bingham solution, with springs and a dashpot before yield, for several of each."""
+    """From the Bingham solution, with springs and a dashpot before yield, for several of each.
+
+    And from one whose force at the top speed is yield force for the most part.
+    """
 
     simpler = "bingham"
     simpler_names: Mapping[str, str] = {"fc_b": "fc_b", "c0_b": "c0_b"}
-    family = 4 * (1 + len(YIELDING))
+    family = 8
 
     def starts(self, simple: Mapping[str, float], scale: MotionScale) -> list[dict[str, float]]:
         """See `Search.starts`."""
         top_m_s, starts = scale.top_speed_m_s, []
         whole, whole_b = simple["fc"] + simple["c0"] * top_m_s, simple["fc_b"] + simple["c0_b"] * top_m_s
         own = simple["fc"], simple["fc_b"], simple["c0"], simple["c0_b"]
-        parted = [
-            (share * whole, share * whole_b, (1.0 - share) * whole / top_m_s, (1.0 - share) * whole_b / top_m_s)
-            for share in YIELDING
-        ]
+        viscous = (1.0 - YIELDING) / top_m_s
+        parted = YIELDING * whole, YIELDING * whole_b, viscous * whole, viscous * whole_b
         for deflection, ratio, retardation_s in product(YIELD_SHARES, SPRING_RATIOS, RETARDATIONS_S):
-            for fc, fc_b, c0, c0_b in (own, *parted):
+            for fc, fc_b, c0, c0_b in (own, parted):
                 yield_N = max(abs(fc + fc_b * scale.mean_current_A), 1.0)
                 k2 = yield_N / (deflection * scale.smallest_amplitude_m)
+                least = RIGID * k2 / scale.fastest_1_s
                 starts.append({
-                    "k1": ratio * k2, "c1": max(ratio * k2 * retardation_s, 5.0 * k2 / scale.fastest_1_s), "k2": k2,
-                    "c0": max(c0, 5.0 * k2 / scale.fastest_1_s, 1.0), "fc": max(fc, LEAST_YIELD * yield_N),
-                    "fc_b": fc_b, "c0_b": max(c0_b, 0.0), "f0": simple["f0"],
+                    "k1": ratio * k2, "c1": max(ratio * k2 * retardation_s, least), "k2": k2,
+                    "c0": max(c0, least, 1.0), "fc": max(fc, LEAST_YIELD * yield_N), "fc_b": fc_b,
+                    "c0_b": max(c0_b, 0.0), "f0": simple["f0"],
                 })  # fmt: skip
         return starts
 

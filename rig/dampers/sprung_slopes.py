@@ -88,12 +88,13 @@ def balance_slopes(
 @njit()
 def carried(p: FloatArray, state: FloatArray, slopes: FloatArray, motion: Motion, current: float, dt: float) -> None:
     """`sprung_flow.moved`, and the slopes (2, parameters) of the piston's place and of w moved with it."""
-    at, own = at_current(p, current, remembered(state)), np.empty(p.size)
+    speed, own = remembered(state), np.empty(p.size)
+    at = at_current(p, current, speed)
     by_last, by_first = np.empty(p.size), np.empty(p.size)
     count = steps_in(p, at, state[1], motion, dt)
     h, begins = dt / count, at_once(state, motion)
     v = piston_speed(p, at, begins, motion[1])
-    by_base, by_w, by_began, by_v = balance_slopes(p, at, (current, remembered(state)), begins, v, own)
+    by_base, by_w, by_began, by_v = balance_slopes(p, at, (current, speed), begins, v, own)
     for q in range(p.size):
         by_last[q] = -(own[q] + (by_base + by_began) * slopes[0, q] + by_w * slopes[1, q]) / by_v
     for k in range(count):
