@@ -7,7 +7,6 @@ tell in turn. A set-point goes out at once, whichever thread asks for it: nothin
 from __future__ import annotations
 
 import contextlib
-import re
 import time
 from collections.abc import Iterator
 
@@ -69,8 +68,8 @@ class ScpiSupply(PolledSource):
         pattern, text = self._described.identity, self._connection.identity
         if not self._told:
             return ""
-        if pattern and not re.search(pattern, self._told):
-            return f"it says it is {self._told!r:.100}, which does not look like {pattern!r}"
+        if pattern is not None and not pattern.search(self._told):
+            return f"it says it is {self._told!r:.100}, which does not match {pattern.text!r}"
         return f"it says it is {self._told!r:.100}, expected {text!r} in it" if text not in self._told else ""
 
     @property
@@ -241,7 +240,7 @@ class ScpiSupply(PolledSource):
         elif wanted is Wanted.IDENTITY:
             self._dialogue.jobs.extend(self._know(answer))
         elif wanted is Wanted.ERROR:
-            if not re.search(self._described.no_error, answer):
+            if not self._described.no_error.search(answer):
                 self._faults |= SourceFault.COMMAND_CHECK
         elif wanted is Wanted.OUTPUT:
             self._take_output(on=answer in self._described.on)

@@ -6,7 +6,6 @@ keep their order, so what comes back does too.
 
 from __future__ import annotations
 
-import re
 import threading
 import time
 from collections import deque
@@ -77,7 +76,7 @@ class SupplyDialogue:
         self._timeout_ns = int(timeout_s * 1e9)
         self._identify = identify
         self._numbers = numbers
-        self._acknowledge = re.compile(link.acknowledge) if link.acknowledge else None
+        self._acknowledge = link.acknowledge
         self._lines = AnswerLines()
         self._lock = threading.Lock()
         self._expected: deque[tuple[Wanted, str, int]] = deque()

@@ -7,15 +7,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from string import Formatter
 from typing import Any
 
 from protocols.binary_format import LETTERS, LONGEST_FRAME, BinaryFormat, Field
 from protocols.checksums import CHECKSUMS
+from protocols.errors import LocalProtocolError
 from protocols.format_keys import Place, Problem, Table
-from protocols.line_example import HOLES, checksum_digits, explodes, fitting, parts, widths
+from protocols.line_example import HOLES, checksum_digits, fitting, parts, widths
 from protocols.line_format import LineFormat
+from protocols.patterns import Pattern, PatternError
 
 _MARK = "{address}"
+_FORM = re.compile(r"[<>=^]?[-+ ]?0?\d{0,2}(?:\.\d{1,2})?[a-zA-Z]?")
+"""Of a number in a template: a wider one would take any amount of memory."""
 TRIED = (0.0, 1.0, -1.0)
 """Numbers of which one at least must fit into a line."""
 
@@ -41,9 +46,10 @@ def pattern_of(values: Mapping[str, Any], table: Table, problems: list[Problem])
         return None
     pattern = str(values["pattern"]).replace(_MARK, address)
     try:
-        groups = re.compile(pattern, re.ASCII).groupindex
-    except re.error as error:
-        problems.append((("pattern",), f"pattern {pattern!r}: {error}"))
+        groups = Pattern(pattern).groups
+        parts(pattern)  # an example line is made from the standard library's reading of it
+    except (PatternError, re.error, LocalProtocolError) as error:
+        problems.append((("pattern",), f"pattern {pattern!r:.200}: {error}"))
         return None
     if "value" not in groups:
         problems.append((("pattern",), "pattern needs a group (?P<value>...)"))
@@ -143,15 +149,25 @@ def _group_problems(made: LineFormat, values: Mapping[str, Any]) -> Iterator[Pro
         yield ("negative_tokens",), "must not be empty"
 
 
+def _template_problem(made: LineFormat) -> str:
+    """Why no line can be written with a template; empty where it can."""
+    try:
+        for _, name, form, conversion in Formatter().parse(made.template):
+            if name is not None and (name not in {"value", "unit", "checksum"} or conversion):
+                return f"{{{name}}} is not a field; allowed: {{value}}, {{unit}} and {{checksum}}"
+            if form and not _FORM.fullmatch(form):
+                return f"{{{name}:{form}}}: expected a form such as {{value:+010.1f}}, width and decimals at most 99"
+        made.template.format(value=0.0, unit=made.unit, checksum="0" * checksum_digits(made))
+    except (KeyError, IndexError, ValueError) as error:
+        return f"{error}; allowed fields: {{value}}, {{unit}} and {{checksum}}"
+    return ""
+
+
 def _unmatched(made: LineFormat) -> Iterator[Problem]:
     """Reasons why no line of numbers can match."""
-    if made.template:
-        try:
-            made.template.format(value=0.0, unit=made.unit, checksum="0" * checksum_digits(made))
-        except (KeyError, IndexError, ValueError, AttributeError) as error:
-            known = "it may have {value}, {unit} and {checksum}"
-            yield ("template",), f"template {made.template!r}: {error!r}; {known}"
-            return
+    if made.template and (problem := _template_problem(made)):
+        yield ("template",), f"template {made.template!r:.200}: {problem}"
+        return
     fixed = "".join(part for part in parts(made.pattern) if not part.startswith("\0"))
     if not any(fitting(made, [number]) for number in TRIED):
         written = "".join(part if not part.startswith("\0") else f"<{part[1:].partition(':')[0]}>" for part in
@@ -162,11 +178,6 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
         yield ("pattern",), f"can never match: {told}"
     elif made.terminator.decode("latin-1") in fixed:
         yield ("pattern",), "can never match: the pattern has the terminator in it, which ends the line before"
-    elif explodes(made.pattern):
-        yield ("pattern",), (
-            "takes longer and longer with every character of a damaged line: a repeat inside of a repeat, such as "
-            "(\\d+)+; write it with one repeat"
-        )
 
 
 def _exchange_problems(values: Mapping[str, Any]) -> Iterator[Problem]:

@@ -16,6 +16,7 @@ from itertools import product
 from typing import Any
 
 from protocols.checksums import CHECKSUMS, HEX
+from protocols.errors import LocalProtocolError
 from protocols.line_format import LineFormat
 
 _parser: Any = importlib.import_module("re._parser")  # the standard library's own reading of a pattern, not annotated
@@ -29,7 +30,6 @@ _CATEGORIES: Mapping[str, Callable[[str], bool]] = {
 HOLES = ("value", "sign", "unit", "status", "checksum")
 WIDEST = 16
 MOST_DECIMALS = 7
-REPEATS = frozenset({"MAX_REPEAT", "MIN_REPEAT"})
 
 
 def widths(pattern: str) -> tuple[int, int]:
@@ -39,7 +39,11 @@ def widths(pattern: str) -> tuple[int, int]:
 
 
 def parts(pattern: str) -> list[str]:
-    """The shortest text of a pattern, cut at its groups of `HOLES`, which are NUL, name, `:` and least width."""
+    """The shortest text of a pattern, cut at its groups of `HOLES`, which are NUL, name, `:` and least width.
+
+    Raises:
+        LocalProtocolError: the pattern needs a NUL character.
+    """
     tree = _parser.parse(pattern, re.ASCII)
     names = {number: name for name, number in tree.state.groupdict.items() if name in HOLES}
     pieces: list[str] = []
@@ -57,6 +61,8 @@ def _walk(tree: Any, names: dict[int, str], pieces: list[str]) -> None:  # noqa:
     for operation, argument in tree:
         kind = str(operation)
         if kind == "LITERAL":
+            if argument == 0:
+                raise LocalProtocolError("a NUL character is not part of a line of text; use a binary format")
             pieces.append(chr(argument))
         elif kind in {"NOT_LITERAL", "ANY", "IN"}:
             pieces.append(_letter(kind, argument))
@@ -192,7 +198,7 @@ def _fits(line_format: LineFormat, text: Sequence[str], style: Style, number: fl
         return False
     line = filled(line_format, text, written, line_format.negative_tokens[0] if number < 0 else style.plus)
     match = line_format.match(line)
-    same = match is not None and match["value"].strip() == written.strip()
+    same = match is not None and (match["value"] or "").strip() == written.strip()
     return same and len(line) <= line_format.maximum_length
 
 
@@ -211,32 +217,3 @@ def filled(line_format: LineFormat, text: Sequence[str], number: str, sign: str)
 def checksum_digits(line_format: LineFormat) -> int:
     """Hexadecimal digits of the checksum; 0 without one."""
     return 0 if line_format.checksum == "none" else 2 * CHECKSUMS[line_format.checksum.removesuffix(HEX)].size
-
-
-def explodes(pattern: str) -> bool:
-    """Whether a damaged line could hold up who reads it: a repeat of nothing but repeats, as in `([0-9]+)+`.
-
-    It can cut a row of characters in twice as many ways with every character more.
-    """
-    return _explodes(_parser.parse(pattern, re.ASCII))
-
-
-def _explodes(tree: Any) -> bool:  # noqa: ANN401 - as above
-    for operation, argument in tree:
-        kind = str(operation)
-        inner = argument[2] if kind in REPEATS else argument[-1] if kind == "SUBPATTERN" else ()
-        if kind in REPEATS and int(argument[1]) > 1 and _repeats_only(inner):
-            return True
-        if any(map(_explodes, argument[1] if kind == "BRANCH" else (inner,))):
-            return True
-    return False
-
-
-def _repeats_only(tree: Any) -> bool:  # noqa: ANN401 - as above
-    """Nothing in it has a fixed length, and something is repeated."""
-    loose = [
-        _repeats_only(argument[-1]) if str(operation) == "SUBPATTERN" else
-        str(operation) in REPEATS and argument[0] != argument[1]
-        for operation, argument in tree
-    ]  # fmt: skip
-    return all(loose) and tree.getwidth()[1] > 1

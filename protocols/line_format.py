@@ -21,6 +21,7 @@ from protocols.checksums import CHECKSUMS, HEX
 from protocols.errors import RemoteProtocolError
 from protocols.exchange import Exchange
 from protocols.frame_format import SEQUENCE_MODULUS, STATUS_OVERLOAD, STATUS_SENSOR_FAULT, Reading
+from protocols.patterns import Match, Pattern
 
 LONGEST_LINE = 256
 NUMBERS = {
@@ -92,13 +93,13 @@ class LineFormat:
     nominal_rate_Hz: float | None = None
     exchange: Exchange = field(default_factory=Exchange)
     template: str = ""
-    _regex: re.Pattern[str] = field(init=False, repr=False, compare=False)
+    _regex: Pattern = field(init=False, repr=False, compare=False)
     _plain: bool = field(init=False, repr=False, compare=False)
     _statuses: Mapping[str, int] = field(init=False, repr=False, compare=False)
     _tokens: Mapping[str, int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_regex", re.compile(self.pattern, re.ASCII))
+        object.__setattr__(self, "_regex", Pattern(self.pattern))
         object.__setattr__(self, "_plain", self._is_plain())
         object.__setattr__(self, "_statuses", {text.strip(): STATUSES[kind] for text, kind in self.status.items()})
         tokens = {text.strip(): STATUS_SENSOR_FAULT for text in self.fault_tokens}
@@ -107,14 +108,14 @@ class LineFormat:
     @property
     def groups(self) -> frozenset[str]:
         """Names of the pattern's groups."""
-        return frozenset(self._regex.groupindex)
+        return self._regex.groups
 
     @property
     def has_sequence(self) -> bool:
         """Lines carry no number of their own."""
         return False
 
-    def match(self, text: str) -> re.Match[str] | None:
+    def match(self, text: str) -> Match | None:
         """The pattern over a whole line."""
         return self._regex.fullmatch(text)
 
@@ -140,19 +141,19 @@ class LineFormat:
         if match is None:
             raise RemoteProtocolError(f"{self.name}: {text!r} does not match {self.pattern!r}")
         if self._plain:
-            return self._value(match["value"], 1.0, negative=False)
-        groups = self._regex.groupindex
-        if self.checksum != "none" and match["checksum"].upper() != (right := self._checksum(text, match)):
+            return self._value(match["value"] or "", 1.0, negative=False)
+        groups = self._regex.groups
+        if self.checksum != "none" and (match["checksum"] or "").upper() != (right := self._checksum(text, match)):
             raise RemoteProtocolError(f"{self.name}: {text!r} has checksum {right}")
         factor = self._factor(match["unit"]) if "unit" in groups else 1.0
         status = self._status(match["status"]) if "status" in groups else 0
         negative = "sign" in groups and self._negative(match["sign"])
-        value, bits = self._value(match["value"], factor, negative=negative)
+        value, bits = self._value(match["value"] or "", factor, negative=negative)
         return (math.nan, bits | status) if status else (value, bits)
 
     def _is_plain(self) -> bool:
         """Nothing beside the number has to be looked at."""
-        return self._regex.groupindex.keys() == {"value"} and self.sign == "leading"
+        return self._regex.groups == {"value"} and self.sign == "leading"
 
     def _factor(self, unit: str | None) -> float:
         """What the unit on the wire is in `unit`.
@@ -222,14 +223,14 @@ class LineFormat:
             return None
         return number if "." in digits or not self.decimals else number / 10**self.decimals
 
-    def _checksum(self, text: str, match: re.Match[str]) -> str:
+    def _checksum(self, text: str, match: Match) -> str:
         """The checksum of the covered characters, upper-case hexadecimal digits."""
         kind = CHECKSUMS[self.checksum.removesuffix(HEX)]
         if self.checksum_over is not None:
             covered = text[self.checksum_over[0] - 1 : self.checksum_over[1]]
         else:
             begin = text.find(self.checksum_from) + len(self.checksum_from)
-            end = text.rfind(self.checksum_to) if self.checksum_to else match.start("checksum")
+            end = text.rfind(self.checksum_to) if self.checksum_to else match.span("checksum")[0]
             covered = text[begin:end]
         return format(kind.of(covered.encode("ascii")), _HEX_DIGITS[kind.size])
 

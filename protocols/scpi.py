@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from protocols.errors import LocalProtocolError, RemoteProtocolError
+from protocols.patterns import Pattern
 
 LONGEST_ANSWER = 512
 LONGEST_COMMAND = 200
@@ -84,7 +85,7 @@ class Command:
         return _FIELD.sub(number, self.text).encode("ascii")
 
 
-def number_in(answer: str, pattern: re.Pattern[str] | None = None) -> float:
+def number_in(answer: str, pattern: Pattern | None = None) -> float:
     """The number in an answer, in SI.
 
     Args:
@@ -98,8 +99,8 @@ def number_in(answer: str, pattern: re.Pattern[str] | None = None) -> float:
     if pattern is not None:
         match = pattern.search(answer)
         if match is None:
-            raise RemoteProtocolError(f"{answer!r:.60}: does not look like {pattern.pattern}")
-        text = match["value"]
+            raise RemoteProtocolError(f"{answer!r:.60}: does not look like {pattern.text}")
+        text = match["value"] or ""
     number = _NUMBER.fullmatch(text)
     scale = None if number is None else _UNITS.get(number[2].upper())
     if number is None or scale is None:

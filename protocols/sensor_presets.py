@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+_NINE_CHARACTERS = "|".join(rf"\d{{{whole}}}\.\d{{{8 - whole}}}" for whole in range(1, 8))
+"""Digits with one decimal point among them: a line that lost a character does not match."""
+_SIX_CHARACTERS = r"\d{6}|" + "|".join(rf"\d{{{whole}}}\.\d{{{5 - whole}}}" for whole in range(1, 6))
 _LAUMAS_NUMBER = r"[-\d]\d{5}"
 _LAUMAS_WORDS = {
     "overload_tokens": ["ErOL", "Er OL", "^^^^^^", "------"],
@@ -29,7 +32,7 @@ _MSC: dict[str, Any] = {
 TABLES: Mapping[str, Mapping[str, Any]] = {
     "signed-decimal": {
         "description": "the project's own line, +0001234.5 N",
-        "pattern": r"(?P<value>[+-](?=[\d.]{9}(?: |$))\d+\.\d+)(?: (?P<unit>[^\d\s]\S*))?",
+        "pattern": rf"(?P<value>[+-](?:{_NINE_CHARACTERS}))(?: (?P<unit>[^\d\s]\S*))?",
         "template": "{value:+010.1f} {unit}",
         "unit": "N",
     },
@@ -59,7 +62,7 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
     },
     "flintec": {
         "description": "Flintec LDU 68, 69, 78: SG, gross value continuously",
-        "pattern": r"G(?P<value>[+-](?=[\d.]{6}$)\d+\.?\d*)",
+        "pattern": rf"G(?P<value>[+-](?:{_SIX_CHARACTERS}))",
         "start_command": "SG\r",
         "template": "G{value:+07.3f}",
     },

@@ -16,6 +16,7 @@ from typing import Any
 
 from drivers.devices.supply import SupplyDescription
 from drivers.devices.supply_file import supply
+from protocols.patterns import Pattern
 from protocols.scpi import Command
 from simulators.ecu import Ecu
 from simulators.ecu_firmware import EcuFault
@@ -51,12 +52,12 @@ def numbers_in(match: re.Match[str]) -> dict[str, float]:
     }
 
 
-def number_like(value: float, pattern: re.Pattern[str] | None) -> str:
+def number_like(value: float, pattern: Pattern | None) -> str:
     """A number as an answer: as IEEE 488.2 writes it, or as a description says that this supply does."""
     plain, exponent = f"{value:.5f}", f"{value:+.5E}"
     if pattern is None:
         return exponent
-    own = text_like(_VALUE.sub("@", pattern.pattern))
+    own = text_like(_VALUE.sub("@", pattern.text))
     shapes = [shape.replace("@", plain) for shape in ("@", "@A", "@ A", "@V", own)]
     return next((shape for shape in (exponent, *shapes) if pattern.search(shape)), plain)
 
@@ -105,7 +106,7 @@ class SimulatedSupply:
         self._server: asyncio.Server | None = None
         self._clients: list[SupplyClient] = []
         self._off = next(text for text in ("0", "OFF", "off") if text not in described.on)
-        self._no_error = NO_ERROR if re.search(described.no_error, NO_ERROR) else text_like(described.no_error)
+        self._no_error = NO_ERROR if described.no_error.search(NO_ERROR) else text_like(described.no_error.text)
         self._meanings = list(self._meanings_of())
 
     @property
@@ -265,7 +266,7 @@ class SupplyClient(asyncio.Protocol):
         if answer is not None:
             said.append(answer.translate(GARBLED) if faults.wrong_crc else answer)
         elif link.acknowledge:
-            said.append(text_like(link.acknowledge))
+            said.append(text_like(link.acknowledge.text))
         if faults.silent or not said:
             return
         data = b"".join(text.encode("ascii", "replace") + link.terminator.encode("ascii") for text in said)
@@ -293,6 +294,6 @@ def simulated_supply(
         return SimulatedOutput(ecu, described, described.output, serial_number)
     maker, model = described.maker or "SIMULATED", (described.model or described.name).split(",")[0]
     identity = f"{maker},{model},{serial_number},1.0"
-    if described.identity and not re.search(described.identity, identity):
-        identity = text_like(described.identity)
+    if described.identity is not None and not described.identity.search(identity):
+        identity = text_like(described.identity.text)
     return SimulatedSupply(ecu, described, identity)

@@ -5,11 +5,11 @@ A preset and a user's file have the same form; `supply_file` reads both.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 from drivers.current_source import SourceIdentity
 from drivers.devices.output import AnalogueOutput, output_lacks
+from protocols.patterns import Pattern
 from protocols.scpi import Command
 
 UNVERIFIED = "unverified"
@@ -28,13 +28,13 @@ class SupplyLink:
     Attributes:
         terminator: what ends a command.
         echo: every command comes back before its answer.
-        acknowledge: what every command that is no query is answered with, as a pattern; empty: with nothing.
+        acknowledge: what every command that is no query is answered with, None: with nothing.
         gap_s: least time between two commands (s).
     """
 
     terminator: str = "\n"
     echo: bool = False
-    acknowledge: str = ""
+    acknowledge: Pattern | None = None
     gap_s: float = 0.0
     baudrate: int = 9600
     bytesize: int = 8
@@ -76,6 +76,10 @@ class SupplyWatchdog:
     feed: Commands = ()
 
 
+NO_ERROR = Pattern(r"^\s*[+-]?0+\b")
+"""What an empty error queue answers by IEEE 488.2 and SCPI: error number 0."""
+
+
 @dataclass(frozen=True)
 class SupplyDescription:
     """One kind of supply.
@@ -86,8 +90,8 @@ class SupplyDescription:
         link, commands, watchdog: how it is spoken to; None: it has no time-out of its own.
         current_A, voltage_V: lowest and highest set-point; of the voltage None where it cannot be set.
         settling_s: time after which the current is that of a new set-point, the coil in it.
-        identity: what its identity must look like, as a pattern; empty: any.
-        no_error: what an empty error queue answers, as a pattern.
+        identity: what its identity must look like, None: any.
+        no_error: what an empty error queue answers.
         current, voltage: where the number stands in an answer; None: it is the answer.
         on: answers that say that the output is on.
         faults: bits of the answer to `read_faults`, and what each means (of `SourceFault`).
@@ -104,10 +108,10 @@ class SupplyDescription:
     model: str = ""
     tried: str = ""
     settling_s: float = 0.3
-    identity: str = ""
-    no_error: str = r"^\s*[+-]?0+\b"
-    current: re.Pattern[str] | None = None
-    voltage: re.Pattern[str] | None = None
+    identity: Pattern | None = None
+    no_error: Pattern = NO_ERROR
+    current: Pattern | None = None
+    voltage: Pattern | None = None
     on: tuple[str, ...] = ("1", "ON")
     faults: tuple[tuple[int, int], ...] = ()
     output: AnalogueOutput | None = None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import functools
 import math
-import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
@@ -25,6 +24,7 @@ from drivers.devices.supply import (
     SupplyWatchdog,
 )
 from protocols.errors import LocalProtocolError
+from protocols.patterns import Pattern, PatternError
 from protocols.scpi import Command
 from protocols.toml_lines import scan_lines, structure_problem
 
@@ -224,17 +224,19 @@ class _Reader:
             "stopbits": self.choice(("link", "stopbits"), given.get("stopbits", 1), (1, 2, 1.5)),
         }
 
-    def pattern(self, place: Place, given: object, *, value: bool = False) -> str:
-        """A pattern as it is written; with `value` it must have a group of that name."""
+    def pattern(self, place: Place, given: object, *, value: bool = False) -> Pattern | None:
+        """A regular expression, None where the text is empty or not one; with `value` it must have a group so named."""
         text = self.text(place, given)
+        if not text:
+            return None
         try:
-            groups = re.compile(text).groupindex
-        except re.error as error:
-            self.wrong(place, f"is no regular expression: {error}")
-            return ""
-        if value and "value" not in groups:
+            pattern = Pattern(text)
+        except PatternError as error:
+            self.wrong(place, f"is not a valid regular expression: {error}")
+            return None
+        if value and "value" not in pattern.groups:
             self.wrong(place, "must have the number in a group named value, such as '(?P<value>[-+0-9.]+)A'")
-        return text
+        return pattern
 
     def some(self, place: Place, given: object) -> Commands:
         """A command, or a list of them."""
@@ -306,12 +308,10 @@ class _Reader:
     def answers(self) -> dict[str, Any]:
         given = self.inner("answers", _ANSWERS)
         read: dict[str, Any] = {}
-        for name in ("identity", "no_error"):
+        for name in ("identity", "no_error", "current", "voltage"):
             if name in given:
-                read[name] = self.pattern(("answers", name), given[name])
-        for name in ("current", "voltage"):
-            if name in given:
-                read[name] = re.compile(self.pattern(("answers", name), given[name], value=True))
+                pattern = self.pattern(("answers", name), given[name], value=name in {"current", "voltage"})
+                read |= {} if pattern is None else {name: pattern}
         if "on" in given:
             on = [given["on"]] if isinstance(given["on"], str) else given["on"]
             if isinstance(on, (list, tuple)) and on and all(isinstance(text, str) for text in on):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from protocols.patterns import Pattern, PatternError
 from rig.errors import FileProblem
 from rig.recording.foreign.columns import (
     MOST_SHOWN,
@@ -119,19 +119,19 @@ def named_files(files: Sequence[Path]) -> str:
     return ", ".join(map(str, files[:3])) + more
 
 
-def _current_pattern(text: str | None) -> re.Pattern[str] | None:
+def _current_pattern(text: str | None) -> Pattern | None:
     if text is None:
         return None
     try:
-        pattern = re.compile(text)
-    except re.error as error:
-        raise FileProblem("--current-from-name", [f"{text!r} is not a regular expression: {error}"]) from error
-    if "current" not in pattern.groupindex:
+        pattern = Pattern(text)
+    except PatternError as error:
+        raise FileProblem("--current-from-name", [f"{text!r} is not a valid regular expression: {error}"]) from error
+    if "current" not in pattern.groups:
         raise FileProblem("--current-from-name", [f"{text!r} has no group (?P<current>...)"])
     return pattern
 
 
-def _read_test(file: Path, wanted: WantedTests, pattern: re.Pattern[str] | None) -> ImportedTest:
+def _read_test(file: Path, wanted: WantedTests, pattern: Pattern | None) -> ImportedTest:
     opened, sha256 = _opened(file, wanted)
     choices = _choices(file, opened, wanted)
     table = _table(file, opened, choices, wanted)
@@ -270,7 +270,7 @@ def _too_large(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoi
 
 
 def _nominal_A(
-    file: Path, known: FloatArray | None, wanted: WantedTests, pattern: re.Pattern[str] | None
+    file: Path, known: FloatArray | None, wanted: WantedTests, pattern: Pattern | None
 ) -> float:
     """The test's current: of its column, its name, or as given.
 
@@ -290,10 +290,10 @@ def _nominal_A(
         return float(wanted.current_A or 0.0)
     named = pattern.search(file.name)
     if named is None:
-        raise ValueError(f"the name does not match {pattern.pattern!r}: no current in it")
+        raise ValueError(f"the name does not match {pattern.text!r}: no current in it")
     try:
-        value = float(named["current"].replace(",", "."))
-    except (ValueError, AttributeError) as error:
+        value = float((named["current"] or "").replace(",", "."))
+    except ValueError as error:
         raise ValueError(f"current {named['current']!r} in the name is not a number (A)") from error
     if not abs(value) <= LARGEST["current"][0]:
         raise ValueError(f"current {value:g} A in the name; a test has at most {LARGEST['current'][0]:g} A")

@@ -16,6 +16,7 @@ from drivers.errors import PortClosed
 from drivers.ring import Channel
 from drivers.scpi_supply import ScpiSupply
 from protocols.errors import LocalProtocolError
+from protocols.patterns import Pattern
 
 GENERIC = supply("generic-scpi")
 
@@ -188,7 +189,7 @@ def test_echo_acknowledgement_and_another_line_end(peer: ScpiPeer) -> None:
         return f"{line.strip()}\r\n{'OK' if answer is None else answer}\r"
 
     peer.obey = chatty  # type: ignore[method-assign]  # the same supply in another mood
-    description = replace(GENERIC, link=SupplyLink(terminator="\r\n", echo=True, acknowledge="^OK$"))
+    description = replace(GENERIC, link=SupplyLink(terminator="\r\n", echo=True, acknowledge=Pattern("^OK$")))
     source = driver(peer, description=description)
     source.start(0.01)
     for current_A in (0.5, 1.0, 0.0, 1.5):

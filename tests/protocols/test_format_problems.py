@@ -60,7 +60,7 @@ def test_these_are_right_before_one_thing_is_changed(table: dict[str, Any]) -> N
         ({"pattern": r"(?P<sign>[ -])(?P<value>\d{5})", "sign": "separate", "negative_tokens": []}, "negative_tokens",
          "must not be empty"),
         (LINE | {"base": "laumas"}, "base", "no format 'laumas'; there are"),
-        (LINE | {"template": "{force}"}, "template", "it may have {value}, {unit} and {checksum}"),
+        (LINE | {"template": "{force}"}, "template", "allowed: {value}, {unit} and {checksum}"),
         ({"pattern": r"(?P<value>[a-z]+)"}, "pattern", "can never match"),
         (LINE | {"request": ""}, "request", "must not be empty"),
         (LINE | {"request": "?{address}"}, "request", 'needs address = "..."'),

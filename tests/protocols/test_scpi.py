@@ -7,6 +7,7 @@ import re
 import pytest
 
 from protocols.errors import LocalProtocolError, RemoteProtocolError
+from protocols.patterns import Pattern
 from protocols.scpi import AnswerLines, Command, number_in
 
 
@@ -67,7 +68,7 @@ def test_what_is_no_measurement_is_refused(answer: str) -> None:
 
 
 def test_a_pattern_says_where_the_number_stands() -> None:
-    pattern = re.compile(r"^I1 (?P<value>[-+0-9.]+)$")
+    pattern = Pattern(r"^I1 (?P<value>[-+0-9.]+)$")
     assert number_in("I1 -0.25", pattern) == -0.25
     with pytest.raises(RemoteProtocolError, match="does not look like"):
         number_in("V1 12.0", pattern)

@@ -177,7 +177,7 @@ def test_a_line_format_may_be_described_in_the_bench_file(tmp_path: Path) -> Non
         (LINE.replace("<value>", "<force>"), "pattern needs a group (?P<value>...)"),
         (LINE.replace("terminator", "terminal"), "unknown key 'terminal'; did you mean terminator"),
         (LINE.replace('"kN"', "3"), "load_cell.format.unit = 3: expected text"),
-        (LINE.replace("kN)", "kN"), "unterminated subpattern"),
+        (LINE.replace("kN)", "kN"), "missing )"),
     ],
 )
 def test_a_line_format_that_contradicts_itself_is_refused(problems: Edit, new: str, expected: str) -> None:

@@ -118,7 +118,7 @@ def test_wrong_columns_say_what_would_fit(tmp_path: Path, columns: dict[str, str
     ({"current_A": None}, "the coil current is not known"),
     ({"current_from_name": "_(?P<current>[0-9]+)mA"}, "the name does not match"),
     ({"current_from_name": "_([0-9.]+)A"}, "no group"),
-    ({"current_from_name": "("}, "not a regular expression"),
+    ({"current_from_name": "("}, "regular expression"),
 ])
 def test_a_current_that_cannot_be_told_is_refused(tmp_path: Path, options: dict[str, object], message: str) -> None:
     assert message in refused(tmp_path, sine_file(tmp_path), **options)
