@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 EXIT_DONE = 0
 EXIT_USAGE = 2
 EXIT_REFUSED = 3
@@ -85,3 +88,26 @@ class UnknownRigState(RigError):
 
     exit_code = EXIT_UNKNOWN_STATE
     slug = "state-unknown"
+
+
+NUMERICAL_ERRORS = (ValueError, ArithmeticError, LookupError)
+"""What numerical code raises where data break one of its invariants; `numpy.linalg.LinAlgError` is a `ValueError`."""
+
+
+@contextmanager
+def evaluating(what: str) -> Iterator[None]:
+    """Boundary around numerical code that works on measured data: no data may end a command with a traceback.
+
+    Args:
+        what: what is evaluated, such as a test's id.
+
+    Raises:
+        IdentificationFailed: in place of any of `NUMERICAL_ERRORS`. A `RigError` passes as it is.
+    """
+    try:
+        yield
+    except NUMERICAL_ERRORS as error:
+        raise IdentificationFailed(
+            f"{what} cannot be evaluated: {type(error).__name__}: {error}. Its data break an assumption of the "
+            "software. Fix: check its displacement, force and time, or leave it out"
+        ) from error

@@ -171,9 +171,11 @@ def _at_peak(force_N: FloatArray, speed_m_s: FloatArray, good: NDArray[np.bool_]
     """Force (N) at the greatest speed in one direction: a straight line through the samples near it.
 
     Where the speed hardly varies there (a triangle's flank), their mean. NaN where more than a few carry no force:
-    those that a channel cut off were the greatest.
+    those that a channel cut off were the greatest; and where nothing moves in this direction.
     """
     peak_m_s = float(np.max(speed_m_s))
+    if not peak_m_s > 0.0:
+        return math.nan  # no motion in this direction
     near = speed_m_s >= NEAR_PEAK * peak_m_s
     chosen = good & near
     if np.count_nonzero(chosen) < FEW_MISSING * np.count_nonzero(near):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rig.characteristics.loop import LoopCharacteristics, Measured, characterise_loop, over_cycles, without_cut_ends
-from rig.errors import IdentificationFailed, RigError
+from rig.errors import IdentificationFailed, RigError, evaluating
 from rig.identification.models.measurement import Measurement
 from rig.identification.points.current_steps import CurrentLag, lag_of
 from rig.identification.points.preparation import prepare
@@ -110,13 +110,14 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
             left_out.append(f"{point.id}: invalid")
             continue
         try:
-            if point.kind == "loop":
-                measured = known.get(point.id) or prepare(point, skews.get(point.id))
-                whole, ends_cut = without_cut_ends(measured)
-                loops.append(characterise_loop(point, whole))
-                left_out += [*_unknown(loops[-1]), *(f"{point.id}: {end}" for end in ends_cut)]
-            elif point.kind == "friction":
-                friction.append(friction_of(point))
+            with evaluating("it"):
+                if point.kind == "loop":
+                    measured = known.get(point.id) or prepare(point, skews.get(point.id))
+                    whole, ends_cut = without_cut_ends(measured)
+                    loops.append(characterise_loop(point, whole))
+                    left_out += [*_unknown(loops[-1]), *(f"{point.id}: {end}" for end in ends_cut)]
+                elif point.kind == "friction":
+                    friction.append(friction_of(point))
         except RigError as error:
             left_out.append(f"{point.id}: {error}")
     lag, refused = lag_of(run.usable)

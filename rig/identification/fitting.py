@@ -24,7 +24,7 @@ from rig.identification.models.solving import Candidate, Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.per_current import AFFINE, identify_per_current
-from rig.identification.points.consistency import contradictions, refuse_reversed_signs, runs_apart
+from rig.identification.points.consistency import contradictions, runs_apart, without_reversed_signs
 from rig.identification.points.given import given
 from rig.identification.selection import candidates_of, compare, doubts_of, groups_of, weighted_by_misfit
 from rig.identification.temperature import at_one_temperature, refuse_beside, softened
@@ -109,8 +109,9 @@ def identify(
     if allowance is None and not isinstance(tests, Sequence):
         allowance = bench_of(tests.path)
     known = given(tests, holdout, campaign)
+    resisting, reversed_tests = without_reversed_signs(known.fitted)
+    known = replace(known, fitted=resisting, warnings=(*known.warnings, *reversed_tests))
     fitted, held_out = known.fitted, known.held_out
-    refuse_reversed_signs(fitted)
     _refuse_unseen(unseen, fitted, alone=current == AFFINE and not series_spring)
     laws = laws_over(fitted, current_law)
     refuse_beside(temperature_law, settings, bare=not (current != AFFINE or series_spring or profile or bootstrap))

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from rig.dampers import Hysteresis
-from rig.errors import IdentificationFailed
+from rig.errors import IdentificationFailed, evaluating
 from rig.identification.fitting import FEW, identify
 from rig.identification.models.solving import SEPARABLE, Method
 from rig.identification.next_test import bench_of
@@ -113,9 +113,10 @@ def identify_run(
     )
     named = method if isinstance(method, str) else method.name
     alone = one_model_alone(named, current, series_spring, temperature_law) or bool(profile)
-    fit = fitted(model=QUICK if model == AUTO else model)
-    if model == AUTO and fit.adequate is not True and not alone:
-        fit = fitted(model=FEW)
+    with evaluating(f"the fit of {some([point.id for point in points])}"):
+        fit = fitted(model=QUICK if model == AUTO else model)
+        if model == AUTO and fit.adequate is not True and not alone:
+            fit = fitted(model=FEW)
     doubted = [f"calibration in doubt, and in no interval: {line}" for line in doubts(points)]
     fit = replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
     written, kept = write_fit(fit, runs[0].path)

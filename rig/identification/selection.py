@@ -16,7 +16,7 @@ import numpy as np
 
 from rig.dampers.covered import in_words
 from rig.dampers.model import DamperModel
-from rig.errors import IdentificationFailed
+from rig.errors import IdentificationFailed, evaluating
 from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
 from rig.identification.models.separable import GivenUp, motion_scale
@@ -53,9 +53,10 @@ def candidates_of(
             on_progress(f"fitting {model.name} ({number} of {len(models)})")
         findings = examine(model, fitted)
         try:
-            candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
-            if len(models) > 1:
-                rival_N = min(rival_N, score(model, candidate.solution.values, fitted).rmse_N)
+            with evaluating(f"the fit of {model.name}"):
+                candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
+                if len(models) > 1:
+                    rival_N = min(rival_N, score(model, candidate.solution.values, fitted).rmse_N)
             candidates.append(candidate)
         except GivenUp as reason:
             free = len(findings.free(model.names))

@@ -137,6 +137,10 @@ WARNINGS = {
         "the fit does without these samples: the greatest forces are not in it"
     ),
     "left-out": "{test} left out: {reason}",
+    "constant-channel": (
+        "{test} left out: its {channel[0]} is {channel[1]:g} {channel[2]} in all samples: a channel that was not "
+        "connected, or a wrong column. Fix: measure it again, or name another column"
+    ),
     "contradiction": (
         "tests of the same motion and current measured different forces ({pairs}): two specimens, two temperatures, or "
         "a rig that changed between them; one fit describes one damper in one condition"
@@ -268,6 +272,7 @@ CAUSES = {
     "clipping": (
         "a force channel that ends at {low_N:.4g} and {high_N:.4g} N explains {percent_explained:.0f} % of the misfit"
     ),
+    "clipping-one-end": "a force channel that ends at {end_N:.4g} N explains {percent_explained:.0f} % of the misfit",
     "clipping-left-out": "the force stood at the end of its range in {tests}; the fit does without these samples",
     "series-compliance": (
         "a spring of {stiffness_N_m:.3g} N/m in series, such as mounts that give way, explains "

@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.dampers import DamperModel
 from rig.dampers.temperature_law import COMMON, VISCOUS, YIELD, TemperatureLaw
-from rig.errors import RigError
+from rig.errors import RigError, evaluating
 from rig.identification.models.coil import with_lag
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
@@ -201,13 +201,15 @@ def view_of(
     if point.kind == "hybrid":
         return PointView(point, None, "a hybrid test: its motion has no cycles", error or {}, held_out)
     try:
-        measured = prepare(point, skew)
+        with evaluating("it"):
+            measured = prepare(point, skew)
+            if "eta" in values:
+                measured = with_lag(measured, values["eta"])
+            fitted = None if model is None else _curve_N(model, values, measured)
+            loop = _middle_cycle(measured, fitted)
     except RigError as problem:
         return PointView(point, None, str(problem), error or {}, held_out)
-    if "eta" in values:
-        measured = with_lag(measured, values["eta"])
-    fitted = None if model is None else _curve_N(model, values, measured)
-    return PointView(point, _middle_cycle(measured, fitted), "", error or {}, held_out, measured)
+    return PointView(point, loop, "", error or {}, held_out, measured)
 
 
 def _curve_N(model: DamperModel, values: Mapping[str, float], measured: Measurement) -> FloatArray:

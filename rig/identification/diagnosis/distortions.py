@@ -25,13 +25,13 @@ class Distortion:
     Attributes:
         start: the amounts to start from, one for each of them.
         steps: for their slopes by differences.
-        limits: lowest and highest amounts.
+        limits: lowest and highest amounts, of all of them or each its own (k,).
         only_force: whether the motion that the damper sees stays as it is.
     """
 
     start: tuple[float, ...] = ()
     steps: tuple[float, ...] = ()
-    limits: tuple[float, float] = (-np.inf, np.inf)
+    limits: tuple[float | FloatArray, float | FloatArray] = (-np.inf, np.inf)
     only_force: bool = True
 
     def moved(self, part: Stretch, amounts: FloatArray) -> Measurement:
@@ -118,12 +118,19 @@ class Softened(Distortion):
 
 
 class Clipped(Distortion):
-    """The force channel ends at amounts[0] and amounts[1] (N)."""
+    """The force channel ends at amounts[0] and amounts[1] (N).
+
+    Args:
+        low_N: lower end to start from.
+        high_N: upper end to start from.
+        reached_N: lowest and highest force that the record certainly holds: no channel ends between these.
+    """
 
     steps = (1e-3, 1e-3)
 
-    def __init__(self, low_N: float, high_N: float) -> None:
-        self.start = (low_N, high_N)
+    def __init__(self, low_N: float, high_N: float, reached_N: tuple[float, float]) -> None:
+        self.start = (min(low_N, reached_N[0]), max(high_N, reached_N[1]))
+        self.limits = (np.array([-np.inf, reached_N[1]]), np.array([reached_N[0], np.inf]))
 
     def shown_N(self, part: Stretch, force_N: FloatArray, amounts: FloatArray) -> FloatArray:
         """The force between the ends."""

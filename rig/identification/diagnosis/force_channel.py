@@ -20,6 +20,7 @@ BESIDE_A_JUMP_S = 5e-3  # around mid-stroke and reversals, where a model that is
 BESIDE_OF_ELSEWHERE = 3.0  # times as often beside a jump as elsewhere: what lies there is then no outlier
 RECURS_WITHIN = 2  # samples
 RECURS_OF = 0.4  # of a sample, which one of the cycle before or after must have to be the same thing again
+SINGLE = 1000  # one sample of so many may lie anywhere
 FLAT_WITHIN = 3.0  # standard deviations of the noise within which samples are at one end of the channel
 
 
@@ -95,6 +96,13 @@ def ends_N(test: Measurement, noise_N: float) -> tuple[float, float]:
     low, high = float(np.median(force[:few])), float(np.median(force[-few:]))
     at_low, at_high = (force[np.abs(force - end) < FLAT_WITHIN * noise_N] for end in (low, high))
     return float(np.median(at_low)) if at_low.size else low, float(np.median(at_high)) if at_high.size else high
+
+
+def reached_N(test: Measurement, noise_N: float) -> tuple[float, float]:
+    """Lowest and highest force (N) that a test certainly holds, noise and single samples apart."""
+    force = np.sort(test.force_N[test.scored])
+    few = force.size // SINGLE
+    return float(force[few]) + FLAT_WITHIN * noise_N, float(force[-1 - few]) - FLAT_WITHIN * noise_N
 
 
 def beyond(test: Measurement, ends: tuple[float, float], noise_N: float) -> BoolArray:

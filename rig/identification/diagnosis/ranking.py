@@ -227,6 +227,8 @@ def _unexplained(fitted: Fitted, parts: Sequence[Stretch]) -> Cause:
 def _least_share(trial: Trial) -> float:
     """Share of the misfit from which a cause is listed: many amounts explain some of it whatever they stand for."""
     share = max(WORTH_NAMING, 1.0 - math.exp(-AN_AMOUNT * trial.amounts))
+    if trial.at_limit:
+        return max(WORTH_PARTING, share)
     return min(WORTH_PARTING, share) if trial.slug == MIXED else share
 
 

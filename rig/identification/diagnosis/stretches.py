@@ -75,7 +75,8 @@ def stretches(
         noise_N = noise_of(test)
         for rows in _rows(model, test):
             part, by = test.rows(rows), rows.step or 1
-            part = replace(part, dt_s=test.dt_s * by, samples_per_cycle=test.samples_per_cycle // by)
+            cycle = min(test.samples_per_cycle // by, part.u_m.size)
+            part = replace(part, dt_s=test.dt_s * by, samples_per_cycle=cycle)
             made.append(
                 Stretch(part, index, time[rows], index / last - 0.5, weights[rows], jerk[rows], since[rows], noise_N)
             )

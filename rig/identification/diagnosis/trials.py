@@ -13,10 +13,11 @@ from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.diagnosis import distortions as of
 from rig.identification.diagnosis.descent import Damper, Explained, explain, residual_N
-from rig.identification.diagnosis.force_channel import beyond, ends_N
+from rig.identification.diagnosis.force_channel import beyond, ends_N, reached_N
 from rig.identification.diagnosis.groups import two_groups
 from rig.identification.diagnosis.stretches import Stretch
 from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.projection import Weighting
 from rig.identification.series_spring import Softened
 from rig.identification.words import UNTRIED, some
@@ -30,6 +31,8 @@ SMALLEST_DRIFT = 0.05  # of the force, over all that it follows, which is worth 
 SMALLEST_TEMPERATURE_SPAN_K = 1.0
 NEAR_REVERSAL_m = 1e-3
 MOST_TESTS = 20  # beyond which further ones do not count
+NO_END_N = 1e9  # beyond any force
+FLAT_SHARE = 0.003  # of a test's force: within so much a force without noise is flat
 MIXED = "mixed-specimens"
 
 
@@ -50,13 +53,17 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Trial:
-    """One cause: what it leaves, how many amounts it has, what there is to say; by which sentence if not its own."""
+    """One cause: what it leaves, how many amounts it has, what there is to say; by which sentence if not its own.
+
+    `at_limit`: its amount ended at the limit of its search, so it is no measurement of that amount.
+    """
 
     slug: str
     squares: float
     amounts: int
     numbers: Mapping[str, object]
     sentence: str = ""
+    at_limit: bool = False
 
 
 def trials(
@@ -80,7 +87,8 @@ def _distorted(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iter
 
     starts = SKEWS_S if fitted.model.jumps_at == "reversal" else (0.0,)
     skewed = min((explain(damper, parts, of.Skew(start_s)) for start_s in starts), key=lambda reached: reached.squares)
-    yield Trial("skew", skewed.squares, 1, numbers_of("skew", skewed))
+    at_limit = bool(abs(skewed.amounts[0]) >= of.Skew.limits[1])
+    yield Trial("skew", skewed.squares, 1, numbers_of("skew", skewed), at_limit=at_limit)
     for slug, trend in trends(fitted.tests):
         reached = explain(damper, parts, of.Trend(trend))
         yield Trial(slug, reached.squares, 2, numbers_of(slug, reached))
@@ -162,21 +170,61 @@ def _softened(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Itera
 
 
 def _clipped(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iterator[Trial]:
-    """The force channel's ends, the same in all tests or each test's own; first fitted without what is near them."""
+    """The force channel's ends, the same in all tests or each test's own; first fitted without what is near them.
+
+    A clipped force stays at the end within its noise. Where the measured force goes on changing beyond an end, there is
+    none: the trial is repeated with the other end alone.
+    """
     noise = {part.index: part.noise_N for part in parts}
+    reach = [reached_N(test, noise[k]) for k, test in enumerate(fitted.tests)]
     own = [ends_N(test, noise[k]) for k, test in enumerate(fitted.tests)]
+    own = [(min(end[0], least[0]), max(end[1], least[1])) for end, least in zip(own, reach, strict=True)]
     common = min(low for low, _ in own), max(high for _, high in own)
+    whole = min(low for low, _ in reach), max(high for _, high in reach)
     for ends in ([common] * len(own), own):
-        inner = []
-        for part in parts:
-            outside = beyond(part.test, ends[part.index], noise[part.index])
-            inner.append(replace(part, weights=np.where(outside, 0.0, part.weights)))
-        start = explain(damper, inner, of.Distortion())
-        together = ends is not own
-        channel = of.Clipped(*common) if together else of.ClippedApart(own)
-        reached = explain(damper, parts, channel, start.values)
-        low, high = reached.amounts.tolist() if together else common
-        yield Trial("clipping", reached.squares, 2 if together else 2 + _each(own), {"low_N": low, "high_N": high})
+        together, limits = ends is not own, whole
+        reached, flat = _ended(parts, damper, ends, noise, limits if together else None)
+        if not all(flat) and any(flat):
+            ends = [(low if flat[0] else -NO_END_N, high if flat[1] else NO_END_N) for low, high in ends]
+            limits = (whole[0] if flat[0] else -NO_END_N, whole[1] if flat[1] else NO_END_N)
+            reached, flat = _ended(parts, damper, ends, noise, limits if together else None)
+        if all(flat):
+            low, high = reached.amounts.tolist() if together else common
+            numbers, sentence = {"low_N": low, "high_N": high}, ""
+            if len(ends_of := [end for end in (low, high) if abs(end) < NO_END_N]) == 1:
+                numbers, sentence = {"end_N": ends_of[0]}, "clipping-one-end"
+            yield Trial("clipping", reached.squares, 2 if together else 2 + _each(own), numbers, sentence)
+
+
+def _ended(
+    parts: Sequence[Stretch], damper: Damper, ends: Sequence[tuple[float, float]], noise: Mapping[int, float],
+    limits: tuple[float, float] | None,
+) -> tuple[Explained, tuple[bool, bool]]:
+    """The damper behind a channel that ends (N), and whether the force is flat beyond the lower and the upper end.
+
+    Args:
+        parts: the samples.
+        damper: the damper.
+        ends: lowest and highest force of each test.
+        noise: standard deviation of each test's noise (N).
+        limits: of the ends that all tests have in common; None: each test's own, as they are.
+    """
+    inner = []
+    for part in parts:
+        outside = beyond(part.test, ends[part.index], noise[part.index])
+        inner.append(replace(part, weights=np.where(outside, 0.0, part.weights)))
+    start = explain(damper, inner, of.Distortion())
+    channel = of.ClippedApart(ends) if limits is None else of.Clipped(*ends[0], limits)
+    reached = explain(damper, parts, channel, start.values)
+    left: tuple[list[FloatArray], list[FloatArray]] = ([], [])
+    for part in parts:
+        low_N, high_N = ends[part.index] if limits is None else reached.amounts.tolist()
+        damper_N = modelled_force(damper.model, reached.values, part.test)
+        flat_N = max(noise[part.index], FLAT_SHARE * float(np.ptp(part.test.force_N)))
+        left[0].append(np.abs(part.test.force_N - low_N)[damper_N < low_N] / flat_N)
+        left[1].append(np.abs(part.test.force_N - high_N)[damper_N > high_N] / flat_N)
+    low, high = (np.concatenate(side) for side in left)
+    return reached, (low.size == 0 or np.median(low) < 1.0, high.size == 0 or np.median(high) < 1.0)
 
 
 def _compliant(parts: Sequence[Stretch], damper: Damper) -> Iterator[Trial]:

@@ -83,7 +83,8 @@ def force_on_grid(
     spacing = float(np.median(np.diff(time_s)))
     places = np.concatenate(([0], np.cumsum(np.maximum(1, np.rint(np.diff(time_s) / spacing).astype(np.int64)))))
     count = int(places[-1]) + 1
-    refuse_too_few(int(good.sum()), count, "missing or flagged")
+    expected = math.floor((stop_s - start_s) / spacing)  # samples missing at either end have no place in the grid
+    refuse_too_few(int(good.sum()), max(count, expected), "missing or flagged")
     grid_s = np.interp(np.arange(count), places, time_s)
     force = np.zeros(count)
     usable = np.zeros(count, dtype=bool)

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 REVERSED = -0.1  # share of the work done without regard to sign, below which a test puts energy in
 CLEARLY_REVERSED = -0.3  # the same of a test whose others resist, where stiffness and a delay may make a little of it
+REVERSED_SIGN = (
+    "the measured force drives the motion instead of resisting it: the sign of force or displacement is reversed, or "
+    "their columns are exchanged (displacement is extension, and a positive force resists extension)"
+)
 PHASES = 64
 SAME_MOTION = 0.02  # relative difference of amplitude and frequency within which two tests are the same
 SAME_CURRENT_A = 0.03
@@ -64,19 +68,26 @@ def refuse_twice(fitted: Sequence[RecordedPoint | Measurement]) -> None:
         )
 
 
-def refuse_still(tests: Sequence[Measurement]) -> None:
-    """Refuse tests in which force or displacement does not change: no error can be told in parts of such a force.
+def without_still(tests: Sequence[Measurement]) -> tuple[list[Measurement], list[Saying]]:
+    """The tests in which force and displacement change, and a warning for each other one.
+
+    Without a change of the force its errors are a share of nothing.
 
     Raises:
-        IdentificationFailed: one stands still; the message names it, the channel and its value.
+        IdentificationFailed: no test is left; the message names each with its channel and value.
     """
+    kept, left_out = [], []
     for test in tests:
-        for name, values, unit in (("force", test.force_N, "N"), ("displacement", test.u_m, "m")):
-            if values.size and float(np.ptp(values)) == 0.0:
-                raise IdentificationFailed(
-                    f"the {name} of {_name(test)} is {values[0]:g} {unit} in all of its {values.size} samples: a "
-                    "channel that was not connected, or a wrong column; leave the test out, or give its own values"
-                )
+        constant = [(name, float(values[0]), unit) for name, values, unit in (
+            ("force", test.force_N[test.scored], "N"), ("displacement", test.u_m, "m")
+        ) if values.size and float(np.ptp(values)) == 0.0]  # fmt: skip
+        if constant:
+            left_out.append(say("constant-channel", test=_name(test), channel=constant[0]))
+        else:
+            kept.append(test)
+    if left_out and not kept:
+        raise IdentificationFailed(some(left_out, "; "))
+    return kept, left_out
 
 
 def _fingerprint(test: RecordedPoint | Measurement) -> bytes:
@@ -84,13 +95,13 @@ def _fingerprint(test: RecordedPoint | Measurement) -> bytes:
     return hashlib.sha256(np.ascontiguousarray(force).data).digest()
 
 
-def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
-    """Refuse tests whose measured force drives the motion instead of resisting it.
+def without_reversed_signs(measurements: Sequence[Measurement]) -> tuple[list[Measurement], list[Saying]]:
+    """The tests without those whose measured force clearly drives the motion, and a warning for each of these.
 
     Raises:
-        IdentificationFailed: most of the tests put energy in, or one of them much.
+        IdentificationFailed: most of the tests put energy in: that is the sign of all of them.
     """
-    reversed_ids, clear_ids = [], []
+    kept, reversed_tests, clear = [], [], []
     for test in measurements:
         scored = test.scored
         mean_N, done, size = float(np.mean(test.force_N, where=scored)), 0.0, 0.0
@@ -99,16 +110,14 @@ def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
             done += float(np.sum(work))
             size += float(np.sum(np.abs(work)))
         if done < REVERSED * size:
-            reversed_ids.append(test.id)
+            reversed_tests.append(test.id)
         if done < CLEARLY_REVERSED * size:
-            clear_ids.append(test.id)
-    refused = reversed_ids if 2 * len(reversed_ids) > len(measurements) else clear_ids
-    if refused:
-        raise IdentificationFailed(
-            f"{some(refused)}: the measured force drives the motion instead of resisting it: the sign of "
-            "force or displacement is reversed, or their columns are exchanged (displacement is extension, and a "
-            "positive force resists extension)"
-        )
+            clear.append(say("left-out", test=_name(test), reason=REVERSED_SIGN))
+        else:
+            kept.append(test)
+    if 2 * len(reversed_tests) > len(measurements) or not kept:
+        raise IdentificationFailed(f"{some(reversed_tests)}: {REVERSED_SIGN}")
+    return kept, clear
 
 
 def contradictions(measurements: Sequence[Measurement]) -> list[Saying]:

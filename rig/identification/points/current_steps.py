@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
-from rig.errors import IdentificationFailed, RigError
+from rig.errors import IdentificationFailed, RigError, evaluating
 from rig.optimisers.least_squares import Descent, Squares, descend
 from rig.recording.recorded_point import RecordedPoint
 
@@ -68,7 +68,8 @@ def lag_of(points: Sequence[RecordedPoint]) -> tuple[CurrentLag | None, list[str
             refused.append(f"{point.id} left out: its recording is invalid")
             continue
         try:
-            lags.append(fit_lag(point))
+            with evaluating("it"):
+                lags.append(fit_lag(point))
         except RigError as error:
             refused.append(f"{point.id} left out: {error}")
     if not lags:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
-from rig.identification.points.consistency import refuse_seen, refuse_still, refuse_twice
+from rig.identification.points.consistency import refuse_seen, refuse_twice, without_still
 
 if TYPE_CHECKING:
     from rig.identification.points.current_steps import CurrentLag
@@ -54,7 +54,7 @@ def given(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Recorded
 
     Raises:
         IdentificationFailed: nothing or everything is held out, a test is there twice or on both sides, or nothing
-            moves in it.
+            moves in any of them.
     """
     share = _last_share(holdout) if isinstance(holdout, str) else None
     if share is not None:
@@ -69,8 +69,7 @@ def given(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Recorded
         return _recorded(tests, holdout, campaign)
     refuse_twice(fitted)
     refuse_seen(fitted, held_out)
-    refuse_still([*fitted, *held_out])
-    return Given(fitted, held_out)
+    return _moving(Given(fitted, held_out))
 
 
 def _last_share(holdout: str) -> float | None:
@@ -139,9 +138,19 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
         prepared, left_out = prepare_all(kept_out, skews)
         held_out += prepared
         refused += left_out
-    refuse_still([*fitted, *held_out])
     lag, unusable_steps = lag_of(recorded)
-    return Given(fitted, held_out, tuple(refused), lag, tuple(unusable_steps), _temperature_degC(points))
+    return _moving(Given(fitted, held_out, tuple(refused), lag, tuple(unusable_steps), _temperature_degC(points)))
+
+
+def _moving(known: Given) -> Given:
+    """The same without tests of a constant channel, each with a warning.
+
+    Raises:
+        IdentificationFailed: none is left on one side.
+    """
+    fitted, still = without_still(known.fitted)
+    held_out, still_too = without_still(known.held_out)
+    return replace(known, fitted=fitted, held_out=held_out, warnings=(*known.warnings, *still, *still_too))
 
 
 def _temperature_degC(points: Sequence[RecordedPoint]) -> tuple[float, float] | None:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.dampers.arrays import BoolArray, FloatArray
-from rig.errors import IdentificationFailed, RigError
+from rig.errors import IdentificationFailed, RigError, evaluating
 from rig.identification.models.measurement import Measurement, MotionError
 from rig.identification.points.channels import FEWEST_SAMPLES, force_on_grid, measured, refuse_too_few
 from rig.identification.points.faint_orders import FAINT_ORDERS, expected
@@ -98,10 +98,17 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
         skew: what the campaign as a whole knows of the sensors' delays; None: what the point's file says.
 
     Raises:
-        IdentificationFailed: the verdict is invalid, or too little of the point can be used.
+        IdentificationFailed: the verdict is invalid, too little of the point can be used, or its data break an
+            assumption of the preparation.
         NoCycles: too few whole cycles.
         NotDifferentiable: gaps too long for a velocity.
     """
+    with evaluating("it"):
+        return _prepared(point, skew)
+
+
+def _prepared(point: RecordedPoint, skew: PointSkew | None) -> Measurement:
+    """As `prepare`, which is the boundary around this."""
     if point.verdict == "invalid":
         raise IdentificationFailed(f"its recording is invalid ({'; '.join(point.reasons)})")
     if not has_cycles(point):
@@ -122,7 +129,8 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
     unseen = (None, None) if motion.harmonics is None else motion.harmonics.unseen_at(grid_s) or (None, None)
     return replace(
         test,
-        samples_per_cycle=round(float(np.mean(np.diff(cycles.start_s))) / test.dt_s),
+        # Of a single cycle the samples may be one fewer than its length over their interval: it depends on the phase.
+        samples_per_cycle=min(round(float(np.mean(np.diff(cycles.start_s))) / test.dt_s), grid_s.size),
         unseen_v_m_s=unseen[0],
         unseen_a_m_s2=unseen[1],
         motion_error=motion_error,

@@ -152,6 +152,24 @@ def test_outliers_are_named_and_counted() -> None:
     assert fit.diagnosis[0].text.startswith(f"{hit} samples")
 
 
+def test_a_force_that_flattens_at_speed_but_goes_on_changing_is_not_clipped() -> None:
+    """A digressive, cavitating damper: the channel holds more force than any end that explains the misfit."""
+    random, test = np.random.default_rng(1), damper_tests(currents_A=(0.0,))[0]
+    force_N = 900.0 * np.tanh(4.0 * test.v_m_s) + 20.0 * np.sign(test.v_m_s)
+    force_N = np.where(force_N < 0.0, 0.4 * force_N, force_N) + 150.0 * np.tanh(200.0 * test.u_m)
+    fit = identify([replace(test, force_N=force_N + random.normal(0.0, 0.5, force_N.size), noise_N=0.5)])
+    assert fit.adequate is False
+    assert "clipping" not in {cause.slug for cause in fit.diagnosis}
+
+
+def test_a_channel_that_ends_on_one_side_is_named_with_that_end_alone() -> None:
+    fit = identify(damper_tests(shown=lambda number, share, force_N: np.minimum(force_N, 450.0)))
+    assert named_first(fit) == "clipping"
+    numbers = fit.diagnosis[0].text.numbers  # type: ignore[attr-defined]  # a Saying, which is a str with numbers
+    ends = [numbers[name] for name in ("end_N", "high_N") if name in numbers]
+    assert ends == pytest.approx([450.0], abs=2.0)
+
+
 def test_clipping_under_noise_is_named_with_its_ends() -> None:
     fit = identify(damper_tests(shown=lambda number, share, force_N: np.clip(force_N, -700.0, 450.0)))
     assert named_first(fit) == "clipping"

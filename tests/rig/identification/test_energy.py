@@ -9,7 +9,7 @@ import pytest
 from rig.dampers import model, parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import Measurement, identify
-from rig.identification.points.consistency import refuse_reversed_signs
+from rig.identification.points.consistency import without_reversed_signs
 from rig.identification.uncertainty.scoring import cycle_energy_J, passivity
 
 Make = Callable[..., list[Measurement]]
@@ -47,15 +47,17 @@ def test_the_demonstration_dampers_are_passive_whatever_their_gas_force(name: st
     assert passivity(model(chosen.model), chosen.values, tests).share == 1.0
 
 
-def test_a_reversed_sign_is_refused_and_a_spring_is_not(make_synthetic: Make) -> None:
+def test_reversed_signs_are_refused_one_among_others_is_left_out_and_a_spring_is_neither(make_synthetic: Make) -> None:
     tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0))
     turned = [replace(test, force_N=-test.force_N) for test in tests]
     with pytest.raises(IdentificationFailed, match="p001, p002, p003 and 1 more: the measured force drives the motion"):
         identify(turned)
-    with pytest.raises(IdentificationFailed, match="p004: the measured force drives the motion"):
-        identify([*tests[:3], turned[3]])
+    fit = identify([*tests[:3], turned[3]])
+    assert any(text.startswith("p004 left out: the measured force drives the motion") for text in fit.warnings)
+    assert [entry.id for entry in fit.error.per_test] == ["p001", "p002", "p003"]
     rng = np.random.default_rng(1)
-    refuse_reversed_signs([replace(t, force_N=900.0 * t.u_m + rng.normal(0.0, 5.0, t.u_m.size)) for t in tests])
+    springs = [replace(t, force_N=900.0 * t.u_m + rng.normal(0.0, 5.0, t.u_m.size)) for t in tests]
+    assert without_reversed_signs(springs) == (springs, [])
 
 
 def test_a_model_that_misses_the_energy_says_for_which_tests(make_synthetic: Make) -> None:

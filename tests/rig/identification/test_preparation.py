@@ -137,6 +137,36 @@ def test_two_cycles_are_used_whole_with_a_warning(
     assert measurement.u_m.size == pytest.approx(1000, abs=4)
 
 
+@pytest.mark.parametrize("rate_Hz", [99.1, 100.0, 137.3, 400.0])
+def test_the_single_cycle_left_of_three_holds_no_more_samples_than_there_are(rate_Hz: float) -> None:
+    """Its length over the interval rounds to one sample more than there are, at some phases and rates."""
+    for phase in np.linspace(0.15, 0.95, 12):
+        time_s = np.arange(0.0, 3.9 / 0.92, 1.0 / rate_Hz)
+        u_m = 0.02 * np.sin(2.0 * np.pi * (0.92 * time_s + phase))
+        force_N = 400.0 * np.gradient(u_m, time_s)
+        described = {"id": "p1", "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": 0.92, "current_A": 0.0}
+        point = RecordedPoint.from_arrays(time_s=time_s, displacement_m=u_m, force_N=force_N, **described)
+        test = prepare(point)
+        assert test.u_m.size - 1 <= test.samples_per_cycle <= test.u_m.size
+
+
+def test_data_that_break_an_assumption_leave_out_their_own_test_only(
+    demo_points: list[RecordedPoint], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(values: np.ndarray) -> float:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    good = prepare(demo_points[1])
+    monkeypatch.setattr("rig.identification.points.preparation.quantisation_step", broken)
+    with pytest.raises(IdentificationFailed, match="cannot be evaluated: LinAlgError: Singular matrix"):
+        prepare(demo_points[1])
+    monkeypatch.setattr("rig.identification.points.preparation._prepared", lambda point, skew: good if point.id == "p1"
+                        else broken(point.time_s))  # fmt: skip
+    kept, (warning,) = prepare_all([replace(demo_points[1], id="p1"), replace(demo_points[2], id="p2")])
+    assert kept == [good]
+    assert warning.startswith("p2 left out: it cannot be evaluated")
+
+
 def test_a_drift_is_no_scatter_from_cycle_to_cycle(demo_points: list[RecordedPoint]) -> None:
     point = demo_points[1]
     samples = point.force_samples
