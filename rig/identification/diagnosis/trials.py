@@ -223,8 +223,8 @@ def _ended(
         flat_N = max(noise[part.index], FLAT_SHARE * float(np.ptp(part.test.force_N)))
         left[0].append(np.abs(part.test.force_N - low_N)[damper_N < low_N] / flat_N)
         left[1].append(np.abs(part.test.force_N - high_N)[damper_N > high_N] / flat_N)
-    low, high = (np.concatenate(side) for side in left)
-    return reached, (low.size == 0 or np.median(low) < 1.0, high.size == 0 or np.median(high) < 1.0)
+    flat_low, flat_high = (side.size == 0 or float(np.median(side)) < 1.0 for side in map(np.concatenate, left))
+    return reached, (flat_low, flat_high)
 
 
 def _compliant(parts: Sequence[Stretch], damper: Damper) -> Iterator[Trial]:

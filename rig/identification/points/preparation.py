@@ -108,7 +108,11 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
 
 
 def _prepared(point: RecordedPoint, skew: PointSkew | None) -> Measurement:
-    """As `prepare`, which is the boundary around this."""
+    """As `prepare`, which is the boundary around this.
+
+    Raises:
+        IdentificationFailed: as there.
+    """
     if point.verdict == "invalid":
         raise IdentificationFailed(f"its recording is invalid ({'; '.join(point.reasons)})")
     if not has_cycles(point):
