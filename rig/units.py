@@ -1,10 +1,12 @@
-"""Physical quantities as a user writes them: "50 mm" -> 0.05. No dependency, one table."""
+"""Physical quantities as a user writes them: "50 mm" -> 0.05. Factors to SI are those of `protocols.wire_units`."""
 
 from __future__ import annotations
 
 import math
 import re
 from dataclasses import dataclass
+
+from protocols import wire_units
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(rf"({NUMBER})\s*(\S.*)?", re.ASCII)
@@ -62,19 +64,16 @@ DIMENSIONS = {
     )
 }
 
+def _shared(*names: str) -> dict[str, Unit]:
+    """Units that third-party devices use too."""
+    return {name: Unit(*wire_units.UNITS[name]) for name in names}
+
+
 UNITS = {
-    "m": Unit("length", 1.0), "mm": Unit("length", 1e-3), "cm": Unit("length", 1e-2), "um": Unit("length", 1e-6),
-    "m/s": Unit("speed", 1.0), "mm/s": Unit("speed", 1e-3), "cm/s": Unit("speed", 1e-2),
-    "m/s^2": Unit("acceleration", 1.0), "mm/s^2": Unit("acceleration", 1e-3),
-    "N": Unit("force", 1.0), "kN": Unit("force", 1e3), "mN": Unit("force", 1e-3),
-    "Hz": Unit("frequency", 1.0), "kHz": Unit("frequency", 1e3), "mHz": Unit("frequency", 1e-3),
-    "s": Unit("time", 1.0), "ms": Unit("time", 1e-3), "us": Unit("time", 1e-6), "min": Unit("time", 60.0),
-    "h": Unit("time", 3600.0),
-    "Pa": Unit("pressure", 1.0), "kPa": Unit("pressure", 1e3), "MPa": Unit("pressure", 1e6),
-    "bar": Unit("pressure", 1e5),
+    **_shared("m", "mm", "cm", "um", "m/s", "mm/s", "cm/s", "m/s^2", "mm/s^2", "N", "kN", "mN", "Hz", "kHz", "mHz",
+              "s", "ms", "us", "min", "h", "Pa", "kPa", "MPa", "bar"),
     "degC": Unit("temperature", 1.0), "K": Unit("temperature", 1.0, -273.15),
-    "A": Unit("current", 1.0), "mA": Unit("current", 1e-3),
-    "V": Unit("voltage", 1.0), "mV": Unit("voltage", 1e-3),
+    **_shared("A", "mA", "V", "mV"),
     "ohm": Unit("resistance", 1.0), "mohm": Unit("resistance", 1e-3), "kohm": Unit("resistance", 1e3),
     "kg": Unit("mass", 1.0), "g": Unit("mass", 1e-3),
     "J": Unit("energy", 1.0), "kJ": Unit("energy", 1e3), "MJ": Unit("energy", 1e6),

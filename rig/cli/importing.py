@@ -73,6 +73,11 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     "(x:mm).",
 )
 @click.option(
+    "--scale", "scales", multiple=True, callback=_pairs, metavar="QUANTITY=FACTOR",
+    help="Factor of a column's numbers, such as force=-1 (compression positive), or its sensitivity: 'force=500 N/V', "
+    "'force=0.25 N/count', 'displacement=2 mV/mm'.",
+)
+@click.option(
     "--rate", type=QuantityOption("frequency"), help="Sample rate, such as '1 kHz', where there is no column of time."
 )
 @click.option("--separator", callback=_separator, metavar="SIGN", help="CSV: between cells: one sign, tab or space.")
@@ -105,6 +110,7 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 def command(
     files: tuple[Path, ...],
     columns: dict[str, str],
+    scales: dict[str, str],
     rate: float | None,
     separator: str | None,
     decimal: str | None,
@@ -133,7 +139,7 @@ def command(
     from rig.recording.importing import Described, write_run
 
     dialect = Dialect(separator, decimal, encoding, header_line, units_line)
-    wanted = WantedTests(columns, current, current_from_name, rate, dialect, accept, ampere_per_volt)
+    wanted = WantedTests(columns, current, current_from_name, rate, dialect, accept, ampere_per_volt, scales)
     tests = read_tests(files, wanted)
     if not as_json:
         _tell_how_read(tests)
@@ -179,7 +185,7 @@ def _show(folder: Path, as_json: bool) -> int:
         shown = console()
         for point in run.points:
             text = described(point)
-            line = f"{point.id:<24}{text:<32}{'; '.join((point.verdict, *point.reasons))}"
+            line = f"{point.id:<23} {text:<31} {'; '.join((point.verdict, *point.reasons))}"
             shown.print(line, markup=False)
         say(folder.resolve())
     return EXIT_DONE if valid == len(run.points) else EXIT_NOT_ALL_VALID

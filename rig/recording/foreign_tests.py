@@ -72,6 +72,7 @@ class WantedTests:
     dialect: Dialect = field(default_factory=Dialect)
     accept: tuple[str, ...] = ()
     ampere_per_volt: float = 1.0
+    scales: Mapping[str, str | float] = field(default_factory=dict)
 
 
 def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]:
@@ -168,7 +169,7 @@ def _opened(file: Path, wanted: WantedTests) -> tuple[ForeignFile, str]:
         return open_foreign(file, wanted.dialect)
     except FileProblem as error:
         try:
-            check_wanted(wanted.columns)
+            check_wanted(wanted.columns, wanted.scales)
         except FileProblem as other:
             raise FileProblem(str(file), [*error.problems, *other.problems]) from error
         raise
@@ -181,10 +182,10 @@ def _choices(file: Path, opened: ForeignFile, wanted: WantedTests) -> dict[str, 
         FileProblem: not all can be told; which ones there are is said.
     """
     try:
-        check_wanted(wanted.columns)
+        check_wanted(wanted.columns, wanted.scales)
         if {"voltage", "commanded_current"} <= wanted.columns.keys():
             raise FileProblem("--column", ["voltage and commanded_current are both a command of the coil: name one"])
-        return choose(opened.columns, wanted.columns, opened.is_stamps)
+        return choose(opened.columns, wanted.columns, opened.is_stamps, wanted.scales)
     except FileProblem as error:
         absent = [name for name in (*REQUIRED, "time") if name not in wanted.columns]
         if not absent:

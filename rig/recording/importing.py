@@ -63,7 +63,7 @@ def import_tests(
     files: Sequence[Path], *, columns: Mapping[str, str], out: Path, current_A: float | None = None,
     current_from_name: str | None = None, waveform: str = "sine", specimen: str = "imported",
     mid_stroke_m: float | None = None, rate_Hz: float | None = None, dialect: Dialect | None = None,
-    accept: Sequence[str] = (), ampere_per_volt: float = 1.0,
+    accept: Sequence[str] = (), ampere_per_volt: float = 1.0, scales: Mapping[str, str | float] | None = None,
 ) -> Path:
     """Make a run from files of CSV, MATLAB, MDF or TDMS, one point a file, all or none.
 
@@ -82,6 +82,7 @@ def import_tests(
         dialect: how CSV files are written, where the guess is wrong.
         accept: slugs of doubts (`units-force`, ...) about sizes that are right all the same.
         ampere_per_volt: current that the driver commands for a volt of `voltage`.
+        scales: quantity -> factor of its column (-1 turns the sign) or sensitivity (`500 N/V`, `0.25 N/count`).
 
     Returns:
         The run's directory.
@@ -90,7 +91,8 @@ def import_tests(
         FileProblem: one line for each thing that does not fit: file, line, column, value. Nothing is written then.
     """
     wanted = WantedTests(
-        columns, current_A, current_from_name, rate_Hz, dialect or Dialect(), tuple(accept), ampere_per_volt
+        columns, current_A, current_from_name, rate_Hz, dialect or Dialect(), tuple(accept), ampere_per_volt,
+        scales or {},
     )
     return write_run(read_tests(files, wanted), out, Described(waveform, specimen, mid_stroke_m))
 
@@ -256,7 +258,8 @@ def _reversed(test: ImportedTest, velocity_m_s: FloatArray, motion: MeasuredMoti
     return [invalid(
         "reversed-sign", "the measured force drives the motion instead of resisting it: the sign of force or "
         "displacement is reversed, or their columns are exchanged (displacement is extension, and a positive force "
-        "resists extension)",
+        "resists extension). Fix: import again with --scale force=-1 (a force positive in compression) or "
+        "--scale displacement=-1 (a displacement positive in compression)",
     )]
 
 

@@ -7,27 +7,21 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from rig.errors import FileProblem
+from rig.recording.foreign.file_units import (
+    COUNTS,
+    DIMENSION,
+    MASS_FOR_FORCE,
+    Scaling,
+    known_unit,
+    named_unit,
+    scaling_of,
+    units_for,
+)
 from rig.recording.foreign.foreign_file import ForeignColumn
-from rig.units import ALIASES, UNITS, Unit, key_suffixes, units_of
+from rig.units import Unit, key_suffixes, units_of
 
-DIMENSION = {"time": "time", "displacement": "length", "force": "force", "current": "current",
-             "commanded_current": "current", "voltage": "voltage", "temperature": "temperature"}
 REQUIRED = ("displacement", "force")
 MOST_SHOWN = 40
-FOREIGN = {
-    "in": Unit("length", 0.0254), "lbf": Unit("force", 4.4482216152605), "kip": Unit("force", 4448.2216152605),
-    "kgf": Unit("force", 9.80665),
-}
-"""Units that only other programs' files have."""
-WORDS = {
-    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millisecond": "ms",
-    "milliseconds": "ms", "usec": "us", "metre": "m", "meter": "m", "metres": "m", "meters": "m", "millimetre": "mm",
-    "millimeter": "mm", "millimetres": "mm", "millimeters": "mm", "inch": "in", "inches": "in", "newton": "N",
-    "newtons": "N", "kilonewton": "kN", "kilonewtons": "kN", "kips": "kip", "lb": "lbf", "lbs": "lbf", "kp": "kgf",
-    "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "milliampere": "mA", "milliamperes": "mA",
-    "celsius": "degC", "kelvin": "K",
-}  # fmt: skip
-"""Units as programs write them out, in small letters."""
 BRACKETED = re.compile(r"(?P<name>.*?\S)\s*[\[(](?P<unit>[^\[\]()]{1,20})[\])]")
 AFTER_WORD = re.compile(r"(?P<name>.*?\S)(?:\s*/\s*|,\s*|\s+in\s+)(?P<unit>[^\s/,]{1,12})")
 LIKELY = {
@@ -66,8 +60,8 @@ class ColumnChoice:
         return f"{self.column} ({f'{self.unit_name}, {self.unit_from}' if self.unit else 'time stamps'})"
 
 
-def check_wanted(columns: Mapping[str, str]) -> None:
-    """Look at `{"displacement": "x_mm", "force": "F:kN", ...}` before any file is opened.
+def check_wanted(columns: Mapping[str, str], scales: Mapping[str, str | float]) -> None:
+    """Check `{"displacement": "x_mm", "force": "F:kN", ...}` and the scales before any file is opened.
 
     Raises:
         FileProblem: one line for each quantity that is unknown or missing.
@@ -77,17 +71,16 @@ def check_wanted(columns: Mapping[str, str]) -> None:
         for quantity, text in columns.items() if quantity not in DIMENSION
     ]  # fmt: skip
     problems += [f"{name}: no column named; write --column {name}=NAME" for name in REQUIRED if name not in columns]
+    for quantity, text in scales.items():
+        if quantity not in columns:
+            problems.append(f"--scale {quantity}={text}: no column of {quantity} is named")
+            continue
+        try:
+            scaling_of(quantity, text)
+        except (ValueError, KeyError) as error:
+            problems.append(f"--scale {quantity}: {error}")
     if problems:
         raise FileProblem("--column", problems)
-
-
-def known_unit(text: str) -> str:
-    """The name in our table of a unit as a file writes it; empty where it is not known."""
-    bare = text.strip().strip("[]()").strip()
-    name = ALIASES.get(bare, bare)
-    if name in UNITS or name in FOREIGN:
-        return name
-    return WORDS.get(bare.casefold(), {"kn": "kN", "mm": "mm", "sec.": "s"}.get(bare.casefold(), ""))
 
 
 def split_heading(text: str) -> tuple[str, str]:
@@ -100,7 +93,8 @@ def split_heading(text: str) -> tuple[str, str]:
 
 
 def choose(
-    columns: Sequence[ForeignColumn], wanted: Mapping[str, str], stamps: Callable[[int], bool]
+    columns: Sequence[ForeignColumn], wanted: Mapping[str, str], stamps: Callable[[int], bool],
+    scales: Mapping[str, str | float] | None = None,
 ) -> dict[str, ColumnChoice]:
     """Find the wanted columns in a file.
 
@@ -108,6 +102,7 @@ def choose(
         columns: the file's.
         wanted: quantity -> NAME, NAME:UNIT, or #3 (#3:mm) for the third column.
         stamps: whether the column at a place holds time stamps.
+        scales: quantity -> factor or sensitivity of its numbers, as `scaling_of` reads it.
 
     Raises:
         FileProblem: (without the file's name) one line for each that is not there, is there twice, or whose unit is
@@ -116,18 +111,63 @@ def choose(
     chosen, problems = {}, []
     for quantity, text in wanted.items():
         try:
-            place, given = _found(columns, text)
-            if quantity == "time" and not given and stamps(place):
-                chosen[quantity] = ColumnChoice(text, columns[place].name, place, None, "", "")
-                continue
-            name, source = _unit(columns[place], given, DIMENSION[quantity])
-            unit = UNITS.get(name) or FOREIGN[name]
-            chosen[quantity] = ColumnChoice(text, columns[place].name, place, unit, name, source)
+            chosen[quantity] = _chosen(columns, quantity, text, stamps, scales or {})
         except ValueError as error:
             problems.append(f"{quantity}={text}: {error}")
     if problems:
         raise FileProblem("", problems)
     return chosen
+
+
+def _chosen(
+    columns: Sequence[ForeignColumn], quantity: str, text: str, stamps: Callable[[int], bool],
+    scales: Mapping[str, str | float],
+) -> ColumnChoice:
+    """The column of a quantity.
+
+    Raises:
+        ValueError: it is not there or there twice, or its unit or scale does not fit.
+    """
+    place, given = _found(columns, text)
+    column = columns[place]
+    scaling = scaling_of(quantity, scales[quantity]) if quantity in scales else None
+    if scaling is None and column.unapplied:
+        raise ValueError(
+            f"its numbers are integers, and its property {column.unapplied} is not one that the format applies. Fix: "
+            f"--scale {quantity}=FACTOR with that factor (1 if the numbers are in their unit already)"
+        )
+    if quantity == "time" and not given and stamps(place):
+        if scaling is not None:
+            raise ValueError("time stamps have no factor; leave --scale time out")
+        return ColumnChoice(text, column.name, place, None, "", "")
+    return ColumnChoice(text, column.name, place, *_scaled_unit(column, given, DIMENSION[quantity], scaling))
+
+
+def _scaled_unit(
+    column: ForeignColumn, given: str, dimension: str, scaling: Scaling | None
+) -> tuple[Unit, str, str]:
+    """The unit of a column with the user's factor or sensitivity in it, its name, and who states it.
+
+    Raises:
+        ValueError: unknown, or not of the dimension.
+    """
+    if scaling is None or scaling.per is None:
+        name, source = _unit(column, given, dimension)
+        unit = units_for(dimension)[name]
+        if scaling is None:
+            return unit, name, source
+        return Unit(dimension, unit.scale * scaling.factor, unit.offset), name, f"{source}, times {scaling.text}"
+    stated = given or column.unit or _suffix_unit(column.name, dimension)
+    if not scaling.per:
+        if stated and stated.casefold() not in COUNTS:
+            raise ValueError(f"its unit is {stated!r}, but --scale gives {scaling.text!r}: expected counts")
+        return Unit(dimension, scaling.factor), "counts", f"{scaling.text} as given"
+    suffix = column.name.rpartition("_")[2] if "_" in column.name else ""
+    found = named_unit(stated, scaling.per) if stated else named_unit(suffix or scaling.per_unit, scaling.per)
+    if stated and found is None:
+        raise ValueError(f"its unit is {stated!r}, but --scale gives {scaling.text!r}: expected {scaling.per_unit}")
+    name, unit = found or (scaling.per_unit, units_for(scaling.per)[scaling.per_unit])
+    return Unit(dimension, unit.scale * scaling.factor), name, f"{scaling.text} as given"
 
 
 def _found(columns: Sequence[ForeignColumn], text: str) -> tuple[int, str]:
@@ -167,30 +207,36 @@ def _unit(column: ForeignColumn, given: str, dimension: str) -> tuple[str, str]:
     Raises:
         ValueError: unknown, or not of the dimension.
     """
-    units = f"units: {', '.join((*units_of(dimension), *(n for n, u in FOREIGN.items() if u.dimension == dimension)))}"
+    units = f"units: {', '.join(units_for(dimension))}"
     if given:
         return _of(given, dimension, f"{given!r} is no unit of {dimension}; {units}"), "as given"
-    suffixes = key_suffixes(dimension)
-    named = [suffix for suffix in suffixes if column.name.endswith(f"_{suffix}")]
-    by_name = suffixes[max(named, key=len)] if named else ""
+    by_name = _suffix_unit(column.name, dimension)
     if not column.unit:
         if not by_name:
-            raise ValueError("its unit is not known: end the name with it (x_mm) or write it after a colon "
-                             f"({column.name}:{units_of(dimension)[0]})")  # fmt: skip
+            raise ValueError("its unit is not known: end the name with it (x_mm), write it after a colon "
+                             f"({column.name}:{units_of(dimension)[0]}), or give a sensitivity by --scale")  # fmt: skip
         return by_name, "by its name"
-    problem = f"the file says {column.unit!r}, which is no unit of {dimension} ({units}); one after a colon counts more"
+    problem = (f"the file says {column.unit!r}, which is no unit of {dimension} ({units}); one after a colon counts "
+               "more, and --scale gives a sensitivity")  # fmt: skip
     by_file = _of(column.unit, dimension, problem)
     if by_name and by_name != by_file:
         raise ValueError(f"its name says {by_name} and the file {by_file}: write after a colon which it is")
     return by_file, "the file says"
 
 
+def _suffix_unit(name: str, dimension: str) -> str:
+    """The unit at the end of a column's name, after an underscore; empty where there is none of this dimension."""
+    suffixes = {**{unit: unit for unit in units_for(dimension)}, **key_suffixes(dimension)}
+    named = [suffix for suffix in suffixes if name.endswith(f"_{suffix}")]
+    return suffixes[max(named, key=len)] if named else ""
+
+
 def _of(text: str, dimension: str, problem: str) -> str:
-    name = known_unit(text)
-    unit = UNITS.get(name) or FOREIGN.get(name)
-    if unit is None or unit.dimension != dimension:
-        raise ValueError(problem)
-    return name
+    found = named_unit(text, dimension)
+    if found is None:
+        mass = MASS_FOR_FORCE.get(text.strip("[]() ").casefold(), "") if dimension == "force" else ""
+        raise ValueError(problem + (f"; a force shown in {text} is {mass}" if mass else ""))
+    return found[0]
 
 
 def suggestions(columns: Sequence[ForeignColumn], quantities: Sequence[str]) -> Iterator[str]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.errors import FileProblem
-from rig.recording.foreign.columns import known_unit
+from rig.recording.foreign.file_units import known_unit
 from rig.recording.foreign.foreign_file import Dialect
 
 LOOKED_AT = 2000

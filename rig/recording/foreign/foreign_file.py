@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import gc
 import io
+import re
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -17,6 +18,10 @@ from rig.signals.arrays import FloatArray
 LARGEST_BYTES = 512 * 1024 * 1024
 MOST_NUMBERS = 1 << 27
 """A file's numbers together may take so much memory: 1 GiB of float64."""
+FACTOR_NAME = re.compile(
+    r"scal(?:e|ing)|factor|slope|gain|sensitiv|calib|multipl|conver|(?P<offset>offset|intercept)", re.IGNORECASE
+)
+"""Properties that programs write a factor in."""
 EXTRA = "pip install 'mr-damper-rig[files]'"
 
 
@@ -28,11 +33,13 @@ class ForeignColumn:
         name: by which it is called; two columns of a file may share it.
         unit: as the file says; empty where it says none.
         full: another name by which it is found: with its unit as a CSV head has it, or with its group.
+        unapplied: a property (`gain = 0.05`) that may be the factor of its integers, and is none of the format's own.
     """
 
     name: str
     unit: str = ""
     full: str = ""
+    unapplied: str = ""
 
 
 class ForeignFile(Protocol):
@@ -105,6 +112,19 @@ def read_foreign_bytes(file: Path) -> bytes:
     if not data:
         raise FileProblem(str(file), ["is empty"])
     return data
+
+
+def unapplied_factor(properties: Mapping[str, object]) -> str:
+    """The first of a channel's properties that looks like the factor or offset of its numbers; empty: none does."""
+    for name, value in properties.items():
+        found = FACTOR_NAME.search(str(name))
+        try:
+            number = float(value)  # type: ignore[arg-type]  # whatever a file holds
+        except (TypeError, ValueError):
+            continue
+        if found and number != (0.0 if found["offset"] else 1.0):
+            return f"{name!r} = {number:g}"
+    return ""
 
 
 def check_size(file: Path, numbers: int) -> None:

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 
 from rig.errors import FileProblem
-from rig.recording.foreign.foreign_file import EXTRA, ForeignColumn, check_size, stream, unreadable
+from rig.recording.foreign.foreign_file import EXTRA, ForeignColumn, check_size, stream, unapplied_factor, unreadable
 from rig.recording.foreign.mat_file import check_alike
 from rig.signals.arrays import FloatArray
 
 UNITS = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit", "unit", "Unit")
 """Properties in which programs write a channel's unit."""
+APPLIED = ("NI_Scale[", "NI_Number_Of_Scales", "NI_Scaling_Status", "NI_UnitDescription", "NI_ChannelUnit", "wf_")
+"""Beginnings of the names of properties that LabVIEW defines: npTDMS applies the scales among them."""
 READ_AS = "TDMS"
 
 
@@ -46,9 +48,23 @@ class TdmsFile:
         except Exception as error:
             raise FileProblem(str(file), unreadable(READ_AS, error)) from error
         self.columns: Sequence[ForeignColumn] = [
-            ForeignColumn(channel.name, _unit(channel.properties), f"{channel.group_name}/{channel.name}")
+            ForeignColumn(channel.name, _unit(channel.properties), f"{channel.group_name}/{channel.name}",
+                          self._unapplied(channel))
             for channel in self._channels
-        ]
+        ]  # fmt: skip
+
+    @staticmethod
+    def _unapplied(channel: Any) -> str:  # noqa: ANN401 - of a library without annotations
+        """What may be the factor of a channel's integers; scales of LabVIEW that npTDMS does not know are one too."""
+        properties = channel.properties
+        if not np.issubdtype(channel.dtype, np.integer):
+            return ""
+        kinds = [str(value) for name, value in properties.items() if str(name).endswith("_Scale_Type")]
+        if kinds and str(properties.get("NI_Scaling_Status", "unscaled")) != "scaled":
+            return f"'Scale_Type' = {kinds[0]}"
+        return unapplied_factor({
+            name: value for name, value in properties.items() if not str(name).startswith(APPLIED)
+        })
 
     def is_stamps(self, place: int) -> bool:
         """See `ForeignFile.is_stamps`."""
