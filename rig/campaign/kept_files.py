@@ -10,7 +10,7 @@ from pathlib import Path
 from rig.bench import named_files
 from rig.errors import FileProblem, Refused
 from rig.matrix import named_files as matrix_files
-from rig.recording.atomic_write import write_durably
+from rig.recording.atomic_write import inner_folder, write_durably
 from rig.text_file import read_text
 
 LARGEST_BENCH_BYTES = 262_144
@@ -47,9 +47,9 @@ def keep_matrix(source: Path, folder: Path, name: str) -> None:
         copy_into(source, folder, name)
         return
     try:
-        (folder / matrix_files.FOLDER).mkdir(exist_ok=True)
+        beside = inner_folder(folder, matrix_files.FOLDER)
         for own, content in files.items():
-            write_durably(folder / matrix_files.FOLDER / own, content)
+            write_durably(beside / own, content)
         write_durably(folder / name, text.encode())
     except OSError as error:
         raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error

@@ -33,7 +33,7 @@ from rig.clock import utc_now
 from rig.errors import FileProblem, Refused, Stopped
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan, plan
-from rig.recording.atomic_write import write_text_durably
+from rig.recording.atomic_write import inner_folder, write_text_durably
 from rig.recording.journal.campaign_log import CampaignLog
 from rig.recording.journal.journal_lock import campaign_held
 from rig.recording.layout import RECORD_DTYPE
@@ -91,7 +91,7 @@ def make_campaign_folder(out: Path, specimen: str) -> Path:
     stamp = utc_now().strftime("%Y%m%dT%H%M%SZ")
     folder = out / f"{stamp}-{specimen}-{secrets.token_hex(3)}"
     try:
-        (folder / "points").mkdir(parents=True)
+        inner_folder(folder, "points")
     except OSError as error:
         raise Refused(
             "dir-readonly", f"{folder}: cannot be made: {error}; give a writable folder with --out"

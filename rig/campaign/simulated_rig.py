@@ -20,7 +20,7 @@ from rig.campaign.words import say
 from rig.clock import monotonic_ns
 from rig.errors import EXIT_USAGE, FileProblem, Refused, RigError
 from rig.matrix.sections import Specimen
-from rig.recording.atomic_write import room_for_truth
+from rig.recording.atomic_write import open_to_append, room_for_truth
 
 SLOW_START_S = 3.0
 START_TIMEOUT_S = 180.0
@@ -117,7 +117,7 @@ class SimulatedRig:
         arguments = ["--speed", str(options.speed), "--seed", str(options.seed), "--truth", str(truth_path)]
         arguments += ["--exit-when-idle", "--specimen", f'serial_number="{specimen.serial_number}"']
         arguments += ["--specimen", f"mid_stroke_m={specimen.mid_stroke_m}"]
-        with log_path.open("ab") as log:
+        with open_to_append(log_path) as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", "simulators", *arguments, *options.simulator_args],
                 stdin=subprocess.DEVNULL,

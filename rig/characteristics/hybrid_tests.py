@@ -16,7 +16,7 @@ from rig.hybrid.assessment import Assessment, Record, assess
 from rig.matrix.assumed_damper import AssumedDamper
 from rig.matrix.hybrid_table import HybridTable
 from rig.matrix.model import load_matrix
-from rig.recording.atomic_write import write_text_durably
+from rig.recording.atomic_write import inner_folder, write_text_durably
 from rig.recording.journal.campaign_log import read_lines
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
@@ -94,8 +94,7 @@ def write_hybrid(run: Run, tests: Sequence[HybridTest]) -> Path:
     Raises:
         OSError: the disk refuses.
     """
-    folder = run.path / REFERENCE
-    folder.mkdir(exist_ok=True)
+    folder = inner_folder(run.path, REFERENCE)
     for test in tests:
         if test.record is not None:
             rows = [",".join(COLUMNS), *(",".join(f"{value:.9g}" for value in row) for row in _rows(test.record))]

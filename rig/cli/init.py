@@ -168,7 +168,8 @@ def write_files(folder: Path, answers: Mapping[str, str]) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
-            (folder / name).write_text(text, encoding="utf-8")
+            with (folder / name).open("x", encoding="utf-8") as file:
+                file.write(text)
             paths.append(folder / name)
         Bench.load(folder / BENCH)
         load_files(folder / MATRIX, folder / BENCH)

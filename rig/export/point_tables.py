@@ -11,6 +11,7 @@ import numpy as np
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.recorded_point import CHANNELS, RecordedPoint
 from rig.recording.run import Run
+from rig.signals.arrays import FloatArray
 
 LISTED = (
     "id", "waveform", "amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "verdict", "lost_samples",
@@ -48,9 +49,19 @@ def write_points(run: Run, folder: Path) -> list[Path]:
 def _write(point: RecordedPoint, path: Path) -> Path:
     channels = {name: point.channel(dataset) for name, dataset in CHANNELS.items()}
     given = {name: values for name, values in channels.items() if np.isfinite(values).any()}
-    rows = [[_cell(float(value)) for value in row] for row in zip(*given.values(), strict=True)]
-    write_text_durably(path, _csv(tuple(given), rows))
+    columns = [_column(name, values) for name, values in given.items()]
+    write_text_durably(path, _csv(tuple(given), [list(row) for row in zip(*columns, strict=True)]))
     return path
+
+
+def _column(name: str, values: FloatArray) -> list[str]:
+    """Numbers with the digits that were recorded: times to 1 ns, single precision as such."""
+    if name == "time_s":
+        return [_cell(value) for value in np.round(values, 9).tolist()]
+    single = values.astype(np.float32)
+    if np.array_equal(single, values, equal_nan=True):
+        return ["" if not np.isfinite(value) else str(value) for value in single]
+    return [_cell(value) for value in values.tolist()]
 
 
 def _cell(value: object) -> str:

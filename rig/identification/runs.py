@@ -19,6 +19,7 @@ from rig.identification.per_current import AFFINE
 from rig.identification.uncertainty.covariance import DeclaredErrors
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.words import say, some
+from rig.recording.atomic_write import write_durably, write_text_durably
 from rig.recording.quality.cross_checks import doubts
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
@@ -140,9 +141,7 @@ def write_fit(fit: Fit, folder: Path) -> tuple[Path, Path | None]:
     """
     target = folder / "fit.json"
     kept = _kept(target)
-    temporary = folder / "fit.json.tmp"
-    temporary.write_text(json.dumps(fit.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    temporary.replace(target)
+    write_text_durably(target, json.dumps(fit.to_json(), indent=1, allow_nan=False) + "\n")
     return target, kept
 
 
@@ -158,6 +157,6 @@ def _kept(target: Path) -> Path | None:
         except FileExistsError:
             continue
         except OSError:  # a file system without hard links
-            name.write_bytes(target.read_bytes())
+            write_durably(name, target.read_bytes())
         return name
     return None

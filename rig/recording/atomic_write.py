@@ -12,7 +12,7 @@ import io
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer, WriteableBuffer
@@ -38,7 +38,7 @@ class ReservedFile(io.RawIOBase):
     What is written after the first error stays in memory, so that the library finds all it wrote; ask `check` often.
 
     Args:
-        path: the file; one of that name is emptied.
+        path: the file; one of that name, or a link, is removed first.
 
     Raises:
         OSError: it cannot be made.
@@ -46,11 +46,12 @@ class ReservedFile(io.RawIOBase):
 
     def __init__(self, path: Path) -> None:
         super().__init__()
-        flags = os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW
+        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
         self.path = path
         self._error: OSError | None = None
         self._position = self._size = self._room = 0
         self._unwritten: list[tuple[int, bytes]] = []
+        path.unlink(missing_ok=True)  # a stranger's run may hold a link of that name, to a file elsewhere
         self._handle = os.open(path, flags, 0o644)
 
     def check(self) -> None:
@@ -204,6 +205,29 @@ def write_durably(path: Path, data: bytes) -> None:
         file.write(data)
 
     write_whole(path, fill)
+
+
+def open_to_append(path: Path) -> BinaryIO:
+    """Open a log for appending, made anew where it is missing.
+
+    Raises:
+        OSError: it cannot be opened; a symbolic link is not followed (ELOOP).
+    """
+    flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW
+    return os.fdopen(os.open(path, flags, 0o644), "ab", buffering=0)
+
+
+def inner_folder(folder: Path, name: str) -> Path:
+    """A folder inside of another one, made where it is missing.
+
+    Raises:
+        OSError: it cannot be made, or it is a symbolic link (ELOOP): what is written there would lie elsewhere.
+    """
+    inner = folder / name
+    inner.mkdir(parents=True, exist_ok=True)
+    if inner.is_symlink():
+        raise OSError(errno.ELOOP, "is a symbolic link; files are written into a real folder only", str(inner))
+    return inner
 
 
 def flush_directory(folder: Path) -> None:

@@ -27,6 +27,31 @@ JOURNAL, FILE, PARTIAL = ".journal", ".h5", ".h5.tmp"
 OLD_JOURNAL, OLD_FILE = ".journal.old", ".h5.old"
 UNREADABLE = re.compile(r"(?P<name>.+)-unreadable-\d{8}T\d{6,}(-\d+)?")
 ATTEMPT, OUT_OF_TOLERANCE = "attempt", "out-of-tolerance"
+LONGEST_ID_BYTES = 150
+"""File names have 255 bytes at most, the endings above included."""
+
+
+def name_problem(point_id: str) -> str:
+    """Why a text cannot be a point's id, which becomes part of file names; empty where it can."""
+    if not 1 <= len(point_id.encode("utf-8", "replace")) <= LONGEST_ID_BYTES:
+        return f"{len(point_id)} characters; expected 1 to {LONGEST_ID_BYTES} bytes"
+    if point_id.startswith(".") or any(letter in "/\\:" or not letter.isprintable() for letter in point_id):
+        return f"{point_id!r}; expected a name: printable, without / \\ : and not beginning with a dot"
+    return ""
+
+
+def points_folder(folder: Path) -> Path:
+    """A campaign's `points/`, into which files are to be written.
+
+    Raises:
+        FileProblem: there is none, or it is a symbolic link: what is written there would lie elsewhere.
+    """
+    points = folder / "points"
+    if points.is_symlink():
+        raise FileProblem(str(points), ["is a symbolic link; files are written into a real folder only"])
+    if not points.is_dir():
+        raise FileProblem(str(folder), ["not a campaign's directory: it has no points/"])
+    return points
 
 
 def campaign_in(path: Path) -> Path:

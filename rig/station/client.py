@@ -21,6 +21,7 @@ from typing import Any
 
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
+from rig.recording.atomic_write import open_to_append, write_text_durably
 from rig.station.errors import StationLost, StationRefused
 
 START_TIMEOUT_S = 15.0
@@ -75,9 +76,9 @@ class StationClient:
         """
         folder.mkdir(parents=True, exist_ok=True)
         config_path = folder / "station.json"
-        config_path.write_text(config.to_json(), encoding="utf-8")
+        write_text_durably(config_path, config.to_json())
         log_path = folder / "station.log"
-        with log_path.open("ab") as log:
+        with open_to_append(log_path) as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", "rig.station", str(config_path)],
                 stdin=subprocess.PIPE,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import io
 import json
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig.recording.atomic_write import inner_folder, write_text_durably
 from rig.report.fragment import bullet_list, code_block, data_list, details, table, text
 from rig.study.provenance import CITE_PAPERS, CITE_SOFTWARE, METHODS
 from rig.study.settings import TITLES, KruskalWallis
@@ -123,18 +125,16 @@ def write_outputs(
     Returns:
         Path of the page.
     """
-    (folder / "tables").mkdir(parents=True, exist_ok=True)
-    (folder / "figures").mkdir(exist_ok=True)
+    written, drawn = inner_folder(folder, "tables"), inner_folder(folder, "figures")
     for part in tables:
-        with (folder / "tables" / f"{part.name}.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(part.columns)
-            writer.writerows(part.rows)
+        text = io.StringIO(newline="")
+        csv.writer(text).writerows([part.columns, *part.rows])
+        write_text_durably(written / f"{part.name}.csv", text.getvalue())
     for name, svg in figures.items():
-        (folder / "figures" / f"{name}.svg").write_text(svg, encoding="utf-8")
-    (folder / "study.json").write_text(json.dumps(as_json(tables, tests, facts), indent=2) + "\n", encoding="utf-8")
+        write_text_durably(drawn / f"{name}.svg", svg)
+    write_text_durably(folder / "study.json", json.dumps(as_json(tables, tests, facts), indent=2) + "\n")
     page = folder / "study.html"
-    page.write_text(_page(title, tables, figures, tests, facts), encoding="utf-8")
+    write_text_durably(page, _page(title, tables, figures, tests, facts))
     return page
 
 

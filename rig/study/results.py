@@ -7,6 +7,7 @@ search at smaller budgets.
 from __future__ import annotations
 
 import fcntl
+import io
 import json
 import os
 import socket
@@ -22,6 +23,7 @@ from rig.errors import FileProblem
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.problem import Problem
 from rig.optimisers import Result
+from rig.recording.atomic_write import open_to_append
 from rig.study.provenance import SOFTWARE
 from rig.study.search_cell import SearchCell
 
@@ -175,7 +177,7 @@ class ResultsFile:
         self.path = path
         self.fingerprint = fingerprint
         self.lines: dict[str, dict[str, Any]] = {}
-        self._file = path.open("a", encoding="utf-8")
+        self._file = io.TextIOWrapper(open_to_append(path), encoding="utf-8", write_through=True)
         try:
             self._hold()
             self._read()

@@ -26,6 +26,7 @@ from rig.recording.point_files import (
     free_attempt_file,
     free_old_journal,
     partial_files,
+    points_folder,
     unfinished,
 )
 from rig.recording.recorded_point import RecordedPoint
@@ -52,8 +53,7 @@ def recover(folder: Path) -> list[FinishedPoint]:
         FileProblem: the directory is not a campaign's.
         Refused: the campaign still runs (slug `two-instances`).
     """
-    if not (folder / "points").is_dir():
-        raise FileProblem(str(folder), ["not a campaign's directory: it has no points/"])
+    points_folder(folder)
     with campaign_held(folder):
         return recover_held(folder)
 
@@ -61,7 +61,7 @@ def recover(folder: Path) -> list[FinishedPoint]:
 def recover_held(folder: Path) -> list[FinishedPoint]:
     """As `recover`, for a process that holds the campaign already (`claim.campaign_held`)."""
     with Converter() as converter:
-        return recover_with(folder / "points", lambda journal: converter.finish(journal, recovered=True))
+        return recover_with(points_folder(folder), lambda journal: converter.finish(journal, recovered=True))
 
 
 def recover_with(points: Path, finish: Finish) -> list[FinishedPoint]:

@@ -15,6 +15,7 @@ from rig.errors import FileProblem
 from rig.recording.hdf5.hdf5_check import check_file
 from rig.recording.hdf5.hdf5_objects import attributes_of
 from rig.recording.layout import FORMAT_VERSION, check_of
+from rig.recording.point_files import name_problem
 from rig.recording.quality.point_quality import PointQuality
 
 if TYPE_CHECKING:
@@ -52,6 +53,8 @@ def read_description(path: Path, *, whole: bool = True) -> dict[str, Any]:
         f"/entry/test: {name} = {test.get(name)!r}; expected a finite number" for name in NUMBERS
         if _number(test.get(name)) is None
     ]
+    if isinstance(test.get("id"), str) and (problem := name_problem(test["id"])):
+        problems.append(f"/entry/test: id = {problem}")
     verdict = quality.get("verdict", "valid")
     if verdict not in VERDICTS:
         problems.append(f"/entry/quality: verdict = {verdict!r}; expected one of {', '.join(VERDICTS)}")

@@ -36,7 +36,7 @@ class CampaignLog:
     def __init__(self, folder: Path) -> None:
         self.path = folder / "journal.jsonl"
         torn = self.path.is_file() and self.path.read_bytes()[-1:] not in {b"", b"\n"}
-        self._handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        self._handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
         if torn:
             # A crash cut the last line off; the next one begins on its own.
             os.write(self._handle, b"\n")
