@@ -72,6 +72,18 @@ class Input(IntFlag):
     VALVE_SATURATED = 1 << 3
 
 
+class Pressure(IntEnum):
+    """What an actuator shows of its pressure (or power), separately from what it does and from its trip."""
+
+    UNSTATED = 0
+    """It has no meaning of its own for it: it follows from inputs and state."""
+    OFF = 1
+    LOW = 2
+    ON = 3
+    UNKNOWN = 4
+    """It shows neither: no proof of anything."""
+
+
 class Command(IntEnum):
     """What an actuator may be asked to do."""
 
@@ -181,6 +193,7 @@ class ActuatorStatus(NamedTuple):
         pulse_count: cycle pulses so far.
         pulse_clock_us: device clock at the last pulse.
         program_id: number of the START that runs, 0 for none.
+        stated_pressure: a `Pressure`, where the device shows its pressure by a meaning of its own.
     """
 
     received_ns: int
@@ -206,6 +219,7 @@ class ActuatorStatus(NamedTuple):
     program_id: int
     servo_error_m: float
     force_N: float
+    stated_pressure: int = Pressure.UNSTATED
 
     def acknowledges(self, command: int, sequence: int) -> bool:
         """Whether this answers that command: the same number may have carried another master's command.
@@ -217,14 +231,36 @@ class ActuatorStatus(NamedTuple):
         return (self.acked_sequence, self.acked_command) == (sequence, command)
 
     @property
+    def pressure(self) -> Pressure:
+        """The pressure (or power), whatever the state: a latched trip says nothing of it.
+
+        An input that shows pressure counts more than a state of that name that denies it.
+        """
+        if self.stated_pressure != Pressure.UNSTATED:
+            return Pressure(self.stated_pressure)
+        if self.inputs & Input.HYDRAULICS_ON:
+            return Pressure.ON
+        return Pressure.LOW if self.inputs & Input.HYDRAULICS_LOW else Pressure.OFF
+
+    @property
     def hydraulics_off(self) -> bool:
-        """No pressure; a latched trip may stay the state meanwhile."""
-        return self.state == State.OFF or not self.inputs & (Input.HYDRAULICS_LOW | Input.HYDRAULICS_ON)
+        """The absence of pressure is shown."""
+        return self.pressure is Pressure.OFF
 
     @property
     def hydraulics_low(self) -> bool:
-        """No full pressure."""
-        return self.hydraulics_off or not self.inputs & Input.HYDRAULICS_ON
+        """The absence of full pressure is shown."""
+        return self.pressure in {Pressure.OFF, Pressure.LOW}
+
+    @property
+    def tripped(self) -> bool:
+        """A trip of its own is latched, or a fault is shown."""
+        return self.state == State.TRIPPED or bool(self.fault_bits)
+
+    @property
+    def watchdog_tripped(self) -> bool:
+        """Its watchdog has tripped."""
+        return bool(self.fault_bits & FaultBit.WATCHDOG)
 
     @property
     def e_stop_open(self) -> bool:

@@ -21,6 +21,7 @@ from protocols.patterns import Pattern, PatternError
 _MARK = "{address}"
 _FORM = re.compile(r"[<>=^]?[-+ ]?0?\d{0,2}(?:\.\d{1,2})?[a-zA-Z]?")
 """Of a number in a template: a wider one would take any amount of memory."""
+LONGEST_TICK_US = 1e9
 TRIED = (0.0, 1.0, -1.0)
 """Numbers of which one at least must fit into a line."""
 
@@ -304,6 +305,8 @@ def _field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Prob
             yield ("bits",), "belong to whole numbers"
     elif item.type and item.bits is not None and item.bits[1] >= 8 * item.size:
         yield ("bits",), f"reach beyond the {8 * item.size} bits of {item.type}"
+    if name == "time" and item.scale > LONGEST_TICK_US:
+        yield ("scale",), f"must be at most {LONGEST_TICK_US:g}: microseconds a tick"
     if item.scale == 0.0 or (counts and item.scale < 0.0):
         yield ("scale",), "must not be 0" if name == "value" else "must be more than 0"
     if name == "status" and not item.judges:

@@ -126,7 +126,8 @@ class LineFormat:
             line: without start and terminator.
 
         Returns:
-            Value in `unit` (NaN for an overload or fault token) and status bits as in the 16-byte frame.
+            Value in `unit` (NaN for an overload or fault) and status bits as in the 16-byte frame. A status of
+            overload or fault needs no number: many devices leave it out then.
 
         Raises:
             RemoteProtocolError: the line is not one of this format.
@@ -141,15 +142,16 @@ class LineFormat:
         if match is None:
             raise RemoteProtocolError(f"{self.name}: {text!r} does not match {self.pattern!r}")
         if self._plain:
-            return self._value(match["value"] or "", 1.0, negative=False)
+            return self._value(match["value"], 1.0, negative=False)
         groups = self._regex.groups
-        if self.checksum != "none" and (match["checksum"] or "").upper() != (right := self._checksum(text, match)):
-            raise RemoteProtocolError(f"{self.name}: {text!r} has checksum {right}")
-        factor = self._factor(match["unit"]) if "unit" in groups else 1.0
+        if self.checksum != "none":
+            self._check_sum(text, match)
         status = self._status(match["status"]) if "status" in groups else 0
+        if status:
+            return math.nan, status | self._tokens.get((match["value"] or "").strip(), 0)
+        factor = self._factor(match["unit"]) if "unit" in groups else 1.0
         negative = "sign" in groups and self._negative(match["sign"])
-        value, bits = self._value(match["value"] or "", factor, negative=negative)
-        return (math.nan, bits | status) if status else (value, bits)
+        return self._value(match["value"], factor, negative=negative)
 
     def _is_plain(self) -> bool:
         """Nothing beside the number has to be looked at."""
@@ -184,13 +186,13 @@ class LineFormat:
         except KeyError:
             raise RemoteProtocolError(f"{self.name}: status {text!r} has no meaning") from None
 
-    def _value(self, text: str, factor: float, *, negative: bool) -> tuple[float, int]:
+    def _value(self, text: str | None, factor: float, *, negative: bool) -> tuple[float, int]:
         """Number or token.
 
         Raises:
-            RemoteProtocolError: neither.
+            RemoteProtocolError: neither; None and blanks are a line without a number, unless "" is a token.
         """
-        token = text.strip()
+        token = (text or "").strip()
         if token in self._tokens:
             return math.nan, self._tokens[token]
         number = self._number(token)
@@ -223,15 +225,33 @@ class LineFormat:
             return None
         return number if "." in digits or not self.decimals else number / 10**self.decimals
 
+    def _check_sum(self, text: str, match: Match) -> None:
+        """Compare the checksum of a line.
+
+        Raises:
+            RemoteProtocolError: it is missing, or another one.
+        """
+        shown = match["checksum"]
+        if not shown:
+            raise RemoteProtocolError(f"{self.name}: {text!r} has no checksum")
+        if shown.upper() != (right := self._checksum(text, match)):
+            raise RemoteProtocolError(f"{self.name}: {text!r} has checksum {right}")
+
     def _checksum(self, text: str, match: Match) -> str:
-        """The checksum of the covered characters, upper-case hexadecimal digits."""
+        """The checksum of the covered characters, upper-case hexadecimal digits.
+
+        Raises:
+            RemoteProtocolError: the characters around what it covers are not in the line.
+        """
         kind = CHECKSUMS[self.checksum.removesuffix(HEX)]
         if self.checksum_over is not None:
             covered = text[self.checksum_over[0] - 1 : self.checksum_over[1]]
         else:
-            begin = text.find(self.checksum_from) + len(self.checksum_from)
+            begin = text.find(self.checksum_from)
             end = text.rfind(self.checksum_to) if self.checksum_to else match.span("checksum")[0]
-            covered = text[begin:end]
+            if begin < 0 or end < 0:
+                raise RemoteProtocolError(f"{self.name}: {text!r} does not show what its checksum covers")
+            covered = text[begin + len(self.checksum_from) : end]
         return format(kind.of(covered.encode("ascii")), _HEX_DIGITS[kind.size])
 
 

@@ -15,7 +15,7 @@ from drivers.register_maps.meanings import Codes
 from drivers.register_maps.quantity import BITS, SPACES, Quantity
 from drivers.register_maps.read_quantities import IDENTITY, LIMITS, ROLES
 from drivers.register_maps.recipe import Write
-from drivers.roles import ActuatorLimits, Command, WatchdogAction
+from drivers.roles import ActuatorLimits, Command, Pressure, WatchdogAction
 from drivers.roles import State as RoleState
 from protocols.errors import LocalProtocolError
 from simulators import controller_firmware as wire
@@ -35,6 +35,7 @@ SHOWN_S = 0.15
 """So long (simulated s) an answer to a command stays before the device looks as if nothing was asked."""
 NOBODY = 1
 """Owner of a device without leases."""
+PRESSURES = (Pressure.OFF, Pressure.LOW, Pressure.ON)
 MODULAR = frozenset({"heartbeat", "pulse_count", "clock", "pulse_clock", "watchdog_echo", "program_id"})
 
 Cells = dict[tuple[str, int], int]
@@ -242,7 +243,8 @@ class WornRegisters(RegisterBank):
         for quantity in self._status.quantities:
             registers[quantity.space, quantity.address] = self._raw(self._whole(quantity))
         states = RoleState(self.actuator.state), RoleState(self.actuator.motion_state)
-        self._status.show(registers, *states, int(shown["fault_bits"]), int(shown["inputs"]))
+        pressure = PRESSURES[int(self.actuator.plant.command["pressure"][0])]
+        self._status.show(registers, *states, int(shown["fault_bits"]), int(shown["inputs"]), pressure)
         for quantity in self._status.quantities:
             self._put(cells, self._whole(quantity), registers[quantity.space, quantity.address])
         self._show_identity(cells)

@@ -8,7 +8,7 @@ from drivers.register_maps.condition import Condition, Test
 from drivers.register_maps.controller_map import ControllerMap
 from drivers.register_maps.meanings import Bits
 from drivers.register_maps.quantity import Quantity
-from drivers.roles import State
+from drivers.roles import Pressure, State
 from simulators.worn_codec import raw_of, value_of
 
 Registers = dict[tuple[str, int], int]
@@ -33,11 +33,13 @@ class WornStatus:
     def __init__(self, worn: ControllerMap) -> None:
         self._map = worn
         words = worn.words
-        every = words.states.quantities | words.faults.quantities | words.inputs.quantities
+        every = words.states.quantities | words.faults.quantities | words.inputs.quantities | words.pressure.quantities
         self.quantities = every | {worn.quantities[name] for name in ("state",) if name in worn.quantities}
 
-    def show(self, registers: Registers, state: State, motion: State, fault_bits: int, inputs: int) -> None:
-        """Lay state, faults and inputs down.
+    def show(
+        self, registers: Registers, state: State, motion: State, fault_bits: int, inputs: int, pressure: Pressure
+    ) -> None:
+        """Lay state, faults, inputs and pressure down.
 
         Args:
             registers: what is shown so far of `quantities`; changed in place.
@@ -45,16 +47,22 @@ class WornStatus:
             motion: what its rod does, also while it is tripped.
             fault_bits: the rig's.
             inputs: the rig's.
+            pressure: the rig's.
         """
+        if pressure is Pressure.LOW and pressure not in self._map.words.pressure.rules:
+            pressure = Pressure.ON  # low pressure is not the absence of it
         for bits, shown in ((self._map.words.faults, fault_bits), (self._map.words.inputs, inputs)):
             self._show_bits(registers, bits, shown)
-        self._show_state(registers, state if state in self._known else motion)
+        self._show_state(registers, state if state in self._known else motion, pressure)
+        for shown_pressure, rule in self._map.words.pressure.rules.items():
+            if rule.condition is not None:
+                make(registers, rule.condition, holds=shown_pressure is pressure)
 
     @property
     def _known(self) -> frozenset[int]:
         return self._map.words.states.known
 
-    def _show_state(self, registers: Registers, state: State) -> None:
+    def _show_state(self, registers: Registers, state: State, pressure: Pressure) -> None:
         wanted = next((one for one in (state, *STANDS_FOR[state]) if one in self._known), State.HOLD)
         for rule in self._map.words.states.rules:
             if rule.state != wanted:
@@ -65,8 +73,28 @@ class WornStatus:
                 make(registers, rule.condition, holds=True)
             else:
                 state_register = self._map.quantities["state"]
-                put(registers, state_register, None, rule.codes[0])
-            return
+                put(registers, state_register, None, self._code(rule.codes, pressure))
+            break
+        if wanted is State.TRIPPED:
+            self._show_off_behind_a_trip(registers, pressure)
+
+    def _code(self, codes: tuple[int, ...], pressure: Pressure) -> int:
+        """Of a state's codes the one that shows the pressure, too."""
+        rules = self._map.words.pressure.rules
+        own = set(rules[pressure].codes) if pressure in rules else set()
+        others = {code for rule in rules.values() for code in rule.codes} - own
+        return min(codes, key=lambda code: (code not in own, code in others))
+
+    def _show_off_behind_a_trip(self, registers: Registers, pressure: Pressure) -> None:
+        """A condition of `off` of its own shows the pressure of a tripped device, too."""
+        before = dict(registers)
+        for rule in self._map.words.states.rules:
+            if rule.state == State.OFF and rule.condition is not None and rule.condition.tests:
+                make(registers, rule.condition, holds=pressure is Pressure.OFF)
+        trips = [rule for rule in self._map.words.states.rules if rule.state == State.TRIPPED]
+        if any(rule.condition is not None and not shows(registers, rule.condition) for rule in trips):
+            registers.clear()
+            registers.update(before)
 
     def _show_bits(self, registers: Registers, bits: Bits, shown: int) -> None:
         if bits.quantity is not None:
@@ -81,8 +109,13 @@ def make(registers: Registers, condition: Condition, *, holds: bool) -> None:
     if holds:
         for test in condition.tests:
             _make_test(registers, test, holds=True)
-    elif condition.tests and all(_is(registers, test) for test in condition.tests):
+    elif condition.tests and shows(registers, condition):
         _make_test(registers, condition.tests[0], holds=False)
+
+
+def shows(registers: Registers, condition: Condition) -> bool:
+    """Whether a condition holds for what is shown."""
+    return all(_is(registers, test) for test in condition.tests)
 
 
 def _is(registers: Registers, test: Test) -> bool:

@@ -11,11 +11,11 @@ from drivers.capabilities import Capabilities
 from drivers.register_maps.access_plan import Read, Rules, reads
 from drivers.register_maps.condition import Values
 from drivers.register_maps.indirect import Indirect
-from drivers.register_maps.meanings import Bits, Codes, States
+from drivers.register_maps.meanings import Bits, Codes, PressureRules, States
 from drivers.register_maps.quantity import Quantity, Value, same
 from drivers.register_maps.read_quantities import IDENTITY, LIMITS, ROLES
 from drivers.register_maps.recipe import Recipe, Write
-from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, State
+from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, Pressure, State
 from protocols.errors import RemoteProtocolError
 
 IDENTITY_FIELDS = tuple(ActuatorIdentity.__dataclass_fields__)
@@ -48,6 +48,7 @@ class Words:
     waveforms: Codes
     phases: Codes
     watchdog_actions: Codes
+    pressure: PressureRules = field(default_factory=lambda: PressureRules({}))
 
 
 @dataclass(frozen=True)
@@ -116,14 +117,17 @@ class ControllerMap:
     @staticmethod
     def with_low_pressure(status: ActuatorStatus) -> ActuatorStatus:
         """The status of a device without pressure whose host is to see low pressure, of which it has none."""
-        return status._replace(state=int(State.LOW), inputs=status.inputs | Input.HYDRAULICS_LOW)
+        return status._replace(
+            state=int(State.LOW), inputs=status.inputs | Input.HYDRAULICS_LOW, stated_pressure=Pressure.LOW
+        )
 
     @cached_property
     def polled(self) -> frozenset[Quantity]:
         """What is read at every poll: the status, and what its words are made of."""
         own = {self.quantities[name] for name in ROLES if name in self.quantities}
         words = self.words
-        return frozenset(own | words.states.quantities | words.faults.quantities | words.inputs.quantities)
+        stated = words.states.quantities | words.pressure.quantities
+        return frozenset(own | stated | words.faults.quantities | words.inputs.quantities)
 
     @cached_property
     def status_reads(self) -> tuple[Read, ...]:
@@ -195,7 +199,8 @@ class ControllerMap:
                 shown[role] = self.clock_us(values[name])
         shown["fault_bits"] = words.faults.meaning(values)
         shown["state"] = self._state(values, int(shown["fault_bits"]))
-        shown["inputs"] = self._inputs(values, int(shown["state"]))
+        shown["stated_pressure"] = pressure = self.pressure_of(values)
+        shown["inputs"] = self._inputs(values, int(shown["state"]), pressure)
         for name, codes in (("result", words.results), ("phase", words.phases), ("acked_command", words.commands)):
             if name in values:
                 shown[name] = codes.meaning(int(values[name]))
@@ -214,22 +219,41 @@ class ControllerMap:
         return round(float(shown) * 1e6) % CLOCK_MODULUS
 
     def _state(self, values: Values, fault_bits: int) -> int:
-        """By the rules; where they know no trip, any fault is one, and no off, no pressure is."""
-        states, inputs = self.words.states, self.words.inputs
-        if fault_bits & self.words.faults.members and State.TRIPPED not in states.known:
+        """By the rules; where they know no trip, any fault is one, and no off, no pressure is, unless it is tripped."""
+        words, known = self.words, self.words.states.known
+        if fault_bits & words.faults.members and State.TRIPPED not in known:
             return State.TRIPPED
-        pressures = inputs.members & PRESSURES
-        if pressures and State.OFF not in states.known and not inputs.meaning(values) & PRESSURES:
+        state = words.states.meaning(values)
+        shown = bool(words.pressure.rules) or bool(words.inputs.members & PRESSURES)
+        if state != State.TRIPPED and shown and State.OFF not in known and self.pressure_of(values) is Pressure.OFF:
             return State.OFF
-        return states.meaning(values)
+        return state
 
-    def _inputs(self, values: Values, state: int) -> int:
+    def pressure_of(self, values: Values) -> Pressure:
+        """The pressure for what the quantities of `polled` show: by [pressure], by the inputs, or by the state's rules.
+
+        An input for full pressure alone shows by its absence that there is none; one for low pressure alone does not.
+        """
+        words = self.words
+        if words.pressure.rules:
+            return words.pressure.meaning(values)
+        by_state = words.states.pressure(values)
+        inputs, members = words.inputs.meaning(values), words.inputs.members
+        if inputs & Input.HYDRAULICS_ON:
+            return Pressure.ON
+        if inputs & Input.HYDRAULICS_LOW:
+            return Pressure.LOW
+        if not members & Input.HYDRAULICS_ON:
+            return by_state
+        return Pressure.LOW if by_state is Pressure.LOW and not members & Input.HYDRAULICS_LOW else Pressure.OFF
+
+    def _inputs(self, values: Values, state: int, pressure: Pressure) -> int:
         inputs = self.words.inputs.meaning(values)
         if not self.capabilities.e_stop_input:
             inputs |= Input.E_STOP_CLOSED
-        if self.capabilities.hydraulics and not self.words.inputs.members & PRESSURES:
-            pressure = {State.OFF: 0, State.LOW: int(Input.HYDRAULICS_LOW)}
-            inputs |= pressure.get(State(state), int(Input.HYDRAULICS_ON)) if state in set(State) else 0
+        if self.capabilities.hydraulics and not self.words.inputs.members & PRESSURES and state in set(State):
+            bits = {Pressure.OFF: 0, Pressure.LOW: int(Input.HYDRAULICS_LOW)}
+            inputs |= bits.get(pressure, int(Input.HYDRAULICS_ON))
         return inputs
 
     def limit_values(self, limits: ActuatorLimits) -> dict[Quantity, Value]:

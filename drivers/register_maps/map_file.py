@@ -15,7 +15,7 @@ from drivers.register_maps.controller_map import ControllerMap, Recipes, Words
 from drivers.register_maps.entries import Source, Table, nearest
 from drivers.register_maps.indirect import read_indirect
 from drivers.register_maps.quantity import Quantity, Value
-from drivers.register_maps.read_meanings import number_of, read_bits, read_codes, read_states
+from drivers.register_maps.read_meanings import number_of, read_bits, read_codes, read_pressure, read_states
 from drivers.register_maps.read_quantities import IDENTITY, LIMITS, ROLES, read_modbus, read_quantities
 from drivers.register_maps.read_recipes import Recipes as Reader
 from drivers.register_maps.read_recipes import read_commands, read_setpoint, read_table, read_watchdog
@@ -27,8 +27,8 @@ SUFFIX = ".toml"
 _END = "_controller"
 FORMAT = 1
 TABLES = (
-    "modbus", "quantities", "identity", "state", "faults", "inputs", "phase", "results", "command_codes", "waveforms",
-    "watchdog_actions", "commands", "recipes", "setpoint", "watchdog", "table", "indirect",
+    "modbus", "quantities", "identity", "state", "pressure", "faults", "inputs", "phase", "results", "command_codes",
+    "waveforms", "watchdog_actions", "commands", "recipes", "setpoint", "watchdog", "table", "indirect",
 )  # fmt: skip
 KEYS = ("format", "name", "description", "unverified", "base", "without", *TABLES)
 SOURCES = ("commands", "setpoint", "watchdog", "table", "recipes")
@@ -125,6 +125,7 @@ def _words(top: Table, quantities: Mapping[str, Quantity]) -> Words:
         waveforms=read_codes(top.table("waveforms"), Waveform),
         phases=read_codes(top.table("phase"), ProgramPhase),
         watchdog_actions=read_codes(top.table("watchdog_actions"), WatchdogAction),
+        pressure=read_pressure(top.table("pressure"), quantities),
     )
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 
 from drivers.register_maps.condition import Condition, Values
 from drivers.register_maps.quantity import Quantity
-from drivers.roles import UNNAMED
+from drivers.roles import UNNAMED, Pressure, State
 from protocols.errors import LocalProtocolError
 
 UNNAMED_BITS = 32
@@ -136,6 +136,24 @@ class States:
                 return rule.state
         return self.codes.meaning(int(values["state"])) if "state" in values else UNNAMED
 
+    def pressure(self, values: Values) -> Pressure:
+        """The pressure by the rules, a latched trip apart: what the rules say of the rest of the state.
+
+        Behind a trip only codes or a condition prove that there is none; an `off = true` is what is left over.
+        """
+        tripped = False
+        for rule in self.rules:
+            if not rule.holds(values):
+                continue
+            if rule.state == State.TRIPPED:
+                tripped = True
+                continue
+            stated = bool(rule.codes or (rule.condition is not None and rule.condition.tests))
+            if tripped and not stated:
+                break
+            return {State.OFF: Pressure.OFF, State.LOW: Pressure.LOW}.get(State(rule.state), Pressure.ON)
+        return Pressure.UNKNOWN
+
     @cached_property
     def known(self) -> frozenset[int]:
         """States that this device shows."""
@@ -145,3 +163,26 @@ class States:
     def quantities(self) -> frozenset[Quantity]:
         """What conditions look at, beside the quantity `state`."""
         return frozenset[Quantity]().union(*(rule.condition.quantities for rule in self.rules if rule.condition))
+
+
+@dataclass(frozen=True)
+class PressureRules:
+    """What shows the pressure, separately from the state; empty where the map has no [pressure].
+
+    Attributes:
+        rules: the pressure, and what makes it. The highest that holds counts.
+    """
+
+    rules: Mapping[Pressure, StateRule]
+
+    def meaning(self, values: Values) -> Pressure:
+        """The pressure; unknown where no rule holds."""
+        shown = [pressure for pressure, rule in self.rules.items() if rule.holds(values)]
+        return max(shown, default=Pressure.UNKNOWN)
+
+    @property
+    def quantities(self) -> frozenset[Quantity]:
+        """What must be read, beside the quantity `state`."""
+        return frozenset[Quantity]().union(*(
+            rule.condition.quantities for rule in self.rules.values() if rule.condition
+        ))

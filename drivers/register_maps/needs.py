@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from drivers.capabilities import Capabilities, WatchdogKind
-from drivers.register_maps.controller_map import PRESSURES, Recipes, Words
+from drivers.register_maps.controller_map import Recipes, Words
 from drivers.register_maps.entries import Source
 from drivers.register_maps.meanings import word
 from drivers.register_maps.quantity import Quantity, Value
 from drivers.register_maps.recipe import Recipe, Wait, Write
-from drivers.roles import Command, FaultBit, Input, Result, State, Waveform
+from drivers.roles import Command, FaultBit, Input, Pressure, Result, State, Waveform
 
 Quantities = Mapping[str, Quantity]
 
@@ -139,16 +139,31 @@ def _pressure(source: Source, words: Words, commands: Mapping[Command, Recipe]) 
     if on is not off:
         missing = "hydraulics-off" if on else "hydraulics-on"
         source.add(("commands",), f"{missing} is missing: pressure (or power) is given and taken away, or neither")
-    seen = State.OFF in words.states.known or bool(words.inputs.members & PRESSURES)
+    stated = words.pressure.rules
+    seen = State.OFF in words.states.known or bool(words.inputs.members & Input.HYDRAULICS_ON) or bool(stated)
     if on and off and not seen:
         source.add(
             ("state",), "off is missing: by what does the device show that its pressure (or power) is gone? Or write "
-            "[inputs] hydraulics-on"
+            "[pressure] off, or [inputs] hydraulics-on"
         )
     if Command.HYDRAULICS_LOW in commands and not (
-        State.LOW in words.states.known or words.inputs.members & Input.HYDRAULICS_LOW
+        State.LOW in words.states.known or words.inputs.members & Input.HYDRAULICS_LOW or Pressure.LOW in stated
     ):
         source.add(("state",), "low is missing: by what does the device show low pressure? Or take out hydraulics-low")
+    _pressure_codes(source, words)
+
+
+def _pressure_codes(source: Source, words: Words) -> None:
+    """A code of `state` that shows a motion or a hold does not show at the same time that there is no pressure."""
+    held = {code: state for state, codes in words.states.codes.codes.items() for code in codes}
+    for pressure, rule in words.pressure.rules.items():
+        for code in rule.codes:
+            state = State(held.get(code, State.TRIPPED))
+            if pressure is not Pressure.ON and state not in {State.TRIPPED, State.OFF, State.LOW}:
+                source.add(
+                    ("pressure", word(pressure)), f"code {code} is {word(state)} in [state]: it does not show that the "
+                    "pressure (or power) is gone"
+                )
 
 
 def _numbers(source: Source, quantities: Quantities, words: Words) -> None:

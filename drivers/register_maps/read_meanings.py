@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 
 from drivers.register_maps.condition import COMPARISONS, Condition, Test
 from drivers.register_maps.entries import Table, nearest
-from drivers.register_maps.meanings import Bits, Codes, StateRule, States, word
+from drivers.register_maps.meanings import Bits, Codes, PressureRules, StateRule, States, word
 from drivers.register_maps.quantity import Quantity, Value
-from drivers.roles import State
+from drivers.roles import Pressure, State
 
 Quantities = Mapping[str, Quantity]
 Meaning = TypeVar("Meaning", bound=IntEnum)
@@ -125,6 +125,27 @@ def read_states(table: Table, quantities: Quantities) -> States:
     if "hold" not in table:
         table.add(None, "hold is missing: by which code or condition does it show that it holds its position?")
     return States(tuple(rules), Codes(State, codes))
+
+
+def read_pressure(table: Table, quantities: Quantities) -> PressureRules:
+    """The table [pressure]: codes of the quantity `state`, or conditions; empty where there is none."""
+    members = {word(member): member for member in (Pressure.OFF, Pressure.LOW, Pressure.ON)}
+    table.only(members)
+    rules: dict[Pressure, StateRule] = {}
+    owners: dict[int, str] = {}
+    for name in table:
+        member, given = members.get(name), table.given[name]
+        if member is None:
+            continue
+        if _is_condition(given):
+            rules[member] = StateRule(member, condition=read_condition(table, name, quantities))
+        else:
+            rules[member] = StateRule(member, _codes(table, name, owners))
+            if "state" not in quantities:
+                table.add(name, "a code of `state`, which is not in [quantities]; add it, or write a condition")
+    if rules and Pressure.OFF not in rules:
+        table.add(None, "off is missing: by which code or condition does it show that it has no pressure (or power)?")
+    return PressureRules(rules)
 
 
 def _is_condition(given: Any) -> bool:  # noqa: ANN401 - any TOML value

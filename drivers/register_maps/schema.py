@@ -12,7 +12,7 @@ from drivers.register_maps.meanings import word
 from drivers.register_maps.quantity import SPACES, TYPES
 from drivers.register_maps.read_quantities import ACCESS, ORDERS
 from drivers.register_maps.read_recipes import COMMANDS, KINDS
-from drivers.roles import Command, FaultBit, Input, ProgramPhase, Result, State, WatchdogAction, Waveform
+from drivers.roles import Command, FaultBit, Input, Pressure, ProgramPhase, Result, State, WatchdogAction, Waveform
 from protocols.wire_units import ALIASES, UNITS
 
 Schema = dict[str, Any]
@@ -106,6 +106,9 @@ def schema() -> Schema:
         "quantities": {"type": "object", "additionalProperties": _ref("quantity"), "required": ["position"]},
         "identity": {"type": "object", "additionalProperties": {"type": ["number", "string", "boolean"]}},
         "state": _words(State, state) | {"required": ["hold"]},
+        "pressure": _words(
+            (Pressure.OFF, Pressure.LOW, Pressure.ON), {"anyOf": [code, _or_list(_ref("condition"))]}
+        ) | {"required": ["off"]},
         "faults": _words(FaultBit, _ref("bit")), "inputs": _words(Input, _ref("bit")),
         "phase": _words(ProgramPhase, code), "results": _words(Result, code), "command_codes": _words(Command, code),
         "waveforms": _words(Waveform, code), "watchdog_actions": _words(WatchdogAction, code),

@@ -284,13 +284,15 @@ def _stop_report(runner: Runner) -> StopReport | None:
     state = runner.state
     if state.latch is None or state.refused is not None:
         return None
+    gone = not state.pressurised and not runner.without_hydraulics
     classes = {resume_class(slug) for slug in {state.latch.cause.slug, *runner.stop_causes}}
     return StopReport(
         kind=str(state.latch.stop),
         slug=state.latch.cause.slug,
-        proved=state.rig_state is RigState.SAFE and (state.stopped or not state.pressurised),
+        proved=runner.standstill or (state.rig_state is RigState.SAFE and not state.pressurised),
         current_zero=runner.current_zero or not state.moved or (state.hand_A == 0.0 and not state.hand_flows),
-        pressure_off=state.rig_state is RigState.SAFE and not state.pressurised,
+        pressure_off=gone,
+        pressure="none" if runner.without_hydraulics else "off" if gone else runner.pressure,
         moved=state.moved,
         unfinished=state.queue[0].id if state.queue else "",
         resume=REQUALIFY if REQUALIFY in classes else CONFIRM,

@@ -157,6 +157,8 @@ class StopReport:
         proved: the station proved standstill.
         current_zero: it proved 0 A, too.
         pressure_off: the hydraulics are proved off.
+        pressure: what was last seen of them: `off`, `low`, `on`, `unknown` (the controller does not show it), `none`
+            (nothing to take away), or empty (not heard).
         moved: anything had moved before.
         unfinished: id of the point that was prepared or running; empty when there was none.
         resume: fault matrix's word on going on: `a`, `c` (typing `--resume` confirms), `n` (requalify first).
@@ -173,6 +175,36 @@ class StopReport:
     unfinished: str
     resume: str
     halted: bool
+    pressure: str = ""
+
+    @property
+    def stands(self) -> str:
+        """The state of the rig, as far as it was proved: standstill, current and pressure separately."""
+        if not self.moved:
+            said = self.pressure and not self.pressure_off
+            return f"nothing had moved, {self._pressure}" if said else "nothing had moved"
+        motion = ("motion halted" if self.halted else "motion faded out") if self.proved else "standstill is not proved"
+        current = "coil at 0 A" if self.current_zero else "coil current not proved"
+        return f"{motion}, {current}, {self._pressure}"
+
+    @property
+    def _pressure(self) -> str:
+        if self.pressure_off:
+            return "hydraulics off"
+        others = {"none": "actuator holds (no hydraulics to switch off)", "unknown": "HYDRAULICS NOT PROVED OFF"}
+        return others.get(self.pressure, "HYDRAULICS STILL ON")
+
+    @property
+    def not_proved(self) -> tuple[str, ...]:
+        """What a safe state would have needed, by name."""
+        facts = (("standstill", self.proved), ("0 A", self.current_zero), (
+            "hydraulics off", self.pressure_off or self.pressure == "none"
+        ))
+        return tuple(name for name, proved in facts if not proved)
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of `stop` in `rig run --json`."""
+        return asdict(self) | {"stands": self.stands}
 
 
 @dataclass(frozen=True)
@@ -184,7 +216,7 @@ class CampaignResult:
         points: every point of the matrix in planned order, the ones never begun included (verdict `not run`).
         valid: how many points are valid.
         total: how many points the matrix has.
-        rig_state: `safe` (standstill and 0 A proved) or `unknown` (go and look).
+        rig_state: `safe` (what the end or the stop promised is proved: standstill, 0 A, pressure) or `unknown`.
         stopped_by: slug of the first cause when the campaign was stopped, else None.
         detail: the first cause in words, empty when the campaign ran to its end.
         refused: True when the rig refused before anything moved.
@@ -240,7 +272,7 @@ class CampaignResult:
             "start_temperature_degC": self.start_temperature_degC,
             "waits": [asdict(wait) for wait in self.waits],
             "findings": [finding.to_json() for finding in self.findings],
-            "stop": None if self.stop is None else asdict(self.stop),
+            "stop": None if self.stop is None else self.stop.to_json(),
             "confirmed": [dict(stop) for stop in self.confirmed],
             "setpoints": None if self.setpoints is None else dict(self.setpoints),
         }

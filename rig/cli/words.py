@@ -11,7 +11,7 @@ from rig.campaign.stop_cause import OPERATOR, StopCause
 if TYPE_CHECKING:
     from rig.campaign.results import CampaignResult, PointResult, StopReport
 
-UNKNOWN = "THE RIG'S STATE IS UNKNOWN: standstill or 0 A could not be proved. Go and look."
+UNKNOWN = "THE RIG'S STATE IS UNKNOWN: {not_proved} could not be proved. Go and look."
 
 
 def ending(result: CampaignResult) -> list[tuple[str, str]]:
@@ -19,13 +19,14 @@ def ending(result: CampaignResult) -> list[tuple[str, str]]:
     stop = result.stop
     lines: list[tuple[str, str]] = []
     if result.rig_state == RigState.UNKNOWN:
-        lines.append(("bold red", UNKNOWN))
+        missing = () if stop is None else stop.not_proved
+        lines.append(("bold red", UNKNOWN.format(not_proved=" and ".join(missing) or "standstill or 0 A")))
     if result.refused:
         lines.append(("red", f"Refused before anything moved: {result.stopped_by}: {result.detail}"))
         lines.append(("", f"After removing the cause, continue with: {resume_command(result.campaign)}"))
     elif stop is not None:
         again = resume_command(result.campaign, stop.resume)
-        text = f"{stopped_by(stop, result.detail)}: {stands(stop)}. {left(stop, result)} Continue with: {again}"
+        text = f"{stopped_by(stop, result.detail)}: {stop.stands}. {left(stop, result)} Continue with: {again}"
         lines.append(("yellow" if stop.slug in OPERATOR else "red", text))
     elif result.stopped_by is not None:
         lines.append(("red", f"Stopped by {result.stopped_by}: {result.detail}"))
@@ -42,18 +43,6 @@ def stopped_by(stop: StopReport, detail: str) -> str:
     if stop.slug in OPERATOR:
         return f"Stopped by operator ({detail})"
     return f"Stopped by {stop.slug} ({stop.kind}), {detail}" if detail else f"Stopped by {stop.slug} ({stop.kind})"
-
-
-def stands(stop: StopReport) -> str:
-    """How the rig stands now, as far as it was proved."""
-    if not stop.moved:
-        return "nothing had moved"
-    if not stop.proved:
-        return "standstill is not proved"
-    said = ["motion halted" if stop.halted else "motion faded out"]
-    said.append("coil at 0 A" if stop.current_zero else "coil current not proved")
-    said.append("hydraulics off" if stop.pressure_off else "HYDRAULICS STILL ON")
-    return ", ".join(said)
 
 
 def left(stop: StopReport, result: CampaignResult) -> str:

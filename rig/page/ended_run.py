@@ -100,7 +100,9 @@ def _result(journal: Path) -> dict[str, Any]:
             points[str(event.get("id"))] = event
     if result is None:
         return {"cut_off": True, "points": list(points.values())}
-    lines = [str(result["detail"])] if result.get("detail") else []
+    stop = result.get("stop")
+    stands = str(stop.get("stands") or "") if isinstance(stop, dict) else ""
+    lines = [text for text in (str(result.get("detail") or ""), stands) if text]
     lines += [str(one.get("text", "")) for one in result.get("findings") or () if isinstance(one, dict)]
     return {**{key: result.get(key) for key in KEYS}, "points": list(points.values()), "lines": lines}
 

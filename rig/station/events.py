@@ -59,23 +59,26 @@ def late_event(blind: BlindTime, host: HostWatch) -> Event:
 
 def step_event(stop: SafeStop, inputs: StopInputs, evidence: Event, now_ns: int) -> Event:
     """The event of a stop's new step; of the last one with what is proved and what is not."""
+    proved: Event = {"stop": str(stop.kind), "standstill": stop.standstill, "current_zero": stop.current_zero}
     if stop.step is StopPhase.SAFE:
         event: Event = {
-            "event": "safe",
-            "stop": str(stop.kind),
-            "standstill": stop.standstill,
-            "current_zero": stop.current_zero,
-            **evidence,
-            "stopped_s": (inputs.now_ns - stop.started_ns) / 1e9,
+            "event": "safe", **proved, **evidence, "stopped_s": (inputs.now_ns - stop.started_ns) / 1e9
         }
     elif stop.step is StopPhase.UNKNOWN:
-        event = {"event": "unknown", "reason": unknown_reason(stop, inputs), **evidence}
+        event = {"event": "unknown", **proved, "reason": unknown_reason(stop, inputs, evidence), **evidence}
     else:
         event = {"event": "stop", "step": stop.step.name.lower()}
     return {**event, "t_ns": now_ns}
 
 
-def unknown_reason(stop: SafeStop, inputs: StopInputs) -> str:
+PRESSURE_SEEN = {
+    "on": "the controller shows pressure (or power)", "low": "the controller shows low pressure",
+    "unknown": "the controller does not show whether it has pressure (or power) while its state is {state}: reset it, "
+    "or state in [pressure] of its register map by what it shows that",
+}
+
+
+def unknown_reason(stop: SafeStop, inputs: StopInputs, evidence: Event) -> str:
     """What a stop could not prove, and which device it is missing for that."""
     lost = [
         name
@@ -89,4 +92,5 @@ def unknown_reason(stop: SafeStop, inputs: StopInputs) -> str:
     if inputs.current_A is None and stop.current_falls_s is None and stop.standstill:
         return "the rod stands, but the current source is not heard and may still drive its current: switch it off"
     proof = "hydraulics off cannot be proved" if stop.standstill else "standstill cannot be proved"
-    return f"{proof}; no fresh data from: {', '.join(lost) or 'none lost'}"
+    seen = PRESSURE_SEEN.get(str(evidence.get("pressure")), "").format(state=evidence.get("state"))
+    return f"{proof}{': ' if seen else ''}{seen}; no fresh data from: {', '.join(lost) or 'none lost'}"

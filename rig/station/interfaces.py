@@ -46,6 +46,10 @@ class Motion(Protocol):
     def state_name(self) -> str | None:
         """The controller's state by name, None without a fresh status."""
 
+    @property
+    def pressure_name(self) -> str | None:
+        """`off`, `low`, `on`, `unknown`; `none` where there is none to take away; None without a fresh status."""
+
 
 class Travel(Protocol):
     """What the supervisor needs of the LVDT's side."""

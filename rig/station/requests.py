@@ -38,12 +38,14 @@ from rig.station.interlocks.link_faults import link_slug
 from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
 from rig.station.motion_start import Answer, Arguments, number, start_cycles
 from rig.station.preparation import Preparation
-from rig.station.safe_stop import STILL_S, Movement
+from rig.station.safe_stop import STILL_S, Movement, SafeStop
 from rig.station.signal_source import start_signal
 from rig.station.supervisor import Supervisor
 from rig.station.threads.devices import Devices, slug_of
 
 HYDRAULICS_TIMEOUT_S = 10.0
+PRESSURE_STAYS = "hydraulics"
+"""The slug of a pressure that does not become what was ordered, although the controller took the order."""
 STOP_TIMEOUT_S = 60.0
 REST_PATIENCE_S = 0.5
 LONGEST_REST_S = 4.0
@@ -187,7 +189,7 @@ class Requests:
         command, reached = choices[level]
         self._commands.command(command)
         status = self._commands.await_status(
-            reached, "hydraulics", f"level {level} not reached", HYDRAULICS_TIMEOUT_S, until_trip=level != "off"
+            reached, PRESSURE_STAYS, f"level {level} not reached", HYDRAULICS_TIMEOUT_S, until_trip=level != "off"
         )
         return {"state": state_name(status.state), "supply_pressure_Pa": status.supply_pressure_Pa}
 
@@ -231,7 +233,7 @@ class Requests:
             settled = supervisor.changed.wait_for(lambda: supervisor.settled, STOP_TIMEOUT_S)
         stop = supervisor.stop
         if not settled or stop is None or not supervisor.proved_safe:
-            raise StationRefused("unknown", "stop: standstill cannot be proved; go and look")
+            raise StationRefused("unknown", f"stop: {_not_proved(stop)} cannot be proved; inspect the rig")
         return {"stop": str(stop.kind), "standstill": stop.standstill, **supervisor.evidence()}
 
     def _reset(self, arguments: Arguments) -> Answer:
@@ -284,8 +286,17 @@ class Requests:
         self._supervisor.disarm()
         self._devices.actuator.judge.leased = False
         leases = self._devices.actuator.capabilities.lease
-        status = self._commands.command(Command.RELEASE) if leases else self._commands.fresh()
-        return {"state": state_name(status.state), "current_A": self._devices.coil.fresh_current_A}
+        if leases:
+            self._give_back()
+        return self._supervisor.evidence()
+
+    def _give_back(self) -> None:
+        """Give the lease back; the pressure is off already, so that what goes wrong here is only reported."""
+        try:
+            self._commands.command(Command.RELEASE)
+        except (StationRefused, DriverError, TimeoutError) as error:
+            slug = error.slug if isinstance(error, StationRefused) else "modbus-halfopen"
+            self._supervisor.tell(slug, f"the controller was not given back: {error}")
 
     # Reading
 
@@ -345,3 +356,8 @@ class Requests:
             raise StationRefused("tripped", f"{do}: {supervisor.trip.slug} is latched; reset first")
         if not supervisor.armed:
             raise StationRefused("not-armed", f"{do}: arm first")
+
+
+def _not_proved(stop: SafeStop | None) -> str:
+    """What a stop that did not end safe could not prove."""
+    return "standstill" if stop is None or not stop.standstill else "0 A or hydraulics off"

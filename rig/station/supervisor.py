@@ -139,12 +139,13 @@ class Supervisor:
         return self.stop is not None and self.stop.step is StopPhase.SAFE
 
     def evidence(self) -> dict[str, object]:
-        """Current, position and controller state as they are now; None where stale."""
+        """Current, position, controller state and pressure as they are now; None where stale."""
         now_ns = monotonic_ns()
         return {
             "current_A": None if self._coil is None else self._coil.fresh_current_A,
             "position_m": None if self._travel is None else self._travel.position_m(now_ns),
             "state": None if self._motion is None else self._motion.state_name,
+            "pressure": None if self._motion is None else self._motion.pressure_name,
         }
 
     def may_feed(self, now_ns: int) -> bool:

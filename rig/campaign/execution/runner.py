@@ -48,6 +48,8 @@ PROGRESS_NS = 100_000_000
 STALE_HEARTBEATS = 2.0
 STATION_ENDS_S = 30.0
 MOST_FAILURES = 10
+WITHOUT_HYDRAULICS = "actuator-without-hydraulics"
+"""What the station reports at connect where there is no pressure that it could take away."""
 """So many failed turns of the loop after the first one, and the rig is left to its station."""
 SLOW_MOVES = frozenset({Phase.CENTRING, Phase.PROVING_SENSORS})
 
@@ -82,6 +84,12 @@ class Runner:
         self._failures = 0
         self.current_zero = False
         """The station's last proof of standstill proved 0 A, too."""
+        self.standstill = False
+        """Standstill was proved at the end of the station's last stop."""
+        self.pressure = ""
+        """What was seen of the pressure then; empty: nothing."""
+        self.without_hydraulics = False
+        """The actuator has no pressure (or power) that could be taken away."""
         self.stop_causes: set[str] = set()
         """Slugs of everything that stopped the rig in this session, first causes and later ones."""
         self._turn_ns = self._beat_ns = self._progress_ns = 0
@@ -240,21 +248,24 @@ class Runner:
         name, detail = message.get("event"), str(message.get("detail", ""))
         if name in {"warning", "also"}:
             self._campaign.display.message("warning", f"{message.get('slug')}: {detail}")
+        if name == "trip":
+            self.standstill, self.current_zero, self.pressure = False, False, ""
         if name in {"trip", "also"}:
             self.stop_causes.add(slug := str(message["slug"]))
             self.current_zero = self.current_zero and slug not in CURRENT_FLOWS
             return [ev.Tripped(StopKind(message["stop"]), because(slug, "said", text=detail), name == "trip")]
-        if name == "safe":
+        if name in {"safe", "unknown"}:
+            self.standstill = message.get("standstill") is True
             self.current_zero = message.get("current_zero") is True
-            return [ev.Safe()]
-        if name == "unknown":
-            return [ev.Unknown(str(message.get("reason", "")))]
+            self.pressure = str(message.get("pressure") or "")
+            return [ev.Safe() if name == "safe" else ev.Unknown(str(message.get("reason", "")))]
         if name == "setpoints":
             self._campaign.results.take_setpoints(message)
         if name == "late":
             late_ms, count = 1e3 * float(message["late_s"]), message.get("count")
             text = say("station-late", late_ms=late_ms, count=count)
             self._executor.carry_out(act.Remark("host-late", text))
+        self.without_hydraulics |= message.get("slug") == WITHOUT_HYDRAULICS
         if name == "warning" and message.get("slug") in SPOIL:
             return [ev.Spoiled(because(str(message["slug"]), "said", text=detail))]
         return []

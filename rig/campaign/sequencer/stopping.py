@@ -207,6 +207,8 @@ def action_failed(state: State, event: ev.ActionFailed) -> Step:
     return refuse(state, event.cause)
 
 
+PRESSURE_STAYS = frozenset({"hydraulics", "controller-refused"})
+"""Refusals of a controller that was heard and has taken, or refused, the order to take its pressure away."""
 ENDING = frozenset({Phase.STOPPING, Phase.RESETTING, Phase.FINISHING})
 """Phases that wait for the station, and that no further stop can make safer."""
 
@@ -236,11 +238,15 @@ def disarm_declined(state: State, cause: StopCause) -> Step:
     """A rig that cannot be shut down in good order is stopped; when that was not proved either, nothing is known.
 
     Without pressure there is nothing to shut down. After a proved S2 or SO the controller holds the rod, powered, as
-    these stops demand: the rig is safe, and the operator is told that the pressure is still on.
+    these stops demand: where it takes no command any more, the rig is as safe as the stop promised, and the operator
+    is told that the pressure is still on. A controller that takes the command and keeps its pressure is another
+    matter: what it says of itself proves nothing, and the rig's state is unknown.
     """
     if not state.pressurised:
         return end(state)
     if state.stopped:
+        if cause.slug in PRESSURE_STAYS:
+            state = replace(state, rig_state=RigState.UNKNOWN)
         state, actions = end(state)
         return state, (act.Note("error", say("hydraulics-on", detail=cause.detail)), *actions)
     if state.latch is not None:

@@ -230,6 +230,14 @@ class ActuatorThread(DeviceThread):
         status = self.fresh_status(monotonic_ns())
         return None if status is None else state_name(status.state)
 
+    @property
+    def pressure_name(self) -> str | None:
+        """The pressure by name, `none` where there is none to take away, None without a fresh status."""
+        if not self.capabilities.hydraulics:
+            return "none"
+        status = self.fresh_status(monotonic_ns())
+        return None if status is None else status.pressure.name.lower()
+
     def silent_ns(self, now_ns: int) -> tuple[int, int]:
         """Age of the last status, and the age at which it is stale (ns)."""
         return now_ns - self._last_ns, self._stale_ns

@@ -593,6 +593,19 @@ def test_a_station_that_stands_safely_already_answers_the_stop_with_its_proof() 
 
 
 @pytest.mark.parametrize(
+    ("slug", "known"),
+    [("hydraulics", RigState.UNKNOWN), ("controller-refused", RigState.UNKNOWN), ("modbus-reject", RigState.SAFE)],
+)
+def test_a_pressure_that_stays_after_its_order_was_taken_is_no_safe_end(slug: str, known: RigState) -> None:
+    state, _ = play(start_state(POINTS, 0), until=Phase.RUNNING)
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, FINAL))
+    state, _ = play(state, until=Phase.FINISHING)
+    state, actions = step(state, ev.Declined(Request.DISARM, StopCause(slug, "level off not reached within 10 s")))
+    assert (state.phase, state.rig_state, state.pressurised) == (Phase.ENDED, known, True)
+    assert any(isinstance(action, act.Note) and action.level == "error" for action in actions)
+
+
+@pytest.mark.parametrize(
     ("stop", "cause"), [(StopKind.PRESSURE_OFF, RESTARTABLE), (StopKind.HALT, RESTARTABLE), (StopKind.FADE_OUT, FINAL)]
 )
 def test_nothing_restarts_by_itself_after_a_harder_stop_or_another_cause(stop: StopKind, cause: StopCause) -> None:

@@ -127,6 +127,17 @@ STOPPED = StopReport(
 )
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [({"pressure_off": False}, "hydraulics off"), ({"proved": False, "current_zero": False}, "standstill and 0 A")],
+)
+def test_what_is_not_proved_is_named(change: dict[str, object], said: str) -> None:
+    console, text = terminal(is_terminal=False)
+    ended = campaign(result("invalid"), stopped_by="sigint", rig_state="unknown")
+    show_result(JobResult(replace(ended, stop=replace(STOPPED, **change)), None, None, None), console)
+    assert f"{said} could not be proved" in text.getvalue()
+
+
 def ended(stop: StopReport, detail: str, *points: PointResult) -> str:
     console, text = terminal(is_terminal=False)
     stopped = replace(campaign(*points, stopped_by=stop.slug), detail=detail, stop=stop)
@@ -148,7 +159,10 @@ def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
         ({"halted": True}, "motion halted"),
         ({"current_zero": False}, "coil current not proved"),
         ({"pressure_off": False}, "HYDRAULICS STILL ON"),
-        ({"proved": False}, "standstill is not proved"),
+        ({"proved": False}, "standstill is not proved, coil at 0 A, hydraulics off"),
+        ({"pressure_off": False, "pressure": "unknown"}, "HYDRAULICS NOT PROVED OFF"),
+        ({"pressure_off": False, "pressure": "none"}, "actuator holds (no hydraulics to switch off)"),
+        ({"moved": False, "pressure_off": False, "pressure": "on"}, "nothing had moved, HYDRAULICS STILL ON"),
         ({"unfinished": ""}, "every point was run"),
         ({"slug": "estop", "resume": "n"}, '--requalified "WHAT WAS CHECKED"'),
         ({"slug": "ecu-silent"}, "Stopped by ecu-silent (S2), no status: "),

@@ -80,7 +80,7 @@ class Rod:
     """Actuator and LVDT in one: keeps the stop actions it was given."""
 
     stop_taken = True
-    state_name = None
+    state_name = pressure_name = None
     changed = False
 
     def __init__(self) -> None:
