@@ -301,8 +301,9 @@ def _field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Prob
     if item.type.startswith("f"):
         if counts or name == "status":
             yield ("type",), "must be a whole number (u or i)"
-        if item.bits is not None:
-            yield ("bits",), "belong to whole numbers"
+        for key, given in (("bits", item.bits), ("overload_bits", item.overload_bits), ("fault_bits", item.fault_bits)):
+            if given:
+                yield (key,), f"belongs to whole numbers, {item.type} is none"
     elif item.type and item.bits is not None and item.bits[1] >= 8 * item.size:
         yield ("bits",), f"reach beyond the {8 * item.size} bits of {item.type}"
     if name == "time" and item.scale > LONGEST_TICK_US:
