@@ -303,7 +303,7 @@ def _field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Prob
             yield ("type",), "must be a whole number (u or i)"
         for key, given in (("bits", item.bits), ("overload_bits", item.overload_bits), ("fault_bits", item.fault_bits)):
             if given:
-                yield (key,), f"belongs to whole numbers, {item.type} is none"
+                yield (key,), f"belong to whole numbers, not to {item.type}"
     elif item.type and item.bits is not None and item.bits[1] >= 8 * item.size:
         yield ("bits",), f"reach beyond the {8 * item.size} bits of {item.type}"
     if name == "time" and item.scale > LONGEST_TICK_US:
