@@ -19,7 +19,8 @@ LARGEST_BYTES = 512 * 1024 * 1024
 MOST_NUMBERS = 1 << 27
 """A file's numbers together may take so much memory: 1 GiB of float64."""
 FACTOR_NAME = re.compile(
-    r"scale|scaling|factor|slope|gain|sensitivity|calibration|multiplier|conversion|(?P<offset>offset|intercept)", re.IGNORECASE
+    r"scale|scaling|factor|slope|gain|sensitivity|calibration|multiplier|conversion|(?P<offset>offset|intercept)",
+    re.IGNORECASE,
 )
 """Properties that programs write a factor in."""
 EXTRA = "pip install 'mr-damper-rig[files]'"
