@@ -19,8 +19,8 @@ def ending(result: CampaignResult) -> list[tuple[str, str]]:
     stop = result.stop
     lines: list[tuple[str, str]] = []
     if result.rig_state == RigState.UNKNOWN:
-        missing = () if stop is None else stop.not_proved
-        lines.append(("bold red", UNKNOWN.format(not_proved=" and ".join(missing) or "standstill or 0 A")))
+        unproved = () if stop is None else stop.not_proved
+        lines.append(("bold red", UNKNOWN.format(not_proved=" and ".join(unproved) or "standstill or 0 A")))
     if result.refused:
         lines.append(("red", f"Refused before anything moved: {result.stopped_by}: {result.detail}"))
         lines.append(("", f"After removing the cause, continue with: {resume_command(result.campaign)}"))
