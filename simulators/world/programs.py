@@ -52,6 +52,12 @@ class Writer:
             finally:
                 self._machine.close(self._descriptor, self._owner)
 
+    def __enter__(self) -> Writer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
 
 class Reader:
     """The reading end of a pipe as a file of lines, of text or bytes."""
