@@ -82,6 +82,14 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 )
 @click.option("--separator", callback=_separator, metavar="SIGN", help="CSV: between cells: one sign, tab or space.")
 @click.option("--decimal", type=click.Choice([".", ","]), help="CSV: decimal sign.")
+@click.option(
+    "--thousands", type=click.Choice([",", ".", "'", "space", "none"]),
+    help="CSV: sign between thousands (space: also a no-break one); none: there is none.",
+)
+@click.option(
+    "--event-rows", type=click.Choice(["refuse", "skip", "split"]), default="refuse", show_default=True,
+    help="CSV: rows of words between rows of numbers: leave them out, or make a test of each part between them.",
+)
 @click.option("--encoding", metavar="NAME", help="CSV: encoding, such as cp1252 or utf-16-le.")
 @click.option("--header-line", type=click.IntRange(0, 2000), help="CSV: line of the names; 0: there are none.")
 @click.option("--units-line", type=click.IntRange(0, 2000), help="CSV: line of the units; 0: there are none.")
@@ -114,6 +122,8 @@ def command(
     rate: float | None,
     separator: str | None,
     decimal: str | None,
+    thousands: str | None,
+    event_rows: str,
     encoding: str | None,
     header_line: int | None,
     units_line: int | None,
@@ -138,7 +148,8 @@ def command(
     from rig.recording.foreign_tests import WantedTests, read_tests
     from rig.recording.importing import Described, write_run
 
-    dialect = Dialect(separator, decimal, encoding, header_line, units_line)
+    sign = {"space": " ", "none": ""}.get(thousands or ",", thousands)
+    dialect = Dialect(separator, decimal, encoding, header_line, units_line, sign, event_rows)
     wanted = WantedTests(columns, current, current_from_name, rate, dialect, accept, ampere_per_volt, scales)
     tests = read_tests(files, wanted)
     if not as_json:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,10 +19,11 @@ from rig.recording.foreign.columns import (
     choose,
     suggestions,
 )
-from rig.recording.foreign.foreign_file import Dialect, ForeignFile
+from rig.recording.foreign.foreign_file import Break, Dialect, ForeignFile
 from rig.recording.foreign.formats import open_foreign
 from rig.signals.arrays import FloatArray
 from rig.signals.cycles import cycle_rate_Hz
+from rig.signals.interpolation import LARGEST_STEP_PERIODS
 from rig.signals.plausibility import TestSize, doubts
 
 FEWEST_ROWS = 16
@@ -45,7 +47,10 @@ DOUBTS = ("units-time", "units-displacement", "units-force", RATE)
 
 @dataclass(frozen=True)
 class ImportedTest:
-    """One foreign test in SI on its own time: arrays (n,), NaN where the file has no number."""
+    """One foreign test in SI on its own time: arrays (n,), NaN where the file has no number.
+
+    `part` names the part of its file where this holds several tests.
+    """
 
     source: Path
     sha256: str
@@ -59,6 +64,7 @@ class ImportedTest:
     choices: Mapping[str, ColumnChoice]
     read_as: str
     temperature_degC: FloatArray | None = None
+    part: str = ""
 
 
 @dataclass(frozen=True)
@@ -94,7 +100,7 @@ def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]
     problems: dict[str, list[Path]] = {}
     for file in files:
         try:
-            tests.append(_read_test(Path(file), wanted, pattern))
+            tests += _read_file(Path(file), wanted, pattern)
         except FileProblem as error:
             for problem in error.problems:
                 problems.setdefault(problem, []).append(Path(file))
@@ -132,14 +138,57 @@ def _current_pattern(text: str | None) -> Pattern | None:
     return pattern
 
 
-def _read_test(file: Path, wanted: WantedTests, pattern: Pattern | None) -> ImportedTest:
+def _read_file(file: Path, wanted: WantedTests, pattern: Pattern | None) -> list[ImportedTest]:
+    """The tests of a file.
+
+    Raises:
+        FileProblem: one line for each thing that does not fit.
+    """
     opened, sha256 = _opened(file, wanted)
     choices = _choices(file, opened, wanted)
     table = _table(file, opened, choices, wanted)
     if "voltage" in table:
         table.setdefault("commanded_current", table["voltage"] * wanted.ampere_per_volt)
+    parts, notes = _parts(opened, table["time"], wanted)
+    if not parts:
+        raise FileProblem(str(file), [*notes, f"no part has {FEWEST_ROWS} rows (read as {opened.read_as})"])
+    tests = []
+    for number, (start, stop) in enumerate(parts, start=1):
+        part = f"part{number}" if len(parts) > 1 else ""
+        tests.append(_test(file, sha256, opened, choices, {
+            name: values[start:stop] for name, values in table.items()
+        }, _Part(part, start, tuple(notes)), wanted, pattern))  # fmt: skip
+    return tests
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Part of a file: its name, its first row, and what to state of the file's other lines."""
+
+    name: str
+    first_row: int
+    notes: tuple[str, ...]
+
+
+def _lines(breaks: Sequence[Break]) -> str:
+    shown = ", ".join(str(one.line) for one in breaks[:3])
+    return f"line{'s' * (len(breaks) > 1)} {shown}{', ...' * (len(breaks) > 3)}"
+
+
+def _test(
+    file: Path, sha256: str, opened: ForeignFile, choices: Mapping[str, ColumnChoice], table: Mapping[str, FloatArray],
+    part: _Part, wanted: WantedTests, pattern: Pattern | None,
+) -> ImportedTest:
+    """A test of a table in SI.
+
+    Raises:
+        FileProblem: one line for each thing that does not fit.
+    """
     known = next((name for name in ("current", "commanded_current") if name in table), "")
-    problems = [*_wrong_time(opened, table["time"], choices), *_empty(table, choices), *_too_large(table, choices)]
+    problems = [
+        *_wrong_time(opened, table["time"], choices, part.first_row), *_empty(table, choices),
+        *_too_large(table, choices),
+    ]
     nominal_A = np.nan
     try:
         nominal_A = _nominal_A(file, table.get(known), wanted, pattern)
@@ -148,15 +197,56 @@ def _read_test(file: Path, wanted: WantedTests, pattern: Pattern | None) -> Impo
     if not problems:
         problems = list(_doubtful(table, wanted.accept))
     if problems:
-        raise FileProblem(str(file), [*problems, f"(read as {opened.read_as})"])
+        where = [f"{part.name}:"] * bool(part.name)
+        raise FileProblem(str(file), [*(" ".join((*where, one)) for one in problems), f"(read as {opened.read_as})"])
     assumed_A = nominal_A if "commanded_current" not in table else np.nan
     time_s = table["time"]
     current = table["current"] if "current" in table else np.full(len(time_s), assumed_A)
-    told = "; ".join(f"{quantity} {choice.told}" for quantity, choice in choices.items())
+    told = "; ".join((*part.notes, *(f"{quantity} {choice.told}" for quantity, choice in choices.items())))
     return ImportedTest(
         file, sha256, time_s - time_s[0], table["displacement"], table["force"], current, nominal_A, "current" in table,
-        table.get("commanded_current"), choices, f"{opened.read_as}; {told}", table.get("temperature"),
+        table.get("commanded_current"), choices, f"{opened.read_as}; {told}", table.get("temperature"), part.name,
     )
+
+
+def _parts(opened: ForeignFile, time_s: FloatArray, wanted: WantedTests) -> tuple[list[tuple[int, int]], list[str]]:
+    """First row and row after the last of each test in a file, and what is to be stated of its other lines.
+
+    Blocks under the same heading are one test where their time goes on without a gap, otherwise a test each.
+    """
+    breaks = opened.breaks()
+    if not breaks:
+        return [(0, len(time_s))], []
+    steps = np.diff(time_s)
+    forward = steps[steps > 0.0]
+    longest_s = LARGEST_STEP_PERIODS * float(np.median(forward)) if len(forward) else 0.0
+    cuts = []
+    for one in breaks:
+        if 0 < one.row < len(time_s):
+            step_s = float(time_s[one.row] - time_s[one.row - 1])
+            goes_on = "time" in wanted.columns or wanted.rate_Hz is None
+            cut = not (goes_on and 0.0 < step_s <= longest_s) if one.heading else wanted.dialect.event_rows == "split"
+            cuts += [one.row] * cut
+    edges = [0, *sorted({*cuts}), len(time_s)]
+    parts = [(start, stop) for start, stop in itertools.pairwise(edges) if stop - start >= FEWEST_ROWS]
+    return parts, list(_notes(breaks, len(edges) - 1, parts, len(time_s)))
+
+
+def _notes(breaks: Sequence[Break], count: int, parts: Sequence[tuple[int, int]], rows: int) -> Iterator[str]:
+    """What to state of lines between rows, and of rows that are in no test."""
+    headings = [one for one in breaks if one.heading]
+    events = [one for one in breaks if one.count and not one.heading]
+    if headings:
+        yield f"{len(headings)} repeated heading(s) ({_lines(headings)})"
+    if events:
+        yield f"{sum(one.count for one in events)} row(s) that are no numbers left out ({_lines(events)})"
+    if count > 1:
+        yield f"split there into {count} parts, a test each"
+    elif headings:
+        yield "joined, since the time goes on"
+    used = sum(stop - start for start, stop in parts)
+    if used < rows:
+        yield f"{rows - used} rows in parts of fewer than {FEWEST_ROWS} rows left out"
 
 
 def _opened(file: Path, wanted: WantedTests) -> tuple[ForeignFile, str]:
@@ -227,12 +317,13 @@ def _table(
     return table
 
 
-def _wrong_time(opened: ForeignFile, time_s: FloatArray, choices: Mapping[str, ColumnChoice]) -> Iterator[str]:
-    place = f"line {{0}}, column {choices['time'].column!r}" if opened.first_line and "time" in choices else "row {0}"
-    first = opened.first_line or 1
+def _wrong_time(
+    opened: ForeignFile, time_s: FloatArray, choices: Mapping[str, ColumnChoice], first_row: int
+) -> Iterator[str]:
+    column = f", column {choices['time'].column!r}" if "time" in choices else ""
     blank = np.flatnonzero(~np.isfinite(time_s))
     if len(blank):
-        yield f"{place.format(int(blank[0]) + first)}: no time ({len(blank)} such line(s))"
+        yield f"{opened.row_name(int(blank[0]) + first_row)}{column}: no time ({len(blank)} such line(s))"
         return
     if len(time_s) < FEWEST_ROWS:
         yield f"{len(time_s)} rows; a test needs at least {FEWEST_ROWS}"
@@ -240,9 +331,8 @@ def _wrong_time(opened: ForeignFile, time_s: FloatArray, choices: Mapping[str, C
     wrong = np.flatnonzero(~(np.diff(time_s) > 0.0))
     if len(wrong):
         row = int(wrong[0]) + 1
-        kind = "line" if opened.first_line else "row"
-        yield (f"{kind} {row + first}: time {float(time_s[row])!r} s does not come after {float(time_s[row - 1])!r} s "
-               f"({len(wrong)} such line(s)); times must increase")  # fmt: skip
+        yield (f"{opened.row_name(row + first_row)}: time {float(time_s[row])!r} s does not come after "
+               f"{float(time_s[row - 1])!r} s ({len(wrong)} such line(s)); times must increase")  # fmt: skip
 
 
 def _empty(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice]) -> Iterator[str]:

@@ -127,7 +127,8 @@ def _write_run(folder: Path, tests: Sequence[ImportedTest], said: Described) -> 
     entries = []
     for name, test in zip(_names(tests), tests, strict=True):
         write_file(folder / "points" / f"{name}.h5", _point_file(name, test, said))
-        entries.append({"id": name, "source": test.source.name, "sha256": test.sha256, "read_as": test.read_as})
+        entries.append({"id": name, "source": test.source.name, "part": test.part, "sha256": test.sha256,
+                        "read_as": test.read_as})  # fmt: skip
     description = {
         "id": folder.name, "imported": True, "specimen": said.specimen,
         "created": utc_now().isoformat(timespec="seconds"), "software": SOFTWARE,
@@ -139,7 +140,7 @@ def _write_run(folder: Path, tests: Sequence[ImportedTest], said: Described) -> 
 def _names(tests: Sequence[ImportedTest]) -> list[str]:
     names: list[str] = []
     for test in tests:
-        stem = NOT_IN_A_NAME.sub("-", test.source.stem)
+        stem = NOT_IN_A_NAME.sub("-", "_".join((test.source.stem, *([test.part] if test.part else []))))
         name, count = stem, 2
         while name in names:
             name, count = f"{stem}-{count}", count + 1

@@ -21,6 +21,7 @@ LOOKED_AT = 2000
 FEWEST_ROWS = 3
 SEPARATORS = (";", "\t", ",", "|", " ")
 SHOWN = {"\t": "tab", " ": "white space"}
+SHOWN_SIGNS = {" ": "space", "\u00a0": "no-break space", "\u2009": "thin space", "\u202f": "narrow no-break space"}
 NOTHING = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--"))
 POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
 COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?", re.IGNORECASE)
@@ -33,6 +34,10 @@ CLOCK = r"\d{1,2}:\d{2}:\d{2}([.,]\d{1,9})?"
 ISO = rf"\d{{4}}(?P<iso>[-/])\d{{2}}(?P=iso)\d{{2}}[T ]{CLOCK}(Z|[+-]\d{{2}}:?\d{{2}})?"
 DATE = r"\d{1,2}(?P<sign>[./-])(\d{1,2}|[A-Za-z]{3})(?P=sign)(\d{4}|\d{2})"
 STAMP = re.compile(rf"({ISO})|(({DATE} )?{CLOCK}( [AaPp][Mm])?)")
+SPACES = " \u00a0\u2009\u202f"
+QUOTES = "'\u2019"
+"""Signs between thousands that are no decimal sign."""
+PARTED = re.compile(rf"[+-]?\d{{1,3}}(?P<sign>[{SPACES}{QUOTES}])\d{{3}}((?P=sign)\d{{3}})*([.,]\d*)?")
 MARKS = {
     b"\xff\xfe\0\0": "utf-32", b"\0\0\xfe\xff": "utf-32", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16",
 }  # fmt: skip
@@ -43,7 +48,14 @@ UNITLESS = frozenset(("", "-", "1", "[-]", "[]", "()", "(-)", "n/a"))
 
 @dataclass(frozen=True)
 class CsvLayout:
-    """How a file is written; lines are counted from 1, and 0 is none."""
+    """How a file is written; lines are counted from 1, and 0 is none.
+
+    Attributes:
+        sample: the first value of each column.
+        numeric: of each column, whether its first rows hold only numbers.
+        heading: cells of the line of names as they are in the file.
+        units_heading: cells of the line of units.
+    """
 
     separator: str
     decimal: str
@@ -55,6 +67,9 @@ class CsvLayout:
     names: tuple[str, ...]
     units: tuple[str, ...]
     sample: tuple[str, ...]
+    numeric: tuple[bool, ...] = ()
+    heading: tuple[str, ...] = ()
+    units_heading: tuple[str, ...] = ()
 
     @property
     def told(self) -> str:
@@ -62,7 +77,7 @@ class CsvLayout:
         separator = SHOWN.get(self.separator, self.separator)
         parts = [f"separator {separator!r}" if len(separator) == 1 else f"separator {separator}",
                  f"decimal {self.decimal!r}"]  # fmt: skip
-        parts += [f"thousands {self.thousands!r}"] if self.thousands else []
+        parts += [f"thousands {SHOWN_SIGNS.get(self.thousands, repr(self.thousands))}"] if self.thousands else []
         parts += [self.encoding, f"names in line {self.header_line}" if self.header_line else "no names"]
         parts += [f"units in line {self.units_line}"] if self.units_line else []
         return ", ".join((*parts, f"numbers from line {self.first_line}"))
@@ -102,15 +117,38 @@ def _in_the_head(data: bytes) -> bool:
 
 
 def cells_of(line: str, separator: str) -> list[str]:
-    """A line's cells, quotes and blanks taken off."""
+    """A line's cells without quotes, outer blanks, and spaces or apostrophes between thousands."""
     if separator == " ":
         return line.split()
     if '"' in line:
         try:
-            return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+            return [ungrouped(cell.strip()) for cell in next(csv.reader([line], delimiter=separator), [])]
         except csv.Error:
-            return [cell.strip() for cell in line.split(separator)]
-    return [cell.strip() for cell in line.split(separator)]
+            pass
+    return [ungrouped(cell.strip()) for cell in line.split(separator)]
+
+
+def ungrouped(cell: str) -> str:
+    """A number without the spaces or apostrophes between its thousands; anything else as it is."""
+    found = PARTED.fullmatch(cell) if len(cell) > 4 else None
+    return cell if found is None else cell.replace(found["sign"], "")
+
+
+def without_groups(text: str, separator: str) -> tuple[str, str]:
+    """A text whose numbers have lost the spaces or apostrophes between their thousands, and that sign.
+
+    The sign is empty where no number has one.
+    """
+    if separator == " " or not any(sign in text for sign in SPACES + QUOTES):
+        return text, ""
+    side, signs = rf"[{re.escape(separator)}\"\n]", set[str]()
+
+    def joined(found: re.Match[str]) -> str:
+        signs.add(found["sign"])
+        return found[1].replace(found["sign"], "")
+
+    text = re.sub(rf"(?:(?<={side})|\A) *({PARTED.pattern}) *(?={side}|\Z)", joined, text)
+    return text, min(signs, default="")
 
 
 def layout_of(file: Path, text: str, encoding: str, said: Dialect) -> CsvLayout:
@@ -129,16 +167,20 @@ def layout_of(file: Path, text: str, encoding: str, said: Dialect) -> CsvLayout:
         ])  # fmt: skip
     separator, first, count = rows
     sample = [cells for line in lines[first : first + 200] if (cells := cells_of(line, separator))]
-    decimal, thousands = _decimal(file, sample, said.decimal)
+    decimal, thousands = signs_of(file, sample, said)
     header, units = _head(lines, first, separator, said)
     named = _fitting(lines, header, separator, count, sample)
     names = named or [f"#{k + 1}" for k in range(count)]
     told = (_fitting(lines, units, separator, count, ()) or [""] * count) if units else [""] * count
     told = ["" if text in UNITLESS else text.strip("[]()").strip() for text in told]
+    numeric = [all(is_any_number(cells[k]) or is_stamp(cells[k]) or cells[k].lower() in NOTHING
+                   for cells in sample if k < len(cells)) for k in range(count)]  # fmt: skip
     return CsvLayout(
         separator, decimal, thousands, encoding, header if named else 0, units, first + 1, tuple(names), tuple(told),
         tuple(next((cells[k] for cells in sample if k < len(cells) and cells[k].lower() not in NOTHING), "")
               for k in range(count)),
+        tuple(numeric), tuple(cells_of(lines[header - 1], separator)) if named and header else (),
+        tuple(cells_of(lines[units - 1], separator)) if units else (),
     )  # fmt: skip
 
 
@@ -189,9 +231,14 @@ def _numbers_in(cells: Sequence[str], separator: str, words: bool) -> int:
     At least two cells are numbers, and none is a word; with `words` no more are words than numbers.
     """
     told = [cell for cell in cells if cell.lower() not in NOTHING]
-    numbers = sum(is_stamp(cell) or _is_number(cell, ".") or _is_number(cell, ",") for cell in told)
+    numbers = sum(is_stamp(cell) or is_any_number(cell) for cell in told)
     least = len(told) / 2 if words else len(told)
     return len(cells) if numbers > 1 and numbers >= least else 0
+
+
+def is_any_number(cell: str) -> bool:
+    """Whether a cell is a number with either decimal sign."""
+    return _is_number(cell, ".") or _is_number(cell, ",")
 
 
 def _is_number(cell: str, decimal: str) -> bool:
@@ -232,33 +279,38 @@ def stamp_forms(stamp: str) -> tuple[str, ...]:
     return tuple(f"{sign.join((*order, year))} {clock}" for order in orders)
 
 
-def _decimal(file: Path, rows: Sequence[Sequence[str]], said: str | None) -> tuple[str, str]:
+def signs_of(file: Path, rows: Sequence[Sequence[str]], said: Dialect) -> tuple[str, str]:
     """Decimal and thousands sign.
 
     Raises:
         FileProblem: some numbers have a comma, others a point, and none has both; or every one may be thousands.
     """
+    stated = said.decimal
+    if stated is None and said.thousands in {",", "."}:
+        stated = "." if said.thousands == "," else ","
+    if stated is not None and stated == said.thousands:
+        raise FileProblem(str(file), [f"--decimal and --thousands are both {stated!r}"])
     cells = [cell for row in rows for cell in row if not is_stamp(cell)]
     both = [cell for cell in cells if "," in cell and "." in cell and any(map(_grouped, ".,", (cell, cell)))]
-    decimal = said or next(("," if cell.rfind(",") > cell.rfind(".") else "." for cell in both), "")
+    decimal = stated or next(("," if cell.rfind(",") > cell.rfind(".") else "." for cell in both), "")
     commas = [cell for cell in cells if COMMA.fullmatch(cell) and "," in cell]
     points = [cell for cell in cells if POINT.fullmatch(cell) and "." in cell]
+    way_out = "--decimal ',' or --decimal . states which sign is meant, --thousands the other one"
     if not decimal and commas and points:
-        raise FileProblem(str(file), [
-            f"{commas[0]!r} and {points[0]!r} are both numbers in it: --decimal ',' or --decimal . says which sign is "
-            "meant",
-        ])  # fmt: skip
+        raise FileProblem(str(file), [f"{commas[0]!r} and {points[0]!r} are both numbers in it: {way_out}"])
     unclear = commas or points
     if not decimal and unclear and all(_grouped("." if commas else ",", cell) for cell in unclear):
         whole = re.sub("[.,]", "", unclear[0])
         raise FileProblem(str(file), [
             f"{unclear[0]!r} may be {whole}, or a number with three decimals, and so may every other one with that "
-            "sign: --decimal ',' or --decimal . says which sign is meant",
+            f"sign: {way_out}",
         ])  # fmt: skip
     decimal = decimal or ("," if commas else ".")
     other = "," if decimal == "." else "."
+    if said.thousands is not None:
+        return decimal, other if said.thousands == other else ""
     grouped = any(other in cell and _grouped(decimal, cell) for cell in cells)
-    return decimal, other if grouped and (both or said) else ""
+    return decimal, other if grouped and (both or stated) else ""
 
 
 def _head(lines: Sequence[str], first: int, separator: str, said: Dialect) -> tuple[int, int]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +22,24 @@ from rig.recording.foreign.csv_dialect import (
     CsvLayout,
     cells_of,
     decoded,
+    is_any_number,
     is_number,
     is_stamp,
     layout_of,
+    signs_of,
     stamp_forms,
+    without_groups,
 )
-from rig.recording.foreign.foreign_file import Dialect, ForeignColumn
+from rig.recording.foreign.foreign_file import Break, Dialect, ForeignColumn
 from rig.signals.arrays import FloatArray
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 MOST_PROBLEMS = 5
+HALF_DAY_NS = 43_200_000_000_000
+MOST_EVENTS, FEW_EVENTS = 0.1, 5
+"""Share of the rows that may be events; a few always may."""
 LINES_BEFORE = 50
 """By which the last line of a file is judged."""
 
@@ -41,10 +53,17 @@ class CsvFile:
         Raises:
             FileProblem: it is no text, or holds no rows of numbers.
         """
-        self._file = file
+        self._file, self._said = file, said
         text, encoding = decoded(file, data, said.encoding)
         self._text = text.replace("\r\n", "\n").replace("\r", "\n")
-        self._layout = layout_of(file, self._text, encoding, said)
+        layout = layout_of(file, self._text, encoding, said)
+        parted = ""
+        if said.thousands != "":
+            self._text, parted = without_groups(self._text, layout.separator)
+        self._layout = replace(layout, thousands=parted) if parted else layout
+        self._breaks: list[Break] = []
+        self._lines: NDArray[np.int64] | None = None
+        self._midnights = 0
 
     @property
     def layout(self) -> CsvLayout:
@@ -63,12 +82,16 @@ class CsvFile:
     @property
     def read_as(self) -> str:
         """See `ForeignFile.read_as`."""
-        return f"CSV, {self._layout.told}"
+        midnight = f", times of day pass midnight {self._midnights} x" if self._midnights else ""
+        return f"CSV, {self._layout.told}{midnight}"
 
-    @property
-    def first_line(self) -> int:
-        """See `ForeignFile.first_line`."""
-        return self._layout.first_line
+    def row_name(self, row: int) -> str:
+        """See `ForeignFile.row_name`."""
+        return f"line {self._layout.first_line + row if self._lines is None else int(self._lines[row])}"
+
+    def breaks(self) -> Sequence[Break]:
+        """See `ForeignFile.breaks`; known after `values`."""
+        return self._breaks
 
     def is_stamps(self, place: int) -> bool:
         """See `ForeignFile.is_stamps`."""
@@ -83,33 +106,129 @@ class CsvFile:
         Raises:
             FileProblem: some are no numbers.
         """
+        stamps = [place for place in places if self.is_stamps(place)]
+        body = self._body()
+        blank = re.search(rf"\n[ \t{re.escape(self._layout.separator)}]*\n", body.rstrip()) is not None
+        table = None if blank else self._table(body, places)
+        if table is None:
+            self._look_again(places)
+            table = self._table(self._rows_alone(places), places)
+        if table is None:
+            raise FileProblem(str(self._file), list(self._wrong_values(places)) or ["not every value is a number"])
+        columns = {place: table[place].to_numpy(copy=True) for place in places if place not in stamps}
+        self._refuse_infinite(columns)
+        columns |= {place: self._seconds(table[place].tolist(), place) for place in stamps}
+        if self._lines is None or int(self._lines[-1]) == self._text.count("\n") + 1:
+            for place in {*self._cut_off()} & {*places}:
+                columns[place][-1] = np.nan
+        return [np.asarray(columns[place], np.float64) for place in places]
+
+    def _table(self, body: str, places: Sequence[int]) -> pd.DataFrame | None:
+        """The columns of a text; None where some values are no numbers."""
         import pandas as pd
 
         layout, beyond = self._layout, len(self._layout.names)
         stamps = [place for place in places if self.is_stamps(place)]
         separator = r"\s+" if layout.separator == " " else layout.separator
         widest = layout.separator.join(["nan"] * (beyond + 1)) + "\n"  # makes pandas see a column more
+        thousands = layout.thousands if layout.thousands in {",", "."} else ""
         try:
             table = pd.read_csv(
-                io.StringIO(widest + self._body()), sep=separator, header=None, names=list(range(beyond + 1)),
+                io.StringIO(widest + body), sep=separator, header=None, names=list(range(beyond + 1)),
                 usecols=sorted({*places, beyond}), index_col=False, skipinitialspace=True, skip_blank_lines=False,
-                decimal=layout.decimal, thousands=layout.thousands or None, na_values=sorted(NOTHING),
+                decimal=layout.decimal, thousands=thousands or None, na_values=sorted(NOTHING),
                 dtype={place: "object" if place in (*stamps, beyond) else np.float64 for place in (*places, beyond)},
             )  # fmt: skip
-        except (ValueError, OverflowError) as error:
-            wrong = list(self._wrong_values(places))
-            raise FileProblem(str(self._file), wrong or [" ".join(str(error).split())]) from error
+        except (ValueError, OverflowError):
+            return None
         table = table.iloc[1:]
-        if self._too_wide(table[beyond].tolist()) or layout.thousands:
-            wrong = list(self._wrong_values(places))
-            if wrong:
-                raise FileProblem(str(self._file), wrong)
-        columns = {place: table[place].to_numpy(copy=True) for place in places if place not in stamps}
-        self._refuse_infinite(columns)
-        columns |= {place: self._seconds(table[place].tolist(), place) for place in stamps}
-        for place in {*self._cut_off()} & {*places}:
-            columns[place][-1] = np.nan
-        return [np.asarray(columns[place], np.float64) for place in places]
+        if (self._too_wide(table[beyond].tolist()) or thousands) and any(self._wrong_values(places)):
+            return None
+        return table
+
+    def _look_again(self, places: Sequence[int]) -> None:
+        """Look for a thousands sign in the whole file, not in its first rows alone."""
+        layout = self._layout
+        if layout.thousands or self._said.thousands == "":
+            return
+        rows = (cells_of(line, layout.separator) for line in self._body().split("\n"))
+        wanted = [[cells[place] for place in places if place < len(cells)] for cells in rows]
+        decimal, thousands = signs_of(
+            self._file, [[cell for cell in cells if is_any_number(cell)] for cells in wanted], self._said
+        )
+        if thousands:
+            self._layout = replace(layout, decimal=decimal, thousands=thousands)
+
+    def _rows_alone(self, places: Sequence[int]) -> str:
+        """The rows of numbers without the lines between them: headings that are repeated, and rows of events.
+
+        Raises:
+            FileProblem: a heading differs from the first one; rows of events that are not to be skipped or split off;
+                too many of them to be events.
+        """
+        lines = self._body().split("\n")
+        while lines and not lines[-1].strip():
+            lines.pop()
+        good = np.array([self._is_row(line, places) for line in lines], bool)
+        apart = [(int(start), int(stop)) for start, stop in _stretches(~good)]
+        if not apart or not good.any():
+            return "\n".join(lines)
+        first = self._layout.first_line
+        self._breaks = []
+        for start, stop in apart:
+            count = sum(bool(line.strip()) for line in lines[start:stop])
+            heading = self._is_heading(lines[start:stop], start + first)
+            self._breaks.append(Break(int(np.count_nonzero(good[:start])), start + first, count, heading))
+        events = sum(one.count for one in self._breaks if not one.heading)
+        if events and self._said.event_rows == "refuse":
+            raise FileProblem(str(self._file), [
+                *self._wrong_values(places),
+                f"{events} row(s) between rows of numbers are none. Fix: if they are events or remarks, --event-rows "
+                "skip leaves them out, --event-rows split makes a test of the rows before and after each",
+            ])  # fmt: skip
+        if events > max(FEW_EVENTS, MOST_EVENTS * np.count_nonzero(good)):
+            raise FileProblem(str(self._file), [
+                *self._wrong_values(places), f"{events} of {len(lines)} rows are no numbers: too many to be events",
+            ])  # fmt: skip
+        self._lines = np.flatnonzero(good) + first
+        return "\n".join(line for line, row in zip(lines, good, strict=True) if row) + "\n" * self._text.endswith("\n")
+
+    def _is_row(self, line: str, places: Sequence[int]) -> bool:
+        """Whether a line is a row: numbers in the wanted columns, and no words where the first rows have numbers."""
+        layout = self._layout
+        cells = cells_of(line, layout.separator)
+        if not any(cells) or any(POINT.fullmatch(cell) for cell in cells[len(layout.names) :]):
+            return False
+        grouped = layout.thousands in {",", "."}
+        return all(
+            cell.lower() in NOTHING or is_number(cell, layout.decimal, grouped=grouped) or is_stamp(cell)
+            for place, cell in enumerate(cells[: len(layout.names)])
+            if place in places or (place == 0 and layout.numeric[0])
+        )
+
+    def _is_heading(self, lines: Sequence[str], first: int) -> bool:
+        """Whether lines between rows hold the table's own heading again.
+
+        Raises:
+            FileProblem: they hold a heading of other names or units.
+        """
+        layout = self._layout
+        names = _trimmed(layout.heading)
+        for number, line in enumerate(lines):
+            cells = _trimmed(cells_of(line, layout.separator))
+            words = not any(is_any_number(cell) or is_stamp(cell) or cell.lower() in NOTHING for cell in cells)
+            common = len({*cells} & {*names})
+            if not names or (2 * common < len(names) and not (words and len(cells) == len(names) > 1)):
+                continue
+            following = _trimmed(cells_of(lines[number + 1], layout.separator)) if number + 1 < len(lines) else ()
+            units = _trimmed(layout.units_heading)
+            if cells != names or (units and following != units):
+                raise FileProblem(str(self._file), [
+                    f"line {number + first}: another table begins: {', '.join(cells + following)[:200]}; the first has "
+                    f"{', '.join(names + units)[:200]}. Fix: save each table as a file of its own",
+                ])  # fmt: skip
+            return True
+        return False
 
     @staticmethod
     def _too_wide(beyond: list[object]) -> bool:
@@ -141,7 +260,7 @@ class CsvFile:
 
     def _refuse_infinite(self, columns: dict[int, FloatArray]) -> None:
         problems = [
-            f"line {int(np.flatnonzero(np.isinf(values))[0]) + self.first_line}, column "
+            f"{self.row_name(int(np.flatnonzero(np.isinf(values))[0]))}, column "
             f"{self.columns[place].name!r}: infinite"
             for place, values in columns.items() if np.isinf(values).any()
         ]  # fmt: skip
@@ -160,7 +279,7 @@ class CsvFile:
         wrong = [k for k, text in enumerate(texts) if not is_stamp(text)]
         if wrong:
             raise FileProblem(str(self._file), [
-                f"line {k + self.first_line}, column {self.columns[place].name!r}: {texts[k][:40]!r} is no time stamp"
+                f"{self.row_name(k)}, column {self.columns[place].name!r}: {texts[k][:40]!r} is no time stamp"
                 for k in wrong[:MOST_PROBLEMS]
             ])  # fmt: skip
         try:
@@ -168,9 +287,17 @@ class CsvFile:
         except (ValueError, OverflowError) as error:
             problem = f"column {self.columns[place].name!r}: not all time stamps are written alike: {error}"
             raise FileProblem(str(self._file), [problem]) from error
+        if not stamp_forms(texts[0]) or not re.search(r"\d[-/.]", texts[0][:5]):
+            nanoseconds = self._over_midnight(nanoseconds)
         seconds = np.full(len(cells), np.nan)
         seconds[: len(texts)] = (nanoseconds - nanoseconds[0]) * 1e-9
         return seconds
+
+    def _over_midnight(self, nanoseconds: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Times of day that go on after midnight; a step back of more than half a day is one."""
+        days = np.cumsum(np.diff(nanoseconds, prepend=nanoseconds[:1]) < -HALF_DAY_NS)
+        self._midnights = int(days[-1]) if len(days) else 0
+        return nanoseconds + 2 * HALF_DAY_NS * days
 
     def _wrong_values(self, places: Sequence[int]) -> Iterator[str]:
         """Where the values are that are no numbers, the first few."""
@@ -182,10 +309,12 @@ class CsvFile:
                 problems.append(f"line {line}: {len(cells)} values for {len(layout.names)} columns")
             for place in places:
                 cell = cells[place] if place < len(cells) else ""
+                grouped = layout.thousands in {",", "."}
                 if cell.lower() not in NOTHING and not self.is_stamps(place) and not is_number(
-                    cell, layout.decimal, grouped=bool(layout.thousands)
+                    cell, layout.decimal, grouped=grouped
                 ):
-                    hint = f"; decimals are taken to be written with {layout.decimal!r}" if "," in cell else ""
+                    hint = f"; its decimals are read with {layout.decimal!r} (--decimal, --thousands)"
+                    hint = hint if "," in cell or "." in cell else ""
                     hint = f"; it {FORTRAN_HINT}" if FORTRAN.fullmatch(cell) else hint
                     name = self.columns[place].name
                     problems.append(f"line {line}, column {name!r}: {cell[:40]!r} is not a number{hint}")
@@ -194,6 +323,20 @@ class CsvFile:
             if told >= MOST_PROBLEMS:
                 yield "and maybe more"
                 return
+
+
+def _trimmed(cells: Sequence[str]) -> tuple[str, ...]:
+    """Cells without empty ones at the end."""
+    count = len(cells)
+    while count and not cells[count - 1]:
+        count -= 1
+    return tuple(cells[:count])
+
+
+def _stretches(marked: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """First place and place after the last of every stretch of marked places, (stretches, 2)."""
+    edges = np.diff(np.concatenate([[False], marked, [False]]).astype(np.int8))
+    return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)])
 
 
 def _nanoseconds(texts: Sequence[str]) -> NDArray[np.int64]:

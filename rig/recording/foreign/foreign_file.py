@@ -43,6 +43,40 @@ class ForeignColumn:
     unapplied: str = ""
 
 
+@dataclass(frozen=True)
+class Break:
+    """A place in a table where the file has lines that are no numbers.
+
+    Attributes:
+        row: first row after it, counted from 0.
+        line: of the file, the first one that is no row.
+        count: how many lines.
+        heading: whether the lines repeat the table's heading; otherwise they are notes or events.
+    """
+
+    row: int
+    line: int
+    count: int
+    heading: bool
+
+
+class NoLines:
+    """What formats without lines answer."""
+
+    def row_name(self, row: int) -> str:
+        """See `ForeignFile.row_name`."""
+        return f"row {row + 1}"
+
+    def breaks(self) -> Sequence[Break]:
+        """See `ForeignFile.breaks`."""
+        return ()
+
+    def is_stamps(self, place: int) -> bool:
+        """See `ForeignFile.is_stamps`."""
+        del place
+        return False
+
+
 class ForeignFile(Protocol):
     """What every format offers."""
 
@@ -54,9 +88,8 @@ class ForeignFile(Protocol):
     def read_as(self) -> str:
         """How the file was taken, for people: format, and of CSV the dialect."""
 
-    @property
-    def first_line(self) -> int:
-        """Line of the first row, counted from 1; 0 where the format has no lines."""
+    def row_name(self, row: int) -> str:
+        """Where a row (from 0) of `values` is in the file, for people: `line 42` or `row 7`."""
 
     def values(self, places: Sequence[int]) -> list[FloatArray]:
         """Columns by their place, each of shape (rows,), NaN where there is no number; time stamps in s.
@@ -68,6 +101,9 @@ class ForeignFile(Protocol):
     def is_stamps(self, place: int) -> bool:
         """Whether a column holds times of day or dates, which `values` gives in s."""
 
+    def breaks(self) -> Sequence[Break]:
+        """Where rows that `values` gave one after the other are apart in the file, in order."""
+
     def own_time(self, places: Sequence[int]) -> FloatArray | None:
         """The time (s) that the format itself has for these columns, shape (rows,); None where it has none.
 
@@ -78,7 +114,7 @@ class ForeignFile(Protocol):
 
 @dataclass(frozen=True)
 class Dialect:
-    """What the user says of a CSV file; None: guessed.
+    """What the user states of a file of text or a workbook; None: guessed.
 
     Attributes:
         separator: between cells: a character, or " " for any white space.
@@ -86,6 +122,10 @@ class Dialect:
         encoding: as Python calls it.
         header_line: line of the names, counted from 1; 0: there is none.
         units_line: line of the units; 0: there is none.
+        thousands: sign between thousands: comma, point, apostrophe, " " for any space; "": there is none.
+        event_rows: what becomes of rows of words between rows of numbers: `refuse`, `skip` or `split` (the rows before
+            and after are tests of their own).
+        sheet: of a workbook; None: the only one that holds a table.
     """
 
     separator: str | None = None
@@ -93,6 +133,9 @@ class Dialect:
     encoding: str | None = None
     header_line: int | None = None
     units_line: int | None = None
+    thousands: str | None = None
+    event_rows: str = "refuse"
+    sheet: str | None = None
 
 
 def read_foreign_bytes(file: Path) -> bytes:

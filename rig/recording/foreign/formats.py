@@ -7,6 +7,8 @@ from pathlib import Path
 
 from rig.recording.foreign.csv_file import CsvFile
 from rig.recording.foreign.foreign_file import Dialect, ForeignFile, read_foreign_bytes
+from rig.recording.foreign.lvm_file import SIGNATURE as LVM
+from rig.recording.foreign.lvm_file import LvmFile
 from rig.recording.foreign.mat_file import MatFile
 from rig.recording.foreign.mf4_file import Mf4File
 from rig.recording.foreign.tdms_file import TdmsFile
@@ -33,4 +35,6 @@ def _opened(file: Path, data: bytes, said: Dialect) -> ForeignFile:
         return Mf4File(file, data)
     if data[:6] == b"MATLAB" or (file.suffix == ".mat" and b"\0" in data[:1024]):
         return MatFile(file, data)
+    if data.removeprefix(b"\xef\xbb\xbf").startswith(LVM):
+        return LvmFile(file, data, said)
     return CsvFile(file, data, said)

@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from rig.errors import FileProblem
-from rig.recording.foreign.foreign_file import MOST_NUMBERS, ForeignColumn, check_size, stream, unreadable
+from rig.recording.foreign.foreign_file import MOST_NUMBERS, ForeignColumn, NoLines, check_size, stream, unreadable
 from rig.signals.arrays import FloatArray
 
 FEWEST_ROWS = 2
@@ -34,7 +34,7 @@ MOST_HOLDERS = 1000
 MOST_ELEMENTS = 100_000
 
 
-class MatFile:
+class MatFile(NoLines):
     """A MATLAB file; see `rig.recording.foreign.foreign_file.ForeignFile`.
 
     A vector is a column of its variable's name, a struct's field `s.f`, the third column of a matrix `M(3)`.
@@ -58,13 +58,7 @@ class MatFile:
             raise
         except Exception as error:
             raise FileProblem(str(file), unreadable(self.read_as, error)) from error
-        self.first_line = 0
         self.columns: Sequence[ForeignColumn] = [ForeignColumn(name) for name in self._held]
-
-    def is_stamps(self, place: int) -> bool:
-        """See `ForeignFile.is_stamps`; dates are numbers in such files."""
-        del place
-        return False
 
     def own_time(self, places: Sequence[int]) -> None:
         """See `ForeignFile.own_time`; none."""

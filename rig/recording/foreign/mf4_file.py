@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rig.errors import FileProblem
-from rig.recording.foreign.foreign_file import EXTRA, ForeignColumn, check_size, stream, unreadable
+from rig.recording.foreign.foreign_file import EXTRA, ForeignColumn, NoLines, check_size, stream, unreadable
 from rig.signals.arrays import FloatArray
 
 READ_AS = "MDF"
@@ -18,7 +18,7 @@ ALGEBRAIC = 3
 """Kind of a conversion by a formula in text, which is not evaluated."""
 
 
-class Mf4File:
+class Mf4File(NoLines):
     """An MDF file; see `rig.recording.foreign.foreign_file.ForeignFile`. A channel is also found as `GROUP/CHANNEL`.
 
     GROUP is the number of the channel's group, from 0.
@@ -34,7 +34,7 @@ class Mf4File:
             from asammdf import MDF
         except ImportError as error:
             raise FileProblem(str(file), [f"MDF files need asammdf: {EXTRA}"]) from error
-        self._file, self.first_line = file, 0
+        self._file = file
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # on what it leaves out
@@ -59,11 +59,6 @@ class Mf4File:
         channel = self._mdf.groups[group].channels[index]
         return ForeignColumn(str(channel.name), str(self._mdf.get_channel_unit(group=group, index=index) or ""),
                              f"{group}/{channel.name}")  # fmt: skip
-
-    def is_stamps(self, place: int) -> bool:
-        """See `ForeignFile.is_stamps`; the time is the master channel's."""
-        del place
-        return False
 
     def own_time(self, places: Sequence[int]) -> FloatArray:
         """See `ForeignFile.own_time`: of the master channels, which must be alike.

@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 
 from rig.errors import FileProblem
-from rig.recording.foreign.foreign_file import EXTRA, ForeignColumn, check_size, stream, unapplied_factor, unreadable
+from rig.recording.foreign.foreign_file import (
+    EXTRA,
+    ForeignColumn,
+    NoLines,
+    check_size,
+    stream,
+    unapplied_factor,
+    unreadable,
+)
 from rig.recording.foreign.mat_file import check_alike
 from rig.signals.arrays import FloatArray
 
@@ -21,7 +29,7 @@ APPLIED = ("NI_Scale[", "NI_Number_Of_Scales", "NI_Scaling_Status", "NI_UnitDesc
 READ_AS = "TDMS"
 
 
-class TdmsFile:
+class TdmsFile(NoLines):
     """A TDMS file; see `rig.recording.foreign.foreign_file.ForeignFile`. A channel is also found as `GROUP/CHANNEL`."""
 
     def __init__(self, file: Path, data: bytes) -> None:
@@ -34,7 +42,7 @@ class TdmsFile:
             from nptdms import TdmsFile as Reader
         except ImportError as error:
             raise FileProblem(str(file), [f"TDMS files need npTDMS: {EXTRA}"]) from error
-        self._file, self.read_as, self.first_line = file, READ_AS, 0
+        self._file, self.read_as = file, READ_AS
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # on what it leaves out
