@@ -34,6 +34,18 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
     return pairs
 
 
+def _numbers(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> tuple[float, ...] | None:
+    """The numbers that stand for no value; None where the option is not given.
+
+    Raises:
+        BadParameter: no number.
+    """
+    try:
+        return None if not value else tuple(float(text) for text in value if text != "none")
+    except ValueError as error:
+        raise click.BadParameter(f"got {value!r}, expected numbers, or none", ctx, param) from error
+
+
 def _separator(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
     """One sign, or the words tab and space.
 
@@ -78,6 +90,11 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     "'force=0.25 N/count', 'displacement=2 mV/mm'.",
 )
 @click.option(
+    "--no-value", "no_value", multiple=True, callback=_numbers, metavar="NUMBER",
+    help="Number that stands for no value, in place of the usual ones (-9999, 999.25, 9.9e37, ...), which are "
+    "recognised; none: there is none.",
+)
+@click.option(
     "--rate", type=QuantityOption("frequency"), help="Sample rate, such as '1 kHz', where there is no column of time."
 )
 @click.option("--separator", callback=_separator, metavar="SIGN", help="CSV: between cells: one sign, tab or space.")
@@ -90,6 +107,7 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     "--event-rows", type=click.Choice(["refuse", "skip", "split"]), default="refuse", show_default=True,
     help="CSV: rows of words between rows of numbers: leave them out, or make a test of each part between them.",
 )
+@click.option("--sheet", metavar="NAME", help="Excel: sheet of the test; all: a test of each sheet with a table.")
 @click.option("--encoding", metavar="NAME", help="CSV: encoding, such as cp1252 or utf-16-le.")
 @click.option("--header-line", type=click.IntRange(0, 2000), help="CSV: line of the names; 0: there are none.")
 @click.option("--units-line", type=click.IntRange(0, 2000), help="CSV: line of the units; 0: there are none.")
@@ -119,11 +137,13 @@ def command(
     files: tuple[Path, ...],
     columns: dict[str, str],
     scales: dict[str, str],
+    no_value: tuple[float, ...] | None,
     rate: float | None,
     separator: str | None,
     decimal: str | None,
     thousands: str | None,
     event_rows: str,
+    sheet: str | None,
     encoding: str | None,
     header_line: int | None,
     units_line: int | None,
@@ -138,7 +158,7 @@ def command(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Convert FILES of CSV, MATLAB, MDF (MF4) or TDMS to a run, one test per file; all of them or none.
+    """Convert FILES of text (CSV, LVM), Excel, MATLAB, HDF5, MDF (MF4), TDMS or RPC III to a run; all of them or none.
 
     How a CSV file is written (separator, decimal sign, encoding, lines of names and units, time stamps) is guessed and
     shown; options say otherwise. Without --column the file's columns are listed. `rig identify` and `rig report` take
@@ -149,8 +169,8 @@ def command(
     from rig.recording.importing import Described, write_run
 
     sign = {"space": " ", "none": ""}.get(thousands or ",", thousands)
-    dialect = Dialect(separator, decimal, encoding, header_line, units_line, sign, event_rows)
-    wanted = WantedTests(columns, current, current_from_name, rate, dialect, accept, ampere_per_volt, scales)
+    dialect = Dialect(separator, decimal, encoding, header_line, units_line, sign, event_rows, sheet)
+    wanted = WantedTests(columns, current, current_from_name, rate, dialect, accept, ampere_per_volt, scales, no_value)
     tests = read_tests(files, wanted)
     if not as_json:
         _tell_how_read(tests)

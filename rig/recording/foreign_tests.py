@@ -40,6 +40,13 @@ LIKELY = {
     "commanded_current": "mA (NAME:mA)", "voltage": "mV (NAME:mV)",
     "temperature": "K (NAME:K)",
 }
+USUAL_NO_VALUE = tuple(sign * number for number in (
+    999.0, 999.25, 9999.0, 9999.9, 9999.99, 99999.0, 999999.0, 1e30, 9.9e37, 9.91e37, 1e38,
+    float(np.finfo(np.float32).max),
+) for sign in (-1.0, 1.0))  # fmt: skip
+"""Numbers by which programs write that there is no value (SCPI: 9.9e37 is overflow, 9.91e37 no number)."""
+NO_VALUE_JUMP = 3.0
+"""Such a number is that many times the largest step of the column away from its neighbours."""
 RATE = "sample-rate"
 DOUBTS = ("units-time", "units-displacement", "units-force", RATE)
 """What can be accepted by its slug."""
@@ -79,6 +86,7 @@ class WantedTests:
     accept: tuple[str, ...] = ()
     ampere_per_volt: float = 1.0
     scales: Mapping[str, str | float] = field(default_factory=dict)
+    no_value: Sequence[float] | None = None
 
 
 def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]:
@@ -144,9 +152,23 @@ def _read_file(file: Path, wanted: WantedTests, pattern: Pattern | None) -> list
     Raises:
         FileProblem: one line for each thing that does not fit.
     """
-    opened, sha256 = _opened(file, wanted)
+    tables, sha256 = _opened(file, wanted)
+    tests: list[ImportedTest] = []
+    for name, opened in tables:
+        tests += _tests_of(file, sha256, opened, name if len(tables) > 1 else "", wanted, pattern)
+    return tests
+
+
+def _tests_of(
+    file: Path, sha256: str, opened: ForeignFile, name: str, wanted: WantedTests, pattern: Pattern | None
+) -> list[ImportedTest]:
+    """The tests of a table.
+
+    Raises:
+        FileProblem: one line for each thing that does not fit.
+    """
     choices = _choices(file, opened, wanted)
-    table = _table(file, opened, choices, wanted)
+    table, stated = _table(file, opened, choices, wanted)
     if "voltage" in table:
         table.setdefault("commanded_current", table["voltage"] * wanted.ampere_per_volt)
     parts, notes = _parts(opened, table["time"], wanted)
@@ -154,10 +176,10 @@ def _read_file(file: Path, wanted: WantedTests, pattern: Pattern | None) -> list
         raise FileProblem(str(file), [*notes, f"no part has {FEWEST_ROWS} rows (read as {opened.read_as})"])
     tests = []
     for number, (start, stop) in enumerate(parts, start=1):
-        part = f"part{number}" if len(parts) > 1 else ""
+        part = "_".join([*([name] if name else []), *([f"part{number}"] if len(parts) > 1 else [])])
         tests.append(_test(file, sha256, opened, choices, {
-            name: values[start:stop] for name, values in table.items()
-        }, _Part(part, start, tuple(notes)), wanted, pattern))  # fmt: skip
+            quantity: values[start:stop] for quantity, values in table.items()
+        }, _Part(part, start, (*notes, *stated)), wanted, pattern))  # fmt: skip
     return tests
 
 
@@ -191,7 +213,7 @@ def _test(
     ]
     nominal_A = np.nan
     try:
-        nominal_A = _nominal_A(file, table.get(known), wanted, pattern)
+        nominal_A = _nominal_A(" ".join((file.name, part.name)).strip(), table.get(known), wanted, pattern)
     except ValueError as error:
         problems.append(str(error))
     if not problems:
@@ -249,8 +271,8 @@ def _notes(breaks: Sequence[Break], count: int, parts: Sequence[tuple[int, int]]
         yield f"{rows - used} rows in parts of fewer than {FEWEST_ROWS} rows left out"
 
 
-def _opened(file: Path, wanted: WantedTests) -> tuple[ForeignFile, str]:
-    """The file and its SHA-256.
+def _opened(file: Path, wanted: WantedTests) -> tuple[list[tuple[str, ForeignFile]], str]:
+    """The tables of a file and its SHA-256.
 
     Raises:
         FileProblem: it cannot be read; what is wrong with the wanted columns is said too.
@@ -291,30 +313,67 @@ def _choices(file: Path, opened: ForeignFile, wanted: WantedTests) -> dict[str, 
 
 def _table(
     file: Path, opened: ForeignFile, choices: Mapping[str, ColumnChoice], wanted: WantedTests
-) -> dict[str, FloatArray]:
-    """The columns in SI, without empty rows at the end.
+) -> tuple[dict[str, FloatArray], list[str]]:
+    """The columns in SI without empty rows at the end, and what is to be stated of them.
 
     Raises:
         FileProblem: values are no numbers, or there is no time.
     """
     places = [choice.place for choice in choices.values()]
-    table = {
-        quantity: values if choice.unit is None else values * choice.unit.scale + choice.unit.offset
-        for (quantity, choice), values in zip(choices.items(), opened.values(places), strict=True)
-    }
-    rows = len(next(iter(table.values())))
-    while rows and all(np.isnan(values[rows - 1]) for values in table.values()):
-        rows -= 1
-    table = {quantity: values[:rows] for quantity, values in table.items()}
+    table, notes = {}, []
+    for (quantity, choice), values in zip(choices.items(), opened.values(places), strict=True):
+        if quantity != "time":
+            values, missing = without_sentinels(values, wanted.no_value)
+            notes += [f"{quantity}: {count} x {number:g} taken as no value" for number, count in missing.items()]
+        table[quantity] = values if choice.unit is None else values * choice.unit.scale + choice.unit.offset
     if "time" not in table:
+        rows = len(next(iter(table.values())))
         time_s = np.arange(rows) / wanted.rate_Hz if wanted.rate_Hz is not None else opened.own_time(places)
         if time_s is None:
             hint = "".join(f"; perhaps {option}" for option in suggestions(opened.columns, ["time"]))
             raise FileProblem(str(file), [
                 f"time: no column named; write --column time=NAME, or --rate '1 kHz'{hint}"
             ])  # fmt: skip
-        table["time"] = time_s[:rows]
-    return table
+        table["time"] = time_s
+    rows = len(table["time"])
+    given = [values for quantity, values in table.items() if quantity != "time" or "time" in choices]
+    while rows and all(np.isnan(values[rows - 1]) for values in given):
+        rows -= 1
+    return {quantity: values[:rows] for quantity, values in table.items()}, notes
+
+
+def without_sentinels(values: FloatArray, stated: Sequence[float] | None) -> tuple[FloatArray, dict[float, int]]:
+    """Numbers by which programs write that there is no value, taken out.
+
+    Args:
+        values: as the file has them, (n,).
+        stated: the numbers, where the user states them; None: the usual ones, where `_no_value` finds that they are.
+
+    Returns:
+        The values, NaN where there is none, and how often each number was found.
+    """
+    missing: dict[float, int] = {}
+    for number in USUAL_NO_VALUE if stated is None else stated:
+        here = values == number
+        if here.any() and (stated is not None or _no_value(values, number)):
+            missing[float(number)] = int(np.count_nonzero(here))
+    if not missing:
+        return values, {}
+    return np.where(np.isin(values, list(missing)), np.nan, values), missing
+
+
+def _no_value(values: FloatArray, number: float) -> bool:
+    """Whether a usual number for no value is one in a column: beyond all others, by far or in single jumps."""
+    known = np.isfinite(values) & ~np.isin(values, USUAL_NO_VALUE)
+    rest = values[known]
+    if len(rest) < 2:
+        return bool(number < 0.0)
+    beyond = max(float(np.min(rest)) - number, number - float(np.max(rest)))
+    if beyond > float(np.ptp(rest)):
+        return True
+    places = np.flatnonzero(values == number)
+    jumps = np.abs(number - np.interp(places, np.flatnonzero(known), rest))
+    return beyond > 0.0 and float(np.min(jumps)) > NO_VALUE_JUMP * float(np.max(np.abs(np.diff(rest))))
 
 
 def _wrong_time(
@@ -361,9 +420,9 @@ def _too_large(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoi
 
 
 def _nominal_A(
-    file: Path, known: FloatArray | None, wanted: WantedTests, pattern: Pattern | None
+    name: str, known: FloatArray | None, wanted: WantedTests, pattern: Pattern | None
 ) -> float:
-    """The test's current: of its column, its name, or as given.
+    """The test's current: of its column, the name of its file and part, or as given.
 
     Raises:
         ValueError: none of them tells it.
@@ -379,7 +438,7 @@ def _nominal_A(
         )
     if pattern is None:
         return float(wanted.current_A or 0.0)
-    named = pattern.search(file.name)
+    named = pattern.search(name)
     if named is None:
         raise ValueError(f"the name does not match {pattern.text!r}: no current in it")
     try:

@@ -64,6 +64,7 @@ def import_tests(
     current_from_name: str | None = None, waveform: str = "sine", specimen: str = "imported",
     mid_stroke_m: float | None = None, rate_Hz: float | None = None, dialect: Dialect | None = None,
     accept: Sequence[str] = (), ampere_per_volt: float = 1.0, scales: Mapping[str, str | float] | None = None,
+    no_value: Sequence[float] | None = None,
 ) -> Path:
     """Make a run from files of CSV, MATLAB, MDF or TDMS, one point a file, all or none.
 
@@ -83,6 +84,7 @@ def import_tests(
         accept: slugs of doubts (`units-force`, ...) about sizes that are right all the same.
         ampere_per_volt: current that the driver commands for a volt of `voltage`.
         scales: quantity -> factor of its column (-1 turns the sign) or sensitivity (`500 N/V`, `0.25 N/count`).
+        no_value: numbers that stand for no value; None: -9999 and other usual ones, where no other value is near them.
 
     Returns:
         The run's directory.
@@ -92,7 +94,7 @@ def import_tests(
     """
     wanted = WantedTests(
         columns, current_A, current_from_name, rate_Hz, dialect or Dialect(), tuple(accept), ampere_per_volt,
-        scales or {},
+        scales or {}, no_value,
     )
     return write_run(read_tests(files, wanted), out, Described(waveform, specimen, mid_stroke_m))
 

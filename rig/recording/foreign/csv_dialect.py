@@ -22,7 +22,10 @@ FEWEST_ROWS = 3
 SEPARATORS = (";", "\t", ",", "|", " ")
 SHOWN = {"\t": "tab", " ": "white space"}
 SHOWN_SIGNS = {" ": "space", "\u00a0": "no-break space", "\u2009": "thin space", "\u202f": "narrow no-break space"}
-NOTHING = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--"))
+NOTHING = frozenset((
+    "", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a", "#div/0!", "#num!", "#value!", "#ref!", "#name?",
+    "#null!",
+))  # fmt: skip
 POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
 COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?", re.IGNORECASE)
 FORTRAN = re.compile(r"(?<![\w.,])[+-]?(\d+[.,]?\d*|[.,]\d+)[dD][+-]?\d{1,3}(?![\w.])")
@@ -91,7 +94,7 @@ def decoded(file: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
     """
     wanted = encoding or next((name for mark, name in MARKS.items() if data.startswith(mark)), "utf-8-sig")
     if b"\0" in data and not wanted.lower().replace("_", "-").startswith(("utf-16", "utf-32")):
-        raise FileProblem(str(file), ["not a text file: it contains zero bytes (UTF-16? write --encoding utf-16-le)"])
+        raise FileProblem(str(file), [f"not a text file in {wanted}: it contains zero bytes"])
     try:
         return data.decode(wanted), wanted.removesuffix("-sig")
     except LookupError as error:

@@ -136,7 +136,8 @@ class CsvFile:
             table = pd.read_csv(
                 io.StringIO(widest + body), sep=separator, header=None, names=list(range(beyond + 1)),
                 usecols=sorted({*places, beyond}), index_col=False, skipinitialspace=True, skip_blank_lines=False,
-                decimal=layout.decimal, thousands=thousands or None, na_values=sorted(NOTHING),
+                decimal=layout.decimal, thousands=thousands or None,
+                na_values=sorted({*NOTHING, *map(str.upper, NOTHING)}),
                 dtype={place: "object" if place in (*stamps, beyond) else np.float64 for place in (*places, beyond)},
             )  # fmt: skip
         except (ValueError, OverflowError):

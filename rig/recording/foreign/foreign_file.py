@@ -23,6 +23,10 @@ FACTOR_NAME = re.compile(
     re.IGNORECASE,
 )
 """Properties that programs write a factor in."""
+FEWEST_ROWS = 2
+MOST_COLUMNS = 4096
+DEEPEST = 6
+"""Groups or structs within each other that are looked into."""
 EXTRA = "pip install 'mr-damper-rig[files]'"
 
 
@@ -179,6 +183,17 @@ def check_size(file: Path, numbers: int) -> None:
     """
     if numbers > MOST_NUMBERS:
         raise FileProblem(str(file), [f"claims to hold {numbers} numbers; at most {MOST_NUMBERS} can be imported"])
+
+
+def check_alike(file: Path, names: Sequence[str], rows: Sequence[int]) -> None:
+    """Refuse columns of different lengths.
+
+    Raises:
+        FileProblem: they are.
+    """
+    if len(set(rows)) > 1:
+        told = ", ".join(f"{name} {count}" for name, count in zip(names, rows, strict=True))
+        raise FileProblem(str(file), [f"its columns have different numbers of rows: {told}; one time base is needed"])
 
 
 def unreadable(kind: str, error: BaseException) -> list[str]:

@@ -1,25 +1,34 @@
-"""Any foreign file, told by its first bytes, not by its name."""
+"""Any foreign file, recognised by its first bytes, not by its name."""
 
 from __future__ import annotations
 
 import hashlib
+import zipfile
 from pathlib import Path
 
+from rig.errors import FileProblem
 from rig.recording.foreign.csv_file import CsvFile
-from rig.recording.foreign.foreign_file import Dialect, ForeignFile, read_foreign_bytes
+from rig.recording.foreign.excel_file import WORKBOOK, open_workbook
+from rig.recording.foreign.foreign_file import Dialect, ForeignFile, read_foreign_bytes, stream, unreadable
+from rig.recording.foreign.hdf5_file import Hdf5File, is_hdf5
 from rig.recording.foreign.lvm_file import SIGNATURE as LVM
 from rig.recording.foreign.lvm_file import LvmFile
 from rig.recording.foreign.mat_file import MatFile
 from rig.recording.foreign.mf4_file import Mf4File
+from rig.recording.foreign.rpc3_file import Rpc3File, is_rpc3
+from rig.recording.foreign.signatures import encoding_without_mark, what_it_is
 from rig.recording.foreign.tdms_file import TdmsFile
 
 
-def open_foreign(file: Path, said: Dialect) -> tuple[ForeignFile, str]:
-    """A file of any format and the SHA-256 of its content.
+def open_foreign(file: Path, said: Dialect) -> tuple[list[tuple[str, ForeignFile]], str]:
+    """The tables of a file of any format, each with its name, and the SHA-256 of the content.
 
     Args:
-        file: of CSV, MATLAB, TDMS or MDF.
-        said: what the user says of CSV files.
+        file: of text, Excel, MATLAB, HDF5, TDMS, MDF or RPC III.
+        said: what the user states of text files and workbooks.
+
+    Returns:
+        One table with an empty name; of a workbook a table for each sheet that is wanted, with the sheet's name.
 
     Raises:
         FileProblem: it cannot be read.
@@ -28,13 +37,50 @@ def open_foreign(file: Path, said: Dialect) -> tuple[ForeignFile, str]:
     return _opened(file, data, said), hashlib.sha256(data).hexdigest()
 
 
-def _opened(file: Path, data: bytes, said: Dialect) -> ForeignFile:
+def _opened(file: Path, data: bytes, said: Dialect) -> list[tuple[str, ForeignFile]]:
+    if data[:4] == b"PK\x03\x04":
+        return _from_archive(file, data, said)
+    opened = _binary(file, data)
+    if opened is not None:
+        return [("", opened)]
+    known = what_it_is(data)
+    if known is not None:
+        raise FileProblem(str(file), [f"it is {known[0]}, which cannot be imported. Fix: {known[1]}"])
+    if data.removeprefix(b"\xef\xbb\xbf").startswith(LVM):
+        return [("", LvmFile(file, data, said))]
+    if said.encoding is None and b"\0" in data[:4096] and data[:2] not in {b"\xff\xfe", b"\xfe\xff"}:
+        encoding = encoding_without_mark(data)
+        way_out = f"UTF-16 text without a mark. Fix: --encoding {encoding}" if encoding else (
+            "a binary file of an unknown format. Fix: save it as CSV with the program that wrote it")
+        raise FileProblem(str(file), [f"not a text file: it contains zero bytes; {way_out}"])
+    return [("", CsvFile(file, data, said))]
+
+
+def _binary(file: Path, data: bytes) -> ForeignFile | None:
+    """A binary file of a format that is read; None for any other."""
     if data[:4] in (b"TDSm", b"TDSh"):
         return TdmsFile(file, data)
     if data[:8] in (b"MDF     ", b"UnFinMF "):
         return Mf4File(file, data)
     if data[:6] == b"MATLAB" or (file.suffix == ".mat" and b"\0" in data[:1024]):
         return MatFile(file, data)
-    if data.removeprefix(b"\xef\xbb\xbf").startswith(LVM):
-        return LvmFile(file, data, said)
-    return CsvFile(file, data, said)
+    if is_hdf5(data):
+        return Hdf5File(file, data)
+    return Rpc3File(file, data) if is_rpc3(data) else None
+
+
+def _from_archive(file: Path, data: bytes, said: Dialect) -> list[tuple[str, ForeignFile]]:
+    """The sheets of a workbook.
+
+    Raises:
+        FileProblem: the archive is damaged, or no workbook.
+    """
+    try:
+        with zipfile.ZipFile(stream(data)) as packed:
+            names = packed.namelist()
+    except Exception as error:
+        raise FileProblem(str(file), unreadable("Excel workbook or ZIP archive", error)) from error
+    if WORKBOOK in names:
+        return list(open_workbook(file, data, said))
+    name, way_out = what_it_is(data, tuple(names)) or ("an empty ZIP archive", "name another file")
+    raise FileProblem(str(file), [f"it is {name}, which cannot be imported. Fix: {way_out}"])

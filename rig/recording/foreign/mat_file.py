@@ -17,14 +17,21 @@ import h5py
 import numpy as np
 
 from rig.errors import FileProblem
-from rig.recording.foreign.foreign_file import MOST_NUMBERS, ForeignColumn, NoLines, check_size, stream, unreadable
+from rig.recording.foreign.foreign_file import (
+    DEEPEST,
+    FEWEST_ROWS,
+    MOST_COLUMNS,
+    MOST_NUMBERS,
+    ForeignColumn,
+    NoLines,
+    check_alike,
+    check_size,
+    stream,
+    unreadable,
+)
+from rig.recording.foreign.hdf5_file import SIGNATURE, datasets, is_hdf5
 from rig.signals.arrays import FloatArray
 
-FEWEST_ROWS = 2
-MOST_COLUMNS = 4096
-DEEPEST = 6
-SIGNATURE = b"\x89HDF"
-"""Of HDF5, which version 7.3 is."""
 HEAD_BYTES = 128
 ARRAY, COMPRESSED = 14, 15
 HOLDERS = frozenset((1, 2, 3, 16, 17))
@@ -47,17 +54,20 @@ class MatFile(NoLines):
             FileProblem: it is damaged, or claims to hold too much.
         """
         self._file = file
-        hdf5 = data[:4] != b"MATL" or b"MATLAB 7.3" in data[:20] or data[512:516] == SIGNATURE
+        hdf5 = data[:4] != b"MATL" or b"MATLAB 7.3" in data[:20] or data[512:520] == SIGNATURE
         self.read_as = "MATLAB 7.3" if hdf5 else "MATLAB 5"
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of scipy, on what it leaves out
                 held = _hdf5(file, data) if hdf5 else _version_5(file, data)
                 self._held = dict(columns_in(held))
+                opaque = "" if self._held else _opaque_in_hdf5(data) if hdf5 else _opaque(held)
         except FileProblem:
             raise
         except Exception as error:
             raise FileProblem(str(file), unreadable(self.read_as, error)) from error
+        if not self._held:
+            raise FileProblem(str(file), [opaque or f"{self.read_as}: it holds no vector or matrix of real numbers"])
         self.columns: Sequence[ForeignColumn] = [ForeignColumn(name) for name in self._held]
 
     def own_time(self, places: Sequence[int]) -> None:
@@ -69,17 +79,6 @@ class MatFile(NoLines):
         series = [np.asarray(self._held[name], np.float64) for name in names]
         check_alike(self._file, names, [len(values) for values in series])
         return series
-
-
-def check_alike(file: Path, names: Sequence[str], rows: Sequence[int]) -> None:
-    """Refuse columns of different lengths.
-
-    Raises:
-        FileProblem: they are.
-    """
-    if len(set(rows)) > 1:
-        told = ", ".join(f"{name} {count}" for name, count in zip(names, rows, strict=True))
-        raise FileProblem(str(file), [f"its columns have different numbers of rows: {told}; one time base is needed"])
 
 
 def _version_5(file: Path, data: bytes) -> Mapping[str, Any]:
@@ -142,40 +141,72 @@ def _elements(data: bytes, order: str) -> Iterator[bool]:
 
 
 def _hdf5(file: Path, data: bytes) -> Mapping[str, Any]:
-    if all(data[place : place + 4] != SIGNATURE for place in (0, 512, 1024, 2048)):
+    if not is_hdf5(data):
         raise FileProblem(str(file), ["is no MATLAB file of version 5 or 7.3: save it with -v7 or -v7.3"])
     with h5py.File(stream(data), "r") as held:
-        arrays = dict(_datasets(held, "", set(), 0))
+        arrays = dict(_arrays(held))
         check_size(file, sum(int(one.size or 0) for one in arrays.values()))
         return {name: np.asarray(one[()]).T for name, one in arrays.items()}
 
 
-def _datasets(group: h5py.Group, prefix: str, seen: set[int], depth: int) -> Iterator[tuple[str, h5py.Dataset]]:
-    """Arrays of numbers below a group, by name; every group once, and no link to anywhere else is followed.
-
-    MATLAB's are transposed in HDF5.
-    """
-    for name in group:
-        if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+def _arrays(held: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
+    """Arrays of numbers by MATLAB's names, which are transposed in HDF5; elements of struct and cell arrays too."""
+    for name, one in datasets(held, "."):
+        if "MATLAB_empty" in one.attrs:
             continue
-        one = group[name]
-        if isinstance(one, h5py.Group):
-            address = h5py.h5o.get_info(one.id).addr
-            if depth < DEEPEST and address not in seen:
-                seen.add(address)
-                yield from _datasets(one, f"{prefix}{name}.", seen, depth + 1)
-        elif (
-            isinstance(one, h5py.Dataset) and one.dtype.kind in "fiu" and "MATLAB_empty" not in one.attrs
-            and one.ndim <= 2 and not one.external and not one.is_virtual
-        ):  # fmt: skip
-            yield f"{prefix}{name}", one
+        if one.dtype.kind in "fiu":
+            yield name, one
+        elif h5py.check_ref_dtype(one.dtype) == h5py.Reference and int(one.size or 0) <= MOST_HOLDERS:
+            struct, _, field = name.rpartition(".")
+            cells = one.attrs.get("MATLAB_class", b"") == b"cell" or not struct
+            for k, reference in enumerate(np.asarray(one[()]).reshape(-1)):
+                target = held[reference] if reference else None
+                if isinstance(target, h5py.Dataset) and target.dtype.kind in "fiu" and not target.external:
+                    yield f"{name}{{{k + 1}}}" if cells else f"{struct}({k + 1}).{field}", target
+
+
+def _opaque(held: Mapping[str, Any]) -> str:
+    """The first table or object of a version 5 file, with the way out; empty where it has none."""
+    for value in held.values():
+        if getattr(getattr(value, "dtype", None), "names", None) == ("s0", "s1", "s2", "arr"):
+            name, kind = (value[key].reshape(-1)[0].decode("latin-1") for key in ("s0", "s2"))
+            return _way_out(name or "T", kind)
+    return ""
+
+
+def _opaque_in_hdf5(data: bytes) -> str:
+    """The same of a version 7.3 file."""
+    with h5py.File(stream(data), "r") as held:
+        for name in held:
+            kind = held[name].attrs.get("MATLAB_class", b"") if not name.startswith("#") else b""
+            kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
+            if "MATLAB_object_decode" in held[name].attrs and kind:
+                return _way_out(name, kind)
+    return ""
+
+
+def _way_out(name: str, kind: str) -> str:
+    name = name if name.isidentifier() else "T"
+    table = f"timetable2table({name})" if kind == "timetable" else name
+    if kind not in {"table", "timetable"}:
+        return f"variable {name!r} is a MATLAB object of class {kind!r}, which only MATLAB reads. Fix: save its numbers"
+    return (f"variable {name!r} is a MATLAB {kind}, which only MATLAB reads. Fix, in MATLAB: s = table2struct({table}, "
+            f"'ToScalar', true); save('a.mat', '-struct', 's'), or writetable({table}, 'a.csv')")  # fmt: skip
 
 
 def columns_in(held: Mapping[str, Any], prefix: str = "", depth: int = 0) -> Iterator[tuple[str, FloatArray]]:
     """Every vector, matrix column and field by its name; what is no series of real numbers is left out."""
     for name, value in held.items():
-        if isinstance(value, Mapping) and depth < DEEPEST:
+        if depth > DEEPEST:
+            return
+        if isinstance(value, Mapping):
             yield from columns_in(value, f"{prefix}{name}.", depth + 1)
+        elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype.kind == "O"):
+            elements = list(value) if isinstance(value, list) else list(value.reshape(-1))
+            structs = any(isinstance(one, Mapping) for one in elements)
+            left, right = "()" if structs else "{}"
+            numbered = {f"{name}{left}{k + 1}{right}": one for k, one in enumerate(elements[:MOST_HOLDERS])}
+            yield from columns_in(numbered, prefix, depth + 1)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.size >= FEWEST_ROWS:
             if value.ndim == 1 or (value.ndim == 2 and 1 in value.shape):
                 yield f"{prefix}{name}", value.reshape(-1)

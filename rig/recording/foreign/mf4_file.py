@@ -10,12 +10,16 @@ from typing import Any
 import numpy as np
 
 from rig.errors import FileProblem
+from rig.recording.foreign.file_units import named_unit
 from rig.recording.foreign.foreign_file import EXTRA, ForeignColumn, NoLines, check_size, stream, unreadable
 from rig.signals.arrays import FloatArray
+from rig.units import Unit
 
 READ_AS = "MDF"
 ALGEBRAIC = 3
 """Kind of a conversion by a formula in text, which is not evaluated."""
+SYNC_KINDS = {2: "an angle", 3: "a distance", 4: "a count"}
+"""ASAM MDF 4, "synchronisation type" of a master channel: 1 is a time."""
 
 
 class Mf4File(NoLines):
@@ -44,10 +48,10 @@ class Mf4File(NoLines):
                     int(group.channel_group.cycles_nr) * len(group.channels) for _number, group in groups
                 ))  # fmt: skip
                 masters: Any = self._mdf.masters_db
-                self._places = [
-                    (number, index) for number, group in groups for index in range(len(group.channels))
-                    if masters.get(number) != index
-                ]
+                self._places = sorted(
+                    ((number, index) for number, group in groups for index in range(len(group.channels))),
+                    key=lambda place: masters.get(place[0]) == place[1],
+                )
                 self.columns: Sequence[ForeignColumn] = [self._column(*place) for place in self._places]
                 self.read_as = f"{READ_AS} {self._mdf.version}"
         except FileProblem:
@@ -64,7 +68,7 @@ class Mf4File(NoLines):
         """See `ForeignFile.own_time`: of the master channels, which must be alike.
 
         Raises:
-            FileProblem: they are not.
+            FileProblem: they are not, or they hold an angle, a distance or a count.
         """
         times = [np.asarray(self._signal(place).timestamps, np.float64) for place in places]
         if any(len(time) != len(times[0]) or not np.array_equal(time, times[0]) for time in times):
@@ -73,13 +77,37 @@ class Mf4File(NoLines):
             raise FileProblem(str(self._file), [
                 f"its channels were not sampled together: {told}; bring them to one raster first (MDF.resample)"
             ])  # fmt: skip
-        return times[0]
+        return times[0] * self._master_scale(self._places[places[0]][0])
+
+    def _master_scale(self, group: int) -> float:
+        """Seconds in one of a group's master channel.
+
+        Raises:
+            FileProblem: it holds no time.
+        """
+        index = self._mdf.masters_db.get(group)
+        if index is None:
+            return 1.0
+        master = self._mdf.groups[group].channels[index]
+        unit = str(self._mdf.get_channel_unit(group=group, index=index) or "").strip()
+        kind = SYNC_KINDS.get(int(getattr(master, "sync_type", 0) or 0), "")
+        found = named_unit(unit, "time") if unit else ("s", Unit("time", 1.0))
+        if kind or found is None:
+            what = kind or f"numbers in {unit!r}"
+            raise FileProblem(str(self._file), [
+                f"group {group}: its master channel {str(master.name)!r} holds {what}, no time. Fix: --column time= "
+                "with a channel of time, or --rate"
+            ])  # fmt: skip
+        return found[1].scale
 
     def values(self, places: Sequence[int]) -> list[FloatArray]:
         """See `ForeignFile.values`."""
         return [self._numbers(place) for place in places]
 
     def _numbers(self, place: int) -> FloatArray:
+        group, index = self._places[place]
+        if self._mdf.masters_db.get(group) == index:
+            return np.asarray(self._mdf.get_master(group), np.float64)
         signal = self._signal(place)
         values = np.asarray(signal.samples)
         if values.dtype.kind not in "fiub" or values.ndim != 1:

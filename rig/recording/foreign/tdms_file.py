@@ -14,12 +14,12 @@ from rig.recording.foreign.foreign_file import (
     EXTRA,
     ForeignColumn,
     NoLines,
+    check_alike,
     check_size,
     stream,
     unapplied_factor,
     unreadable,
 )
-from rig.recording.foreign.mat_file import check_alike
 from rig.signals.arrays import FloatArray
 
 UNITS = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit", "unit", "Unit")

@@ -299,3 +299,49 @@ def test_a_small_file_that_inflates_beyond_measure_is_refused(tmp_path: Path, mo
     savemat(tmp_path / "a.mat", {"x": np.zeros(1 << 20)}, do_compression=True)
     with pytest.raises(FileProblem, match=r"claims to hold 10485\d\d numbers"):
         read(tmp_path / "a.mat", displacement="x:m", force="x:N", rate_Hz=1e3)
+
+
+@pytest.mark.parametrize(("unit", "scale", "sync", "problem"), [
+    ("ms", 1e3, 1, ""), ("us", 1e6, 1, ""), ("s", 1.0, 1, ""), ("", 1.0, 1, ""),
+    ("deg", 360.0, 2, "holds an angle, no time"), ("deg", 360.0, 1, "holds numbers in 'deg', no time"),
+])  # fmt: skip
+def test_master_channels_of_mdf_count_in_their_unit(
+    unit: str, scale: float, sync: int, problem: str, tmp_path: Path
+) -> None:
+    from asammdf import MDF, Signal
+
+    with MDF(version="4.10") as mdf:
+        mdf.append([Signal(X_MM, T * scale, unit="mm", name="x"), Signal(F_N / 1e3, T * scale, unit="kN", name="F")])
+        master = mdf.groups[0].channels[mdf.masters_db[0]]
+        master.unit, master.sync_type = unit, sync
+        mdf.save(tmp_path / "a.mf4")
+    if problem:
+        with pytest.raises(FileProblem, match=problem):
+            read(tmp_path / "a.mf4", displacement="x", force="F")
+        check(read(tmp_path / "a.mf4", displacement="x", force="F", rate_Hz=250.0))
+    else:
+        check(read(tmp_path / "a.mf4", displacement="x", force="F"))
+        check(read(tmp_path / "a.mf4", time=f"time:{unit or 's'}", displacement="x", force="F"))
+
+
+@pytest.mark.parametrize(("sentinel", "given", "missing"), [
+    (-9999.0, None, True), (-999.25, None, True), (9.9e37, None, True), (-8888.0, None, False),
+    (-8888.0, (-8888.0,), True), (-9999.0, (), False),
+])
+def test_numbers_that_mean_no_value_are_taken_out_and_counted(
+    sentinel: float, given: tuple[float, ...] | None, missing: bool, tmp_path: Path
+) -> None:
+    force = F_N.copy()
+    force[[5, 50, 500]] = sentinel
+    np.savetxt(tmp_path / "a.csv", np.column_stack([T, X_MM, force]), "%.9g", ",", header="t_s,x_mm,F_N", comments="")
+    columns = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
+    (test,) = read_tests([tmp_path / "a.csv"], WantedTests(columns, 0.5, no_value=given))
+    assert np.count_nonzero(np.isnan(test.force_N)) == 3 * missing
+    assert ("force: 3 x" in test.read_as) == missing
+
+
+def test_a_force_that_reaches_such_a_number_has_a_value_there(tmp_path: Path) -> None:
+    force = 12.4987 * F_N
+    force[125] = -9999.0
+    np.savetxt(tmp_path / "a.csv", np.column_stack([T, X_MM, force]), "%.9g", ",", header="t_s,x_mm,F_N", comments="")
+    assert np.isfinite(read(tmp_path / "a.csv", time="t_s", displacement="x_mm", force="F_N").force_N).all()

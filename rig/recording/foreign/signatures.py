@@ -1,0 +1,75 @@
+"""Files that are not read, by their first bytes: what each one is, and the way out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+CSV = "save it as CSV with the program that wrote it"
+BEGINNINGS: tuple[tuple[bytes, str, str], ...] = (
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel workbook (.xls) or another Office file",
+     "save it as .xlsx or CSV"),
+    (b"PAR1", "a Parquet file", "pandas.read_parquet(FILE).to_csv('a.csv'), or RecordedPoint.from_pandas"),
+    (b"ARROW1", "a Feather (Arrow) file", "pandas.read_feather(FILE).to_csv('a.csv'), or RecordedPoint.from_pandas"),
+    (b"\x93NUMPY", "a NumPy array (.npy)", "numpy.savetxt('a.csv', numpy.load(FILE), delimiter=',')"),
+    (b"CDF\x01", "a NetCDF 3 file", "ncks -4 or xarray.open_dataset(FILE).to_netcdf('a.nc', engine='h5netcdf')"),
+    (b"CDF\x02", "a NetCDF 3 file", "ncks -4 or xarray.open_dataset(FILE).to_netcdf('a.nc', engine='h5netcdf')"),
+    (b"SQLite format 3\0", "an SQLite database", "export the table of the test as CSV"),
+    (b"%PDF", "a PDF document", "export the numbers themselves as CSV"),
+    (b"\x1f\x8b", "a gzip archive", "unpack it first (gunzip)"),
+    (b"BZh", "a bzip2 archive", "unpack it first (bunzip2)"),
+    (b"\xfd7zXZ\0", "an xz archive", "unpack it first (unxz)"),
+    (b"7z\xbc\xaf\x27\x1c", "a 7-Zip archive", "unpack it first"),
+    (b"Rar!", "a RAR archive", "unpack it first"),
+    (b"\x89PNG", "a picture (PNG)", "export the numbers themselves as CSV"),
+    (b"\xff\xd8\xff", "a picture (JPEG)", "export the numbers themselves as CSV"),
+    (b"|CF,", "an imc FAMOS file", CSV),
+    (b"|CK,", "an imc FAMOS file", CSV),
+    (b"DEWESoft", "a Dewesoft file", "export it as MDF4, MATLAB or CSV"),
+    (b"DIAEHL", "a DIAdem file", "save it as TDMS or CSV"),
+    (b"{\\rtf", "an RTF document", "save the numbers as text"),
+)
+IN_ARCHIVES = (
+    ("xl/workbook.bin", "a binary Excel workbook (.xlsb)", "save it as .xlsx or CSV"),
+    ("word/", "a Word document", "save the numbers as text"),
+    ("content.xml", "an OpenDocument spreadsheet", "save it as .xlsx or CSV"),
+    (".npy", "NumPy arrays (.npz)", "numpy.savetxt('a.csv', columns, delimiter=',')"),
+)
+TEXTS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
+    (re.compile(rb"\s*-1\s*\n\s*(15|55|58b?|82|151|164)\b"), "a universal file (UFF, UNV)", CSV),
+    (re.compile(rb"(?s)\s*(<\?xml[^>]*>\s*)?(<!--.{0,2000}?-->\s*)?<(usi:)?tdm\b"), "a TDM file of DIAdem",
+     "save it as TDMS or CSV"),
+    (re.compile(rb"\s*<\?xml[^>]*>\s*(<\?mso[^>]*>\s*)?<Workbook\b"), "an Excel workbook in XML (2003)",
+     "save it as .xlsx or CSV"),
+    (re.compile(rb"(?i)\s*(<!doctype html|<html|<table)\b"), "a web page (HTML), as programs that call it .xls write",
+     "open it in a spreadsheet and save it as .xlsx or CSV"),
+    (re.compile(rb"\s*<\?xml\b"), "an XML file", CSV),
+)  # fmt: skip
+
+
+def what_it_is(data: bytes, names: Iterator[str] | tuple[str, ...] = ()) -> tuple[str, str] | None:
+    """What a file is that is not read, and the way out; None where it may be a text of numbers.
+
+    Args:
+        data: the file's bytes.
+        names: of the files in it, where it is a ZIP archive.
+    """
+    held = tuple(names)
+    if held:
+        found = next((known for known in IN_ARCHIVES if any(known[0] in name for name in held)), None)
+        return found[1:] if found else ("a ZIP archive", "unpack it first")
+    for beginning, name, way_out in BEGINNINGS:
+        if data.startswith(beginning):
+            return name, way_out
+    head = data[:8192].removeprefix(b"\xef\xbb\xbf")
+    return next(((name, way_out) for pattern, name, way_out in TEXTS if pattern.match(head)), None)
+
+
+def encoding_without_mark(data: bytes) -> str:
+    """UTF-16 without a mark, by the zero bytes in every other place; empty where the zeros are not those of a text."""
+    head = data[:4096]
+    odd, even = head[1::2].count(0), head[::2].count(0)
+    places = max(1, len(head) // 2)
+    if odd > 0.8 * places and even < 0.05 * places:
+        return "utf-16-le"
+    return "utf-16-be" if even > 0.8 * places and odd < 0.05 * places else ""

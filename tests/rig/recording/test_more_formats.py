@@ -1,0 +1,267 @@
+"""Excel workbooks, HDF5, MATLAB struct arrays, RPC III: read right; what is not read is named with the way out."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime as dt
+import io
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from rig.errors import FileProblem
+from rig.recording.foreign.foreign_file import Dialect
+from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
+
+ROWS = 500
+T = np.arange(ROWS) * 0.005
+X_MM, F_N = 20.0 * np.sin(4.0 * np.pi * T), 900.0 * np.cos(4.0 * np.pi * T)
+COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
+
+
+def read(path: Path, columns: dict[str, str], **said: str) -> list[ImportedTest]:
+    wanted = WantedTests(columns, 0.5, dialect=Dialect(**said))  # type: ignore[arg-type]
+    return read_tests([path], wanted)
+
+
+def check(test: ImportedTest, rows: int = ROWS) -> None:
+    assert test.time_s == pytest.approx(T[:rows], abs=1e-6)
+    assert test.displacement_m == pytest.approx(X_MM[:rows] * 1e-3, abs=1e-6)
+    assert test.force_N == pytest.approx(F_N[:rows], abs=0.05)
+
+
+def workbook(path: Path, sheets: dict[str, list[list[object]]]) -> Path:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for name, rows in sheets.items():
+        sheet = book.create_sheet(name)
+        for row in rows:
+            sheet.append(row)
+    book.save(path)
+    return path
+
+
+TABLE: list[list[object]] = [["t_s", "x_mm", "F_N"], *([float(t), float(x), float(f)]
+                                                       for t, x, f in zip(T, X_MM, F_N, strict=True))]  # fmt: skip
+UNITS: list[list[object]] = [["Damper 7"], [dt.date(2026, 3, 1)], [], ["t", "x", "F", "note"],
+                             ["s", "mm", "kN"], *([float(t), float(x), float(f) / 1e3, "ok"]
+                                                  for t, x, f in zip(T, X_MM, F_N, strict=True))]  # fmt: skip
+START = dt.datetime(2026, 3, 16, 23, 59, 59)  # noqa: DTZ001 - as workbooks have them
+STAMPS: list[list[object]] = [["at", "x_mm", "F_N"], *([START + dt.timedelta(seconds=float(t)), float(x), float(f)]
+                                                       for t, x, f in zip(T, X_MM, F_N, strict=True))]  # fmt: skip
+
+
+@pytest.mark.parametrize(("rows", "columns"), [
+    (TABLE, COLUMNS), (UNITS, {"time": "t", "displacement": "x", "force": "F"}), (STAMPS, {**COLUMNS, "time": "at"}),
+])
+def test_the_table_of_a_workbook_is_read(rows: list[list[object]], columns: dict[str, str], tmp_path: Path) -> None:
+    notes: list[list[object]] = [["remarks"], ["none", 1.0]]
+    (test,) = read(workbook(tmp_path / "a.xlsx", {"Notes": notes, "Run 1": rows}), columns)
+    check(test)
+    assert "Excel workbook, sheet 'Run 1'" in test.read_as
+
+
+def test_sheets_are_chosen_by_name_or_are_tests_each(tmp_path: Path) -> None:
+    path = workbook(tmp_path / "a.xlsx", {"0.5A": TABLE, "1.0A": TABLE[:301]})
+    with pytest.raises(FileProblem, match=r"2 sheets hold tables: '0\.5A', '1\.0A'\. Fix: --sheet"):
+        read(path, COLUMNS)
+    with pytest.raises(FileProblem, match=r"no sheet 'x'; its sheets: '0\.5A', '1\.0A'"):
+        read(path, COLUMNS, sheet="x")
+    (one,) = read(path, COLUMNS, sheet="1.0A")
+    check(one, 300)
+    wanted = WantedTests(COLUMNS, None, r"(?P<current>[0-9.]+)A", dialect=Dialect(sheet="all"))
+    tests = read_tests([path], wanted)
+    assert [(test.part, test.nominal_current_A) for test in tests] == [("0.5A", 0.5), ("1.0A", 1.0)]
+
+
+def test_numbers_stored_as_text_with_a_comma_are_never_thousands(tmp_path: Path) -> None:
+    rows = [*TABLE[:50], ["0,245", "12,345", "1,234"], *TABLE[51:]]
+    with pytest.raises(FileProblem, match="'12,345' is not a number"):
+        read(workbook(tmp_path / "a.xlsx", {"Run": rows}), COLUMNS)
+
+
+def test_workbooks_that_unpack_beyond_measure_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = workbook(tmp_path / "a.xlsx", {"Run": TABLE})
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr("xl/sharedStrings.xml", bytes(65 << 20))
+    with pytest.raises(FileProblem, match="unpacks to 68157440 bytes"):
+        read(path, COLUMNS)
+    wide = workbook(tmp_path / "b.xlsx", {"Run": [*TABLE, [*[None] * 16_000, 1.0]] * 2})
+    monkeypatch.setattr("rig.recording.foreign.foreign_file.MOST_NUMBERS", 20_000)
+    with pytest.raises(FileProblem, match="claims to hold"):
+        read(wide, COLUMNS)
+
+
+def hdf5(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        for name, values, unit in (("t", T, "s"), ("x", X_MM, b"mm")):
+            file[f"run1/{name}"] = values
+            file[f"run1/{name}"].attrs["units"] = unit
+        file["run1/F"] = np.round(F_N * 20.0).astype(np.int16)
+        file["run1/F"].attrs.update({"units": "N", "scale_factor": 0.05, "_FillValue": np.int16(-32768)})
+        file["M"] = np.column_stack([T, X_MM, F_N])
+        file["table"] = np.rec.fromarrays([T, X_MM, F_N], names="t_s,x_mm,F_N")  # type: ignore[call-overload]
+        file["link"] = h5py.ExternalLink("other.h5", "/x")
+
+
+def struct_array(path: Path) -> None:
+    one, cells = {"t": T, "x_mm": X_MM, "F_N": F_N}, np.empty((2, 1), object)
+    cells[:, 0] = [T, X_MM]
+    savemat(path, {"data": np.array([{**one, "x_mm": 0.0 * X_MM}, one], dtype=object)[:, None],
+                   "mixed": cells})  # fmt: skip
+
+
+def struct_array_73(path: Path) -> None:
+    with h5py.File(path, "w", userblock_size=512) as file:
+        kind = h5py.special_dtype(ref=h5py.Reference)
+        for name, values in (("t", T), ("x_mm", X_MM), ("F_N", F_N)):
+            references = []
+            for k in range(2):
+                file[f"#refs#/{name}{k}"] = (k * values).reshape(1, -1)
+                references.append(file[f"#refs#/{name}{k}"].ref)
+            file.create_dataset(f"data/{name}", (2, 1), kind)[:, 0] = references
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64")
+
+
+def rpc3(path: Path, *, kind: str = "SHORT_INTEGER", frame: int = 64, group: int = 128, padded: bool = True,
+         form: str = "BINARY_IEEE_LITTLE_END", drop: str = "") -> None:  # fmt: skip
+    frames = -(-ROWS // frame)
+    scales = (0.001, 0.05)
+    keys = {
+        "FORMAT": form, "NUM_HEADER_BLOCKS": "6", "NUM_PARAMS": "22", "FILE_TYPE": "TIME_HISTORY",
+        "DATA_TYPE": kind, "CHANNELS": "2", "DELTA_T": "5.0E-03", "PTS_PER_FRAME": str(frame),
+        "PTS_PER_GROUP": str(group), "FRAMES": str(frames), "INT_FULL_SCALE": "32752",
+        "DESC.CHAN_1": "Stroke", "UNITS.CHAN_1": "mm", "SCALE.CHAN_1": str(scales[0]),
+        "DESC.CHAN_2": "Load", "UNITS.CHAN_2": "N", "SCALE.CHAN_2": str(scales[1]),
+    }  # fmt: skip
+    keys.pop(drop, None)
+    head = b"".join(key.encode().ljust(32, b"\0") + value.encode().ljust(96, b"\0") for key, value in keys.items())
+    whole = np.zeros((2, frames * frame))
+    whole[:, :ROWS] = X_MM, F_N
+    if kind == "SHORT_INTEGER":
+        whole = np.round(whole / np.array(scales)[:, None])
+    dtype = (">" if "BIG" in form else "<") + ("i2" if kind == "SHORT_INTEGER" else "f4")
+    body = b""
+    for start in range(0, frames * frame, group):
+        part = whole[:, start : start + group]
+        if padded:
+            part = np.pad(part, ((0, 0), (0, group - part.shape[1])))
+        body += part.astype(dtype).tobytes()
+    path.write_bytes(head.ljust(6 * 512, b"\0") + body)
+
+
+READ: dict[str, tuple[str, Callable[[Path], None], dict[str, str]]] = {
+    "hdf5 by path": ("a.h5", hdf5, {"time": "run1/t", "displacement": "run1/x", "force": "/run1/F"}),
+    "hdf5 matrix": ("a.h5", hdf5, {"time": "M(1):s", "displacement": "M(2):mm", "force": "M(3):N"}),
+    "hdf5 table": ("a.h5", hdf5, {"time": "table/t_s", "displacement": "table/x_mm", "force": "table/F_N"}),
+    "struct array": ("a.mat", struct_array,
+                     {"time": "data(2).t:s", "displacement": "data(2).x_mm", "force": "data(2).F_N"}),
+    "cell array": ("a.mat", struct_array, {"time": "mixed{1}:s", "displacement": "mixed{2}:mm",
+                                           "force": "data(2).F_N"}),
+    "struct array 7.3": ("a.mat", struct_array_73,
+                         {"time": "data(2).t:s", "displacement": "data(2).x_mm", "force": "data(2).F_N"}),
+    "rpc3": ("a.rsp", rpc3, {"displacement": "Stroke", "force": "Load"}),
+    "rpc3 unpadded": ("a.rsp", lambda path: rpc3(path, padded=False), {"displacement": "Stroke", "force": "#2"}),
+    "rpc3 big end floats": ("a.rsp", lambda path: rpc3(path, kind="FLOATING_POINT", form="BINARY_IEEE_BIG_END"),
+                            {"displacement": "Stroke", "force": "Load"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", READ)
+def test_formats_of_this_field_are_read(name: str, tmp_path: Path) -> None:
+    file, write, columns = READ[name]
+    write(tmp_path / file)
+    (test,) = read(tmp_path / file, columns)
+    assert test.time_s[:ROWS] == pytest.approx(T, abs=1e-6)
+    assert test.displacement_m[:ROWS] == pytest.approx(X_MM * 1e-3, abs=1e-6)
+    assert test.force_N[:ROWS] == pytest.approx(F_N, abs=0.05)
+
+
+def test_hdf5_integers_with_an_unknown_factor_are_refused(tmp_path: Path) -> None:
+    hdf5(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["run1/F"].attrs["gain"] = 0.05
+    with pytest.raises(FileProblem, match=r"its property 'gain' = 0\.05"):
+        read(tmp_path / "a.h5", READ["hdf5 by path"][2])
+
+
+def element(kind: int, content: bytes) -> bytes:
+    return struct.pack("<II", kind, len(content)) + content + b"\0" * (-len(content) % 8)
+
+
+def matlab_table(path: Path) -> None:
+    """A variable T of class table, as MATLAB writes the head of one: flags, name, type system, class, its numbers."""
+    inner = element(14, element(6, struct.pack("<II", 13, 0)) + element(5, struct.pack("<ii", 2, 1)) + element(1, b"")
+                    + element(6, struct.pack("<2I", 0xDD000000, 2)))  # fmt: skip
+    body = element(6, struct.pack("<II", 17, 0)) + element(1, b"T") + element(1, b"MCOS") + element(1, b"table") + inner
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + element(14, body))
+
+
+def archive(names: str) -> bytes:
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as packed:
+        packed.writestr(names, "x")
+    return made.getvalue()
+
+
+NAMED = {
+    "xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500), "save it as .xlsx or CSV"),
+    "ods": (archive("content.xml"), "an OpenDocument spreadsheet"),
+    "zip": (archive("a.csv"), "a ZIP archive"),
+    "parquet": (b"PAR1" + bytes(200), "pandas.read_parquet"),
+    "uff": (b"    -1\n    58\nx\n" + b"0.1 0.2 0.3\n" * 99, "a universal file"),
+    "html": (b"<html><table><tr><td>1</td></tr></table></html>", "a web page"),
+    "tdm": (b'<?xml version="1.0"?>\n<usi:tdm xmlns:usi="x">', "a TDM file"),
+    "unknown": (bytes(range(256)) * 4, "a binary file of an unknown format"),
+    "utf-16 without mark": ("t_s,x_mm,F_N\n1,2,3\n".encode("utf-16-le"), "--encoding utf-16-le"),
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_what_is_not_read_is_named_with_the_way_out(name: str, tmp_path: Path) -> None:
+    data, says = NAMED[name]
+    (tmp_path / "a.dat").write_bytes(data)
+    with pytest.raises(FileProblem) as caught:
+        read(tmp_path / "a.dat", COLUMNS)
+    assert says in str(caught.value)
+
+
+def test_tables_of_matlab_and_damaged_rpc3_are_named(tmp_path: Path) -> None:
+    matlab_table(tmp_path / "a.mat")
+    with pytest.raises(FileProblem, match=r"variable 'T' is a MATLAB table, which only MATLAB reads(.|\n)*table2struct"):
+        read(tmp_path / "a.mat", COLUMNS)
+    for options, says in (({"drop": "DELTA_T"}, "without the keyword 'DELTA_T'"), ({"form": "ASCII"}, "expected")):
+        rpc3(tmp_path / "a.rsp", **options)  # type: ignore[arg-type]
+        with pytest.raises(FileProblem, match=says):
+            read(tmp_path / "a.rsp", COLUMNS)
+    rpc3(tmp_path / "b.rsp")
+    (tmp_path / "b.rsp").write_bytes((tmp_path / "b.rsp").read_bytes()[:-200])
+    with pytest.raises(FileProblem, match="cut off, or is damaged"):
+        read(tmp_path / "b.rsp", COLUMNS)
+
+
+@pytest.mark.few(3)
+@pytest.mark.parametrize("name", ["hdf5 by path", "struct array", "rpc3", "workbook"])
+def test_damaged_files_of_these_formats_are_refused_or_read(name: str, tmp_path: Path) -> None:
+    if name == "workbook":
+        path, columns = workbook(tmp_path / "a.xlsx", {"Run": TABLE[:100]}), COLUMNS
+    else:
+        file, write, columns = READ[name]
+        path = tmp_path / file
+        write(path)
+    whole, source = path.read_bytes(), np.random.default_rng(5)
+    for _ in range(12):
+        damaged = bytearray(whole[: source.integers(140, len(whole))] if source.random() < 0.4 else whole)
+        for place in source.integers(0, len(damaged) if source.random() < 0.5 else min(len(damaged), 2048), 6):
+            damaged[place] = source.integers(256)
+        path.write_bytes(damaged)
+        with contextlib.suppress(FileProblem):  # and nothing else is raised
+            assert len(read(path, columns)[0].time_s) > 15
