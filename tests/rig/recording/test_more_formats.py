@@ -236,7 +236,7 @@ def test_what_is_not_read_is_named_with_the_way_out(name: str, tmp_path: Path) -
 
 def test_tables_of_matlab_and_damaged_rpc3_are_named(tmp_path: Path) -> None:
     matlab_table(tmp_path / "a.mat")
-    with pytest.raises(FileProblem, match=r"variable 'T' is a MATLAB table, which only MATLAB reads(.|\n)*table2struct"):
+    with pytest.raises(FileProblem, match=r"'T' is a MATLAB table, which only MATLAB reads(.|\n)*table2struct"):
         read(tmp_path / "a.mat", COLUMNS)
     for options, says in (({"drop": "DELTA_T"}, "without the keyword 'DELTA_T'"), ({"form": "ASCII"}, "expected")):
         rpc3(tmp_path / "a.rsp", **options)  # type: ignore[arg-type]
