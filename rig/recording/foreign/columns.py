@@ -24,6 +24,8 @@ REQUIRED = ("displacement", "force")
 MOST_SHOWN = 40
 BRACKETED = re.compile(r"(?P<name>.*?\S)\s*[\[(](?P<unit>[^\[\]()]{1,20})[\])]")
 AFTER_WORD = re.compile(r"(?P<name>.*?\S)(?:\s*/\s*|,\s*|\s+in\s+)(?P<unit>[^\s/,]{1,12})")
+LONGEST_HEADING = 400
+"""Characters; the two above take time quadratic in a row of blanks."""
 LIKELY = {
     "time": ("t", "time", "zeit", "temps", "tiempo"),
     "displacement": ("x", "u", "displacement", "disp", "stroke", "position", "weg", "hub", "desplazamiento"),
@@ -86,7 +88,7 @@ def check_wanted(columns: Mapping[str, str], scales: Mapping[str, str | float]) 
 def split_heading(text: str) -> tuple[str, str]:
     """A CSV column's heading as its name and the unit in it: `F [kN]`, `F (kN)`, `F / kN`, `F, kN`, `F in kN`."""
     for pattern in (BRACKETED, AFTER_WORD):
-        match = pattern.fullmatch(text)
+        match = pattern.fullmatch(text) if len(text) <= LONGEST_HEADING else None
         if match and known_unit(match["unit"]):
             return match["name"], match["unit"]
     return text, ""

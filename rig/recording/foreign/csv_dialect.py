@@ -26,9 +26,10 @@ NOTHING = frozenset((
     "", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a", "#div/0!", "#num!", "#value!", "#ref!", "#name?",
     "#null!",
 ))  # fmt: skip
-POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
-COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?", re.IGNORECASE)
-FORTRAN = re.compile(r"(?<![\w.,])[+-]?(\d+[.,]?\d*|[.,]\d+)[dD][+-]?\d{1,3}(?![\w.])")
+# Possessive: a cell of 60,000 digits and a letter would take minutes of backtracking.
+POINT = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)([eE][+-]?\d++)?|[+-]?inf(inity)?", re.IGNORECASE)
+COMMA = re.compile(r"[+-]?(\d++,?\d*+|,\d++)([eE][+-]?\d++)?", re.IGNORECASE)
+FORTRAN = re.compile(r"(?<![\w.,])[+-]?(\d++[.,]?\d*+|[.,]\d++)[dD][+-]?\d{1,3}(?![\w.])")
 FORTRAN_HINT = "has Fortran's exponent D: write the numbers with E (sed -E 's/([0-9.])[Dd]([+-]?[0-9])/\\1E\\2/g')"
 GROUPED = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?"), ",": re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?"),
