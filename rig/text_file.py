@@ -6,11 +6,13 @@ import json
 import os
 import stat
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from rig.errors import FileProblem
 
 JSON_LIMIT_BYTES = 32_000_000
+LARGEST_NAMED_FILE_BYTES = 256_000_000
+"""Of a file that a bench or a matrix names; recorded roads are the largest."""
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a pipe"),
@@ -75,6 +77,22 @@ def json_of(path: Path, raw: bytes) -> dict[str, Any]:
     return value
 
 
+def open_regular(path: Path) -> BinaryIO:
+    """Open a regular file for reading; a pipe or a device is refused without waiting for it or reading from it.
+
+    Raises:
+        FileProblem: it is something else than a regular file.
+        OSError: it cannot be opened.
+    """
+    # Without O_NONBLOCK, opening a pipe that has no writer would wait for ever.
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
+    mode = os.fstat(descriptor).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(descriptor)
+        raise FileProblem(str(path), [f"is {_kind(mode)}, not a file"])
+    return os.fdopen(descriptor, "rb")
+
+
 def read_bytes(path: Path, limit_bytes: int) -> bytes:
     """The content of a regular file.
 
@@ -82,15 +100,8 @@ def read_bytes(path: Path, limit_bytes: int) -> bytes:
         FileProblem: missing, unreadable, not a regular file, or too large.
     """
     try:
-        # Without O_NONBLOCK, opening a pipe nobody writes to would wait for ever.
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-        try:
-            mode = os.fstat(descriptor).st_mode
-            if not stat.S_ISREG(mode):
-                raise FileProblem(str(path), [f"is {_kind(mode)}, not a file"])
-            raw = _up_to(descriptor, limit_bytes + 1)
-        finally:
-            os.close(descriptor)
+        with open_regular(path) as file:
+            raw = file.read(limit_bytes + 1)
     except FileNotFoundError as error:
         raise FileProblem(str(path), ["there is no such file"]) from error
     except (OSError, ValueError) as error:
@@ -100,14 +111,6 @@ def read_bytes(path: Path, limit_bytes: int) -> bytes:
         size = f"{limit_bytes // 1024} KiB" if limit_bytes < 1_000_000 else f"{limit_bytes / 1e6:g} MB"
         raise FileProblem(str(path), [f"larger than {size}: not a file written for the rig"])
     return raw
-
-
-def _up_to(descriptor: int, size: int) -> bytes:
-    parts: list[bytes] = []
-    while size > 0 and (part := os.read(descriptor, min(size, 1 << 20))):
-        parts.append(part)
-        size -= len(part)
-    return b"".join(parts)
 
 
 def _kind(mode: int) -> str:

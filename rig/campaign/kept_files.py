@@ -8,10 +8,10 @@ import tomllib
 from pathlib import Path
 
 from rig.bench import named_files
-from rig.errors import FileProblem, Refused
+from rig.errors import Refused
 from rig.matrix import named_files as matrix_files
 from rig.recording.atomic_write import inner_folder, write_durably
-from rig.text_file import read_text
+from rig.text_file import LARGEST_NAMED_FILE_BYTES, read_bytes, read_text
 
 LARGEST_BENCH_BYTES = 262_144
 LARGEST_MATRIX_BYTES = 1_048_576
@@ -24,10 +24,7 @@ def copy_into(source: Path, folder: Path, name: str) -> None:
         Refused: it cannot be copied.
         FileProblem: the source cannot be read.
     """
-    try:
-        content = source.read_bytes()
-    except OSError as error:
-        raise FileProblem(str(source), [f"cannot be read: {error.strerror}"]) from error
+    content = read_bytes(source, LARGEST_NAMED_FILE_BYTES)
     try:
         write_durably(folder / name, content)
     except OSError as error:
@@ -59,7 +56,7 @@ def kept_hashes(folder: Path) -> dict[str, str]:
     """SHA-256 (hex) of each file that a campaign's matrix names, by its name in the campaign's directory."""
     beside = folder / matrix_files.FOLDER
     return {
-        f"{matrix_files.FOLDER}/{path.name}": hashlib.sha256(path.read_bytes()).hexdigest()
+        f"{matrix_files.FOLDER}/{path.name}": hashlib.sha256(read_bytes(path, LARGEST_NAMED_FILE_BYTES)).hexdigest()
         for path in sorted(beside.iterdir() if beside.is_dir() else ()) if path.is_file()
     }
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
@@ -10,6 +9,7 @@ import click
 from rig.cli.options import Command, json_option, run_argument
 from rig.cli.output import on_a4, say, write_json
 from rig.errors import EXIT_DONE
+from rig.text_file import read_json
 
 
 @click.command(name="report", cls=Command, examples=(
@@ -26,7 +26,7 @@ def command(run: Path, on_paper: bool, as_json: bool) -> int:
     path = write_report(run).resolve()
     paper = on_a4(path) if on_paper else None
     if as_json:
-        characteristics = json.loads((path.parent / "characteristics.json").read_text(encoding="utf-8"))
+        characteristics = read_json(path.parent / "characteristics.json")
         answer = {"campaign": str(run.resolve()), "report": str(path), "pdf": None if paper is None else str(paper)}
         write_json({**answer, "characteristics": characteristics})
     else:

@@ -10,6 +10,7 @@ from typing import Any
 
 from rig.errors import FileProblem
 from rig.matrix.assumed_damper import is_fit_file
+from rig.text_file import LARGEST_NAMED_FILE_BYTES, read_bytes
 from rig.vehicle.road_file import road_names
 
 FOLDER = "records"
@@ -100,7 +101,7 @@ def kept(text: str, folder: Path) -> tuple[str, dict[str, bytes]]:
     original, renamed = text, dict[Place, dict[str, str]]()
     for place, names in named(tomllib.loads(text)).items():
         for name in names:
-            content, beside = _read(folder / name), dict[str, bytes]()
+            content, beside = read_bytes(folder / name, LARGEST_NAMED_FILE_BYTES), dict[str, bytes]()
             if place == ROAD:
                 content, beside = _road(content, (folder / name).parent, files)
             own = _free(PurePath(name).name, files)
@@ -124,7 +125,7 @@ def _road(content: bytes, folder: Path, taken: Mapping[str, bytes]) -> tuple[byt
         if isinstance(data.get(table), Mapping):
             written = str(data[table].get("file"))
             own = _free(PurePath(written).name, taken)
-            beside[own] = _read(folder / written)
+            beside[own] = read_bytes(folder / written, LARGEST_NAMED_FILE_BYTES)
             text = _replaced(text, written, own)
     return text.encode(), beside
 
@@ -141,10 +142,3 @@ def _free(name: str, taken: Mapping[str, bytes]) -> str:
     while free in taken:
         number, free = number + 1, f"{number}-{name}"
     return free
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise FileProblem(str(path), [f"cannot be read: {error.strerror}"]) from error

@@ -19,7 +19,9 @@ from zipfile import BadZipFile
 import numpy as np
 
 from drivers.ring import Channel
+from rig.errors import FileProblem
 from rig.page.samples import LOOP_F, LOOP_V, LOOP_X, RECORDED, packed, thinned
+from rig.text_file import open_regular
 
 TOLD = (b'"result"', b'"judged"', b'"connected"', b'"point"')
 """Events of a journal that say how a run ended; other lines are not looked into."""
@@ -61,13 +63,12 @@ class EndedRun:
     @property
     def points(self) -> dict[str, dict[str, Any]]:
         """Verdicts by point, as pages are told them; `file` where there is one."""
-        kept = (point for point in self.result["points"] if isinstance(point, dict))
         return {
             str(point.get("id")): {
-                "verdict": str(point.get("verdict", "")), "reasons": list(point.get("reasons") or ()),
+                "verdict": str(point.get("verdict", "")), "reasons": _texts(point.get("reasons")),
                 "file": self._file(point) is not None,
             }
-            for point in kept
+            for point in self.result["points"]
         }  # fmt: skip
 
     def _file(self, point: dict[str, Any]) -> Path | None:
@@ -93,7 +94,7 @@ def _result(journal: Path) -> dict[str, Any]:
     for event in _events(journal):
         kind = event.get("event")
         if kind == "result":
-            result, points = event, {str(one.get("id")): one for one in event.get("points") or ()}
+            result, points = event, {str(one.get("id")): one for one in _objects(event.get("points"))}
         elif kind in {"connected", "point"}:
             result = None
         elif kind == "judged" and _rank(event) >= _rank(points.get(str(event.get("id")), {})):
@@ -103,8 +104,17 @@ def _result(journal: Path) -> dict[str, Any]:
     stop = result.get("stop")
     stands = str(stop.get("stands") or "") if isinstance(stop, dict) else ""
     lines = [text for text in (str(result.get("detail") or ""), stands) if text]
-    lines += [str(one.get("text", "")) for one in result.get("findings") or () if isinstance(one, dict)]
+    lines += [str(one.get("text", "")) for one in _objects(result.get("findings"))]
     return {**{key: result.get(key) for key in KEYS}, "points": list(points.values()), "lines": lines}
+
+
+def _objects(value: object) -> list[dict[str, Any]]:
+    """The objects of a list; empty for anything else that a damaged journal may hold in its place."""
+    return [one for one in value if isinstance(one, dict)] if isinstance(value, list) else []
+
+
+def _texts(value: object) -> list[str]:
+    return [str(one) for one in value] if isinstance(value, list) else []
 
 
 def _rank(point: dict[str, Any]) -> tuple[int, bool]:
@@ -114,12 +124,12 @@ def _rank(point: dict[str, Any]) -> tuple[int, bool]:
 
 
 def _events(journal: Path) -> Iterator[dict[str, Any]]:
-    with contextlib.suppress(OSError), journal.open("rb") as file:
+    with contextlib.suppress(OSError, FileProblem), open_regular(journal) as file:
         for line in file:
             if any(word in line for word in TOLD):
                 with contextlib.suppress(ValueError, RecursionError):
                     event = json.loads(line)
-                    if isinstance(event, dict):
+                    if isinstance(event, dict) and isinstance(event.get("event"), str):
                         yield event
 
 

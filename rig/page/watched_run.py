@@ -11,9 +11,11 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
+from rig.errors import FileProblem
 from rig.page.ended_run import EndedRun
 from rig.recording.journal.ring_reader import RingProblem, RingReader
 from rig.station.live_folder import LINK_FILE, LOCK, PLAN, RESULTS, STATE, held, read_json
+from rig.text_file import open_regular
 
 KEPT_EVENTS = 200
 LONGEST_READ = 1 << 20
@@ -176,10 +178,10 @@ class Journal:
         try:
             if path.stat().st_size == self._offset:
                 return []
-            with path.open("rb") as file:
+            with open_regular(path) as file:
                 file.seek(self._offset)
                 data = file.read(LONGEST_READ)
-        except OSError:
+        except (OSError, FileProblem):
             return []
         self._offset += len(data)
         *whole, self._rest = (self._rest + data).split(b"\n")

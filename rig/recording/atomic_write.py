@@ -186,12 +186,14 @@ def write_whole(
 
 
 def write_text_durably(path: Path, text: str) -> None:
-    """Write a small text file complete or not at all.
+    """Write a small text file complete or not at all, as UTF-8.
+
+    What cannot be encoded (a lone surrogate from a JSON file, a file name that is not UTF-8) becomes a question mark.
 
     Raises:
         OSError: the place cannot be written.
     """
-    write_durably(path, text.encode())
+    write_durably(path, text.encode("utf-8", "replace"))
 
 
 def write_durably(path: Path, data: bytes) -> None:

@@ -27,7 +27,9 @@ from rig.recording.atomic_write import write_durably
 from rig.report.html_tree import SILENT, Node, tree_of
 from rig.report.paper import body_table, cells_table, drawing
 from rig.report.style import CHIPS
+from rig.text_file import read_text
 
+LARGEST_REPORT_BYTES = 256_000_000
 MARGIN = 11 * mm
 BOTTOM = 13 * mm
 WIDTH = A4[0] - 2 * MARGIN
@@ -58,7 +60,7 @@ def write_pdf(report: Path) -> Path:
         OSError: the report cannot be read, or the PDF not written.
     """
     path = report.with_suffix(".pdf")
-    page = report.read_text(encoding="utf-8")
+    page = read_text(report, LARGEST_REPORT_BYTES)
     title = html.unescape(page.partition("<title>")[2].partition("</title>")[0])
     write_durably(path, pdf_of(page, title))
     return path

@@ -25,6 +25,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from rig import text_file
+from rig.errors import FileProblem
+
 PREFIX = "mr-damper-rig-"
 SUFFIX = ".live"
 SHARED_MEMORY = Path("/dev/shm")
@@ -76,7 +79,7 @@ def hold(path: Path) -> int | None:
     Raises:
         OSError: the file cannot be made.
     """
-    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -88,7 +91,7 @@ def hold(path: Path) -> int | None:
 def held(path: Path) -> bool:
     """Whether somebody holds this lock file; False where there is none."""
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
         return False
     try:
@@ -175,7 +178,6 @@ def replace_json(path: Path, value: object) -> None:
 def read_json(path: Path) -> dict[str, Any]:
     """What stands in one of the files; empty where there is none or it cannot be read."""
     try:
-        value = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
+        return text_file.read_json(path)
+    except FileProblem:
         return {}
-    return value if isinstance(value, dict) else {}

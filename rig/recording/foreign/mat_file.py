@@ -21,7 +21,6 @@ from rig.recording.foreign.foreign_file import (
     DEEPEST,
     FEWEST_ROWS,
     MOST_COLUMNS,
-    MOST_NUMBERS,
     ForeignColumn,
     NoLines,
     check_alike,
@@ -32,6 +31,8 @@ from rig.recording.foreign.foreign_file import (
 from rig.recording.foreign.hdf5_file import SIGNATURE, datasets, is_hdf5
 from rig.signals.arrays import FloatArray
 
+SMALL_BYTES, LARGEST_RATIO = 64_000_000, 100
+"""Sizes up to the first are unpacked from however few bytes; recordings compress to a tenth, zeros to a thousandth."""
 HEAD_BYTES = 128
 ARRAY, COMPRESSED = 14, 15
 HOLDERS = frozenset((1, 2, 3, 16, 17))
@@ -97,10 +98,15 @@ def _check_elements(file: Path, data: bytes) -> None:
         FileProblem: more numbers than 1 GiB, more than 1000 cells, structs and objects, or 100000 elements.
     """
     order = "<" if data[126:128] == b"IM" else ">"
-    numbers = holders = elements = 0
+    unpacked = sum(_declared_bytes(packed, order) for packed in _compressed(data, order))
+    check_size(file, unpacked // 8)
+    if unpacked > max(SMALL_BYTES, LARGEST_RATIO * len(data)):
+        raise FileProblem(str(file), [
+            f"holds {len(data) / 1e6:.3g} MB that unpack to {unpacked / 1e6:.4g} MB, more than {LARGEST_RATIO} times "
+            "as much: save only the columns of the test"
+        ])
+    holders = elements = 0
     for part in _plain(data, order):
-        numbers += len(part) // 8
-        check_size(file, numbers)
         for holds in _elements(part, order):
             elements, holders = elements + 1, holders + holds
             if holders > MOST_HOLDERS or elements > MOST_ELEMENTS:
@@ -110,6 +116,22 @@ def _check_elements(file: Path, data: bytes) -> None:
                 ])  # fmt: skip
 
 
+def _compressed(data: bytes, order: str) -> Iterator[bytes]:
+    """The file's compressed elements, as they are."""
+    place = HEAD_BYTES
+    while place + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, place)
+        if kind == COMPRESSED:
+            yield data[place + 8 : place + 8 + size]
+        place += 8 + size
+
+
+def _declared_bytes(packed: bytes, order: str) -> int:
+    """Size of a compressed element by its own tag, its first 8 bytes; no reader unpacks more of it."""
+    tag = zlib.decompressobj().decompress(packed, 8)
+    return int(struct.unpack(f"{order}II", tag)[1]) if len(tag) == 8 else 0
+
+
 def _plain(data: bytes, order: str) -> Iterator[bytes]:
     """The file's elements, those that are compressed inflated as far as they may go, the others together."""
     place = first = HEAD_BYTES
@@ -117,7 +139,8 @@ def _plain(data: bytes, order: str) -> Iterator[bytes]:
         kind, size = struct.unpack_from(f"{order}II", data, place)
         if kind == COMPRESSED:
             yield data[first:place]
-            yield zlib.decompressobj().decompress(data[place + 8 : place + 8 + size], 8 * MOST_NUMBERS + 8)
+            packed = data[place + 8 : place + 8 + size]
+            yield zlib.decompressobj().decompress(packed, _declared_bytes(packed, order) + 8)
             first = place + 8 + size
         place += 8 + size
     yield data[first:]

@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from rig.clock import monotonic_ns, utc_now
+from rig.text_file import read_bytes
 
 RESERVE_BYTES = 1 << 17
+LARGEST_BYTES = 1_000_000_000
+"""Of a campaign's journal; a campaign of ten hours writes some megabytes."""
 UNREADABLE = "unreadable"
 EARLIER_WORDS = {"warming up": "temperature", "cooling down": "temperature", "reached;": "amplitude"}
 """Codes of `info` lines, by words that the programs before the codes wrote in them."""
@@ -35,7 +38,7 @@ class CampaignLog:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "journal.jsonl"
-        torn = self.path.is_file() and self.path.read_bytes()[-1:] not in {b"", b"\n"}
+        torn = self.path.is_file() and read_bytes(self.path, LARGEST_BYTES)[-1:] not in {b"", b"\n"}
         self._handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
         if torn:
             # A crash cut the last line off; the next one begins on its own.
@@ -123,7 +126,7 @@ def read_log(folder: Path) -> list[dict[str, Any]]:
 def read_lines(folder: Path) -> list[dict[str, Any]]:
     """The same with an event `UNREADABLE`, and the number of its `line`, for every line that is not one of ours."""
     events: list[dict[str, Any]] = []
-    text = (folder / "journal.jsonl").read_text(encoding="utf-8", errors="replace")
+    text = read_bytes(folder / "journal.jsonl", LARGEST_BYTES).decode("utf-8", "replace")
     for number, line in enumerate(text.split("\n"), 1):
         if not line:
             continue
@@ -131,7 +134,7 @@ def read_lines(folder: Path) -> list[dict[str, Any]]:
             event = json.loads(line)
         except (ValueError, RecursionError):
             event = None
-        ours = isinstance(event, dict) and "event" in event
+        ours = isinstance(event, dict) and isinstance(event.get("event"), str)
         events.append(_migrated(event) if ours else {"event": UNREADABLE, "line": number})
     return events
 

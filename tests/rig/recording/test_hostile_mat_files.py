@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import struct
 import time
 import zlib
@@ -63,7 +64,19 @@ def test_cells_nested_deeper_than_the_readers_stack(tmp_path: Path, compressed: 
 def test_elements_that_say_they_are_empty_cost_no_time(tmp_path: Path) -> None:
     packed = zlib.compress(b"\0" * (32 << 20))
     (tmp_path / "a.mat").write_bytes(HEAD_5 + (struct.pack("<II", 15, len(packed)) + packed) * 20)
-    assert "or 100000 elements" in problems(tmp_path / "a.mat")
+    assert "Expecting miMATRIX" in problems(tmp_path / "a.mat")
+
+
+def test_a_small_file_that_unpacks_to_gigabytes_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
+    """Eight variables of 256 MB of zeros each: 2 MB on the disk."""
+    packer = zlib.compressobj()
+    size = 256 << 20
+    tag = struct.pack("<IIIIIIIIiiIIII", 14, 48 + size, 6, 8, 6, 0, 5, 8, 1, size // 8, 0x10001, ord("x"), 9, size)
+    packed = packer.compress(tag) + b"".join(packer.compress(bytes(1 << 20)) for _ in range(256)) + packer.flush()
+    (tmp_path / "a.mat").write_bytes(HEAD_5 + (struct.pack("<II", 15, len(packed)) + packed) * 8)
+    before_kB = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert "unpack" in problems(tmp_path / "a.mat") or "claims to hold" in problems(tmp_path / "a.mat")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kB < 100_000
 
 
 def test_groups_that_hold_themselves_are_entered_once(tmp_path: Path) -> None:
