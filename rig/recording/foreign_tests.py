@@ -209,7 +209,7 @@ def _test(
     known = next((name for name in ("current", "commanded_current") if name in table), "")
     problems = [
         *_wrong_time(opened, table["time"], choices, part.first_row), *_empty(table, choices),
-        *_too_large(table, choices),
+        *_too_large(table, {quantity: choice.text for quantity, choice in choices.items()}),
     ]
     nominal_A = np.nan
     try:
@@ -394,6 +394,20 @@ def _wrong_time(
                f"{float(time_s[row - 1])!r} s ({len(wrong)} such line(s)); times must increase")  # fmt: skip
 
 
+def implausible(
+    channels: Mapping[str, FloatArray], source: Mapping[str, str], accept: Sequence[str]
+) -> Iterator[str]:
+    """Sizes that no damper test has, as the import of a file refuses them.
+
+    Args:
+        channels: `time` (s) and quantities in SI, each (n,).
+        source: quantity -> the column that it is.
+        accept: slugs of doubts about sizes that are right all the same.
+    """
+    too_large = list(_too_large(channels, source))
+    yield from too_large or _doubtful(channels, accept)
+
+
 def _empty(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice]) -> Iterator[str]:
     """Columns without a single number; the time and the current have their own words."""
     for quantity, choice in choices.items():
@@ -402,18 +416,18 @@ def _empty(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice])
             yield f"column {choice.text!r}, as {quantity}: no number in any of {len(table[quantity])} rows; {way_out}"
 
 
-def _too_large(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice]) -> Iterator[str]:
+def _too_large(table: Mapping[str, FloatArray], source: Mapping[str, str]) -> Iterator[str]:
     """Values that no damper test has: a wrong unit or a wrong column."""
     for quantity, (limit, unit) in LARGEST.items():
         values = table.get(quantity)
-        if quantity not in choices or values is None or not np.any(np.isfinite(values)):
+        if quantity not in source or values is None or not np.any(np.isfinite(values)):
             continue
         spans = quantity == "displacement"
         verb = "spans" if spans else "reaches"
         size = float(np.nanmax(values) - np.nanmin(values) if spans else np.nanmax(np.abs(values)))
         if size > limit:
             yield (
-                f"column {choices[quantity].text!r}, as {quantity}, {verb} {size:.4g} {unit}; "
+                f"column {source[quantity]!r}, as {quantity}, {verb} {size:.4g} {unit}; "
                 f"a test has at most {limit:g} {unit}: is its unit right, and is it the {quantity}? The numbers are "
                 f"probably in {LIKELY[quantity]}"
             )

@@ -5,7 +5,7 @@ A file from outside is checked by `rig.recording.hdf5.hdf5_check` before anythin
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -22,9 +22,6 @@ from rig.signals.arrays import FloatArray
 if TYPE_CHECKING:
     import pandas as pd
 
-SECONDS = {"": 1.0, "_s": 1.0, "_ms": 1e-3, "_us": 1e-6, "_ns": 1e-9}
-NAMES = {f"{stem}{end}": scale for stem in ("time", "t") for end, scale in SECONDS.items()}
-"""Names of a time (lower case) -> seconds per unit."""
 #: Attribute of `RecordedPoint` -> dataset under `/entry/data`.
 CHANNELS = {
     "time_s": "time",
@@ -34,6 +31,11 @@ CHANNELS = {
     "current_measured_A": "current",
     "coil_temperature_degC": "coil_temperature",
 }
+TABLE_UNITS = {
+    "displacement": "m", "velocity": "m/s", "force": "N", "current": "A", "commanded_current": "A",
+    "coil_temperature": "degC",
+}  # fmt: skip
+"""Units of the columns of `RecordedPoint.to_pandas`, which are in its attribute `units`."""
 
 
 @dataclass(frozen=True)
@@ -122,37 +124,32 @@ class RecordedPoint:
     @classmethod
     def from_pandas(
         cls, table: pd.DataFrame, *, id: str, current_A: float, waveform: str = "sine",
+        units: Mapping[str, str] | None = None, accept: Sequence[str] = (),
         **description: Any,  # noqa: ANN401 - the other attributes, each of its own type
     ) -> RecordedPoint:
-        """A point from a table as `to_pandas` gives it: the inverse of that.
+        """A point from a table: the inverse of `to_pandas`; columns as the CSV export names them are taken too.
 
         Args:
-            table: one row a sample; columns `displacement` (m), `force` (N) and, where there are, `current` (A,
-                measured), `commanded_current` (A) and any other channel. The time is the index, or a column `time_s`
-                (`rig.recording.recorded_point.table_time`); row numbers are not taken for it.
+            table: one row a sample; columns `displacement`, `force` and, where there are, `current` (measured),
+                `commanded_current`, `coil_temperature` and any other channel, each with its unit: at the end of its
+                name (`force_kN`), in `units`, or in `table.attrs["units"]`; without any it is taken in SI, with a
+                warning. The time is the index, or a column such as `time_s` (`rig.recording.table_columns.table_time`); row
+                numbers are not taken for it. Columns of texts are left out.
             id: the point's id.
             current_A: the wanted coil current (A).
             waveform: `sine` or `triangle`.
+            units: column or quantity -> unit of its numbers, such as `{"force": "kN", "time": "ms"}`.
+            accept: slugs of implausible sizes (`units-force`, ...) that are right all the same.
             **description: other attributes; amplitude and frequency are measured where they are not given.
 
         Raises:
-            FileProblem: a column is missing or not numbers, there is no time or it does not increase, or there is no
-                motion to measure.
+            FileProblem: a column is missing or not numbers, a unit is unknown, a size is implausible, there is no time
+                or it does not increase, or there is no motion to measure.
         """
-        if not table.columns.is_unique:
-            twice = sorted({str(name) for name in table.columns[table.columns.duplicated()]})
-            raise FileProblem(id, [f"the table has several columns {name!r}; which one is meant?" for name in twice])
-        missing = [name for name in ("displacement", "force") if name not in table]
-        if missing:
-            raise FileProblem(id, [f"the table has no column {name!r}; it has {list(table)}" for name in missing])
-        from rig.recording.recorded_point import table_time
+        from rig.recording.table_columns import table_channels
 
-        time_s, time_column = table_time(table, id)
-        try:
-            channels = {str(name): table[name].to_numpy(np.float64) for name in table if name != time_column}
-        except (ValueError, TypeError) as error:
-            raise FileProblem(id, [f"the table's columns must hold numbers: {error}"]) from error
-        arrays = {**channels, "time": time_s}
+        arrays = table_channels(table, id, units, accept)
+        time_s = arrays["time"]
         if "current" not in arrays:
             unknown = np.nan if "commanded_current" in arrays else current_A
             arrays["current"] = np.full(len(time_s), unknown)
@@ -266,14 +263,16 @@ class RecordedPoint:
         return None if self.path is None else read_raw(self.path, name)
 
     def to_pandas(self) -> pd.DataFrame:
-        """The aligned channels as a table indexed by time in s, one column a channel in SI units."""
+        """The aligned channels as a table indexed by time in s, one column a channel in SI (`attrs["units"]`)."""
         import pandas as pd
 
         from rig.recording.hdf5.reading import channel_names
 
         names = channel_names(self.path) if self.path is not None else list(self.arrays or {})
         columns = {name: self.channel(name) for name in names if name != "time"}
-        return pd.DataFrame(columns, index=pd.Index(self.time_s, name="time_s"))
+        table = pd.DataFrame(columns, index=pd.Index(self.time_s, name="time_s"))
+        table.attrs["units"] = {name: unit for name, unit in TABLE_UNITS.items() if name in columns}
+        return table
 
 
 def _check_arrays(name: str, given: Mapping[str, FloatArray | None]) -> None:
@@ -292,63 +291,3 @@ def _check_arrays(name: str, given: Mapping[str, FloatArray | None]) -> None:
         problems.append("time_s must increase from sample to sample, two samples or more")
     if problems:
         raise FileProblem(name, problems)
-
-
-def table_time(table: pd.DataFrame, where: str) -> tuple[FloatArray, str | None]:
-    """Time of every row and the column that held it.
-
-    An index counts as time when it holds dates or durations (the first row is then 0 s), when it is named `time` or `t`
-    (with `_s`, `_ms`, `_us`, `_ns`; without: s), or when it has no name and is not whole numbers. Else a column of such
-    a name does.
-
-    Args:
-        table: one row a sample.
-        where: what to call the table in an error.
-
-    Returns:
-        Time in s, (n,), and the column's name; None where the index is the time.
-
-    Raises:
-        FileProblem: neither is a time; or it is not finite, or does not increase.
-    """
-    named = {str(name).lower(): name for name in table.columns}
-    column = next((named[name] for name in NAMES if name in named), None)
-    if _is_time(table.index):
-        column, time_s = None, _seconds(table.index, where)
-    elif column is not None:
-        time_s = _seconds(table[column], where)
-    else:
-        raise FileProblem(where, [
-            f"the table has no time: its index ({table.index.name or 'without a name'}) counts rows; give a column "
-            "`time_s`, or set the index to the time in s: table.index = pd.Index(time_s, name='time_s')"
-        ])  # fmt: skip
-    if len(time_s) < 2 or not np.all(np.diff(time_s) > 0.0) or not np.all(np.isfinite(time_s)):
-        name = "index" if column is None else f"column {column!r}"
-        raise FileProblem(where, [f"the time ({name}, in s) must increase from row to row, two rows or more"])
-    return time_s, column
-
-
-def _is_time(index: pd.Index) -> bool:
-    if index.nlevels > 1:
-        return False
-    if index.dtype.kind in "mM" or hasattr(index.dtype, "tz"):
-        return True
-    if index.dtype.kind not in "iuf":
-        return False
-    if index.name is not None:
-        return str(index.name).lower() in NAMES
-    values = index.to_numpy(np.float64)
-    return index.dtype.kind == "f" and not np.array_equal(values, np.round(values))
-
-
-def _seconds(source: pd.Index | pd.Series, where: str) -> FloatArray:
-    if source.dtype.kind in "mM" or hasattr(source.dtype, "tz"):
-        values = source.to_numpy()
-        if source.dtype.kind == "M" or hasattr(source.dtype, "tz"):
-            values = source.to_numpy("datetime64[ns]")
-        steps = np.asarray(values - values[:1], "timedelta64[ns]")
-        return np.where(np.isnat(steps), np.nan, steps.astype(np.int64) * 1e-9)
-    try:
-        return source.to_numpy(np.float64) * NAMES.get(str(source.name).lower(), 1.0)
-    except (ValueError, TypeError) as error:
-        raise FileProblem(where, [f"the time in {source.name!r} is not a number: {error}"]) from error

@@ -132,7 +132,7 @@ def test_a_table_goes_in_and_comes_out_unchanged() -> None:
     time_s = np.arange(0.0, 6.0, 0.004)
     motion_m = 0.02 * np.sin(2 * np.pi * 1.5 * np.clip(time_s - 0.5, 0.0, 5.0))
     table = pd.DataFrame({"displacement": motion_m, "force": 900.0 * motion_m}, index=pd.Index(time_s, name="time_s"))
-    point = RecordedPoint.from_pandas(table, id="mine", current_A=0.5)
+    point = RecordedPoint.from_pandas(table, id="mine", current_A=0.5, units={"displacement": "m", "force": "N"})
     assert point.amplitude_m == pytest.approx(0.02, rel=1e-3)
     assert point.frequency_Hz == pytest.approx(1.5, rel=1e-3)
     assert np.all(point.current_measured_A == 0.5)
@@ -143,7 +143,8 @@ def test_a_table_goes_in_and_comes_out_unchanged() -> None:
 
 def test_a_table_that_is_no_test_says_why() -> None:
     time_s = np.arange(0.0, 1.0, 0.004)
-    table = pd.DataFrame({"displacement": 0.0 * time_s, "F": time_s}, index=time_s)
+    table = pd.DataFrame({"displacement": 0.0 * time_s, "F": 99.0 * time_s}, index=pd.Index(time_s, name="time_s"))
+    table.attrs["units"] = {"displacement": "m", "force": "N"}
     with pytest.raises(FileProblem, match="no column 'force'; it has \\['displacement', 'F'\\]"):
         RecordedPoint.from_pandas(table, id="mine", current_A=0.5)
     with pytest.raises(FileProblem, match="no whole cycle"):

@@ -17,7 +17,9 @@ START = pd.Timestamp("2026-03-29 01:30:00")
 
 
 def table(index: object = None, **columns: object) -> pd.DataFrame:
-    return pd.DataFrame({**columns, "displacement": MOTION_M, "force": 900.0 * MOTION_M}, index=index)
+    made = pd.DataFrame({**columns, "displacement": MOTION_M, "force": 900.0 * MOTION_M}, index=index)
+    made.attrs["units"] = {"displacement": "m", "force": "N"}
+    return made
 
 
 ACCEPTED: dict[str, tuple[Callable[[], pd.DataFrame], float]] = {
@@ -34,10 +36,14 @@ ACCEPTED: dict[str, tuple[Callable[[], pd.DataFrame], float]] = {
     "column time_s": (lambda: table(time_s=TIME_S), 10.0),
     "column time in ms": (lambda: table(time_ms=TIME_S * 1e3), 10.0),
     "column of dates": (lambda: table(time=START + pd.to_timedelta(TIME_S, "s")), 0.0),
+    "row numbers called time, and time_s": (lambda: table(time=np.arange(len(TIME_S)), time_s=TIME_S), 10.0),
+    "two times that agree": (lambda: table(t_ms=TIME_S * 1e3, time_s=TIME_S), 10.0),
+    "texts that are not needed": (lambda: table(time_s=TIME_S, remark=["ok"] * len(TIME_S)), 10.0),
     "column beside filtered rows": (lambda: table(time=TIME_S).iloc[5:], 10.02),
 }  # fmt: skip
 
 
+@pytest.mark.filterwarnings("ignore:.* columns without a unit are taken in SI")
 @pytest.mark.parametrize(("make", "first_s"), ACCEPTED.values(), ids=ACCEPTED)
 def test_a_time_is_read_in_seconds_wherever_it_stands(make: Callable[[], pd.DataFrame], first_s: float) -> None:
     point = RecordedPoint.from_pandas(make(), id="mine", current_A=0.5)
@@ -58,13 +64,15 @@ REFUSED: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
         lambda: table(pd.MultiIndex.from_arrays([TIME_S, TIME_S], names=["time_s", "t"])), "counts rows",
     ),
     "column of texts": (lambda: table(time=["x"] * len(TIME_S)), "the time in 'time' is not a number"),
+    "column of row numbers": (lambda: table(time=np.arange(len(TIME_S))).set_axis(range(len(TIME_S))), "counts rows"),
+    "times that differ": (lambda: table(time_s=TIME_S, t_ms=TIME_S), "several times that differ: 'time_s', 't_ms'"),
     "backwards": (lambda: table(pd.Index(TIME_S[::-1], name="time_s")), "must increase from row to row"),
     "a date missing": (
         lambda: table(pd.DatetimeIndex([pd.NaT, *(START + pd.to_timedelta(TIME_S[1:], "s"))])), "must increase",
     ),
     "not finite": (lambda: table(pd.Index([*TIME_S[:-1], np.inf], name="time_s")), "must increase"),
     "one row": (lambda: table(pd.Index(TIME_S, name="time_s")).iloc[:1], "two rows or more"),
-    "remarks beside numbers": (lambda: table(pd.Index(TIME_S, name="t"), remark=["ok"] * len(TIME_S)), "hold numbers"),
+    "a force of texts": (lambda: table(TIME_S).assign(force=["ok"] * len(TIME_S)), "column 'force' must hold numbers"),
 }  # fmt: skip
 
 
@@ -73,3 +81,50 @@ def test_what_is_no_time_is_refused_with_the_way_out(make: Callable[[], pd.DataF
     with pytest.raises(FileProblem) as caught:
         RecordedPoint.from_pandas(make(), id="mine", current_A=0.5)
     assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize(("names", "factors", "units"), [
+    (("time_s", "displacement_m", "force_N"), (1.0, 1.0, 1.0), {}),
+    (("time_ms", "displacement_mm", "force_kN"), (1e3, 1e3, 1e-3), {}),
+    (("t", "displacement", "force"), (1e3, 1e3, 1e-3), {"t": "ms", "displacement": "mm", "force": "kN"}),
+    (("time", "displacement_in", "force"), (1.0, 1 / 0.0254, 0.1), {"time": "s", "force": "daN"}),
+])  # fmt: skip
+def test_units_come_from_names_or_are_stated(
+    names: tuple[str, ...], factors: tuple[float, ...], units: dict[str, str]
+) -> None:
+    si = (TIME_S, MOTION_M, 900.0 * MOTION_M)
+    made = pd.DataFrame({name: factor * values for name, factor, values in zip(names, factors, si, strict=True)})
+    made["current_measured_A"] = 0.4
+    by_argument = RecordedPoint.from_pandas(made, id="mine", current_A=0.5, units=units)
+    made.attrs["units"] = units
+    for point in (by_argument, RecordedPoint.from_pandas(made, id="mine", current_A=0.5)):
+        assert point.time_s == pytest.approx(TIME_S)
+        assert point.displacement_m == pytest.approx(MOTION_M)
+        assert point.force_N == pytest.approx(900.0 * MOTION_M)
+        assert np.all(point.current_measured_A == 0.4)
+
+
+@pytest.mark.parametrize(("factors", "says"), [
+    ((1.0, 1e3, 1.0), "as displacement, spans 40 m"), ((1.0, 1.0, 1e-3), "units-force: .*probably in kN"),
+    ((1e3, 1.0, 1.0), "units-time: .*probably in ms"),
+])  # fmt: skip
+def test_numbers_that_are_not_si_are_refused_as_the_command_does(factors: tuple[float, ...], says: str) -> None:
+    made = table(pd.Index(factors[0] * TIME_S, name="time"))
+    made["displacement"] *= factors[1]
+    made["force"] *= factors[2]
+    with pytest.raises(FileProblem, match=says):
+        RecordedPoint.from_pandas(made, id="mine", current_A=0.5)
+
+
+def test_bare_numbers_are_taken_in_si_with_a_warning_and_wrong_units_are_refused() -> None:
+    made = table(pd.Index(TIME_S, name="time"))
+    made.attrs.clear()
+    with pytest.warns(UserWarning, match="the index in s, displacement in m, force in N. State them"):
+        point = RecordedPoint.from_pandas(made, id="mine", current_A=0.5)
+    RecordedPoint.from_pandas(point.to_pandas(), id="again", current_A=0.5)  # its units are in the table
+    for units, says in (({"force": "mm"}, "no unit of force"), ({"speed": "m/s"}, "no column 'speed'")):
+        with pytest.raises(FileProblem, match=says):
+            RecordedPoint.from_pandas(made, id="mine", current_A=0.5, units=units)
+    made = made.rename(columns={"force": "force_kN"}).assign(force_N=MOTION_M)
+    with pytest.raises(FileProblem, match="'force_kN' and 'force_N' are both the force"):
+        RecordedPoint.from_pandas(made, id="mine", current_A=0.5)

@@ -1,0 +1,259 @@
+"""Columns of a table from a notebook: which quantity each one is, in which unit, and which one is the time."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.errors import FileProblem
+from rig.recording.foreign.file_units import named_unit, units_for
+from rig.recording.foreign_tests import implausible
+from rig.signals.arrays import FloatArray
+from rig.units import DIMENSIONS, Unit, key_suffixes
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SECONDS = {"": 1.0, "_s": 1.0, "_ms": 1e-3, "_us": 1e-6, "_ns": 1e-9}
+NAMES = {f"{stem}{end}": scale for stem in ("time", "t") for end, scale in SECONDS.items()}
+"""Names of a time (lower case) -> seconds per unit."""
+STEMS = {
+    "displacement": ("displacement", "length"), "force": ("force", "force"), "velocity": ("velocity", "speed"),
+    "current_measured": ("current", "current"), "commanded_current": ("commanded_current", "current"),
+    "current": ("current", "current"), "coil_temperature": ("coil_temperature", "temperature"),
+}  # fmt: skip
+"""Beginning of a column's name -> channel of the point, and what it measures."""
+DATES = frozenset(("time", "t", "date", "datetime", "timestamp"))
+"""Beginnings of the names of columns of dates."""
+SAME_TIME_s = 1e-6
+"""Two columns of time may differ by so much, and by a millionth of their span."""
+
+
+@dataclass
+class TableUnits:
+    """Units of a table's columns as the user states them: by `units=`, or in the table's attribute `units`.
+
+    `assumed` collects the columns without any, each with the SI unit it is taken in.
+    """
+
+    stated: Mapping[str, str]
+    attribute: Mapping[str, str]
+    assumed: dict[str, str] = field(default_factory=dict)
+
+    def of(self, column: str, quantity: str, dimension: str, suffix: str) -> Unit:
+        """The unit of a column.
+
+        Args:
+            column: its name.
+            quantity: the channel that it is.
+            dimension: what that measures.
+            suffix: what follows the quantity in the column's name; empty: nothing.
+
+        Raises:
+            ValueError: unknown, of another dimension, or contradicting the name.
+        """
+        text = self.stated.get(column, self.stated.get(quantity, self.attribute.get(column)))
+        by_name = {**units_for(dimension), **{
+            end: units_for(dimension)[name] for end, name in key_suffixes(dimension).items()
+        }}.get(suffix)  # fmt: skip
+        if text is None:
+            if by_name is None:
+                self.assumed[column] = DIMENSIONS[dimension].si
+            return by_name or units_for(dimension)[DIMENSIONS[dimension].si]
+        found = named_unit(str(text), dimension)
+        if found is None:
+            known = ", ".join(units_for(dimension))
+            raise ValueError(f"column {column!r}: {text!r} is no unit of {dimension}; {known}")
+        if by_name is not None and by_name != found[1]:
+            raise ValueError(f"column {column!r}: its name says {suffix}, its unit is stated as {text}")
+        return found[1]
+
+
+def table_channels(
+    table: pd.DataFrame, where: str, units: Mapping[str, str] | None = None, accept: Sequence[str] = ()
+) -> dict[str, FloatArray]:
+    """The channels of a table in SI, each (n,), with `time` in s; columns of texts that are no quantity are left out.
+
+    Args:
+        table: one row a sample. A column is `displacement`, `force`, `velocity`, `current` (or `current_measured`),
+            `commanded_current` or `coil_temperature`, with its unit at the end (`force_kN`), in `units`, or in
+            `table.attrs["units"]`; without any it is taken in SI, with a warning. Other numeric columns are kept.
+        where: what to call the table in an error.
+        units: column or quantity -> unit.
+        accept: slugs of implausible sizes that are right all the same.
+
+    Raises:
+        FileProblem: a column is missing, there twice or no numbers; a unit is not known; sizes that no test has; no
+            time.
+    """
+    if not table.columns.is_unique:
+        twice = sorted({str(name) for name in table.columns[table.columns.duplicated()]})
+        raise FileProblem(where, [f"the table has several columns {name!r}; which one is meant?" for name in twice])
+    attribute = table.attrs.get("units", {})
+    known = TableUnits(units or {}, attribute if isinstance(attribute, Mapping) else {})
+    time_s, time_column = table_time(table, where, known)
+    channels: dict[str, FloatArray] = {}
+    source: dict[str, str] = {}
+    problems = []
+    for column in table:
+        name = str(column)
+        if name == time_column or name.lower() in NAMES:
+            continue
+        try:
+            quantity, values = _channel(table[column], name, known)
+        except ValueError as error:
+            problems.append(str(error))
+            continue
+        if values is None:
+            continue
+        if quantity in source:
+            problems.append(f"columns {source[quantity]!r} and {name!r} are both the {quantity}: leave one out")
+        channels[quantity], source[quantity] = values, name
+    problems += [f"the table has no column {name!r}; it has {list(table)}" for name in ("displacement", "force")
+                 if name not in channels and not problems]  # fmt: skip
+    unused = [name for name in known.stated if name not in {*map(str, table), *channels, "time"}]
+    problems += [f"units: the table has no column {name!r}; it has {list(table)}" for name in unused]
+    if problems:
+        raise FileProblem(where, problems)
+    channels = {"time": time_s, **channels}
+    doubts = list(implausible(channels, source, accept))
+    if doubts:
+        way_out = "Fix: units={'displacement': 'mm', ...}; accept=(SLUG,) takes a size as it is"
+        raise FileProblem(where, [*doubts, way_out])
+    if known.assumed:
+        told = ", ".join(f"{name} in {unit}" for name, unit in known.assumed.items())
+        warnings.warn(f"{where}: columns without a unit are taken in SI: {told}. State them: units={{'force': 'kN'}}, "
+                      "table.attrs['units'], or names such as force_kN", stacklevel=3)  # fmt: skip
+    return channels
+
+
+def _channel(column: pd.Series, name: str, known: TableUnits) -> tuple[str, FloatArray | None]:
+    """The quantity of a column and its values in SI; None where it is a column of texts that is not needed.
+
+    Raises:
+        ValueError: its unit does not fit, or it must be numbers and is not.
+    """
+    quantity, dimension, suffix = name, "", ""
+    for stem, (channel, measured) in STEMS.items():
+        rest = name[len(stem) :]
+        if name.startswith(stem) and (not rest or (rest[0] == "_" and _is_unit(rest[1:], measured))):
+            quantity, dimension, suffix = channel, measured, rest[1:]
+            break
+    try:
+        values = column.to_numpy(np.float64)
+    except (ValueError, TypeError) as error:
+        if not dimension:
+            return quantity, None
+        raise ValueError(f"column {name!r} must hold numbers: {error}") from error
+    if not dimension:
+        return quantity, values
+    unit = known.of(name, quantity, dimension, suffix)
+    return quantity, np.asarray(values * unit.scale + unit.offset, np.float64)
+
+
+def _is_unit(text: str, dimension: str) -> bool:
+    return text in key_suffixes(dimension) or text in units_for(dimension)
+
+
+def table_time(
+    table: pd.DataFrame, where: str, known: TableUnits | None = None
+) -> tuple[FloatArray, str | None]:
+    """Time of every row and the column that held it.
+
+    An index or a column is a time when it holds dates or durations (the first row is then 0 s), or is named `time` or
+    `t`, with its unit (`_s`, `_ms`, `_us`, `_ns`, or as stated) or without (s); an index also when it has no name and
+    is not whole numbers. What has a unit goes before what has none. Row numbers are no time.
+
+    Args:
+        table: one row a sample.
+        where: what to call the table in an error.
+        known: the units that the user states.
+
+    Returns:
+        Time in s, (n,), and the column's name; None where the index is the time.
+
+    Raises:
+        FileProblem: there is none, or several that differ; or it is not finite, or does not increase.
+    """
+    known = known or TableUnits({}, {})
+    certain: list[tuple[str | None, FloatArray]] = []
+    bare: list[tuple[str | None, FloatArray]] = []
+    for name, source in ((None, table.index), *((str(name), table[name]) for name in table)):
+        kind = _kind_of_time(source, name, known)
+        if kind:
+            (certain if kind == "certain" else bare).append((name, _seconds(source, where, known)))
+    differing = [name for name, time_s in certain[1:] if not _same(certain[0][1], time_s)]
+    if differing:
+        told = ", ".join("the index" if name is None else repr(name) for name, _time_s in certain)
+        raise FileProblem(where, [f"the table has several times that differ: {told}; leave out all but one"])
+    found = certain or bare
+    if not found:
+        raise FileProblem(where, [
+            f"the table has no time: its index ({table.index.name or 'without a name'}) counts rows; give a column "
+            "`time_s`, or set the index to the time in s: table.index = pd.Index(time_s, name='time_s')"
+        ])  # fmt: skip
+    column, time_s = found[0]
+    if not certain:
+        known.assumed["the index" if column is None else column] = "s"
+    if len(time_s) < 2 or not np.all(np.diff(time_s) > 0.0) or not np.all(np.isfinite(time_s)):
+        name = "index" if column is None else f"column {column!r}"
+        raise FileProblem(where, [f"the time ({name}, in s) must increase from row to row, two rows or more"])
+    return time_s, column
+
+
+def _kind_of_time(source: Any, column: str | None, known: TableUnits) -> str:  # noqa: ANN401 - an index or a series
+    """`certain`, `bare` (a time without a unit), or empty: no time."""
+    if getattr(source, "nlevels", 1) > 1:
+        return ""
+    name = "" if source.name is None else str(source.name).lower()
+    dates = source.dtype.kind in "mM" or hasattr(source.dtype, "tz")
+    if dates:
+        return "certain" if column is None or name.split("_")[0] in DATES else ""
+    stated = _stated_unit(source, known) is not None
+    if name in NAMES and (stated or "_" in name):
+        return "certain"
+    if name not in NAMES and not (column is None and not name and source.dtype.kind == "f"):
+        return ""
+    if source.dtype.kind not in "iuf":
+        return "bare" if column is not None else ""
+    values = source.to_numpy(np.float64)
+    counts = np.array_equal(values, np.round(values)) and bool(np.all(np.diff(values) == 1.0)) if name else (
+        np.array_equal(values, np.round(values)))  # fmt: skip
+    return "" if counts else "bare"
+
+
+def _stated_unit(source: Any, known: TableUnits) -> str | None:  # noqa: ANN401 - an index or a series
+    name = str(source.name)
+    return known.stated.get(name, known.stated.get("time", known.attribute.get(name)))
+
+
+def _same(one: FloatArray, other: FloatArray) -> bool:
+    """Whether two times have the same steps; dates count from the first row."""
+    steps = (one - one[:1]) - (other - other[:1])
+    largest = SAME_TIME_s + 1e-6 * float(np.max(np.abs(one - one[:1]), initial=0.0))
+    return bool(np.all(np.abs(steps) <= largest))
+
+
+def _seconds(source: Any, where: str, known: TableUnits) -> FloatArray:  # noqa: ANN401 - an index or a series
+    if source.dtype.kind in "mM" or hasattr(source.dtype, "tz"):
+        values = source.to_numpy()
+        if source.dtype.kind == "M" or hasattr(source.dtype, "tz"):
+            values = source.to_numpy("datetime64[ns]")
+        steps = np.asarray(values - values[:1], "timedelta64[ns]")
+        return np.where(np.isnat(steps), np.nan, steps.astype(np.int64) * 1e-9)
+    name, stated = str(source.name).lower(), _stated_unit(source, known)
+    scale = NAMES.get(name, 1.0)
+    if stated is not None:
+        found = named_unit(str(stated), "time")
+        if found is None or ("_" in name and found[1].scale != scale):
+            problem = f"the time in {source.name!r}: {stated!r} is no unit of time, or not that of its name"
+            raise FileProblem(where, [problem])
+        scale = found[1].scale
+    try:
+        return np.asarray(source.to_numpy(np.float64) * scale, np.float64)
+    except (ValueError, TypeError) as error:
+        raise FileProblem(where, [f"the time in {source.name!r} is not a number: {error}"]) from error
