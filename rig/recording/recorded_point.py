@@ -133,8 +133,9 @@ class RecordedPoint:
             table: one row a sample; columns `displacement`, `force` and, where there are, `current` (measured),
                 `commanded_current`, `coil_temperature` and any other channel, each with its unit: at the end of its
                 name (`force_kN`), in `units`, or in `table.attrs["units"]`; without any it is taken in SI, with a
-                warning. The time is the index, or a column such as `time_s` (`rig.recording.table_columns.table_time`); row
-                numbers are not taken for it. Columns of texts are left out.
+                warning. The time is the index, or a column such as `time_s` (see
+                `rig.recording.table_columns.table_time`); row numbers are not taken for it. Columns of texts are left
+                out.
             id: the point's id.
             current_A: the wanted coil current (A).
             waveform: `sine` or `triangle`.
