@@ -27,6 +27,7 @@ class Capabilities:
         acknowledge: its status names the last command and its result.
         echo: its status repeats the watchdog's counter.
         limits_read_back: it holds the rig's limits, which can be read back.
+        settings_written: it holds some of them, such as its watchdog's time, which are written and read back.
         settings_hash: its identity shows a reboot or changed settings.
         phase: its status says where in its envelope a program is.
         cycle_pulse: an output pulses at every cycle, for the sensors to latch.
@@ -46,6 +47,7 @@ class Capabilities:
     acknowledge: bool = False
     echo: bool = False
     limits_read_back: bool = False
+    settings_written: bool = False
     settings_hash: bool = False
     phase: bool = False
     cycle_pulse: bool = False

@@ -19,6 +19,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 SPACES = ("coil", "discrete", "holding", "input")
 """In the order that pymodbus has them."""
 BITS = frozenset(SPACES[:2])
+BITS_A_REGISTER = 16
 FUNCTIONS = {1: "coil", 2: "discrete", 4: "input", 5: "coil", 15: "coil"}
 """Whose functions they are; all others are for holding registers."""
 _RTU_FUNCTION, _TCP_FUNCTION = 1, 7
@@ -161,14 +162,13 @@ class ModbusServer:
         return None if accepted else ExcCodes.ILLEGAL_VALUE
 
     def _fill_bits(self, space: str, address: int, start: int, registers: list[int]) -> ExcCodes | None:
-        """Lay down all bits of a space from the one asked for; the server holds sixteen in a register."""
+        """Lay down all bits of a space; the server holds the bits 16 n to 16 n + 15 in register n, from `start` on."""
         shown = self._bank.bits(space)
         if address not in shown:
             return ExcCodes.ILLEGAL_ADDRESS
         for place, value in shown.items():
-            if place >= address:
-                cell, bit = divmod(place - start, 16)
-                registers[cell] = registers[cell] & ~(1 << bit) | value << bit
+            cell, bit = place // BITS_A_REGISTER - start, place % BITS_A_REGISTER
+            registers[cell] = registers[cell] & ~(1 << bit) | value << bit
         return None
 
     def _connected(self, connected: bool) -> None:
@@ -226,7 +226,10 @@ class ModbusServer:
 def _data(space: str, blocks: list[tuple[int, int]]) -> list[SimData]:
     """What of a space is there."""
     if space in BITS:
-        return [SimData(first, values=[False] * count, datatype=DataType.BITS) for first, count in blocks]
+        first = min(first for first, _ in blocks) // BITS_A_REGISTER
+        last = max(first + count - 1 for first, count in blocks) // BITS_A_REGISTER
+        values = [False] * (BITS_A_REGISTER * (last - first + 1))
+        return [SimData(BITS_A_REGISTER * first, values=values, datatype=DataType.BITS)]
     return [SimData(first, values=[0] * count, datatype=DataType.REGISTERS) for first, count in blocks]
 
 

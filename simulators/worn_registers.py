@@ -12,7 +12,7 @@ from drivers.register_maps.access_plan import reads
 from drivers.register_maps.condition import Condition, Test
 from drivers.register_maps.controller_map import ControllerMap
 from drivers.register_maps.meanings import Codes
-from drivers.register_maps.quantity import BITS, SPACES, Quantity
+from drivers.register_maps.quantity import BITS, LAST_ADDRESS, SPACES, Quantity
 from drivers.register_maps.read_quantities import IDENTITY, LIMITS, ROLES
 from drivers.register_maps.recipe import Write
 from drivers.roles import ActuatorLimits, Command, Pressure, WatchdogAction
@@ -138,14 +138,12 @@ class WornRegisters(RegisterBank):
             return True
         fields = {"watchdog_time": "watchdog_ms"} | {name: name for name in LIMITS if name != "watchdog_time"}
         changed: dict[str, float] = dict(zip(wire.LIMITS, _numbers(self.actuator.limits), strict=True))
-        for name in LIMITS:
-            quantity = self._map.quantities.get(name)
-            if quantity is not None:
-                value = value_of(quantity, self._raw(quantity))
-                changed[fields[name]] = round(1e3 * value) if name == "watchdog_time" else value
-        if "watchdog_action" in self._map.quantities:
-            code = int(changed["watchdog_action"])
-            changed["watchdog_action"] = self._map.words.watchdog_actions.meaning(code)
+        for name in names & LIMITS.keys():
+            quantity = self._map.quantities[name]
+            value = value_of(quantity, self._raw(quantity))
+            if name == "watchdog_action":
+                value = self._map.words.watchdog_actions.meaning(int(value))
+            changed[fields[name]] = round(1e3 * value) if name == "watchdog_time" else value
         return self.actuator.configure(wire.CONFIG.encode(changed))
 
     def _take_counters(self, touched: Iterable[Quantity]) -> None:
@@ -382,7 +380,8 @@ def _allowed(worn: ControllerMap) -> set[tuple[str, int]]:
     held = {
         (one.space, address) for one in worn.quantities.values() for address in range(one.address, one.end)
     }
-    for read in reads([one for one in worn.quantities.values() if one.values == 1], worn.rules):
+    # However many registers a request may have: which ones a host reads together is its own choice.
+    for read in reads(worn.quantities.values(), replace(worn.rules, largest_read=LAST_ADDRESS + 1)):
         held |= {(read.space, read.address + place) for place in range(read.count)}
     if worn.indirect is not None:
         for one in worn.indirect.shown().values():

@@ -9,6 +9,7 @@ from drivers.register_maps.controller_map import Recipes, Words
 from drivers.register_maps.entries import Source
 from drivers.register_maps.meanings import word
 from drivers.register_maps.quantity import Quantity, Value
+from drivers.register_maps.read_quantities import LIMITS
 from drivers.register_maps.recipe import Recipe, Wait, Write
 from drivers.roles import Command, FaultBit, Input, Pressure, Result, State, Waveform
 
@@ -29,6 +30,7 @@ def capabilities(quantities: Quantities, words: Words, recipes: Recipes, watchdo
         acknowledge=is_numbered(quantities, commands) or shakes_hands(commands),
         echo=watchdog is WatchdogKind.COUNTER and "watchdog_echo" in quantities,
         limits_read_back={"position_min", "position_max"} <= quantities.keys(),
+        settings_written=bool(LIMITS.keys() & quantities.keys()),
         settings_hash=bool({"boot_count", "config_hash"} & quantities.keys()),
         phase="phase" in quantities and {1, 2, 3} <= words.phases.codes.keys(),
         cycle_pulse={"pulse_count", "pulse_clock", "clock"} <= quantities.keys(),

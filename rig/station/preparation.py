@@ -135,7 +135,7 @@ class Preparation:
                 lambda answer: answer.state != State.TRIPPED, "controller-trip", "controller stays tripped"
             )
         wanted = self._limits()
-        if not actuator.capabilities.limits_read_back:
+        if not (actuator.capabilities.limits_read_back or actuator.capabilities.settings_written):
             return wanted
         actuator.expect_settings(False)
         actuator.call(lambda driver: driver.write_limits(wanted), ACK_TIMEOUT_S)

@@ -11,7 +11,7 @@ from station_bench import Told, config_for
 
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import LinkKind
-from drivers.roles import ActuatorIdentity, ActuatorStatus, Command, Input, Move, Program, State
+from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, Move, Program, State
 from rig.clock import monotonic_ns
 from rig.station.command_channel import CommandChannel
 from rig.station.errors import StationRefused
@@ -140,6 +140,16 @@ def test_a_watchdog_that_is_not_there_is_neither_fed_nor_proved(rig: Callable[..
     timed = rig(watchdog=WatchdogKind.TIMEOUT)
     assert wait_for(lambda: timed.driver.fed > 20)
     assert not timed.told, "no echo is expected of it, no lease, no acknowledgement"
+
+
+@pytest.mark.parametrize("able", ["limits_read_back", "settings_written"])
+def test_what_it_holds_of_the_limits_is_written_and_compared(able: str, rig: Callable[..., Rig]) -> None:
+    here = rig(**{able: True})
+    held: list[ActuatorLimits] = []
+    here.driver.write_limits = held.append  # type: ignore[attr-defined]  # it holds what is written
+    here.driver.read_limits = lambda: held[-1]  # type: ignore[attr-defined]
+    assert here.preparation.prepare_controller() == held[0]
+    assert held[0].watchdog_ms == round(1e3 * config_for().actuator.watchdog_s)
 
 
 def test_a_status_that_has_become_stale_does_not_say_that_the_rod_stands(rig: Callable[..., Rig]) -> None:
