@@ -21,12 +21,13 @@ from rig.hybrid.delay_probe import DelayMeasurement, Probe
 from rig.hybrid.lead import Lead
 from rig.hybrid.motion_bounds import Bounds, Measured, Problem, Watch
 from rig.hybrid.substructure import Sent, Substructure, Target, dot
+from rig.signals.stopping import halted_m
 from rig.vehicle.laws import CONTROL, Control, wanted_current
 
 PAUSE_S = 0.5
 RETURN_S = 1.0
 RETURN_RATE_1_S = 12.0
-"""Of the way back: like a critically damped spring of this frequency; it leaves a hundred-thousandth of the way."""
+"""Of the way back from rest: like a critically damped spring of this frequency; at its end 0.01 % of it is left."""
 LEAST_DELAY_S = 2e-4
 HELD_STEPS = 2
 """So many steps are computed with the last force where none came; more than that is no test."""
@@ -287,10 +288,15 @@ class HybridMotion:
         self.problem = self.problem or self._watch.problem(now)
 
     def _return(self, since_s: float) -> Sent:
-        """From where the test left the rod to its centre, without going far beyond."""
+        """From where the test left the rod to rest, as a halt would go, and from there to the centre."""
         self.phase, self.current_A = Phase.RETURN, self._order.control.current_A
-        rate, position_m = RETURN_RATE_1_S, self._left.position_m
-        slope = self._left.velocity_m_s + rate * position_m
-        share = math.exp(-rate * since_s)
-        position_m += slope * since_s
-        return Sent(position_m * share, (slope - rate * position_m) * share)
+        left, deceleration = self._left, self._order.bounds.halt_deceleration_m_s2
+        stop_s = abs(left.velocity_m_s) / deceleration
+        if since_s < stop_s:
+            slower_m_s = math.copysign(deceleration * since_s, left.velocity_m_s)
+            return Sent(
+                left.position_m + (left.velocity_m_s - 0.5 * slower_m_s) * since_s, left.velocity_m_s - slower_m_s
+            )
+        rest_m, angle = halted_m(*left, deceleration), RETURN_RATE_1_S * (since_s - stop_s)
+        share = math.exp(-angle)
+        return Sent(rest_m * (1.0 + angle) * share, -RETURN_RATE_1_S * rest_m * angle * share)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from rig.hybrid.substructure import Sent, Target
+from rig.signals.stopping import halted_m
 
 ENERGY_FLOOR_J = 1.0
 """Energy errors are checked once the specimen has passed this much work."""
@@ -24,6 +25,8 @@ class Bounds:
         energy_share: largest energy that following errors bring into the computed part, or take from it, for good, as
             a share of the work that went through the specimen.
         delay_s: largest delay of the actuator with which the test is begun.
+        travel_m: about the centre, either way, within which a halt from any set-point must come to rest.
+        halt_deceleration_m_s2: of that halt.
     """
 
     extension_m: float
@@ -31,6 +34,8 @@ class Bounds:
     acceleration_m_s2: float
     energy_share: float
     delay_s: float
+    travel_m: float
+    halt_deceleration_m_s2: float
 
 
 class Measured(NamedTuple):
@@ -123,6 +128,8 @@ class Watch:
         return _beyond((
             ("set-point", "mm", 1e3, sent.position_m, bounds.extension_m),
             ("speed of the set-point", "m/s", 1.0, sent.velocity_m_s, bounds.speed_m_s),
+            ("end of a halt from the set-point", "mm", 1e3, halted_m(*sent, bounds.halt_deceleration_m_s2),
+             bounds.travel_m),
         ))  # fmt: skip
 
 

@@ -6,7 +6,7 @@ A hint warns of a point that can be run, but whose recording could be too coarse
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from drivers.streamed_actuator import FEWEST_SETPOINTS
@@ -16,6 +16,7 @@ from rig.bench.settings import Limits
 from rig.matrix.forecast import Forecast
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
+from rig.matrix.stopping import stop_fits, stopping_reach, within
 from rig.signals.record import Record
 from rig.signals.waveform import waveform_named
 from rig.units import show
@@ -37,8 +38,8 @@ AMPLITUDE_STEP_M = 1e-5
 class Reason:
     """Why a point cannot be run.
 
-    `slug` is one of `speed`, `acceleration`, `position`, `stroke`, `force`, `heat`, `current`, `specimen-current`,
-    `sampling`, `warm-up`, `waveform`, `hybrid`, `hybrid-unstable`; `text` has the numbers.
+    `slug` is one of `speed`, `acceleration`, `position`, `stroke`, `stopping-distance`, `force`, `heat`, `current`,
+    `specimen-current`, `sampling`, `warm-up`, `waveform`, `hybrid`, `hybrid-unstable`; `text` has the numbers.
     """
 
     slug: str
@@ -47,7 +48,7 @@ class Reason:
 
 def reasons_against(point: TestPoint, force_N: float | None, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     """Every limit of bench and specimen that the motion or its current would exceed; heat apart."""
-    limits, specimen = bench.limits, matrix.specimen
+    limits = bench.limits
     if _beyond(point.peak_speed_m_s, limits.speed_m_s):
         reached, limit = point.peak_speed_m_s, limits.speed_m_s
         yield Reason("speed", f"speed {reached:.3g} m/s{_when(point, 0)} is above the bench's {limit:.3g} m/s")
@@ -55,15 +56,7 @@ def reasons_against(point: TestPoint, force_N: float | None, matrix: Matrix, ben
         reached, limit = point.peak_acceleration_m_s2, limits.acceleration_m_s2
         text = f"acceleration {reached:.3g} m/s^2{_when(point, 1)} is above the bench's {limit:.3g} m/s^2"
         yield Reason("acceleration", text)
-    low, high = limits.position_m
-    room = f"; {show(HEADROOM_M, 'mm')} must be left at each end"
-    if _beyond(point.amplitude_m, _room_m(point, limits)):
-        text = f"{_span(point)} leaves the bench's {show(low, 'mm')} to {show(high, 'mm')}{room}"
-        yield Reason("position", text)
-    if _beyond(point.amplitude_m, specimen.stroke_m / 2.0 - HEADROOM_M):
-        travel_m, stroke_m = 2.0 * point.amplitude_m, specimen.stroke_m
-        text = f"{show(travel_m, 'mm')} of travel exceed the specimen's stroke {show(stroke_m, 'mm')}{room}"
-        yield Reason("stroke", text)
+    yield from _against_travel(point, matrix, bench)
     if force_N is not None and _beyond(force_N, _allowed_force_N(bench)):
         yield Reason(
             "force",
@@ -73,10 +66,37 @@ def reasons_against(point: TestPoint, force_N: float | None, matrix: Matrix, ben
     yield from _independent_of_amplitude(point, matrix, bench)
 
 
-def command_limit(point: TestPoint, bench: Bench) -> tuple[float, str]:
-    """The largest amplitude (m) that speed and acceleration let be commanded for a point's motion, and which of them.
+def _against_travel(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
+    """Travel limits that the motion exceeds; if it keeps them, those that a halt at some instant would exceed."""
+    limits, specimen = bench.limits, matrix.specimen
+    low, high = limits.position_m
+    travel_fits = True
+    room = f"; {show(HEADROOM_M, 'mm')} must be left at each end"
+    if _beyond(point.amplitude_m, _room_m(point, limits)):
+        travel_fits = False
+        text = f"{_span(point)} leaves the bench's {show(low, 'mm')} to {show(high, 'mm')}{room}"
+        yield Reason("position", text)
+    if _beyond(point.amplitude_m, specimen.stroke_m / 2.0 - HEADROOM_M):
+        travel_fits = False
+        travel_m, stroke_m = 2.0 * point.amplitude_m, specimen.stroke_m
+        text = f"{show(travel_m, 'mm')} of travel exceed the specimen's stroke {show(stroke_m, 'mm')}{room}"
+        yield Reason("stroke", text)
+    room_m, reached = command_room(matrix, bench)[:2], stopping_reach(point, matrix, bench)
+    if travel_fits and not within(reached, room_m):
+        text = (
+            f"stopping distance: a halt at {bench.actuator.halt_deceleration_m_s2:g} m/s^2 comes to rest between "
+            f"{show(reached.low_m, 'mm', 4)} and {show(reached.high_m, 'mm', 4)}; allowed {show(room_m[0], 'mm')} to "
+            f"{show(room_m[1], 'mm')}"
+        )
+        fits = stop_fits(point, matrix, bench, room_m).text
+        yield Reason("stopping-distance", f"{text}; {fits}" if fits else text)
 
-    The same limits as the plan's. The force's is none of them: that follows the motion reached, not the one commanded.
+
+def command_limit(point: TestPoint, matrix: Matrix, bench: Bench) -> tuple[float, str]:
+    """The largest amplitude (m) that may be commanded for a point's motion, and what sets it.
+
+    Speed, acceleration and the travel of a halt, as in the plan. The force's limit is none of them: force follows the
+    motion that is reached, not the one that is commanded.
     """
     limits, one_metre = bench.limits, replace(point, amplitude_m=1.0)
     allowed = {
@@ -84,6 +104,10 @@ def command_limit(point: TestPoint, bench: Bench) -> tuple[float, str]:
         f"the bench's acceleration limit, {limits.acceleration_m_s2:.3g} m/s^2": limits.acceleration_m_s2
         / one_metre.peak_acceleration_m_s2,
     }
+    steps = math.floor(min(allowed.values()) / AMPLITUDE_STEP_M + 1e-6)
+    halted = _largest(steps, lambda smaller: _can_be_halted(smaller, matrix, bench), point)
+    if halted < steps:
+        allowed["the travel that a halt needs"] = halted * AMPLITUDE_STEP_M
     what = min(allowed, key=lambda name: allowed[name])
     return allowed[what], what
 
@@ -211,18 +235,26 @@ def would_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast)
         _room_m(point, _travel(matrix, bench)),
     )
     steps = math.floor(amplitude_m / AMPLITUDE_STEP_M + 1e-6)
-    steps = _largest_within_force(point, steps, matrix, bench, predict)
+    steps = _largest(steps, lambda smaller: _can_be_halted(smaller, matrix, bench), point)
+    steps = _largest(steps, lambda smaller: _force_and_heat_fit(smaller, matrix, bench, predict), point)
     return None if steps <= 0 else round(steps * AMPLITUDE_STEP_M, 6)
 
 
-def _largest_within_force(point: TestPoint, steps: int, matrix: Matrix, bench: Bench, predict: Forecast) -> int:
-    """Bisect for the largest number of amplitude steps whose predicted force and heat are allowed; 0 when none is."""
+def _can_be_halted(point: TestPoint, matrix: Matrix, bench: Bench) -> bool:
+    return within(stopping_reach(point, matrix, bench), command_room(matrix, bench)[:2])
+
+
+def _force_and_heat_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> bool:
+    force_N, energy_J = predict(point)
+    cool = not any(True for _ in too_hot(point, energy_J, matrix))
+    return cool and (force_N is None or not _beyond(force_N, _allowed_force_N(bench)))
+
+
+def _largest(steps: int, allowed: Callable[[TestPoint], bool], point: TestPoint) -> int:
+    """Bisect for the largest number of amplitude steps with which a point is allowed; 0 when none is."""
 
     def fits(count: int) -> bool:
-        smaller = replace(point, amplitude_m=count * AMPLITUDE_STEP_M)
-        force_N, energy_J = predict(smaller)
-        cool = not any(True for _ in too_hot(smaller, energy_J, matrix))
-        return cool and (force_N is None or not _beyond(force_N, _allowed_force_N(bench)))
+        return allowed(replace(point, amplitude_m=count * AMPLITUDE_STEP_M))
 
     if steps <= 0 or fits(steps):
         return steps

@@ -235,6 +235,10 @@ class HybridTable(Section):
             ))
         return against + _of_road(self, prior, law_named(point.law), poll_s)
 
+    def ride(self, point: TestPoint, prior: AssumedDamper) -> Ride:
+        """What the whole car does with a point's law, computed: the forecast of its test."""
+        return _reference(self, prior, law_named(point.law))[1]
+
     def order(self, point: TestPoint, prior: AssumedDamper, bench: Bench, room_m: tuple[float, float]) -> HybridOrder:
         """What the station is told.
 
@@ -255,6 +259,7 @@ class HybridTable(Section):
         bounds = Bounds(
             min(TRAVEL_MARGIN * point.amplitude_m + TRAVEL_BESIDE_M, room), limits.speed_m_s,
             limits.acceleration_m_s2, self.largest_energy_error, self.largest_delay_s,
+            room, bench.actuator.halt_deceleration_m_s2,
         )
         return HybridOrder(car.part(poll_s), bounds, self.probe, point.compensator, car.control, point.centre_m)
 

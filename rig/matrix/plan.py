@@ -14,6 +14,8 @@ from rig.matrix.forecast import Forecast, forecaster
 from rig.matrix.model import Matrix
 from rig.matrix.order_by_heat import BETWEEN_POINTS_S, Thermal, load_of, thermal_of, warm_up_point
 from rig.matrix.point import TestPoint
+from rig.matrix.stopping import stopping_reach
+from rig.signals.stopping import Reach
 from rig.units import show
 
 SETTLING_S = 0.5
@@ -24,6 +26,7 @@ class PlannedPoint:
     """A point and its verdict.
 
     `predicted_force_N` and `energy_J` (dissipated over the whole program, coil included) are None when unknown;
+    `stopping_reach_m` is where a halt at any instant comes to rest, lowest and highest, in the rig's coordinate;
     `would_fit_m` is the largest amplitude that mends an infeasible point, None when no amplitude does.
     """
 
@@ -33,6 +36,7 @@ class PlannedPoint:
     duration_s: float
     causes: tuple[Reason, ...]
     would_fit_m: float | None
+    stopping_reach_m: Reach
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -58,6 +62,7 @@ class PlannedPoint:
             "peak_acceleration_m_s2": point.peak_acceleration_m_s2,
             "predicted_force_N": self.predicted_force_N,
             "energy_J": self.energy_J,
+            "stopping_reach_m": list(self.stopping_reach_m),
             "duration_s": self.duration_s,
             "verdict": "feasible" if self.feasible else "infeasible",
             "reason": "; ".join(self.reasons) or None,
@@ -184,6 +189,7 @@ def _judge(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) ->
         duration_s=point.motion_s + SETTLING_S + point.rest_s,
         causes=causes,
         would_fit_m=would_fit(point, matrix, bench, predict) if causes else None,
+        stopping_reach_m=stopping_reach(point, matrix, bench),
     )
 
 

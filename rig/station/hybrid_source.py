@@ -13,14 +13,15 @@ from typing import NamedTuple
 from drivers.errors import DriverError
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from drivers.setpoint_generator import Setpoint
-from rig.bench.settings import Limits
+from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.hybrid.hybrid_motion import HybridMotion, HybridOrder, Moment
 from rig.hybrid.motion_bounds import Measured
+from rig.signals.stopping import Reach, halted_m
 from rig.station.command_channel import CommandChannel
 from rig.station.errors import StationRefused
 from rig.station.interlocks.finding import Finding
-from rig.station.motion_start import Answer, Extent, begin, read_order, refuse_beyond
+from rig.station.motion_start import ROUNDING, Answer, Extent, begin, read_order, refuse_beyond, travel_extents
 from rig.station.supervisor import Supervisor
 from rig.station.threads.current_source_thread import CurrentSourceThread
 from rig.station.threads.devices import Devices
@@ -28,8 +29,6 @@ from rig.station.threads.devices import Devices
 SLUG = "hybrid-unstable"
 LEAST_CHANGE_A = 1e-3
 """A law's current is commanded anew when it has changed by so much."""
-ROUNDING = 1e-6
-"""Share of a limit that the order's own arithmetic may add."""
 Reading = Callable[[int], float | None]
 """Host time (ns) -> the newest good value, SI; None when it is stale."""
 
@@ -141,7 +140,7 @@ def start_hybrid(given: object, devices: Devices, supervisor: Supervisor, comman
         DriverError: the actuator cannot be reached.
     """
     ecu = devices.config.ecu
-    order = hybrid_order(given, devices.config.limits)
+    order = hybrid_order(given, devices.config)
     commanded = order.control.law != "passive"
     if commanded and (ecu.by_hand or ecu.url is not None):
         raise StationRefused("matrix-infeasible", "start: a law commands the current, and its source is not on CAN")
@@ -152,24 +151,28 @@ def start_hybrid(given: object, devices: Devices, supervisor: Supervisor, comman
     return begin(source, order.duration_s, devices, supervisor, commands)
 
 
-def hybrid_order(given: object, limits: Limits) -> HybridOrder:
+def hybrid_order(given: object, config: StationConfig) -> HybridOrder:
     """The order of a start request, within the machine's limits.
 
     Args:
         given: `HybridOrder.to_json`.
-        limits: of the machine.
+        config: of the station: limits, and the deceleration of a halt.
 
     Raises:
         StationRefused: it is none, or its own bounds are wider than the machine's limits.
     """
     order = read_order(given, "a hybrid test", HybridOrder.from_json)
-    centre_m, bounds = order.centre_m, order.bounds
-    reach_m = max(bounds.extension_m, order.probe.amplitude_m)
+    centre_m, bounds, limits = order.centre_m, order.bounds, config.limits
+    probe_m_s = math.tau * order.probe.frequency_Hz * order.probe.amplitude_m
+    probe_m = halted_m(order.probe.amplitude_m, probe_m_s, config.actuator.halt_deceleration_m_s2)
+    reach_m = max(bounds.extension_m, bounds.travel_m, probe_m)
     extents = (
-        Extent("travel to", "m", centre_m + reach_m, limits.position_max_m),
-        Extent("travel to minus", "m", reach_m - centre_m, -limits.position_min_m),
+        *travel_extents(Reach(centre_m - reach_m, centre_m + reach_m), limits),
         Extent("speed", "m/s", bounds.speed_m_s, limits.speed_m_s),
         Extent("acceleration", "m/s^2", bounds.acceleration_m_s2, limits.acceleration_m_s2),
+        Extent(
+            "deceleration of a halt", "m/s^2", bounds.halt_deceleration_m_s2, config.actuator.halt_deceleration_m_s2
+        ),
         Extent("current", "A", order.control.range_A[1], limits.current_A),
     )
     refuse_beyond(extents, "a hybrid test's bounds are", ROUNDING)

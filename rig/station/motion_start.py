@@ -1,7 +1,8 @@
 """How motions begin: what is read of a start request, what is refused, what the supervisor is told.
 
 A motion of cycles begins here; those that the station computes set-point by set-point (`signal_source`,
-`hybrid_source`) share `read_order`, `refuse_beyond` and `begin`.
+`hybrid_source`) share `read_order`, `refuse_beyond` and `begin`. Of every motion the travel is refused beyond which a
+halt could not come to rest (`rig.signals.stopping`), as the plan does.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from drivers.roles import Command, Program, Waveform, state_name
 from drivers.setpoint_generator import ComputedMotion
+from rig.bench.settings import Limits, StationConfig
+from rig.signals.stopping import CYCLE_STEPS, Cycles, Reach, reach
 from rig.station.command_channel import CommandChannel
 from rig.station.errors import StationRefused
 from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
@@ -21,6 +24,10 @@ from rig.station.supervisor import Supervisor
 from rig.station.threads.devices import Devices
 
 TABLE_TIMEOUT_S = 60.0
+LARGEST_AMPLITUDE_M = 10.0
+MOST_RAMP_CYCLES = 1e3
+ROUNDING = 1e-6
+"""Share of a limit that a request's own arithmetic may add."""
 Arguments = Mapping[str, object]
 Answer = dict[str, object]
 Order = TypeVar("Order")
@@ -92,6 +99,14 @@ def refuse_beyond(extents: Sequence[Extent], what: str, rounding: float) -> None
         raise StationRefused("matrix-infeasible", f"start: {what} beyond the machine's limits: {'; '.join(wide)}")
 
 
+def travel_extents(reached: Reach, limits: Limits) -> tuple[Extent, Extent]:
+    """Both ends of what a motion and its halts reach (m, rig's coordinate), against the position limits."""
+    return (
+        Extent("travel, halts included, to", "m", reached.high_m, limits.position_max_m),
+        Extent("travel, halts included, to minus", "m", -reached.low_m, -limits.position_min_m),
+    )
+
+
 def begin(
     source: ComputedMotion, duration_s: float, devices: Devices, supervisor: Supervisor, commands: CommandChannel
 ) -> Answer:
@@ -156,33 +171,63 @@ def _program(arguments: Arguments, devices: Devices) -> Program:
     waveform, limits = Waveform[name], devices.config.limits
     if waveform is Waveform.TRIANGLE and not devices.actuator.capabilities.triangle:
         raise StationRefused("matrix-infeasible", "start: this actuator moves in sines only")
-    amplitude_m = number(arguments, "amplitude_m", 0.0, math.inf)
+    amplitude_m = number(arguments, "amplitude_m", 0.0, LARGEST_AMPLITUDE_M)
     frequency_Hz = number(arguments, "frequency_Hz", 1e-3, 1e3)
     centre_m = number(arguments, "centre_m", limits.position_min_m, limits.position_max_m)
-    for edge_m in (centre_m - amplitude_m, centre_m + amplitude_m):
-        if not limits.position_min_m <= edge_m <= limits.position_max_m:
-            raise StationRefused("matrix-infeasible", f"start: travel to {edge_m:g} m is beyond the stroke limits")
-    return Program(
+    table_m = _table(arguments, devices) if waveform is Waveform.TABLE else []
+    program = Program(
         waveform, amplitude_m, frequency_Hz, centre_m,
         cycles=number(arguments, "cycles", 0.0, 1e6),
-        ramp_in_cycles=number(arguments, "ramp_in_cycles", 0.0, 1e6),
-        ramp_out_cycles=number(arguments, "ramp_out_cycles", 0.0, 1e6),
-        table_length=_write_table(arguments, devices) if waveform is Waveform.TABLE else 0,
+        ramp_in_cycles=number(arguments, "ramp_in_cycles", 0.0, MOST_RAMP_CYCLES),
+        ramp_out_cycles=number(arguments, "ramp_out_cycles", 0.0, MOST_RAMP_CYCLES),
+        table_length=len(table_m),
     )  # fmt: skip
+    refuse_without_travel(program, table_m, devices.config)
+    if table_m:
+        devices.actuator.call(lambda driver: driver.write_table(table_m), TABLE_TIMEOUT_S)
+    return program
 
 
-def _write_table(arguments: Arguments, devices: Devices) -> int:
-    """Load a table waveform; its number of values.
+def refuse_without_travel(program: Program, table_m: Sequence[float], config: StationConfig) -> None:
+    """Nothing where the motion, and a halt at any instant of it, stays within the position limits.
+
+    Args:
+        program: the motion.
+        table_m: of a table waveform, its values about the centre (m); else empty.
+        config: limits, halt deceleration and length of a fade-out.
+
+    Raises:
+        StationRefused: it does not.
+    """
+    cycles = Cycles(
+        _unit_cycle(program.waveform, table_m), 1.0 if table_m else program.amplitude_m, program.frequency_Hz,
+        program.ramp_in_cycles, program.ramp_out_cycles, program.cycles, config.actuator.fade_out_cycles,
+    )  # fmt: skip
+    reached, centre_m = reach(cycles.path(), config.actuator.halt_deceleration_m_s2), program.centre_m
+    whole = Reach(centre_m + reached.low_m, centre_m + reached.high_m)
+    refuse_beyond(travel_extents(whole, config.limits), "the motion is", ROUNDING)
+
+
+def _unit_cycle(waveform: Waveform, table_m: Sequence[float]) -> list[tuple[float, float]]:
+    """One cycle of unit amplitude: value, and its change a cycle; of a table its own values (m)."""
+    phases = [step / CYCLE_STEPS for step in range(CYCLE_STEPS)]
+    if waveform is Waveform.SINE:
+        return [(math.sin(math.tau * phase), math.tau * math.cos(math.tau * phase)) for phase in phases]
+    if waveform is Waveform.TRIANGLE:
+        table_m = [1.0 - abs(4.0 * ((phase + 0.25) % 1.0) - 2.0) for phase in phases]
+    after = [*table_m[1:], table_m[0]]
+    return [(value, (next_m - value) * len(table_m)) for value, next_m in zip(table_m, after, strict=True)]
+
+
+def _table(arguments: Arguments, devices: Devices) -> list[float]:
+    """The values of a table waveform (m about the centre).
 
     Raises:
         StationRefused: the actuator plays none, or the values are none.
-        DriverError: the actuator cannot be reached.
     """
     if not devices.actuator.capabilities.table:
         raise StationRefused("matrix-infeasible", "start: this actuator plays no table waveforms")
     table = arguments.get("table")
     if not isinstance(table, list) or len(table) < 2:
         raise StationRefused("bad-request", "start: waveform table needs `table`, a list of at least 2 values (m)")
-    values = [float(value) for value in table]
-    devices.actuator.call(lambda driver: driver.write_table(values), TABLE_TIMEOUT_S)
-    return len(values)
+    return [float(value) for value in table]

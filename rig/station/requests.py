@@ -29,6 +29,7 @@ from drivers.roles import ActuatorStatus, Command, Move, State, state_name
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.faults.row import StopKind
+from rig.signals.stopping import Reach, halted_m
 from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.errors import StationRefused
 from rig.station.examination import NOTHING_STOPS_IT, examine
@@ -36,7 +37,15 @@ from rig.station.hybrid_source import start_hybrid
 from rig.station.interlocks.finding import Finding
 from rig.station.interlocks.link_faults import link_slug
 from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
-from rig.station.motion_start import Answer, Arguments, number, start_cycles
+from rig.station.motion_start import (
+    ROUNDING,
+    Answer,
+    Arguments,
+    number,
+    refuse_beyond,
+    start_cycles,
+    travel_extents,
+)
 from rig.station.preparation import Preparation
 from rig.station.safe_stop import STILL_S, Movement, SafeStop
 from rig.station.signal_source import start_signal
@@ -199,6 +208,8 @@ class Requests:
         target_m = number(arguments, "target_m", limits.position_min_m, limits.position_max_m)
         speed_m_s = number(arguments, "speed_m_s", 0.0, limits.speed_m_s)
         deceleration = self._config.actuator.halt_deceleration_m_s2
+        ends_m = [halted_m(target_m, way * speed_m_s, deceleration) for way in (-1.0, 1.0)]
+        refuse_beyond(travel_extents(Reach(min(ends_m), max(ends_m)), limits), "a halt of the move is", ROUNDING)
         self._supervisor.movement = Movement(fade_s=speed_m_s / deceleration + SPEED_WINDOW_S)
         status = self._commands.command(Command.MOVE_TO, Move(target_m, speed_m_s))
         return {"state": state_name(status.state)}

@@ -20,8 +20,9 @@ from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from drivers.setpoint_generator import Setpoint
 from rig.bench.settings import Limits
 from rig.clock import monotonic_ns
+from rig.signals.stopping import Reach, reach
 from rig.station.command_channel import CommandChannel
-from rig.station.motion_start import Answer, Extent, begin, read_order, refuse_beyond
+from rig.station.motion_start import Answer, Extent, begin, read_order, refuse_beyond, travel_extents
 from rig.station.supervisor import Supervisor
 from rig.station.threads.devices import Devices
 
@@ -133,16 +134,17 @@ def start_signal(given: object, devices: Devices, supervisor: Supervisor, comman
         StationRefused: it is no motion, is beyond the machine's limits, or the actuator does not begin it.
         DriverError: the actuator cannot be reached.
     """
-    order = signal_order(given, devices.config.limits)
+    order = signal_order(given, devices.config.limits, devices.config.actuator.halt_deceleration_m_s2)
     return begin(SignalSource(order, devices.append), order.duration_s, devices, supervisor, commands)
 
 
-def signal_order(given: object, limits: Limits) -> SignalOrder:
+def signal_order(given: object, limits: Limits, halt_deceleration_m_s2: float) -> SignalOrder:
     """The motion of a start request, within the machine's limits.
 
     Args:
         given: as `SignalOrder` says.
         limits: of the machine.
+        halt_deceleration_m_s2: of a halt, which must find the travel that it needs at every instant.
 
     Raises:
         StationRefused: it is none, is beyond a limit, or does not begin and end at rest at its centre.
@@ -152,9 +154,9 @@ def signal_order(given: object, limits: Limits) -> SignalOrder:
     speed_m_s = max(map(abs, speeds))
     change_m_s2 = max(abs(after - before) for before, after in pairwise(speeds)) / order.step_s
     way_m_s = max(abs(after - before) for before, after in pairwise(positions)) / order.step_s
+    reached = reach(zip(positions, speeds, strict=True), halt_deceleration_m_s2)
     extents = (
-        Extent("travel to", "m", centre_m + max(positions), limits.position_max_m),
-        Extent("travel to minus", "m", -centre_m - min(positions), -limits.position_min_m),
+        *travel_extents(Reach(centre_m + reached.low_m, centre_m + reached.high_m), limits),
         Extent("speed", "m/s", max(speed_m_s, way_m_s), limits.speed_m_s),
         Extent("acceleration", "m/s^2", change_m_s2, limits.acceleration_m_s2),
         Extent("begin or end off centre by", "m", max(abs(positions[0]), abs(positions[-1])), REST_M),

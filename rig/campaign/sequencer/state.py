@@ -172,7 +172,7 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
 
 
 def _ceiling(point: TestPoint, matrix: Matrix, bench: Bench) -> Ceiling:
-    amplitude_m, what = command_limit(point, bench)
+    amplitude_m, what = command_limit(point, matrix, bench)
     low_m, high_m, where = command_room(matrix, bench)
     return Ceiling(amplitude_m, what, low_m, high_m, where)
 

@@ -20,6 +20,7 @@ from rig.hybrid.lead import COMPENSATORS
 from rig.hybrid.motion_bounds import Bounds, Measured, Watch
 from rig.hybrid.quarter_car import QuarterCar
 from rig.hybrid.substructure import Sent, Target
+from rig.signals.stopping import halted_m
 from rig.vehicle.car import Car
 from rig.vehicle.laws import Control
 from rig.vehicle.motion import CornerDamper
@@ -57,7 +58,7 @@ def order(car: QuarterCar, compensator: str, step_s: float = 0.01, **bounds: flo
     """A test in steps of 10 ms within wide bounds."""
     within = Bounds(**{
         "extension_m": 0.2, "speed_m_s": 5.0, "acceleration_m_s2": 500.0, "energy_share": 0.3, "delay_s": 0.03,
-        **bounds,
+        "travel_m": 0.5, "halt_deceleration_m_s2": 20.0, **bounds,
     })  # fmt: skip
     return HybridOrder(car.part(step_s), within, Probe(1e-3, 5.0), compensator, centre_m=0.05)
 
@@ -188,7 +189,7 @@ def test_an_unstable_loop_is_found_by_its_energy_before_it_reaches_a_limit_of_th
 @pytest.mark.parametrize("law", ["viscous", "friction"])
 def test_the_energy_that_a_lagging_rod_gives_back_is_no_energy_error(delay_s: float, law: str) -> None:
     """The energy error of a late rod is -F e / 2 or -F e while it moves and 0 once it has stopped."""
-    watch, omega, amplitude_m = Watch(Bounds(0.1, 5.0, 500.0, 0.2, 0.03)), 2.0 * math.pi * 3.0, 0.02
+    watch, omega, amplitude_m = Watch(Bounds(0.1, 5.0, 500.0, 0.2, 0.03, 0.1, 20.0)), 2.0 * math.pi * 3.0, 0.02
     for step in range(200):
         t_s = 0.005 * step
         late_s = max(0.0, t_s - delay_s)
@@ -271,8 +272,16 @@ def test_a_lead_that_goes_further_than_the_bounds_is_not_sent() -> None:
         assert watch.problem_of_sent(sent) is not None
 
 
-def test_the_way_back_does_not_go_far_beyond_where_the_road_left_the_rod() -> None:
-    """A critically damped way of 12 1/s goes v / (12 e) further at most; half a metre a second: 15 mm."""
+def test_no_set_point_is_sent_from_which_a_halt_would_leave_the_travel() -> None:
+    """0.4 m/s need 8 mm at 10 m/s^2."""
+    watch = Watch(order(quarter_car(linear_damper(DAMPING)), "none", travel_m=0.05, halt_deceleration_m_s2=10.0).bounds)
+    for sent in (Sent(0.0415, 0.4), Sent(0.0495, -0.4), Sent(-0.0415, -0.4), Sent(0.0499, 0.0)):
+        assert watch.problem_of_sent(sent) is None
+    for sent in (Sent(0.0425, 0.4), Sent(-0.0425, -0.4), Sent(0.0501, 0.0)):
+        assert watch.problem_of_sent(sent) is not None
+
+
+def test_the_way_back_begins_as_a_halt_and_goes_no_further() -> None:
     motion = HybridMotion(order(quarter_car(linear_damper(DAMPING), 1.0), "none"))
     course = Course(motion, lambda _, speed_m_s: REST_N + DAMPING * speed_m_s)
     left, back, t_s = Setpoint(0.05, 0.0), [], 0.0
@@ -283,8 +292,9 @@ def test_the_way_back_does_not_go_far_beyond_where_the_road_left_the_rod() -> No
             left = sent
         t_s += 0.01
     assert abs(left.velocity_m_s) > 0.05
-    furthest_m = abs(left.position_m - 0.05) + abs(left.velocity_m_s) / (12.0 * math.e)
+    furthest_m = abs(halted_m(left.position_m - 0.05, left.velocity_m_s, 20.0))
     assert max(abs(place_m - 0.05) for place_m, _ in back) <= furthest_m + 1e-9
+    assert abs(back[-1][0] - 0.05) < 1e-4
     slopes = np.gradient([place_m for place_m, _ in back], 0.01)
     np.testing.assert_allclose(slopes[1:-1], [speed for _, speed in back[1:-1]], atol=0.01)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,13 +15,15 @@ from hypothesis import strategies as st
 
 from drivers.catalogue import make_actuator
 from drivers.connection import ActuatorConnection
-from drivers.roles import Actuator
+from drivers.roles import Actuator, Program, Waveform
+from drivers.setpoint_generator import SetpointGenerator
 from rig.bench.model import Bench
 from rig.cli.tables import PlanText
 from rig.dampers import model, parameter_set
 from rig.matrix.model import Matrix, load_matrix
-from rig.matrix.plan import Plan, plan
+from rig.matrix.plan import Plan, PlannedPoint, plan
 from rig.matrix.point import TestPoint
+from rig.matrix.stopping import stopping_reach
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 DEMO = Bench.load(EXAMPLES / "demo-bench.toml")
@@ -142,6 +145,78 @@ def test_a_force_bound_bounds_the_heat_and_the_coil_adds_its_own() -> None:
     coil = one("30 mm", "1 Hz", current="2 A", specimen='max_force = "2 kN"\ncoil_resistance = "1.5 ohm"')
     (warm,) = plan(coil, DEMO).points
     assert warm.energy_J == pytest.approx((item.energy_J or 0.0) + 2.0**2 * 1.5 * 12.0)
+
+
+def halting(deceleration_m_s2: float) -> Bench:
+    return DEMO.model_copy(update={
+        "actuator": replace(DEMO.actuator, halt_deceleration_m_s2=deceleration_m_s2),
+    })
+
+
+@pytest.mark.parametrize("waveform", ["sine", "triangle"])
+def test_a_motion_that_a_halt_would_take_out_of_its_travel_is_refused_with_all_that_would_do(waveform: str) -> None:
+    """Highest end of a halt: A s + V^2 (1 - s^2) / 2 d at s = A d / V^2 of a sine, A + V^2 / 2 d of a triangle."""
+    amplitude_m, frequency_Hz, mid_m, halt = 0.058, 2.0, 0.02, 4.0
+    bench = halting(halt)
+
+    def judged(amplitude_m: float, mid_m: float, bench: Bench) -> PlannedPoint:
+        text = one(f"{amplitude_m} m", f"{frequency_Hz} Hz", waveform=waveform, specimen=f"mid_stroke_m = {mid_m}")
+        return plan(text, bench).points[0]
+
+    item = judged(amplitude_m, mid_m, bench)
+    assert [cause.slug for cause in item.causes] == ["stopping-distance"]
+    speed_m_s = item.point.peak_speed_m_s
+    share = amplitude_m * halt / speed_m_s**2 if waveform == "sine" else 1.0
+    beyond_m = speed_m_s**2 * ((1.0 - share**2) if waveform == "sine" else 1.0) / (2.0 * halt)
+    assert item.stopping_reach_m[1] == pytest.approx(mid_m + share * amplitude_m + beyond_m, abs=5e-5)
+    would_do = re.search(r'halt_deceleration = "([\d.]+) m/s', item.reasons[0])
+    assert would_do is not None
+    least = float(would_do[1])
+    assert judged(amplitude_m, mid_m, halting(least)).feasible
+    assert not judged(amplitude_m, mid_m, halting(0.95 * least)).feasible
+    assert item.would_fit_m is not None
+    assert judged(item.would_fit_m, mid_m, bench).feasible
+    assert not judged(item.would_fit_m + 5e-5, mid_m, bench).feasible
+
+
+def test_a_centre_that_leaves_a_halt_its_travel_is_named() -> None:
+    bench = halting(4.0)
+    (item,) = plan(one("40 mm", "2 Hz", specimen='mid_stroke = "42 mm"'), bench).points
+    centre = re.search(r"a centre \(mid_stroke\) of ([-\d.]+) mm would do", item.reasons[0])
+    assert centre is not None
+    assert plan(one("40 mm", "2 Hz", specimen=f'mid_stroke = "{centre[1]} mm"'), bench).feasible
+
+
+@given(
+    waveform=st.sampled_from([Waveform.SINE, Waveform.TRIANGLE]),
+    frequency_Hz=st.floats(0.2, 9.0), speed_m_s=st.floats(0.05, 0.75), halt=st.floats(2.0, 40.0),
+    ramp=st.sampled_from([0.5, 1.0, 1.3, 3.0]), fade=st.sampled_from([1.0, 2.5]), begins=st.floats(0.0, 8.0),
+    length=st.floats(0.0, 1.0), fades=st.booleans(),
+)  # fmt: skip
+@settings(max_examples=200, deadline=None)
+def test_wherever_a_motion_or_its_fade_is_halted_the_rod_rests_within_what_the_plan_states(
+    waveform: Waveform, frequency_Hz: float, speed_m_s: float, halt: float, ramp: float, fade: float, begins: float,
+    length: float, fades: bool,
+) -> None:
+    """The set-points' own generator against the plan's reach."""
+    per_cycle = math.tau if waveform is Waveform.SINE else 4.0
+    amplitude_m = speed_m_s / (per_cycle * frequency_Hz)
+    bench = halting(halt).model_copy(update={
+        "actuator": replace(DEMO.actuator, halt_deceleration_m_s2=halt, fade_out_cycles=fade),
+    })
+    text = one(f"{amplitude_m} m", f"{frequency_Hz} Hz", waveform=waveform.name.lower())
+    point = replace(plan(text, bench).points[0].point, ramp_in_cycles=ramp, ramp_out_cycles=ramp, cycles=3)
+    low_m, high_m = stopping_reach(point, text, bench)
+    generator = SetpointGenerator(0.0, halt_deceleration_m_s2=halt, fade_out_cycles=fade)
+    generator.start(Program(waveform, amplitude_m, frequency_Hz, 0.0, 3, ramp, ramp), 0.0)
+    now_s = begins / frequency_Hz
+    position_m, velocity_m_s = generator.at(now_s)
+    if fades:
+        generator.fade(now_s)
+        position_m, velocity_m_s = generator.at(now_s + length * fade / frequency_Hz)
+    end_m = position_m + velocity_m_s * abs(velocity_m_s) / (2.0 * halt)
+    slack_m = 1e-5 + 2e-3 * (high_m - low_m)
+    assert low_m - slack_m <= end_m <= high_m + slack_m
 
 
 @given(

@@ -212,7 +212,7 @@ def test_whatever_the_plan_allows_begins_and_ends_at_rest_at_the_station(tmp_pat
     (item,) = planned(tmp_path, text, drive).points
     assert item.feasible
     assert item.point.record is not None
-    order = station_order(signal_order(item.point, item.point.record), bench(tmp_path).limits)
+    order = station_order(signal_order(item.point, item.point.record), bench(tmp_path).limits, 20.0)
     assert [values[end] for values in (order.position_m, order.velocity_m_s) for end in (0, -1)] == [0.0] * 4
 
 

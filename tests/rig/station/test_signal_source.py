@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import math
 import struct
+from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -17,6 +19,7 @@ from rig.station.signal_source import SignalSource, signal_order
 LIMITS = Limits(position_m=(-0.05, 0.05), speed_m_s=0.2, acceleration_m_s2=5.0, force_N=4000.0, current_A=3.0,
                 coil_temperature_degC=100.0)
 STEP_S = 0.004
+HALT = 20.0
 
 
 def sent(amplitude_m: float = 0.01, rate_Hz: float = 0.5, **changes: object) -> dict[str, object]:
@@ -34,7 +37,7 @@ def packed(position_m: list[float], velocity_m_s: list[float]) -> str:
 
 
 def test_between_samples_the_rod_goes_where_the_motion_is() -> None:
-    order = signal_order(sent(), LIMITS)
+    order = signal_order(sent(), LIMITS, HALT)
     assert order.duration_s == pytest.approx(2.0)
     for t_s in (0.0, 0.0013, 0.777, 1.2345, 1.9999):
         setpoint = order.at(t_s)
@@ -44,7 +47,7 @@ def test_between_samples_the_rod_goes_where_the_motion_is() -> None:
 
 def test_every_set_point_is_recorded_and_the_last_one_is_the_centre() -> None:
     records: list[Any] = []
-    source = SignalSource(signal_order(sent(), LIMITS), records.extend)
+    source = SignalSource(signal_order(sent(), LIMITS, HALT), records.extend)
     last = None
     for step in range(300):
         setpoint = source.at(0.01 * step)
@@ -64,8 +67,8 @@ def test_every_set_point_is_recorded_and_the_last_one_is_the_centre() -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (sent(amplitude_m=0.05), "travel to 0.052 m"),
-        (sent(amplitude_m=-0.06), "travel to minus 0.058 m"),
+        (sent(amplitude_m=0.05), "to 0.052 m"),
+        (sent(amplitude_m=-0.06), "to minus 0.058 m"),
         (sent(amplitude_m=0.04, rate_Hz=2.0), "speed 0.25"),
         (sent(amplitude_m=0.04, rate_Hz=3.0), "acceleration"),
         (sent(samples=packed([0.001 * k for k in range(3)], [0.0] * 3)), "end off centre"),
@@ -85,4 +88,16 @@ def test_every_set_point_is_recorded_and_the_last_one_is_the_centre() -> None:
 )  # fmt: skip
 def test_what_is_beyond_the_machine_is_not_begun(given: object, said: str) -> None:
     with pytest.raises(StationRefused, match=said):
-        signal_order(given, LIMITS)
+        signal_order(given, LIMITS, HALT)
+
+
+def test_a_signal_that_a_halt_would_take_out_of_the_travel_is_not_begun() -> None:
+    """Raised cosine of 30 mm and 2 Hz, halted at 1 m/s^2: s = d / (A w^2) = 0.42, highest A (1 + (1 / s + s) / 2)."""
+    given = sent(amplitude_m=0.03, rate_Hz=2.0, centre_m=0.0)
+    highest_m = 0.015 * (1.0 + 0.5 * (1.0 / 0.42217 + 0.42217))
+    for halt_m_s2, limit_m, begins in (
+        (20.0, 0.0301, True), (1.0, highest_m + 1e-4, True), (1.0, highest_m - 1e-4, False)
+    ):
+        limits = replace(LIMITS, position_m=(-0.05, limit_m))
+        with nullcontext() if begins else pytest.raises(StationRefused, match="halts included"):
+            signal_order(given, limits, halt_m_s2)

@@ -1,0 +1,106 @@
+"""Whether a motion can be halted at any instant within the travel there is, and what would do where it cannot.
+
+By the rules of `rig.signals.stopping`, with the configured halt deceleration; the station checks the same at the start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.bench.model import Bench
+from rig.matrix.model import Matrix
+from rig.matrix.point import TestPoint
+from rig.signals.arrays import FloatArray
+from rig.signals.stopping import CYCLE_STEPS, Cycles, Reach, halted_m, reach
+from rig.units import show
+
+HARDEST_FIT_M_S2 = 500.0
+"""No bench file may ask for more (`[actuator] halt_deceleration`)."""
+FIT_STEP_M_S2 = 0.1
+"""Decelerations that would do are rounded up to this."""
+
+
+@dataclass(frozen=True)
+class StopFit:
+    """What would leave a halt the travel that it needs; None where that alone does not.
+
+    Attributes:
+        halt_deceleration_m_s2: the least one, at the point's amplitude and centre.
+        centre_m: nearest to the point's.
+    """
+
+    halt_deceleration_m_s2: float | None
+    centre_m: float | None
+
+    @property
+    def text(self) -> str:
+        """In words; empty where there is nothing."""
+        fits = []
+        if self.halt_deceleration_m_s2 is not None:
+            fits.append(f'halt_deceleration = "{self.halt_deceleration_m_s2:g} m/s^2" would do')
+        if self.centre_m is not None:
+            fits.append(f"a centre (mid_stroke) of {show(self.centre_m, 'mm')} would do")
+        return "; ".join(fits)
+
+
+def stopping_reach(point: TestPoint, matrix: Matrix, bench: Bench) -> Reach:
+    """Lowest and highest position (m, rig's coordinate) at which a halt comes to rest, begun at any instant."""
+    actuator = bench.actuator
+    low_m, high_m = _about_centre(point, matrix, actuator.fade_out_cycles, actuator.halt_deceleration_m_s2)
+    return Reach(point.centre_m + low_m, point.centre_m + high_m)
+
+
+def stop_fits(point: TestPoint, matrix: Matrix, bench: Bench, room_m: tuple[float, float]) -> StopFit:
+    """What would do for a motion that a halt takes out of its travel.
+
+    Args:
+        point: the motion.
+        matrix: of the specimen and the hybrid test.
+        bench: the rig.
+        room_m: lowest and highest position allowed.
+    """
+    low_m, high_m = stopping_reach(point, matrix, bench)
+    shift_m = max(room_m[0] - low_m, 0.0) or min(room_m[1] - high_m, 0.0)
+    movable = high_m - low_m <= room_m[1] - room_m[0]
+
+    def fits(steps: int) -> bool:
+        about = _about_centre(point, matrix, bench.actuator.fade_out_cycles, steps * FIT_STEP_M_S2)
+        return within(Reach(point.centre_m + about.low_m, point.centre_m + about.high_m), room_m)
+
+    low, high = 0, round(HARDEST_FIT_M_S2 / FIT_STEP_M_S2)
+    if not fits(high):
+        return StopFit(None, point.centre_m + shift_m if movable else None)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if fits(middle) else (middle, high)
+    return StopFit(round(high * FIT_STEP_M_S2, 6), round(point.centre_m + shift_m, 6) if movable else None)
+
+
+def within(reached: Reach, room_m: tuple[float, float]) -> bool:
+    """Whether every halt ends in the room, but for rounding."""
+    return reached.low_m >= room_m[0] - 1e-9 and reached.high_m <= room_m[1] + 1e-9
+
+
+def _about_centre(point: TestPoint, matrix: Matrix, fade_out_cycles: float, deceleration_m_s2: float) -> Reach:
+    if point.kind == "hybrid" and matrix.hybrid is not None and matrix.specimen.assumed is not None:
+        ride = matrix.hybrid.ride(point, matrix.specimen.assumed)
+        return _of_samples(ride.extension_m[:, 0], ride.speed_m_s[:, 0], deceleration_m_s2)
+    if point.record is not None:
+        position_m, velocity_m_s, _ = point.record.motion(point.amplitude_m)
+        return _of_samples(position_m, velocity_m_s, deceleration_m_s2)
+    return reach(_cycles(point, fade_out_cycles).path(), deceleration_m_s2)
+
+
+def _of_samples(position_m: FloatArray, velocity_m_s: FloatArray, deceleration_m_s2: float) -> Reach:
+    ends_m = halted_m(position_m, velocity_m_s, deceleration_m_s2)
+    return Reach(float(np.min(ends_m)), float(np.max(ends_m)))
+
+
+def _cycles(point: TestPoint, fade_out_cycles: float) -> Cycles:
+    value, change, _ = point.shape.shape(np.arange(CYCLE_STEPS) / CYCLE_STEPS)
+    return Cycles(
+        list(zip(value.tolist(), change.tolist(), strict=True)), point.amplitude_m, point.frequency_Hz,
+        point.ramp_in_cycles, point.ramp_out_cycles, point.cycles, fade_out_cycles,
+    )
