@@ -110,8 +110,8 @@ class Rig:
 def rig() -> Iterator[Callable[..., Rig]]:
     made: list[Rig] = []
 
-    def make(*, watchdog: WatchdogKind = WatchdogKind.NONE, hydraulics: bool = True) -> Rig:
-        made.append(Rig(Capabilities(watchdog=watchdog, hydraulics=hydraulics)))
+    def make(*, watchdog: WatchdogKind = WatchdogKind.NONE, hydraulics: bool = True, **able: bool) -> Rig:
+        made.append(Rig(Capabilities(watchdog=watchdog, hydraulics=hydraulics, **able)))
         return made[-1]
 
     yield make
