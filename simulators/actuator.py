@@ -79,6 +79,8 @@ class Actuator:
         self.boot_count = options.boot_count
         self.pulse_clock_us = 0
         self.served_s = 0.0
+        self.taken: Callable[[float, float], None] = lambda *_: None
+        """Called with position (m) and velocity (m/s) of each streamed set-point that is taken."""
         self.turned_s: float | None = None
         """When the streamed set-points first turned round without a rest (simulated s): a cyclic motion has begun."""
         self._actions: dict[Command, Callable[[Values], Result]] = {
@@ -225,6 +227,7 @@ class Actuator:
         if velocity_m_s == 0.0:
             self.plant.state["setpoint_m"], self.plant.state["setpoint_velocity_m_s"] = position_m, 0.0
         self.plant.order(mode=records.MODE_FOLLOW if velocity_m_s != 0.0 else records.MODE_HOLD)
+        self.taken(position_m, velocity_m_s)
 
     def write_table(self, values: Values) -> bool:
         """Put samples of a table waveform in (m about the centre); False when they do not fit or are not finite."""

@@ -74,7 +74,7 @@ def read_output(given: Mapping[str, Any], name: str) -> tuple[SupplyDescription 
 def _range(table: Table) -> tuple[float, float] | None:
     table.only(("current_A",))
     ends: Any = table.given.get("current_A")
-    numbers = isinstance(ends, list) and len(ends) == 2 and all(
+    numbers = isinstance(ends, (list, tuple)) and len(ends) == 2 and all(
         isinstance(end, int | float) and not isinstance(end, bool) and abs(end) <= LARGEST_A for end in ends
     )
     if not numbers or not ends[0] < ends[1]:

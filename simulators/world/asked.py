@@ -25,10 +25,12 @@ from simulators.schedule import BY_ID, ONLY_BY_SUPPLY, ONLY_ON, STREAMED
 from simulators.world.plan import (
     AT_THE_PANEL,
     STALLS,
+    STREAMED_TICK_S,
     Given,
     Happening,
     WorldPlan,
     drawn,
+    given_for,
     happens_to_supply,
     happens_untold,
 )
@@ -79,11 +81,13 @@ class Asked:
 
     def plan(self, seed: int) -> WorldPlan:
         """The world of a seed, with what was asked for in place of what is drawn."""
-        plan = drawn(seed, self.given)
         if self.happenings is None:
-            return plan
-        actuator = self.given.actuator or _link(self.happenings) or plan.actuator
-        return replace(plan, happenings=self.happenings, actuator=actuator)
+            return drawn(seed, self.given)
+        given, link = given_for(seed, self.given), _link(self.happenings)
+        if given.kind and not all(given.may_have(each.what, given.actuator or link) for each in self.happenings):
+            given = replace(self.given, usual=True)
+        plan = drawn(seed, given)
+        return replace(plan, happenings=self.happenings, actuator=given.actuator or link or plan.actuator)
 
     def again(self, seed: int) -> str:
         """The command that runs the world of a seed again."""
@@ -238,7 +242,8 @@ def _on_bench(given: Given, text: str, user: UserBench) -> Given:
     """The same on a user's bench."""
     auxiliary = bool(user.auxiliaries)
     return replace(
-        given, bench=user.portable(text), actuator=user.actuator, auxiliary=auxiliary, tick_s=user.tick_s,
+        given, bench=user.portable(text), actuator=user.actuator, auxiliary=auxiliary,
+        tick_s=min(user.tick_s, STREAMED_TICK_S if user.streamed else user.tick_s),
         supply=bool(user.supply), untold=user.unmeasured, streamed=user.streamed,
     )
 

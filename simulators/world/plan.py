@@ -13,7 +13,8 @@ from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
 from rig.faults.row import Ending
 from simulators.injection import BEYOND_LIMITS, INJECTORS, NEEDS_AUXILIARY, PASSING_VARIANTS
-from simulators.schedule import ONLY_BY_ECU, ONLY_BY_SUPPLY, ONLY_ON, drawn_fault, parse_fault
+from simulators.schedule import ONLY_BY_ECU, ONLY_BY_SUPPLY, ONLY_ON, STREAMED, drawn_fault, parse_fault
+from simulators.world.drawn_rig import DrawnRig, drawn_rig, fitted
 from simulators.world.kernel import HELD_UP_SHARE
 
 DISK = {"disk-full": errno.ENOSPC, "dir-readonly": errno.EROFS, "fsync-error": errno.EIO}
@@ -22,11 +23,18 @@ DEATHS = {
     "application-killed": "application", "station-killed": "rig.station",
     "finaliser-killed": "rig.recording.conversion.finaliser", "converter-killed": "rig.recording.conversion.converter",
 }  # fmt: skip
+MACHINE = "machine-stalled"
+"""The whole computer stands still while the devices go on: a virtual machine that is held up."""
 STALLS = {
-    "application-stalled": "application", "station-stalled": "rig.station",
-    "finaliser-stalled": "rig.recording.conversion.finaliser",
-    "converter-stalled": "rig.recording.conversion.converter",
-}
+    "application-stalled": ("application",), "station-stalled": ("rig.station",),
+    "finaliser-stalled": ("rig.recording.conversion.finaliser",),
+    "converter-stalled": ("rig.recording.conversion.converter",),
+    MACHINE: (
+        "application", "rig.station", "rig.recording.conversion.finaliser", "rig.recording.conversion.converter",
+    ),
+}  # fmt: skip
+OF_THE_STATION = ("station-stalled", MACHINE)
+"""Stalls in which the station does not run."""
 FOREIGN = ("foreign-stop", "panel-stop")
 """Somebody else stops the rod: another client by a command, a hand at the controller's own panel."""
 LASTING = ("clock-step", "slow-disk", "pause")
@@ -70,7 +78,19 @@ COOLS_S = 30.0
 """A hot ECU cools down by then; one that stays hot is waited for, up to an hour."""
 TICKS_S, TURNS_S = (0.004, 0.008, 0.01, 0.01), (0.004, 0.008, 0.008, 0.008)
 """The finer, the closer to a real rig, and the slower."""
-NEVER_DRAWN = frozenset(NEEDS_AUXILIARY) | {"usb-renumber"} | ONLY_BY_SUPPLY
+STREAMED_TICK_S = 0.002
+"""As on real wires: set-points that are taken up to 10 ms late would be another motion."""
+BENCH_TICK_S = 0.008
+"""Of the other benches that are drawn, as `user_bench` has it for sensors that are silent after 20 ms."""
+NEVER_DRAWN = frozenset(NEEDS_AUXILIARY) | {"usb-renumber"}
+GAP_SHARE, ALONE_SHARE = 0.6, 0.5
+"""Of the benches that are streamed set-points so many have a gap in link or host, or a Ctrl-C, while the rod moves; of
+these so many have nothing else."""
+GAP_S = (0.005, 2.0)
+GAPS = (
+    "modbus-busy", "modbus-reject", "modbus-mismatch", "modbus-write-lost", "setpoints-late", "setpoints-lost",
+    "station-stalled", "machine-stalled", "sigint",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -145,6 +165,8 @@ class WorldPlan:
         bench: a user's bench file's text; empty where the rig is the usual one.
         lasts_s: how long a user's campaign lasts at most (s); 0 for a drawn one.
         held_up: the share of system calls at which a thread is kept waiting for a moment.
+        kind: of the rig that was drawn (`drawn_rig.KINDS`); empty for a user's bench or matrix.
+        record: text of the file that a drawn matrix plays; empty where it plays none.
     """
 
     seed: int
@@ -157,6 +179,25 @@ class WorldPlan:
     bench: str = ""
     lasts_s: float = 0.0
     held_up: float = HELD_UP_SHARE
+    kind: str = ""
+    record: str = ""
+
+    @property
+    def of_a_user(self) -> bool:
+        """The bench is a user's, whose sensors may be slower than the drawn ones."""
+        return bool(self.bench) and not self.kind
+
+    def fitted(self) -> WorldPlan:
+        """The same with motions that the drawn bench's plan accepts.
+
+        Raises:
+            Refused: it accepts none, however small.
+            FileProblem: a drawn file is none.
+        """
+        if not self.kind or not self.bench:
+            return self
+        rig = fitted(DrawnRig(self.kind, self.bench, self.matrix, self.record))
+        return replace(self, matrix=rig.matrix, record=rig.record)
 
     def without(self, happening: Happening) -> WorldPlan:
         """The same world without one thing."""
@@ -177,6 +218,8 @@ class Given:
         motion_s: forecast of the campaign (s), over which things happen.
         lasts_s: how long it lasts at most (s).
         tick_s: how often the devices hand over what they have sent, at most (s).
+        kind, record: as of `WorldPlan`.
+        usual: nothing of the rig is left to be drawn: what is not given is the usual simulated rig's.
     """
 
     matrix: str = ""
@@ -189,6 +232,25 @@ class Given:
     motion_s: float = 0.0
     lasts_s: float = 0.0
     tick_s: float = math.inf
+    kind: str = ""
+    record: str = ""
+    usual: bool = False
+
+    def may_have(self, what: str, actuator: str) -> bool:
+        """Whether something of the fault matrix or around the devices can happen on this rig.
+
+        Args:
+            what: `SLUG`, `SLUG:VARIANT`, or one of `AROUND`.
+            actuator: how the controller is reached.
+        """
+        needed = ONLY_ON.get(what.partition(":")[0], actuator)
+        if needed != actuator and not (needed == STREAMED and self.streamed):
+            return False
+        if (self.streamed and what in AT_THE_PANEL) or (what in NEEDS_AUXILIARY and not self.auxiliary):
+            return False
+        if what in ONLY_BY_SUPPLY:
+            return self.supply and not self.untold
+        return (happens_to_supply(what) or not self.supply) and (happens_untold(what) or not self.untold)
 
 
 def drawn(seed: int, given: Given = Given()) -> WorldPlan:
@@ -199,27 +261,49 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
         given: what a user gives in its place.
     """
     chance = random.Random(f"plan {seed}")
+    given = given_for(seed, given)
     actuator = "rtu" if chance.random() < 0.25 else "tcp"
     actuator = given.actuator or actuator
     # Each from a stream of its own, so that the others stay as they are, whatever is given in its place.
-    happenings = _happenings(seed, actuator, given.motion_s)
+    happenings = _happenings(seed, actuator, given)
     pace = random.Random(f"pace {seed}")
     tick_s, turn_s = pace.choice(TICKS_S), pace.choice(TURNS_S)
     text, named = (given.matrix, False) if given.matrix else _matrix(chance)
     if named and chance.random() < SLOW_FILES_SHARE:
         happenings = (*happenings, _around("finaliser-stalled", chance.uniform(*EARLY_S), chance))
-    happenings = _in_order((*happenings, *_beyond_limits(random.Random(f"beyond {seed}"), given.motion_s)))
-    if given.supply:
-        happenings = tuple(happening for happening in happenings if happens_to_supply(happening.what))
-    if given.untold:
-        happenings = tuple(happening for happening in happenings if happens_untold(happening.what))
-    if given.streamed:
-        happenings = tuple(happening for happening in happenings if happening.what not in AT_THE_PANEL)
+    happenings = (*happenings, *_beyond_limits(random.Random(f"beyond {seed}"), given.motion_s))
+    gap = _gap(random.Random(f"gap {seed}"), given.motion_s) if given.streamed else ()
+    alone = gap and random.Random(f"alone {seed}").random() < ALONE_SHARE
+    chosen = gap if alone else (*happenings, *gap)
+    happenings = _in_order(happening for happening in chosen if given.may_have(happening.what, actuator))
     held_up = BUSY_HELD_UP if random.Random(f"busy {seed}").random() < BUSY_SHARE else HELD_UP_SHARE
     return WorldPlan(
         seed, text, happenings, actuator, tick_s=min(tick_s, given.tick_s), turn_s=turn_s, held_up=held_up,
-        bench=given.bench, lasts_s=given.lasts_s,
+        bench=given.bench, lasts_s=given.lasts_s, kind=given.kind, record=given.record,
     )  # fmt: skip
+
+
+def given_for(seed: int, given: Given) -> Given:
+    """What a user gives, with the rig that a seed draws where it leaves that open."""
+    if given.bench or given.matrix or given.usual:
+        return given
+    rig = drawn_rig(seed, given.actuator)
+    tick_s = STREAMED_TICK_S if rig.streamed else BENCH_TICK_S if rig.bench else given.tick_s
+    return replace(
+        given, kind=rig.kind, bench=rig.bench, matrix=rig.matrix, record=rig.record, motion_s=rig.motion_s,
+        actuator=rig.actuator or given.actuator, supply=rig.supply, untold=rig.unmeasured, streamed=rig.streamed,
+        tick_s=tick_s, usual=True,
+    )  # fmt: skip
+
+
+def _gap(chance: random.Random, motion_s: float) -> tuple[Happening, ...]:
+    """A gap in what is streamed, or a Ctrl-C, at any instant of the motion; in some worlds none."""
+    if chance.random() >= GAP_SHARE:
+        return ()
+    what, at_s = chance.choice(GAPS), chance.uniform(0.0, motion_s)
+    lasts_s = round(math.exp(chance.uniform(*map(math.log, GAP_S))), 3)
+    around = what in AROUND
+    return (Happening(what, round(at_s + FIRST_CYCLE_S * around, 3), None if what in SIGNALS else lasts_s),)
 
 
 AT_THE_PANEL = frozenset({"second-master:span", "second-master:offset", "second-master:jumps"})
@@ -237,24 +321,24 @@ def happens_untold(what: str) -> bool:
     return happens_to_supply(what) and what != "application-killed" and (row is None or row.place not in {"can", "ecu"})
 
 
-def _happenings(seed: int, actuator: str, motion_s: float) -> tuple[Happening, ...]:
+def _happenings(seed: int, actuator: str, given: Given) -> tuple[Happening, ...]:
     """What is a seed's turn, and up to four things that come later; or one to five of any kind; rarely none at all."""
-    chance = random.Random(f"happenings {seed}")
-    possible = [
-        slug for slug in sorted(INJECTORS) if ONLY_ON.get(slug, actuator) == actuator and slug not in NEVER_DRAWN
-    ]
-    chosen = _in_turn(seed, possible, chance, motion_s)
+    chance, motion_s = random.Random(f"happenings {seed}"), given.motion_s
+    possible = [slug for slug in sorted(INJECTORS) if slug not in NEVER_DRAWN and given.may_have(slug, actuator)]
+    around = [what for what in AROUND if given.may_have(what, actuator)]
+    fault_s, around_s = (motion_s, motion_s + FIRST_CYCLE_S) if motion_s else (LATEST_FAULT_S, LATEST_S)
+    chosen = _in_turn(seed, possible, around, chance, motion_s)
     began_s = chosen[0].begins_s if chosen else 0.0
     if chosen:  # what is refused would hide everything else
         possible = [slug for slug in possible if MATRIX[slug].end is not Ending.REFUSE]
     for _ in range(chance.choice(MORE_IN_TURN if chosen else HAPPENINGS)):
         before = chosen[-1] if chosen else None
         if chance.random() < FAULT_SHARE:
-            within_s = max(LATEST_FAULT_S, motion_s) - max(0.0, began_s - FIRST_CYCLE_S)
+            within_s = max(0.0, fault_s - max(0.0, began_s - FIRST_CYCLE_S))
             chosen.append(_fault(chance.choice(possible), chance, began_s, within_s))
         else:
-            at_s = chance.uniform(began_s, max(LATEST_S, motion_s))
-            chosen.append(_around(chance.choice(AROUND), at_s, chance))
+            at_s = chance.uniform(began_s, max(began_s, around_s))
+            chosen.append(_around(chance.choice(around), at_s, chance))
         if before is not None and None not in (before.at_s, chosen[-1].at_s) and chance.random() < SUDDEN_SHARE:
             chosen[-1] = chosen[-1].begun_at(before.begins_s + chance.uniform(0.0, SUDDEN_S))
     if chance.random() < COMBINED_SHARE:
@@ -262,24 +346,27 @@ def _happenings(seed: int, actuator: str, motion_s: float) -> tuple[Happening, .
     return _in_order(chosen)
 
 
-def _in_turn(seed: int, possible: Sequence[str], chance: random.Random, motion_s: float) -> list[Happening]:
+def _in_turn(
+    seed: int, possible: Sequence[str], around: Sequence[str], chance: random.Random, motion_s: float
+) -> list[Happening]:
     """What is a seed's turn, while the first points are run; nothing is the turn of some.
 
     Each fault of the devices and each thing around them comes first in one world of some seventy: drawn alone, one
     kind in ten came in none of two hundred worlds before something else had stopped the rig.
     """
-    turns = [*possible, *AROUND, *[""] * NONE_IN_TURN]
+    turns = [*possible, *around, *[""] * NONE_IN_TURN]
     number, place = divmod(seed, len(turns))
     random.Random(f"turns {number}").shuffle(turns)
     what = turns[place]
     if what in AROUND:
         begins_s = FIRST_CYCLE_S if what == STANDS else 0.0
-        happening = _around(what, chance.uniform(begins_s, max(EARLY_S[1], motion_s)), chance)
+        latest_s = motion_s + FIRST_CYCLE_S if motion_s else EARLY_S[1]
+        happening = _around(what, chance.uniform(begins_s, latest_s), chance)
         times = STANDS_TIMES if what == STANDS else 1.0
         return [replace(happening, lasts_s=None if happening.lasts_s is None else times * happening.lasts_s)]
     if not what:
         return []
-    fault = _fault(what, chance, 0.0, max(EARLY_S[0], motion_s))
+    fault = _fault(what, chance, 0.0, motion_s or EARLY_S[0])
     return [replace(fault, lasts_s=None) if what in SHOW_LATE else fault]
 
 
@@ -301,7 +388,7 @@ def _beyond_limits(chance: random.Random, motion_s: float) -> tuple[Happening, .
     """In some worlds something that drives the rig beyond the bench's limits, while the first points are run."""
     if chance.random() >= BEYOND_SHARE:
         return ()
-    what, at_s = chance.choice(BEYOND_LIMITS), round(chance.uniform(0.0, max(EARLY_S[0], motion_s)), 3)
+    what, at_s = chance.choice(BEYOND_LIMITS), round(chance.uniform(0.0, motion_s or EARLY_S[0]), 3)
     lasts_s = round(chance.uniform(0.1, 2.0), 3)
     passes = what in PASSING_VARIANTS and chance.random() >= BEYOND_LASTS_SHARE
     return (Happening(what, at_s, lasts_s if passes else None),)
@@ -329,7 +416,7 @@ def _matrix(chance: random.Random) -> tuple[str, bool]:
     frequencies = [f"{frequency} Hz" for frequency in sorted(chance.sample((2, 2.5, 3, 4), 2))]
     chosen_A = chance.sample((0, 0.25, 0.5, 0.75, 1.0), chance.choice((1, 2, 2)))
     currents = [f"{current_A} A" for current_A in sorted(chosen_A)]
-    cycles = chance.choice((8, 10, 12)) if len(currents) == 1 else chance.choice((5, 6, 8))
+    cycles = chance.choice((5, 6, 8)) if len(currents) == 1 else chance.choice((5, 6))
     if chance.random() < NAMED_SHARE:
         return _named_matrix(chance, amplitudes[0], frequencies[0], currents[0]), True
     text = "\n".join((

@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from rig.cli.output import say
-from simulators.world.asked import NOTHING, Asked, Files
+from simulators.world.asked import NOTHING, Asked
+from simulators.world.drawn_rig import RECORD
 from simulators.world.plan import WorldPlan
 from simulators.world.runs import Ended, alone
 
@@ -63,23 +64,30 @@ def _smaller(plan: WorldPlan) -> list[tuple[WorldPlan, str]]:
 
 def tell_smallest(seed: int, asked: Asked) -> None:
     """Tell the smallest world that still fails, and how to run it."""
-    plan = asked.plan(seed)
+    plan = asked.plan(seed).fitted()
     ended = alone(plan)
     if not ended.failed:
         say(f"seed {seed} holds this time", err=True)
         return
     smallest, _ = shrunk(plan, ended, lambda words: say(f"  seed {seed} {words}", err=True))
-    say(_words(smallest, asked, same_matrix=smallest.matrix == asked.given.matrix), err=True)
+    say(_words(smallest, asked), err=True)
 
 
-def _words(smallest: WorldPlan, asked: Asked, *, same_matrix: bool) -> str:
-    """A world that was made smaller: the command that runs it, below it the matrix that it needs."""
-    files, name = asked.files, Path(f"smallest-{smallest.seed}.toml")
-    words = ["rig", "worlds", "--seeds", str(smallest.seed)]
-    words += files.options if same_matrix else Files(name, files.bench).options
+def _words(smallest: WorldPlan, asked: Asked) -> str:
+    """A world that was made smaller: the command that runs it, below it the files that it needs."""
+    files, needed = asked.files, dict[str, str]()
+    if smallest.matrix != asked.given.matrix:
+        needed[f"smallest-{smallest.seed}.toml"] = smallest.matrix
+        files = replace(files, matrix=Path(f"smallest-{smallest.seed}.toml"))
+    if smallest.kind and smallest.bench:
+        needed[f"smallest-{smallest.seed}-bench.toml"] = smallest.bench
+        files = replace(files, bench=Path(f"smallest-{smallest.seed}-bench.toml"))
+    if smallest.record:
+        needed[RECORD] = smallest.record
+    words = ["rig", "worlds", "--seeds", str(smallest.seed), *files.options]
     happenings = tuple(map(str, smallest.happenings)) or (NOTHING,)
     words += [word for happening in happenings for word in ("--happening", happening)]
-    if not asked.given.actuator:
+    if not asked.given.actuator and not (smallest.kind and smallest.bench):
         words += ["--actuator", smallest.actuator]
     again = f"seed {smallest.seed}, smallest: {shlex.join(words)}"
-    return again if same_matrix else f"{again}\nwith {name}:\n{smallest.matrix}"
+    return "\n".join([again, *(f"with {name}:\n{text}" for name, text in needed.items())])

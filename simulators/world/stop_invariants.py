@@ -14,7 +14,7 @@ from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, StopKind
 from rig.matrix.model import load_matrix
 from simulators.controller_firmware import Command
-from simulators.world.plan import DISK, FOREIGN, SIGNALS
+from simulators.world.plan import DISK, FOREIGN, OF_THE_STATION, SIGNALS
 from simulators.world.proof_invariants import moving_by_itself
 from simulators.world.view import KILLING, NO_CURRENT_A, STUCK_CURRENT, WAY, Findings, View
 
@@ -29,6 +29,8 @@ CURRENT_AT_ONCE_S = 0.3
 TOLD_NS = 300e6
 """By then the station has looked at the controller again, whatever was sent meanwhile."""
 SENT_S = 0.25
+HALTED_NS = 1e9
+"""By then streamed set-points have brought the rod to rest."""
 LATE_JOURNAL_S = 0.5
 UNNOTICED_S, UNNOTICED_TIMES = 1.0, 10.0
 """So long the rod may move with a fault that everybody can see: that, or so many times what its row allows."""
@@ -81,10 +83,10 @@ EXPLAINS: dict[str, set[str]] = {
 """What around the devices explains a stop of these names; anything else explains any."""
 EXPLAINS_FOR_S = {"application-stalled": 5.0}
 """So long after its end (s); what else happens around the devices explains for good."""
-WATCHERS = {"application-stalled": 0.8, "station-stalled": 0.2}
+WATCHERS = {"application-stalled": 0.8, **dict.fromkeys(OF_THE_STATION, 0.2)}
 """So long (s) each may stand still while the rod moves and nobody minds."""
 MOVING_SHARE = 0.5
-OWN_SLUGS = frozenset({"host-late", "host-silent"})
+OWN_SLUGS = frozenset({"host-late", "host-silent", "setpoints-late"})
 SEEN_BY_STATION = frozenset(
     {
         "estop",
@@ -152,6 +154,11 @@ def no_start_after_a_foreign_stop(view: View) -> Findings:
         if foreign and line.code in {Command.START.name, Command.MOVE_TO.name} and line.host_ns > min(foreign) + 20e6:
             yield f"{line.code} after another master's stop", line.host_ns
             return
+    halted_ns = min(foreign, default=math.inf) + HALTED_NS
+    for at_ns, _, velocity_m_s in view.session.truth.setpoints:
+        if abs(velocity_m_s) > MOVING_M_S and halted_ns < at_ns < view.reset_ns(halted_ns - HALTED_NS):
+            yield f"a set-point at {velocity_m_s:.3g} m/s after another master's stop", at_ns
+            return
 
 
 def a_foreign_stop_is_noticed(view: View) -> Findings:
@@ -203,7 +210,7 @@ def stops_have_a_cause(view: View) -> Findings:
             causes |= {fault.partition(":")[0]} | OTHER_NAMES.get(fault, set())
         if "estop" in begun and view.hiding_places(begun - {"estop"}) & WAY:
             causes.add("ecu-overtemp")  # What opens the contactor too was not to be heard of: the ECU's own word is.
-        if trip["slug"] not in causes and not (causes and trip["slug"] in OF_ANY_FAULT):
+        if trip["slug"] not in causes and not (begun and trip["slug"] in OF_ANY_FAULT):
             yield f"stopped for {trip['slug']} ({trip['detail']}), what happened explains {sorted(causes)}", latched_ns
 
 

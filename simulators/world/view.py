@@ -11,7 +11,7 @@ import numpy as np
 
 from rig.bench.model import Bench
 from rig.faults.matrix import MATRIX
-from simulators.world.plan import FOREIGN, STALLS
+from simulators.world.plan import FOREIGN, OF_THE_STATION, STALLS
 from simulators.world.world import Session, World
 
 Findings = Iterator[tuple[str, float]]
@@ -53,7 +53,7 @@ class View:
     @property
     def stalled_s(self) -> float:
         """For how long the station was kept from running (s)."""
-        stalls = (happening for _, happening in self.session.happened if happening.what == "station-stalled")
+        stalls = (happening for _, happening in self.session.happened if happening.what in OF_THE_STATION)
         return sum(happening.lasts_s or 0.0 for happening in stalls)
 
     def station(self, *what: str) -> list[dict[str, Any]]:

@@ -24,6 +24,7 @@ from simulators.plant import records, step
 from simulators.plant.plant import Plant
 from simulators.rig import RunOptions, SimulatedRig
 from simulators.schedule import parse_fault
+from simulators.world.drawn_rig import RECORD
 from simulators.world.kernel import Kernel, NothingHappens
 from simulators.world.machine import Process
 from simulators.world.plan import DEATHS, DISK, FOREIGN, SIGNALS, STALLS, Happening, WorldPlan
@@ -58,10 +59,12 @@ class WorldTruth:
 
     Attributes:
         log: what the devices did.
+        setpoints: each streamed one that the controller took: host's clock (ns), position (m), velocity (m/s).
     """
 
     def __init__(self, plant: Plant, kernel: Kernel) -> None:
         self.log: list[Noted] = []
+        self.setpoints: list[tuple[int, float, float]] = []
         self._plant = plant
         self._kernel = kernel
         self._every = max(1, round(EVERY_S / plant.dt_s))
@@ -80,6 +83,10 @@ class WorldTruth:
         del time_s
         self._take_pressure(self._kernel.now_ns)
         self.log.append(Noted(self._kernel.now_ns, code, text))
+
+    def take_setpoint(self, position_m: float, velocity_m_s: float) -> None:
+        """The controller takes a streamed set-point."""
+        self.setpoints.append((self._kernel.now_ns, position_m, velocity_m_s))
 
     def _take_pressure(self, since_ns: int) -> None:
         """The pressure has its level since then, where it had another one before."""
@@ -158,7 +165,7 @@ class World:
     def __init__(
         self, plan: WorldPlan, root: Path, display: Display | None = None, most_sessions: int = MOST_SESSIONS
     ) -> None:
-        self.plan = plan
+        self.plan = plan = plan.fitted()
         self.root = root
         self.display = display or Silent()
         self.most_sessions = most_sessions
@@ -175,6 +182,8 @@ class World:
     def run(self, until_s: float | None = None) -> None:
         """From the first session to a complete campaign, or to the world's end."""
         (self.root / "matrix.toml").write_text(self.plan.matrix, encoding="utf-8")
+        if self.plan.record:
+            (self.root / RECORD).write_text(self.plan.record, encoding="utf-8")
         _ = self._user  # its plug-ins are loaded before the world's machine stands in for the real one
         with self.stage:
             try:
@@ -254,6 +263,7 @@ class World:
         )
         rig = SimulatedRig(options, run)
         truth = WorldTruth(rig.plant, self.kernel)
+        rig.actuator.taken = truth.take_setpoint
         rig.truth = truth  # type: ignore[assignment]  # stands where one would that writes a file
         self.stage.serve(rig, bench=None if user is None else user.text)
         return truth
@@ -291,8 +301,9 @@ class World:
         elif what in DEATHS:
             stage.signal(DEATHS[what], signal.SIGKILL)
         elif what in STALLS:
-            for process in stage.named(STALLS[what]):
-                process.stalled_ns = self.kernel.now_ns + lasts_ns
+            for name in STALLS[what]:
+                for process in stage.named(name):
+                    process.stalled_ns = self.kernel.now_ns + lasts_ns
         elif what in DISK or what in {"slow-disk", "log-full"}:
             self._spoil_the_disk(what, lasts_ns)
         elif what == "clock-step":
@@ -322,15 +333,16 @@ class World:
     def _stop_by_somebody_else(self, happening: Happening) -> None:
         """A running program is stopped by a command of another client, or at the panel; the next one if none runs."""
         what, session, actuator = happening.what, self.sessions[-1], self.stage.rig.actuator
-        if actuator.motion_state is not State.RUNNING:
+        if actuator.motion_state is not (State.RUNNING if actuator.options.generator else State.MOVING):
             if self.stage.named("application"):
                 self.kernel.spawn(what, self._fate, lambda: self._stop_by_somebody_else(happening), LOOK_AGAIN_NS)
             return
         if what == "foreign-stop":
             sequence = (actuator.sequence + FOREIGN_SEQUENCE) % 0xFFFF or 1
-            actuator.execute({"sequence": sequence, "command": int(Command.FADE_STOP), "owner_id": 0})
+            command = Command.FADE_STOP if actuator.options.generator else Command.HALT
+            actuator.execute({"sequence": sequence, "command": int(command), "owner_id": 0})
         else:
-            self.stage.rig.plant.order(mode=records.MODE_FADE)
+            self.stage.rig.plant.order(mode=records.MODE_FADE if actuator.options.generator else records.MODE_HALT)
         if not any(known is happening for _, known in session.happened):
             session.happened.append((self.kernel.now_ns, happening))
         session.truth.note("FOREIGN", what)

@@ -16,7 +16,7 @@ from rig.errors import FileProblem, Refused
 from rig.matrix.model import load_matrix
 from rig.recording.recorded_point import RecordedPoint
 from simulators.world.asked import LARGEST_DRAWN, Files, asked_for
-from simulators.world.plan import drawn
+from simulators.world.plan import Given, drawn
 from simulators.world.runs import live
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -158,7 +158,7 @@ def test_the_largest_matrix_that_is_drawn_is_the_one_that_is_tried(tmp_path: Pat
     path.write_text(LARGEST_DRAWN, encoding="utf-8")
     largest = load_matrix(path).points()
     for seed in range(200):
-        path.write_text(drawn(seed).matrix, encoding="utf-8")
+        path.write_text(drawn(seed, Given(usual=True)).matrix, encoding="utf-8")
         for point in load_matrix(path).points():
             assert point.amplitude_m <= largest[0].amplitude_m
             assert point.frequency_Hz <= largest[0].frequency_Hz

@@ -5,10 +5,12 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -28,8 +30,9 @@ from simulators.world import invariants, runs, shrink, stop_invariants
 from simulators.world import world as course
 from simulators.world.__main__ import command
 from simulators.world.asked import Asked, Files, asked_for
+from simulators.world.drawn_rig import KINDS
 from simulators.world.invariants import judged
-from simulators.world.plan import AROUND, Happening, WorldPlan, drawn
+from simulators.world.plan import AROUND, GAPS, Given, Happening, WorldPlan, drawn
 from simulators.world.runs import Ended, live
 from simulators.world.shrink import shrunk
 from simulators.world.world import World
@@ -160,8 +163,14 @@ def test_plans_are_drawn_and_kept_as_text() -> None:
     assert {given.held_up for given in plans} == {0.01, 0.3}
     garbage = [given for given in plans if given.happenings and given.happenings[0].what == "serial-garbage"]
     assert [given for given in garbage if given.happenings[0].lasts_s is None], "it stays where it is a seed's turn"
+    assert {given.kind for given in plans} == set(KINDS), "each kind of rig"
+    assert min(Counter(given.kind for given in plans).values()) > 25, "in equal parts"
+    streamed = [given for given in plans if "STREAMED" in given.bench.upper() or "float-drive" in given.bench]
+    gaps = [one.lasts_s for given in streamed for one in given.happenings if one.what in GAPS and one.lasts_s]
+    assert len(gaps) > 30
+    assert min(gaps) < 0.05 < 0.5 < max(gaps), "gaps of some milliseconds, and of a second"
     names = [given.seed for given in plans if 'id = "loop"' in given.matrix]
-    assert 20 < len(names) < 80, "matrices of points whose names begin alike"
+    assert len(names) >= 3, "matrices of points whose names begin alike"
     pairs = [(one, other) for given in plans for one, other in pairwise(given.happenings) if one.at_s and other.at_s]
     assert sum(other.at_s - one.at_s < 0.02 for one, other in pairs) > 20, "two causes within milliseconds"
     assert {given.actuator for given in plans} == {"tcp", "rtu"}
@@ -294,7 +303,7 @@ def test_a_smallest_world_is_told_with_the_command_that_runs_it(
     monkeypatch.setattr(shrink, "alone", lambda _: ended)
     monkeypatch.setattr(shrink, "shrunk", lambda given, *_: (replace(given, happenings=(), matrix=MATRIX), ended))
     bench = Path("a bench.toml")
-    shrink.tell_smallest(17, Asked(files=Files(bench=bench)))
+    shrink.tell_smallest(17, Asked(Given(bench="", usual=True), Files(bench=bench)))
     err = capfd.readouterr().err
     again = "rig worlds --seeds 17 --bench 'a bench.toml' --matrix smallest-17.toml --happening nothing --actuator tcp"
     assert again in err
@@ -304,8 +313,30 @@ def test_a_smallest_world_is_told_with_the_command_that_runs_it(
     assert {asked_for(Files(), ["modbus-reset@1"], None).plan(seed).actuator for seed in range(9)} == {"tcp"}
     asked = asked_for(Files(), ["estop@1"], None, "rtu")
     assert [asked.plan(seed) for seed in range(9)] == [
-        replace(drawn(seed), happenings=(Happening("estop", 1.0),), actuator="rtu") for seed in range(9)
+        replace(drawn(seed, Given(actuator="rtu")), happenings=(Happening("estop", 1.0),)) for seed in range(9)
     ]
+    babble = asked_for(Files(), ["can-babble@1"], None)
+    assert {babble.plan(seed).kind for seed in range(30)} & {"supply", "output", "by-hand"} == set(), "no bus there"
+
+
+def test_a_smallest_world_of_a_drawn_bench_is_told_with_its_bench(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The files that are printed are those of the same world."""
+    seed = next(seed for seed in range(99) if drawn(seed).kind == "signal" and drawn(seed).record)
+    ended = Ended(seed, (("travel", "too far", 12.5),), "ab", 36.0, 7.0, (0,))
+    monkeypatch.setattr(shrink, "alone", lambda _: ended)
+    monkeypatch.setattr(shrink, "shrunk", lambda given, *_: (given, ended))
+    shrink.tell_smallest(seed, Asked())
+    command, *files = re.split(r"with (\S+):\n", capfd.readouterr().err)
+    for name, text in zip(files[::2], files[1::2], strict=True):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    names = Files(tmp_path / f"smallest-{seed}.toml", tmp_path / f"smallest-{seed}-bench.toml")
+    assert f"--bench smallest-{seed}-bench.toml --matrix smallest-{seed}.toml --happening" in command
+    plan = drawn(seed).fitted()
+    again = asked_for(names, tuple(map(str, plan.happenings)) or ("nothing",), None).plan(seed)
+    for key in ("bench", "happenings", "actuator", "tick_s", "turn_s", "held_up"):
+        assert getattr(again, key) == getattr(plan, key), key
 
 
 @pytest.mark.nightly
