@@ -54,6 +54,8 @@ class ActuatorFaults:
     setpoints_lost: bool = False
     """Set-points are acknowledged and not followed."""
     e_stop_open: bool = False
+    pressure_stays: bool = False
+    """The order to take the pressure away is acknowledged, and the valve stays open."""
 
 
 class Actuator:
@@ -309,7 +311,8 @@ class Actuator:
 
     def _hydraulics_off(self, values: Values) -> Result:
         del values
-        self.plant.order(mode=records.MODE_OFF, pressure=0)
+        if not self.faults.pressure_stays:
+            self.plant.order(mode=records.MODE_OFF, pressure=0)
         return Result.DONE
 
     def _move_to(self, values: Values) -> Result:

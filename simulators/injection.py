@@ -118,6 +118,11 @@ def _stop_ignored(rig: Faulty) -> None:
     rig.plant.order(full_cycles=ENDLESS_CYCLES)
 
 
+def _pressure_stays(rig: Faulty) -> None:
+    """The order to take the pressure away is acknowledged, and the pressure stays on."""
+    rig.actuator.faults.pressure_stays = True
+
+
 def _register_layout(rig: Faulty) -> None:
     rig.bank.word_order_swapped = True
 
@@ -272,6 +277,7 @@ LASTING: dict[str, LastingInjector] = {
 }
 LASTING_VARIANTS: dict[str, LastingInjector] = {
     "can-busoff:lost": _can_lost,
+    "stop-ignored:pressure": _pressure_stays,
     "loadcell-pulled:auxiliary": _pulled("auxiliary_1"),
     "usb-renumber:lvdt": _renumbered("lvdt"),
     "clock-drift:lvdt": _drifting("lvdt"),

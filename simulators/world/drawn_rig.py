@@ -31,6 +31,8 @@ STREAMED_MAPS = ("demo-streamed", "float-drive", "delta-rmc")
 """Controllers without a function generator."""
 GENERATOR = "demo"
 SUPPLIES = ("generic-scpi", "keysight-e36300", "rs-hmp", "tdk-genesys")
+VOLTAGE_LIMIT = "6 V"
+"""All of them take it, and the coil needs less."""
 RECORD = "record.csv"
 FASTEST_M_S, SLOWEST_M_S, LARGEST_M = 0.75, 0.08, 0.070
 NARROW = (1.03, 1.30)
@@ -187,7 +189,7 @@ def _source(kind: str, chance: random.Random) -> tuple[dict[str, Any], bool]:
         table: dict[str, Any] = {
             "url": "tcp://192.168.0.20:5025", "supply": chance.choice(SUPPLIES),
             "poll": chance.choice(("50 ms", "100 ms")), "timeout": "200 ms", "stale_after": "400 ms",
-            "voltage_limit": "12 V",
+            "voltage_limit": VOLTAGE_LIMIT,
         }  # fmt: skip
         return table, False
     if kind == "output":

@@ -28,8 +28,8 @@ from simulators.world.world import EVERY_S, MOST_SESSIONS, World
 
 SUSPECT = "suspect"
 KNOWN_CODES = frozenset({0, 3, 4, 5, 7})
-SAFE_CODES = frozenset({0, 3, 4, 5})
-"""Exit codes that promise a rig at rest without pressure: what is promised was proved, whatever hides it."""
+WITHOUT_PRESSURE = frozenset({0, 3, 5})
+"""Exit codes that promise a rig without pressure, whatever hides it; 4 promises what its stop says of the pressure."""
 LEFT_NS = 1e9
 SKEW_SIGMAS, SKEW_S = 4.5, 20e-6
 TRUE_SHARE, TRUE_FORCE_N = 0.05, 60.0
@@ -79,7 +79,10 @@ def rest_is_reached(view: View) -> Findings:
             yield f"the rod still moves, {speed:.3g} m/s", view.session.rest_ns
         if abs(current) > NO_CURRENT_A and not view.faults() & STUCK_CURRENT:
             yield f"the coil still has {current:.2f} A", view.session.rest_ns
-        if pressure > 0 and (view.session.exit_code in SAFE_CODES or not view.hidden_pressure):
+        answer = view.session.answer
+        promised = answer is not None and (answer.stop.pressure_off if answer.stop else answer.rig_state is RigState.SAFE)
+        promised = promised or view.session.exit_code in WITHOUT_PRESSURE
+        if pressure > 0 and (promised or not view.hidden_pressure):
             yield f"exit code {view.session.exit_code} with the pressure on", view.session.rest_ns
 
 

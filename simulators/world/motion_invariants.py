@@ -249,7 +249,7 @@ def _reaction_s(view: View, motion: Motion) -> float:
 
 def _stopped_until(view: View, latched_ns: float) -> float:
     """Until when (ns) a stop is checked; of a controller that ignores it, it is not."""
-    return latched_ns if view.faults() & IGNORES else view.reset_ns(latched_ns)
+    return latched_ns if view.faults_by_name() & IGNORES else view.reset_ns(latched_ns)
 
 
 MOTION_CHECKS: dict[str, Callable[[View], Findings]] = {
