@@ -79,11 +79,16 @@ def rest_is_reached(view: View) -> Findings:
             yield f"the rod still moves, {speed:.3g} m/s", view.session.rest_ns
         if abs(current) > NO_CURRENT_A and not view.faults() & STUCK_CURRENT:
             yield f"the coil still has {current:.2f} A", view.session.rest_ns
-        answer = view.session.answer
-        promised = answer is not None and (answer.stop.pressure_off if answer.stop else answer.rig_state is RigState.SAFE)
-        promised = promised or view.session.exit_code in WITHOUT_PRESSURE
-        if pressure > 0 and (promised or not view.hidden_pressure):
+        if pressure > 0 and (_without_pressure(view) or not view.hidden_pressure):
             yield f"exit code {view.session.exit_code} with the pressure on", view.session.rest_ns
+
+
+def _without_pressure(view: View) -> bool:
+    """The session's end promises that the pressure is off."""
+    code, answer = view.session.exit_code, view.session.answer
+    if code in WITHOUT_PRESSURE or answer is None or answer.stop is None:
+        return code in WITHOUT_PRESSURE
+    return bool(answer.stop.pressure_off)
 
 
 def unarmed_stands_still(view: View) -> Findings:
