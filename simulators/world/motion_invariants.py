@@ -223,8 +223,10 @@ def a_stopped_rod_only_slows_down(view: View) -> Findings:
         after = rows[(rows[:, 0] >= latched_ns + reaction_ns) & (rows[:, 0] < ends_ns)]
         if not len(before) or not len(after):
             continue
-        fade_s = motion.bench.actuator.fade_out_cycles * motion.period_s
-        fading_m_s = _fading_m_s(1e-9 * (after[:, 0] - after[0, 0]), float(np.max(np.abs(before[:, 1]))), fade_s)
+        cycles = motion.bench.actuator.fade_out_cycles
+        per_ns = 1e-9 / motion.period_s if motion.period_s else math.inf  # without cycles nothing is faded
+        passed = (after[:, 0] - after[0, 0] + 1.0) * per_ns
+        fading_m_s = _fading_m_s(passed, float(np.max(np.abs(before[:, 1]))), cycles)
         slower_m_s = np.minimum.accumulate(np.abs(after[:, 1])) + FADES_M_S
         faster = np.abs(after[:, 1]) > np.maximum(fading_m_s, slower_m_s)
         if np.any(faster):
@@ -233,11 +235,13 @@ def a_stopped_rod_only_slows_down(view: View) -> Findings:
             yield f"{abs(speed_m_s):.3g} m/s again after the stop for {trip['slug']}, {since_s:.2f} s after it", at_ns
 
 
-def _fading_m_s(since_s: Rows, from_m_s: float, fade_s: float) -> Rows:
-    """Peaks of a fade-out; none where nothing fades."""
-    if fade_s <= 0.0:
-        return np.zeros(len(since_s))
-    return from_m_s * (1.0 + FASTER_SHARE) * np.clip(1.0 - since_s / fade_s, 0.0, 1.0)
+def _fading_m_s(passed: Rows, from_m_s: float, cycles: float) -> Rows:
+    """How fast a rod may be in a fade-out over so many cycles, of which some have passed.
+
+    The amplitude falls linearly, which is itself a speed: of a triangle `f A`, a quarter of its own.
+    """
+    share = np.clip(1.0 - passed / cycles, 0.0, 1.0)
+    return from_m_s * (1.0 + FASTER_SHARE) * np.where(share > 0.0, share + 0.25 / cycles, 0.0)
 
 
 def _reaction_s(view: View, motion: Motion) -> float:
