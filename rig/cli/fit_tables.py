@@ -143,7 +143,7 @@ def _to_try(fit: Mapping[str, Any]) -> list[Text]:
     hints = []
     if fit.get("adequate") is False and {entry["model"] for entry in fit.get("selection") or ()} <= set(FEW_MODELS):
         hints.append("rig identify RUN --model all: compares every model on tests it has not seen")
-    if fit["error"].get("holdout") is None:
+    if fit["error"].get("holdout") is None and len(fit["error"].get("per_test") or ()) > 1:
         hints.append("rig identify RUN --holdout frequency_Hz=...: measures the error on tests that are not fitted")
         if not fit.get("unseen"):
             told = "foretells each amplitude and frequency from the others, where several were tested"

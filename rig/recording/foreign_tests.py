@@ -19,8 +19,9 @@ from rig.recording.foreign.columns import (
     choose,
     suggestions,
 )
-from rig.recording.foreign.foreign_file import Break, Dialect, ForeignFile
+from rig.recording.foreign.foreign_file import Break, Dialect, ForeignFile, check_alike
 from rig.recording.foreign.formats import open_foreign
+from rig.recording.foreign.together import brought_together
 from rig.signals.arrays import FloatArray
 from rig.signals.cycles import cycle_rate_Hz
 from rig.signals.interpolation import LARGEST_STEP_PERIODS
@@ -329,17 +330,44 @@ def _table(
     if "time" not in table:
         rows = len(next(iter(table.values())))
         time_s = np.arange(rows) / wanted.rate_Hz if wanted.rate_Hz is not None else opened.own_time(places)
+        if time_s is not None and not isinstance(time_s, np.ndarray):
+            return _together(file, opened, choices, table, time_s, notes)
         if time_s is None:
             hint = "".join(f"; perhaps {option}" for option in suggestions(opened.columns, ["time"]))
             raise FileProblem(str(file), [
                 f"time: no column named; write --column time=NAME, or --rate '1 kHz'{hint}"
             ])  # fmt: skip
         table["time"] = time_s
+    check_alike(file, list(table), [len(values) for values in table.values()])
     rows = len(table["time"])
     given = [values for quantity, values in table.items() if quantity != "time" or "time" in choices]
     while rows and all(np.isnan(values[rows - 1]) for values in given):
         rows -= 1
     return {quantity: values[:rows] for quantity, values in table.items()}, notes
+
+
+def _together(
+    file: Path, opened: ForeignFile, choices: Mapping[str, ColumnChoice], table: Mapping[str, FloatArray],
+    times_s: Sequence[FloatArray], notes: list[str],
+) -> tuple[dict[str, FloatArray], list[str]]:
+    """Channels with times of their own, at the times of the displacement; what is stated of it is added to the notes.
+
+    Raises:
+        FileProblem: they do not belong together.
+    """
+    by_quantity = dict(zip(choices, times_s, strict=True))
+    brought = brought_together(table, by_quantity)
+    if brought is None:
+        told = ", ".join(f"{opened.columns[choice.place].full or choice.column} {len(by_quantity[quantity])} samples"
+                         for quantity, choice in choices.items())  # fmt: skip
+        raise FileProblem(str(file), [
+            f"its channels were not sampled together: {told}; bring them to one raster first (MDF.resample)"
+        ])  # fmt: skip
+    time_s, channels = brought
+    moved = [quantity for quantity in choices if not np.array_equal(by_quantity[quantity], by_quantity["displacement"])]
+    return {"time": time_s, **channels}, [
+        *notes, f"{', '.join(moved)} interpolated to the times of displacement (each channel has times of its own)"
+    ]  # fmt: skip
 
 
 def without_sentinels(values: FloatArray, stated: Sequence[float] | None) -> tuple[FloatArray, dict[float, int]]:

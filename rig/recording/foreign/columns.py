@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -35,6 +36,13 @@ LIKELY = {
     "temperature": ("temp", "temperature", "temperatura"),
 }  # fmt: skip
 """Names to suggest a column by; nothing is taken for a quantity because of its name."""
+NOT_MEASURED = frozenset((
+    "cmd", "command", "commanded", "set", "setpoint", "soll", "sollwert", "ref", "reference", "target", "demand", "min",
+    "max", "peak", "mean", "avg", "rate", "error", "limit", "count", "counter", "number", "index",
+))  # fmt: skip
+"""Words in the names of columns that hold something else than the measured quantity."""
+CERTAIN = 2
+"""A column that looks less like a quantity is not suggested."""
 
 
 @dataclass(frozen=True)
@@ -242,11 +250,34 @@ def _of(text: str, dimension: str, problem: str) -> str:
 
 
 def suggestions(columns: Sequence[ForeignColumn], quantities: Sequence[str]) -> Iterator[str]:
-    """Options that may be meant, by the columns' names, for the quantities that are not named yet."""
+    """Options that may be meant, quoted for a shell, for the quantities that are not named yet.
+
+    By the columns' names and units; a column is suggested once, and none whose unit is of another dimension.
+    """
+    left = list(range(len(columns)))
     for quantity in quantities:
-        for column in columns:
-            last = re.split(r"[/.\s]", column.name)[-1].casefold()
-            if last.split("_")[0] in LIKELY.get(quantity, ()):
-                unit = "" if column.unit or "_" in last else f":{units_of(DIMENSION[quantity])[0]}"
-                yield f"--column {quantity}={column.name}{unit}"
-                break
+        scores = {place: _likeness(columns[place], quantity) for place in left}
+        best = max(scores, key=lambda place: scores[place], default=None)
+        if best is None or scores[best] < CERTAIN:
+            continue
+        left.remove(best)
+        column, dimension = columns[best], DIMENSION[quantity]
+        names = [one.name for one in columns]
+        name = column.name if names.count(column.name) == 1 else column.full or f"#{best + 1}"
+        unit = "" if column.unit or _suffix_unit(column.name, dimension) else f":{units_of(dimension)[0]}"
+        yield f"--column {shlex.quote(f'{quantity}={name}{unit}')}"
+
+
+def _likeness(column: ForeignColumn, quantity: str) -> int:
+    """How much a column looks like a quantity: by the last word of its name, any word, and its unit."""
+    dimension = DIMENSION[quantity]
+    words = [word for word in re.split(r"[^a-z0-9]+", column.name.casefold()) if word]
+    if _suffix_unit(column.name, dimension) and len(words) > 1:
+        words.pop()
+        fits = True
+    else:
+        fits = named_unit(column.unit, dimension) is not None
+    if (column.unit and not fits) or not words:
+        return 0
+    named = [word in LIKELY.get(quantity, ()) for word in words]
+    return (3 * named[-1] or 1 * any(named)) + 2 * fits - 4 * any(word in NOT_MEASURED for word in words)

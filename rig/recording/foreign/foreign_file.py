@@ -108,11 +108,13 @@ class ForeignFile(Protocol):
     def breaks(self) -> Sequence[Break]:
         """Where rows that `values` gave one after the other are apart in the file, in order."""
 
-    def own_time(self, places: Sequence[int]) -> FloatArray | None:
+    def own_time(self, places: Sequence[int]) -> FloatArray | Sequence[FloatArray] | None:
         """The time (s) that the format itself has for these columns, shape (rows,); None where it has none.
 
+        Of columns that were sampled each at times of its own a sequence, one time for each.
+
         Raises:
-            FileProblem: the columns were not sampled together.
+            FileProblem: the columns were not sampled together, and nothing tells how they belong together.
         """
 
 

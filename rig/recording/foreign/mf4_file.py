@@ -64,20 +64,17 @@ class Mf4File(NoLines):
         return ForeignColumn(str(channel.name), str(self._mdf.get_channel_unit(group=group, index=index) or ""),
                              f"{group}/{channel.name}")  # fmt: skip
 
-    def own_time(self, places: Sequence[int]) -> FloatArray:
-        """See `ForeignFile.own_time`: of the master channels, which must be alike.
+    def own_time(self, places: Sequence[int]) -> FloatArray | list[FloatArray]:
+        """See `ForeignFile.own_time`: of the master channels.
 
         Raises:
-            FileProblem: they are not, or they hold an angle, a distance or a count.
+            FileProblem: they hold an angle, a distance or a count.
         """
-        times = [np.asarray(self._signal(place).timestamps, np.float64) for place in places]
-        if any(len(time) != len(times[0]) or not np.array_equal(time, times[0]) for time in times):
-            told = ", ".join(f"{self.columns[place].full} {len(time)} samples"
-                             for place, time in zip(places, times, strict=True))  # fmt: skip
-            raise FileProblem(str(self._file), [
-                f"its channels were not sampled together: {told}; bring them to one raster first (MDF.resample)"
-            ])  # fmt: skip
-        return times[0] * self._master_scale(self._places[places[0]][0])
+        times = [
+            np.asarray(self._signal(place).timestamps, np.float64) * self._master_scale(self._places[place][0])
+            for place in places
+        ]
+        return times[0] if all(np.array_equal(time, times[0]) for time in times) else times
 
     def _master_scale(self, group: int) -> float:
         """Seconds in one of a group's master channel.

@@ -345,3 +345,26 @@ def test_a_force_that_reaches_such_a_number_has_a_value_there(tmp_path: Path) ->
     force[125] = -9999.0
     np.savetxt(tmp_path / "a.csv", np.column_stack([T, X_MM, force]), "%.9g", ",", header="t_s,x_mm,F_N", comments="")
     assert np.isfinite(read(tmp_path / "a.csv", time="t_s", displacement="x_mm", force="F_N").force_N).all()
+
+
+def test_channels_of_a_bus_with_times_of_their_own_are_brought_together(tmp_path: Path) -> None:
+    from asammdf import MDF, Signal
+
+    source = np.random.default_rng(3)
+    x_s, force_s = (np.sort(T + source.uniform(-5e-4, 5e-4, ROWS)) + late for late in (0.0, 0.0013))
+    x_s[500], force_s[500] = x_s[499], force_s[499]  # two messages of one stamp
+    motion = 20.0 * np.sin(2.0 * np.pi * x_s)
+    force = 0.8 * np.cos(2.0 * np.pi * force_s)
+    slow_s = np.arange(-0.5, 5.0, 0.1)
+    with MDF(version="4.10") as mdf:
+        mdf.append([Signal(motion, x_s, unit="mm", name="x")])
+        mdf.append([Signal(force, force_s, unit="kN", name="F")])
+        mdf.append([Signal(0.1 * slow_s, slow_s, unit="A", name="I")])
+        mdf.save(tmp_path / "a.mf4")
+    test = read(tmp_path / "a.mf4", displacement="x", force="F", current="I")
+    at = test.time_s + x_s[np.searchsorted(x_s, force_s[0])]
+    assert "force, current interpolated to the times of displacement" in test.read_as
+    assert np.count_nonzero(~np.isfinite(test.force_N)) < 5
+    known = np.isfinite(test.force_N)
+    assert test.force_N[known] == pytest.approx(800.0 * np.cos(2.0 * np.pi * at[known]), abs=1.5)
+    assert test.current_A == pytest.approx(0.1 * at, abs=1e-6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -121,3 +122,21 @@ def test_integers_with_a_factor_of_no_known_format_are_refused_until_it_is_given
     with pytest.raises(FileProblem, match=r"is not one that the format applies\. Fix: --scale force=FACTOR"):
         read(path, {}, displacement="x", force="F")
     assert read(path, {"force": 0.05}, displacement="x", force="F").force_N == pytest.approx(F_N, abs=0.03)
+
+
+@pytest.mark.parametrize(("head", "expected"), [
+    ("Time (sec);Force Command (N);Axial Force (N);Max Disp (mm);Axial Displacement (mm)",
+     ["displacement='Axial Displacement'", "force='Axial Force'", "time=Time"]),
+    ("counter;Load cell temperature [degC];Load position [mm];Ch4 [kN];t_ms",
+     ["'displacement=Load position'", "'force=Ch4'", "time=t_ms"]),
+    ("Zeit;Weg;Kraft", ["displacement=Weg:m", "force=Kraft:N", "time=Zeit:s"]),
+])  # fmt: skip
+def test_hints_name_columns_that_fit_quoted_for_a_shell(head: str, expected: list[str], tmp_path: Path) -> None:
+    count = head.count(";") + 1
+    np.savetxt(tmp_path / "a.csv", np.random.default_rng(1).normal(size=(50, count)), "%.6f", ";", header=head,
+               comments="")  # fmt: skip
+    with pytest.raises(FileProblem) as caught:
+        read_tests([tmp_path / "a.csv"], WantedTests({}))
+    (hint,) = (line for line in str(caught.value).split("\n") if "perhaps" in line)
+    options = shlex.split(hint.partition("perhaps ")[2])[1::2]
+    assert options == [shlex.split(one)[0] for one in expected]
