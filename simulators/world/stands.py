@@ -33,7 +33,7 @@ from typing import Any
 from drivers import plugins
 from simulators.world import futures, threads
 from simulators.world.kernel import Kernel
-from simulators.world.machine import Machine, Process
+from simulators.world.machine import FIRST_DESCRIPTOR, Machine, Process
 from simulators.world.programs import Popen, Reader, Writer
 from simulators.world.streams import pipe
 
@@ -220,12 +220,19 @@ def _operating_system(machine: Machine) -> Stand:
         "close": machine.close, "read": machine.read, "write": machine.write,
         "dup": lambda number: machine.copy(number, machine.here),
         "dup2": lambda _old, new, **_named: new, "pipe": lambda: tuple(_pipe(machine)),
-        "fdopen": lambda number, *_given, **_named: Writer(machine, number), "set_blocking": machine.set_blocking,
+        "fdopen": partial(_file_of, machine), "set_blocking": machine.set_blocking,
         "getpid": lambda: machine.here.pid if machine.here else real_os.getpid(),
         "getppid": lambda: _parent(machine.here),
         "kill": partial(_kill, machine), "killpg": partial(_kill, machine, group=True), "nice": lambda step: step,
     }  # fmt: skip
     return Stand("os", own, real_os, SAME_OS)
+
+
+def _file_of(machine: Machine, number: int, mode: str = "r", **named: Any) -> Any:  # noqa: ANN401
+    """`os.fdopen`: what is written goes through the world's disk and pipes, a file that is read is the real one."""
+    if mode.startswith("r") and number < FIRST_DESCRIPTOR:
+        return real_os.fdopen(number, mode, **named)
+    return Writer(machine, number)
 
 
 def _time(machine: Machine) -> Stand:
