@@ -24,6 +24,8 @@ RATES = (921_600, 115_200, 9600, 38_400, 57_600, 230_400, 460_800, 256_000, 19_2
 ENOUGH = 0.9
 """A format is believed when so much of what came belongs to its readings."""
 FEWEST = 3
+MOST_BYTES = 1 << 15
+"""Read at one baud rate: hundreds of readings; each candidate format decodes them byte by byte."""
 MOST_MISSED = 20
 
 
@@ -146,8 +148,10 @@ class Heard:
     match: Match | None
 
 
-def listen(url: str, line: LineSettings, seconds: float) -> bytes:
-    """What comes on a port; nothing is sent.
+def listen(url: str, line: LineSettings, seconds: float) -> tuple[bytes, float]:
+    """What arrives on a port, and the time it took (s); nothing is sent.
+
+    Stops after `MOST_BYTES`: a format shows in fewer, and a port that floods would fill the memory.
 
     Raises:
         PortClosed: the port cannot be opened, or has gone.
@@ -156,14 +160,14 @@ def listen(url: str, line: LineSettings, seconds: float) -> bytes:
         url, line.baudrate, device="port", bytesize=line.data_bits, parity=line.parity, stopbits=line.stop_bits
     )
     port.open()
-    parts: list[bytes] = []
+    data = bytearray()
+    begin_s = time.monotonic()
     try:
-        end_s = time.monotonic() + seconds
-        while (left_s := end_s - time.monotonic()) > 0.0:
-            parts.append(port.read_available(min(left_s, 0.1))[0])
+        while len(data) < MOST_BYTES and (left_s := begin_s + seconds - time.monotonic()) > 0.0:
+            data += port.read_available(min(left_s, 0.1))[0]
     finally:
         port.close()
-    return b"".join(parts)
+    return bytes(data[:MOST_BYTES]), time.monotonic() - begin_s
 
 
 def listened(url: str, line: LineSettings | None, seconds: float) -> list[Heard]:
@@ -182,8 +186,8 @@ def listened(url: str, line: LineSettings | None, seconds: float) -> list[Heard]
         tries = [line or LineSettings()]
     rounds: list[Heard] = []
     for settings in tries:
-        data = listen(url, settings, seconds)
-        rounds.append(Heard(settings.baudrate, data, seconds, guessed(data) if data else None))
+        data, heard_s = listen(url, settings, seconds)
+        rounds.append(Heard(settings.baudrate, data, heard_s, guessed(data) if data else None))
         match = rounds[-1].match
         if match is not None and match.believed:
             return rounds

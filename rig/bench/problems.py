@@ -144,7 +144,7 @@ def _with_hidden(
             data = _unread_at(data, place, model, source)
         try:
             model.model_validate(data)
-        except NotRead:
+        except (NotRead, TypeError):  # compiled functions refuse an unread entry by its type
             return [*told.values()]
         except ValidationError as hidden:
             error = hidden

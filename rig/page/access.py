@@ -64,9 +64,9 @@ class Access:
     @property
     def authorities(self) -> frozenset[str]:
         """What `Host` may say: the name of the URL; on loopback its other names too."""
-        names = LOOPBACK_NAMES if is_loopback(self.host) else (self.host,)
+        names = {self.host, *LOOPBACK_NAMES} if is_loopback(self.host) else {self.host}
         standard = 443 if self.secure else 80
-        bare = names if self.port == standard else ()
+        bare = names if self.port == standard else set()
         return frozenset(name.lower() for name in (*(f"{name}:{self.port}" for name in names), *bare))
 
     def judge(self, path: str, hosts: list[str], origins: list[str]) -> Role | Denied:

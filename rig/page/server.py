@@ -18,7 +18,6 @@ from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
-from weakref import WeakSet
 
 from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
@@ -52,25 +51,27 @@ MOST_UNSENT = 1 << 16
 SENT_AHEAD = 1 << 16
 """Bytes that the kernel may keep for a browser that reads slowly: what waits there grows old."""
 TOO_MUCH = 1008
-_OPEN: WeakSet[ServerConnection] = WeakSet()
-"""Of this process, those included that have not spoken yet."""
+_OPEN: dict[ServerConnection, bool] = {}
+"""Connections of this process, oldest first, and whether each has shown a valid token."""
 
 
 class Caller(ServerConnection):
-    """A connection; where there are too many already it is hung up on."""
+    """A connection; where there are too many, the oldest one without a valid token is closed, else the new one."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Count it, and keep little for it."""
         super().connection_made(transport)
         sock = transport.get_extra_info("socket")
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENT_AHEAD)
-        _OPEN.add(self)
+        _OPEN[self] = False
         if len(_OPEN) > MOST_CONNECTIONS:
-            self.transport.abort()
+            surplus = next(connection for connection, admitted in _OPEN.items() if not admitted)
+            del _OPEN[surplus]
+            surplus.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """It is gone."""
-        _OPEN.discard(self)
+        _OPEN.pop(self, None)
         super().connection_lost(exc)
 
 
@@ -114,6 +115,8 @@ class PageServer:
         judged = self._access.judge(request.path, request.headers.get_all("Host"), request.headers.get_all("Origin"))
         if isinstance(judged, Denied):
             return _response(judged.status, f"refused: {judged.slug}\n")
+        if connection in _OPEN:
+            _OPEN[connection] = True
         place = urlsplit(request.path).path
         if place == "/":
             return Response(200, "OK", _headers(headers(), document()), document())

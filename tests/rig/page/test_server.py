@@ -268,7 +268,7 @@ def test_viewers_leave_places_for_operators(rig: Rig) -> None:
     served(rig, do)
 
 
-def test_sockets_that_say_nothing_are_hung_up_on_and_a_stop_gets_through(rig: Rig) -> None:
+def test_silent_sockets_keep_no_browser_out_and_a_stop_gets_through(rig: Rig) -> None:
     async def do(page: PageServer, access: Access) -> None:
         async with opened(access) as operator:
             silent = [await asyncio.open_connection("127.0.0.1", access.port) for _ in range(MOST_CONNECTIONS + 20)]
@@ -276,6 +276,8 @@ def test_sockets_that_say_nothing_are_hung_up_on_and_a_stop_gets_through(rig: Ri
             _, waiting = await asyncio.wait(ended, timeout=2.0, return_when=asyncio.FIRST_COMPLETED)
             assert len(waiting) < MOST_CONNECTIONS + 20
             assert (await answer(operator, do="stop"))["ok"] is True
+            async with opened(access, client="new") as new:
+                assert (await answer(new, do="stop"))["ok"] is True
             for task in ended:
                 task.cancel()
             for _, writer in silent:
