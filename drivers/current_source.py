@@ -97,7 +97,8 @@ class SourceCounters:
     """Totals since construction; only those in a row and `lateness` ever decrease.
 
     Attributes:
-        bad_in_a_row: status frames dropped since the last good one; `malformed_in_a_row` of them for length or kind.
+        bad_in_a_row: status frames dropped since the last good one; `malformed_in_a_row` of them for length or kind,
+            `unmeasured_in_a_row` because an answer held no measured number.
         gaps_in_a_row: good status frames one after the other whose counter has left some out.
         lateness: grows by 2 with a repeated status frame, falls by 1 with a fresh one: duplicates that keep coming.
         stamps_ns: uncertainty of the interface's time stamps, by which frames are timed; 0 while it is their arrival.
@@ -111,6 +112,7 @@ class SourceCounters:
     bad_in_a_row: int = 0
     malformed: int = 0
     malformed_in_a_row: int = 0
+    unmeasured_in_a_row: int = 0
     gaps_in_a_row: int = 0
     lateness: int = 0
     other_bits: int = 0

@@ -268,9 +268,10 @@ class ScpiSupply(PolledSource):
         except RemoteProtocolError:
             self.counters.bad_checks += 1
             self.counters.bad_in_a_row += 1
+            self.counters.unmeasured_in_a_row += 1
 
     def _take_current(self, current_A: float, arrival_ns: int, batch: SourceBatch) -> None:
-        self.counters.bad_in_a_row = 0
+        self.counters.bad_in_a_row = self.counters.unmeasured_in_a_row = 0
         self.counters.statuses += 1
         self._judge_compliance(current_A, arrival_ns)
         if self._dialogue.refused:

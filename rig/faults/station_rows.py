@@ -32,6 +32,10 @@ ROWS = (
         detector="three samples in a row flagged by the sensor itself",
     ),
     FaultRow(
+        slug="current-unmeasured", end=StopKind.FADE_OUT, resume="a",
+        code=69, detector="three answers of the current source in a row without a measured number",
+    ),
+    FaultRow(
         slug="ecu-command", end=StopKind.FADE_OUT, code=25,
         detector="ECU says that our command frames are late or wrong",
     ),

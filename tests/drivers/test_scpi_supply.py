@@ -171,6 +171,7 @@ def test_answers_that_are_no_numbers_are_counted_one_after_the_other(peer: ScpiP
         if source.counters.bad_in_a_row >= 3:
             break
     assert source.counters.bad_in_a_row >= 3
+    assert source.counters.unmeasured_in_a_row == source.counters.bad_in_a_row
 
 
 def test_another_supply_is_named(peer: ScpiPeer) -> None:

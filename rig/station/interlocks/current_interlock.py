@@ -78,14 +78,20 @@ class CurrentInterlock:
         return [Finding(slug, detail, t_ns, status.current_A, commanded_A)]
 
 
-WRONG = {"can-malformed": "length or kind", "ecu-crc": "counter, CRC or length"}
-"""What a status frame that is thrown away for these faults has wrong."""
+WRONG = {
+    "can-malformed": "ECU status frames in a row with a wrong length or kind",
+    "ecu-crc": "ECU status frames in a row with a wrong counter, CRC or length",
+    "current-unmeasured": "answers of the current source in a row without a measured number",
+}
+"""What was discarded, by fault."""
 
 
 def thrown_away(counted: SourceCounters) -> str:
     """The fault for which status frames have been thrown away since the last good one; empty where none has."""
     if not counted.bad_in_a_row:
         return ""
+    if counted.unmeasured_in_a_row == counted.bad_in_a_row:
+        return "current-unmeasured"
     return "can-malformed" if counted.malformed_in_a_row == counted.bad_in_a_row else "ecu-crc"
 
 
@@ -122,7 +128,7 @@ class BusInterlock:
         bad = counted.bad_checks + counted.malformed
         if counted.bad_in_a_row > 0 and (bad > self._bad or counted.bad_in_a_row >= CONSECUTIVE):
             slug = thrown_away(counted)
-            detail = f"{counted.bad_in_a_row} ECU status frames in a row with a wrong {WRONG[slug]}, thrown away"
+            detail = f"{counted.bad_in_a_row} {WRONG[slug]}, discarded"
             few = counted.bad_in_a_row < CONSECUTIVE
             findings.append(Finding(slug, detail, t_ns, counted.bad_in_a_row, CONSECUTIVE, warns=few))
         self._bad = bad

@@ -81,6 +81,11 @@ def test_the_first_bad_frame_is_flagged_once(malformed: int, slug: str) -> None:
     assert [slugs(judge, counted), slugs(judge, counted)] == [[(slug, True)], []]
 
 
+def test_answers_without_a_measured_number_are_no_crc_errors() -> None:
+    counted = SourceCounters(bad_checks=3, bad_in_a_row=3, unmeasured_in_a_row=3)
+    assert slugs(BusInterlock(500_000), counted) == [("current-unmeasured", False)]
+
+
 def test_counters_that_leave_frames_out_three_times_in_a_row_are_wrong() -> None:
     assert slugs(
         BusInterlock(500_000), SourceCounters(gaps_in_a_row=3, lost=3)
