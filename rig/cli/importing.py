@@ -15,6 +15,12 @@ from rig.signals.waveform import SINE, WAVEFORM_NAMES
 
 if TYPE_CHECKING:
     from rig.recording.foreign_tests import ImportedTest
+    from rig.recording.quality.point_quality import RecordQuality
+    from rig.recording.quality.verdict import Section
+
+
+OTHER_SHARE = 0.25
+"""Of a record: a larger share of ramps and other motion is stated on the screen, of less only in JSON and file."""
 
 
 def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> dict[str, str]:
@@ -167,6 +173,7 @@ def command(
     from rig.recording.foreign.foreign_file import Dialect
     from rig.recording.foreign_tests import WantedTests, read_tests
     from rig.recording.importing import Described, write_run
+    from rig.recording.motion_parts import every_part
 
     sign = {"space": " ", "none": ""}.get(thousands or ",", thousands)
     dialect = Dialect(separator, decimal, encoding, header_line, units_line, sign, event_rows, sheet)
@@ -175,10 +182,16 @@ def command(
     if not as_json:
         _tell_how_read(tests)
     if dry_run:
+        parts = every_part(tests, waveform)
+        for part in parts if not as_json else ():
+            if part.number:
+                begin_s, end_s = part.start_s, part.start_s + float(part.test.time_s[-1])
+                say(f"{part.test.source}: motion {part.number} of {part.count}, {begin_s:.4g} to {end_s:.4g} s")
         if as_json:
-            listed = [{"file": test.source, "read_as": test.read_as, "rows": len(test.time_s),
-                       "current_A": test.nominal_current_A} for test in tests]  # fmt: skip
-            write_json({"campaign": None, "points": listed, "total": len(tests)})
+            listed = [{"file": part.test.source, "read_as": part.test.read_as, "rows": len(part.test.time_s),
+                       "current_A": part.test.nominal_current_A, "motion": part.number or None,
+                       "start_s": part.start_s} for part in parts]  # fmt: skip
+            write_json({"campaign": None, "points": listed, "total": len(parts)})
         return EXIT_DONE
     folder = write_run(tests, out, Described(waveform, specimen, mid_stroke))
     return _show(folder, as_json)
@@ -206,7 +219,8 @@ def _show(folder: Path, as_json: bool) -> int:
         points = [
             {"id": point.id, "file": point.path, "verdict": point.verdict, "reasons": point.reasons,
              "amplitude_m": point.amplitude_m, "frequency_Hz": point.frequency_Hz, "current_A": point.current_A,
-             "read_as": str(point.provenance.get("read_as", ""))}
+             "read_as": str(point.provenance.get("read_as", "")), "time_base": _values(point.quality.time),
+             "record": _values(point.quality.record)}
             for point in run.points
         ]  # fmt: skip
         write_json({"campaign": folder.resolve(), "points": points, "valid": valid, "total": len(points)})
@@ -218,5 +232,25 @@ def _show(folder: Path, as_json: bool) -> int:
             text = described(point)
             line = f"{point.id:<23} {text:<31} {'; '.join((point.verdict, *point.reasons))}"
             shown.print(line, markup=False)
+            if point.quality.record is not None and (use := _use(point.quality.record)):
+                shown.print(f"{'':<23} {use}", markup=False)
         say(folder.resolve())
     return EXIT_DONE if valid == len(run.points) else EXIT_NOT_ALL_VALID
+
+
+def _values(section: Section | None) -> dict[str, object] | None:
+    """A section of a point's quality as JSON; None where there is none."""
+    return None if section is None else dict(vars(section))
+
+
+def _use(record: RecordQuality) -> str:
+    """How much of a record a test uses; empty where it is nearly all that moves."""
+    record_s, used_s, other_s = record.record_s or 0.0, record.used_s or 0.0, record.other_s or 0.0
+    if not record.motions and other_s <= OTHER_SHARE * record_s:
+        return ""
+    part = f"motion {record.motion} of {record.motions}; " if record.motions else ""
+    others = record.other_motions or "ramps or other motion"
+    return (
+        f"{part}used {used_s:.3g} of {record_s:.3g} s ({100.0 * used_s / record_s:.0f} %); at rest "
+        f"{record.rest_s or 0.0:.3g} s; {other_s:.3g} s of {others}"
+    )

@@ -137,6 +137,10 @@ WARNINGS = {
         "the fit does without these samples: the greatest forces are not in it"
     ),
     "left-out": "{test} left out: {reason}",
+    "time-errors": (
+        "the times of the samples are known to {std_ms:.3g} ms each (their stamps are rounded or jitter); the noise of "
+        "the force and the delay allow for it"
+    ),
     "constant-channel": (
         "{test} left out: its {channel[0]} is {channel[1]:g} {channel[2]} in all samples: a channel that was not "
         "connected, or a wrong column. Fix: measure it again, or name another column"

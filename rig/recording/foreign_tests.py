@@ -26,6 +26,7 @@ from rig.signals.arrays import FloatArray
 from rig.signals.cycles import cycle_rate_Hz
 from rig.signals.interpolation import LARGEST_STEP_PERIODS
 from rig.signals.plausibility import TestSize, doubts
+from rig.signals.sample_times import SampleTimes, TimeBase, sample_times
 
 FEWEST_ROWS = 16
 SLOWEST_Hz, FASTEST_Hz = 5.0, 1e6
@@ -73,6 +74,8 @@ class ImportedTest:
     read_as: str
     temperature_degC: FloatArray | None = None
     part: str = ""
+    times: SampleTimes | None = None
+    """How the times were found behind the file's stamps."""
 
 
 @dataclass(frozen=True)
@@ -208,6 +211,8 @@ def _test(
         FileProblem: one line for each thing that does not fit.
     """
     known = next((name for name in ("current", "commanded_current") if name in table), "")
+    table = dict(table)
+    times = _times(table)
     problems = [
         *_wrong_time(opened, table["time"], choices, part.first_row), *_empty(table, choices),
         *_too_large(table, {quantity: choice.text for quantity, choice in choices.items()}),
@@ -225,11 +230,24 @@ def _test(
     assumed_A = nominal_A if "commanded_current" not in table else np.nan
     time_s = table["time"]
     current = table["current"] if "current" in table else np.full(len(time_s), assumed_A)
-    told = "; ".join((*part.notes, *(f"{quantity} {choice.told}" for quantity, choice in choices.items())))
+    time_base = [f"time base: {times.told}"] if times is not None and times.told else []
+    told = "; ".join((*part.notes, *(f"{quantity} {choice.told}" for quantity, choice in choices.items()), *time_base))
     return ImportedTest(
         file, sha256, time_s - time_s[0], table["displacement"], table["force"], current, nominal_A, "current" in table,
         table.get("commanded_current"), choices, f"{opened.read_as}; {told}", table.get("temperature"), part.name,
+        times,
     )
+
+
+def _times(table: dict[str, FloatArray]) -> SampleTimes | None:
+    """How the times were found; where a uniform rate is behind the stamps, the table's time is that from here on."""
+    stamps_s = table["time"]
+    if stamps_s.size < FEWEST_ROWS or not np.all(np.isfinite(stamps_s)):
+        return None
+    times = sample_times(stamps_s, (table["displacement"], table["force"]))
+    if times.base in {TimeBase.ROUNDED, TimeBase.JITTER}:
+        table["time"] = times.time_s + stamps_s[0]
+    return times
 
 
 def _parts(opened: ForeignFile, time_s: FloatArray, wanted: WantedTests) -> tuple[list[tuple[int, int]], list[str]]:

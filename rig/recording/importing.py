@@ -25,8 +25,9 @@ from rig.recording.foreign.foreign_file import Dialect
 from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
+from rig.recording.motion_parts import TestPart, every_part
 from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
-from rig.recording.quality.point_quality import MotionQuality, PointQuality, SkewQuality
+from rig.recording.quality.point_quality import MotionQuality, PointQuality, SkewQuality, TimeQuality
 from rig.recording.quality.verdict import Reason, Verdict, invalid
 from rig.signals.arrays import FloatArray
 from rig.signals.cycles import MeasuredMotion, measured_motion
@@ -38,6 +39,8 @@ from rig.signals.loop_shape import standing
 FEWEST_CYCLES = 3
 CLIPPED_OF_CYCLES = 0.5
 """In so many of the cycles a force that only ends stands at its end, as identification asks for it."""
+UNSTEADY = 1.1
+"""Times the usual one, from which a cycle's length is another motion's."""
 REVERSED = -0.1
 """Share of all work done that a force must put in, in sum, to be one of a wrong sign."""
 SOFTWARE = f"mr-damper-rig {rig.__version__}"
@@ -66,7 +69,7 @@ def import_tests(
     accept: Sequence[str] = (), ampere_per_volt: float = 1.0, scales: Mapping[str, str | float] | None = None,
     no_value: Sequence[float] | None = None,
 ) -> Path:
-    """Make a run from files of CSV, MATLAB, MDF or TDMS, one point a file, all or none.
+    """Make a run from files of CSV, MATLAB, MDF or TDMS, one point a file or steady motion in it, all or none.
 
     Args:
         files: the tests.
@@ -127,10 +130,13 @@ def _write_run(folder: Path, tests: Sequence[ImportedTest], said: Described) -> 
         OSError: the disk refuses one of them.
     """
     entries = []
-    for name, test in zip(_names(tests), tests, strict=True):
-        write_file(folder / "points" / f"{name}.h5", _point_file(name, test, said))
-        entries.append({"id": name, "source": test.source.name, "part": test.part, "sha256": test.sha256,
-                        "read_as": test.read_as})  # fmt: skip
+    parts = every_part(tests, said.waveform)
+    for name, part in zip(_names(parts), parts, strict=True):
+        test = part.test
+        write_file(folder / "points" / f"{name}.h5", _point_file(name, part, said))
+        entry = {"id": name, "source": test.source.name, "part": test.part, "sha256": test.sha256,
+                 "read_as": test.read_as}  # fmt: skip
+        entries.append(entry | ({"motion": part.number, "start_s": part.start_s} if part.number else {}))
     description = {
         "id": folder.name, "imported": True, "specimen": said.specimen,
         "created": utc_now().isoformat(timespec="seconds"), "software": SOFTWARE,
@@ -139,10 +145,11 @@ def _write_run(folder: Path, tests: Sequence[ImportedTest], said: Described) -> 
     write_text_durably(folder / "campaign.json", json.dumps(description, indent=1) + "\n")
 
 
-def _names(tests: Sequence[ImportedTest]) -> list[str]:
+def _names(parts: Sequence[TestPart]) -> list[str]:
     names: list[str] = []
-    for test in tests:
-        stem = NOT_IN_A_NAME.sub("-", "_".join((test.source.stem, *([test.part] if test.part else []))))
+    for part in parts:
+        test, number = part.test, f"-{part.number}" if part.number else ""
+        stem = NOT_IN_A_NAME.sub("-", "_".join((test.source.stem, *([test.part] if test.part else [])))) + number
         name, count = stem, 2
         while name in names:
             name, count = f"{stem}-{count}", count + 1
@@ -150,8 +157,9 @@ def _names(tests: Sequence[ImportedTest]) -> list[str]:
     return names
 
 
-def _point_file(name: str, test: ImportedTest, said: Described) -> PointFile:
-    choices = test.choices
+def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
+    test = part.test
+    choices, times = test.choices, test.times
     period_s = float(np.median(np.diff(test.time_s)))
     flags, lost = _flags(test, period_s)
     random = said.waveform == RANDOM
@@ -185,6 +193,11 @@ def _point_file(name: str, test: ImportedTest, said: Described) -> PointFile:
         motion=MotionQuality(cycles=0) if motion is None else MotionQuality(
             cycles=motion.cycles, amplitude_m=motion.amplitude_m, frequency_Hz=motion.frequency_Hz,
             mean_m=motion.mean_m, start_s=motion.start_s, end_s=motion.end_s,
+        ),
+        record=part.use(motion),
+        time=None if times is None else TimeQuality(
+            base=times.base.value, rate_Hz=times.rate_Hz, resolution_s=times.resolution_s, scatter_s=times.scatter_s,
+            std_s=times.std_s,
         ),
     )
     return PointFile(
@@ -244,7 +257,10 @@ def _judge(
         samples_a_cycle=np.inf if motion is None else len(test.time_s) / (test.time_s[-1] * motion.frequency_Hz),
         wanted_cycles=fewest_cycles, wanted_amplitude_m=0.0, wanted_frequency_Hz=0.0, current_tolerance_A=np.inf,
         measured_cycles=None if motion is None else motion.cycles, current_error_A=0.0,
-        extra=_reversed(test, velocity_m_s, motion) if motion is not None or not fewest_cycles else [],
+        extra=[
+            *(_reversed(test, velocity_m_s, motion) if motion is not None or not fewest_cycles else []),
+            *_unsteady(motion),
+        ],
     ))
 
 
@@ -263,6 +279,21 @@ def _reversed(test: ImportedTest, velocity_m_s: FloatArray, motion: MeasuredMoti
         "displacement is reversed, or their columns are exchanged (displacement is extension, and a positive force "
         "resists extension). Fix: import again with --scale force=-1 (a force positive in compression) or "
         "--scale displacement=-1 (a displacement positive in compression)",
+    )]
+
+
+def _unsteady(motion: MeasuredMotion | None) -> list[Reason]:
+    """Cycles of different length: a sweep, or motions too short to be tests; their mean frequency is of none."""
+    if motion is None or motion.cycles < FEWEST_CYCLES:
+        return []
+    periods_s = 1.0 / motion.waveform.frequency_Hz
+    shortest_s, longest_s = float(np.min(periods_s)), float(np.max(periods_s))
+    if longest_s <= UNSTEADY * float(np.median(periods_s)) and shortest_s >= float(np.median(periods_s)) / UNSTEADY:
+        return []
+    return [invalid(
+        "unsteady-motion", f"cycles last {shortest_s:.3g} to {longest_s:.3g} s: not one motion. Fix: import a sweep "
+        f"with --waveform random; a motion is one test from {FEWEST_CYCLES} cycles on",
+        shortest_s=shortest_s, longest_s=longest_s,
     )]
 
 

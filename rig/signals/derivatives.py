@@ -84,6 +84,11 @@ class HarmonicFit:
         """Amplitude of the fundamental (m)."""
         return float(np.hypot(self.cosine_m[0], self.sine_m[0]))
 
+    @property
+    def rms_speed_m_s(self) -> float:
+        """Root mean square speed of the fundamental (m/s)."""
+        return self.omega_rad_s * self.amplitude_m / float(np.sqrt(2.0))
+
     def at(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Displacement (m), velocity (m/s), acceleration (m/s^2) at any times (s), each of shape (n,)."""
         u, v, a = self._sum(time_s, np.ones(self.orders.size, dtype=bool))
@@ -137,13 +142,16 @@ class Motion:
     harmonics: HarmonicFit | None
 
 
-def harmonic(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float) -> HarmonicFit:
+def harmonic(
+    time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float, resolution_s: float = 0.0
+) -> HarmonicFit:
     """Fit a Fourier series to displacement over whole cycles.
 
     Args:
         time_s: sample times (s), shape (n,); need not be uniform.
         displacement_m: displacement (m), shape (n,); not-a-number samples are skipped.
         frequency_Hz: first guess of the fundamental, within a fraction of 1/duration.
+        resolution_s: step to which the times are rounded (s); times the speed it is one of the displacement.
 
     Raises:
         NotDifferentiable: fewer samples than the series has coefficients, or a gap longer than half a cycle.
@@ -160,6 +168,7 @@ def harmonic(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float
     for _ in range(2):
         omega += _solve(t[thin] - origin, u[thin], omega, first)[2]
     coefficients, residual, _ = _solve(t - origin, u, omega, first)
+    step = float(np.hypot(step, resolution_s * omega * np.hypot(*coefficients[1:]) / np.sqrt(2.0)))
     orders = first
     for _ in range(ROUNDS):
         added = np.setdiff1d(significant_orders(t - origin, residual, omega, count, step), orders)

@@ -36,6 +36,10 @@ SMOOTH_ORDER = 5
 """Divided differences of this order vanish for a smooth signal, and leave its noise."""
 SMOOTHER = 0.8
 """Noise of a signal over one set of times as a share of that over another, from which the first is the right one."""
+MOST_ROWS = 0.1
+"""Share of the steps that missing or doubled rows are of at most."""
+FEWEST_SLIPS = 5
+"""So many of them are told from a rate that is a little beside the stamps' own: those come at equal distances."""
 NEAR_A_LINE = 3.0
 """Periods by which jittering stamps may leave their line."""
 WINDOWS = ENOUGH_STEPS = 20_000
@@ -84,17 +88,17 @@ class SampleTimes:
         """The time base in words; empty where the times are uniform as they are read."""
         few = f"stamps in steps of {1e3 * self.resolution_s:.4g} ms" if self.resolution_s > 0.0 else "stamps"
         if self.base is TimeBase.ROUNDED:
-            return f"{few} taken as a uniform {self.rate_Hz:.7g} Hz"
+            return f"{few} taken as a uniform {self.rate_Hz:.5g} Hz"
         if self.base is TimeBase.JITTER:
             return (
                 f"{few} that jitter by {1e3 * self.scatter_s:.3g} ms (standard deviation) taken as a uniform "
-                f"{self.rate_Hz:.7g} Hz, over which displacement and force are smooth"
+                f"{self.rate_Hz:.5g} Hz, over which displacement and force are smooth"
             )
         if self.base is TimeBase.IRREGULAR:
             left = f"an error of {1e3 * self.std_s:.3g} ms each is in the intervals" if self.std_s > 0.0 else (
                 "displacement and force are smooth over them"
             )
-            return f"{few} are not uniform ({1e3 * self.scatter_s:.3g} ms standard deviation), taken as read: {left}"
+            return f"{few} are not uniform ({1e3 * self.scatter_s:.3g} ms standard deviation), used as read: {left}"
         return ""
 
 
@@ -116,7 +120,11 @@ def sample_times(stamps_s: FloatArray, signals: tuple[FloatArray, ...] = ()) -> 
     usual_s = float(np.median(steps_s)) if steps_s.size else math.nan
     if since_s.size < FEWEST or not np.all(np.isfinite(since_s)) or np.any(steps_s < 0.0) or not since_s[-1] > 0.0:
         return SampleTimes(since_s, TimeBase.AS_READ, math.nan)
-    if float(np.max(np.abs(steps_s - usual_s))) <= exact_s:
+    multiples_s = steps_s - usual_s * np.round(steps_s / usual_s) if usual_s > exact_s else steps_s
+    others = int(np.count_nonzero(np.abs(steps_s - usual_s) > exact_s))
+    # Uniform but for missing or doubled rows, or a rate beside the stamps' own, which slips by a stamp again and again.
+    of_rows = float(np.max(np.abs(multiples_s))) <= exact_s and others < MOST_ROWS * steps_s.size
+    if of_rows and others < FEWEST_SLIPS:
         return SampleTimes(since_s, TimeBase.AS_READ, 1.0 / usual_s)
     step_s = _printing_step(stamps_s, steps_s, exact_s)
     lines = []
@@ -128,6 +136,8 @@ def sample_times(stamps_s: FloatArray, signals: tuple[FloatArray, ...] = ()) -> 
         if span_s <= ROUNDED * step_s + exact_s:
             scatter_s = float(np.std(since_s - line_s))
             return SampleTimes(line_s - line_s[0], TimeBase.ROUNDED, 1.0 / period_s, step_s, scatter_s)
+        if of_rows:
+            return SampleTimes(since_s, TimeBase.AS_READ, 1.0 / usual_s)
     numbers = np.arange(since_s.size, dtype=np.float64)
     period_s = _period(numbers, since_s, np.zeros(since_s.size, np.int64))
     left_s = since_s - period_s * numbers
@@ -161,18 +171,19 @@ def _printing_step(stamps_s: FloatArray, steps_s: FloatArray, exact_s: float) ->
 
 def _common_step(steps_s: FloatArray, exact_s: float) -> float:
     """What all steps are whole multiples of (s); 0 where there is nothing, or all steps are one."""
-    kinds = np.unique(np.round(steps_s / exact_s)) * exact_s
-    kinds = kinds[np.concatenate(([True], np.diff(kinds) > 2.0 * exact_s))]
-    kinds = kinds[kinds > 2.0 * exact_s]
+    ordered = np.sort(steps_s[steps_s > 2.0 * exact_s])
+    kinds = ordered[np.concatenate(([True], np.diff(ordered) > 2.0 * exact_s))] if ordered.size else ordered
     if not 1 <= kinds.size <= MOST_KINDS or (kinds.size == 1 and not np.any(steps_s <= 2.0 * exact_s)):
         return 0.0
-    step_s = float(kinds[0])
+    step_s, error_s = float(kinds[0]), exact_s
     for kind in kinds[1:].tolist():
-        one, other = float(kind), step_s
-        while other > 8.0 * exact_s:
-            one, other = other, abs(one - round(one / other) * other)
-        step_s = one
-    if step_s <= 8.0 * exact_s:
+        one, other, one_error, other_error = kind, step_s, exact_s, error_s
+        while other > 2.0 * other_error:  # Euclid; what a remainder is wrong by grows with the quotient
+            times = round(one / other)
+            rest, rest_error = abs(one - times * other), one_error + times * other_error
+            one, other, one_error, other_error = other, rest, other_error, rest_error
+        step_s, error_s = one, one_error
+    if step_s <= 8.0 * error_s:
         return 0.0
     step_s = float(np.sum(kinds) / np.sum(np.round(kinds / step_s)))
     decimal_s = 10.0 ** round(math.log10(step_s))

@@ -27,6 +27,7 @@ from rig.signals.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_
 from rig.signals.derivatives import Motion, harmonic, savitzky_golay, with_orders
 from rig.signals.fourier import coefficient_errors, quantisation_step
 from rig.signals.loop_shape import noise_of
+from rig.signals.sample_times import TimeBase
 
 MEDIAN_OF_NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
 LOW_ORDERS = 7  # of the motion's series that are always in it
@@ -103,26 +104,45 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
         NoCycles: too few whole cycles.
         NotDifferentiable: gaps too long for a velocity.
     """
+    if point.verdict == "invalid":
+        raise IdentificationFailed(f"its recording is invalid ({'; '.join(point.reasons)})")
     with evaluating("it"):
-        return _prepared(point, skew)
+        test = _prepared(point, skew) if has_cycles(point) else prepare_whole(point, skew)
+        return _with_time_errors(test, point)
+
+
+def _rounded_to_s(point: RecordedPoint) -> float:
+    """The step (s) to which the times of the samples are rounded; 0 where they are not."""
+    times = point.quality.time
+    return times.resolution_s or 0.0 if times is not None and times.base == TimeBase.IRREGULAR else 0.0
+
+
+def _with_time_errors(test: Measurement, point: RecordedPoint) -> Measurement:
+    """The test with what errors of its single times add to the force: `|dF/dt| sigma_t` to each sample.
+
+    A rounding that repeats in every cycle is not averaged by more cycles: the error of a cycle's mean delay is that of
+    as many samples as it has.
+    """
+    times = point.quality.time
+    std_s = 0.0 if times is None else times.std_s or 0.0
+    if not std_s > 0.0:
+        return test
+    slope_N_s = float(np.sqrt(np.mean(np.diff(test.force_N, append=test.force_N[-1])[test.scored] ** 2))) / test.dt_s
+    noise_N = slope_N_s * std_s if math.isnan(test.noise_N) else math.hypot(test.noise_N, slope_N_s * std_s)
+    skew_std_s = math.hypot(test.skew_std_s, std_s / math.sqrt(max(1, test.samples_per_cycle)))
+    said = say("time-errors", std_ms=1e3 * std_s)
+    return replace(test, noise_N=noise_N, skew_std_s=skew_std_s, warnings=(*test.warnings, said))
 
 
 def _prepared(point: RecordedPoint, skew: PointSkew | None) -> Measurement:
-    """As `prepare`, which is the boundary around this.
-
-    Raises:
-        IdentificationFailed: as there.
-    """
-    if point.verdict == "invalid":
-        raise IdentificationFailed(f"its recording is invalid ({'; '.join(point.reasons)})")
-    if not has_cycles(point):
-        return prepare_whole(point, skew)
+    """A point with cycles as a measurement, the errors of its times left out."""
     cycles, warnings = _usable_cycles(point)
     time_s, displacement_m = _displacement_in(point, cycles)
     shift_s = 0.0 if skew is None else skew.shift_s
     grid_s, force_N, usable = force_on_grid(point, shift_s, float(cycles.start_s[0]), float(cycles.start_s[-1]))
     known_N, frequency_Hz = np.where(usable, force_N, np.nan), float(np.mean(cycles.frequency_Hz))
-    motion, motion_error = _motion(time_s, displacement_m, frequency_Hz, grid_s, known_N)
+    resolution_s = _rounded_to_s(point)
+    motion, motion_error = _motion(time_s, displacement_m, frequency_Hz, grid_s, known_N, resolution_s)
     if motion.harmonics is None:
         warnings.append(say("no-repeat" if len(cycles) > 1 else "one-cycle-no-series"))
     mean_m = motion.harmonics.mean_m if motion.harmonics is not None else cycles.mean_m
@@ -170,7 +190,8 @@ def _displacement_in(point: RecordedPoint, cycles: Cycles) -> tuple[FloatArray, 
 
 
 def _motion(
-    time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float, wanted_s: FloatArray, force_N: FloatArray
+    time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float, wanted_s: FloatArray, force_N: FloatArray,
+    resolution_s: float = 0.0,
 ) -> tuple[Motion, MotionError | None]:
     """Motion at the wanted times and its errors: harmonic where it repeats, else a local polynomial.
 
@@ -183,8 +204,9 @@ def _motion(
         frequency_Hz: of the cycles.
         wanted_s: times of the force (k,), s.
         force_N: force (k,), N; NaN where it was not measured.
+        resolution_s: printing step of the displacement's times, where these are rounded to it (s).
     """
-    fit = harmonic(time_s, displacement_m, frequency_Hz)
+    fit = harmonic(time_s, displacement_m, frequency_Hz, resolution_s)
     whole = np.isfinite(displacement_m)
     spacing = float(np.median(np.diff(time_s)))
     if fit.repeats:
@@ -194,7 +216,7 @@ def _motion(
         orders = np.union1d(certain, np.arange(1, min(faint, reach) + 1))
         series = with_orders(fit, time_s[whole], displacement_m[whole], orders)
         left_m = displacement_m[whole] - series.at(time_s[whole])[0]
-        step_m = quantisation_step(displacement_m[whole])
+        step_m = math.hypot(quantisation_step(displacement_m[whole]), resolution_s * fit.rms_speed_m_s)
         errors_m = coefficient_errors(time_s[whole], left_m, series.omega_rad_s, orders, step_m)
         series, error = expected(series, errors_m, np.isin(orders, certain), wanted_s, force_N)
         return Motion(wanted_s, *series.at(wanted_s), "harmonic", fit), error

@@ -163,6 +163,48 @@ class SkewQuality(Section):
 
 
 @dataclass(frozen=True)
+class TimeQuality(Section):
+    """The times of an imported test's samples, as `rig.signals.sample_times` found them.
+
+    Attributes:
+        base: `as-read`, `rounded-uniform`, `jitter-uniform` or `irregular`.
+        rate_Hz: of a uniform time base.
+        resolution_s: printing step of the file's stamps (s).
+        scatter_s: standard deviation of the stamps about a uniform rate (s).
+        std_s: standard error of a single time that is left (s).
+    """
+
+    base: str | None = stored("time_base", Stored.TEXT)
+    rate_Hz: float | None = stored("time_rate_Hz")
+    resolution_s: float | None = stored("time_resolution_s")
+    scatter_s: float | None = stored("time_scatter_s")
+    std_s: float | None = stored("time_std_s")
+
+
+@dataclass(frozen=True)
+class RecordQuality(Section):
+    """How much of an imported record a point uses, and what else is in it.
+
+    Attributes:
+        record_s: duration of the record (s).
+        used_s: of the point's full cycles (s).
+        rest_s: time at rest (s).
+        other_s: the rest of the time: ramps and other motions (s).
+        motion: number of the point's motion in a record of several, of `motions`; `start_s` where its rows begin (s).
+        other_motions: the other motions, in words.
+    """
+
+    record_s: float | None = stored("imported_record_s")
+    used_s: float | None = stored("imported_used_s")
+    rest_s: float | None = stored("imported_rest_s")
+    other_s: float | None = stored("imported_other_s")
+    motion: int | None = stored("imported_motion", Stored.COUNT)
+    motions: int | None = stored("imported_motions", Stored.COUNT)
+    start_s: float | None = stored("imported_start_s")
+    other_motions: str | None = stored("imported_other_motions", Stored.TEXT)
+
+
+@dataclass(frozen=True)
 class Agreement:
     """How a sensor lies over the controller's input at one point; None where the point cannot tell.
 
@@ -344,6 +386,7 @@ class PointQuality(Section):
         recovered: whether the campaign did not end by itself.
         skew, motion, current, force, displacement, loop, rest: what was measured; signal: only of such a motion.
         tolerances: what the bench allowed; None where the file does not say.
+        time, record: of an imported test: how its times were found, and how much of its record it uses.
         coil_low_degC, coil_high_degC: the coil's temperature over the full cycles.
         judged_again, judged_again_utc: why and when the verdict was changed after the file was made.
     """
@@ -361,6 +404,8 @@ class PointQuality(Section):
     loop: LoopQuality = field(default_factory=LoopQuality, metadata=section(LoopQuality))
     tolerances: Tolerances | None = field(default=None, metadata=section(Tolerances, optional=True))
     rest: RestQuality = field(default_factory=RestQuality, metadata=section(RestQuality))
+    time: TimeQuality | None = field(default=None, metadata=section(TimeQuality, optional=True))
+    record: RecordQuality | None = field(default=None, metadata=section(RecordQuality, optional=True))
     coil_low_degC: float | None = stored("coil_temperature_low_degC")
     coil_high_degC: float | None = stored("coil_temperature_high_degC")
     judged_again: str | None = stored("judged_again", Stored.TEXT)

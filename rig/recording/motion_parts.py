@@ -1,0 +1,118 @@
+"""One imported file as tests: each of its steady motions is one, and how much of the record a test uses is stated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rig.recording.foreign_tests import ImportedTest
+from rig.recording.quality.point_quality import RecordQuality
+from rig.signals.arrays import FloatArray
+from rig.signals.cycles import MeasuredMotion
+from rig.signals.free_motion import RANDOM
+from rig.signals.loop_shape import noise_of
+from rig.signals.motions import Motions, SteadyMotion, motions_of
+
+SAME_CURRENT_A = 0.02
+"""Steady currents in one record that differ by less are one."""
+CURRENT_NOISES = 4.0
+
+
+@dataclass(frozen=True)
+class TestPart:
+    """A test, or one of the motions in its record.
+
+    Attributes:
+        test: with the part's rows alone, its time from 0 on.
+        number: of the part, from 1; 0 where the record is one test.
+        count: parts of the record.
+        start_s: where the part begins in the record (s).
+        motions: the motions of the record.
+        record_s: duration of the record (s).
+        others: the record's other motions in words.
+    """
+
+    test: ImportedTest
+    number: int
+    count: int
+    start_s: float
+    motions: Motions
+    record_s: float
+    others: str = ""
+
+    def use(self, motion: MeasuredMotion | None) -> RecordQuality:
+        """How much of the record the part's full cycles are; of motion without cycles all of it."""
+        used_s = self.record_s if motion is None else motion.end_s - motion.start_s
+        rest_s = min(self.motions.rest_s, self.record_s - used_s)
+        return RecordQuality(
+            record_s=self.record_s, used_s=used_s, rest_s=rest_s, other_s=self.record_s - used_s - rest_s,
+            motion=self.number or None, motions=self.count if self.number else None,
+            start_s=self.start_s if self.number else None, other_motions=self.others or None,
+        )
+
+
+def parts_of(test: ImportedTest, waveform: str) -> list[TestPart]:
+    """The tests in a record: one for each steady motion where there are several, else the record as it is.
+
+    Args:
+        test: the record.
+        waveform: `random` for motion without cycles, which is never parted.
+    """
+    record_s = float(test.time_s[-1] - test.time_s[0])
+    if waveform == RANDOM:
+        return [TestPart(test, 0, 1, 0.0, Motions((), 0.0), record_s)]
+    current_A, tolerance_A = _current(test)
+    motions = motions_of(test.time_s, test.displacement_m, current_A, current_tolerance_A=tolerance_A)
+    steady = motions.steady
+    if len(steady) < 2:
+        return [TestPart(test, 0, 1, 0.0, motions, record_s)]
+    parts = []
+    for number, motion in enumerate(steady, 1):
+        begin_s, end_s = motion.stretch_s
+        first, last = np.searchsorted(test.time_s, [begin_s, end_s]).tolist()
+        others = "; ".join(_told(other) for other in steady if other is not motion)
+        parts.append(TestPart(
+            _rows(test, slice(first, last)), number, len(steady), float(test.time_s[first]), motions, record_s, others
+        ))
+    return parts
+
+
+def _told(motion: SteadyMotion) -> str:
+    """A motion in words."""
+    current = f" {motion.current_A:.3g} A" if motion.current_A else ""
+    return (
+        f"{1e3 * motion.amplitude_m:.3g} mm {motion.frequency_Hz:.3g} Hz{current} for "
+        f"{motion.end_s - motion.start_s:.3g} s"
+    )
+
+
+def _current(test: ImportedTest) -> tuple[FloatArray | None, float]:
+    """The current that tells motions apart (n,), A, and what is no difference of it (A)."""
+    for current_A in (test.current_A if test.current_measured else None, test.commanded_A):
+        if current_A is not None and np.any(np.isfinite(current_A)):
+            return current_A, SAME_CURRENT_A + CURRENT_NOISES * noise_of(current_A)
+    return None, float("inf")
+
+
+def _rows(test: ImportedTest, rows: slice) -> ImportedTest:
+    """Some of a test's rows as a test."""
+    def part(values: FloatArray | None) -> FloatArray | None:
+        return None if values is None else values[rows]
+
+    time_s, current_A, commanded_A = test.time_s[rows], test.current_A[rows], part(test.commanded_A)
+    known_A = current_A if test.current_measured else commanded_A
+    nominal_A = test.nominal_current_A
+    if known_A is not None and np.any(np.isfinite(known_A)):
+        nominal_A = float(np.nanmedian(known_A))
+    return replace(
+        test, time_s=time_s - time_s[0], displacement_m=test.displacement_m[rows], force_N=test.force_N[rows],
+        current_A=current_A, commanded_A=commanded_A, temperature_degC=part(test.temperature_degC),
+        nominal_current_A=nominal_A,
+    )
+
+
+def every_part(tests: Sequence[ImportedTest], waveform: str) -> list[TestPart]:
+    """The parts of all tests, in order."""
+    return [part for test in tests for part in parts_of(test, waveform)]

@@ -1,0 +1,97 @@
+"""An imported record is as many tests as it holds motions, on the time base behind its stamps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.recording.importing import import_tests
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
+from rig.signals.sample_times import TimeBase
+
+COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
+
+
+def imported(
+    folder: Path, time_s: np.ndarray, x_mm: np.ndarray, *, digits: int = 6, current_A: np.ndarray | None = None,
+    waveform: str = "sine",
+) -> tuple[RecordedPoint, ...]:
+    """The points of a file with these columns, its force that of a damper of 400 N s/m."""
+    file = folder / "loops.csv"
+    columns = [x_mm, 0.4 * np.gradient(x_mm, time_s), *([] if current_A is None else [current_A])]
+    named = {**COLUMNS, **({} if current_A is None else {"current": "i_A"})}
+    lines = [
+        ",".join((f"{t:.{digits}f}", *(f"{value:.5f}" for value in row)))
+        for t, row in zip(time_s, np.column_stack(columns), strict=True)
+    ]
+    file.write_text("\n".join(("t_s,x_mm,F_N,i_A" if current_A is not None else "t_s,x_mm,F_N", *lines)) + "\n")
+    return Run.open(import_tests(
+        [file], columns=named, out=folder, current_A=None if current_A is not None else 0.5, waveform=waveform
+    )).points  # fmt: skip
+
+
+def steps_of_frequency(time_s: np.ndarray) -> np.ndarray:
+    """20 mm at 1 Hz for 10 s, then at 2 Hz."""
+    return 20.0 * np.sin(2.0 * np.pi * np.where(time_s < 10.0, time_s, 2.0 * time_s - 10.0) - 0.3)
+
+
+def test_steps_of_frequency_are_tests_and_each_says_what_it_uses(tmp_path: Path) -> None:
+    slow, fast = imported(tmp_path, t := np.arange(0.0, 20.0, 0.005), steps_of_frequency(t))
+    assert [(point.id, point.frequency_Hz, point.verdict) for point in (slow, fast)] == [
+        ("loops-1", 1.0, "valid"), ("loops-2", 2.0, "valid"),
+    ]  # fmt: skip
+    record = fast.quality.record
+    assert record is not None
+    assert (record.motion, record.motions) == (2, 2)
+    assert record.used_s == pytest.approx(9.5, abs=0.6)
+    assert record.record_s == pytest.approx(20.0, abs=0.01)
+    assert record.start_s == pytest.approx(10.0, abs=0.3)
+    assert record.other_motions is not None
+    assert "20 mm 1 Hz" in record.other_motions
+    assert slow.time_s[0] == fast.time_s[0] == 0.0
+
+
+def test_steps_of_a_measured_current_are_tests_at_their_currents(tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.005)
+    current_A = np.where(t < 10.0, 0.25, 1.0)
+    points = imported(tmp_path, t, 20.0 * np.sin(2.0 * np.pi * t - 0.3), current_A=current_A)
+    assert [point.current_A for point in points] == [0.25, 1.0]
+
+
+def test_a_sweep_called_a_sine_is_invalid_and_as_random_motion_it_stays_whole(tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.005)
+    x_mm = 10.0 * np.sin(2.0 * np.pi * (0.5 * t + 0.1 * t**2))
+    (point,) = imported(tmp_path, t, x_mm)
+    assert [reason.slug for reason in point.quality.verdict.entries] == ["unsteady-motion"]
+    (point,) = imported(tmp_path, t, x_mm, waveform="random")
+    assert (point.verdict, point.samples) == ("valid", t.size)
+
+
+def test_one_motion_stays_one_test_with_every_row(tmp_path: Path) -> None:
+    t = np.arange(0.0, 12.0, 0.005)
+    (point,) = imported(tmp_path, t, 20.0 * np.clip(t / 2.0, 0.0, 1.0) * np.sin(2.0 * np.pi * t))
+    assert (point.id, point.samples, point.verdict) == ("loops", t.size, "valid")
+    record = point.quality.record
+    assert record is not None
+    assert (record.motion, record.other_s) == (None, pytest.approx(12.0 - (record.used_s or 0.0), abs=0.6))
+
+
+def test_stamps_of_few_digits_are_the_uniform_rate_behind_them_in_the_file(tmp_path: Path) -> None:
+    t = np.arange(0.0, 5.0, 0.0025)
+    (point,) = imported(tmp_path, t, 20.0 * np.sin(4.0 * np.pi * t - 0.3), digits=3)
+    times = point.quality.time
+    assert times is not None
+    assert (times.base, times.resolution_s) == (TimeBase.ROUNDED, pytest.approx(1e-3))
+    assert times.rate_Hz == pytest.approx(400.0, rel=1e-5)
+    assert np.max(np.abs(np.diff(point.time_s) - 0.0025)) < 1e-7
+    assert "stamps in steps of 1 ms" in str(point.provenance["read_as"])
+
+
+def test_several_samples_on_one_stamp_are_read_where_a_uniform_rate_is_behind_them(tmp_path: Path) -> None:
+    t = np.arange(0.0, 5.0, 0.0005)
+    (point,) = imported(tmp_path, t, 20.0 * np.sin(4.0 * np.pi * t - 0.3), digits=3)
+    assert point.verdict == "valid"
+    assert point.sample_rate_Hz == pytest.approx(2000.0, rel=1e-4)
