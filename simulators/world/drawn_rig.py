@@ -123,17 +123,33 @@ def drawn_rig(seed: int, actuator: str = "") -> DrawnRig:
     link = actuator or ("rtu" if slow else "tcp")
     motion = {"signal": _signal, "hybrid": _hybrid}.get(kind, _cycles)(chance)
     source, unmeasured = _source(kind, chance)
-    values = tomllib.loads(bench_text(RigOptions(), _addresses(link), 1.0, relaxed=False))
-    values["limits"] |= _limits(motion, chance)
-    values["actuator"] |= {
-        "register_map": register_map, "fade_out_cycles": chance.choice((1.0, 1.0, 2.0)),
-        "halt_deceleration": f"{chance.choice((20, 20, 20, 5, 10, 40))} m/s^2",
-    }  # fmt: skip
-    values["ecu"] = source or values["ecu"]
-    bench = "".join(f"{toml_text(key)} = {toml_text(value)}\n" for key, value in values.items())
+    bench = bench_file(
+        register_map, link, _limits(motion, chance), source, fade_out_cycles=chance.choice((1.0, 1.0, 2.0)),
+        halt_deceleration=f"{chance.choice((20, 20, 20, 5, 10, 40))} m/s^2",
+    )  # fmt: skip
     return DrawnRig(
         kind, bench, _matrix(motion, chance), motion.record, link, streamed, bool(source), unmeasured, motion.lasts_s
     )
+
+
+def bench_file(
+    register_map: str, link: str = "tcp", limits: Mapping[str, Any] | None = None,
+    source: Mapping[str, Any] | None = None, **actuator: Any,  # noqa: ANN401 - entries of a TOML table
+) -> str:
+    """Text of a bench file: the usual rig's with other entries.
+
+    Args:
+        register_map: of the controller.
+        link: "tcp" or "rtu".
+        limits: entries of [limits] in place of the usual ones.
+        source: the whole table [ecu]; none: the demo ECU.
+        actuator: further entries of [actuator].
+    """
+    values = tomllib.loads(bench_text(RigOptions(), _addresses(link), 1.0, relaxed=False))
+    values["limits"] |= limits or {}
+    values["actuator"] |= {"register_map": register_map, **actuator}
+    values["ecu"] = source or values["ecu"]
+    return "".join(f"{toml_text(key)} = {toml_text(value)}\n" for key, value in values.items())
 
 
 def fitted(rig: DrawnRig) -> DrawnRig:

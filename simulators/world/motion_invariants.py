@@ -93,12 +93,6 @@ class Motion:
         limit_m_s = (1.0 + LIMIT_SHARE) * self.bench.limits.speed_m_s + LIMIT_M_S
         return min(limit_m_s, (1.0 + share) * self.speed_m_s + FASTER_M_S)
 
-    @cached_property
-    def halting_m_s2(self) -> float:
-        """How hard a halt brakes where the travel ends; the station's own set-points brake as hard as is allowed."""
-        usual_m_s2 = self.bench.actuator.halt_deceleration_m_s2
-        return max(usual_m_s2, self.bench.limits.acceleration_m_s2) if self.streamed else usual_m_s2
-
     @property
     def streamed(self) -> bool:
         """The controller follows set-points."""
@@ -173,7 +167,8 @@ def a_stop_has_its_travel(view: View) -> Findings:
         return
     rows = rows[rows[:, 5] > 0.0]
     low_m, high_m = motion.bench.limits.position_m
-    rest_m = rows[:, 1] * np.abs(rows[:, 1]) / (2.0 * motion.halting_m_s2)
+    speed_m_s = np.clip(rows[:, 1], -motion.speed_m_s, motion.speed_m_s)  # its ripple is gone sooner than a halt ends
+    rest_m = speed_m_s * np.abs(speed_m_s) / (2.0 * motion.bench.actuator.halt_deceleration_m_s2)
     ends_m = rows[:, 3] + rest_m
     beyond = (ends_m < low_m - STOPPING_M) | (ends_m > high_m + STOPPING_M)
     if np.any(beyond):

@@ -105,7 +105,7 @@ def shaken(t_s: Array) -> Array:
         (History(halted, stopped=True), set()),
         (History(sine, stopped=True), {"slows-down"}),
         (History(thrown, stopped=True), {"slows-down", "speed", "acceleration"}),
-        (History(lambda t_s: 1.5 * sine(t_s)), {"travel", "stopping-distance", "speed"}),
+        (History(lambda t_s: 1.48 * sine(t_s)), {"travel", "stopping-distance", "speed"}),
         (History(drifting), {"travel", "stopping-distance"}),
         (History(drifting, begun=((0.0, "second-master:offset"),)), set()),
         (History(late_end), {"acceleration", "stopping-distance"}),
