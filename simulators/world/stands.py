@@ -33,7 +33,7 @@ from typing import Any
 from drivers import plugins
 from simulators.world import futures, threads
 from simulators.world.kernel import Kernel
-from simulators.world.machine import FIRST_DESCRIPTOR, Machine, Process
+from simulators.world.machine import Machine, Process
 from simulators.world.programs import Popen, Reader, Writer
 from simulators.world.streams import pipe
 
@@ -220,7 +220,7 @@ def _operating_system(machine: Machine) -> Stand:
         "close": machine.close, "read": machine.read, "write": machine.write,
         "dup": lambda number: machine.copy(number, machine.here),
         "dup2": lambda _old, new, **_named: new, "pipe": lambda: tuple(_pipe(machine)),
-        "fdopen": partial(_file_of, machine), "set_blocking": machine.set_blocking,
+        "fdopen": partial(_fdopen, machine), "set_blocking": machine.set_blocking,
         "getpid": lambda: machine.here.pid if machine.here else real_os.getpid(),
         "getppid": lambda: _parent(machine.here),
         "kill": partial(_kill, machine), "killpg": partial(_kill, machine, group=True), "nice": lambda step: step,
@@ -228,11 +228,13 @@ def _operating_system(machine: Machine) -> Stand:
     return Stand("os", own, real_os, SAME_OS)
 
 
-def _file_of(machine: Machine, number: int, mode: str = "r", **named: Any) -> Any:  # noqa: ANN401
-    """`os.fdopen`: what is written goes through the world's disk and pipes, a file that is read is the real one."""
-    if mode.startswith("r") and number < FIRST_DESCRIPTOR:
-        return real_os.fdopen(number, mode, **named)
-    return Writer(machine, number)
+def _fdopen(machine: Machine, number: int, mode: str = "r", *given: Any, **named: Any) -> Any:  # noqa: ANN401
+    """`os.fdopen`: a file that is read is a real one, with a descriptor of its own; another one is written here."""
+    if mode not in {"r", "rb"}:
+        return Writer(machine, number)
+    copied = real_os.dup(number)
+    machine.close(number)
+    return real_os.fdopen(copied, mode, *given, **named)
 
 
 def _time(machine: Machine) -> Stand:
