@@ -83,6 +83,8 @@ class Actuator:
         self.served_s = 0.0
         self.taken: Callable[[float, float], None] = lambda *_: None
         """Called with position (m) and velocity (m/s) of each streamed set-point that is taken."""
+        self.arrival_s: Callable[[], float] = lambda: plant.time_s
+        """Simulated time at which a request that is being served has arrived (s)."""
         self.turned_s: float | None = None
         """When the streamed set-points first turned round without a rest (simulated s): a cyclic motion has begun."""
         self._actions: dict[Command, Callable[[Values], Result]] = {
@@ -209,12 +211,19 @@ class Actuator:
         self.order_limits()
         return True
 
-    def follow(self, position_m: float, velocity_m_s: float) -> None:
+    def follow(self, position_m: float, velocity_m_s: float | None, within_s: float = 0.0) -> None:
         """Take a streamed set-point (m, m/s); one that makes no sense, or while the rod is not held, moves nothing.
 
-        After a halt the valve opens again only for a set-point close to where the rod is.
+        The device goes on from there at that speed. A set-point that comes without a speed is reached in a line from
+        the present one within `within_s`, without a step, and the device goes on at the line's speed. After a halt the
+        valve opens again only for a set-point close to where the rod is.
         """
-        mode, before_m_s = (self.plant.command[name][0] for name in ("mode", "move_speed_m_s"))
+        mode, arrival_s = self.plant.command["mode"][0], self.arrival_s()
+        target_m, before_m_s, before_s = self._followed(mode == records.MODE_FOLLOW)
+        from_m = position_m
+        if velocity_m_s is None:
+            from_m = target_m + before_m_s * min(arrival_s - before_s, records.FOLLOW_S)
+            velocity_m_s = (position_m - from_m) / within_s
         limits, off_m = self.limits, abs(position_m - self.seen_m) if mode == records.MODE_LOCKED else 0.0
         sane = limits.position_min_m <= position_m <= limits.position_max_m and off_m <= OFF_CENTRE_M
         sane = sane and abs(velocity_m_s) <= limits.speed_max_m_s * FLOAT_SLACK
@@ -222,14 +231,24 @@ class Actuator:
             return
         if self.faults.setpoints_lost:
             return
-        if mode == records.MODE_FOLLOW and before_m_s * velocity_m_s < 0.0 and self.turned_s is None:
+        if before_m_s * velocity_m_s < 0.0 and self.turned_s is None:
             self.turned_s = self.plant.time_s
         self._unlock()
-        self.plant.order(target_m=position_m, move_speed_m_s=velocity_m_s, told_s=self.plant.time_s)
+        self.plant.order(
+            before_m=target_m, before_m_s=before_m_s, before_s=before_s,
+            target_m=from_m, move_speed_m_s=velocity_m_s, told_s=arrival_s,
+        )
         if velocity_m_s == 0.0:
             self.plant.state["setpoint_m"], self.plant.state["setpoint_velocity_m_s"] = position_m, 0.0
         self.plant.order(mode=records.MODE_FOLLOW if velocity_m_s != 0.0 else records.MODE_HOLD)
         self.taken(position_m, velocity_m_s)
+
+    def _followed(self, follows: bool) -> tuple[float, float, float]:
+        """The set-point that is followed, or held: m, m/s, and when it came (s)."""
+        if not follows:
+            return float(self.plant.state["setpoint_m"][0]), 0.0, self.plant.time_s
+        command = self.plant.command
+        return float(command["target_m"][0]), float(command["move_speed_m_s"][0]), float(command["told_s"][0])
 
     def write_table(self, values: Values) -> bool:
         """Put samples of a table waveform in (m about the centre); False when they do not fit or are not finite."""

@@ -42,6 +42,10 @@ class Pace:
             behind = longest
         return max(0, min(self._largest, int(behind)))
 
+    def ahead_s(self, now_ns: int, step: int) -> float:
+        """By how much the host's clock is ahead of the plant (simulated s): the plant runs in slices."""
+        return 0.0 if self._anchor_ns < 0 else max(0.0, self._behind(now_ns, step)) * self._dt_s
+
     def hold(self, now_ns: int, step: int) -> None:
         """Start counting anew: no wall time before `now_ns` is owed."""
         self._anchor_ns = now_ns

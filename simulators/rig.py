@@ -46,6 +46,8 @@ from simulators.worn_registers import registers_of
 
 TICK_S = 0.002
 HOLDING_S = 0.0005
+LONGEST_SLICE_S = 0.02
+"""A rig that is held up for longer (wall s) takes what arrives as if it came then."""
 """While the clock waits for a reader, it looks so often whether it has read."""
 BEHIND_S = 0.003
 """What a device sends in so much wall time may wait to be read above speed 1; below, half of what a port holds."""
@@ -124,6 +126,7 @@ class SimulatedRig:
         self._undoings: list[tuple[float, str, Undo]] = []
         self._served = ServedTime()
         self._pace = Pace(run.speed, self.plant.dt_s, TICK_S, MAXIMUM_STEPS)
+        self.actuator.arrival_s = self._arrival_s
         self._backpressure = Backpressure()
         self._waited_s = 0.0
         self._faulty = False
@@ -247,6 +250,11 @@ class SimulatedRig:
         if self.run_options.exit_when_idle:
             self._leave_when_idle(now_ns)
         return True
+
+    def _arrival_s(self) -> float:
+        """Simulated time of what arrives now (s): up to a slice after the plant's."""
+        ahead_s = self._pace.ahead_s(monotonic_ns(), int(self.plant.state["step"][0]))
+        return self.plant.time_s + min(ahead_s, LONGEST_SLICE_S * self.run_options.speed)
 
     def _readers_are_behind(self, now_ns: int, served_s: float) -> bool:
         """Whether simulated time should wait for whoever reads a sensor, hears the bus or polls the controller."""

@@ -22,6 +22,7 @@ from simulators import controller_firmware as wire
 from simulators.actuator import Actuator
 from simulators.controller_firmware import Result, State
 from simulators.options import RigOptions, ServoOptions
+from simulators.plant.records import FOLLOW_S
 from simulators.registers import RegisterBank
 from simulators.worn_bench import worn_map
 from simulators.worn_codec import bits_of, raw_of, text_words, value_of, words_of
@@ -33,6 +34,8 @@ WATCHDOG_MS = 500
 """Of a device whose map does not say after how long it trips."""
 SHOWN_S = 0.15
 """So long (simulated s) an answer to a command stays before the device looks as if nothing was asked."""
+SHORTEST_S = 1e-3
+"""Two set-points that come closer together are taken as if they did not."""
 NOBODY = 1
 """Owner of a device without leases."""
 PRESSURES = (Pressure.OFF, Pressure.LOW, Pressure.ON)
@@ -64,7 +67,7 @@ class WornRegisters(RegisterBank):
         self._restore_s = 0.0
         self._count = 0
         self._fed = 0
-        self._followed = (0.0, 0.0)
+        self._followed_s = 0.0
         self._feeds = self._named(worn.recipes.feed)
         self._setpoints = self._named(worn.recipes.setpoint)
         self._allowed = _allowed(worn)
@@ -162,15 +165,15 @@ class WornRegisters(RegisterBank):
         self.actuator.feed(self._fed)
 
     def _follow_position(self, position_m: float) -> None:
-        """A set-point; where the map has no speed for it, that is how far it went since the last one."""
-        now_s, (before_s, before_m) = self.actuator.plant.time_s, self._followed
-        self._followed = (now_s, position_m)
+        """A set-point; where the map has no speed for it, it is reached after the time since the last one."""
+        now_s, before_s = self.actuator.arrival_s(), self._followed_s
+        self._followed_s = now_s
         velocity = next((name for name, value in self._setpoints.items() if value == "$velocity"), None)
         if velocity is not None:
             quantity = self._map.quantities[velocity]
             self.actuator.follow(position_m, value_of(quantity, self._raw(quantity)))
-        elif now_s > before_s:
-            self.actuator.follow(position_m, (position_m - before_m) / max(now_s - before_s, 1e-3))
+        else:
+            self.actuator.follow(position_m, None, min(max(now_s - before_s, SHORTEST_S), FOLLOW_S))
 
     def _take_table(self, touched: Iterable[Quantity]) -> bool:
         held = self._named(self._map.recipes.table)

@@ -172,10 +172,16 @@ move_setpoint = njit(cache=False)(_move_setpoint)
 
 
 def _followed_setpoint(c: Record, s: Record, end_s: float) -> None:
-    """The set-point that was told last, gone on at its speed."""
-    age_s = end_s - c.told_s
-    s.setpoint_m = c.target_m + c.move_speed_m_s * min(age_s, FOLLOW_S)
-    s.setpoint_velocity_m_s = c.move_speed_m_s if age_s < FOLLOW_S else 0.0
+    """The last set-point that has come by this step, continued at its speed.
+
+    A set-point comes between two slices of the plant; until that instant the one before it counts.
+    """
+    from_m, speed_m_s, from_s = c.target_m, c.move_speed_m_s, c.told_s
+    if end_s < c.told_s:
+        from_m, speed_m_s, from_s = c.before_m, c.before_m_s, c.before_s
+    age_s = end_s - from_s
+    s.setpoint_m = from_m + speed_m_s * min(age_s, FOLLOW_S)
+    s.setpoint_velocity_m_s = speed_m_s if age_s < FOLLOW_S else 0.0
 
 
 followed_setpoint = njit(cache=False)(_followed_setpoint)

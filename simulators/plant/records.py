@@ -91,6 +91,9 @@ COMMAND = np.dtype(
         ("move_speed_m_s", "f8"),
         ("move_acceleration_m_s2", "f8"),
         ("told_s", "f8"),  # when the set-point that is followed came: `target_m`, going on at `move_speed_m_s`
+        ("before_m", "f8"),  # the one before it, which is followed until then
+        ("before_m_s", "f8"),
+        ("before_s", "f8"),
         ("waveform", "i8"),
         ("amplitude_m", "f8"),
         ("frequency_Hz", "f8"),

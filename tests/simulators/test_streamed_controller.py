@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,6 +56,29 @@ def test_the_last_set_point_goes_on_at_its_speed_for_50_ms_and_then_holds(stream
     assert rows[:, X].max() < 0.0055
     assert rows[-1, X] == pytest.approx(0.1 * 0.05, abs=1e-4)
     assert np.abs(rows[-800:, V]).max() < 1e-3
+
+
+def test_a_set_point_that_arrives_within_a_slice_of_the_plant_counts_from_its_arrival(streamed: Bench) -> None:
+    """Counted from the slice's begin, a set-point of 0.8 m/s would be up to 8 mm off at slices of 10 ms."""
+    plant = streamed.plant
+    tell(streamed, 0.0, 0.1)
+    streamed.run(0.010)
+    streamed.actuator.arrival_s = lambda: plant.time_s + 0.004
+    tell(streamed, 0.0014, -0.2)
+    streamed.run(0.003)
+    assert plant.value("setpoint_m") == pytest.approx(0.0013, abs=1e-6)
+    streamed.run(0.005)
+    assert plant.value("setpoint_m") == pytest.approx(0.0014 - 0.2 * 0.004, abs=1e-6)
+
+
+def test_set_points_without_a_speed_are_joined_by_lines(streamed: Bench) -> None:
+    plant, wanted_m = streamed.plant, [0.0, 0.0005, 0.0016, 0.0031, 0.0040]
+    for before_m, position_m in pairwise(wanted_m):
+        streamed.actuator.follow(position_m, None, POLL_S)
+        streamed.run(0.4 * POLL_S)
+        assert plant.value("setpoint_m") == pytest.approx(before_m + 0.4 * (position_m - before_m), abs=1e-6)
+        streamed.run(0.6 * POLL_S)
+        assert plant.value("setpoint_m") == pytest.approx(position_m, abs=1e-6)
 
 
 def test_without_a_generator_programs_and_moves_are_refused_and_a_halt_is_not(streamed: Bench) -> None:
