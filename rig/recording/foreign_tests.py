@@ -341,10 +341,15 @@ def _table(
     places = [choice.place for choice in choices.values()]
     table, notes = {}, []
     for (quantity, choice), values in zip(choices.items(), opened.values(places), strict=True):
+        infinite = np.isinf(values)
+        if infinite.any():
+            values = np.where(infinite, np.nan, values)
+            notes.append(f"{quantity}: {np.count_nonzero(infinite)} infinite value(s) taken as no value")
         if quantity != "time":
             values, missing = without_sentinels(values, wanted.no_value)
             notes += [f"{quantity}: {count} x {number:g} taken as no value" for number, count in missing.items()]
-        table[quantity] = values if choice.unit is None else values * choice.unit.scale + choice.unit.offset
+        with np.errstate(invalid="ignore", over="ignore"):  # damaged bytes are numbers too
+            table[quantity] = values if choice.unit is None else values * choice.unit.scale + choice.unit.offset
     if "time" not in table:
         rows = len(next(iter(table.values())))
         time_s = np.arange(rows) / wanted.rate_Hz if wanted.rate_Hz is not None else opened.own_time(places)

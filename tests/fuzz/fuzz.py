@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import json
 import math
 import random
@@ -22,6 +23,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from decimal import Decimal
+from functools import cache
 from pathlib import Path
 
 import h5py
@@ -40,6 +42,8 @@ from rig.bench.model import Bench
 from rig.errors import FileProblem
 from rig.matrix.model import load_matrix
 from rig.recording.conversion.conversion import finish_alone
+from rig.recording.foreign.foreign_file import Dialect
+from rig.recording.foreign_tests import WantedTests, read_tests
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.importing import import_tests
 from rig.recording.journal.journal_file import JournalWriter, parse_journal
@@ -53,7 +57,7 @@ from simulators.line_writer import LineWriter
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 INPUTS = 20_000
-SLOW = {"bench": 20, "matrix": 20, "csv": 40, "hdf5": 20, "hdf5-structure": 20, "journal": 20}
+SLOW = {"bench": 20, "matrix": 20, "csv": 40, "foreign": 20, "hdf5": 20, "hdf5-structure": 20, "journal": 20}
 """Targets that read files take this many times fewer inputs."""
 
 LIMITS = encode_limits(ActuatorLimits(-0.08, 0.08, 0.8, 60.0, 5e3, 1.0, 20.0, 500, WatchdogAction.FADE_AND_HOLD))
@@ -253,6 +257,95 @@ def fuzz_csv(source: random.Random) -> None:
         np.testing.assert_allclose(force_N, expected, rtol=1e-6, atol=1e-3)
 
 
+def text_blocks(times: np.ndarray, x: np.ndarray, force: np.ndarray) -> bytes:
+    """Blocks with repeated headings, thousands by an apostrophe, an event, a number for no value."""
+    rows = [f"{t:.3f}\t{a:.3f}\t{f:,.1f}".replace(",", "'") for t, a, f in zip(times, x, force + 2000.0, strict=True)]
+    rows[70] = "0.7\tSwitched\t"
+    rows[90] = "0.900\t-9999\t2'000.0"
+    heading = "Time\tStroke\tLoad\nSec\tmm\tN\n"
+    first, second = "\n".join(rows[:100]), "\n".join(rows[100:])
+    return f"MTS793|MPT\n\n{heading}{first}\n\nData\t1\n{heading}{second}".encode()
+
+
+def text_lvm(times: np.ndarray, x: np.ndarray, force: np.ndarray) -> bytes:
+    """Two segments."""
+    text = "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tOne\n***End_of_Header***\n\n"
+    for part in (slice(0, 100), slice(100, 200)):
+        text += ("Channels\t2\nY_Unit_Label\tmm\tN\nX_Dimension\tTime\tTime\nX0\t0\t0\nDelta_X\t0.01\t0.01\n"
+                 "***End_of_Header***\nX_Value\tStroke\tLoad\tComment\n")  # fmt: skip
+        rows = zip(times[part], x[part], force[part], strict=True)
+        text += "".join(f"{t:.3f}\t{a:.4f}\t{f:.3f}\n" for t, a, f in rows)
+    return text.encode()
+
+
+def foreign_files() -> list[tuple[str, bytes, dict[str, str]]]:
+    """Small files of every format that is read, each with the columns of its test."""
+    from nptdms import ChannelObject, TdmsWriter
+    from openpyxl import Workbook
+    from scipy.io import savemat
+
+    t = np.arange(200) * 0.01
+    x, force = 20.0 * np.sin(6.28 * t), 900.0 * np.cos(6.28 * t)
+    named = {"time": "Time", "displacement": "Stroke", "force": "Load"}
+    by_path = {"time": "r/t:s", "displacement": "r/x:mm", "force": "r/F:N"}
+    held = io.BytesIO()
+    with h5py.File(held, "w") as file:
+        file["r/t"], file["r/x"], file["r/F"] = t, x, force
+    matlab = io.BytesIO()
+    savemat(matlab, {"d": np.array([{"t": t, "x": x, "F": force}] * 2, dtype=object)}, do_compression=True)
+    scale = {"NI_Number_Of_Scales": 1, "NI_Scale[0]_Scale_Type": "Linear", "NI_Scale[0]_Linear_Slope": 0.05,
+             "NI_Scale[0]_Linear_Y_Intercept": 0.0, "NI_Scale[0]_Linear_Input_Source": 0xFFFFFFFF}  # fmt: skip
+    tdms = io.BytesIO()
+    with TdmsWriter(tdms) as writer:
+        writer.write_segment([
+            ChannelObject("g", "Stroke", x, {"wf_increment": 0.01, "unit_string": "mm"}),
+            ChannelObject("g", "Load", np.round(20.0 * force).astype(np.int16),
+                          {"wf_increment": 0.01, "unit_string": "N", **scale}),
+        ])  # fmt: skip
+    book, sheet = io.BytesIO(), Workbook()
+    numbers = np.column_stack([t, x, force]).tolist()
+    for row in [["Time", "Stroke", "Load"], ["s", "mm", "N"], *numbers]:
+        sheet.active.append(row)
+    sheet.save(book)
+    keys = {"FORMAT": "BINARY", "NUM_HEADER_BLOCKS": "4", "CHANNELS": "2", "DELTA_T": "0.01", "PTS_PER_FRAME": "50",
+            "PTS_PER_GROUP": "100", "FRAMES": "4", "DESC.CHAN_1": "Stroke", "UNITS.CHAN_1": "mm",
+            "SCALE.CHAN_1": "0.001", "DESC.CHAN_2": "Load", "UNITS.CHAN_2": "N", "SCALE.CHAN_2": "0.05"}  # fmt: skip
+    head = b"".join(key.encode().ljust(32, b"\0") + value.encode().ljust(96, b"\0") for key, value in keys.items())
+    samples = np.round(np.stack([x / 0.001, force / 0.05])).astype("<i2").reshape(2, 2, 100).transpose(1, 0, 2)
+    unnamed = {"displacement": "Stroke", "force": "Load"}
+    return [
+        ("a.dat", text_blocks(t, x, force), named), ("a.lvm", text_lvm(t, x, force), unnamed),
+        ("a.h5", held.getvalue(), by_path), ("a.tdms", tdms.getvalue(), unnamed), ("a.xlsx", book.getvalue(), named),
+        ("a.mat", matlab.getvalue(), {"time": "d(1).t:s", "displacement": "d(1).x:mm", "force": "d(1).F:N"}),
+        ("a.rsp", head.ljust(2048, b"\0") + samples.tobytes(), unnamed),
+    ]  # fmt: skip
+
+
+@cache
+def foreign_whole() -> list[tuple[str, bytes, dict[str, str]]]:
+    """These files, made once; each is read before it is damaged."""
+    made = foreign_files()
+    for name, data, columns in made:
+        with file_of(data, name) as path:
+            (test,) = read_tests([path], WantedTests(columns, 0.5, dialect=Dialect(event_rows="skip")))
+            assert abs(np.nanmax(test.displacement_m) - 0.02) < 1e-4
+    return made
+
+
+def fuzz_foreign(source: random.Random) -> None:
+    """Files of other programs: refused in words, or read, whatever is damaged."""
+    name, data, columns = source.choice(foreign_whole())
+    said = Dialect(
+        event_rows=source.choice(("refuse", "skip", "split")), thousands=source.choice((None, "", ",", "'")),
+        sheet=source.choice((None, "all")),
+    )
+    with file_of(damaged(data, source), name) as path, contextlib.suppress(FileProblem), warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        for test in read_tests([path], WantedTests(columns, 0.5, dialect=said)):
+            assert len(test.time_s) == len(test.force_N) >= 16
+            assert np.all(np.diff(test.time_s) > 0.0)
+
+
 def hdf5_bytes() -> bytes:
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         path = Path(folder) / "p001.h5"
@@ -370,7 +463,7 @@ def _absurd(data: bytes, source: random.Random) -> bytes:
 TARGETS: dict[str, Callable[[random.Random], None]] = {
     "frame16": fuzz_frame16, "lines": fuzz_lines, "frames": fuzz_frames, "formats": fuzz_formats,
     "slcan": fuzz_slcan, "ecu": fuzz_ecu, "modbus": fuzz_modbus,
-    "bench": fuzz_bench, "matrix": fuzz_matrix, "csv": fuzz_csv, "hdf5": fuzz_hdf5,
+    "bench": fuzz_bench, "matrix": fuzz_matrix, "csv": fuzz_csv, "foreign": fuzz_foreign, "hdf5": fuzz_hdf5,
     "hdf5-structure": fuzz_hdf5_structure, "journal": fuzz_journal,
 }  # fmt: skip
 

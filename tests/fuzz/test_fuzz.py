@@ -12,7 +12,8 @@ FUZZ = Path(__file__).with_name("fuzz.py")
 
 
 TARGETS = (
-    "frame16", "lines", "slcan", "ecu", "modbus", "bench", "matrix", "csv", "hdf5", "hdf5-structure", "journal",
+    "frame16", "lines", "slcan", "ecu", "modbus", "bench", "matrix", "csv", "foreign", "hdf5", "hdf5-structure",
+    "journal",
 )
 
 

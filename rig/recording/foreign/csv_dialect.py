@@ -56,7 +56,7 @@ class CsvLayout:
 
     Attributes:
         sample: the first value of each column.
-        numeric: of each column, whether its first rows hold only numbers.
+        numeric: of each column, whether most of its first rows hold numbers.
         heading: cells of the line of names as they are in the file.
         units_heading: cells of the line of units.
     """
@@ -177,8 +177,10 @@ def layout_of(file: Path, text: str, encoding: str, said: Dialect) -> CsvLayout:
     names = named or [f"#{k + 1}" for k in range(count)]
     told = (_fitting(lines, units, separator, count, ()) or [""] * count) if units else [""] * count
     told = ["" if text in UNITLESS else text.strip("[]()").strip() for text in told]
-    numeric = [all(is_any_number(cells[k]) or is_stamp(cells[k]) or cells[k].lower() in NOTHING
-                   for cells in sample if k < len(cells)) for k in range(count)]  # fmt: skip
+    numeric = []
+    for k in range(count):
+        told_here = [cells[k] for cells in sample if k < len(cells) and cells[k].lower() not in NOTHING]
+        numeric.append(2 * sum(is_any_number(cell) or is_stamp(cell) for cell in told_here) > len(told_here))
     return CsvLayout(
         separator, decimal, thousands, encoding, header if named else 0, units, first + 1, tuple(names), tuple(told),
         tuple(next((cells[k] for cells in sample if k < len(cells) and cells[k].lower() not in NOTHING), "")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +46,7 @@ class TdmsFile(NoLines):
             raise FileProblem(str(file), [f"TDMS files need npTDMS: {EXTRA}"]) from error
         self._file, self.read_as = file, READ_AS
         try:
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), _logged() as remarks:
                 warnings.simplefilter("ignore")  # on what it leaves out
                 heads = Reader.read_metadata(stream(data))
                 check_size(file, sum(len(channel) for group in heads.groups() for channel in group.channels()))
@@ -55,6 +57,8 @@ class TdmsFile(NoLines):
             raise
         except Exception as error:
             raise FileProblem(str(file), unreadable(READ_AS, error)) from error
+        if remarks:
+            self.read_as = f"{READ_AS}, cut off or damaged: {remarks[0]}"
         self.columns: Sequence[ForeignColumn] = [
             ForeignColumn(channel.name, _unit(channel.properties), f"{channel.group_name}/{channel.name}",
                           self._unapplied(channel))
@@ -109,6 +113,24 @@ class TdmsFile(NoLines):
         if values.dtype.kind not in "fiub":
             raise FileProblem(str(self._file), [f"channel {self.columns[place].name!r} holds no numbers"])
         return values.astype(np.float64)
+
+
+@contextmanager
+def _logged() -> Iterator[list[str]]:
+    """What npTDMS logs meanwhile, kept off the screen: a file that was cut off is read as far as it goes."""
+    from nptdms.log import log_manager
+
+    remarks: list[str] = []
+
+    def keep(record: logging.LogRecord) -> bool:
+        remarks.append(record.getMessage().replace(";", ","))
+        return False
+
+    log_manager.console_handler.addFilter(keep)
+    try:
+        yield remarks
+    finally:
+        log_manager.console_handler.removeFilter(keep)
 
 
 def _unit(properties: Any) -> str:  # noqa: ANN401 - of a library without annotations
