@@ -9,6 +9,9 @@
      +-- RequestRefused    it said no
      |    +-- Busy         it said "later", again and again
      +-- WrongAnswer       what its protocol forbids
+     |    +-- OtherAnswer  intact, but the answer to something else
+     |    +-- DamagedAnswer  cut short, too long, with a wrong checksum
+     |    +-- LocalEcho    the host's own request
      +-- UnknownDevice     nobody here knows such a device
 
 Each is one condition; what to do about it is decided by class or `code`, never by the message.
@@ -80,6 +83,24 @@ class WrongAnswer(DriverError):
     """The device answered something its protocol forbids: wrong length, wrong unit, an echo that differs."""
 
     code = "wrong-answer"
+
+
+class OtherAnswer(WrongAnswer):
+    """An intact answer to something else: another unit, function, address, count or value."""
+
+    code = "other-answer"
+
+
+class DamagedAnswer(WrongAnswer):
+    """A frame that is cut short, too long, or has a wrong checksum."""
+
+    code = "damaged-answer"
+
+
+class LocalEcho(WrongAnswer):
+    """The line returns what the host sends: an RS-485 adapter hears itself."""
+
+    code = "local-echo"
 
 
 class Busy(RequestRefused):

@@ -131,10 +131,13 @@ class ModbusActuator:
     def read_identity(self) -> ActuatorIdentity:
         """Who the controller is; proves word order, number format and layout by what its map says it must show.
 
+        Until the first status after it, a block that cannot be read is looked into part by part.
+
         Raises:
-            WrongLayout: it shows something else.
+            WrongLayout: it shows something else, or has no such registers.
             DriverError: the controller cannot be read.
         """
+        self._access.explains = not self._values
         answers = [(read, self._access.words(read)) for read in self._map.identity_reads]
         try:
             values = {name: value for read, words in answers for name, value in read.decode(words).items()}
@@ -367,6 +370,7 @@ class ModbusActuator:
             # What changed between two requests of a poll is only half seen.
             values = self._access.read(self._map.status_reads, "status")
         received_ns = time.monotonic_ns()
+        self._access.explains = False
         values |= self._host.unwrapped(values)
         self._values = values
         self._writes.seen(self._state, values)

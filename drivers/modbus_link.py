@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from drivers.connection import ActuatorAddress, LinkKind
-from drivers.errors import Busy, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer
+from drivers.errors import Busy, LinkLost, NoAnswer, OtherAnswer, PortClosed, RequestRefused, WrongAnswer
 from drivers.modbus_wire import RtuWire, TcpWire, Wire
 from protocols import modbus
 from protocols.errors import RemoteProtocolError
@@ -180,7 +180,7 @@ class ModbusLink:
             LinkLost: not connected, or the connection broke.
             Busy: still busy after the bounded retries.
             RequestRefused: another exception.
-            WrongAnswer: not an answer to this request.
+            OtherAnswer: not an answer to this request.
         """
         code = 0
         for attempt in range(BUSY_RETRIES + 1):
@@ -193,7 +193,7 @@ class ModbusLink:
                     # What follows in the stream cannot be trusted either.
                     if self._wire is not None:
                         self._wire.drain()
-                    raise WrongAnswer(self.device, self.url, f"function {request[0]}: {error}") from error
+                    raise OtherAnswer(self.device, self.url, f"function {request[0]}: {error}") from error
             code = refusal
             if code != modbus.BUSY or attempt == BUSY_RETRIES:
                 break

@@ -16,7 +16,7 @@ import time
 from typing import Protocol
 
 from drivers.connection import ActuatorAddress
-from drivers.errors import LinkLost, NoAnswer, PortClosed, WrongAnswer
+from drivers.errors import DamagedAnswer, LinkLost, LocalEcho, NoAnswer, OtherAnswer, PortClosed
 from drivers.serial_port import SerialPort
 from protocols import modbus
 from protocols.errors import RemoteProtocolError
@@ -25,6 +25,8 @@ READ_SIZE = 4096
 TRANSACTIONS = 1 << 16
 EARLIER = 4
 """So many requests back an answer may belong to one that was given up."""
+ECHO = "the line returns what is sent (local echo): the adapter hears its own requests"
+ECHO_FIX = "switch the echo off at the RS-485 adapter (2-wire mode, receiver disabled while it sends)"
 QUIET_S = 0.005
 """Silence that ends whatever a serial line was sending: more than 3.5 characters at any baud rate in use."""
 
@@ -105,7 +107,7 @@ class TcpWire:
             NoAnswer: none with this request's number came in time, or one with a number that was never asked for: the
                 connection answers one request at a time, so it was meant to be this one's.
             LinkLost: the connection broke or is not open.
-            WrongAnswer: what came is not Modbus, or is from another unit.
+            OtherAnswer: what came is not Modbus, or is from another unit.
         """
         connection = self._socket
         if connection is None:
@@ -128,7 +130,7 @@ class TcpWire:
         except RemoteProtocolError as error:
             # Where the next frame begins is not known any more.
             self.close()
-            raise WrongAnswer(self.device, self.url, str(error)) from error
+            raise OtherAnswer(self.device, self.url, str(error)) from error
         if answer is None:
             raise NoAnswer(self.device, self.url, silence)
         return answer
@@ -153,7 +155,7 @@ class TcpWire:
         Raises:
             RemoteProtocolError: not Modbus.
             NoAnswer: a number that was not asked for lately.
-            WrongAnswer: another unit's.
+            OtherAnswer: another unit's.
         """
         while (frame := self._frames.next()) is not None:
             transaction, unit, pdu = frame
@@ -164,7 +166,7 @@ class TcpWire:
                     raise NoAnswer(self.device, self.url, text)
                 continue
             if unit != self._unit:
-                raise WrongAnswer(self.device, self.url, f"asked unit {self._unit}, unit {unit} answers")
+                raise OtherAnswer(self.device, self.url, f"asked unit {self._unit}, unit {unit} answers")
             return pdu
         return None
 
@@ -223,14 +225,17 @@ class RtuWire:
         Raises:
             NoAnswer: no whole answer in time.
             LinkLost: the port is gone or not open.
-            WrongAnswer: a frame that is damaged, from another unit, or not an answer to this function.
+            LocalEcho: the line returns what was sent.
+            OtherAnswer: from another unit.
+            DamagedAnswer: a frame that is damaged, or not an answer to this function.
         """
         if not self._port.is_open:
             raise LinkLost(self.device, self.url, "not connected")
         try:
             self.stale += self._port.discard_input() > 0
-            self._port.write(modbus.encode_rtu(self._unit, pdu))
-            frame = self._frame(pdu, time.monotonic() + timeout_s)
+            sent = modbus.encode_rtu(self._unit, pdu)
+            self._port.write(sent)
+            frame = self._frame(pdu, sent, time.monotonic() + timeout_s)
             if not frame:
                 self.stale += self._listen(timeout_s) > 0
                 raise NoAnswer(self.device, self.url, f"no answer within {timeout_s * 1e3:g} ms")
@@ -240,26 +245,32 @@ class RtuWire:
             raise LinkLost(self.device, self.url, f"the port is gone: {error}") from error
         except RemoteProtocolError as error:
             self.drain()
-            raise WrongAnswer(self.device, self.url, str(error)) from error
+            raise DamagedAnswer(self.device, self.url, str(error)) from error
         if unit != self._unit:
-            raise WrongAnswer(self.device, self.url, f"asked unit {self._unit}, unit {unit} answers")
+            raise OtherAnswer(self.device, self.url, f"asked unit {self._unit}, unit {unit} answers")
         return answer
 
     def drain(self) -> int:
         """Throw away what comes until the line is silent."""
         return self._listen(QUIET_S) if self._port.is_open else 0
 
-    def _frame(self, request: bytes, deadline: float) -> bytes:
+    def _frame(self, request: bytes, sent: bytes, deadline: float) -> bytes:
         """The bytes of one whole answer; empty when the line stayed silent until the deadline.
 
+        The answer to a write of one register or coil is the request itself: there an echo shows by a second copy.
+
         Raises:
+            LocalEcho: the line returns what was sent.
             RemoteProtocolError: not an answer to this request, cut short, or with bytes behind it.
             PortClosed: the port is gone.
         """
-        held = b""
+        held, echoes = b"", request[0] in modbus.ECHOING
         while True:
+            if held.startswith(sent * 2 if echoes else sent):
+                self.drain()
+                raise LocalEcho(self.device, self.url, ECHO, ECHO_FIX)
             size = modbus.rtu_answer_size(held, request)
-            if size is not None and len(held) >= size:
+            if size is not None and len(held) >= size and not (len(held) < len(sent) and sent.startswith(held)):
                 break
             data, _ = self._port.read_available(max(0.0, deadline - time.monotonic()))
             held += data

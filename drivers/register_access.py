@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from drivers.errors import NoAnswer, WrongAnswer
+from drivers.errors import Busy, NoAnswer, OtherAnswer, RequestRefused, WrongAnswer
 from drivers.modbus_link import READ_RETRIES, ModbusLink
 from drivers.register_maps.access_plan import Read, Rules, Written, reads
 from drivers.register_maps.condition import Values
 from drivers.register_maps.quantity import HOLDING, Quantity, Value
+from drivers.unreadable import READ_FUNCTIONS, explained
 from protocols.errors import RemoteProtocolError
 
-READ_FUNCTIONS = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
 WRITE_REGISTERS = 16
 
 
@@ -22,12 +22,17 @@ class RegisterAccess:
         link: the connection.
         rules: what may be read together.
         together: function 23 may be used.
+
+    Attributes:
+        explains: a block that was never read, and cannot be, is looked into part by part: while a device is connected.
     """
 
     def __init__(self, link: ModbusLink, rules: Rules, *, together: bool) -> None:
         self._link = link
         self._rules = rules
         self._together = together
+        self.explains = False
+        self._known: set[tuple[str, int, int]] = set()
 
     def read(
         self, wanted: Sequence[Read], name: str, requests: Sequence[Written] = (), *, once: bool = False
@@ -65,13 +70,25 @@ class RegisterAccess:
         """The words of one read, with a write in the same trip where one is given.
 
         Raises:
+            RequestRefused: the controller does not give it.
+            NoAnswer: no answer.
+            OtherAnswer: the answer is one to something else.
+            explained: what was found instead of these three (`WrongLayout`).
             DriverError: the controller cannot be reached.
         """
-        if request is not None:
-            return self._link.exchange(
-                read.address, read.count, request.address, request.words, retries=retries
-            )
-        return self._link.read(read.address, read.count, READ_FUNCTIONS[read.space])
+        key = read.space, read.address, read.count
+        try:
+            if request is not None:
+                return self._link.exchange(
+                    read.address, read.count, request.address, request.words, retries=retries
+                )
+            words = self._link.read(read.address, read.count, READ_FUNCTIONS[read.space])
+        except (RequestRefused, NoAnswer, OtherAnswer) as error:
+            if not self.explains or key in self._known or isinstance(error, Busy) or request is not None:
+                raise
+            raise explained(self._link, read, self._rules, error, heard=bool(self._known)) from error
+        self._known.add(key)
+        return words
 
     def show(self, quantities: frozenset[Quantity]) -> Values:
         """What the device shows now of these (SI).

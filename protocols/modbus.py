@@ -34,6 +34,8 @@ from protocols.errors import RemoteProtocolError
 READ_COILS, READ_DISCRETE, READ, READ_INPUT = 1, 2, 3, 4
 WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE, EXCHANGE = 5, 6, 15, 16, 23
 WRITES = frozenset({WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE})
+ECHOING = frozenset({WRITE_COIL, WRITE_REGISTER})
+"""Functions whose answer repeats the request."""
 BIT_READS = frozenset({READ_COILS, READ_DISCRETE})
 BUSY = 6
 EXCEPTION_BIT = 0x80
@@ -42,6 +44,7 @@ EXCEPTION_NAMES = {
     5: "acknowledge", 6: "busy", 10: "gateway path unavailable", 11: "gateway target silent",
 }
 LONGEST_PDU = 253
+_COIL_VALUES = {b"\xff\x00": "1", b"\x00\x00": "0"}
 _ANSWERS = DecodePDU(is_server=False)
 _TCP = FramerSocket(_ANSWERS)
 _RTU = FramerRTU(_ANSWERS)
@@ -126,8 +129,14 @@ def check_written(request: bytes, answer: bytes) -> None:
     """
     _check_function(request, answer)
     if answer != request[:5]:
-        wrote, named = request[1:5].hex(), answer[1:].hex()
-        raise RemoteProtocolError(f"wrote address and count {wrote}, the answer names {named or 'nothing'}")
+        if request[0] in ECHOING and len(answer) == len(request) and answer[:3] == request[:3]:
+            coil = request[0] == WRITE_COIL
+            wrote, named = (_COIL_VALUES.get(one[3:5], one[3:5].hex()) if coil else str(int.from_bytes(one[3:5], "big"))
+                            for one in (request, answer))
+            at = f"{'coil' if coil else 'register'} {int.from_bytes(request[1:3], 'big')}"
+            raise RemoteProtocolError(f"wrote {wrote} to {at}, the answer says {named}: the value was not taken")
+        wrote_at, named_at = request[1:5].hex(), answer[1:].hex()
+        raise RemoteProtocolError(f"wrote address and count {wrote_at}, the answer names {named_at or 'nothing'}")
 
 
 def _check_function(request: bytes, answer: bytes) -> None:

@@ -23,11 +23,17 @@ class Rules:
         largest_gap: so many registers that nobody asked for may be read with others.
         largest_read: registers of one request.
         unreadable: first and last address of holding and of input registers that must not be read.
+        first: what the file calls the first register or coil of a space, for messages; 0 where a space is not in it.
     """
 
     largest_gap: int = 8
     largest_read: int = 125
     unreadable: tuple[tuple[int, int], ...] = ()
+    first: tuple[tuple[str, int], ...] = ()
+
+    def first_of(self, space: str) -> int:
+        """What the file calls the first register or coil of a space."""
+        return dict(self.first).get(space, 0)
 
     def may_bridge(self, first: int, last: int) -> bool:
         """Whether the registers first..last, which nobody asked for, may be read."""

@@ -86,7 +86,8 @@ def read_modbus(table: Table) -> Modbus:
         table.text("word_order", "big", ORDERS), table.text("byte_order", "big", ORDERS),
         table.text("function", HOLDING, SPACES), starts,
         _function(table, "write_function", 16, (6, 16)), _function(table, "coil_function", 5, (5, 15)),
-        Rules(table.whole("largest_gap", 8, 0, 124) or 0, table.whole("largest_read", 125, 1, 125) or 125, unreadable),
+        Rules(table.whole("largest_gap", 8, 0, 124) or 0, table.whole("largest_read", 125, 1, 125) or 125, unreadable,
+              tuple(starts.items())),
         table.truth("read_while_writing", default=False),
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.register_maps.map_file import controller
-from drivers.roles import ActuatorLimits, ActuatorStatus
+from drivers.roles import ActuatorLimits, ActuatorStatus, Pressure
 from protocols.errors import LocalProtocolError, RemoteProtocolError
 from simulators import controller_firmware as actuator
 from simulators.controller_firmware import decode_identity, decode_limits, encode_limits
@@ -32,7 +32,8 @@ def decode_status(registers: list[int], received_ns: int) -> ActuatorStatus:
 def test_golden_status_words_decode() -> None:
     assert GOLDEN["status_address"] == actuator.STATUS.address
     status = decode_status(words(GOLDEN["status_words"]), received_ns=5_000_000)
-    assert status._asdict() == pytest.approx({"received_ns": 5_000_000, **GOLDEN["status"]}, rel=1e-7)
+    expected = {"received_ns": 5_000_000, **GOLDEN["status"], "stated_pressure": Pressure.ON}
+    assert status._asdict() == pytest.approx(expected, rel=1e-7)
 
 
 def test_a_status_acknowledges_a_command_by_its_number_and_its_kind() -> None:

@@ -5,7 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.connection import LinkKind
-from drivers.errors import Busy, DriverError, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer
+from drivers.errors import (
+    Busy,
+    DriverError,
+    LinkLost,
+    NoAnswer,
+    OtherAnswer,
+    PortClosed,
+    RequestRefused,
+    WrongAnswer,
+)
 from drivers.roles import ActuatorStatus, CountingLink
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 from rig.station.safe_stop import StopAction
@@ -23,6 +32,8 @@ def link_slug(error: DriverError, kind: LinkKind) -> str:
     """
     if isinstance(error, RequestRefused):
         return "modbus-busy" if isinstance(error, Busy) else "modbus-reject"
+    if isinstance(error, OtherAnswer):
+        return "modbus-mismatch"
     if isinstance(error, WrongAnswer):
         return "rtu-crc" if kind is LinkKind.MODBUS_RTU else "modbus-mismatch"
     if isinstance(error, NoAnswer):

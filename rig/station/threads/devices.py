@@ -16,7 +16,18 @@ from drivers.catalogue import (
 )
 from drivers.connection import ActuatorConnection, CanAddress, MotionTerms
 from drivers.current_source import CurrentSource
-from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
+from drivers.errors import (
+    Busy,
+    DamagedAnswer,
+    DriverError,
+    LocalEcho,
+    NoAnswer,
+    OtherAnswer,
+    RequestRefused,
+    WrongAnswer,
+    WrongIdentity,
+    WrongLayout,
+)
 from drivers.ring import Channel, Record
 from drivers.roles import Sensor
 from drivers.sample_stream import SampleScale
@@ -131,7 +142,7 @@ class Devices:
         problems = list(self.open_each().values())
         if problems:
             self.close()
-            raise StationRefused(slug_of(problems[0]), "\n".join(str(error) for error in problems))
+            raise StationRefused(slug_of(problems[0]), "\n".join(map(with_fix, problems)))
 
     def open_each(self) -> dict[str, DriverError | ProtocolError]:
         """Open every port that can be opened; why the others cannot, by the device's name."""
@@ -180,17 +191,24 @@ def scale_of(given: SensorConfig, device_rate: float) -> SampleScale:
     return SampleScale(given.sensitivity, given.offset, given.rate_Hz, device_rate)
 
 
+REFUSALS: tuple[tuple[type[Exception], str], ...] = (
+    (WrongLayout, "register-layout"), (WrongIdentity, "wrong-identity"), (NoAnswer, "no-answer"),
+    (LocalEcho, "rtu-echo"), (OtherAnswer, "modbus-mismatch"), (DamagedAnswer, "rtu-crc"),
+    (WrongAnswer, "register-layout"), (ProtocolError, "register-layout"), (Busy, "modbus-busy"),
+    (RequestRefused, "modbus-reject"),
+)  # fmt: skip
+"""By what a driver raises at connect; the first that fits."""
+
+
+def with_fix(error: Exception) -> str:
+    """What went wrong, and what would correct it where the driver knows."""
+    fix = error.fix if isinstance(error, DriverError) else ""
+    return f"{error}. Fix: {fix}" if fix else str(error)
+
+
 def slug_of(error: Exception) -> str:
     """The refusal's slug for what a driver raised at connect."""
-    if isinstance(error, WrongLayout):
-        return "register-layout"
-    if isinstance(error, WrongIdentity):
-        return "wrong-identity"
-    if isinstance(error, NoAnswer):
-        return "no-answer"
-    if isinstance(error, (WrongAnswer, ProtocolError)):
-        return "register-layout"
-    return "unreachable"
+    return next((slug for kind, slug in REFUSALS if isinstance(error, kind)), "unreachable")
 
 
 def _current_source(given: EcuConfig) -> CurrentSource:
