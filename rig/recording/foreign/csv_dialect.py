@@ -56,7 +56,7 @@ class CsvLayout:
 
     Attributes:
         sample: the first value of each column.
-        numeric: of each column, whether most of its first rows hold numbers.
+        numeric: of each column, whether most of its first cells are numbers; true of an empty one.
         heading: cells of the line of names as they are in the file.
         units_heading: cells of the line of units.
     """
@@ -180,7 +180,7 @@ def layout_of(file: Path, text: str, encoding: str, said: Dialect) -> CsvLayout:
     numeric = []
     for k in range(count):
         told_here = [cells[k] for cells in sample if k < len(cells) and cells[k].lower() not in NOTHING]
-        numeric.append(2 * sum(is_any_number(cell) or is_stamp(cell) for cell in told_here) > len(told_here))
+        numeric.append(2 * sum(is_any_number(cell) or is_stamp(cell) for cell in told_here) >= len(told_here))
     return CsvLayout(
         separator, decimal, thousands, encoding, header if named else 0, units, first + 1, tuple(names), tuple(told),
         tuple(next((cells[k] for cells in sample if k < len(cells) and cells[k].lower() not in NOTHING), "")
