@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.options import Command, json_option
+from rig.cli.options import Command, RunPath, json_option
 from rig.cli.output import console, on_a4, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
         "rig compare logs/BEFORE logs/AFTER --bands examples/acceptance-bands.toml --out comparison.html --pdf",
     ),
 )
-@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
+@click.argument("runs", nargs=-1, required=True, type=RunPath(), metavar="RUN...")
 @click.option(
     "--bands", type=click.Path(path_type=Path),
     help="Acceptance bands file: every value passes or fails, with its margin; exit 8 where one does not pass.",

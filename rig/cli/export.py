@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from rig.cli.options import Command, json_option
+from rig.cli.options import Command, RunPath, json_option
 from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE
 
@@ -19,7 +19,7 @@ from rig.errors import EXIT_DONE
         "rig export logs/20260102T030405Z-MR-001-ab12cd/fit.json --to c --out my-simulation",
     ),
 )
-@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("source", type=RunPath())
 @click.option(
     "--to", "name", required=True, metavar="NAME",
     help="Format: csv, parquet, mat, mf4, netcdf (of a run); json, c, fmi, modelica, octave, python, table, inverse ("

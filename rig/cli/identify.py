@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rig.cli.options import Command, MethodName, json_option, scheduler_option
+from rig.cli.options import Command, MethodName, RunPath, json_option, scheduler_option
 from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, TEMPERATURE_LAWS
@@ -38,7 +38,7 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
         "rig identify RUN --method c_foa --bounds wide --budget 16000",
     ),
 )
-@click.argument("runs", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.argument("runs", type=RunPath(), nargs=-1, required=True)
 @click.option(
     "--model",
     help="Damper model; `few` to compare five, `all` every one.  [default: few; asymmetric with an option that goes "

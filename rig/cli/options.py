@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,10 @@ from rig.matrix.methods import METHODS, check_method, method_names
 WORD = re.compile(r"(?:--?[\w-]+ (?!-))?(?:[^\s']|'[^']*')+")
 """Of a command; an option and its value are one."""
 ON = " \\"
+LOGS = Path("logs")
+"""Where runs are made unless `--out` says otherwise."""
+LAST = re.compile(r"last(?:-([1-9]\d{0,5}))?")
+FROM_END = re.compile(r"-[1-9]\d{0,5}")
 
 
 class QuantityOption(click.ParamType[float]):
@@ -46,8 +51,46 @@ class MethodName(click.ParamType[str]):
         return value
 
 
+class RunPath(click.ParamType[Path]):
+    """A run: its directory, or a short form for one in `logs/`: `last`, `-1` (the same), `-2`, part of its name."""
+
+    name = "run"
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The path as given where it exists or names a folder, else the run in `logs/` that is meant."""
+        path, text = Path(value), str(value)
+        if path.exists() or path.is_symlink() or os.sep in text:
+            return path
+        from rig.recording.run_index import by_age  # here: `rig --help` has no use for it
+
+        names = by_age(LOGS)
+        if count := LAST.fullmatch(text):
+            back = int(count[1] or 1)
+            if back > len(names):
+                self.fail(f"{text}: {LOGS}/ holds {len(names)} run(s); `rig runs` lists them", param, ctx)
+            return LOGS / names[-back]
+        found = [name for name in names if text in name]
+        if len(found) > 1:
+            listed = ", ".join(found[-5:])
+            self.fail(f"{text!r} is part of {len(found)} run names in {LOGS}/: {listed}; give more of it", param, ctx)
+        return LOGS / found[0] if found else path
+
+
 class Command(click.Command):
     """A command whose help ends with examples, printed as they are typed."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the arguments; `-1` in a run's place is a run and not an option."""
+        options = {name: param for param in self.params if isinstance(param, click.Option) for name in param.opts}
+        takes_run = any(isinstance(param.type, RunPath) for param in self.params if isinstance(param, click.Argument))
+        for at, text in enumerate(args):
+            if text == "--":
+                break
+            before = options.get(args[at - 1]) if at else None
+            valued = before is not None and not before.is_flag
+            if FROM_END.fullmatch(text) and (isinstance(before.type, RunPath) if before and valued else takes_run):
+                args[at] = f"last{text}"
+        return super().parse_args(ctx, args)
 
     def __init__(self, *args: Any, examples: tuple[str, ...] = (), **kwargs: Any) -> None:  # noqa: ANN401 - click's own
         super().__init__(*args, **kwargs)
@@ -91,8 +134,8 @@ scheduler_option = click.option(
 out_option = click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
-    default=Path("logs"),
+    default=LOGS,
     show_default=True,
     help="Folder in which the run directory is created.",
 )
-run_argument = click.argument("run", type=click.Path(path_type=Path))
+run_argument = click.argument("run", type=RunPath())

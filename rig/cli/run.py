@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.options import Command, json_option, out_option
+from rig.cli.options import Command, RunPath, json_option, out_option
 from rig.cli.output import console, write_json
 from rig.cli.page import live_link, page_options, page_settings
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 )
 @click.option("--seed", type=click.IntRange(0), help="Seed of the simulated rig (with --simulate; default 0).")
 @click.option(
-    "--resume", type=click.Path(path_type=Path), metavar="RUN",
+    "--resume", type=RunPath(), metavar="RUN",
     help="Continue the campaign in directory RUN; valid points are kept.",
 )
 @click.option(

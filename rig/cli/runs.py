@@ -8,12 +8,14 @@ from typing import Any
 
 import click
 
-from rig.cli.options import Command, json_option
+from rig.cli.options import LOGS, Command, json_option
 from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE, FileProblem
 from rig.recording.run_index import VERDICTS, RunFilter, listed
 from rig.text_file import read_json
 
+WIDE = 110
+"""Columns from which specimen and date, which are part of most names, have columns of their own."""
 MOST_SHOWN = 200
 """Rows of the table; the last ones."""
 
@@ -23,7 +25,7 @@ MOST_SHOWN = 200
     examples=("rig runs", "rig runs --in /data/dampers --specimen 'MR-0*' --date 2026-11 --verdict valid --json"),
 )
 @click.option(
-    "--in", "folder", type=click.Path(path_type=Path), default=Path("logs"), show_default=True,
+    "--in", "folder", type=click.Path(path_type=Path), default=LOGS, show_default=True,
     help="Folder with the runs.",
 )
 @click.option("--specimen", metavar="TEXT", help="Only of this specimen; a pattern with * and ? for several.")
@@ -68,18 +70,26 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
     if not runs:
         shown.print(f"no such runs in {folder}", markup=False)
         return
+    wide, unfinished = shown.width >= WIDE, any(run["unfinished"] for run in runs)
     table = Table()
-    numbers = ("points", "valid", "to recover", "fit: error % of peak")
-    for name in ("run", "specimen", "started", "verdict", *numbers, "remark"):
-        right = name in numbers
-        table.add_column(name, justify="right" if right else "left", overflow="fold")
+    table.add_column("run", no_wrap=True, overflow="ignore", min_width=max(len(run["id"]) for run in runs))
+    for name in (("specimen", "started") if wide else ()):
+        table.add_column(name, overflow="fold")
+    table.add_column("verdict", min_width=len("suspect"))
+    table.add_column("valid", justify="right", no_wrap=True)
+    if unfinished:
+        table.add_column("to recover", justify="right")
+    table.add_column("fit: error % of peak", justify="right", overflow="fold")
     for run in runs:
         error = run["nrmse_percent_of_peak"]
-        table.add_row(
-            run["id"], run["specimen"], run["started"][:10], run["verdict"], str(run["points"]), str(run["valid"]),
-            str(run["unfinished"]), "-" if error is None else f"{run['model']} {error:.3g}", run["remark"],
-        )  # fmt: skip
+        cells = [run["id"], *((run["specimen"], run["started"][:10]) if wide else ()), run["verdict"]]
+        cells += [f"{run['valid']}/{run['points']}", *([str(run["unfinished"])] if unfinished else [])]
+        table.add_row(*cells, "-" if error is None else f"{run['model']} {error:.3g}")
     shown.print(table)
+    for run in runs:
+        if run["remark"]:
+            shown.print(f"{run['id']}: {run['remark']}", markup=False, soft_wrap=True)
+    shown.print("give a command a name, a part of one, `last` or -1, -2 ...: rig report last", markup=False)
     if len(runs) == MOST_SHOWN:
         shown.print(f"the last {MOST_SHOWN}; filters or --json show others", markup=False)
 
