@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 EXIT_DONE = 0
+EXIT_DEFECT = 1
+"""An error that no code expected: of this program, not of its user."""
 EXIT_USAGE = 2
 EXIT_REFUSED = 3
 EXIT_STOPPED = 4

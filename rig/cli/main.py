@@ -6,6 +6,8 @@ import contextlib
 import importlib
 import os
 import sys
+import tempfile
+import traceback
 from collections.abc import Sequence
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -15,7 +17,15 @@ import click
 from rig import __version__
 from rig.cli.options import write_examples
 from rig.cli.output import say, take_every_character, write_json
-from rig.errors import EXIT_DONE, EXIT_STOPPED, EXIT_USAGE, FileProblem, RigError
+from rig.errors import (
+    EXIT_DEFECT,
+    EXIT_DONE,
+    EXIT_STOPPED,
+    EXIT_UNKNOWN_STATE,
+    EXIT_USAGE,
+    FileProblem,
+    RigError,
+)
 
 OPERATOR_STOP = "sigint"
 
@@ -54,6 +64,7 @@ EXAMPLES = (
 
 EXIT_CODES = (
     ("0", "done"),
+    ("1", "defect of this program; the message names a file to report it with"),
     ("2", "bad usage or file"),
     ("3", "refused before motion"),
     ("4", "stopped by a fault or the operator; the rig is safe"),
@@ -63,6 +74,8 @@ EXIT_CODES = (
     ("8", "not within the acceptance bands"),
 )
 
+MOVING = frozenset({"run", "demo", "hybrid"})
+"""Commands after which a rig may have moved."""
 PACKAGES = ("drivers", "protocols", "simulators")
 """What lies beside `rig`: names that other projects use, too."""
 
@@ -136,6 +149,24 @@ def answered(command: click.Command, arguments: Sequence[str], name: str) -> int
         said = str(stop.__cause__) if isinstance(stop.__cause__, KeyboardInterrupt) else ""  # click passes it on so
         text = f"stopped by operator: {said}" if said else "stopped by operator"
         return _ended(f"rig: {text}", {"error": text, "slug": OPERATOR_STOP}, EXIT_STOPPED, as_json=as_json)
+    except Exception as error:  # noqa: BLE001 - a traceback helps its reader only; it goes into a file for them
+        text = _defect(error)
+        moves = not MOVING.isdisjoint(arguments[:1])
+        text += "; the state of the rig is not known: inspect the rig before continuing" if moves else ""
+        answer = {"error": text, "slug": "defect"}
+        return _ended(f"rig: {text}", answer, EXIT_UNKNOWN_STATE if moves else EXIT_DEFECT, as_json=as_json)
+
+
+def _defect(error: Exception) -> str:
+    """What is said of an error that no code expected; its traceback goes into a file in the temporary folder."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    text = f"unexpected {type(error).__name__} in {Path(last.filename).name}, line {last.lineno}: {error}. "
+    try:
+        with tempfile.NamedTemporaryFile("w", prefix="mr-damper-rig-", suffix=".txt", delete=False) as file:
+            file.write(f"rig {__version__}, {' '.join(sys.argv)}\n{''.join(traceback.format_exception(error))}")
+    except OSError:
+        return f"{text}This is a defect of this program: please report it with the command and its files"
+    return f"{text}This is a defect of this program: please report it with {file.name}"
 
 
 def _ended(text: str, answer: dict[str, object], code: int, *, as_json: bool) -> int:
@@ -176,6 +207,7 @@ def foreign_packages(search: list[str] | None = None) -> str | None:
 
 def run() -> None:
     """Console entry: `rig ...`."""
+    open_standard_streams()
     # Our matrices are small: a second thread of the library waits for them busily, beside a rig that has to be watched.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if problem := foreign_packages():
@@ -185,6 +217,21 @@ def run() -> None:
     code = main(sys.argv[1:])
     _let_go_of_the_terminal()
     sys.exit(code)
+
+
+def open_standard_streams() -> None:
+    """Put /dev/null in place of standard streams that the caller has closed.
+
+    Else the next file opened would get the descriptor of one, and what is meant for the terminal would go into it.
+    """
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        try:
+            os.fstat(number)
+        except OSError:
+            # The lowest free descriptor is the one that was closed: those below it are open.
+            os.open(os.devnull, os.O_RDONLY if mode == "r" else os.O_WRONLY)
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115 - for the process
 
 
 def _let_go_of_the_terminal() -> None:

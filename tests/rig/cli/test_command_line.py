@@ -11,10 +11,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 from in_process import rig, rig_process
 
-from rig.cli.main import COMMANDS, foreign_packages
+from rig.cli.main import COMMANDS, answered, foreign_packages
+from rig.errors import EXIT_DEFECT
 
 ROOT = Path(__file__).parents[3]
 EXAMPLES = ROOT / "examples"
@@ -224,3 +226,29 @@ def test_arguments_the_simulated_rig_does_not_take_are_bad_usage(tmp_path: Path)
     result = rig_process("run", quick, "--simulate", "--json", "--out", str(tmp_path), "--", "--fault", "x")
     assert result.returncode == 2
     assert "'x' is not in the fault matrix" in one_object(result)["error"]
+
+
+@pytest.mark.parametrize("closed", [(0,), (1,), (2,), (0, 1, 2)])
+def test_closed_standard_streams_change_no_exit_code_and_no_file(tmp_path: Path, closed: tuple[int, ...]) -> None:
+    """A descriptor that the caller closed would be given to the first file that is opened."""
+    script = "; ".join([
+        "import os, sys", *(f"os.close({number})" for number in closed),
+        f"os.execv({sys.executable!r}, [{sys.executable!r}, '-m', 'rig.cli.main', 'explain', 'host-late'])",
+    ])
+    ended = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0
+    assert ended.stderr == ""
+    assert bool(ended.stdout) is (1 not in closed)
+
+
+def test_a_defect_ends_in_one_line_and_a_file(capsys: pytest.CaptureFixture[str]) -> None:
+    @click.command()
+    def broken() -> None:
+        raise ZeroDivisionError("a defect")
+
+    assert answered(broken, [], "broken") == EXIT_DEFECT
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    written = Path(said.split()[-1])
+    assert "ZeroDivisionError: a defect" in written.read_text(encoding="utf-8")
+    written.unlink()
