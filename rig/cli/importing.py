@@ -201,11 +201,12 @@ def _tell_how_read(tests: Sequence[ImportedTest]) -> None:
     """One line for each way in which files were read, with the files, and under it the columns."""
     from rig.recording.foreign_tests import named_files
 
-    alike: dict[str, list[Path]] = {}
+    alike: dict[str, dict[Path, None]] = {}
     for test in tests:
-        alike.setdefault(test.read_as, []).append(test.source)
+        alike.setdefault(test.read_as, {})[test.source] = None
+    count = len({test.source for test in tests})
     for read_as, files in alike.items():
-        where = f"all {len(files)} files" if len(files) == len(tests) > 1 else named_files(files)
+        where = f"all {count} files" if len(files) == count > 1 else named_files([*files])
         dialect, *columns = read_as.split("; ")
         console().print("\n  ".join((f"{where}: {dialect}", *columns)), markup=False, soft_wrap=True)
 

@@ -82,8 +82,11 @@ class CsvFile:
     @property
     def read_as(self) -> str:
         """See `ForeignFile.read_as`."""
-        midnight = f", times of day pass midnight {self._midnights} x" if self._midnights else ""
-        return f"CSV, {self._layout.told}{midnight}"
+        return f"CSV, {self._layout.told}{self._midnight}"
+
+    @property
+    def _midnight(self) -> str:
+        return f", times of day pass midnight {self._midnights} x" if self._midnights else ""
 
     def row_name(self, row: int) -> str:
         """See `ForeignFile.row_name`."""

@@ -92,7 +92,7 @@ class SheetFile(CsvFile):
         layout, rows = self.layout, f"numbers from row {self.layout.first_line}"
         names = f"names in row {layout.header_line}" if layout.header_line else "no names"
         units = [f"units in row {layout.units_line}"] if layout.units_line else []
-        return ", ".join((f"Excel workbook, sheet {self._sheet!r}", names, *units, rows))
+        return ", ".join((f"Excel workbook, sheet {self._sheet!r}", names, *units, rows)) + self._midnight
 
 
 def _dialect(said: Dialect) -> Dialect:
