@@ -97,6 +97,7 @@ class CanCurrentSource:
         self._device_us = NO_DEVICE_TIME
         self._reported: tuple[int, int] | None = None
         self._at_ns = 0
+        self._current_heard = False
 
     @property
     def timing(self) -> SourceTiming:
@@ -135,6 +136,11 @@ class CanCurrentSource:
         """Set-point of the command frames, A; 0 while they ask for the output stage to be off."""
         current_A, enable, _ = self._wanted
         return current_A if enable else 0.0
+
+    @property
+    def waits_for_state(self) -> bool:
+        """Its current is heard, but never yet its state or faults, which come in slower messages."""
+        return self._current_heard and self.status is None
 
     @property
     def bus_errors(self) -> int:
@@ -315,6 +321,7 @@ class CanCurrentSource:
 
     def _take_status(self, batch: SourceBatch, step: int) -> None:
         """Record one status, unless what it is told beside by other messages has become too old."""
+        self._current_heard = True
         if not self._checks.complete(batch.arrival_ns):
             return
         described, values, roles = self._description, self._values, self._roles

@@ -88,6 +88,8 @@ class ActuatorThread(DeviceThread):
         self._linked = True
         self._troubles = LinkFaults(driver)
         self._feed_ns = 0
+        self._busy = False
+        self._worked_ns = 0
         self._settings: tuple[int, int] | None = None
         self._sent: SentStop | None = None
         self._records = StatusRecords()
@@ -238,9 +240,19 @@ class ActuatorThread(DeviceThread):
         status = self.fresh_status(monotonic_ns())
         return None if status is None else status.pressure.name.lower()
 
+    def start(self) -> None:
+        """Start the thread; its silence counts from now."""
+        self._last_ns = monotonic_ns()
+        super().start()
+
     def silent_ns(self, now_ns: int) -> tuple[int, int]:
-        """Age of the last status, and the age at which it is stale (ns)."""
-        return now_ns - self._last_ns, self._stale_ns
+        """Age of the last status, and the age at which it is stale (ns).
+
+        While nothing may move a request may keep the polls waiting: its own errors tell of a controller that is silent.
+        """
+        if self._supervisor.may_move:
+            return now_ns - self._last_ns, self._stale_ns
+        return 0 if self._busy else now_ns - max(self._last_ns, self._worked_ns), self._stale_ns
 
     # On the thread
 
@@ -321,6 +333,7 @@ class ActuatorThread(DeviceThread):
             job, future = self._jobs.popleft()
         if not future.set_running_or_notify_cancel():
             return
+        self._busy = True
         try:
             future.set_result(job())
         except DriverError as error:
@@ -328,6 +341,8 @@ class ActuatorThread(DeviceThread):
             future.set_exception(error)
         except Exception as error:  # noqa: BLE001 - handed to the thread that asked, which raises it
             future.set_exception(error)
+        finally:
+            self._worked_ns, self._busy = monotonic_ns(), False
 
     def _poll(self) -> None:
         now_ns = monotonic_ns()

@@ -199,6 +199,11 @@ class CurrentSourceThread(ReadingThread):
     # State, for any thread
 
     @property
+    def begun(self) -> bool:
+        """Its silence counts; not while its current is heard at connect and its slower state is still to come."""
+        return self._supervisor.armed or not getattr(self._driver, "waits_for_state", False)
+
+    @property
     def fresh_current_A(self) -> float | None:
         """Measured current (A), None when its status is stale, or may be older than the 0 A that a trip commanded.
 
@@ -356,6 +361,8 @@ class CurrentSourceThread(ReadingThread):
             findings.append(Finding("can-lost", f"command frames ended: {self._driver.send_error}", now_ns))
         elif self._zero_error is not None:
             findings.append(Finding("can-lost", f"0 A could not be sent at once: {self._zero_error}", now_ns))
+        if not self.begun:
+            return findings
         silence = self._supervisor.host.missed(self.name, self._silence(), self._last_ns, self._stale_ns, now_ns)
         return findings if silence is None else [*findings, silence]
 

@@ -75,9 +75,19 @@ class ReadingThread(DeviceThread):
         self._last_ns = monotonic_ns()
         self._again = threading.Event()
 
+    @property
+    @abstractmethod
+    def begun(self) -> bool:
+        """Its silence counts: not while the proof at connect still waits for a first value."""
+
+    def start(self) -> None:
+        """Start the thread; its driver is open, and its silence counts from now."""
+        self._last_ns = monotonic_ns()
+        super().start()
+
     def silent_ns(self, now_ns: int) -> tuple[int, int]:
         """Age of the last value, and the age at which the supervisor itself calls it stale (ns)."""
-        return now_ns - self._last_ns, self._stale_ns + BACKSTOP_NS
+        return now_ns - self._last_ns if self.begun else 0, self._stale_ns + BACKSTOP_NS
 
     def wake(self) -> None:
         """Interrupt the wait for a lost port."""

@@ -175,7 +175,8 @@ class Devices:
                 raise StationRefused(device.slug, f"reset: {error}") from error
 
     def close(self) -> None:
-        """End every thread and close every port."""
+        """End every thread and close every port; nobody watches them any more."""
+        self._supervisor.watchdogs.watched = ()
         for device in self:
             device.end()
             device.close()

@@ -259,7 +259,14 @@ class SensorThread(ReadingThread):
             self._recent_count += len(records)
             self._progress.notify_all()
 
+    @property
+    def begun(self) -> bool:
+        """A first sample has come, or the rig is armed."""
+        return self.samples > 0 or self._supervisor.armed
+
     def _judge_silence(self, now_ns: int) -> None:
+        if not self.begun:
+            return
         garbage = self._driver.bad_frames + self._driver.skipped_bytes > self._garbage
         slug = "serial-baud" if garbage else self.slug
         finding = self._supervisor.host.missed(self.name, slug, self._last_ns, self._stale_ns, now_ns)
