@@ -28,6 +28,8 @@ PAUSE_S = 0.5
 RETURN_S = 1.0
 RETURN_RATE_1_S = 12.0
 """Of the way back from rest: like a critically damped spring of this frequency; at its end 0.01 % of it is left."""
+RETURN_BRAKE_M_S2 = 5.0
+"""Before it, where there is travel enough; else as hard as a halt."""
 LEAST_DELAY_S = 2e-4
 HELD_STEPS = 2
 """So many steps are computed with the last force where none came; more than that is no test."""
@@ -288,9 +290,12 @@ class HybridMotion:
         self.problem = self.problem or self._watch.problem(now)
 
     def _return(self, since_s: float) -> Sent:
-        """From where the test left the rod to rest, as a halt would go, and from there to the centre."""
+        """From where the test left the rod to rest, within the travel of a halt, and from there to the centre."""
         self.phase, self.current_A = Phase.RETURN, self._order.control.current_A
-        left, deceleration = self._left, self._order.bounds.halt_deceleration_m_s2
+        left, bounds = self._left, self._order.bounds
+        outwards_m = bounds.travel_m - math.copysign(1.0, left.velocity_m_s) * left.position_m
+        needed = 0.5 * left.velocity_m_s**2 / max(outwards_m, 1e-9)
+        deceleration = min(bounds.halt_deceleration_m_s2, max(needed, RETURN_BRAKE_M_S2))
         stop_s = abs(left.velocity_m_s) / deceleration
         if since_s < stop_s:
             slower_m_s = math.copysign(deceleration * since_s, left.velocity_m_s)

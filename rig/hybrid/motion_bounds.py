@@ -9,8 +9,6 @@ from typing import NamedTuple
 from rig.hybrid.substructure import Sent, Target
 from rig.signals.stopping import halted_m
 
-ENERGY_FLOOR_J = 1.0
-"""Energy errors are checked once the specimen has passed this much work."""
 LEAST_SQUARES_M2 = 1e-6
 """Sum of squares of the target from which on tracking is a share of it."""
 
@@ -27,6 +25,7 @@ class Bounds:
         delay_s: largest delay of the actuator with which the test is begun.
         travel_m: about the centre, either way, within which a halt from any set-point must come to rest.
         halt_deceleration_m_s2: of that halt.
+        energy_floor_J: work from which on energy errors are a share of the work.
     """
 
     extension_m: float
@@ -36,6 +35,7 @@ class Bounds:
     delay_s: float
     travel_m: float
     halt_deceleration_m_s2: float
+    energy_floor_J: float
 
 
 class Measured(NamedTuple):
@@ -63,7 +63,10 @@ class Watch:
     F e / 2 with a viscous force, and 0 once it has stopped again. Within the first swing, when W is a quarter of a
     cycle's work, this was 20 to 70 % of W on healthy rigs. So what is bounded is the part that stays:
 
-        |E - F e / 2| <= share W + max |F e| / 2        the maximum so far
+        |E - F e / 2| <= share max(W, floor) + max |F e| / 2        the maximum so far
+
+    The floor is the work of half a second as it is forecast: a law that switches within the first swing left 0.6 J
+    where W was 1 J, and 30 J later.
     """
 
     def __init__(self, bounds: Bounds) -> None:
@@ -93,8 +96,11 @@ class Watch:
         self._last = here.extension_m, now.extension_m, force_N
         self._squares[0] += (here.extension_m - now.extension_m) ** 2
         self._squares[1] += now.extension_m**2
-        if self._work_J > ENERGY_FLOOR_J:
-            self.worst_share = max(self.worst_share, abs(self._lost_J) / self._work_J)
+        self.worst_share = max(self.worst_share, abs(self._lost_J) / self._reference_J)
+
+    @property
+    def _reference_J(self) -> float:
+        return max(self._work_J, self._bounds.energy_floor_J)
 
     @property
     def _lost_J(self) -> float:
@@ -113,10 +119,10 @@ class Watch:
         if beyond is not None:
             return beyond
         lost_J = self._lost_J
-        if self._work_J > ENERGY_FLOOR_J and not abs(lost_J) <= bounds.energy_share * self._work_J:
-            share = lost_J / self._work_J
+        if not abs(lost_J) <= bounds.energy_share * self._reference_J:
+            share = lost_J / self._reference_J
             text = (
-                f"energy error of following the target: got {lost_J:.3g} J in {self._work_J:.3g} J of work, "
+                f"energy error of following the target: got {lost_J:.3g} J in {self._reference_J:.3g} J of work, "
                 f"{100 * share:.1f} %; allowed +-{100 * bounds.energy_share:g} %"
             )
             return Problem(text, share, bounds.energy_share)

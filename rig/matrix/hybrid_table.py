@@ -45,6 +45,8 @@ FEWEST_STEPS = 8
 ROAD_LOST = 0.25
 """Of the road's force, RMS: when steps carry less of it than the rest, the test is on another road."""
 LEAST_TRAVEL_M = 1e-4
+FLOOR_S, LEAST_FLOOR_J = 0.5, 1.0
+"""Energy errors are a share of the work passed, of what is forecast for such a time at least."""
 LONGEST_S = 120.0
 
 Delay = Annotated[float, Quantity("time", "0.5 ms", "200 ms")]
@@ -235,6 +237,12 @@ class HybridTable(Section):
             ))
         return against + _of_road(self, prior, law_named(point.law), poll_s)
 
+    def _energy_floor_J(self, point: TestPoint) -> float:
+        """The work of half a second as it is forecast."""
+        road_s = point.motion_s - self.probe.duration_s - PAUSE_S - RETURN_S
+        work_J = 0.0 if point.forecast is None else point.forecast.energy_J
+        return max(LEAST_FLOOR_J, FLOOR_S * work_J / road_s)
+
     def ride(self, point: TestPoint, prior: AssumedDamper) -> Ride:
         """What the whole car does with a point's law, computed: the forecast of its test."""
         return _reference(self, prior, law_named(point.law))[1]
@@ -259,7 +267,7 @@ class HybridTable(Section):
         bounds = Bounds(
             min(TRAVEL_MARGIN * point.amplitude_m + TRAVEL_BESIDE_M, room), limits.speed_m_s,
             limits.acceleration_m_s2, self.largest_energy_error, self.largest_delay_s,
-            room, bench.actuator.halt_deceleration_m_s2,
+            room, bench.actuator.halt_deceleration_m_s2, self._energy_floor_J(point),
         )
         return HybridOrder(car.part(poll_s), bounds, self.probe, point.compensator, car.control, point.centre_m)
 
