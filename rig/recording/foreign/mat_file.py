@@ -19,6 +19,7 @@ import numpy as np
 from rig.errors import FileProblem
 from rig.recording.foreign.foreign_file import (
     DEEPEST,
+    EXTRA,
     FEWEST_ROWS,
     MOST_COLUMNS,
     ForeignColumn,
@@ -29,11 +30,14 @@ from rig.recording.foreign.foreign_file import (
     unreadable,
 )
 from rig.recording.foreign.hdf5_file import SIGNATURE, datasets, is_hdf5
+from rig.recording.foreign.mat_tables import tables
 from rig.signals.arrays import FloatArray
 
 SMALL_BYTES, LARGEST_RATIO = 64_000_000, 100
 """Sizes up to the first are unpacked from however few bytes; recordings compress to a tenth, zeros to a thousandth."""
 HEAD_BYTES = 128
+WORKSPACE = "__function_workspace__"
+"""What scipy calls the part of a file that holds MATLAB's objects."""
 ARRAY, COMPRESSED = 14, 15
 HOLDERS = frozenset((1, 2, 3, 16, 17))
 """Classes of arrays that hold others: cell, struct, object, function, opaque."""
@@ -61,15 +65,31 @@ class MatFile(NoLines):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of scipy, on what it leaves out
                 held = _hdf5(file, data) if hdf5 else _version_5(file, data)
+                opaque = _opaque_in_hdf5(file, data) if hdf5 else _opaque(file, held)
+                units = self._add_tables(held) if opaque else {}
                 self._held = dict(columns_in(held))
-                opaque = "" if self._held else _opaque_in_hdf5(data) if hdf5 else _opaque(held)
         except FileProblem:
             raise
         except Exception as error:
             raise FileProblem(str(file), unreadable(self.read_as, error)) from error
         if not self._held:
             raise FileProblem(str(file), [opaque or f"{self.read_as}: it holds no vector or matrix of real numbers"])
-        self.columns: Sequence[ForeignColumn] = [ForeignColumn(name) for name in self._held]
+        self.columns: Sequence[ForeignColumn] = [ForeignColumn(name, units.get(name, "")) for name in self._held]
+
+    def _add_tables(self, held: dict[str, Any]) -> dict[str, str]:
+        """Add the columns of tables and timetables to what the file holds; their units by the columns' names."""
+        units: dict[str, str] = {}
+        try:
+            for name, columns, stated in tables(self._file):
+                held[name] = columns
+                units |= {f"{name}.{column}": unit for column, unit in stated.items()}
+        except ImportError:
+            return {}
+        except Exception:
+            if not any(True for _ in columns_in(held)):
+                raise
+            self.read_as += ", a table in it cannot be read"
+        return units
 
     def own_time(self, places: Sequence[int]) -> None:
         """See `ForeignFile.own_time`; none."""
@@ -82,13 +102,13 @@ class MatFile(NoLines):
         return series
 
 
-def _version_5(file: Path, data: bytes) -> Mapping[str, Any]:
+def _version_5(file: Path, data: bytes) -> dict[str, Any]:
     from scipy.io import loadmat
 
     if data[124:126] in (b"\x00\x01", b"\x01\x00") and len(data) >= 128:
         _check_elements(file, data)
     loaded = loadmat(stream(data), simplify_cells=True)  # type: ignore[arg-type]  # stub: paths only
-    return {name: value for name, value in loaded.items() if not name.startswith("__")}
+    return {name: value for name, value in loaded.items() if not name.startswith("__") or name == WORKSPACE}
 
 
 def _check_elements(file: Path, data: bytes) -> None:
@@ -163,7 +183,7 @@ def _elements(data: bytes, order: str) -> Iterator[bool]:
             yield False
 
 
-def _hdf5(file: Path, data: bytes) -> Mapping[str, Any]:
+def _hdf5(file: Path, data: bytes) -> dict[str, Any]:
     if not is_hdf5(data):
         raise FileProblem(str(file), ["is no MATLAB file of version 5 or 7.3: save it with -v7 or -v7.3"])
     with h5py.File(stream(data), "r") as held:
@@ -188,32 +208,51 @@ def _arrays(held: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
                     yield f"{name}{{{k + 1}}}" if cells else f"{struct}({k + 1}).{field}", target
 
 
-def _opaque(held: Mapping[str, Any]) -> str:
-    """The first table or object of a version 5 file, with the way out; empty where it has none."""
+def _opaque(file: Path, held: dict[str, Any]) -> str:
+    """The first table or object of a version 5 file, with the way out; empty where it has none.
+
+    Raises:
+        FileProblem: what the file holds of its objects is too much, or nested too deeply.
+    """
+    stored = held.pop(WORKSPACE, None)
     for value in held.values():
         if getattr(getattr(value, "dtype", None), "names", None) == ("s0", "s1", "s2", "arr"):
+            if isinstance(stored, np.ndarray):
+                content = stored.tobytes()
+                _check_elements(file, b"\0" * (HEAD_BYTES - 4) + content[:4] + content[8:])
             name, kind = (value[key].reshape(-1)[0].decode("latin-1") for key in ("s0", "s2"))
             return _way_out(name or "T", kind)
     return ""
 
 
-def _opaque_in_hdf5(data: bytes) -> str:
-    """The same of a version 7.3 file."""
+def _opaque_in_hdf5(file: Path, data: bytes) -> str:
+    """The same of a version 7.3 file.
+
+    Raises:
+        FileProblem: it holds too much.
+    """
+    sizes: list[int] = []
+    found = ""
     with h5py.File(stream(data), "r") as held:
         for name in held:
-            kind = held[name].attrs.get("MATLAB_class", b"") if not name.startswith("#") else b""
+            if name.startswith("#") or not isinstance(held.get(name, getlink=True), h5py.HardLink):
+                continue
+            kind = held[name].attrs.get("MATLAB_class", b"")
             kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
-            if "MATLAB_object_decode" in held[name].attrs and kind:
-                return _way_out(name, kind)
-    return ""
+            if "MATLAB_object_decode" in held[name].attrs and kind and not found:
+                found = _way_out(name, kind)
+        if found:
+            held.visititems(lambda _name, one: sizes.append(int(getattr(one, "size", 0) or 0)))
+            check_size(file, sum(sizes))
+    return found
 
 
 def _way_out(name: str, kind: str) -> str:
     name = name if name.isidentifier() else "T"
     table = f"timetable2table({name})" if kind == "timetable" else name
     if kind not in {"table", "timetable"}:
-        return f"variable {name!r} is a MATLAB object of class {kind!r}, which only MATLAB reads. Fix: save its numbers"
-    return (f"variable {name!r} is a MATLAB {kind}, which only MATLAB reads. Fix, in MATLAB: s = table2struct({table}, "
+        return f"variable {name!r} is a MATLAB object of class {kind!r}: save its numbers as vectors"
+    return (f"variable {name!r} is a MATLAB {kind}, which needs mat-io: {EXTRA}. Or, in MATLAB: s = table2struct({table}, "
             f"'ToScalar', true); save('a.mat', '-struct', 's'), or writetable({table}, 'a.csv')")  # fmt: skip
 
 

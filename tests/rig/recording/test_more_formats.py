@@ -6,6 +6,7 @@ import contextlib
 import datetime as dt
 import io
 import struct
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -234,10 +235,28 @@ def test_what_is_not_read_is_named_with_the_way_out(name: str, tmp_path: Path) -
     assert says in str(caught.value)
 
 
-def test_tables_of_matlab_and_damaged_rpc3_are_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize("version", ["v7", "v7.3"])
+@pytest.mark.filterwarnings("ignore")  # of mat-io's writer, on units of durations
+def test_tables_and_timetables_of_matlab_are_read_with_their_own_times(version: str, tmp_path: Path) -> None:
+    import pandas as pd
+    from matio import save_to_mat
+
+    table = pd.DataFrame({"t_s": T, "x_mm": X_MM, "F_N": F_N, "remark": ["ok"] * ROWS})
+    times = table[["x_mm", "F_N"]].set_index(pd.to_timedelta(np.round(T * 1e6), unit="us").rename("Time"))
+    save_to_mat(tmp_path / "a.mat", {"T": table, "TT": times, "t": T[:9]}, version=version)
+    for columns in ({"time": "T.t_s", "displacement": "T.x_mm", "force": "T.F_N"},
+                    {"time": "TT.Time", "displacement": "TT.x_mm", "force": "TT.F_N"}):  # fmt: skip
+        check(read(tmp_path / "a.mat", columns)[0])
+
+
+def test_tables_of_matlab_are_named_where_they_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     matlab_table(tmp_path / "a.mat")
-    with pytest.raises(FileProblem, match=r"'T' is a MATLAB table, which only MATLAB reads(.|\n)*table2struct"):
+    monkeypatch.setitem(sys.modules, "matio", None)
+    with pytest.raises(FileProblem, match=r"'T' is a MATLAB table, which needs mat-io: pip install(.|\n)*table2struct"):
         read(tmp_path / "a.mat", COLUMNS)
+
+
+def test_damaged_rpc3_files_are_named(tmp_path: Path) -> None:
     for options, says in (({"drop": "DELTA_T"}, "without the keyword 'DELTA_T'"), ({"form": "ASCII"}, "expected")):
         rpc3(tmp_path / "a.rsp", **options)  # type: ignore[arg-type]
         with pytest.raises(FileProblem, match=says):
