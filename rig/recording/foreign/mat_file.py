@@ -252,8 +252,10 @@ def _way_out(name: str, kind: str) -> str:
     table = f"timetable2table({name})" if kind == "timetable" else name
     if kind not in {"table", "timetable"}:
         return f"variable {name!r} is a MATLAB object of class {kind!r}: save its numbers as vectors"
-    return (f"variable {name!r} is a MATLAB {kind}, which needs mat-io: {EXTRA}. Or, in MATLAB: s = table2struct({table}, "
-            f"'ToScalar', true); save('a.mat', '-struct', 's'), or writetable({table}, 'a.csv')")  # fmt: skip
+    return (
+        f"variable {name!r} is a MATLAB {kind}, which needs mat-io: {EXTRA}. Or, in MATLAB: s = table2struct({table}, "
+        f"'ToScalar', true); save('a.mat', '-struct', 's'), or writetable({table}, 'a.csv')"
+    )
 
 
 def columns_in(held: Mapping[str, Any], prefix: str = "", depth: int = 0) -> Iterator[tuple[str, FloatArray]]:
