@@ -27,6 +27,8 @@ from rig.signals.cycles import find_cycles, full_cycles
 MIDDLE = 0.5
 """Share of the amplitude about the mean position in which the force is taken: away from the reversals."""
 FEWEST_SAMPLES = 10
+DOUBTS = frozenset({"few-cycles", "no-repeat", "one-cycle-no-series", "time-errors"})
+"""Warnings of a test's preparation that its standard values are to be read with."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +60,17 @@ class DynamicRange:
 
 @dataclass(frozen=True)
 class Characteristics:
-    """What a run says of its damper without a model; `left_out` has a line for each point that does not say it all."""
+    """What a run says of its damper without a model.
+
+    `left_out` has a line for each point that does not say it all, `remarks` one for what makes its values doubtful.
+    """
 
     loops: tuple[LoopCharacteristics, ...]
     dynamic_range: tuple[DynamicRange, ...]
     friction: tuple[FrictionTest, ...]
     lag: CurrentLag | None
     left_out: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
 
     @property
     def signature(self) -> tuple[LoopCharacteristics, ...]:
@@ -90,6 +96,7 @@ class Characteristics:
                 "steps": lag.steps,
             },
             "left_out": list(self.left_out),
+            "remarks": list(self.remarks),
         }
 
 
@@ -104,7 +111,7 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
     skews = pooled_skews(run.usable) if prepared is None else {}
     loops: list[LoopCharacteristics] = []
     friction: list[FrictionTest] = []
-    left_out = []
+    left_out, remarks = [], []
     for point in run.points:
         if point.verdict == "invalid":
             left_out.append(f"{point.id}: invalid")
@@ -115,13 +122,15 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
                     measured = known.get(point.id) or prepare(point, skews.get(point.id))
                     whole, ends_cut = without_cut_ends(measured)
                     loops.append(characterise_loop(point, whole))
+                    remarks += [f"{point.id}: {said}" for said in measured.warnings if said.slug in DOUBTS]
                     left_out += [*_unknown(loops[-1]), *(f"{point.id}: {end}" for end in ends_cut)]
                 elif point.kind == "friction":
                     friction.append(friction_of(point))
         except RigError as error:
             left_out.append(f"{point.id}: {error}")
     lag, refused = lag_of(run.usable)
-    return Characteristics(tuple(loops), tuple(dynamic_range(loops)), tuple(friction), lag, (*left_out, *refused))
+    ranges = tuple(dynamic_range(loops))
+    return Characteristics(tuple(loops), ranges, tuple(friction), lag, (*left_out, *refused), tuple(remarks))
 
 
 def _unknown(loop: LoopCharacteristics) -> list[str]:

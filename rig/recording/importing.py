@@ -40,7 +40,9 @@ FEWEST_CYCLES = 3
 CLIPPED_OF_CYCLES = 0.5
 """In so many of the cycles a force that only ends stands at its end, as identification asks for it."""
 UNSTEADY = 1.1
-"""Times the usual one, from which a cycle's length is another motion's."""
+"""Longest or largest of the full cycles over the least, from which they are not one motion."""
+JITTER_SPREADS = 7.0
+"""Median deviations of the steps, of irregularly taken samples, beyond which a step is a gap: 5 standard deviations."""
 REVERSED = -0.1
 """Share of all work done that a force must put in, in sum, to be one of a wrong sign."""
 SOFTWARE = f"mr-damper-rig {rig.__version__}"
@@ -242,7 +244,8 @@ def _flags(test: ImportedTest, period_s: float) -> tuple[NDArray[np.int8], int]:
     """Flags of each row and the number of rows missing between them."""
     flags = np.zeros(len(test.time_s), np.int8)
     steps = np.diff(test.time_s) / period_s
-    after_gap = np.flatnonzero(steps > LARGEST_STEP_PERIODS) + 1
+    spread = JITTER_SPREADS * float(np.median(np.abs(steps - 1.0)))  # 0 of a uniform rate
+    after_gap = np.flatnonzero(steps > max(LARGEST_STEP_PERIODS, 1.0 + spread)) + 1
     flags[after_gap] |= np.int8(Quality.GAP_BEFORE)
     flags[~(np.isfinite(test.force_N) & np.isfinite(test.displacement_m))] |= np.int8(Quality.NOT_A_NUMBER)
     return flags, int(np.sum(np.round(steps[after_gap - 1]) - 1))
@@ -283,18 +286,22 @@ def _reversed(test: ImportedTest, velocity_m_s: FloatArray, motion: MeasuredMoti
 
 
 def _unsteady(motion: MeasuredMotion | None) -> list[Reason]:
-    """Cycles of different length: a sweep, or motions too short to be tests; their mean frequency is of none."""
-    if motion is None or motion.cycles < FEWEST_CYCLES:
+    """Cycles of different length or size: a sweep, ramps, or motions too short to be tests; their mean is of none."""
+    if motion is None or motion.cycles < 2:
         return []
-    periods_s = 1.0 / motion.waveform.frequency_Hz
-    shortest_s, longest_s = float(np.min(periods_s)), float(np.max(periods_s))
-    if longest_s <= UNSTEADY * float(np.median(periods_s)) and shortest_s >= float(np.median(periods_s)) / UNSTEADY:
-        return []
-    return [invalid(
-        "unsteady-motion", f"cycles last {shortest_s:.3g} to {longest_s:.3g} s: not one motion. Fix: import a sweep "
-        f"with --waveform random; a motion is one test from {FEWEST_CYCLES} cycles on",
-        shortest_s=shortest_s, longest_s=longest_s,
-    )]
+    for what, unit, values in (
+        ("last", "s", 1.0 / motion.waveform.frequency_Hz),
+        ("have amplitudes of", "mm", 1e3 * motion.waveform.amplitude_m[np.isfinite(motion.waveform.amplitude_m)]),
+    ):
+        if values.size < 2 or not float(np.max(values)) > UNSTEADY * float(np.min(values)):
+            continue
+        least, most = float(np.min(values)), float(np.max(values))
+        return [invalid(
+            "unsteady-motion", f"cycles {what} {least:.3g} to {most:.3g} {unit}: not one motion. Fix: import a sweep "
+            f"with --waveform random; a motion is one test from {FEWEST_CYCLES} cycles on",
+            least=least, most=most,
+        )]
+    return []
 
 
 def _counts(

@@ -29,7 +29,8 @@ def standard_tests(characteristics: Characteristics) -> str:
         "compression (jounce)."
     )
     left_out = lead(f"Not measured: {text('; '.join(characteristics.left_out))}.") if characteristics.left_out else ""
-    return heading("Standard damper tests", note) + body + left_out
+    remarks = lead(f"Remarks: {text('; '.join(characteristics.remarks))}.") if characteristics.remarks else ""
+    return heading("Standard damper tests", note) + body + left_out + remarks
 
 
 TITLES = {"force": "Peak-velocity plot (PVP)", "energy": "Energy per cycle", "damping": "Equivalent viscous damping"}

@@ -40,7 +40,7 @@ BESIDE = 2.5
 DRIFT = 0.6
 """Share of the tolerance by which a run may change from its first to its last cycle and still be steady."""
 MARGIN = 0.3
-"""Periods before the first crossing and after the last that belong to a motion's stretch of the record."""
+"""Periods, its own or its neighbour's, before the first crossing and after the last that belong to a motion."""
 AT_REST = 0.25
 """Of the longest period of a steady motion: a rod that moves by less than the smallest stroke during it is at rest."""
 
@@ -54,7 +54,8 @@ class SteadyMotion:
         cycles: between them.
         amplitude_m: of a sine of as much power (m).
         frequency_Hz: cycles a second.
-        current_A: mean current; NaN where there is none.
+        current_A: mean current; 0 where there is none.
+        lead_s: time before the first crossing, and `tail_s` after the last, that show the crossings and nothing else.
     """
 
     start_s: float
@@ -63,12 +64,13 @@ class SteadyMotion:
     amplitude_m: float
     frequency_Hz: float
     current_A: float
+    lead_s: float
+    tail_s: float
 
     @property
     def stretch_s(self) -> tuple[float, float]:
         """From where to where the record is this motion (s), with what leads in and out."""
-        margin_s = MARGIN / self.frequency_Hz
-        return self.start_s - margin_s, self.end_s + margin_s
+        return self.start_s - self.lead_s, self.end_s + self.tail_s
 
     def is_other(self, than: SteadyMotion, current_tolerance_A: float) -> bool:
         """Whether it differs from another motion in amplitude, frequency or current."""
@@ -228,10 +230,16 @@ def _is_steady(cycles: _Cycles, run: range) -> bool:
 
 def _motion(cycles: _Cycles, run: range) -> SteadyMotion:
     start_s, end_s = float(cycles.start_s[run.start]), float(cycles.end_s[run.stop - 1])
-    inside = slice(run.start, run.stop)
+    inside, period_s = slice(run.start, run.stop), cycles.period_s
+    usual_s = float(np.median(period_s[inside]))
+    lead_s = tail_s = MARGIN * usual_s
+    if run.start > 0:  # of a faster motion right before it no more than the last trough
+        lead_s = min(lead_s, max(MARGIN * float(period_s[run.start - 1]), start_s - float(cycles.end_s[run.start - 1])))
+    if run.stop < period_s.size:
+        tail_s = min(tail_s, max(MARGIN * float(period_s[run.stop]), float(cycles.start_s[run.stop]) - end_s))
     return SteadyMotion(
         start_s, end_s, len(run), float(np.median(cycles.amplitude_m[inside])), len(run) / (end_s - start_s),
-        float(np.median(cycles.current_A[inside])),
+        float(np.median(cycles.current_A[inside])), lead_s, tail_s,
     )
 
 
@@ -246,7 +254,9 @@ def _joined(motions: Sequence[SteadyMotion], current_tolerance_A: float) -> list
         ):
             joined.append(motion)
             continue
-        joined[-1] = replace(before, end_s=motion.end_s, cycles=before.cycles + motion.cycles)
+        joined[-1] = replace(
+            before, end_s=motion.end_s, cycles=before.cycles + motion.cycles, tail_s=motion.tail_s
+        )
     return joined
 
 

@@ -147,7 +147,7 @@ def sample_times(stamps_s: FloatArray, signals: tuple[FloatArray, ...] = ()) -> 
     scatter_s = float(np.std(since_s - line_s))
     resolution_s = step_s if step_s > 2.0 * exact_s else 0.0
     of_stamps, of_line = (_roughness(times_s, signals) for times_s in (since_s, line_s))
-    smooth_over_line = bool(of_line) and all(
+    smooth_over_line = bool(signals) and all(
         line < SMOOTHER * stamps for line, stamps in zip(of_line, of_stamps, strict=True)
     )
     if smooth_over_line and span_s <= NEAR_A_LINE * period_s and np.all(np.diff(line_s) > 0.0):
@@ -249,7 +249,10 @@ def _least_span(left_s: FloatArray, k: FloatArray, first: NDArray[np.int64], rea
 
 
 def _roughness(time_s: FloatArray, signals: tuple[FloatArray, ...]) -> list[float]:
-    """Of each signal the noise, in its unit, that its neighbours show over these times: median over all windows."""
+    """Of each signal the noise, in its unit, that its neighbours show over these times: median over all windows.
+
+    Infinite where no window has times one after the other: nothing is smooth over these.
+    """
     width = SMOOTH_ORDER + 1
     starts = np.arange(0, time_s.size - width + 1)
     starts = starts[:: max(1, starts.size // WINDOWS)]
@@ -259,11 +262,11 @@ def _roughness(time_s: FloatArray, signals: tuple[FloatArray, ...]) -> list[floa
     steps_s = np.diff(times, axis=1)
     good = np.all(steps_s > 0.0, axis=1) & (np.max(steps_s, axis=1) <= 3.0 * max(usual_s, 1e-300))
     if not np.any(good):
-        return []
+        return [math.inf] * len(signals)
     times, rows = times[good] / max(usual_s, 1e-300), rows[good]
     apart = times[:, :, None] - times[:, None, :]
     apart[:, np.arange(width), np.arange(width)] = 1.0
     weights = 1.0 / np.prod(apart, axis=2)
     weights /= np.sqrt(np.sum(weights**2, axis=1))[:, None]
     left = [np.abs(np.sum(weights * signal[rows], axis=1)) for signal in signals]
-    return [float(np.median(values[np.isfinite(values)])) for values in left if np.any(np.isfinite(values))]
+    return [float(np.median(values[np.isfinite(values)])) if np.any(np.isfinite(values)) else 0.0 for values in left]

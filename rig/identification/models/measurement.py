@@ -17,6 +17,7 @@ from rig.dampers.arrays import BoolArray, ComplexArray, FloatArray
 from rig.identification.words import Saying
 
 PIECE = 32768  # samples that are looked at together: what is made of them stays in the processor's cache
+FEWEST_OF_A_CYCLE = 16
 ARRAYS = (
     "u_m", "v_m_s", "a_m_s2", "force_N", "current_A", "usable", "commanded_A", "unseen_v_m_s", "unseen_a_m_s2",
     "temperature_degC",
@@ -204,11 +205,18 @@ def spaced(test: Measurement, most: int) -> Measurement:
 def samples_a_cycle(u_m: FloatArray) -> float:
     """Mean distance of the crossings of the mean position in one direction, in samples, not rounded.
 
-    The direction that has more of them counts: whole cycles cut at their upward crossings have none at their ends. The
-    length where neither has two, as in a single cycle.
+    The direction that has more of them counts: whole cycles cut at their upward crossings have none at their ends. A
+    single cycle, which has not two, lasts from the crossing before its first sample to that after its last; the length
+    where it does not begin and end so.
     """
     exact = _crossings(u_m)
-    return float(u_m.size) if exact.size < 2 else float((exact[-1] - exact[0]) / (exact.size - 1))
+    if exact.size > 1:
+        return float((exact[-1] - exact[0]) / (exact.size - 1))
+    mean_m, size = float(np.mean(u_m)), float(u_m.size)
+    if u_m.size < FEWEST_OF_A_CYCLE or not (u_m[0] >= mean_m > u_m[-1] and u_m[1] > u_m[0] and u_m[-1] > u_m[-2]):
+        return size
+    outside = (u_m[0] - mean_m) / (u_m[1] - u_m[0]) + (mean_m - u_m[-1]) / (u_m[-1] - u_m[-2])
+    return float(min(max(size - 1.0 + outside, size - 1.0), size + 1.0))
 
 
 def cycle_times_s(test: Measurement) -> FloatArray:

@@ -186,11 +186,15 @@ def cycle_energies_J(test: Measurement, force_N: FloatArray) -> FloatArray:
     edges = np.linspace(0.0, count, cycles + 1)
     mean_N = float(np.mean(force_N if test.usable is None else force_N[test.usable]))
     work = (force_N - mean_N) * test.v_m_s
+    if test.usable is not None:
+        known = np.flatnonzero(test.usable)
+        work = np.interp(np.arange(count), known, work[known])
+    if cycles == 1:  # what lies between its last sample and the end of the period, where the power is greatest
+        energies_J = np.array([np.sum(work) + 0.5 * (period - count) * (work[0] + work[-1])]) * test.dt_s
+    else:
+        energies_J = np.diff(_summed(work, edges)) * test.dt_s * period / (count / cycles)
     if test.usable is None:
-        return np.diff(_summed(work, edges)) * test.dt_s * period / (count / cycles)
-    known = np.flatnonzero(test.usable)
-    work = np.interp(np.arange(count), known, work[known])
-    energies_J = np.diff(_summed(work, edges)) * test.dt_s * period / (count / cycles)
+        return energies_J
     seen = np.concatenate(([-1], known, [count]))
     for gap in np.flatnonzero(np.diff(seen) - 1 > LONGEST_UNSEEN * period):
         energies_J[(edges[:-1] < seen[gap + 1]) & (edges[1:] > seen[gap] + 1)] = np.nan
