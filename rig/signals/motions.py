@@ -233,7 +233,7 @@ def _motion(cycles: _Cycles, run: range) -> SteadyMotion:
     inside, period_s = slice(run.start, run.stop), cycles.period_s
     usual_s = float(np.median(period_s[inside]))
     lead_s = tail_s = MARGIN * usual_s
-    if run.start > 0:  # of a faster motion right before it no more than the last trough
+    if run.start > 0:  # of a faster motion right before it no more than its last low
         lead_s = min(lead_s, max(MARGIN * float(period_s[run.start - 1]), start_s - float(cycles.end_s[run.start - 1])))
     if run.stop < period_s.size:
         tail_s = min(tail_s, max(MARGIN * float(period_s[run.stop]), float(cycles.start_s[run.stop]) - end_s))
