@@ -39,6 +39,7 @@ class Capabilities:
         tried: its description was tried on such a device, or on one made from the maker's document alone.
         triangle: it moves in triangles, too, not in sines alone.
         clock: it tells the time of its own clock; else the host's is taken.
+        speed: it measures the rod's speed; else that is a difference of its positions.
     """
 
     watchdog: WatchdogKind
@@ -59,6 +60,7 @@ class Capabilities:
     tried: bool = True
     triangle: bool = True
     clock: bool = True
+    speed: bool = True
 
     @property
     def can_be_stopped(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -59,11 +60,21 @@ class MotionTerms:
         fade_out_cycles: cycles over which a program fades out, >= 1.
         halt_deceleration_m_s2: of a halt.
         device_rate: seconds of the device's time in one of the host's; 1 but on a simulated rig faster than life.
+        position_min_m, position_max_m: travel that set-points may use (m).
+        speed_m_s, acceleration_m_s2: largest of the rod.
+        period_s: of the set-points (wall s); 0: not known, gaps are not looked for.
+        longest_gap_s: a motion is not continued after a longer time without a set-point that was taken (wall s).
     """
 
     fade_out_cycles: float = 1.0
     halt_deceleration_m_s2: float = 20.0
     device_rate: float = 1.0
+    position_min_m: float = -math.inf
+    position_max_m: float = math.inf
+    speed_m_s: float = math.inf
+    acceleration_m_s2: float = math.inf
+    period_s: float = 0.0
+    longest_gap_s: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)

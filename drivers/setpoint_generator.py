@@ -1,18 +1,18 @@
 """Set-points of moves and motion programs, for an actuator that follows set-points but has no function generator.
 
 A driver asks for the set-point of the moment (`at`) each time it speaks to its device, and sends position and velocity.
-Between two of them the device goes on by itself, so what is possible ends where its motion changes much within a poll.
+Whether the device can reach it from where it is now is checked afterwards (`drivers.setpoint_guard`).
 Pure: time is given, nothing is sent.
 
     HOLD --move--> MOVING --> HOLD      RUNNING --fade--> FADING --> HOLD      any motion --halt--> HALTING --> HOLD
-         --start-> RUNNING -> HOLD      MOVING ---fade--> HALTING -> HOLD
+         --start-> RUNNING -> HOLD      MOVING ---fade--> HALTING -> HOLD      after a gap --halt_from--> HALTING
          --compute> RUNNING -> HOLD     a computed motion is not faded, it is halted
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from drivers.roles import Move, Program, ProgramPhase, State, Waveform
 from protocols.errors import LocalProtocolError
@@ -25,11 +25,39 @@ class Setpoint(NamedTuple):
     velocity_m_s: float
 
 
+class RodLimits(NamedTuple):
+    """What no set-point may exceed: position (m), speed (m/s) and acceleration (m/s^2) of the bench."""
+
+    position_min_m: float = -math.inf
+    position_max_m: float = math.inf
+    speed_m_s: float = math.inf
+    acceleration_m_s2: float = math.inf
+
+
+UNLIMITED = RodLimits()
+HALT_MARGIN_M = 1e-3
+"""A halt ends so far before the end of travel: the rod overshoots its set-point, and its position has an error."""
+
+
 class ComputedMotion(Protocol):
-    """A motion that nobody knows beforehand: it is computed as it goes."""
+    """A motion that is not known in advance: it is computed as it goes.
+
+    Attributes:
+        fastest_m_s: largest planned speed; a motion that has to catch up does not exceed it.
+    """
+
+    fastest_m_s: float
 
     def at(self, elapsed_s: float) -> Setpoint | None:
-        """The set-point so much after its begin (s, never falling); None once it is over: the rod holds."""
+        """The set-point at this time after the start (s, never falling); None after the end: the rod holds."""
+
+
+@runtime_checkable
+class KnownMotion(ComputedMotion, Protocol):
+    """A computed motion whose future is known."""
+
+    def position_m(self, elapsed_s: float) -> float:
+        """Position (m) at any time after the start; nothing is recorded."""
 
 
 class SetpointGenerator:
@@ -38,8 +66,9 @@ class SetpointGenerator:
     Args:
         position_m: where the rod is, m.
         acceleration_m_s2: of moves.
-        halt_deceleration_m_s2: of a halt.
+        halt_deceleration_m_s2: of a halt with enough travel; near the end of travel it is as much larger as needed.
         fade_out_cycles: cycles over which a program fades out, >= 1.
+        limits: of the bench.
 
     Attributes:
         state: what it makes: HOLD, MOVING, RUNNING, FADING or HALTING.
@@ -49,7 +78,7 @@ class SetpointGenerator:
 
     def __init__(
         self, position_m: float, *, acceleration_m_s2: float = 2.0, halt_deceleration_m_s2: float = 20.0,
-        fade_out_cycles: float = 1.0,
+        fade_out_cycles: float = 1.0, limits: RodLimits = UNLIMITED,
     ) -> None:
         self.state = State.HOLD
         self.phase = ProgramPhase.IDLE
@@ -57,6 +86,8 @@ class SetpointGenerator:
         self.acceleration_m_s2 = acceleration_m_s2
         self.halt_deceleration_m_s2 = halt_deceleration_m_s2
         self.fade_out_cycles = fade_out_cycles
+        self.limits = limits
+        self._halt_rate = halt_deceleration_m_s2
         self._last = Setpoint(position_m, 0.0)
         self._begin_s = 0.0
         self._from = self._last
@@ -70,8 +101,20 @@ class SetpointGenerator:
         """The set-point that was made last."""
         return self._last
 
+    @property
+    def fastest_m_s(self) -> float:
+        """Largest planned speed of the motion (m/s); infinite where it is not known."""
+        if self.state is State.MOVING:
+            return self._move.speed_m_s
+        if self.state in {State.RUNNING, State.FADING}:
+            if self._computed is not None:
+                return getattr(self._computed, "fastest_m_s", math.inf)
+            turn = 2.0 * math.pi if self._program.waveform is Waveform.SINE else 4.0
+            return turn * self._program.frequency_Hz * abs(self._program.amplitude_m)
+        return math.inf
+
     def rest(self, position_m: float) -> None:
-        """Hold at a position (m), whatever was under way: the rod is known to stand there, or has no pressure."""
+        """Hold at a position (m), whatever was under way: the rod is at rest there, or has no pressure."""
         self.state, self.phase = State.HOLD, ProgramPhase.IDLE
         self._last = Setpoint(position_m, 0.0)
 
@@ -119,36 +162,60 @@ class SetpointGenerator:
             self.halt(now_s)
         elif self.state is State.RUNNING:
             self._fade_cycle = (now_s - self._begin_s) * self._program.frequency_Hz
-            self._fade_share, _ = self._envelope(self._fade_cycle)
+            self._fade_share = self._envelope(self._fade_cycle)[0]
             self.state = State.FADING
         elif self.state is State.MOVING:
             self.halt(now_s)
 
     def halt(self, now_s: float) -> None:
-        """Bring whatever moves to rest within the halt deceleration."""
+        """Bring whatever moves to rest, from the set-point of this moment."""
         begin = self.at(now_s)
         if self.state not in {State.HOLD, State.HALTING}:
-            self._from, self._begin_s = begin, now_s
-            self.state = State.HALTING
+            self.halt_from(begin, now_s)
+
+    def halt_from(self, begin: Setpoint, now_s: float) -> None:
+        """Bring the rod to rest from this position and speed, whatever it was to do.
+
+        The deceleration is `halt_deceleration_m_s2`, more where the travel left requires it, and at most the
+        acceleration limit.
+        """
+        self._from, self._begin_s, self._last = begin, now_s, begin
+        self.state, self._computed = State.HALTING, None
+        self._halt_rate = halting_rate(begin, self.halt_deceleration_m_s2, self.limits)
 
     def at(self, now_s: float) -> Setpoint:
         """The set-point of this moment; `now_s` never falls back."""
         elapsed_s = now_s - self._begin_s
-        if self.state is State.MOVING:
-            self._last = self._moving(elapsed_s)
-        elif self.state is State.RUNNING and self._computed is not None:
+        if self.state is State.RUNNING and self._computed is not None:
             self._last = self._computing(self._computed, elapsed_s)
-        elif self.state in {State.RUNNING, State.FADING}:
-            self._last = self._cycling(elapsed_s)
-        elif self.state is State.HALTING:
-            self._last = self._halting(elapsed_s)
+        elif self.state is not State.HOLD:
+            if self.state in {State.RUNNING, State.FADING}:
+                self._follow_cycles(elapsed_s)
+            self._last, ended = self._known(elapsed_s)
+            if ended:
+                self.state = State.HOLD
         if self.state is State.HOLD:
             self._last = Setpoint(self._last.position_m, 0.0)
             self.phase = ProgramPhase.IDLE
         return self._last
 
-    def _moving(self, elapsed_s: float) -> Setpoint:
-        """A trapezoid of speed, or a triangle where the way is short."""
+    def ahead(self, now_s: float) -> float | None:
+        """Position (m) at a later moment, as far as it is known now; None where it is not."""
+        elapsed_s = now_s - self._begin_s
+        if self.state is State.HOLD:
+            return self._last.position_m
+        if self.state is State.RUNNING and self._computed is not None:
+            return self._computed.position_m(elapsed_s) if isinstance(self._computed, KnownMotion) else None
+        return self._known(elapsed_s)[0].position_m
+
+    def _known(self, elapsed_s: float) -> tuple[Setpoint, bool]:
+        """Set-point of a motion that is known in advance, and whether it has ended; changes nothing."""
+        if self.state is State.MOVING:
+            return self._moving(elapsed_s)
+        return self._halting(elapsed_s) if self.state is State.HALTING else self._cycling(elapsed_s)
+
+    def _moving(self, elapsed_s: float) -> tuple[Setpoint, bool]:
+        """A trapezoid of speed, or a triangle where the distance is short."""
         start_m, rate = self._from.position_m, self.acceleration_m_s2
         way_m = self._move.target_m - start_m
         sign, length_m = math.copysign(1.0, way_m), abs(way_m)
@@ -156,8 +223,7 @@ class SetpointGenerator:
         rise_s = top_m_s / rate
         cruise_s = length_m / top_m_s - rise_s if top_m_s > 0.0 else 0.0
         if elapsed_s >= 2.0 * rise_s + cruise_s:
-            self.state = State.HOLD
-            return Setpoint(self._move.target_m, 0.0)
+            return Setpoint(self._move.target_m, 0.0), True
         if elapsed_s < rise_s:
             gone_m, speed_m_s = 0.5 * rate * elapsed_s**2, rate * elapsed_s
         elif elapsed_s < rise_s + cruise_s:
@@ -165,7 +231,7 @@ class SetpointGenerator:
         else:
             left_s = 2.0 * rise_s + cruise_s - elapsed_s
             gone_m, speed_m_s = length_m - 0.5 * rate * left_s**2, rate * left_s
-        return Setpoint(start_m + sign * gone_m, sign * speed_m_s)
+        return Setpoint(start_m + sign * gone_m, sign * speed_m_s), False
 
     def _computing(self, motion: ComputedMotion, elapsed_s: float) -> Setpoint:
         setpoint = motion.at(elapsed_s)
@@ -174,7 +240,17 @@ class SetpointGenerator:
         self.state, self.cycles_done, self._computed = State.HOLD, 1, None
         return self._last
 
-    def _cycling(self, elapsed_s: float) -> Setpoint:
+    def _follow_cycles(self, elapsed_s: float) -> None:
+        """Phase and cycles of a program at this time."""
+        program = self._program
+        if self.state is State.FADING:
+            self.phase = ProgramPhase.RAMP_OUT
+            return
+        cycles = elapsed_s * program.frequency_Hz
+        self.phase = self._envelope(cycles)[2]
+        self.cycles_done = math.floor(min(cycles, program.all_cycles) + 1e-9)
+
+    def _cycling(self, elapsed_s: float) -> tuple[Setpoint, bool]:
         """The program under its envelope; a fade takes the envelope from where it was linearly to 0."""
         program = self._program
         cycles = elapsed_s * program.frequency_Hz
@@ -182,41 +258,51 @@ class SetpointGenerator:
             share = self._fade_share * (1.0 - (cycles - self._fade_cycle) / self.fade_out_cycles)
             slope = -self._fade_share / self.fade_out_cycles
             ended = share <= 0.0
-            self.phase = ProgramPhase.RAMP_OUT
         else:
-            share, slope = self._envelope(cycles)
+            share, slope, _ = self._envelope(cycles)
             ended = cycles >= program.all_cycles
-            self.cycles_done = math.floor(min(cycles, program.all_cycles) + 1e-9)
         if ended:
-            self.state = State.HOLD
-            return Setpoint(program.centre_m, 0.0)
+            return Setpoint(program.centre_m, 0.0), True
         value, change = _shape(program.waveform, cycles)
         amplitude_m = program.amplitude_m
         velocity_m_s = amplitude_m * program.frequency_Hz * (share * change + slope * value)
-        return Setpoint(program.centre_m + amplitude_m * share * value, velocity_m_s)
+        return Setpoint(program.centre_m + amplitude_m * share * value, velocity_m_s), False
 
-    def _envelope(self, cycles: float) -> tuple[float, float]:
-        """Share of full amplitude at so many cycles, and its change a cycle."""
+    def _envelope(self, cycles: float) -> tuple[float, float, ProgramPhase]:
+        """Share of full amplitude at so many cycles, its change a cycle, and the phase."""
         program = self._program
         left = program.all_cycles - cycles
         if cycles < program.ramp_in_cycles:
-            self.phase = ProgramPhase.RAMP_IN
-            return cycles / program.ramp_in_cycles, 1.0 / program.ramp_in_cycles
+            return cycles / program.ramp_in_cycles, 1.0 / program.ramp_in_cycles, ProgramPhase.RAMP_IN
         if left < program.ramp_out_cycles:
-            self.phase = ProgramPhase.RAMP_OUT
-            return max(0.0, left / program.ramp_out_cycles), -1.0 / program.ramp_out_cycles
-        self.phase = ProgramPhase.FULL_AMPLITUDE
-        return 1.0, 0.0
+            return max(0.0, left / program.ramp_out_cycles), -1.0 / program.ramp_out_cycles, ProgramPhase.RAMP_OUT
+        return 1.0, 0.0, ProgramPhase.FULL_AMPLITUDE
 
-    def _halting(self, elapsed_s: float) -> Setpoint:
-        begin, rate = self._from, self.halt_deceleration_m_s2
+    def _halting(self, elapsed_s: float) -> tuple[Setpoint, bool]:
+        begin, rate = self._from, self._halt_rate
         stop_s = abs(begin.velocity_m_s) / rate
         sign = math.copysign(1.0, begin.velocity_m_s)
         if elapsed_s >= stop_s:
-            self.state = State.HOLD
-            return Setpoint(begin.position_m + 0.5 * sign * rate * stop_s**2, 0.0)
+            return Setpoint(begin.position_m + 0.5 * sign * rate * stop_s**2, 0.0), True
         gone_m = begin.velocity_m_s * elapsed_s - 0.5 * sign * rate * elapsed_s**2
-        return Setpoint(begin.position_m + gone_m, begin.velocity_m_s - sign * rate * elapsed_s)
+        return Setpoint(begin.position_m + gone_m, begin.velocity_m_s - sign * rate * elapsed_s), False
+
+
+def halting_rate(begin: Setpoint, usual_m_s2: float, limits: RodLimits) -> float:
+    """Deceleration (m/s^2) of a halt: the usual one, or as much more as the travel left requires.
+
+    Args:
+        begin: where the rod is and how fast.
+        usual_m_s2: where there is travel enough.
+        limits: of the bench; its acceleration is the most.
+    """
+    speed_m_s, outwards = begin.velocity_m_s, begin.velocity_m_s > 0.0
+    end_m = limits.position_max_m if outwards else limits.position_min_m
+    left_m = (end_m - begin.position_m) if outwards else (begin.position_m - end_m)
+    most = max(usual_m_s2, limits.acceleration_m_s2)
+    if left_m <= HALT_MARGIN_M:
+        return most if math.isfinite(most) else usual_m_s2
+    return min(most, max(usual_m_s2, 0.5 * speed_m_s**2 / (left_m - HALT_MARGIN_M)))
 
 
 def _shape(waveform: Waveform, cycles: float) -> tuple[float, float]:

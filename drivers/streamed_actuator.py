@@ -4,9 +4,15 @@
 `drivers.roles.Actuator`: moves, programs, fades and halts are made by a `SetpointGenerator`; everything else goes to
 the device. What it shows is the device's own status with the motion that is streamed: state, phase, cycles, program.
 
-The device holds by itself until the first motion, from then on it follows, standing still too. It follows no more once
-its pressure is lowered, it has tripped, or it was halted by a command of its own; the next motion begins where the rod
-is.
+The device holds by itself until the first motion, from then on it follows, at rest too. It follows no more once its
+pressure is lowered, it has tripped, or it was halted by a command of its own; the next motion begins where the rod is.
+
+A set-point leaves only if the rod can reach it (`SetpointGuard`). What was sent and not acknowledged counts as not
+taken. After a time without a set-point that was taken:
+
+    up to 1.6 periods          the motion goes on
+    up to `longest_gap_s`      the rod is measured first; the set-points lead from there back to the motion
+    longer                     the motion has ended: the rod is measured and braked from where it is, at its speed
 """
 
 from __future__ import annotations
@@ -19,7 +25,7 @@ from typing import Protocol, runtime_checkable
 
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import LinkKind, MotionTerms
-from drivers.errors import RequestRefused
+from drivers.errors import Busy, RequestRefused
 from drivers.roles import (
     Actuator,
     ActuatorIdentity,
@@ -31,7 +37,9 @@ from drivers.roles import (
     Result,
     State,
 )
-from drivers.setpoint_generator import ComputedMotion, Setpoint, SetpointGenerator
+from drivers.servo_lag import ServoLag
+from drivers.setpoint_generator import ComputedMotion, RodLimits, Setpoint, SetpointGenerator
+from drivers.setpoint_guard import SetpointGuard
 from protocols.errors import LocalProtocolError
 
 SENT_KEPT = 64
@@ -39,9 +47,15 @@ FEWEST_SETPOINTS = 20
 """In a cycle: with fewer its shape is no longer the one that was asked for."""
 GENERATED = frozenset({Command.MOVE_TO, Command.START, Command.FADE_STOP, Command.HALT})
 """Commands that are set-points here; a halt only where the device has none of its own."""
+STOPS = frozenset({Command.FADE_STOP, Command.HALT})
 HOLDING = frozenset({State.HOLD, State.MOVING, State.RUNNING})
 """States of a device that goes where it is told."""
 IN_MOTION = frozenset({State.MOVING, State.RUNNING, State.FADING, State.HALTING})
+REGULAR_PERIODS = 1.6
+"""A set-point that comes later after the last one than this is sent only after the rod was measured: meanwhile the
+device has gone on at the last speed, or held the last position, and only the rod shows which."""
+RESTS_M = 1e-3
+"""A rod at rest that is farther from the set-point it was to hold is held where it is."""
 
 
 @runtime_checkable
@@ -65,11 +79,12 @@ class StreamedActuator:
 
     Args:
         device: the device's driver; it streams set-points and has no generator.
-        terms: how fades and halts end, and the rate of the device's time.
+        terms: how fades and halts end, the rate of the device's time, the limits of set-points.
 
     Attributes:
         sent: sequence and command of the last commands, oldest first; those that became set-points too.
         last: the set-point sent last; None while the device holds by itself.
+        broken_off: the motion was not continued after a gap; until the rod is measured no set-point is sent.
         taken_m: the set-point that the device itself showed in answer to it (m); NaN where it shows none.
     """
 
@@ -77,11 +92,19 @@ class StreamedActuator:
         self.sent: deque[tuple[int, int]] = deque(maxlen=SENT_KEPT)
         self.last: Setpoint | None = None
         self.taken_m = math.nan
+        self.broken_off = False
         self._device = device
         self._rate = terms.device_rate
+        limits = RodLimits(terms.position_min_m, terms.position_max_m, terms.speed_m_s, terms.acceleration_m_s2)
         self._source = SetpointGenerator(
-            0.0, halt_deceleration_m_s2=terms.halt_deceleration_m_s2, fade_out_cycles=terms.fade_out_cycles
+            0.0, halt_deceleration_m_s2=terms.halt_deceleration_m_s2, fade_out_cycles=terms.fade_out_cycles,
+            limits=limits,
         )
+        self._period_s = terms.period_s * terms.device_rate
+        self._longest_gap_s = terms.longest_gap_s * terms.device_rate
+        self._guard = SetpointGuard(limits, self._period_s)
+        self._lag = ServoLag()
+        self._seen: tuple[float, float] | None = None
         self._following = False
         self._refused = False
         self._made: tuple[int, int] | None = None
@@ -125,6 +148,16 @@ class StreamedActuator:
     def in_motion(self) -> bool:
         """The set-points that are being streamed move."""
         return self._following and self._source.state in IN_MOTION
+
+    @property
+    def silent_s(self) -> float:
+        """Time since the last set-point that the device took (s of its time); 0 while none are streamed."""
+        return self._now_s() - self._guard.at_s if self._following and math.isfinite(self._guard.at_s) else 0.0
+
+    @property
+    def gap_s(self) -> float | None:
+        """Time without a set-point that was taken (wall s) where it ends the motion; None while it does not."""
+        return self.silent_s / self._rate if self._gap_ends_motion() else None
 
     def open(self) -> None:
         """Open the connection."""
@@ -189,6 +222,8 @@ class StreamedActuator:
             self._engage()
             self._source.start(order, now_s)
             self._program_id = self._count + 1
+        elif command in STOPS and self._gap_ends_motion():
+            self.broken_off = True
         elif command is Command.FADE_STOP:
             self._source.fade(now_s)
         elif command is Command.HALT:
@@ -237,11 +272,13 @@ class StreamedActuator:
             raise LocalProtocolError(f"set-points while the device does not hold (state {self._state})")
         if not self._following:
             self._source.rest(self._stands_m)
-            self._following = True
+            self._guard.begin(Setpoint(self._stands_m, 0.0), self._now_s())
+            self._following, self.broken_off = True, False
 
     def _release(self) -> None:
         """The device is on its own: what it was to do is over."""
-        self._following = self._refused = False
+        self._following = self._refused = self.broken_off = False
+        self._seen = None
         self.last, self.taken_m = None, math.nan
         self._source.rest(self._stands_m if math.isfinite(self._stands_m) else 0.0)
 
@@ -249,19 +286,69 @@ class StreamedActuator:
         """One step of the stream.
 
         Raises:
-            RequestRefused: the device does not take it; the next one is sent when its watchdog is fed again.
+            RequestRefused: the device does not take it; unless it was busy, the next one is sent when its watchdog is
+                fed again.
             DriverError: it cannot be reached.
         """
-        setpoint = self._source.at(self._now_s())
+        if self._gap_ends_motion():
+            self.broken_off = True
+        if self.broken_off or self.silent_s > REGULAR_PERIODS * self._period_s > 0.0:
+            status = self._shown(self._device.read_status())
+            if not self._following or not self._measure(status):
+                return status
+        now_s = self._now_s()
+        setpoint = self._going_on(self._source.at(now_s), now_s)
+        setpoint = self._guard.reachable(setpoint, now_s, self._source.fastest_m_s)
         self.last, self.taken_m = setpoint, math.nan
         try:
             status = self._device.follow(setpoint, watchdog_counter)
-        except RequestRefused:
-            self._refused = True
+        except RequestRefused as error:
+            self._refused = not isinstance(error, Busy)
             raise
         self._refused = False
+        self._guard.taken(setpoint, now_s)
+        self._lag.add(setpoint, status.position_m)
         self.taken_m = status.setpoint_m
         return self._shown(status)
+
+    def _gap_ends_motion(self) -> bool:
+        """No set-point was taken for so long that the motion is not continued."""
+        return self._period_s > 0.0 and self.in_motion and self.silent_s > self._longest_gap_s
+
+    def _measure(self, status: ActuatorStatus) -> bool:
+        """After a gap: go on, or brake, from where the rod is; False while that is not known."""
+        now_s, position_m, velocity_m_s = self._now_s(), status.position_m, status.velocity_m_s
+        if not self._device.capabilities.speed:
+            # A speed that is a difference of positions is the mean over the gap: a second look is needed.
+            before, self._seen = self._seen, (now_s, position_m)
+            if before is None or now_s <= before[0]:
+                return False
+            velocity_m_s = (position_m - before[1]) / (now_s - before[0])
+        if not (math.isfinite(position_m) and math.isfinite(velocity_m_s)):
+            return False
+        self._seen = None
+        rod = self._lag.setpoint_of(position_m, velocity_m_s)
+        if self.broken_off:
+            self._source.halt_from(rod, now_s)
+            self._guard.begin(rod, now_s)
+            self.broken_off = False
+        elif self.in_motion:
+            self._guard.measured(rod, now_s)
+        else:
+            held_m = self._source.last.position_m
+            if abs(position_m - held_m) > RESTS_M:
+                self._source.rest(position_m)
+            self._guard.begin(self._source.last, now_s)
+        return True
+
+    def _going_on(self, wanted: Setpoint, now_s: float) -> Setpoint:
+        """The set-point with the mean speed of the coming period: going on at it, the device meets the next one."""
+        if self._period_s == 0.0 or not self.in_motion:
+            return wanted
+        ahead_m = self._source.ahead(now_s + self._period_s)
+        if ahead_m is None:
+            return wanted
+        return Setpoint(wanted.position_m, (ahead_m - wanted.position_m) / self._period_s)
 
     def _shown(self, status: ActuatorStatus) -> ActuatorStatus:
         """The device's status with the motion that is streamed to it."""
@@ -279,7 +366,7 @@ class StreamedActuator:
         source, last = self._source, self.last
         running = source.state in {State.RUNNING, State.FADING}
         changed |= {
-            "state": source.state, "phase": source.phase, "cycles_done": source.cycles_done,
+            "state": State.HALTING if self.broken_off else source.state, "phase": source.phase, "cycles_done": source.cycles_done,
             "program_id": self._program_id if running else 0,
         }
         if math.isnan(status.setpoint_m) and last is not None:
@@ -287,7 +374,13 @@ class StreamedActuator:
         return status._replace(**changed)  # type: ignore[arg-type]  # by field name
 
     def _now_s(self) -> float:
-        return time.monotonic_ns() * 1e-9 * self._rate
+        """The host's clock that goes on while the machine is suspended (s of the device's time)."""
+        return _clock_ns() * 1e-9 * self._rate
+
+
+def _clock_ns() -> int:
+    """Time since the machine was booted (ns): a device goes on while its host sleeps, the monotonic clock does not."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic_ns()
 
 
 def as_actuator(driver: Actuator, terms: MotionTerms) -> Actuator:

@@ -40,6 +40,7 @@ def capabilities(quantities: Quantities, words: Words, recipes: Recipes, watchdo
         e_stop_input=bool(words.inputs.members & Input.E_STOP_CLOSED),
         force_input="force" in quantities,
         clock="clock" in quantities,
+        speed="velocity" in quantities,
         triangle=Command.START not in commands or _plays(commands[Command.START], words, Waveform.TRIANGLE),
     )
 

@@ -188,6 +188,14 @@ class ActuatorConfig(Settings):
         """A set-point sent so much after its time is late (s)."""
         return max(self.poll_s, LATE_SETPOINT_S) if self.setpoint_late_s is None else self.setpoint_late_s
 
+    @property
+    def longest_setpoint_gap_s(self) -> float:
+        """A streamed motion is not continued after a longer time without a set-point that was taken (s).
+
+        As long as three late set-points in a row take, which stop the rig.
+        """
+        return self.late_setpoint_s + 2.0 * self.poll_s
+
 
 def _own_or_preset(value: object) -> object:
     """A preset's name, a file's or a table; what is in it is looked at by `EcuConfig.problems`.

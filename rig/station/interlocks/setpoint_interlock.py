@@ -164,6 +164,17 @@ class SetpointInterlock:
         )
         return Finding(LATE, detail, t_ns, late_s, self._late_s)
 
+    def silent(self, gap_s: float, allowed_s: float, t_ns: int) -> Finding:
+        """No set-point was taken for so long that the motion is not continued.
+
+        Args:
+            gap_s: since the last one that was taken (wall s).
+            allowed_s: the longest gap after which a motion goes on (wall s).
+            t_ns: host time.
+        """
+        detail = f"no set-point was taken for {1e3 * gap_s:.0f} ms, allowed {1e3 * allowed_s:.0f} ms: the motion ends"
+        return Finding(LATE, detail, t_ns, gap_s, allowed_s)
+
     def answered(self, sent: Setpoint, taken_m: float, position_m: float, t_ns: int) -> list[Finding]:
         """The device's answer to a set-point.
 

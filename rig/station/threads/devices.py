@@ -49,6 +49,16 @@ Append = Callable[[list[Record]], None]
 Device = SensorThread | CurrentSourceThread | ActuatorThread
 
 
+def motion_terms(config: StationConfig) -> MotionTerms:
+    """What the driver must know of the bench when it makes the motion itself."""
+    actuator, limits = config.actuator, config.limits
+    return MotionTerms(
+        actuator.fade_out_cycles, actuator.halt_deceleration_m_s2, config.device_rate, limits.position_min_m,
+        limits.position_max_m, limits.speed_m_s, limits.acceleration_m_s2, actuator.poll_s,
+        actuator.longest_setpoint_gap_s,
+    )
+
+
 class Devices:
     """All threads of one rig.
 
@@ -99,7 +109,7 @@ class Devices:
         driver = make_actuator(given_actuator.register_map, ActuatorConnection(
             given_actuator.url, given_actuator.device_id, given_actuator.timeout_s, owner_id,
             given_actuator.baudrate, given_actuator.parity,
-            MotionTerms(given_actuator.fade_out_cycles, given_actuator.halt_deceleration_m_s2, config.device_rate),
+            motion_terms(config),
         ))
         interlock = ActuatorInterlock(
             owner_id,

@@ -63,6 +63,7 @@ class SetpointStream:
         self._moved = False
         self.steps = PollSteps(int(config.poll_s * 1e9), on_grid=self._driver is not None)
         rate = supervisor.config.device_rate
+        self._longest_gap_s = config.longest_setpoint_gap_s
         self._interlock = SetpointInterlock(config.poll_s, config.late_setpoint_s, rate)
 
     @property
@@ -71,10 +72,16 @@ class SetpointStream:
         return self._driver is None or not self._interlock.lost or self._driver.halts_itself
 
     def sending(self, now_ns: int) -> None:
-        """A poll begins."""
+        """A poll begins: what is found is reported before its set-point is sent."""
         late_ns, driver = self.steps.take(now_ns), self._driver
         if driver is None:
             return
+        gap_s = driver.gap_s
+        if gap_s is not None:
+            # The cause first: the machine or this process was held up.
+            self._supervisor.host.awake(now_ns)
+            self._supervisor.report(self._supervisor.watchdogs.machine(now_ns))
+            self._supervisor.report([self._interlock.silent(gap_s, self._longest_gap_s, now_ns)])
         if driver.last is None or (driver.in_motion and not self._moved):
             self._interlock.restart()
         elif driver.in_motion and late_ns is not None:
