@@ -1,24 +1,21 @@
 """What a rod does when its set-points stop for a while: gaps of 5 ms to 2 s, by cause, motion, phase and controller.
 
-    python benchmarks/streamed_gaps.py [--preset float-drive] [--motion sine] [--cause held-up] [--quick] [--json]
+    python benchmarks/streamed_gaps.py [--preset float-drive] [--motion sine] [--cause held-up] [--gap-ms 45] ...
 
 Station thread, interlocks, supervisor, driver and register map are the product's; the controller is the simulated one
-on its plant. One fake clock drives both, without processes or sockets, so that a case takes about 0.1 s. Reported per
-row: largest speed, largest acceleration (of 1 ms) from the gap on, farthest position, and how the motion ended. Limits:
-position and speed of the bench, 1.1 of its acceleration.
+on its plant. One fake clock drives both, without processes or sockets: a case takes about 0.3 s. Reported per row:
+largest speed and largest acceleration (over 1 ms) from the gap on, farthest position, number of cases beyond a limit,
+and the fault codes. Limits: position of the bench, 1.1 of its acceleration, the planned speed and a servo's overshoot.
 """
 
 from __future__ import annotations
 
 import argparse
-import heapq
-import json
 import math
-import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
-from itertools import count
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -29,10 +26,11 @@ import numpy as np
 import drivers.modbus_actuator
 import drivers.streamed_actuator
 import rig.clock
-from drivers.connection import ActuatorAddress, ActuatorConnection, MotionTerms
+from drivers.catalogue import make_actuator
+from drivers.connection import ActuatorAddress, ActuatorConnection
 from drivers.errors import Busy, DriverError, NoAnswer
-from drivers.roles import Command, Move, Program, State, Waveform
-from drivers.setpoint_generator import ComputedMotion, Setpoint
+from drivers.roles import ActuatorLimits, ActuatorStatus, Command, Move, Program, State, Waveform
+from drivers.setpoint_generator import Setpoint
 from drivers.streamed_actuator import StreamedActuator
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
@@ -40,6 +38,7 @@ from rig.station.interlocks.actuator_interlock import ActuatorInterlock
 from rig.station.safe_stop import Movement, StopPhase
 from rig.station.supervisor import TICK_S, Supervisor
 from rig.station.threads.actuator_thread import ActuatorThread
+from rig.station.threads.devices import motion_terms
 from simulators.actuator import Actuator
 from simulators.clock import DeviceClock
 from simulators.options import RigOptions, with_option
@@ -55,9 +54,12 @@ CAUSES = ("held-up", "busy", "lost", "suspended")
 GAPS_S = (0.005, 0.015, 0.025, 0.035, 0.045, 0.06, 0.1, 0.2, 0.33, 0.7, 2.0)
 PHASES = 12
 MOTION_S = 4.0
+HALF_STEP_S = 1e-5
 STEADY_S = 1.5
 SETTLED_S = 1.2
 ACCELERATION_SHARE = 1.1
+OVERSHOOT = 1.08
+"""Of the speed: a servo of 0.7 damping, where its set-point's speed changes abruptly."""
 
 
 class FakeClock:
@@ -70,16 +72,20 @@ class FakeClock:
         self.slept_ns = 0
 
     def monotonic_ns(self) -> int:
+        """Every reading takes 200 ns."""
         self.real_ns += 200
         return self.real_ns - self.slept_ns
 
     def monotonic(self) -> float:
+        """In s."""
         return self.monotonic_ns() * 1e-9
 
     def clock_gettime_ns(self, clock: int) -> int:
+        """BOOTTIME goes on while the machine sleeps."""
         return self.monotonic_ns() + (self.slept_ns if clock == self.CLOCK_BOOTTIME else 0)
 
     def go_on(self, seconds: float) -> None:
+        """Time passes."""
         self.real_ns += round(1e9 * seconds)
 
 
@@ -131,11 +137,13 @@ class Link:
         self._clock, self._machine, self._trip_s, self._timeout_s = clock, machine, trip_s, timeout_s
 
     def open(self, timeout_s: float = 0.0) -> None:
-        del timeout_s
+        """It is open."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """It stays open."""
 
     def read(self, address: int, count: int, function: int = 3) -> list[int]:
+        """Registers or coils."""
         self._there()
         words = self._machine.bank.read(address, count, {1: "coil", 2: "discrete", 4: "input"}.get(function, "holding"))
         self._back()
@@ -143,6 +151,7 @@ class Link:
         return words
 
     def write(self, address: int, words: Sequence[int], function: int = 16) -> None:
+        """Write registers; the presets without a generator write no coils."""
         del function
         self._there()
         assert self._machine.bank.write(address, list(words)) is True
@@ -151,6 +160,7 @@ class Link:
     def exchange(
         self, read_address: int, read_count: int, write_address: int, words: Sequence[int], *, retries: int = 0
     ) -> list[int]:
+        """Write, then read."""
         del retries
         self._there()
         assert self._machine.bank.write(write_address, list(words)) is True
@@ -183,17 +193,21 @@ class Lvdt:
         self._anchor = (0.0, 0.0)
 
     def position_m(self, now_ns: int) -> float:
+        """The rod's true position (m)."""
         del now_ns
         return self._machine.plant.value("position_m")
 
     @property
     def speed_m_s(self) -> float:
+        """The rod's true speed (m/s)."""
         return self._machine.plant.value("velocity_m_s")
 
     def restart_still(self) -> None:
+        """Begin the proof of standstill anew."""
         self._anchor = (math.nan, 0.0)
 
     def still_s(self, now_ns: int) -> float:
+        """For so long the rod has been at rest (s)."""
         del now_ns
         position_m, time_s = self._machine.plant.value("position_m"), self._machine.plant.time_s
         if not abs(position_m - self._anchor[0]) <= 0.3e-3:
@@ -206,7 +220,8 @@ class Coil:
 
     fresh_current_A, zero_within_s, falls_within_s = 0.0, 0.25, 0.0
 
-    def zero_now(self) -> None: ...
+    def zero_now(self) -> None:
+        """It is at 0 A."""
 
 
 @dataclass(frozen=True)
@@ -259,7 +274,7 @@ class Outcome:
         found = []
         if not low_m <= self.farthest_m <= high_m:
             found.append(f"rod at {1e3 * self.farthest_m:.1f} mm")
-        if self.speed_m_s > min(speed_m_s, 1.02 * self.planned_m_s + 0.005):
+        if self.speed_m_s > OVERSHOOT * min(speed_m_s, self.planned_m_s) + 0.01:
             found.append(f"{self.speed_m_s:.3f} m/s of {self.planned_m_s:.3f}")
         if self.acceleration_m_s2 > ACCELERATION_SHARE * acceleration_m_s2:
             found.append(f"{self.acceleration_m_s2:.0f} m/s^2 of {acceleration_m_s2:g}")
@@ -278,11 +293,16 @@ class Prescribed:
         self.fastest_m_s = float(np.max(np.abs(np.diff(values)))) / 1e-3
 
     def at(self, elapsed_s: float) -> Setpoint | None:
+        """The set-point; None after the end."""
         if elapsed_s > self._duration_s:
             return None
-        half_s = 1e-5
-        before_m, after_m = self._position(max(0.0, elapsed_s - half_s)), self._position(elapsed_s + half_s)
-        return Setpoint(self._position(elapsed_s), (after_m - before_m) / (elapsed_s + half_s - max(0.0, elapsed_s - half_s)))
+        before_s, after_s = max(0.0, elapsed_s - HALF_STEP_S), elapsed_s + HALF_STEP_S
+        speed_m_s = (self._position(after_s) - self._position(before_s)) / (after_s - before_s)
+        return Setpoint(self._position(elapsed_s), speed_m_s)
+
+    def position_m(self, elapsed_s: float) -> float:
+        """Position (m) at any time."""
+        return self._position(min(elapsed_s, self._duration_s))
 
 
 def sweep(elapsed_s: float) -> float:
@@ -316,15 +336,15 @@ MOTIONS: dict[str, tuple[Any, float, float]] = {
 class Virtual:
     """The station's actuator thread and supervisor on one simulated controller, in the time of a fake clock."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: Case, clock: FakeClock) -> None:
         self.case = case
-        self.clock = FakeClock()
+        self.clock = clock
         self.machine = Machine(self.clock, case.preset, case.options, case.tick_s)
         self._random = np.random.default_rng(1)
         self.config = _config(case)
         actuator = self.config.actuator
         self.link = Link(self.clock, self.machine, lambda: self._random.uniform(1e-4, 4e-4), actuator.timeout_s)
-        with mock.patch.object(drivers.modbus_actuator, "ModbusLink", lambda *_, **__: self.link):
+        with mock.patch.object(drivers.modbus_actuator, "ModbusLink", return_value=self.link):
             self.driver = _driver(case, self.config)
         self.setpoints: list[tuple[float, Setpoint]] = []
         self._watch_setpoints()
@@ -343,13 +363,14 @@ class Virtual:
         device: Any = self.driver._device  # noqa: SLF001
         follow = device.follow
 
-        def followed(setpoint: Setpoint, counter: int | None) -> Any:  # noqa: ANN401
+        def followed(setpoint: Setpoint, counter: int | None) -> ActuatorStatus:
             self.setpoints.append((1e-9 * self.clock.real_ns, setpoint))
             return follow(setpoint, counter)
 
         device.follow = followed
 
     def now_s(self) -> float:
+        """The plant's time (s)."""
         return self.machine.plant.time_s
 
     def run(self, seconds: float) -> None:
@@ -399,8 +420,6 @@ class Virtual:
             driver.send(command)
             self.run(0.5)
         self.run(1.0)
-        assert self.thread.judge.status is not None
-        assert self.thread.judge.status.state == State.HOLD, self.thread.judge.status
         self.supervisor.arm()
 
     def start(self) -> float:
@@ -441,7 +460,6 @@ class Virtual:
 def _config(case: Case) -> StationConfig:
     text = BENCH.read_text(encoding="utf-8")
     for old, new in case.limits:
-        assert old in text, old
         text = text.replace(old, new)
     text = text.replace('poll = "10 ms"', f'poll = "{1e3 * case.poll_s:g} ms"')
     text = text.replace('register_map = "demo-streamed"', f'register_map = "{case.preset}"')
@@ -457,8 +475,6 @@ _BENCHES: dict[str, Bench] = {}
 
 def _bench(text: str) -> Bench:
     if text not in _BENCHES:
-        import tempfile
-
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "bench.toml"
             path.write_text(text, encoding="utf-8")
@@ -467,9 +483,6 @@ def _bench(text: str) -> Bench:
 
 
 def _driver(case: Case, config: StationConfig) -> StreamedActuator:
-    from drivers.catalogue import make_actuator
-    from rig.station.threads.devices import motion_terms
-
     actuator = config.actuator
     driver = make_actuator(case.preset, ActuatorConnection(
         Link.url, timeout_s=actuator.timeout_s, owner_id=1, motion=motion_terms(config)
@@ -478,9 +491,7 @@ def _driver(case: Case, config: StationConfig) -> StreamedActuator:
     return driver
 
 
-def _limits(config: StationConfig) -> Any:  # noqa: ANN401
-    from drivers.roles import ActuatorLimits
-
+def _limits(config: StationConfig) -> ActuatorLimits:
     limits, actuator = config.limits, config.actuator
     return ActuatorLimits(
         limits.position_min_m, limits.position_max_m, limits.speed_m_s, limits.acceleration_m_s2, limits.force_N,
@@ -505,9 +516,7 @@ def outcome(case: Case) -> Outcome:
     """Run a case."""
     clock = FakeClock()
     with fake_time(clock):
-        virtual = Virtual.__new__(Virtual)
-        with mock.patch.object(sys.modules[__name__], "FakeClock", lambda: clock):
-            virtual.__init__(case)  # type: ignore[misc]  # the product's clock is read while it is made
+        virtual = Virtual(case, clock)
         virtual.ready()
         planned_m_s = virtual.start()
         begin_s = virtual.now_s()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from drivers.setpoint_generator import Setpoint
 
 LONGEST_S = 0.03
@@ -26,7 +28,7 @@ class ServoLag:
     def add(self, sent: Setpoint, position_m: float) -> None:
         """The rod was here (m) when it was sent this set-point; NaN teaches nothing."""
         behind = (sent.position_m - position_m) * sent.velocity_m_s
-        if behind != behind:  # noqa: PLR0124 - NaN
+        if math.isnan(behind):
             return
         self._behind = KEPT * self._behind + behind
         self._speeds = KEPT * self._speeds + sent.velocity_m_s**2

@@ -94,6 +94,7 @@ class SetpointGenerator:
         self._move = Move(position_m, 0.0)
         self._program = Program(Waveform.SINE, 0.0, 1.0)
         self._computed: ComputedMotion | None = None
+        self._foreseen: KnownMotion | None = None
         self._fade_cycle, self._fade_share = 0.0, 0.0
 
     @property
@@ -108,7 +109,7 @@ class SetpointGenerator:
             return self._move.speed_m_s
         if self.state in {State.RUNNING, State.FADING}:
             if self._computed is not None:
-                return getattr(self._computed, "fastest_m_s", math.inf)
+                return self._computed.fastest_m_s
             turn = 2.0 * math.pi if self._program.waveform is Waveform.SINE else 4.0
             return turn * self._program.frequency_Hz * abs(self._program.amplitude_m)
         return math.inf
@@ -154,6 +155,7 @@ class SetpointGenerator:
         if self.state is not State.HOLD:
             raise LocalProtocolError(f"START while {self.state.name}")
         self._begin_s, self._computed, self.cycles_done = now_s, motion, 0
+        self._foreseen = motion if isinstance(motion, KnownMotion) else None
         self.state, self.phase = State.RUNNING, ProgramPhase.FULL_AMPLITUDE
 
     def fade(self, now_s: float) -> None:
@@ -205,7 +207,7 @@ class SetpointGenerator:
         if self.state is State.HOLD:
             return self._last.position_m
         if self.state is State.RUNNING and self._computed is not None:
-            return self._computed.position_m(elapsed_s) if isinstance(self._computed, KnownMotion) else None
+            return None if self._foreseen is None else self._foreseen.position_m(elapsed_s)
         return self._known(elapsed_s)[0].position_m
 
     def _known(self, elapsed_s: float) -> tuple[Setpoint, bool]:

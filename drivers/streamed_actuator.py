@@ -84,7 +84,10 @@ class StreamedActuator:
     Attributes:
         sent: sequence and command of the last commands, oldest first; those that became set-points too.
         last: the set-point sent last; None while the device holds by itself.
-        broken_off: the motion was not continued after a gap; until the rod is measured no set-point is sent.
+        broken_off: the motion was not continued after a gap; until the rod is measured no set-point is sent, and each
+            is sent from where the rod is until the device takes one.
+        breaks: motions that were not continued after a gap, so far.
+        gap_s: the last such gap (wall s).
         taken_m: the set-point that the device itself showed in answer to it (m); NaN where it shows none.
     """
 
@@ -93,6 +96,8 @@ class StreamedActuator:
         self.last: Setpoint | None = None
         self.taken_m = math.nan
         self.broken_off = False
+        self.breaks = 0
+        self.gap_s = 0.0
         self._device = device
         self._rate = terms.device_rate
         limits = RodLimits(terms.position_min_m, terms.position_max_m, terms.speed_m_s, terms.acceleration_m_s2)
@@ -152,12 +157,14 @@ class StreamedActuator:
     @property
     def silent_s(self) -> float:
         """Time since the last set-point that the device took (s of its time); 0 while none are streamed."""
-        return self._now_s() - self._guard.at_s if self._following and math.isfinite(self._guard.at_s) else 0.0
+        return self._now_s() - self._guard.taken_s if self._following else 0.0
 
-    @property
-    def gap_s(self) -> float | None:
-        """Time without a set-point that was taken (wall s) where it ends the motion; None while it does not."""
-        return self.silent_s / self._rate if self._gap_ends_motion() else None
+    def look_for_gap(self) -> None:
+        """A motion for which no set-point was taken for too long has ended: the rod is braked from where it is."""
+        silent_s = self.silent_s
+        if self._period_s > 0.0 and self.in_motion and silent_s > self._longest_gap_s and not self.broken_off:
+            self.broken_off = True
+            self.breaks, self.gap_s = self.breaks + 1, silent_s / self._rate
 
     def open(self) -> None:
         """Open the connection."""
@@ -222,15 +229,21 @@ class StreamedActuator:
             self._engage()
             self._source.start(order, now_s)
             self._program_id = self._count + 1
-        elif command in STOPS and self._gap_ends_motion():
-            self.broken_off = True
-        elif command is Command.FADE_STOP:
-            self._source.fade(now_s)
-        elif command is Command.HALT:
-            self._source.halt(now_s)
+        elif command in STOPS:
+            self._stop(command, now_s)
         else:
             raise LocalProtocolError(f"{command.name} needs an order")
         return self._counted(command)
+
+    def _stop(self, command: Command, now_s: float) -> None:
+        """Fade or halt; after a gap neither goes on from the motion: the rod is measured and braked."""
+        self.look_for_gap()
+        if self.broken_off:
+            return
+        if command is Command.FADE_STOP:
+            self._source.fade(now_s)
+        else:
+            self._source.halt(now_s)
 
     def compute(self, motion: ComputedMotion) -> int:
         """Begin a motion that is computed as it goes, as `send` begins a program.
@@ -290,56 +303,56 @@ class StreamedActuator:
                 fed again.
             DriverError: it cannot be reached.
         """
-        if self._gap_ends_motion():
-            self.broken_off = True
+        self.look_for_gap()
         if self.broken_off or self.silent_s > REGULAR_PERIODS * self._period_s > 0.0:
             status = self._shown(self._device.read_status())
             if not self._following or not self._measure(status):
                 return status
         now_s = self._now_s()
         setpoint = self._going_on(self._source.at(now_s), now_s)
-        setpoint = self._guard.reachable(setpoint, now_s, self._source.fastest_m_s)
+        braking = self._source.state is State.HALTING
+        setpoint = self._guard.reachable(setpoint, now_s, self._source.fastest_m_s, braking=braking)
         self.last, self.taken_m = setpoint, math.nan
         try:
             status = self._device.follow(setpoint, watchdog_counter)
         except RequestRefused as error:
             self._refused = not isinstance(error, Busy)
             raise
-        self._refused = False
+        self._refused = self.broken_off = False
         self._guard.taken(setpoint, now_s)
         self._lag.add(setpoint, status.position_m)
         self.taken_m = status.setpoint_m
         return self._shown(status)
 
-    def _gap_ends_motion(self) -> bool:
-        """No set-point was taken for so long that the motion is not continued."""
-        return self._period_s > 0.0 and self.in_motion and self.silent_s > self._longest_gap_s
-
     def _measure(self, status: ActuatorStatus) -> bool:
         """After a gap: go on, or brake, from where the rod is; False while that is not known."""
+        if not self.in_motion:
+            held_m, now_s = self._source.last.position_m, self._now_s()
+            if math.isfinite(status.position_m) and abs(status.position_m - held_m) > RESTS_M:
+                self._source.rest(status.position_m)
+            self._guard.measured(self._source.last, now_s, catch_up=False)
+            return math.isfinite(status.position_m)
+        rod, now_s = self._rod(status), self._now_s()
+        if rod is None:
+            return False
+        if self.broken_off:
+            self._source.halt_from(rod, now_s)
+        self._guard.measured(rod, now_s, catch_up=not self.broken_off)
+        return True
+
+    def _rod(self, status: ActuatorStatus) -> Setpoint | None:
+        """The set-point that a rod follows which is where this status shows it, at its speed; None while not known."""
         now_s, position_m, velocity_m_s = self._now_s(), status.position_m, status.velocity_m_s
         if not self._device.capabilities.speed:
             # A speed that is a difference of positions is the mean over the gap: a second look is needed.
             before, self._seen = self._seen, (now_s, position_m)
             if before is None or now_s <= before[0]:
-                return False
+                return None
             velocity_m_s = (position_m - before[1]) / (now_s - before[0])
         if not (math.isfinite(position_m) and math.isfinite(velocity_m_s)):
-            return False
+            return None
         self._seen = None
-        rod = self._lag.setpoint_of(position_m, velocity_m_s)
-        if self.broken_off:
-            self._source.halt_from(rod, now_s)
-            self._guard.begin(rod, now_s)
-            self.broken_off = False
-        elif self.in_motion:
-            self._guard.measured(rod, now_s)
-        else:
-            held_m = self._source.last.position_m
-            if abs(position_m - held_m) > RESTS_M:
-                self._source.rest(position_m)
-            self._guard.begin(self._source.last, now_s)
-        return True
+        return self._lag.setpoint_of(position_m, velocity_m_s)
 
     def _going_on(self, wanted: Setpoint, now_s: float) -> Setpoint:
         """The set-point with the mean speed of the coming period: going on at it, the device meets the next one."""
@@ -366,8 +379,8 @@ class StreamedActuator:
         source, last = self._source, self.last
         running = source.state in {State.RUNNING, State.FADING}
         changed |= {
-            "state": State.HALTING if self.broken_off else source.state, "phase": source.phase, "cycles_done": source.cycles_done,
-            "program_id": self._program_id if running else 0,
+            "state": State.HALTING if self.broken_off else source.state, "phase": source.phase,
+            "cycles_done": source.cycles_done, "program_id": self._program_id if running else 0,
         }
         if math.isnan(status.setpoint_m) and last is not None:
             changed |= {"setpoint_m": last.position_m, "servo_error_m": last.position_m - status.position_m}

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import os
 import tty
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -75,9 +75,18 @@ class ModbusServer:
         port: TCP port on 127.0.0.1 after `open`.
         url: what a host's bench file says, after `open`.
         late_s: wall time by which a late answer comes later than it should.
+
+    Args (construction):
+        bank: its registers.
+        device_id: its unit number.
+        rtu: frames of a serial line; `pty`: behind a pseudo terminal.
+        before_access: called before registers are read or written.
     """
 
-    def __init__(self, bank: Bank, device_id: int, *, rtu: bool = False, pty: bool = False) -> None:
+    def __init__(
+        self, bank: Bank, device_id: int, *, rtu: bool = False, pty: bool = False,
+        before_access: Callable[[], None] = lambda: None,
+    ) -> None:
         self.faults = LinkFaults()
         self.port = 0
         self.url = ""
@@ -86,6 +95,7 @@ class ModbusServer:
         self._device_id = device_id
         self._rtu = rtu
         self._pty = pty
+        self._before_access = before_access
         self._answers = 0
         self._late = 0
         self._server: ModbusTcpServer | None = None
@@ -144,6 +154,7 @@ class ModbusServer:
     ) -> ExcCodes | None:
         """One access by a client: fill `registers` for a read, execute a write."""
         space = FUNCTIONS.get(function, "holding")
+        self._before_access()
         if self.faults.busy:
             return ExcCodes.DEVICE_BUSY
         if values is None:

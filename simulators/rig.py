@@ -117,7 +117,10 @@ class SimulatedRig:
         self.bus = SlcanBus(self.ecu.receive)
         self.supply = simulated_supply(self.ecu, run.supply, coil.serial_number)
         rtu = run.actuator == "rtu"
-        self.modbus = ModbusServer(self.bank, controller.device_id, rtu=rtu, pty=rtu and run.ports != "socket")
+        self.modbus = ModbusServer(
+            self.bank, controller.device_id, rtu=rtu, pty=rtu and run.ports != "socket",
+            before_access=self._catch_up if not controller.generator else lambda: None,
+        )
         self.channels: list[Channel] = []
         self.first_cycle_s: float | None = None
         self._names: tempfile.TemporaryDirectory[str] | None = None
@@ -130,6 +133,7 @@ class SimulatedRig:
         self._backpressure = Backpressure()
         self._waited_s = 0.0
         self._faulty = False
+        self._goes_on = False
         self._stopping = False
         self._parent = os.getppid()
         self._idle_since_ns = -1
@@ -244,7 +248,9 @@ class SimulatedRig:
             self._waited_s += served_s - before_s
             if self.run_options.speed > 1.0:
                 self._pace.hold(now_ns, step)
+            self._goes_on = False
             return False
+        self._goes_on = True
         if steps := self._pace.due(now_ns, step):
             self.advance(steps)
         if self.run_options.exit_when_idle:
@@ -255,6 +261,14 @@ class SimulatedRig:
         """Simulated time of what arrives now (s): up to a slice after the plant's."""
         ahead_s = self._pace.ahead_s(monotonic_ns(), int(self.plant.state["step"][0]))
         return self.plant.time_s + min(ahead_s, LONGEST_SLICE_S * self.run_options.speed)
+
+    def _catch_up(self) -> None:
+        """Bring simulated time up to now: a rod that follows set-points follows them, and is read, between two ticks.
+
+        Else a set-point would count from the last tick: up to a tick too far ahead, by another part of it each time.
+        """
+        if self._goes_on and (steps := self._pace.due(monotonic_ns(), int(self.plant.state["step"][0]))):
+            self.advance(steps)
 
     def _readers_are_behind(self, now_ns: int, served_s: float) -> bool:
         """Whether simulated time should wait for whoever reads a sensor, hears the bus or polls the controller."""

@@ -194,7 +194,7 @@ class ActuatorConfig(Settings):
 
         As long as three late set-points in a row take, which stop the rig.
         """
-        return self.late_setpoint_s + 2.0 * self.poll_s
+        return self.late_setpoint_s + 3.0 * self.poll_s
 
 
 def _own_or_preset(value: object) -> object:

@@ -8,6 +8,7 @@ add. The controller's lease, limits and watchdog are as in a campaign; no statio
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -81,6 +82,8 @@ class WireCount:
 
 class Told:
     """The motion that is streamed: the last command, until the test is over."""
+
+    fastest_m_s = math.inf
 
     def __init__(self) -> None:
         self.command_m = 0.0

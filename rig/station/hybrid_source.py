@@ -55,12 +55,16 @@ class HybridSource:
         supervisor: is told of problems and of the test's course.
         append: takes records into the ring.
         coil: is commanded at every step; None where its current stays as it is.
+
+    Attributes:
+        fastest_m_s: largest speed that the test may request.
     """
 
     def __init__(
         self, motion: HybridMotion, sensors: Sensors, supervisor: Supervisor, append: Callable[[list[Record]], None],
         coil: CurrentSourceThread | None = None,
     ) -> None:
+        self.fastest_m_s = motion.fastest_m_s
         self._motion = motion
         self._sensors = sensors
         self._supervisor = supervisor

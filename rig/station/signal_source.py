@@ -102,9 +102,13 @@ class SignalSource:
     Args (construction):
         order: the motion.
         append: takes records into the ring.
+
+    Attributes:
+        fastest_m_s: largest speed of its samples.
     """
 
     def __init__(self, order: SignalOrder, append: Callable[[list[Record]], None]) -> None:
+        self.fastest_m_s = max(map(abs, order.velocity_m_s))
         self._order = order
         self._append = append
         self._count = 0
@@ -119,6 +123,10 @@ class SignalSource:
         values = ((Channel.SIGNAL_TIME, elapsed_s), (Channel.SIGNAL_TARGET, setpoint.position_m - order.centre_m))
         self._append([(now_ns, NO_DEVICE_TIME, value, self._count, channel, 0) for channel, value in values])
         return setpoint
+
+    def position_m(self, elapsed_s: float) -> float:
+        """Position (m) at any time (s) after the start, in the rig's coordinate; nothing is recorded."""
+        return self._order.at(min(elapsed_s, self._order.duration_s)).position_m
 
 
 def start_signal(given: object, devices: Devices, supervisor: Supervisor, commands: CommandChannel) -> Answer:

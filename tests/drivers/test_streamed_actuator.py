@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from modbus_device import ModbusDevice
 
+from drivers import streamed_actuator
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.catalogue import make_actuator
 from drivers.connection import ActuatorConnection, LinkKind, MotionTerms
-from drivers.errors import NoAnswer, RequestRefused
+from drivers.errors import Busy, NoAnswer, RequestRefused
 from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Move, Program, State, Waveform
 from drivers.setpoint_generator import Setpoint
 from drivers.streamed_actuator import StreamedActuator, as_actuator
@@ -217,6 +222,169 @@ def test_a_halt_without_a_command_of_its_own_is_a_ramp_of_set_points_within_its_
     assert driver.last is not None
     assert driver.last.position_m - 0.001 == pytest.approx(0.0064, abs=1.5e-3)
     assert driver.last.velocity_m_s == 0.0
+
+
+LIMITED = MotionTerms(
+    position_min_m=-0.085, position_max_m=0.085, speed_m_s=0.8, acceleration_m_s2=60.0, period_s=0.01,
+    longest_gap_s=0.04,
+)
+"""Of a bench that polls every 10 ms."""
+SINE = Program(Waveform.SINE, 0.06, 1.5, cycles=20.0)
+
+
+class Rod(Bare):
+    """A follower in a time of its own: a rod that goes on at the last speed for 50 ms, and may be busy."""
+
+    capabilities = Capabilities(WatchdogKind.COUNTER, hydraulics=True, streamed_setpoints=True)
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.taken: list[tuple[float, Setpoint]] = [(100.0, Setpoint(0.0, 0.0))]
+        self.looked: list[float] = []
+        self.refuses: type[RequestRefused] | None = None
+
+    def position_m(self) -> float:
+        at_s, setpoint = self.taken[-1]
+        return setpoint.position_m + setpoint.velocity_m_s * min(self.now_s - at_s, 0.05)
+
+    def velocity_m_s(self) -> float:
+        at_s, setpoint = self.taken[-1]
+        return setpoint.velocity_m_s if self.now_s - at_s < 0.05 else 0.0
+
+    def read_status(self) -> ActuatorStatus:
+        self.looked.append(self.now_s)
+        return super().read_status()._replace(position_m=self.position_m(), velocity_m_s=self.velocity_m_s())
+
+    def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
+        if self.refuses is not None:
+            raise self.refuses("actuator", "here", "busy")
+        self.taken.append((self.now_s, setpoint))
+        return super().read_status()._replace(position_m=self.position_m(), velocity_m_s=self.velocity_m_s())
+
+
+@pytest.fixture
+def rod(monkeypatch: pytest.MonkeyPatch) -> Rod:
+    made = Rod()
+    monkeypatch.setattr(streamed_actuator, "_clock_ns", lambda: round(1e9 * made.now_s))
+    return made
+
+
+def running(rod: Rod, order: Program | Move, until_s: float) -> StreamedActuator:
+    driver = StreamedActuator(rod, LIMITED)
+    driver.read_status()
+    driver.send(Command.START if isinstance(order, Program) else Command.MOVE_TO, order)
+    polled(rod, driver, until_s)
+    return driver
+
+
+def polled(rod: Rod, driver: StreamedActuator, seconds: float) -> None:
+    for _ in range(round(seconds / 0.01)):
+        with contextlib.suppress(RequestRefused):
+            driver.exchange(len(rod.taken))
+        rod.now_s += 0.01
+
+
+def jumps(rod: Rod, count: int) -> tuple[float, float]:
+    """Largest step of the rod's set-point (m), and of its speed (m/s), where it took one of the last set-points."""
+    steps, changes = [0.0], [0.0]
+    for (at_s, before), (now_s, after) in pairwise(rod.taken[-count:]):
+        gone_s = now_s - at_s
+        steps.append(abs(after.position_m - before.position_m - before.velocity_m_s * min(gone_s, 0.05)))
+        changes.append(abs(after.velocity_m_s - (before.velocity_m_s if gone_s < 0.05 else 0.0)))
+    return max(steps), max(changes)
+
+
+@pytest.mark.parametrize("phase_s", [0.7, 0.75, 0.8, 0.9, 1.0, 1.2])
+@pytest.mark.parametrize("gap_s", [0.1, 0.35, 2.0])
+@pytest.mark.parametrize("order", [SINE, Move(0.08, 0.05)], ids=["sine", "move"])
+@pytest.mark.parametrize("stop", [None, Command.FADE_STOP, Command.HALT])
+def test_after_a_gap_the_rod_is_measured_and_braked_from_there(
+    rod: Rod, phase_s: float, gap_s: float, order: Program | Move, stop: Command | None
+) -> None:
+    driver = running(rod, order, phase_s)
+    count = len(rod.taken)
+    rod.now_s += gap_s
+    if stop is not None:
+        driver.send(stop)
+    driver.look_for_gap()
+    assert (driver.breaks, driver.broken_off) == (1, True)
+    assert driver.gap_s == pytest.approx(gap_s + 0.01, abs=0.011)
+    rod.looked.clear()
+    polled(rod, driver, 0.01)
+    assert len(rod.looked) == 1, "the rod is measured before a set-point is sent"
+    polled(rod, driver, 0.3)
+    step_m, change_m_s = jumps(rod, len(rod.taken) - count + 1)
+    # 20 m/s^2 of deceleration is 0.2 m/s in a period.
+    assert step_m < 0.5 * 20.0 * 0.01**2 + 1e-6
+    assert change_m_s < 20.0 * 0.01 + 1e-6
+    assert not driver.in_motion
+    assert driver.breaks == 1
+
+
+@pytest.mark.parametrize("phase_s", [0.7, 0.75, 0.8, 0.9, 1.0, 1.2])
+def test_a_short_gap_is_caught_up_with_from_where_the_rod_is(rod: Rod, phase_s: float) -> None:
+    driver = running(rod, SINE, phase_s)
+    count = len(rod.taken)
+    rod.now_s += 0.025
+    polled(rod, driver, 0.3)
+    step_m, change_m_s = jumps(rod, len(rod.taken) - count + 1)
+    assert step_m < 0.06 * 60.0 * 0.01**2
+    assert change_m_s < 60.0 * 0.01
+    assert max(abs(setpoint.velocity_m_s) for _, setpoint in rod.taken) < 1.01 * 0.06 * 2.0 * math.pi * 1.5
+    assert (driver.breaks, driver.in_motion) == (0, True)
+
+
+def test_a_device_that_is_busy_for_a_moment_is_sent_the_next_set_point_and_a_long_one_ends_the_motion(
+    rod: Rod,
+) -> None:
+    driver = running(rod, SINE, 0.8)
+    rod.refuses = Busy
+    polled(rod, driver, 0.01)
+    rod.refuses = None
+    driver.read_status()  # as polls that do not feed the watchdog
+    assert rod.taken[-1][0] == rod.now_s
+    assert (driver.breaks, driver.in_motion) == (0, True)
+    rod.refuses = Busy
+    polled(rod, driver, 0.33)
+    assert driver.breaks == 1
+    count = len(rod.taken)
+    rod.refuses = None
+    polled(rod, driver, 0.2)
+    assert max(jumps(rod, len(rod.taken) - count + 1)) < 0.2
+    assert not driver.in_motion
+
+
+def test_a_rod_whose_position_is_not_known_after_a_gap_is_sent_nothing(rod: Rod) -> None:
+    driver = running(rod, SINE, 0.8)
+    rod.now_s += 0.2
+    rod.position_m = lambda: math.nan  # type: ignore[method-assign]
+    count = len(rod.taken)
+    polled(rod, driver, 0.2)
+    assert len(rod.taken) == count
+    assert driver.read_status().state == State.HALTING
+
+
+def test_a_rod_without_a_measured_speed_is_looked_at_twice(rod: Rod) -> None:
+    rod.capabilities = replace(Rod.capabilities, speed=False)
+    driver = running(rod, SINE, 0.95)
+    count = len(rod.taken)
+    rod.now_s += 0.2
+    polled(rod, driver, 0.01)
+    assert len(rod.taken) == count
+    polled(rod, driver, 0.01)
+    assert rod.taken[-1][1].velocity_m_s == pytest.approx(0.0, abs=1e-6)
+    assert rod.taken[-1][1].position_m == pytest.approx(rod.taken[-2][1].position_m, abs=0.05)
+    assert jumps(rod, 2)[0] < 1e-6
+
+
+def test_a_rod_at_rest_that_was_moved_in_a_gap_is_held_where_it_is(rod: Rod) -> None:
+    driver = running(rod, Move(0.01, 0.1), 0.5)
+    assert not driver.in_motion
+    rod.now_s += 1.0
+    rod.taken.append((rod.now_s, Setpoint(0.02, 0.0)))
+    polled(rod, driver, 0.02)
+    assert rod.taken[-1][1] == Setpoint(0.02, 0.0)
+    assert driver.breaks == 0
 
 
 def test_an_actuator_with_a_generator_stays_as_it_is() -> None:

@@ -61,6 +61,7 @@ class SetpointStream:
         self._driver = driver if isinstance(driver, StreamedActuator) else None
         self._supervisor = supervisor
         self._moved = False
+        self._breaks = 0
         self.steps = PollSteps(int(config.poll_s * 1e9), on_grid=self._driver is not None)
         rate = supervisor.config.device_rate
         self._longest_gap_s = config.longest_setpoint_gap_s
@@ -76,22 +77,29 @@ class SetpointStream:
         late_ns, driver = self.steps.take(now_ns), self._driver
         if driver is None:
             return
-        gap_s = driver.gap_s
-        if gap_s is not None:
-            # The cause first: the machine or this process was held up.
-            self._supervisor.host.awake(now_ns)
-            self._supervisor.report(self._supervisor.watchdogs.machine(now_ns))
-            self._supervisor.report([self._interlock.silent(gap_s, self._longest_gap_s, now_ns)])
+        driver.look_for_gap()
+        self._report_break(driver, now_ns)
         if driver.last is None or (driver.in_motion and not self._moved):
             self._interlock.restart()
         elif driver.in_motion and late_ns is not None:
             self._supervisor.report(self._interlock.sent(late_ns * 1e-9, now_ns))
+
+    def _report_break(self, driver: StreamedActuator, now_ns: int) -> None:
+        """A motion that was not continued after a gap stops the rig."""
+        if driver.breaks == self._breaks:
+            return
+        self._breaks = driver.breaks
+        # The cause first: the machine slept, or this process was held up.
+        self._supervisor.host.awake(now_ns)
+        self._supervisor.report(self._supervisor.watchdogs.machine(now_ns))
+        self._supervisor.report([self._interlock.silent(driver.gap_s, self._longest_gap_s, now_ns)])
 
     def answered(self, status: ActuatorStatus) -> None:
         """A poll's answer came."""
         driver = self._driver
         if driver is None:
             return
+        self._report_break(driver, status.received_ns)
         findings: list[Finding] = []
         if driver.last is not None and driver.in_motion:
             findings = self._interlock.answered(driver.last, driver.taken_m, status.position_m, status.received_ns)

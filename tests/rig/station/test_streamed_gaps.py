@@ -1,0 +1,60 @@
+"""Nothing is thrown: a rod whose set-points stop for a while stays within its limits. A sample of the benchmark's table.
+
+`benchmarks/streamed_gaps.py` has all of it: gaps, causes, phases, motions and controllers.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+FILE = Path(__file__).resolve().parents[3] / "benchmarks" / "streamed_gaps.py"
+RAISED = (('speed = "0.8 m/s"', 'speed = "2 m/s"'), ('force = "5 kN"', 'force = "9 kN"'))
+
+
+@pytest.fixture(scope="module")
+def gaps() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("streamed_gaps", FILE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["streamed_gaps"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("preset", "motion", "cause", "gap_s", "phase", "slug"),
+    [
+        ("demo-streamed", "sine", "busy", 0.33, 0.05, "setpoints-late"),
+        ("demo-streamed", "road", "suspended", 0.3, 0.3, "host-suspend"),
+        ("float-drive", "sine", "held-up", 0.3, 0.1, "host-late"),
+        ("float-drive", "fast-sine", "held-up", 0.045, 0.2, "setpoints-late"),
+        ("float-drive", "sine", "held-up", 0.02, 0.2, ""),
+        ("delta-rmc", "sine", "lost", 0.06, 0.9, "setpoints-late"),
+        ("delta-rmc", "triangle", "busy", 2.0, 0.6, "modbus-busy"),
+    ],
+)
+def test_after_a_gap_the_rod_stays_within_its_limits_and_the_stop_is_proved(
+    gaps: ModuleType, preset: str, motion: str, cause: str, gap_s: float, phase: float, slug: str
+) -> None:
+    outcome = gaps.outcome(gaps.Case(preset, motion, cause, gap_s, phase, limits=RAISED))
+    assert outcome.problems() == []
+    assert (outcome.trip, outcome.proved) == (slug, bool(slug))
+
+
+@pytest.mark.parametrize("preset", ["demo-streamed", "delta-rmc"])
+def test_an_undisturbed_sine_has_hardly_any_ripple(gaps: ModuleType, preset: str) -> None:
+    """60 mm at 1.5 Hz have 0.565 m/s and 5.3 m/s^2; tangents from set-point to set-point made it 10 to 18 m/s^2."""
+    outcome = gaps.outcome(gaps.Case(preset, jitter_s=0.0))
+    assert outcome.speed_m_s < 1.02 * 0.5655
+    assert outcome.acceleration_m_s2 < 9.0
+    rows = outcome.rows[outcome.rows[:, 0] > outcome.rows[-1, 0] - 2.0 / 1.5]
+    spectrum = np.abs(np.fft.rfft(rows[:, 1])) / (len(rows) / 2)
+    assert spectrum[2] == pytest.approx(0.06, rel=0.01)
+    assert np.sqrt(np.sum(spectrum[4:200] ** 2)) < 0.003 * spectrum[2]
