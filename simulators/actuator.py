@@ -214,15 +214,15 @@ class Actuator:
     def follow(self, position_m: float, velocity_m_s: float | None, within_s: float = 0.0) -> None:
         """Take a streamed set-point (m, m/s); one that makes no sense, or while the rod is not held, moves nothing.
 
-        The device goes on from there at that speed. A set-point that comes without a speed is reached in a line from
-        the present one within `within_s`, without a step, and the device goes on at the line's speed. After a halt the
-        valve opens again only for a set-point close to where the rod is.
+        The device goes on from there at that speed, for `FOLLOW_S`. A set-point that comes without a speed is reached
+        in a line from the present one within `within_s`, without a step, and held. After a halt the valve opens again
+        only for a set-point close to where the rod is.
         """
         mode, arrival_s = self.plant.command["mode"][0], self.arrival_s()
-        target_m, before_m_s, before_s = self._followed(mode == records.MODE_FOLLOW)
-        from_m = position_m
+        target_m, before_m_s, before_s, before_follow_s = self._followed(mode == records.MODE_FOLLOW)
+        from_m, follow_s = position_m, records.FOLLOW_S
         if velocity_m_s is None:
-            from_m = target_m + before_m_s * min(arrival_s - before_s, records.FOLLOW_S)
+            from_m, follow_s = target_m + before_m_s * min(arrival_s - before_s, before_follow_s), within_s
             velocity_m_s = (position_m - from_m) / within_s
         limits, off_m = self.limits, abs(position_m - self.seen_m) if mode == records.MODE_LOCKED else 0.0
         sane = limits.position_min_m <= position_m <= limits.position_max_m and off_m <= OFF_CENTRE_M
@@ -235,20 +235,22 @@ class Actuator:
             self.turned_s = self.plant.time_s
         self._unlock()
         self.plant.order(
-            before_m=target_m, before_m_s=before_m_s, before_s=before_s,
-            target_m=from_m, move_speed_m_s=velocity_m_s, told_s=arrival_s,
+            before_m=target_m, before_m_s=before_m_s, before_s=before_s, before_follow_s=before_follow_s,
+            target_m=from_m, move_speed_m_s=velocity_m_s, told_s=arrival_s, follow_s=follow_s,
         )
         if velocity_m_s == 0.0:
             self.plant.state["setpoint_m"], self.plant.state["setpoint_velocity_m_s"] = position_m, 0.0
         self.plant.order(mode=records.MODE_FOLLOW if velocity_m_s != 0.0 else records.MODE_HOLD)
         self.taken(position_m, velocity_m_s)
 
-    def _followed(self, follows: bool) -> tuple[float, float, float]:
-        """The set-point that is followed, or held: m, m/s, and when it came (s)."""
+    def _followed(self, follows: bool) -> tuple[float, float, float, float]:
+        """The set-point that is followed, or held: m, m/s, when it came and for how long it goes on (s)."""
         if not follows:
-            return float(self.plant.state["setpoint_m"][0]), 0.0, self.plant.time_s
-        command = self.plant.command
-        return float(command["target_m"][0]), float(command["move_speed_m_s"][0]), float(command["told_s"][0])
+            return float(self.plant.state["setpoint_m"][0]), 0.0, self.plant.time_s, 0.0
+        target, speed, told, longest = (
+            float(self.plant.command[name][0]) for name in ("target_m", "move_speed_m_s", "told_s", "follow_s")
+        )
+        return target, speed, told, longest
 
     def write_table(self, values: Values) -> bool:
         """Put samples of a table waveform in (m about the centre); False when they do not fit or are not finite."""

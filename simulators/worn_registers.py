@@ -35,6 +35,8 @@ WATCHDOG_MS = 500
 SHOWN_S = 0.15
 """So long (simulated s) an answer to a command stays before the device looks as if nothing was asked."""
 SHORTEST_S = 1e-3
+USUAL_SHARE = 0.1
+"""Of each time between two set-points, in the usual one: a late one and the next, which comes early, make no jump."""
 """Two set-points that come closer together are taken as if they did not."""
 NOBODY = 1
 """Owner of a device without leases."""
@@ -68,6 +70,7 @@ class WornRegisters(RegisterBank):
         self._count = 0
         self._fed = 0
         self._followed_s = 0.0
+        self._usual_s = FOLLOW_S
         self._feeds = self._named(worn.recipes.feed)
         self._setpoints = self._named(worn.recipes.setpoint)
         self._allowed = _allowed(worn)
@@ -165,15 +168,22 @@ class WornRegisters(RegisterBank):
         self.actuator.feed(self._fed)
 
     def _follow_position(self, position_m: float) -> None:
-        """A set-point; where the map has no speed for it, it is reached after the time since the last one."""
-        now_s, before_s = self.actuator.arrival_s(), self._followed_s
-        self._followed_s = now_s
+        """A set-point; where the map has no speed for it, it is reached after the usual time between two."""
         velocity = next((name for name, value in self._setpoints.items() if value == "$velocity"), None)
         if velocity is not None:
             quantity = self._map.quantities[velocity]
             self.actuator.follow(position_m, value_of(quantity, self._raw(quantity)))
         else:
-            self.actuator.follow(position_m, None, min(max(now_s - before_s, SHORTEST_S), FOLLOW_S))
+            self.actuator.follow(position_m, None, self._within_s())
+
+    def _within_s(self) -> float:
+        """The usual time between two set-points; the last one where it was longer, but not a gap (s)."""
+        now_s = self.actuator.arrival_s()
+        last_s, self._followed_s = now_s - self._followed_s, now_s
+        if last_s >= FOLLOW_S:
+            return self._usual_s
+        self._usual_s += USUAL_SHARE * (max(last_s, SHORTEST_S) - self._usual_s)
+        return max(self._usual_s, last_s)
 
     def _take_table(self, touched: Iterable[Quantity]) -> bool:
         held = self._named(self._map.recipes.table)

@@ -18,7 +18,6 @@ from rig.dampers.compiled_cache import njit
 from simulators.plant.records import (
     EVENT_FULL_AMPLITUDE,
     EVENT_PULSE,
-    FOLLOW_S,
     MODE_FADE,
     MODE_FOLLOW,
     MODE_HALT,
@@ -176,12 +175,12 @@ def _followed_setpoint(c: Record, s: Record, end_s: float) -> None:
 
     A set-point comes between two slices of the plant; until that instant the one before it counts.
     """
-    from_m, speed_m_s, from_s = c.target_m, c.move_speed_m_s, c.told_s
+    from_m, speed_m_s, from_s, longest_s = c.target_m, c.move_speed_m_s, c.told_s, c.follow_s
     if end_s < c.told_s:
-        from_m, speed_m_s, from_s = c.before_m, c.before_m_s, c.before_s
+        from_m, speed_m_s, from_s, longest_s = c.before_m, c.before_m_s, c.before_s, c.before_follow_s
     age_s = end_s - from_s
-    s.setpoint_m = from_m + speed_m_s * min(age_s, FOLLOW_S)
-    s.setpoint_velocity_m_s = speed_m_s if age_s < FOLLOW_S else 0.0
+    s.setpoint_m = from_m + speed_m_s * min(age_s, longest_s)
+    s.setpoint_velocity_m_s = speed_m_s if age_s < longest_s else 0.0
 
 
 followed_setpoint = njit(cache=False)(_followed_setpoint)

@@ -94,6 +94,8 @@ COMMAND = np.dtype(
         ("before_m", "f8"),  # the one before it, which is followed until then
         ("before_m_s", "f8"),
         ("before_s", "f8"),
+        ("follow_s", "f8"),  # for how long the last one goes on when no other comes
+        ("before_follow_s", "f8"),
         ("waveform", "i8"),
         ("amplitude_m", "f8"),
         ("frequency_Hz", "f8"),

@@ -79,6 +79,8 @@ def test_set_points_without_a_speed_are_joined_by_lines(streamed: Bench) -> None
         assert plant.value("setpoint_m") == pytest.approx(before_m + 0.4 * (position_m - before_m), abs=1e-6)
         streamed.run(0.6 * POLL_S)
         assert plant.value("setpoint_m") == pytest.approx(position_m, abs=1e-6)
+    streamed.run(0.1)
+    assert plant.value("setpoint_m") == pytest.approx(wanted_m[-1], abs=1e-9), "in silence it stays there"
 
 
 def test_without_a_generator_programs_and_moves_are_refused_and_a_halt_is_not(streamed: Bench) -> None:
