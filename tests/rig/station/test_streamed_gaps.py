@@ -1,4 +1,4 @@
-"""Nothing is thrown: a rod whose set-points stop for a while stays within its limits. A sample of the benchmark's table.
+"""Nothing is thrown: a rod whose set-points stop for a while stays within its limits. A sample of the whole table.
 
 `benchmarks/streamed_gaps.py` has all of it: gaps, causes, phases, motions and controllers.
 """
