@@ -26,7 +26,7 @@ from rig.signals.arrays import FloatArray
 from rig.signals.cycles import cycle_rate_Hz
 from rig.signals.interpolation import LARGEST_STEP_PERIODS
 from rig.signals.plausibility import TestSize, doubts
-from rig.signals.sample_times import SampleTimes, TimeBase, sample_times
+from rig.signals.sample_times import SampleTimes, sample_times
 
 FEWEST_ROWS = 16
 SLOWEST_Hz, FASTEST_Hz = 5.0, 1e6
@@ -245,7 +245,7 @@ def _times(table: dict[str, FloatArray]) -> SampleTimes | None:
     if stamps_s.size < FEWEST_ROWS or not np.all(np.isfinite(stamps_s)):
         return None
     times = sample_times(stamps_s, (table["displacement"], table["force"]))
-    if times.base in {TimeBase.ROUNDED, TimeBase.JITTER}:
+    if times.uniform:
         table["time"] = times.time_s + stamps_s[0]
     return times
 

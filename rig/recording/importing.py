@@ -27,7 +27,7 @@ from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.motion_parts import TestPart, every_part
 from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
-from rig.recording.quality.point_quality import MotionQuality, PointQuality, SkewQuality, TimeQuality
+from rig.recording.quality.point_quality import MotionQuality, PointQuality, SkewQuality, time_quality
 from rig.recording.quality.verdict import Reason, Verdict, invalid
 from rig.signals.arrays import FloatArray
 from rig.signals.cycles import MeasuredMotion, measured_motion
@@ -197,10 +197,7 @@ def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
             mean_m=motion.mean_m, start_s=motion.start_s, end_s=motion.end_s,
         ),
         record=part.use(motion),
-        time=None if times is None else TimeQuality(
-            base=times.base.value, rate_Hz=times.rate_Hz, resolution_s=times.resolution_s, scatter_s=times.scatter_s,
-            std_s=times.std_s,
-        ),
+        time=None if times is None else time_quality(times),
     )
     return PointFile(
         time_s=test.time_s, sample_rate_hz=1.0 / period_s, channels=channels, flags=flags,

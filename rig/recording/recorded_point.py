@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from rig.errors import FileProblem
 from rig.recording.point_files import OUT_OF_TOLERANCE
-from rig.recording.quality.point_quality import PointQuality
+from rig.recording.quality.point_quality import PointQuality, time_quality
 from rig.signals.arrays import FloatArray
+from rig.signals.sample_times import sample_times
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -135,7 +136,7 @@ class RecordedPoint:
                 name (`force_kN`), in `units`, or in `table.attrs["units"]`; without any it is taken in SI, with a
                 warning. The time is the index, or a column such as `time_s` (see
                 `rig.recording.table_columns.table_time`); row numbers are not taken for it. Columns of texts are left
-                out.
+                out. Times with few digits become the uniform rate behind them (`quality.time`).
             id: the point's id.
             current_A: the wanted coil current (A).
             waveform: `sine` or `triangle`.
@@ -149,7 +150,11 @@ class RecordedPoint:
         """
         from rig.recording.table_columns import table_channels
 
-        arrays = table_channels(table, id, units, accept)
+        arrays = dict(table_channels(table, id, units, accept))
+        times = sample_times(arrays["time"], (arrays["displacement"], arrays["force"]))
+        if times.uniform:
+            arrays["time"] = times.time_s + arrays["time"][0]
+        description = {"quality": PointQuality(time=time_quality(times)), **description}
         time_s = arrays["time"]
         if "current" not in arrays:
             unknown = np.nan if "commanded_current" in arrays else current_A

@@ -24,6 +24,8 @@ from rig.signals.arrays import FloatArray
 FEWEST = 16
 GAP_STEPS = 1.5
 """Steps longer than so many periods, and than one and a printing step, are a gap."""
+FINE = 1e-3
+"""Of the period: stamps that are so near a line are left as they are."""
 ROUNDED = 1.02
 """Printing steps that the stamps may span about their line; in one step only the arithmetic is added to that."""
 EXACT = 16.0
@@ -84,6 +86,11 @@ class SampleTimes:
     std_s: float = 0.0
 
     @property
+    def uniform(self) -> bool:
+        """Whether `time_s` is a uniform rate in place of the stamps."""
+        return self.base in {TimeBase.ROUNDED, TimeBase.JITTER}
+
+    @property
     def told(self) -> str:
         """The time base in words; empty where the times are uniform as they are read."""
         few = f"stamps in steps of {1e3 * self.resolution_s:.4g} ms" if self.resolution_s > 0.0 else "stamps"
@@ -131,8 +138,8 @@ def sample_times(stamps_s: FloatArray, signals: tuple[FloatArray, ...] = ()) -> 
     for apart in (False, True):
         line_s, span_s, period_s = _line(since_s, steps_s, step_s, apart=apart)
         lines.append((line_s, span_s, period_s))
-        if span_s <= exact_s:
-            return SampleTimes(since_s, TimeBase.AS_READ, 1.0 / period_s)
+        if span_s <= max(exact_s, FINE * period_s):
+            return SampleTimes(since_s, TimeBase.AS_READ, 1.0 / period_s, step_s if step_s > 2.0 * exact_s else 0.0)
         if span_s <= ROUNDED * step_s + exact_s:
             scatter_s = float(np.std(since_s - line_s))
             return SampleTimes(line_s - line_s[0], TimeBase.ROUNDED, 1.0 / period_s, step_s, scatter_s)

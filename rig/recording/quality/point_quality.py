@@ -22,6 +22,7 @@ from rig.signals.delay_estimation.delay_model import at_likely_compliance
 from rig.signals.delay_estimation.sample_match import Match
 from rig.signals.estimate import Estimate
 from rig.signals.loop_shape import LoopShape
+from rig.signals.sample_times import SampleTimes
 
 if TYPE_CHECKING:
     from rig.recording.alignment.alignment import Alignment, Overview
@@ -179,6 +180,14 @@ class TimeQuality(Section):
     resolution_s: float | None = stored("time_resolution_s")
     scatter_s: float | None = stored("time_scatter_s")
     std_s: float | None = stored("time_std_s")
+
+
+def time_quality(times: SampleTimes) -> TimeQuality:
+    """What a file holds of how its times were found."""
+    return TimeQuality(
+        base=times.base.value, rate_Hz=times.rate_Hz if math.isfinite(times.rate_Hz) else None,
+        resolution_s=times.resolution_s, scatter_s=times.scatter_s, std_s=times.std_s,
+    )
 
 
 @dataclass(frozen=True)

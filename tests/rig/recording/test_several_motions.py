@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from rig.recording.importing import import_tests
@@ -95,3 +96,13 @@ def test_several_samples_on_one_stamp_are_read_where_a_uniform_rate_is_behind_th
     (point,) = imported(tmp_path, t, 20.0 * np.sin(4.0 * np.pi * t - 0.3), digits=3)
     assert point.verdict == "valid"
     assert point.sample_rate_Hz == pytest.approx(2000.0, rel=1e-4)
+
+
+def test_a_table_with_rounded_times_is_the_uniform_rate_behind_them() -> None:
+    t = np.arange(0.0, 5.0, 0.0025)
+    x_m = 0.02 * np.sin(4.0 * np.pi * t - 0.3)
+    table = pd.DataFrame({"time_s": np.round(t, 3), "displacement_m": x_m, "force_N": 400.0 * np.gradient(x_m, t)})
+    point = RecordedPoint.from_pandas(table, id="rounded", current_A=0.0)
+    assert point.quality.time is not None
+    assert point.quality.time.base == TimeBase.ROUNDED
+    assert np.max(np.abs(np.diff(point.time_s) - 0.0025)) < 1e-7
