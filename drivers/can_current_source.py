@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
@@ -48,6 +49,7 @@ from protocols.slcan import Frame
 DEFAULT_PERIOD_S = 0.010
 REPEATS = 3
 """A command that is sent on change is sent so often, a period apart: one lost frame loses no command."""
+FAREWELL_PAUSE_S = 0.005
 _COMMANDS_KEPT = 4096
 _STANDARD_BITS, _EXTENDED_BITS = 47, 67
 _TEMPERATURES = ((COIL, Channel.COIL_TEMPERATURE), (ECU, Channel.ECU_TEMPERATURE), (SUPPLY, Channel.ECU_SUPPLY))
@@ -164,14 +166,27 @@ class CanCurrentSource:
             self._is_open = True
 
     def close(self) -> None:
-        """End the command frames and leave the bus; the ECU goes to 0 A by its own time-out. Twice is harmless."""
+        """Leave the ECU at 0 A with its output stage off, if anything was ever sent, and the bus; twice is harmless.
+
+        Should these last frames not arrive, the ECU goes to 0 A by its own time-out.
+        """
         self._ending.set()
         if self._thread is not None:
             self._thread.join()
             self._thread = None
+            self._farewell()
         if self._is_open:
             self._is_open = False
             self._port.close()
+
+    def _farewell(self) -> None:
+        """The last command, as often as one that is sent on change: a frame may be lost."""
+        self.command(0.0, enable=False)
+        with contextlib.suppress(DriverError):
+            for place in range(REPEATS):
+                if place:
+                    time.sleep(FAREWELL_PAUSE_S)
+                self.send_now()
 
     def start(self, period_s: float = DEFAULT_PERIOD_S) -> None:
         """Send the command frames from now on, every `period_s` wall seconds.

@@ -24,6 +24,7 @@ class Capabilities:
         watchdog: how it notices that its host is gone.
         hydraulics: the host can take the pressure (or the drive's power) away, and see that it is gone.
         lease: it obeys one host at a time.
+        acquires, releases: it has such a command, whether or not it shows who holds the lease.
         acknowledge: its status names the last command and its result.
         echo: its status repeats the watchdog's counter.
         limits_read_back: it holds the rig's limits, which can be read back.
@@ -45,6 +46,8 @@ class Capabilities:
     watchdog: WatchdogKind
     hydraulics: bool
     lease: bool = False
+    acquires: bool = False
+    releases: bool = False
     acknowledge: bool = False
     echo: bool = False
     limits_read_back: bool = False

@@ -191,7 +191,7 @@ class CurrentSource(Protocol):
         """Join the bus; sends nothing yet."""
 
     def close(self) -> None:
-        """End the commands and leave the bus; the source goes to 0 A by its own time-out."""
+        """Leave it at 0 A with its output off, end the commands and leave the bus."""
 
     def start(self, period_s: float) -> None:
         """Send the command from now on, every `period_s` wall seconds."""

@@ -27,6 +27,8 @@ def capabilities(quantities: Quantities, words: Words, recipes: Recipes, watchdo
         watchdog=watchdog,
         hydraulics=Command.HYDRAULICS_ON in commands and Command.HYDRAULICS_OFF in commands,
         lease="owner" in quantities and {Command.ACQUIRE, Command.RELEASE} <= commands.keys(),
+        acquires=Command.ACQUIRE in commands,
+        releases=Command.RELEASE in commands,
         acknowledge=is_numbered(quantities, commands) or shakes_hands(commands),
         echo=watchdog is WatchdogKind.COUNTER and "watchdog_echo" in quantities,
         limits_read_back={"position_min", "position_max"} <= quantities.keys(),

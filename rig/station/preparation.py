@@ -7,6 +7,7 @@ from dataclasses import asdict
 
 from drivers.capabilities import WatchdogKind
 from drivers.current_source import SourceFault, SourceIdentity
+from drivers.errors import DriverError
 from drivers.roles import ActuatorLimits, Command, FaultBit, State, WatchdogAction
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
@@ -19,6 +20,8 @@ from rig.station.threads.devices import Device, Devices
 from rig.station.threads.sensor_thread import SensorThread
 
 LEASE_WAIT_S = 3.0
+LEAVING_SHARE, LEAVING_S = 1.5, 0.2
+"""So many of its times, and so much more, a watchdog that is left is given to trip (wall s)."""
 FIRST_DATA_S = 3.0
 RATE_SAMPLES = 25
 READ_BACK_SHARE = 1e-6
@@ -157,6 +160,8 @@ class Preparation:
         judge = self._devices.actuator.judge
         judge.leased = False
         if not self._devices.actuator.capabilities.lease:
+            if self._devices.actuator.capabilities.acquires:
+                self._commands.command(Command.ACQUIRE)
             judge.leased = True
             return
         deadline_ns = monotonic_ns() + int(LEASE_WAIT_S * 1e9)
@@ -273,3 +278,39 @@ class Preparation:
         finally:
             supervisor.starve(proving=False, feeding=True)
         return (tripped.received_ns - begin_ns) / 1e9
+
+    def leave_controller(self) -> None:
+        """Leave the controller as it was found: given back, no trip of its watchdog latched by this host's leaving.
+
+        The rig is disarmed and its pressure off; the watchdog is not fed any more. Giving back a lease ends it; where
+        there is none and it trips, it is reset. A trip that was there before is left to the operator. What goes wrong
+        is only reported.
+        """
+        supervisor, actuator = self._supervisor, self._devices.actuator
+        able, before = actuator.capabilities, actuator.judge.status
+        supervisor.starve(proving=True, feeding=False)
+        actuator.judge.leased = False
+        try:
+            if able.releases or able.lease:
+                self._commands.command(Command.RELEASE)
+            watched = able.watchdog is not WatchdogKind.NONE and not able.lease
+            if watched and before is not None and not before.tripped:
+                self._end_watchdog()
+        except (StationRefused, DriverError, TimeoutError) as error:
+            slug = error.slug if isinstance(error, StationRefused) else "modbus-halfopen"
+            supervisor.tell(slug, f"the controller is not left as it was found: {error}")
+
+    def _end_watchdog(self) -> None:
+        """Wait for the trip of a watchdog that is not fed any more, and reset it.
+
+        Raises:
+            StationRefused: the trip does not clear.
+            DriverError: the controller cannot be reached.
+        """
+        allowed_s = LEAVING_SHARE * self._config.actuator.watchdog_s + LEAVING_S
+        if self._devices.actuator.wait_status(lambda status: status.watchdog_tripped, allowed_s) is None:
+            return
+        self._commands.command(Command.RESET)
+        self._commands.await_status(
+            lambda status: not status.tripped, "controller-trip", "the watchdog's trip at the end does not clear"
+        )

@@ -133,6 +133,9 @@ class Station:
                 self.supervisor.ask_stop(StopKind.PRESSURE_OFF, "sigterm", f"station got {signal.Signals(number).name}")
             self.supervisor.application_gone()
             code = EXIT_DONE if self._wait_safe() else EXIT_UNKNOWN_STATE
+            if code == EXIT_DONE:
+                self.supervisor.disarm()
+                self.requests.leave()
         if self._stop_socket is not None:
             self._stop_socket.close()
         self.devices.close()

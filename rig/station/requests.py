@@ -295,19 +295,15 @@ class Requests:
                 self._devices.coil.set_current(0.0)
         self._hydraulics({"level": "off"})
         self._supervisor.disarm()
-        self._devices.actuator.judge.leased = False
-        leases = self._devices.actuator.capabilities.lease
-        if leases:
-            self._give_back()
+        self.leave()
         return self._supervisor.evidence()
 
-    def _give_back(self) -> None:
-        """Give the lease back; the pressure is off already, so that what goes wrong here is only reported."""
-        try:
-            self._commands.command(Command.RELEASE)
-        except (StationRefused, DriverError, TimeoutError) as error:
-            slug = error.slug if isinstance(error, StationRefused) else "modbus-halfopen"
-            self._supervisor.tell(slug, f"the controller was not given back: {error}")
+    def leave(self) -> None:
+        """Leave the devices as they were found; the rig is disarmed, or its stop has taken the pressure away."""
+        if not self._devices.coil.by_hand:
+            with suppress(DriverError):
+                self._devices.coil.rest()
+        self._preparation.leave_controller()
 
     # Reading
 

@@ -249,3 +249,24 @@ def test_an_interface_that_cannot_be_opened_is_named() -> None:
         port.send(0x120, bytes(8))
     with pytest.raises(PortClosed, match="not open"):
         port.receive(0.0)
+
+
+def test_an_ecu_that_was_commanded_is_left_at_no_current_and_disabled(device: SlcanDevice) -> None:
+    ecu = source("slcan", device.channel)
+    ecu.open()
+    ecu.command(1.0)
+    ecu.start(0.01)
+    assert device.wait_for(lambda lines: len(commands(device)) >= 2)
+    ecu.close()
+    assert device.wait_for(lambda lines: b"C" in lines[3:])
+    last = commands(device)[-3:]
+    assert [(one.setpoint_A, one.enable) for one in last] == [(0.0, False)] * 3
+    assert [one.counter for one in last] == [(last[0].counter + place) % 15 for place in range(3)]
+
+
+def test_an_ecu_that_was_only_listened_to_is_sent_nothing_at_the_end(device: SlcanDevice) -> None:
+    ecu = source("slcan", device.channel)
+    ecu.open()
+    ecu.close()
+    assert device.wait_for(lambda lines: b"C" in lines[1:])
+    assert commands(device) == []

@@ -40,7 +40,7 @@ PROOF_WALL_S: dict[Request, float] = {
     Request.START: 5.0,
     Request.STOP: 60.0,
     Request.RESET: 10.0,
-    Request.DISARM: 15.0,
+    Request.DISARM: 25.0,
 }
 """How long the station may take to prove a request (wall s)."""
 MIN_WALL_S = 2.0

@@ -176,6 +176,16 @@ class CurrentSourceThread(ReadingThread):
             self._command(current_A, enable=not self._zeroed or self.by_hand)
             self._driver.send_now()
 
+    def rest(self) -> None:
+        """Command 0 A with the output stage off, at once and from now on; the coil may be used again.
+
+        Raises:
+            DriverError: the bus does not take the frame.
+        """
+        with self._command_lock:
+            self._command(0.0, enable=False)
+            self._driver.send_now()
+
     def zero_now(self) -> None:
         """Command 0 A, output stage off, and put the frame on the wire at once; never raises."""
         with self._command_lock:
