@@ -43,7 +43,8 @@ LIKELY = {
     "temperature": "K (NAME:K)",
 }
 USUAL_NO_VALUE = tuple(sign * number for number in (
-    999.0, 999.25, 9999.0, 9999.9, 9999.99, 99999.0, 999999.0, 1e30, 9.9e37, 9.91e37, 1e38,
+    999.0, 999.25, 9999.0, 9999.9, 9999.99, 32767.0, 32768.0, 65535.0, 99999.0, 999999.0,
+    2147483647.0, 2147483648.0, 1e30, 9.9e37, 9.91e37, 1e38,
     float(np.finfo(np.float32).max),
 ) for sign in (-1.0, 1.0))  # fmt: skip
 """Numbers by which programs write that there is no value (SCPI: 9.9e37 is overflow, 9.91e37 no number)."""

@@ -250,7 +250,7 @@ def fuzz_csv(source: random.Random) -> None:
         lines = [line.split(",") for line in data.decode().strip().splitlines() if line.strip()]
         column = [name.strip() for name in lines[0]].index("F_N")
         cells = [line[column].strip() if len(line) > column else "" for line in lines[1:]]
-        expected = np.array([float(cell) if cell else math.nan for cell in cells])
+        expected = np.array([math.nan if cell in {"", "-", "--"} else float(cell) for cell in cells])
         force_N = run.points[0].force_N
         if not data.endswith(b"\n") and (len(force_N) < len(expected) or np.isnan(force_N[-1])):
             force_N, expected = force_N[: len(expected) - 1], expected[:-1]

@@ -19,6 +19,8 @@ from rig.recording.foreign.foreign_file import Dialect
 LOOKED_AT = 2000
 """Lines among which the first numbers must be."""
 FEWEST_ROWS = 3
+REMARKS = 20
+"""Lines above the first three rows among which there may be rows with remarks between them."""
 SEPARATORS = (";", "\t", ",", "|", " ")
 SHOWN = {"\t": "tab", " ": "white space"}
 SHOWN_SIGNS = {" ": "space", "\u00a0": "no-break space", "\u2009": "thin space", "\u202f": "narrow no-break space"}
@@ -29,6 +31,8 @@ NOTHING = frozenset((
 # Possessive: a cell of 60,000 digits and a letter would take minutes of backtracking.
 POINT = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)([eE][+-]?\d++)?|[+-]?inf(inity)?", re.IGNORECASE)
 COMMA = re.compile(r"[+-]?(\d++,?\d*+|,\d++)([eE][+-]?\d++)?", re.IGNORECASE)
+NUMBER_LIKE = re.compile(r"[-+]?[\d.,'\s]*\d[\d.,'\s]*([eEdD][-+]?\d{1,3})?")
+"""What is a number written in another way, and no word."""
 FORTRAN = re.compile(r"(?<![\w.,])[+-]?(\d++[.,]?\d*+|[.,]\d++)[dD][+-]?\d{1,3}(?![\w.])")
 FORTRAN_HINT = "has Fortran's exponent D: write the numbers with E (sed -E 's/([0-9.])[Dd]([+-]?[0-9])/\\1E\\2/g')"
 GROUPED = {
@@ -210,11 +214,25 @@ def _first_rows(lines: Sequence[str], said: Dialect, *, words: bool = False) -> 
         if run is None:
             continue
         first, length, cells = run
+        first = _below_heading(lines, separator, first, cells)
         if best is None or (length, cells) > best[:2]:
             best = (length, cells, (separator, first, cells))
     if best is None and not words:
         return _first_rows(lines, said, words=True)
     return None if best is None else best[2]
+
+
+def _below_heading(lines: Sequence[str], separator: str, first: int, width: int) -> int:
+    """The first row below the heading, where remarks in or among the first rows hide it; else `first`."""
+    start = first
+    for k in range(first - 1, max(-1, first - REMARKS), -1):
+        cells = cells_of(lines[k], separator)[:width]
+        numbers = sum(is_any_number(cell) or is_stamp(cell) for cell in cells)
+        if numbers > 1 and 2 * numbers >= sum(cell.lower() not in NOTHING for cell in cells):
+            start = k
+        elif len(cells) == width and all(cells) and not numbers:
+            return start if start == k + 1 else first
+    return first
 
 
 def _longest_start(counts: Sequence[int]) -> tuple[int, int, int] | None:

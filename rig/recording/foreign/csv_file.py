@@ -18,6 +18,7 @@ from rig.recording.foreign.csv_dialect import (
     FORTRAN,
     FORTRAN_HINT,
     NOTHING,
+    NUMBER_LIKE,
     POINT,
     CsvLayout,
     cells_of,
@@ -184,6 +185,16 @@ class CsvFile:
             heading = self._is_heading(lines[start:stop], start + first)
             self._breaks.append(Break(int(np.count_nonzero(good[:start])), start + first, count, heading))
         events = sum(one.count for one in self._breaks if not one.heading)
+        numbers = [
+            k for (start, stop), one in zip(apart, self._breaks, strict=True) if not one.heading
+            for k in range(start, stop) if self._is_number_like(lines[k], places)
+        ]
+        if numbers:
+            raise FileProblem(str(self._file), [
+                *self._wrong_values(places),
+                f"{len(numbers)} row(s) with numbers that are written otherwise, or more numbers than columns. Fix: "
+                "--decimal, --thousands; a thousands sign must not be the separator too",
+            ])  # fmt: skip
         if events and self._said.event_rows == "refuse":
             raise FileProblem(str(self._file), [
                 *self._wrong_values(places),
@@ -209,6 +220,12 @@ class CsvFile:
             for place, cell in enumerate(cells[: len(layout.names)])
             if place in places or (place == 0 and layout.numeric[0])
         )
+
+    def _is_number_like(self, line: str, places: Sequence[int]) -> bool:
+        """Whether a line that is no row has numbers only, written otherwise or too many, where a row has its own."""
+        cells = cells_of(line, self._layout.separator)
+        own = [cells[place] for place in places if place < len(cells) and cells[place].lower() not in NOTHING]
+        return bool(own) and all(NUMBER_LIKE.fullmatch(cell) or is_stamp(cell) for cell in own)
 
     def _is_heading(self, lines: Sequence[str], first: int) -> bool:
         """Whether lines between rows hold the table's own heading again.

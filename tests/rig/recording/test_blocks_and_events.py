@@ -109,8 +109,29 @@ def test_events_between_rows_are_named_left_out_or_split_off(tmp_path: Path) -> 
 
 def test_many_rows_that_are_no_numbers_are_no_events(tmp_path: Path) -> None:
     lines = [line.replace(".", ",", 1) if k > 20 and k % 3 == 0 else line for k, line in enumerate(rows())]
-    with pytest.raises(FileProblem, match="too many to be events"):
+    with pytest.raises(FileProblem, match="numbers that are written otherwise"):
         read(tmp_path / "a.txt", HEADING + "\n" + "\n".join(lines) + "\n", event_rows="skip", decimal=".", thousands="")
+    lines = [f"event {k}" if k > 20 and k % 3 == 0 else line for k, line in enumerate(rows())]
+    with pytest.raises(FileProblem, match="too many to be events"):
+        read(tmp_path / "a.txt", HEADING + "\n" + "\n".join(lines) + "\n", event_rows="skip")
+
+
+def test_peaks_with_a_thousands_sign_are_never_skipped_as_events(tmp_path: Path) -> None:
+    lines = [f"{t:.3f},{x:.3f},{f:,.1f}" for t, x, f in zip(T, X_MM, 1200.0 * T**3 / 27.0, strict=True)]
+    assert any(line.count(",") == 3 for line in lines)
+    with pytest.raises(FileProblem, match="more numbers than columns"):
+        read(tmp_path / "a.csv", "t_s,x_mm,F_N\n" + "\n".join(lines) + "\n",
+             {"time": "t_s", "displacement": "x_mm", "force": "F_N"}, event_rows="skip")  # fmt: skip
+
+
+@pytest.mark.parametrize("remark", ["\n# start", ";note", ";;go"])
+@pytest.mark.parametrize("row", [0, 2])
+def test_a_remark_in_or_between_the_first_rows_hides_no_heading(remark: str, row: int, tmp_path: Path) -> None:
+    lines = [f"{t:.3f};{x:.4f};{f:.3f}" for t, x, f in zip(T, X_MM, F_N, strict=True)]
+    lines[row] += remark
+    (test,) = read(tmp_path / "a.csv", "t_s;x_mm;F_N;;\n" + "\n".join(lines) + "\n",
+                   {"time": "t_s", "displacement": "x_mm", "force": "F_N"}, event_rows="skip")  # fmt: skip
+    assert test.force_N == pytest.approx(F_N, abs=1e-3)
 
 
 @pytest.mark.parametrize("sign", ["'", "\u2019", "\u00a0", "\u202f", " ", ","])
