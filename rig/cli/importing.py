@@ -234,7 +234,7 @@ def _show(folder: Path, as_json: bool) -> int:
             line = f"{point.id:<23} {text:<31} {'; '.join((point.verdict, *point.reasons))}"
             shown.print(line, markup=False)
             if point.quality.record is not None and (use := _use(point.quality.record)):
-                shown.print(f"{'':<23} {use}", markup=False)
+                shown.print(f"  {use}", markup=False, soft_wrap=True)
         say(folder.resolve())
     return EXIT_DONE if valid == len(run.points) else EXIT_NOT_ALL_VALID
 
@@ -249,9 +249,9 @@ def _use(record: RecordQuality) -> str:
     record_s, used_s, other_s = record.record_s or 0.0, record.used_s or 0.0, record.other_s or 0.0
     if not record.motions and other_s <= OTHER_SHARE * record_s:
         return ""
-    part = f"motion {record.motion} of {record.motions}; " if record.motions else ""
-    others = record.other_motions or "ramps or other motion"
+    part = f"motion {record.motion} of {record.motions}, " if record.motions else ""
+    others = f": {record.other_motions}" if record.other_motions and record.motion == 1 else ""
     return (
-        f"{part}used {used_s:.3g} of {record_s:.3g} s ({100.0 * used_s / record_s:.0f} %); at rest "
-        f"{record.rest_s or 0.0:.3g} s; {other_s:.3g} s of {others}"
+        f"{part}used {used_s:.3g} of {record_s:.3g} s ({100.0 * used_s / record_s:.0f} %), "
+        f"rest {record.rest_s or 0.0:.3g} s, ramps or other motions {other_s:.3g} s{others}"
     )

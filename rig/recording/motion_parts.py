@@ -32,6 +32,7 @@ class TestPart:
         motions: the motions of the record.
         record_s: duration of the record (s).
         others: the record's other motions in words.
+        whole: motion without cycles, all of which is used.
     """
 
     test: ImportedTest
@@ -41,10 +42,11 @@ class TestPart:
     motions: Motions
     record_s: float
     others: str = ""
+    whole: bool = False
 
     def use(self, motion: MeasuredMotion | None) -> RecordQuality:
         """How much of the record the part's full cycles are; of motion without cycles all of it."""
-        used_s = self.record_s if motion is None else motion.end_s - motion.start_s
+        used_s = motion.end_s - motion.start_s if motion is not None else self.record_s if self.whole else 0.0
         rest_s = min(self.motions.rest_s, self.record_s - used_s)
         return RecordQuality(
             record_s=self.record_s, used_s=used_s, rest_s=rest_s, other_s=self.record_s - used_s - rest_s,
@@ -62,7 +64,7 @@ def parts_of(test: ImportedTest, waveform: str) -> list[TestPart]:
     """
     record_s = float(test.time_s[-1] - test.time_s[0])
     if waveform == RANDOM:
-        return [TestPart(test, 0, 1, 0.0, Motions((), 0.0), record_s)]
+        return [TestPart(test, 0, 1, 0.0, Motions((), 0.0), record_s, whole=True)]
     current_A, tolerance_A = _current(test)
     motions = motions_of(test.time_s, test.displacement_m, current_A, current_tolerance_A=tolerance_A)
     steady = motions.steady

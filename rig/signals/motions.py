@@ -137,6 +137,7 @@ def motions_of(
     steady = _joined([_motion(cycles, run) for run in runs if _is_steady(cycles, run)], current_tolerance_A)
     if sum(motion.cycles for motion in steady) < MOST_OF_CYCLES * cycles.period_s.size:
         steady = []
+    steady = [_within_its_own(motion, t, x) for motion in steady]
     longest_s = max((1.0 / motion.frequency_Hz for motion in steady), default=float(np.median(cycles.period_s)))
     return Motions(tuple(steady), _rest_s(t, x, stroke_m, AT_REST * longest_s))
 
@@ -258,6 +259,18 @@ def _joined(motions: Sequence[SteadyMotion], current_tolerance_A: float) -> list
             before, end_s=motion.end_s, cycles=before.cycles + motion.cycles, tail_s=motion.tail_s
         )
     return joined
+
+
+def _within_its_own(motion: SteadyMotion, t: FloatArray, x: FloatArray) -> SteadyMotion:
+    """The motion without what of its neighbours goes beyond its own travel: it would move the middle of all of it."""
+    first, last = np.searchsorted(t, [motion.start_s, motion.end_s]).tolist()
+    low, high = float(np.min(x[first:last])), float(np.max(x[first:last]))
+    before = np.flatnonzero((t >= motion.start_s - motion.lead_s) & (t < motion.start_s) & ((x < low) | (x > high)))
+    after = np.flatnonzero((t <= motion.end_s + motion.tail_s) & (t >= motion.end_s) & ((x < low) | (x > high)))
+    return replace(
+        motion, lead_s=motion.start_s - float(t[before[-1] + 1]) if before.size else motion.lead_s,
+        tail_s=float(t[after[0] - 1]) - motion.end_s if after.size else motion.tail_s,
+    )
 
 
 def _rest_s(t: FloatArray, x: FloatArray, stroke_m: float, window_s: float) -> float:

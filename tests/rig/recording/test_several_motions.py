@@ -55,6 +55,17 @@ def test_steps_of_frequency_are_tests_and_each_says_what_it_uses(tmp_path: Path)
     assert slow.time_s[0] == fast.time_s[0] == 0.0
 
 
+def test_a_burst_before_a_slow_motion_of_less_stroke_hides_nothing_of_it(tmp_path: Path) -> None:
+    """The last low of the burst is deeper than the slow motion goes: it is no part of that."""
+    t = np.arange(0.0, 20.0, 0.01)
+    x_mm = np.where(t < 2.0, 30.0 * np.sin(5.0 * np.pi * t), 12.0 * np.sin(3.0 * np.pi * (t - 2.0)))
+    burst, slow = imported(tmp_path, t, x_mm)
+    assert [(point.amplitude_m, point.frequency_Hz, point.verdict) for point in (burst, slow)] == [
+        (0.03, 2.5, "valid"), (0.012, 1.5, "valid"),
+    ]  # fmt: skip
+    assert slow.quality.motion.cycles == pytest.approx(26, abs=1)
+
+
 def test_steps_of_a_measured_current_are_tests_at_their_currents(tmp_path: Path) -> None:
     t = np.arange(0.0, 20.0, 0.005)
     current_A = np.where(t < 10.0, 0.25, 1.0)
