@@ -41,6 +41,7 @@ from drivers.devices.ecu_description import (
 )
 from drivers.errors import DriverError
 from drivers.frame_checks import FrameChecks
+from drivers.origins import ChannelOrigin, Origins
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from protocols.errors import RemoteProtocolError
 from protocols.quality import Quality
@@ -52,6 +53,14 @@ REPEATS = 3
 FAREWELL_PAUSE_S = 0.005
 _COMMANDS_KEPT = 4096
 _STANDARD_BITS, _EXTENDED_BITS = 47, 67
+LONG_NAMES = {
+    Channel.COIL_CURRENT: "Coil current measured by the ECU",
+    Channel.COIL_TEMPERATURE: "Coil temperature reported by the ECU",
+}
+_CHANNELS = {
+    COMMAND: Channel.COMMANDED_CURRENT, CURRENT: Channel.COIL_CURRENT, COIL: Channel.COIL_TEMPERATURE,
+    ECU: Channel.ECU_TEMPERATURE, SUPPLY: Channel.ECU_SUPPLY,
+}
 _TEMPERATURES = ((COIL, Channel.COIL_TEMPERATURE), (ECU, Channel.ECU_TEMPERATURE), (SUPPLY, Channel.ECU_SUPPLY))
 
 
@@ -114,6 +123,19 @@ class CanCurrentSource:
             own_timeout_s=described.command_timeout_s, lowest_A=described.low_A,
             tells_bad_commands=bool(described.told_faults & SourceFault.COMMAND_CHECK),
         )
+
+    @property
+    def origins(self) -> Origins:
+        """The signals that each channel is read from or sent as."""
+        described = self._description.signals
+        signals = {role: signal.on_wire.format(f"{message}.") for role, (message, signal) in described.items()}
+        faults = "; ".join(text for role, text in signals.items() if role.startswith(FAULTS))
+        wires = {channel: f"value = {signals[role]}" for role, channel in _CHANNELS.items() if role in signals}
+        if STATE in signals:
+            wires[Channel.ECU_STATE] = f"value = meaning, by the roles file, of {signals[STATE]}"
+        if faults:
+            wires[Channel.ECU_FAULTS] = f"value = meaning, by the roles file, of {faults}"
+        return {channel: ChannelOrigin("ecu", wire, LONG_NAMES.get(channel, "")) for channel, wire in wires.items()}
 
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:

@@ -10,6 +10,7 @@ import threading
 import time
 
 from drivers.current_source import CurrentSource, SourceBatch, SourceTiming, SourceTraits
+from drivers.origins import ChannelOrigin, Origins
 from drivers.polled_source import ToldSource
 
 PERIOD_S = 0.010
@@ -46,6 +47,15 @@ class HandSource(ToldSource):
     def traits(self) -> SourceTraits:
         """Nothing is measured, one sign, and no stop reaches it."""
         return SourceTraits(own_timeout_s=None, measures=False, settling_s=PERIOD_S, lowest_A=0.0, by_hand=True)
+
+    @property
+    def origins(self) -> Origins:
+        """Nothing is measured: what the operator confirmed."""
+        stated = ChannelOrigin(
+            "operator", "what the operator confirmed; not measured",
+            "Coil current set manually, as the operator confirmed it; not measured",
+        )
+        return self._origins("operator", stated, stated.from_wire)
 
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:

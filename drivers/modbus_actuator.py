@@ -13,11 +13,13 @@ from drivers.connection import ActuatorConnection, LinkKind, draw_owner_id
 from drivers.errors import DriverError, LinkLost, NoAnswer, WrongAnswer, WrongLayout
 from drivers.host_side import HostSide
 from drivers.modbus_link import ModbusLink
+from drivers.origins import Origins
 from drivers.poll_writes import PollWrites
 from drivers.recipe_run import Outcome, RecipeRun
 from drivers.register_access import RegisterAccess
 from drivers.register_maps.access_plan import Written
 from drivers.register_maps.controller_map import ControllerMap
+from drivers.register_maps.map_origins import map_origins
 from drivers.register_maps.needs import is_numbered
 from drivers.register_maps.proof import unproved
 from drivers.register_maps.quantity import Value
@@ -85,6 +87,11 @@ class ModbusActuator:
     def capabilities(self) -> Capabilities:
         """What the controller can do."""
         return self._map.capabilities
+
+    @property
+    def origins(self) -> Origins:
+        """The registers that each channel is made of."""
+        return map_origins(self._map)
 
     @property
     def link_kind(self) -> LinkKind:

@@ -17,6 +17,7 @@ from drivers.devices.output import CURRENT, ENABLE, IDENTITY, MEASURED, Analogue
 from drivers.devices.supply import SupplyConnection
 from drivers.errors import Busy, DriverError, LinkLost, NoAnswer, RequestRefused, WrongAnswer
 from drivers.modbus_link import ModbusLink
+from drivers.origins import ChannelOrigin, Origins
 from drivers.polled_source import DEVICE, PolledSource
 from drivers.register_access import RegisterAccess
 from drivers.register_maps.condition import Values
@@ -73,6 +74,22 @@ class ModbusOutput(PolledSource):
             own_timeout_s=None if watchdog is None else watchdog.time_s, measures=self._output.measures,
             settling_s=self._described.settling_s, lowest_A=min(0.0, self._described.current_A[0]),
         )
+
+    @property
+    def origins(self) -> Origins:
+        """The registers that each channel is made of; without an input that measures, the set-point stands for it."""
+        quantities = self._output.quantities
+        written = f"value = {self._output.current.on_wire}"
+        if MEASURED in quantities:
+            current = ChannelOrigin(
+                "output", f"value = {quantities[MEASURED].on_wire}", "Coil current measured by the analogue output"
+            )
+        else:
+            current = ChannelOrigin(
+                "set-point", "the set-point that the output took; not measured",
+                "Coil current that an analogue output was commanded to; not measured",
+            )
+        return self._origins("output", current, written)
 
     @property
     def identity_problem(self) -> str:

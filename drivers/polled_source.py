@@ -16,6 +16,7 @@ from drivers.current_source import (
 )
 from drivers.devices.supply import SupplyConnection, supply_lacks
 from drivers.errors import DriverError
+from drivers.origins import ChannelOrigin, Origins
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from protocols.errors import LocalProtocolError
 from protocols.quality import Quality
@@ -42,6 +43,20 @@ class ToldSource:
         self._polls = self._faults = 0
         self._reported: tuple[int, int] | None = None
         self._records: deque[Record] = deque(maxlen=_RECORDS_KEPT)
+
+    def _origins(self, source: str, current: ChannelOrigin, commanded: str) -> Origins:
+        """Origins of a source whose state and faults are what its driver found.
+
+        Args:
+            source: what it is.
+            current: of the current that flows.
+            commanded: how the set-point was written.
+        """
+        found = ChannelOrigin(source, "value = found by the driver from set-point, answers and faults")
+        return {
+            Channel.COIL_CURRENT: current, Channel.COMMANDED_CURRENT: ChannelOrigin(source, commanded),
+            Channel.ECU_STATE: found, Channel.ECU_FAULTS: found,
+        }
 
     @property
     def refusal(self) -> tuple[str, str]:

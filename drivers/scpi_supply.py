@@ -11,13 +11,15 @@ import time
 from collections.abc import Iterator
 
 from drivers.current_source import SourceBatch, SourceFault, SourceTraits
-from drivers.devices.supply import SupplyConnection, identity_of
+from drivers.devices.supply import Commands, SupplyConnection, identity_of
 from drivers.errors import DriverError
+from drivers.origins import ChannelOrigin, Origins
 from drivers.polled_source import DEVICE, PolledSource
 from drivers.ring import Channel
 from drivers.serial_port import SerialPort
 from drivers.supply_dialogue import Job, SupplyDialogue, Wanted
 from protocols.errors import RemoteProtocolError
+from protocols.patterns import Pattern
 from protocols.scpi import Command, number_in
 
 OPEN_IN_A_ROW = 3
@@ -61,6 +63,22 @@ class ScpiSupply(PolledSource):
             own_timeout_s=None if described.watchdog is None else described.watchdog.time_s,
             settling_s=described.settling_s, lowest_A=min(0.0, described.current_A[0]),
         )
+
+    @property
+    def origins(self) -> Origins:
+        """The commands and answers that each channel is made of."""
+        described = self._described
+        commands = described.commands
+        current = ChannelOrigin(
+            "supply", f"value = {_answered(commands.measure_current, described.current)}",
+            "Coil current measured by the power supply",
+        )
+        sent = " ".join(command.text for command in commands.set_current)
+        own = self._origins("supply", current, f"value = number sent in {sent!r}")
+        if not commands.measure_voltage:
+            return own
+        volts = f"value = {_answered(commands.measure_voltage, described.voltage)}"
+        return {**own, Channel.ECU_SUPPLY: ChannelOrigin("supply", volts, "Voltage at the power supply's output")}
 
     @property
     def identity_problem(self) -> str:
@@ -303,3 +321,9 @@ class ScpiSupply(PolledSource):
             data, _ = self._port.read_available(0.005 if dialogue.jobs else 0.05)
             for _ in dialogue.feed(data):
                 pass
+
+
+def _answered(question: Commands, pattern: Pattern | None) -> str:
+    """Where a number stands in the answer to a question, in words."""
+    asked = " ".join(command.text for command in question)
+    return f"number in the answer to {asked!r}" + ("" if pattern is None else f", group value of {pattern.text!r}")

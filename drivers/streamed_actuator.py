@@ -26,6 +26,8 @@ from typing import Protocol, runtime_checkable
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import LinkKind, MotionTerms
 from drivers.errors import Busy, RequestRefused
+from drivers.origins import ChannelOrigin, Origins, origins_of
+from drivers.ring import Channel
 from drivers.roles import (
     Actuator,
     ActuatorIdentity,
@@ -123,6 +125,20 @@ class StreamedActuator:
     def capabilities(self) -> Capabilities:
         """What the device can do; the phase of a program is known here."""
         return replace(self._device.capabilities, phase=True)
+
+    @property
+    def origins(self) -> Origins:
+        """The device's channels, and what is known of the motion because it is streamed from here."""
+        device = origins_of(self._device)
+        motion = ChannelOrigin("station", "value = of the motion that this host streams while the device follows it")
+        own = dict.fromkeys((Channel.PHASE, Channel.CYCLES_DONE), motion)
+        own[Channel.STATE] = motion._replace(from_wire="; else ".join(
+            [motion.from_wire, *([device[Channel.STATE].from_wire] if Channel.STATE in device else [])]
+        ))
+        if Channel.SETPOINT not in device:
+            own[Channel.SETPOINT] = ChannelOrigin("station", "value = set-point sent by this host")
+            own[Channel.SERVO_ERROR] = ChannelOrigin("station", "value = set-point sent by this host - position")
+        return {**device, **own}
 
     @property
     def link_kind(self) -> LinkKind:

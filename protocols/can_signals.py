@@ -44,6 +44,14 @@ class Signal:
     unit: str = ""
 
     @property
+    def on_wire(self) -> str:
+        """The value in terms of the number on the wire: scale, type, name, offset."""
+        kind = f"{'float' if self.is_float else 'int' if self.signed else 'uint'}{self.length}"
+        return f"{self.scale:.9g} * " * (self.scale != 1.0) + f"{kind} {{}}{self.name}" + f" {self.offset:+.9g}" * (
+            self.offset != 0.0
+        )
+
+    @property
     def low(self) -> float:
         """Least number on the wire."""
         if self.is_float:

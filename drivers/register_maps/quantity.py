@@ -28,6 +28,10 @@ TYPES: Mapping[str, tuple[str, int]] = {
     "u64": ("Q", 4), "i64": ("q", 4), "f64": ("d", 4), "string": ("s", 0), "bit": ("?", 1),
 }  # fmt: skip
 """Type -> (struct letter, registers); a string has the length that is stated."""
+WIRE_TYPES: Mapping[str, str] = {
+    "u16": "uint16", "i16": "int16", "u32": "uint32", "i32": "int32", "f32": "float32", "u64": "uint64", "i64": "int64",
+    "f64": "float64", "string": "text", "bit": "bit",
+}
 FLOATS = frozenset({"f32", "f64"})
 LAST_ADDRESS = 0xFFFF
 
@@ -89,6 +93,17 @@ class Quantity:
     def step(self) -> float:
         """The smallest difference that it can show (SI); 0 for a float."""
         return 0.0 if self.type in FLOATS else abs(self.scale * self.factor)
+
+    @property
+    def on_wire(self) -> str:
+        """The SI value in terms of the registers: factor, type, offset and place."""
+        factor, offset = self.scale * self.factor, self.offset * self.factor
+        number = f"{factor:.9g} * " * (factor != 1.0) + WIRE_TYPES[self.type] + f" {offset:+.9g}" * (offset != 0.0)
+        where = "" if self.bit is None else f"bit {self.bit} of "
+        kind = {COIL: "coil", DISCRETE: "discrete input"}.get(self.space, f"{self.space} register")
+        last = self.address + self.length - 1
+        place = f"{kind} {self.address}" if last == self.address else f"{kind}s {self.address} to {last}"
+        return f"{number}, {where}{place}"
 
     @property
     def elements(self) -> tuple[Quantity, ...]:

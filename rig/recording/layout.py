@@ -117,16 +117,16 @@ RING_CHANNELS: dict[int, Description] = {
     1: Description("force", "N", "Force at the load cell"),
     2: Description("displacement", "m", "Damper extension"),
     **{3 + n: Description(f"auxiliary_{n + 1}", "1", f"Auxiliary channel {n + 1}") for n in range(7)},
-    10: Description("coil_current", "A", "Coil current measured by the ECU"),
-    11: Description("coil_temperature", "degC", "Coil temperature reported by the ECU"),
-    12: Description("ecu_temperature", "degC", "Temperature of the ECU itself"),
-    13: Description("ecu_supply", "V", "Supply voltage of the ECU"),
-    14: Description("ecu_state", "1", "State of the ECU"),
-    15: Description("ecu_faults", "1", "Fault bits of the ECU"),
-    16: Description("commanded_current", "A", "Coil current asked for"),
+    10: Description("coil_current", "A", "Coil current"),
+    11: Description("coil_temperature", "degC", "Coil temperature"),
+    12: Description("ecu_temperature", "degC", "Temperature of the current source"),
+    13: Description("ecu_supply", "V", "Supply voltage of the current source"),
+    14: Description("ecu_state", "1", "State of the current source"),
+    15: Description("ecu_faults", "1", "Fault bits of the current source"),
+    16: Description("commanded_current", "A", "Commanded coil current"),
     20: Description("position", "m", "Position by the actuator controller's own sensor"),
     21: Description("velocity", "m/s", "Velocity by the actuator controller"),
-    22: Description("setpoint", "m", "Position asked for by the actuator controller"),
+    22: Description("setpoint", "m", "Set-point of the actuator controller"),
     23: Description("state", "1", "State of the actuator controller"),
     24: Description("cycles_done", "1", "Whole cycles of the running program"),
     25: Description("fault_bits", "1", "Fault bits of the actuator controller"),
@@ -302,6 +302,8 @@ class PointContext:
             allows them to differ by, and what they showed at rest before the first motion.
         provenance: flat text attributes: software version, bench and matrix names and hashes, device identities,
             start time (UTC, ISO 8601), operator.
+        channels: by name the origin of each channel as its driver stated it: `source`, `from_wire`, `long_name`; a
+            channel that is absent has none stated.
     """
 
     point: WantedPoint
@@ -317,6 +319,7 @@ class PointContext:
     streamed: bool = False
     calibration: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
+    channels: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def current_told_by(self) -> str:
@@ -342,4 +345,7 @@ class PointContext:
             raise ValueError(f"journal header is not a point's context: {error}") from error
         if not isinstance(context.provenance, dict):
             raise ValueError("journal header is not a point's context: provenance is no object")
+        stated = context.channels
+        if not isinstance(stated, dict) or not all(isinstance(origin, dict) for origin in stated.values()):
+            raise ValueError("journal header is not a point's context: channels are no objects")
         return context

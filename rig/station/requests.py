@@ -46,6 +46,7 @@ from rig.station.motion_start import (
     start_cycles,
     travel_extents,
 )
+from rig.station.origins import stated_origins
 from rig.station.preparation import Preparation
 from rig.station.safe_stop import STILL_S, Movement, SafeStop
 from rig.station.signal_source import start_signal
@@ -150,6 +151,7 @@ class Requests:
             self._devices.start()
             self._connected = True
             answer = self._preparation.prove_devices()
+            answer["channels"] = stated_origins((self._devices.actuator.origins, self._devices.coil.origins))
         except BaseException:
             self._connected = False
             self._devices.close()

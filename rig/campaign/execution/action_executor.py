@@ -196,6 +196,7 @@ class ActionExecutor:
             return ev.Declined(request, because(error.slug, "said", text=error.message))
         if request is Request.CONNECT:
             campaign = self.campaign
+            campaign.channels.update(outcome.answer.pop("channels", {}))
             campaign.identities.update(outcome.answer)
             campaign.log.note("connected", **outcome.answer)
             self.recording.recorder = PointRecorder(Path(campaign.config.ring_path), campaign.folder / "points")

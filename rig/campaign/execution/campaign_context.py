@@ -36,6 +36,7 @@ class CampaignContext:
         stock: what is kept of earlier sessions, and what remains to be run.
         results: where results are entered.
         identities: what the devices said about themselves at connect.
+        channels: the origin of each channel, as the drivers stated it at connect.
         hand: who sets the current by hand; None where a device drives it.
         at_rest: what the instruments may differ by, and what was seen of them before the first motion, by attribute
             of `/entry/quality`.
@@ -54,5 +55,6 @@ class CampaignContext:
     stock: Stock
     results: PointResults
     identities: dict[str, Any] = field(default_factory=dict)
+    channels: dict[str, dict[str, str]] = field(default_factory=dict)
     at_rest: dict[str, float] = field(default_factory=dict)
     hand: Hand | None = None

@@ -256,6 +256,7 @@ def point_context(campaign: CampaignContext, action: act.BeginRecording, name: s
         current_unmeasured=not (campaign.bench.ecu.measured or campaign.bench.ecu.by_hand),
         provenance=_provenance(campaign, action.point, action.attempt),
         calibration=campaign.at_rest,
+        channels=campaign.channels,
     )
 
 

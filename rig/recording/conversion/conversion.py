@@ -45,38 +45,14 @@ from rig.signals.derivatives import MARGIN, METHOD, velocity_of
 
 DESCRIPTIONS = {description.name: description for description in RING_CHANNELS.values()}
 RESAMPLED = "monotone cubic through the sensor's own samples, never beyond its two neighbours"
+INTERPOLATED = "linear interpolation between the values received"
 METHODS = {
-    "velocity": METHOD, "displacement": "the sensor's own samples", "current": "straight line between status frames",
-    "coil_temperature": "straight line between status frames",
+    "velocity": METHOD, "displacement": "the sensor's own samples", "current": INTERPOLATED,
+    "coil_temperature": INTERPOLATED,
 }
 """How each aligned channel was brought to the displacement's sample times; any other sensor's is `RESAMPLED`."""
-TOLD = {
-    "operator": ("Coil current set by hand, as the operator said; not measured",
-                 "what the operator confirmed; not measured"),
-    "set-point": ("Coil current that an analogue output was told to command; not measured",
-                  "the set-point that the output took; not measured"),
-}
-"""By who told a current that nobody measured: what it is, and how its numbers came about."""
-REGISTER = "value = float32 register, SI"
-OF_CURRENT = frozenset({"coil_current", "commanded_current"})
-COUNT = "value = number sent"
-FROM_WIRE: dict[str, str] = {
-    "coil_current": "value = 0.001 * int16 CoilStatus.Current",
-    "commanded_current": "value = 0.001 * int16 CoilCommand.CurrentSetpoint",
-    "coil_temperature": "value = 0.1 * int16 CoilTemperature.CoilTemperature",
-    "ecu_temperature": "value = 0.1 * int16 CoilTemperature.EcuTemperature",
-    "ecu_supply": "value = 0.01 * uint16 CoilTemperature.Supply",
-    **dict.fromkeys(("ecu_state", "ecu_faults", "state", "cycles_done", "fault_bits", "phase", "inputs"), COUNT),
-    **dict.fromkeys(("position", "velocity", "setpoint", "supply_pressure", "accumulator_pressure", "servo_error",
-                     "controller_force"), REGISTER),
-    "pulse": "value = uint16 register pulse_count",
-    "trip": "value = the station's code of the interlock",
-    "loop_late": "value = measured by the station",
-    **dict.fromkeys(("hybrid_time", "hybrid_target", "hybrid_body", "hybrid_wheel"), "value = computed by the station"),
-    **dict.fromkeys(("signal_time", "signal_target"), "value = computed by the station"),
-    "hybrid_seen": "value = the newest sample of the displacement, less the centre",
-}
-"""Channel -> how its SI values were made of what was on the wire."""
+RAW_NAMES = {"current": "coil_current"}
+"""Aligned channel -> the raw one that it is made of, where their names differ."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +180,7 @@ def build(
     file = PointFile(
         time_s=alignment.time_s, sample_rate_hz=context.sensors["displacement"].rate_Hz,
         channels=_aligned_channels(alignment, context), flags=alignment.flags,
-        raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name), context.current_told_by)
+        raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name), context.channels.get(name, {}))
              for name, channel in alignment.timed.items()],
         events=_events(content, alignment), quality=quality.attributes, provenance=provenance, test=test,
         title=f"Test point {wanted.id}",
@@ -216,14 +192,11 @@ def _aligned_channels(alignment: Alignment, context: PointContext) -> list[Align
     channels = []
     for name, values in {**alignment.values, "velocity": _velocity(alignment)}.items():
         sensor = context.sensors.get("displacement" if name == "velocity" else name)
-        told_by = context.current_told_by if name == "current" else ""
-        described, method = _described(name, sensor), METHODS.get(name, RESAMPLED)
-        if told_by:
-            long_name, method = TOLD[told_by]
-            described = Description(name, "A", long_name)
+        origin = context.channels.get(RAW_NAMES.get(name, name), {}) if sensor is None else {}
+        described, method = _described(name, sensor, origin), METHODS.get(name, RESAMPLED)
         attributes: dict[str, Attribute] = {"method": method}
         attributes |= _calibration(None if name == "velocity" else sensor)
-        source = sensor.sensor if sensor is not None else told_by or "ecu"
+        source = sensor.sensor if sensor is not None else str(origin.get("source", ""))
         channels.append(AlignedChannel(
             name, values, described.unit, described.long_name, source, attributes,
         ))
@@ -243,14 +216,13 @@ def _velocity(alignment: Alignment) -> Values:
     return Column(len(time_s), np.float64, part)
 
 
-def _described(name: str, sensor: SensorContext | None) -> Description:
+def _described(name: str, sensor: SensorContext | None, origin: Mapping[str, str]) -> Description:
     if name == "velocity":
         return Description(name, "m/s", "Velocity from measured displacement")
-    if name == "current":
-        return Description(name, "A", "Coil current measured by the ECU")
-    known = DESCRIPTIONS.get(name, Description(name, "1", name))
+    raw = RAW_NAMES.get(name, name)
+    known = DESCRIPTIONS.get(raw, Description(raw, "1", raw))
     if sensor is None or name in {"force", "displacement"}:
-        return known
+        return Description(name, known.unit, str(origin.get("long_name") or known.long_name))
     return Description(name, sensor.unit or known.unit, sensor.long_name or known.long_name)
 
 
@@ -262,7 +234,7 @@ def _calibration(sensor: SensorContext | None) -> dict[str, Attribute]:
 
 
 def _raw_channel(
-    channel: TimedChannel, origin_s: float, sensor: SensorContext | None, told_by: str = ""
+    channel: TimedChannel, origin_s: float, sensor: SensorContext | None, origin: Mapping[str, str]
 ) -> RawChannel:
     described = DESCRIPTIONS.get(channel.name, Description(channel.name, "1", channel.name))
     attributes: dict[str, Attribute] = {
@@ -270,10 +242,9 @@ def _raw_channel(
         "disordered_samples": channel.disordered if channel.sensor is not None else None,
     }
     return RawChannel(
-        channel.name, channel.received, described.unit, described.long_name,
+        channel.name, channel.received, described.unit, str(origin.get("long_name") or described.long_name),
         mapped(channel.received_s, lambda time_s: time_s - origin_s, np.float64), attributes,
-        {"from_wire": TOLD[told_by][1]} if told_by and channel.name in OF_CURRENT
-        else wire_attributes(channel.name, sensor),
+        {"from_wire": origin.get("from_wire")} if sensor is None else wire_attributes(sensor),
     )
 
 
@@ -288,15 +259,8 @@ def _events(content: JournalContent, alignment: Alignment) -> list[Event]:
     ]
 
 
-def wire_attributes(name: str, sensor: SensorContext | None) -> Mapping[str, Attribute]:
-    """What stands beside `raw/<name>/value`: how it was made of what was on the wire.
-
-    Args:
-        name: the channel.
-        sensor: its declaration where it is a sensor's; then factor and offset stand there as numbers too.
-    """
-    if sensor is None:
-        return {"from_wire": FROM_WIRE.get(name)}
+def wire_attributes(sensor: SensorContext) -> Mapping[str, Attribute]:
+    """How a sensor's `raw/<name>/value` was made of what was on the wire; factor and offset as numbers too."""
     sent = f"number sent by {sensor.sensor}{f', format {sensor.format}' if sensor.format else ''}"
     return {
         "from_wire": f"value = sensitivity * wire - offset; wire = {sent}; wire = (value + offset) / sensitivity",

@@ -16,6 +16,7 @@ from typing import TypeVar
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import LinkKind
 from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused
+from drivers.origins import Origins, origins_of
 from drivers.ring import Record
 from drivers.roles import Actuator, ActuatorIdentity, ActuatorStatus, Command, state_name
 from rig.bench.settings import ActuatorConfig
@@ -116,6 +117,11 @@ class ActuatorThread(DeviceThread):
             except (NoAnswer, LinkLost):
                 if monotonic_ns() > deadline_ns:
                     raise
+
+    @property
+    def origins(self) -> Origins:
+        """Where the values of its channels come from, as its driver states."""
+        return origins_of(self._driver)
 
     @property
     def capabilities(self) -> Capabilities:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 from drivers.current_source import UNKNOWN_STATE, CurrentSource, SourceBatch, SourceFault, SourceIdentity, SourceState
 from drivers.errors import DriverError
+from drivers.origins import Origins, origins_of
 from drivers.ring import Record
 from protocols.quality import Quality
 from rig.bench.settings import EcuConfig
@@ -278,6 +279,11 @@ class CurrentSourceThread(ReadingThread):
     def longest_period_s(self) -> float:
         """Of what it tells (s of its clock)."""
         return max(self._driver.timing)
+
+    @property
+    def origins(self) -> Origins:
+        """Where the values of its channels come from, as its driver states."""
+        return origins_of(self._driver)
 
     @property
     def refusal(self) -> tuple[str, str]:

@@ -36,7 +36,7 @@ def test_bytes_of_a_sensor_with_an_offset_become_si(polarity: str, sign: float) 
 def test_what_stands_beside_the_recorded_value_leads_back_to_the_wire(polarity: str) -> None:
     given = load_cell(polarity)
     scale = scale_of(given, 1.0)
-    attributes = wire_attributes("force", SensorContext(
+    attributes = wire_attributes(SensorContext(
         given.label, given.rate_Hz, sensitivity=given.sensitivity, offset=given.offset,
     ))
     assert (attributes["sensitivity"], attributes["offset"]) == (scale.sensitivity, scale.offset)

@@ -1,0 +1,27 @@
+"""Where the station's own channels come from, and all channels of the connected devices together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from drivers.origins import ChannelOrigin, Origins
+from drivers.ring import Channel
+
+COMPUTED = ChannelOrigin("station", "value = computed by the station")
+OWN: Origins = {
+    Channel.TRIP: ChannelOrigin("station", "value = the station's code of the interlock"),
+    Channel.LOOP_LATE: ChannelOrigin("station", "value = measured by the station"),
+    Channel.HYBRID_SEEN: ChannelOrigin("station", "value = the newest sample of the displacement, less the centre"),
+    **dict.fromkeys((
+        Channel.HYBRID_TIME, Channel.HYBRID_TARGET, Channel.HYBRID_BODY, Channel.HYBRID_WHEEL, Channel.SIGNAL_TIME,
+        Channel.SIGNAL_TARGET,
+    ), COMPUTED),
+}
+
+
+def stated_origins(of_devices: Iterable[Origins]) -> dict[str, dict[str, str]]:
+    """The origin of every channel by its name in the recording, as JSON carries it."""
+    merged = dict(OWN)
+    for origins in of_devices:
+        merged.update(origins)
+    return {channel.name.lower(): origin._asdict() for channel, origin in merged.items()}
