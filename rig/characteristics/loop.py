@@ -18,6 +18,7 @@ from rig.identification.uncertainty.scoring import cycle_energies_J
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
 from rig.signals.loop_shape import noise_of
+from rig.signals.test_set import CurrentReading, MotionReading
 
 NEAR_PEAK = 0.97
 """Samples whose speed is at least this share of the greatest one count as "at peak velocity"."""
@@ -52,7 +53,8 @@ class LoopCharacteristics:
     """One valid loop.
 
     Attributes:
-        id: of the point; `waveform`, `amplitude_m`, `frequency_Hz`, `current_A` as wanted.
+        id: of the point; `waveform`, `amplitude_m`, `frequency_Hz`, `current_A` as requested; of an imported test as
+            measured.
         peak_speed_m_s: greatest measured speed, m/s.
         rebound_N: mean force at peak velocity in extension, N (positive); `jounce_N` in compression (negative).
         energy_J: dissipated in a cycle, the loop's area, J; NaN where a stretch of every cycle has no force samples.
@@ -61,6 +63,11 @@ class LoopCharacteristics:
         steepest_N_s: greatest rate of change of the mean cycle's force, N/s: at the reversals.
         force_scatter_N: standard deviation of the force from cycle to cycle at equal phase, N, noise included.
         cycles: number of cycles.
+        current: what is known of its current; None where that changes.
+        motion_read: what is known of its motion.
+        level_A: the level of current to which it belongs in its run, A.
+        group: amplitude (m) and frequency (Hz) of the motion to which it belongs in its run.
+        amplitude_level_m: the amplitude to which it belongs in its run, whatever its frequency, m.
     """
 
     id: str
@@ -76,15 +83,23 @@ class LoopCharacteristics:
     steepest_N_s: float
     force_scatter_N: float
     cycles: int
+    current: CurrentReading | None
+    motion_read: MotionReading
+    level_A: float
+    group: tuple[float, float]
+    amplitude_level_m: float
 
     @property
     def motion(self) -> tuple[str, float, float]:
         """What loops at different currents must share to be compared."""
-        return self.waveform, self.amplitude_m, self.frequency_Hz
+        return (self.waveform, *self.group)
 
     def to_json(self) -> dict[str, Any]:
         """Every attribute; measured ones as objects."""
-        entry = {name: value.to_json() if isinstance(value, Measured) else value for name, value in vars(self).items()}
+        entry = {
+            name: value.to_json() if isinstance(value, Measured) else value for name, value in vars(self).items()
+            if name not in {"current", "motion_read", "group"}
+        }  # fmt: skip
         return {name: None if isinstance(x, float) and not math.isfinite(x) else x for name, x in entry.items()}
 
 
@@ -120,6 +135,11 @@ def characterise_loop(point: RecordedPoint, prepared: Measurement | None = None)
         steepest_N_s=steepest_N_s(measured),
         force_scatter_N=measured.noise_N,
         cycles=len(energies_J),
+        current=measured.current,
+        motion_read=measured.motion,
+        level_A=point.current_A,
+        group=(point.amplitude_m, point.frequency_Hz),
+        amplitude_level_m=point.amplitude_m,
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.signals.arrays import FloatArray
 from rig.signals.cycles import find_cycles, full_cycles
+from rig.signals.test_set import TestSet
 
 MIDDLE = 0.5
 """Share of the amplitude about the mean position in which the force is taken: away from the reversals."""
@@ -35,8 +36,9 @@ DOUBTS = frozenset({"few-cycles", "no-repeat", "one-cycle-no-series", "time-erro
 class DynamicRange:
     """How much more force a current gives than 0 A, in the same motion at peak velocity.
 
-    `rebound` and `jounce` are ratios of force, NaN where the force at peak velocity is not known; `std` is the standard
-    uncertainty of the rebound ratio. Force offsets (gas) are taken off both: half the sum of rebound and jounce at 0 A.
+    `id` is the loop with current. `rebound` and `jounce` are ratios of force, NaN where the force at peak velocity is
+    not known; `std` is the standard uncertainty of the rebound ratio. Force offsets (gas) are taken off both: half the
+    sum of rebound and jounce at 0 A.
     """
 
     motion: tuple[str, float, float]
@@ -44,6 +46,7 @@ class DynamicRange:
     rebound: float
     jounce: float
     std: float
+    id: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Every attribute, the motion spelled out."""
@@ -54,6 +57,7 @@ class DynamicRange:
             "amplitude_m": amplitude_m,
             "frequency_Hz": frequency_Hz,
             "current_A": self.current_A,
+            "id": self.id,
             **{name: value if math.isfinite(value) else None for name, value in ratios.items()},
         }
 
@@ -71,11 +75,12 @@ class Characteristics:
     lag: CurrentLag | None
     left_out: tuple[str, ...]
     remarks: tuple[str, ...] = ()
+    groups: TestSet | None = None
 
     @property
     def signature(self) -> tuple[LoopCharacteristics, ...]:
         """The loops at 0 A, by peak speed: the damper as it is without its coil."""
-        return tuple(sorted((x for x in self.loops if x.current_A == 0.0), key=lambda loop: loop.peak_speed_m_s))
+        return tuple(sorted((x for x in self.loops if x.level_A == 0.0), key=lambda loop: loop.peak_speed_m_s))
 
     def to_json(self) -> dict[str, Any]:
         """Plain types; the keys are in `docs/json.md`."""
@@ -97,6 +102,7 @@ class Characteristics:
             },
             "left_out": list(self.left_out),
             "remarks": list(self.remarks),
+            "test_set": None if self.groups is None else self.groups.to_json(),
         }
 
 
@@ -129,8 +135,24 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
         except RigError as error:
             left_out.append(f"{point.id}: {error}")
     lag, refused = lag_of(run.usable)
-    ranges = tuple(dynamic_range(loops))
-    return Characteristics(tuple(loops), ranges, tuple(friction), lag, (*left_out, *refused), tuple(remarks))
+    placed, groups = _placed(loops)
+    return Characteristics(
+        placed, tuple(dynamic_range(placed)), tuple(friction), lag, (*left_out, *refused), tuple(remarks),
+        groups if loops else None,
+    )  # fmt: skip
+
+
+def _placed(loops: Sequence[LoopCharacteristics]) -> tuple[tuple[LoopCharacteristics, ...], TestSet]:
+    """The loops with the level of current and the motion to which each belongs; a level without current is 0 A."""
+    groups = TestSet.of([loop.current for loop in loops], [loop.motion_read for loop in loops])
+    levels, motions = groups.currents, groups.motions
+    placed = []
+    for number, loop in enumerate(loops):
+        level = levels.of_test[number]
+        level_A = loop.current_A if level is None else 0.0 if level == levels.zero else levels.names_A[level]
+        group = motions.motions[motions.of_test[number]].nominal
+        placed.append(replace(loop, level_A=level_A, group=group, amplitude_level_m=motions.amplitude_m(number)))
+    return tuple(placed), groups
 
 
 def _unknown(loop: LoopCharacteristics) -> list[str]:
@@ -146,11 +168,14 @@ def _unknown(loop: LoopCharacteristics) -> list[str]:
 
 def dynamic_range(loops: Sequence[LoopCharacteristics]) -> list[DynamicRange]:
     """Every loop with current and a known peak force against the one at 0 A with the same motion."""
-    passive = {loop.motion: loop for loop in loops if loop.current_A == 0.0}
+    placed = _placed(loops)[0]
+    passive = {loop.motion: loop for loop in placed if loop.level_A == 0.0}
     ranges = []
-    for loop in sorted(loops, key=lambda loop: (loop.motion, loop.current_A)):
+    for loop in sorted(
+        placed, key=lambda loop: (loop.waveform, loop.amplitude_level_m, loop.group[1], loop.level_A)
+    ):  # fmt: skip
         rest = passive.get(loop.motion)
-        if rest is None or loop.current_A == 0.0:
+        if rest is None or loop.level_A == 0.0:
             continue
         gas_N = 0.5 * (rest.rebound_N.value + rest.jounce_N.value)
         rebound_N, jounce_N = rest.rebound_N.value - gas_N, rest.jounce_N.value - gas_N
@@ -160,7 +185,8 @@ def dynamic_range(loops: Sequence[LoopCharacteristics]) -> list[DynamicRange]:
             continue
         ratio = (loop.rebound_N.value - gas_N) / rebound_N
         std = math.hypot(loop.rebound_N.std / rebound_N, ratio * rest.rebound_N.std / rebound_N)
-        ranges.append(DynamicRange(loop.motion, loop.current_A, ratio, (loop.jounce_N.value - gas_N) / jounce_N, std))
+        jounce = (loop.jounce_N.value - gas_N) / jounce_N
+        ranges.append(DynamicRange(loop.motion, loop.level_A, ratio, jounce, std, loop.id))
     return ranges
 
 

@@ -23,7 +23,6 @@ NO_LAW, SEPARABLE = "none", "separable"
 AFFINE = "affine"
 THREE_STEPS = "zhu_three_step"
 MODEL_OF_THREE_STEPS = "normalized_bouc_wen"
-SAME_CURRENT_A = 1e-6
 
 
 def check_analysis(path: Path, matrix: Matrix) -> None:
@@ -50,10 +49,16 @@ def analysis_problems(wanted: Identify, points: Iterable[TestPoint]) -> list[str
         return ["enabled: the matrix has no loop to fit a model to; add points, or set enabled = false"]
     problems, fitted = _holdout(wanted.holdout, loops)
     problems += _combination(wanted)
-    currents_A = sorted({round(point.current_A / SAME_CURRENT_A) for point in fitted})
-    if wanted.current != AFFINE and len(currents_A) == 1:
+    if wanted.current != AFFINE and _currents(fitted) == 1:
         problems.append(f'current = "{wanted.current}": needs fitted tests at two or more currents, and all have one')
     return problems
+
+
+def _currents(points: list[TestPoint]) -> int:
+    """How many different currents were requested."""
+    from rig.signals.test_set import CurrentReading, current_levels
+
+    return len(current_levels([CurrentReading(point.current_A, requested_A=point.current_A) for point in points]))
 
 
 def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[TestPoint]]:

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from rig.cli.tables import BAD, GOOD, HEAD, LOOK, PLAIN, Line
 from rig.comparison.changes import Change
 from rig.comparison.differences import Comparison
-from rig.comparison.judgement import Judgement, Result, State
-from rig.comparison.readings import LOOP_QUANTITIES, SINGLE_QUANTITIES
+from rig.comparison.judgement import PERCENT, Judgement, Result, State
+from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES
 
 STYLES = {State.PASSED: GOOD, State.FAILED: BAD, State.UNSURE: LOOK, State.MISSING: LOOK}
 NOTHING = "-"
@@ -90,32 +90,30 @@ def _margin(result: Result) -> str:
 def _changes(compared: Comparison, index: int, width: int, *, everything: bool) -> Iterator[Line]:
     """What of one run differs from the first: a line a quantity, then the motions and parameters that differ."""
     yield (f"{compared.runs[index].name} against the first", HEAD)
-    rows: list[tuple[str, ...]] = [("quantity", "tests", "differ", "median %", "largest %", "at")]
-    listed: list[tuple[str, ...]] = [("motion", "quantity", "first", "now", "change %", "+-%")]
+    rows: list[tuple[str, ...]] = [("quantity", "tests", "differ", "median", "largest", "at")]
+    listed: list[tuple[str, ...]] = [("motion", "quantity", "first", "now", "change", "+-")]
     for quantity in LOOP_QUANTITIES:
-        known = [(row, one) for row in compared.rows if (one := compared.change(index, quantity.key, row))]
-        finite = [(row, one) for row, one in known if math.isfinite(one.percent)]
-        if not finite:
+        summary = compared.summary(index, quantity.key)
+        if summary is None:
             continue
-        ordered = sorted(finite, key=lambda pair: pair[1].percent)
-        middle = ordered[len(ordered) // 2][1].percent
-        row, largest = max(finite, key=lambda pair: abs(pair[1].percent))
         rows.append((
-            quantity.key, str(len(finite)), str(sum(bool(one.differs) for _, one in finite)), _signed(middle),
-            _signed(largest.percent), row.motion.label,
+            quantity.key, str(summary.tests), str(summary.differ), _signed(summary.median_percent, PERCENT),
+            _change(summary.largest, quantity.unit)[0], summary.at.label,
         ))  # fmt: skip
-        for row, one in known:
-            if everything or one.differs:
+        for row in compared.rows:
+            one = compared.change(index, quantity.key, row)
+            if one is not None and (everything or one.differs):
                 first, now = (loop.values[quantity.key].value for loop in (row.loops[0], row.loops[index]) if loop)
-                listed.append((row.motion.label, quantity.key, *_cells(first, now, one)))
+                listed.append((row.motion.label, quantity.key, *_cells(first, now, one, quantity.unit)))
     for quantity in SINGLE_QUANTITIES:
         if (one_change := compared.single_change(index, quantity.key)) and (everything or one_change.differs):
             first, now = (compared.runs[place].singles[quantity.key].value for place in (0, index))
-            listed.append(("slow triangle", quantity.key, *_cells(first, now, one_change)))
+            listed.append(("slow triangle", quantity.key, *_cells(first, now, one_change, quantity.unit)))
     for name in compared.parameter_names:
         if (one_change := compared.parameter_change(index, name)) and (everything or one_change.differs):
-            first, now = (compared.runs[place].parameters[name].reading.value for place in (0, index))
-            listed.append(("fit", name, *_cells(first, now, one_change)))
+            fitted = [compared.runs[place].parameters[name] for place in (0, index)]
+            first, now = (one.reading.value for one in fitted)
+            listed.append(("fit", name, *_cells(first, now, one_change, fitted[0].unit)))
     yield from _table(rows, width, left=(0, 5))
     if len(listed) > 1:
         yield ("", PLAIN)
@@ -124,8 +122,19 @@ def _changes(compared: Comparison, index: int, width: int, *, everything: bool) 
         yield ("nothing differs by more than its expanded uncertainty", GOOD)
 
 
-def _cells(first: float, now: float, changed: Change) -> tuple[str, str, str, str]:
-    return _number(first), _number(now), _signed(changed.percent), _number(2.0 * changed.percent_std, 2)
+def _cells(first: float, now: float, changed: Change, unit: str) -> tuple[str, str, str, str]:
+    return _number(first), _number(now), *_change(changed, unit)
+
+
+def _change(changed: Change, unit: str) -> tuple[str, str]:
+    """A change and its expanded uncertainty: in %, or in the quantity's unit where the first value is near zero."""
+    if math.isfinite(changed.percent):
+        return _signed(changed.percent, PERCENT), _with(_number(COVERAGE * changed.percent_std, 2), PERCENT)
+    return _signed(changed.value, _unit(unit)), _with(_number(COVERAGE * changed.std, 2), _unit(unit))
+
+
+def _with(shown: str, unit: str) -> str:
+    return shown if shown == NOTHING else f"{shown} {unit}".rstrip()
 
 
 def _table(rows: Sequence[tuple[str, ...]], width: int, left: Sequence[int]) -> Iterator[Line]:
@@ -161,8 +170,8 @@ def _number(value: float | None, digits: int = 4) -> str:
     return f"{value:.0f}" if "e" in shown and 1.0 <= abs(value) < 1e7 else shown
 
 
-def _signed(value: float) -> str:
-    return f"{value:+.3g}" if math.isfinite(value) else NOTHING
+def _signed(value: float, unit: str) -> str:
+    return _with(f"{value:+.3g}" if math.isfinite(value) else NOTHING, unit)
 
 
 def _wrapped(text: str, width: int, style: str) -> Iterator[Line]:

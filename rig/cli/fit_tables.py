@@ -164,6 +164,8 @@ def _remarks(fit: Mapping[str, Any]) -> list[Text]:
     error = fit["error"]
     measures = f"RMSE {number(error['rmse_N'], 3)} N, {number(error['nrmse_percent_of_peak'], 3)} % of peak"
     lines = [Text(f"error over {len(error['per_test'])} tests: {measures}")]
+    if grouped := fit.get("test_set"):
+        lines.append(Text(f"{grouped['statement']}; {len(grouped['motions'])} motion(s)"))
     if holdout := error.get("holdout"):
         measures = f"RMSE {number(holdout['rmse_N'], 3)} N, {number(holdout['nrmse_percent_of_peak'], 3)} % of peak"
         lines.append(Text(f"error over held-out tests, which the fit has not seen: {measures}{_apart(holdout)}"))

@@ -12,7 +12,7 @@ from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section
 from rig.bench.unread import as_far_as_read
-from rig.comparison.readings import QUANTITIES, LoopReading, Motion
+from rig.comparison.readings import QUANTITIES, LoopReading
 
 Change = Annotated[float, Quantity("ratio", "0 %", "1000 %", above=True)]
 Ratio = Annotated[float, Field(ge=0.0, le=1000.0)]
@@ -70,18 +70,11 @@ class LoopBand(Band):
 
     def holds(self, loop: LoopReading) -> bool:
         """Whether a loop is one of those the band is about."""
-        motion = loop.motion
-        wanted = Motion(
-            motion.waveform if self.waveform is None else self.waveform,
-            motion.amplitude_m if self.amplitude_m is None else self.amplitude_m,
-            motion.frequency_Hz if self.frequency_Hz is None else self.frequency_Hz,
-            motion.current_A if self.current_A is None else self.current_A,
-        )
         if self.point is not None and self.point not in loop.ids:
             return False
         if self.speed_m_s is not None and abs(loop.speed_m_s / self.speed_m_s - 1.0) > SPEED_ROOM:
             return False
-        return wanted.same_as(motion)
+        return loop.motion.called(self.waveform, self.amplitude_m, self.frequency_Hz, self.current_A)
 
 
 class ForceLimits(Section):

@@ -6,20 +6,28 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from rig.comparison.readings import COVERAGE, Reading
+import numpy as np
+
+from rig.comparison.readings import COVERAGE, Motion, Quantity, Reading
+
+SPEED_POWER_STD = 0.5 / math.sqrt(3.0)
+"""Of the power of speed that a force follows: anything from dry friction (0) to viscous damping (1)."""
 
 
 @dataclass(frozen=True)
 class Change:
     """Difference to the first run's reading (SI), its standard uncertainty, both also in % of the first value.
 
-    The percentage has the first value's sign: more force in jounce, which is negative, is a positive change.
+    The percentage has the first value's sign: more force in jounce, which is negative, is a positive change. It is NaN
+    where the first value is not significantly different from zero. `correction_percent` is by how much the later value
+    was corrected to the first one's motion.
     """
 
     value: float
     std: float
     percent: float
     percent_std: float
+    correction_percent: float = 0.0
 
     @property
     def differs(self) -> bool | None:
@@ -32,20 +40,100 @@ class Change:
         return {**numbers, "differs": self.differs}
 
 
-def change(before: Reading, after: Reading, *, same_gauge: bool) -> Change:
+@dataclass(frozen=True)
+class Transfer:
+    """Factor that brings a value of one motion to another, and its relative standard uncertainty."""
+
+    factor: float = 1.0
+    std: float = 0.0
+
+
+def transfer(quantity: Quantity, before: Motion, after: Motion) -> Transfer:
+    """What a later value is multiplied by so that it is one of the first motion; 1 where both requested the same.
+
+    The force's own law between dry friction and viscous damping is not known: its power of speed is 0.5 with the
+    standard deviation of a uniform distribution from 0 to 1.
+
+    Args:
+        quantity: what is compared.
+        before: the first run's motion.
+        after: the later run's, one that `Motion.same_as` takes for the same.
+    """
+    one, other = before.read, after.read
+    sizes = (one.amplitude_m, other.amplitude_m, one.frequency_Hz, other.frequency_Hz)
+    if (one.requested is not None and other.requested is not None) or not all(size > 0.0 for size in sizes):
+        return Transfer()
+    amplitude = math.log(one.amplitude_m / other.amplitude_m)
+    frequency = math.log(one.frequency_Hz / other.frequency_Hz)
+    by_amplitude, by_frequency = (power + quantity.speed_power for power in quantity.powers)
+    std = math.hypot(
+        SPEED_POWER_STD * (amplitude + frequency),
+        *(by_amplitude * motion.amplitude_std_m / motion.amplitude_m for motion in (one, other)),
+        *(by_frequency * motion.frequency_std_Hz / motion.frequency_Hz for motion in (one, other)),
+    )
+    return Transfer(math.exp(by_amplitude * amplitude + by_frequency * frequency), std)
+
+
+def change(before: Reading, after: Reading, *, same_gauge: bool, moved: Transfer | None = None) -> Change:
     """From one reading to another.
 
     Args:
         before: the first run's.
         after: the later run's.
         same_gauge: one load cell with one calibration measured both: its error is in both and takes itself out.
+        moved: brings the later value to the first one's motion; None where both have one motion.
     """
-    value = after.value - before.value
-    parts = [before.std, after.std]
+    moved = moved or Transfer()
+    later = moved.factor * after.value
+    value = later - before.value
+    of_later = [moved.factor * after.std, abs(later) * moved.std]
+    calibrations: list[float] = []
     if not same_gauge:
-        parts += [part for part in (before.calibration, after.calibration) if math.isfinite(part)]
-    std = math.hypot(*parts)
-    scale = 100.0 / before.value if before.value != 0.0 else math.nan
-    ratio = after.value / before.value if before.value != 0.0 else math.nan
-    percent_std = abs(scale) * math.hypot(after.std, ratio * before.std, *parts[2:])
-    return Change(value, std, scale * value, percent_std)
+        calibrations = [part for part in (before.calibration, after.calibration) if math.isfinite(part)]
+    std = math.hypot(before.std, *of_later, *calibrations)
+    scale = 100.0 / before.value if before.significant else math.nan
+    ratio = later / before.value if before.significant else math.nan
+    percent_std = abs(scale) * math.hypot(*of_later, ratio * before.std, *calibrations)
+    return Change(value, std, scale * value, percent_std, 100.0 * (moved.factor - 1.0))
+
+
+@dataclass(frozen=True)
+class ChangeSummary:
+    """The changes of one quantity over all motions that two runs share.
+
+    Attributes:
+        tests: number of motions.
+        differ: those whose change is more than its expanded uncertainty.
+        median_percent: median of the relative changes; NaN without any.
+        largest: the largest relative change; without any, the largest absolute one.
+        at: its motion.
+    """
+
+    tests: int
+    differ: int
+    median_percent: float
+    largest: Change
+    at: Motion
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain types; the keys are in `docs/json.md`."""
+        known = math.isfinite(self.largest.percent)
+        return {
+            "tests": self.tests, "differ": self.differ,
+            "median_percent": self.median_percent if math.isfinite(self.median_percent) else None,
+            "largest_percent": self.largest.percent if known else None, "largest": self.largest.value,
+            "at": self.at.label,
+        }  # fmt: skip
+
+
+def summarised(changes: list[tuple[Motion, Change]]) -> ChangeSummary | None:
+    """Changes of one quantity, with their motions, in one; None without any."""
+    if not changes:
+        return None
+    relative = [(motion, one) for motion, one in changes if math.isfinite(one.percent)]
+    if relative:
+        at, largest = max(relative, key=lambda pair: abs(pair[1].percent))
+        median = float(np.median([one.percent for _, one in relative]))
+    else:
+        (at, largest), median = max(changes, key=lambda pair: abs(pair[1].value)), math.nan
+    return ChangeSummary(len(changes), sum(bool(one.differs) for _, one in changes), median, largest, at)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rig.comparison.bands import load_bands
-from rig.comparison.changes import Change, change
+from rig.comparison.changes import Change, ChangeSummary, change, summarised, transfer
 from rig.comparison.judgement import Judgement, judge
 from rig.comparison.readings import (
     LOOP_QUANTITIES,
+    QUANTITIES,
     SINGLE_QUANTITIES,
     FittedReading,
     LoopReading,
@@ -24,8 +26,13 @@ from rig.comparison.readings import (
 from rig.errors import RigError
 from rig.recording.layout import SIGNAL
 from rig.recording.run import Run
+from rig.signals.test_set import MOTION_SHARE
 
 MOST_RUNS = 12
+NEARBY = 0.2
+"""Relative difference of two motions, up to which it is worth reporting that they are not compared."""
+WORTH_SAYING = 5e-4
+"""Relative difference of two motions, from which a correction is reported."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +56,23 @@ class Comparison:
         first, later = row.loops[0], row.loops[run]
         if first is None or later is None:
             return None
-        return self._changed(run, first.values.get(quantity), later.values.get(quantity))
+        before, after = first.values.get(quantity), later.values.get(quantity)
+        if before is None or after is None:
+            return None
+        moved = transfer(QUANTITIES[quantity], first.motion, later.motion)
+        return change(before, after, same_gauge=self._same_gauge(run), moved=moved)
+
+    def summary(self, run: int, quantity: str) -> ChangeSummary | None:
+        """All changes of a quantity of one run in one; None where it shares no motion with the first run."""
+        known = [(row.motion, one) for row in self.rows if (one := self.change(run, quantity, row)) is not None]
+        return summarised(known)
 
     def single_change(self, run: int, quantity: str) -> Change | None:
         """Of friction or gas force."""
-        return self._changed(run, self.runs[0].singles.get(quantity), self.runs[run].singles.get(quantity))
+        before, after = self.runs[0].singles.get(quantity), self.runs[run].singles.get(quantity)
+        if before is None or after is None:
+            return None
+        return change(before, after, same_gauge=self._same_gauge(run))
 
     def parameter_change(self, run: int, name: str) -> Change | None:
         """Of a fitted parameter; None where the models differ, or one fit cannot tell it."""
@@ -63,11 +82,9 @@ class Comparison:
             return None
         return change(before.reading, after.reading, same_gauge=True)
 
-    def _changed(self, run: int, before: Reading | None, after: Reading | None) -> Change | None:
-        if before is None or after is None:
-            return None
+    def _same_gauge(self, run: int) -> bool:
         first, later = self.runs[0].load_cell, self.runs[run].load_cell
-        return change(before, after, same_gauge=bool(first) and first == later)
+        return bool(first) and first == later
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -83,6 +100,7 @@ class Comparison:
             lines.append(f"different models were fitted ({', '.join(sorted(models))}): parameters are not compared")
         if len(self.runs) > 1 and not any(all(row.loops) for row in self.rows):
             lines.append("the runs have no motion with cycles in common")
+        lines += [*self._corrected(), *self._near()]
         if len({run.load_cell for run in self.runs if run.load_cell}) > 1:
             lines.append("different load cells or sensitivities: their calibrations count in the differences")
         given = Counter(run.identity for run in self.runs)
@@ -100,6 +118,41 @@ class Comparison:
                 lines.append(f"{run.name}: {len(run.left_out)} thing(s) left out; first: {run.left_out[0]}")
         return tuple(lines)
 
+    def _corrected(self) -> Iterator[str]:
+        """Motions that are compared although they differ a little."""
+        for index, run in enumerate(self.runs[1:], start=1):
+            largest = 0.0
+            for row in self.rows:
+                first, later = row.loops[0], row.loops[index]
+                if first is not None and later is not None and None in {first.motion.read.requested,
+                                                                        later.motion.read.requested}:  # fmt: skip
+                    largest = max(largest, first.motion.apart_from(later.motion))
+            if largest >= WORTH_SAYING:
+                yield (
+                    f"{run.name}: measured motions differ from the first run's by up to {100.0 * largest:.2g} %; "
+                    "changes are corrected to the first run's motion (forces with speed^0.5), and the uncertainty of "
+                    "the correction is included"
+                )
+
+    def _near(self) -> Iterator[str]:
+        """Motions without a counterpart that have one nearby: too far for a correction."""
+        for index, run in enumerate(self.runs[1:], start=1):
+            for row in self.rows:
+                loop = row.loops[index]
+                if loop is None or row.loops[0] is not None:
+                    continue
+                others = [
+                    (loop.motion.apart_from(first.motion), first.motion) for first in self.runs[0].loops
+                    if first.motion.waveform == loop.motion.waveform and first.motion.at_current_of(loop.motion)
+                ]
+                apart, nearest = min(others, key=lambda pair: pair[0], default=(math.inf, loop.motion))
+                if apart < NEARBY:
+                    yield (
+                        f"{run.name}: {loop.motion.label} is not compared: the nearest motion of the first run, "
+                        f"{nearest.label}, differs by {100.0 * apart:.2g} %, more than can be corrected "
+                        f"({100.0 * MOTION_SHARE:g} %)"
+                    )
+
     def to_json(self) -> dict[str, Any]:
         """Plain types; the keys are in `docs/json.md`."""
         return {
@@ -109,6 +162,11 @@ class Comparison:
                 for run in self.runs
             ],
             "loops": [self._row_json(row) for row in self.rows],
+            "summary": [
+                {quantity.key: None if (told := self.summary(index, quantity.key)) is None else told.to_json()
+                 for quantity in LOOP_QUANTITIES}
+                for index in range(1, len(self.runs))
+            ],
             "singles": {
                 quantity.key: [
                     self._entry(run.singles.get(quantity.key), self.single_change(index, quantity.key))

@@ -9,7 +9,7 @@ from enum import StrEnum
 from typing import Any
 
 from rig.comparison.bands import Band, Bands, LoopBand, ParameterBand
-from rig.comparison.changes import Change, change
+from rig.comparison.changes import Change, Transfer, change, transfer
 from rig.comparison.readings import QUANTITIES, LoopReading, Reading, RunReadings
 from rig.errors import FileProblem
 
@@ -227,15 +227,22 @@ def _changed(
     same = "it is the same run as the first: nothing can have changed" if run.identity == first.identity else ""
     why = value.why or same or ("" if before is not None else f"{first.name} has no such value")
     known = None if why or before is None else change(
-        before, value.reading, same_gauge=bool(run.load_cell) and run.load_cell == first.load_cell
-    )
+        before, value.reading, same_gauge=bool(run.load_cell) and run.load_cell == first.load_cell,
+        moved=_transfer(key, value, first),
+    )  # fmt: skip
     if known is not None and not math.isfinite(known.percent):
-        why = "the first run's value is 0"
+        why = "the first run's value is not significantly different from 0: it has no relative change"
     known = known or Change(math.nan, math.nan, math.nan, math.nan)
     return _judged(Result(
         value.quantity, run.name, value.where, value.points, known.percent, 2.0 * known.percent_std, -most, most,
         PERCENT, State.MISSING, why, band.note, change=True,
     ), bands, complete=math.isfinite(known.percent_std))
+
+
+def _transfer(key: str, value: _Value, first: RunReadings) -> Transfer | None:
+    """What brings a loop's value to the motion of the first run's."""
+    loop = None if value.loop is None else first.loop_of(value.loop.motion)
+    return None if value.loop is None or loop is None else transfer(QUANTITIES[key], loop.motion, value.loop.motion)
 
 
 def _before(band: Band, value: _Value, first: RunReadings, key: str) -> Reading | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,33 +14,51 @@ from rig.characteristics.loop import LoopCharacteristics, Measured
 from rig.errors import FileProblem
 from rig.recording.hdf5.reading import channel_attributes
 from rig.recording.recorded_point import RecordedPoint
-from rig.recording.run import IMPORTED_TOLERANCE, RELATIVE_TOLERANCE, Run
+from rig.recording.run import Run
+from rig.signals.test_set import (
+    NOMINAL_SHARE,
+    CurrentReading,
+    MotionReading,
+    mean_current,
+    mean_motion,
+    names_current,
+    same_current,
+    same_motion,
+)
 from rig.text_file import read_json
 
 COVERAGE = 2.0
 """Expanded uncertainties are so many standard ones: about 95 %."""
-CURRENT_STEP_A, IMPORTED_CURRENT_A = 1e-3, 0.02
+NEAR_ZERO = 0.05
+"""Share of the larger force of a test up to which the other one is near zero: its relative change says nothing."""
+EXACT = 1e-6
 PEAK_OF_MEAN = {"sine": math.pi / 2.0, "triangle": 1.0}
 """Peak speed of a waveform over its mean one, which is four amplitudes a cycle."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is compared: its key, what people call it, its SI unit, and which calibrations it scales with."""
+    """What is compared: its key, what people call it, its SI unit, and which calibrations it scales with.
+
+    Between motions that differ a little it is taken to follow amplitude^a frequency^b speed^n, with `powers` (a, b):
+    n is between 0 (dry friction) and 1 (viscous damping) for what follows a force, and about 0 for a ratio of forces.
+    """
 
     key: str
     title: str
     unit: str
     by_force: bool = True
     by_displacement: bool = False
+    powers: tuple[float, float] = (0.0, 0.0)
+    speed_power: float = 0.5
 
 
 LOOP_QUANTITIES = (
     Quantity("rebound_force", "Force at peak velocity, rebound", "N"),
     Quantity("jounce_force", "Force at peak velocity, jounce", "N"),
-    Quantity("energy", "Energy per cycle", "J", by_displacement=True),
-    Quantity("damping", "Equivalent viscous damping", "N s/m", by_displacement=True),
-    Quantity("dynamic_range", "Dynamic range, rebound", "1", by_force=False),
+    Quantity("energy", "Energy per cycle", "J", by_displacement=True, powers=(1.0, 0.0)),
+    Quantity("damping", "Equivalent viscous damping", "N s/m", by_displacement=True, powers=(-1.0, -1.0)),
+    Quantity("dynamic_range", "Dynamic range, rebound", "1", by_force=False, speed_power=0.0),
 )
 SINGLE_QUANTITIES = (Quantity("friction_force", "Friction", "N"), Quantity("gas_force", "Gas force", "N"))
 QUANTITIES = {quantity.key: quantity for quantity in (*LOOP_QUANTITIES, *SINGLE_QUANTITIES)}
@@ -48,11 +66,21 @@ QUANTITIES = {quantity.key: quantity for quantity in (*LOOP_QUANTITIES, *SINGLE_
 
 @dataclass(frozen=True)
 class Reading:
-    """A value (SI), its standard uncertainty from scatter (NaN: unknown) and from calibrations (NaN: not stated)."""
+    """A value (SI), its standard uncertainty from scatter (NaN: unknown) and from calibrations (NaN: not stated).
+
+    `near_zero` is the size below which the value is near zero beside others of its test.
+    """
 
     value: float
     std: float
     calibration: float = 0.0
+    near_zero: float = 0.0
+
+    @property
+    def significant(self) -> bool:
+        """Whether it differs from zero by enough for a relative change to have a meaning."""
+        scatter = COVERAGE * self.std if math.isfinite(self.std) else 0.0
+        return abs(self.value) > max(scatter, self.near_zero)
 
     @property
     def expanded(self) -> float:
@@ -67,13 +95,25 @@ class Reading:
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion at a current, as it was wanted; of an imported test, as it was estimated."""
+    """A motion at a current: as requested, of imported tests as measured.
+
+    Attributes:
+        waveform, amplitude_m, frequency_Hz, current_A: what the motion and the current are called.
+        read: what is known of the motion.
+        current: what is known of the current; None where it changes.
+    """
 
     waveform: str
     amplitude_m: float
     frequency_Hz: float
     current_A: float
-    imported: bool = False
+    read: MotionReading
+    current: CurrentReading | None
+
+    @classmethod
+    def of(cls, read: MotionReading, current: CurrentReading | None, current_A: float) -> Motion:
+        """From what is known of both; `current_A` is what the current is called."""
+        return cls(read.waveform, *read.nominal, current_A, read, current)
 
     @property
     def label(self) -> str:
@@ -84,15 +124,36 @@ class Motion:
         )
 
     def same_as(self, other: Motion) -> bool:
-        """Whether both are the same test; with 5 % and 20 mA of room where one was only estimated."""
-        estimated = self.imported or other.imported
-        room = IMPORTED_TOLERANCE if estimated else RELATIVE_TOLERANCE
+        """Whether both are one test, by what was requested where that is known of both, else by what was measured."""
+        return self.at_current_of(other) and same_motion(self.read, other.read)
+
+    def at_current_of(self, other: Motion) -> bool:
+        """Whether both currents are one."""
+        if self.current is None or other.current is None:
+            return self.current is other.current and self.current_A == other.current_A
+        return self.current_A == other.current_A == 0.0 or same_current(self.current, other.current)
+
+    def called(
+        self, waveform: str | None, amplitude_m: float | None, frequency_Hz: float | None, current_A: float | None
+    ) -> bool:
+        """Whether a user's numbers, where they are given, mean this motion."""
+        share = NOMINAL_SHARE if self.read.requested is None else EXACT
         return (
-            self.waveform == other.waveform
-            and math.isclose(self.amplitude_m, other.amplitude_m, rel_tol=room)
-            and math.isclose(self.frequency_Hz, other.frequency_Hz, rel_tol=room)
-            and abs(self.current_A - other.current_A) <= (IMPORTED_CURRENT_A if estimated else CURRENT_STEP_A)
-        )
+            waveform in {None, self.waveform}
+            and (amplitude_m is None or math.isclose(amplitude_m, self.amplitude_m, rel_tol=share))
+            and (frequency_Hz is None or math.isclose(frequency_Hz, self.frequency_Hz, rel_tol=share))
+            and (current_A is None or current_A == self.current_A or (
+                self.current is not None and names_current(current_A, self.current)
+            ))
+        )  # fmt: skip
+
+    def apart_from(self, other: Motion) -> float:
+        """Relative difference of both motions: the larger one of amplitude and frequency."""
+        return max(
+            abs(math.log(one / another)) if one > 0.0 and another > 0.0 else math.inf
+            for one, another in ((self.read.amplitude_m, other.read.amplitude_m),
+                                 (self.read.frequency_Hz, other.read.frequency_Hz))
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -152,8 +213,9 @@ class RunReadings:
         return self.run.path.name
 
     def loop_of(self, motion: Motion) -> LoopReading | None:
-        """The reading of a motion; None where the run has none."""
-        return next((loop for loop in self.loops if loop.motion.same_as(motion)), None)
+        """The reading of a motion, of several that can be it the nearest; None where the run has none."""
+        there = [loop for loop in self.loops if loop.motion.same_as(motion)]
+        return min(there, key=lambda loop: loop.motion.apart_from(motion), default=None)
 
 
 def readings_of(run: Run) -> RunReadings:
@@ -179,12 +241,18 @@ def _lacking(run: Run, loops: Sequence[LoopReading]) -> Iterator[LoopReading]:
     for point in run.points:
         if point.kind != "loop" or any(point.id in loop.ids for loop in loops):
             continue
-        motion = Motion(
-            point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A, bool(point.imported)
-        )
+        motion = _motion_of(point)
         if not any(motion.same_as(loop.motion) for loop in loops):
             turn = PEAK_OF_MEAN.get(point.waveform, math.nan)
             yield LoopReading(motion, (point.id,), 4.0 * turn * point.amplitude_m * point.frequency_Hz, {})
+
+
+def _motion_of(point: RecordedPoint) -> Motion:
+    """The motion of a point that was not evaluated."""
+    nominal = (point.amplitude_m, point.frequency_Hz)
+    read = MotionReading(point.waveform, *nominal, requested=nominal if point.motion_requested else None)
+    requested_A = point.current_A if point.current_requested else math.nan
+    return Motion.of(read, CurrentReading(point.current_A, requested_A=requested_A), point.current_A)
 
 
 def _not_recorded(run: Run) -> tuple[str, ...]:
@@ -195,26 +263,24 @@ def _not_recorded(run: Run) -> tuple[str, ...]:
 
 
 def _loops(characteristics: Characteristics, points: Mapping[str, RecordedPoint]) -> tuple[LoopReading, ...]:
-    ranges = {(*ratio.motion, ratio.current_A): Measured(ratio.rebound, ratio.std, math.nan)
-              for ratio in characteristics.dynamic_range}  # fmt: skip
-    groups: list[tuple[Motion, list[LoopCharacteristics]]] = []
+    ranges = {ratio.id: Measured(ratio.rebound, ratio.std, math.nan) for ratio in characteristics.dynamic_range}
+    groups: dict[tuple[object, ...], list[LoopCharacteristics]] = {}
     for loop in characteristics.loops:
-        if loop.id not in points:
-            continue
-        motion = Motion(
-            loop.waveform, loop.amplitude_m, loop.frequency_Hz, loop.current_A, bool(points[loop.id].imported)
-        )
-        group = next((members for known, members in groups if known.same_as(motion)), None)
-        if group is None:
-            groups.append((motion, [loop]))
-        else:
-            group.append(loop)
-    return tuple(_loop(motion, members, points, ranges) for motion, members in groups)
+        if loop.id in points:
+            groups.setdefault((*loop.motion, loop.level_A, loop.current is None), []).append(loop)
+    return tuple(_loop(_common(members), members, points, ranges) for members in groups.values())
+
+
+def _common(members: Sequence[LoopCharacteristics]) -> Motion:
+    """The motion of repeats."""
+    currents = [loop.current for loop in members if loop.current is not None]
+    read = mean_motion([loop.motion_read for loop in members])
+    return Motion.of(read, mean_current(currents) if currents else None, members[0].level_A)
 
 
 def _loop(
     motion: Motion, members: Sequence[LoopCharacteristics], points: Mapping[str, RecordedPoint],
-    ranges: Mapping[tuple[str, float, float, float], Measured],
+    ranges: Mapping[str, Measured],
 ) -> LoopReading:
     unknown = Measured(math.nan, math.nan, math.nan)
     values = {}
@@ -222,13 +288,14 @@ def _loop(
         measured = [
             {"rebound_force": loop.rebound_N, "jounce_force": loop.jounce_N, "energy": loop.energy_J,
              "damping": loop.equivalent_damping_N_s_m,
-             "dynamic_range": ranges.get((*loop.motion, loop.current_A), unknown)}[quantity.key]
+             "dynamic_range": ranges.get(loop.id, unknown)}[quantity.key]
             for loop in members
         ]  # fmt: skip
         reading = averaged(measured)
         if math.isfinite(reading.value):
             percent = _calibration_percent(quantity, points[members[0].id])
             values[quantity.key] = Reading(reading.value, reading.std, abs(reading.value) * percent / 100.0)
+    values |= _beside({key: values[key] for key in ("rebound_force", "jounce_force") if key in values})
     speed_m_s = float(np.mean([loop.peak_speed_m_s for loop in members]))
     return LoopReading(motion, tuple(loop.id for loop in members), speed_m_s, values)
 
@@ -252,7 +319,13 @@ def _singles(characteristics: Characteristics, points: Mapping[str, RecordedPoin
         if math.isfinite(reading.value):
             percent = _calibration_percent(quantity, points[tests[0].id])
             singles[quantity.key] = Reading(reading.value, reading.std, abs(reading.value) * percent / 100.0)
-    return singles
+    return _beside(singles)
+
+
+def _beside(forces: Mapping[str, Reading]) -> dict[str, Reading]:
+    """Forces of one test, each with the size below which it is near zero beside the others."""
+    largest_N = max((abs(force.value) for force in forces.values()), default=0.0)
+    return {key: replace(force, near_zero=NEAR_ZERO * largest_N) for key, force in forces.items()}
 
 
 def _calibration_percent(quantity: Quantity, point: RecordedPoint) -> float:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ QUANTITIES = ("displacement_m", "velocity_m_s", "current_A", "temperature_degC")
 BEYOND = 0.02  # share of a range by which its ends may be passed: overshoot and noise
 LEAST = {"current_A": 0.02, "temperature_degC": 2.0}  # A, K: and at least so much of these
 ROOM_A = 0.05  # about a tested current, where it is the only thing known: a set-point and its error
+ROOM_OF_GAP = 0.25  # and at most so much of the least distance of two tested currents
 SHARE = 0.01  # of a test's samples that lie beyond, from which on the test does
 
 
@@ -60,7 +63,9 @@ class Covered:
                 intervals[name] = ((ends[0] - room, ends[1] + room),)
         if self.only_at_A:
             ((low, high),) = intervals["current_A"]
-            intervals["current_A"] = tuple((max(low, at - ROOM_A), min(high, at + ROOM_A)) for at in self.only_at_A)
+            apart_A = min((b - a for a, b in pairwise(self.only_at_A)), default=math.inf)
+            room_A = min(ROOM_A, ROOM_OF_GAP * apart_A)
+            intervals["current_A"] = tuple((max(low, at - room_A), min(high, at + room_A)) for at in self.only_at_A)
         return intervals
 
     def outside(self, values: Mapping[str, FloatArray | None], share: float = BEYOND) -> dict[str, BoolArray]:
@@ -86,7 +91,7 @@ class Covered:
         )
         if not self.only_at_A:
             return ranges
-        currents = ", ".join(f"{current_A:.2f}" for current_A in self.only_at_A)
+        currents = ", ".join(f"{current_A:.4g}" for current_A in self.only_at_A)
         return f"{ranges}, of the currents only {currents} A (too few for the model to know the force between them)"
 
 

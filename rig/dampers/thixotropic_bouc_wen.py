@@ -25,9 +25,9 @@ from typing import ClassVar
 from rig.dampers.parameter import Parameter, linear_parameter
 from rig.dampers.separation import MotionScale, Search, Unknowns
 from rig.dampers.sprung_bouc_wen import SprungBoucWenModel, SprungSearch
+from rig.signals.test_set import ZERO_A
 
 CURVED_N_m2 = 1e4  # size at which kxx is searched
-NO_CURRENT_A = 0.03  # up to which tests at one current are at none, and show nothing per ampere
 ONE_CURRENT = 0.05  # range over mean up to which tests have one current
 AT_ZERO = (0.0, 0.5, 1.0)  # starts there: share of yield and viscous force that is there at 0 A
 
@@ -67,7 +67,7 @@ class ThixotropicSearch(SprungSearch):
         """See `Search.starts`."""
         starts, current_A = [{**start, "kxx": 0.0} for start in super().starts(simple, scale)], scale.mean_current_A
         span_A = scale.high_current_A - scale.low_current_A
-        if abs(current_A) <= NO_CURRENT_A or span_A > ONE_CURRENT * abs(current_A):
+        if abs(current_A) <= ZERO_A or span_A > ONE_CURRENT * abs(current_A):
             return starts
         whole = [
             {name: start[name] + start[f"{name}_b"] * current_A for name in ("kv", "ky")} for start in starts

@@ -19,7 +19,7 @@ from rig.identification.application.tested_range import tested_range
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
 from rig.identification.models.coverage import beyond, recorded_degC
 from rig.identification.models.law_search import laws_over, named_over
-from rig.identification.models.measurement import Measurement, first_cycle, spaced
+from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced
 from rig.identification.models.solving import Candidate, Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.next_test import Allowance, bench_of, next_tests
@@ -223,7 +223,7 @@ def _usable(
     tested = tested_range(fit.law, fitted, held_out, temperature_degC or recorded_degC(fitted), widened)
     cycles = tuple(spaced(first_cycle(test), DRAWN_SAMPLES) for test in fitted)
     holdout = None if fit.holdout is None else told_apart(fit.holdout, [beyond(tested, test) for test in held_out])
-    return replace(fit, tested=tested, tests=cycles, holdout=holdout)
+    return replace(fit, tested=tested, tests=cycles, holdout=holdout, test_set=set_of(fitted).to_json())
 
 
 def _best_fit(

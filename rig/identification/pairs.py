@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from rig.errors import IdentificationFailed
-from rig.identification.models.measurement import Measurement
+from rig.identification.models.measurement import Measurement, set_of
 from rig.identification.uncertainty.fit_entries import ErrorSummary
 from rig.identification.uncertainty.unseen import Unseen, UnseenPair, UnseenTest
+from rig.signals.test_set import MotionGroups, motion_groups
 from rig.signals.waveform import WAVEFORMS
 
 PAIRS = "pairs"
@@ -20,11 +22,13 @@ LEFT_OUT = "leave-one-pair-out"
 
 
 def pairs_of(tests: Sequence[Measurement]) -> list[list[Measurement]]:
-    """Tests of the same amplitude (0.1 mm) and frequency (0.01 Hz) together, whatever their current."""
-    groups: dict[tuple[float, float], list[Measurement]] = {}
-    for test in tests:
-        groups.setdefault((round(test.amplitude_m, 4), round(test.frequency_Hz, 2)), []).append(test)
-    return [groups[pair] for pair in sorted(groups)]
+    """Tests of the same amplitude and frequency together, whatever their current and waveform."""
+    motions = _motions(tests)
+    return [[tests[number] for number in motions.members(motion)] for motion in range(len(motions))]
+
+
+def _motions(tests: Sequence[Measurement]) -> MotionGroups:
+    return motion_groups([replace(test.motion, waveform="") for test in tests])
 
 
 def refuse_one_pair(tests: Sequence[Measurement]) -> None:
@@ -62,16 +66,20 @@ def foretold(
     Raises:
         IdentificationFailed: the model cannot be fitted to what is left.
     """
-    pairs, rows = [], []
-    for group in pairs_of(tests):
+    pairs, rows, levels = [], [], set_of(tests).currents
+    current_of = {
+        id(test): test.nominal_current_A if levels.of_test[number] is None else levels.name_A(number)
+        for number, test in enumerate(tests)
+    }
+    for motion, group in zip(_motions(tests).motions, pairs_of(tests), strict=True):
         rest = [test for test in tests if not any(test is other for other in group)]
         error = error_of(rest, group)
-        amplitude_m, frequency_Hz = round(group[0].amplitude_m, 4), round(group[0].frequency_Hz, 2)
+        amplitude_m, frequency_Hz = motion.nominal
         relative = error.nrmse_percent_of_peak
         pairs.append(UnseenPair(amplitude_m, frequency_Hz, len(group), relative, error.r_squared))
         rows += [
             UnseenTest(
-                test.id, amplitude_m, frequency_Hz, test.nominal_current_A, one.rmse_N, one.nrmse_percent_of_peak,
+                test.id, amplitude_m, frequency_Hz, current_of[id(test)], one.rmse_N, one.nrmse_percent_of_peak,
                 one.beyond,
             )
             for test, one in zip(group, error.per_test, strict=True)

@@ -15,17 +15,18 @@ import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
-from rig.identification.models.measurement import Measurement
+from rig.identification.models.measurement import Measurement, set_of
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.relation import CurrentRelations, Relation, relations
 from rig.identification.models.solving import Candidate, solve
-from rig.identification.models.undetermined import SAME_CURRENT_A, examine
+from rig.identification.models.undetermined import examine
 from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.uncertainty.fit_entries import Cause, Estimate
 from rig.identification.uncertainty.scoring import describes, score_forces, together
 from rig.identification.words import say
 from rig.matrix.methods import DEPENDENCES
+from rig.signals.test_set import rounded_levels
 
 AFFINE = "affine"
 PER_CURRENT = {name: name.removeprefix("per-current-") for name in DEPENDENCES if name != AFFINE}
@@ -74,7 +75,7 @@ def identify_per_current(
         levels.append(Level(current_A, tuple(tests), _fit_level(model, current_A, tests, wanted)))
     if len(levels) < 2:
         raise IdentificationFailed(
-            f"{dependence} needs tests at two or more currents, and all ran at {levels[0].current_A:.2f} A; add tests "
+            f"{dependence} needs tests at two or more currents, and all ran at {levels[0].current_A:.4g} A; add tests "
             "at another current, or fit without this option"
         )
     related = _relations(model, levels, PER_CURRENT[dependence])
@@ -87,19 +88,16 @@ def _levels(tests: Sequence[Measurement]) -> list[tuple[float, list[Measurement]
     Raises:
         IdentificationFailed: the current of a test changes.
     """
-    groups: list[tuple[float, list[Measurement]]] = []
-    for test in sorted(tests, key=lambda test: float(np.mean(test.current_A))):
-        if float(np.ptp(test.current_A)) > SAME_CURRENT_A:
-            raise IdentificationFailed(
-                f"{test.id}: its current changes from {np.min(test.current_A):.2f} to {np.max(test.current_A):.2f} A; "
-                "a fit for test current needs constant currents"
-            )
-        mean_A = float(np.mean(test.current_A))
-        if groups and mean_A - groups[-1][0] <= SAME_CURRENT_A:
-            groups[-1][1].append(test)
-        else:
-            groups.append((mean_A, [test]))
-    return [(float(np.mean([np.mean(test.current_A) for test in group])), group) for _, group in groups]
+    levels = set_of(tests).currents
+    for number in levels.changing[:1]:
+        test = tests[number]
+        raise IdentificationFailed(
+            f"{test.id}: its current changes from {np.min(test.current_A):.2f} to {np.max(test.current_A):.4g} A; "
+            "a fit for each current needs constant currents"
+        )
+    return [
+        (value_A, [tests[number] for number in levels.members(level)]) for level, value_A in enumerate(levels.values_A)
+    ]
 
 
 def _without_current(test: Measurement) -> Measurement:
@@ -118,7 +116,7 @@ def _fit_level(model: DamperModel, current_A: float, tests: Sequence[Measurement
         best = Candidate(model, findings, solve(model, still, method, findings))
         return judged(best, still, [], (), Wanted(method, wanted.declared))
     except IdentificationFailed as error:
-        raise IdentificationFailed(f"at {current_A:.2f} A: {error}") from error
+        raise IdentificationFailed(f"at {current_A:.4g} A: {error}") from error
 
 
 def _relations(model: DamperModel, levels: Sequence[Level], kind: str) -> CurrentRelations:
@@ -152,10 +150,9 @@ def _joined(
         values = related.values_at(model, float(np.mean(test.current_A)))
         return describes(model, values, [_without_current(test)], wanted.method.weighting(model))
 
-    low, high = related.currents_A[0] - SAME_CURRENT_A, related.currents_A[-1] + SAME_CURRENT_A
-    outside = [test.id for test in held_out if not low <= float(np.mean(test.current_A)) <= high]
+    outside = _outside(fitted, held_out)
     notes = list(wanted.warnings) + [
-        f"at {level.current_A:.2f} A: {text}" for level in levels for text in level.fit.warnings
+        f"at {level.current_A:.4g} A: {text}" for level in levels for text in level.fit.warnings
     ]
     notes += [f"{test.id}: {saying}" for test in held_out for saying in test.warnings]
     if outside:
@@ -183,6 +180,14 @@ def _joined(
     )
 
 
+def _outside(fitted: Sequence[Measurement], held_out: Sequence[Measurement]) -> list[str]:
+    """Held-out tests whose current lies beyond those of the fitted tests, at the lowest or highest of neither."""
+    levels = set_of(fitted).currents
+    room_A = levels.resolution_A[1]
+    low, high = levels.values_A[0] - room_A, levels.values_A[-1] + room_A
+    return [test.id for test in held_out if not low <= float(np.mean(test.current_A)) <= high]
+
+
 def _diagnosed(model: DamperModel, levels: Sequence[Level], wanted: Wanted) -> tuple[Cause, ...]:
     """What probably explains the misfit at the current where it is largest; units and signs of all tests."""
     from rig.identification.diagnosis.ranking import diagnose
@@ -195,14 +200,15 @@ def _diagnosed(model: DamperModel, levels: Sequence[Level], wanted: Wanted) -> t
     names = tuple(examine(model, tests).free(values))
     fitted = Fitted(model, values, names, tests, wanted.method.weighting(model))
     causes = diagnose(fitted, misfit=misfit)
-    return tuple(replace(cause, text=f"at {worst.current_A:.2f} A: {cause.text}") for cause in causes)
+    return tuple(replace(cause, text=f"at {worst.current_A:.4g} A: {cause.text}") for cause in causes)
 
 
 def _parameters(model: DamperModel, levels: Sequence[Level]) -> Mapping[str, Estimate]:
     names = [name for name in levels[0].fit.parameters if model.parameter(name).power == 0]
+    labels = rounded_levels([level.current_A for level in levels])
     return {
-        f"{name} at {round(level.current_A, 2) + 0.0:g} A": level.fit.parameters[name]
+        f"{name} at {label:g} A": level.fit.parameters[name]
         for name in names
-        for level in levels
+        for level, label in zip(levels, labels, strict=True)
         if name in level.fit.parameters
     }

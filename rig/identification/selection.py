@@ -18,7 +18,7 @@ from rig.dampers.covered import in_words
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed, evaluating
 from rig.identification.models.coverage import beyond, covered_by
-from rig.identification.models.measurement import Measurement, first_cycle, spaced
+from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced
 from rig.identification.models.separable import GivenUp, motion_scale
 from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
@@ -189,13 +189,11 @@ def cross_validated(
 
 def groups_of(measurements: Sequence[Measurement]) -> list[list[Measurement]]:
     """Tests of the same motion; of the same current where all share one motion."""
-    for key in ("motion", "current"):
-        groups: dict[object, list[Measurement]] = {}
-        for test in measurements:
-            motion = (test.waveform, round(test.amplitude_m, 6), round(test.frequency_Hz, 4))
-            groups.setdefault(motion if key == "motion" else round(test.nominal_current_A, 3), []).append(test)
-        if len(groups) > 1:
-            break
+    found = set_of(measurements)
+    numbers = found.motions.of_test if len(found.motions) > 1 else found.currents.of_test
+    groups: dict[int | None, list[Measurement]] = {}
+    for number, test in zip(numbers, measurements, strict=True):
+        groups.setdefault(number, []).append(test)
     return list(groups.values())
 
 

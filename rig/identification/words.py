@@ -149,6 +149,15 @@ WARNINGS = {
         "tests of the same motion and current measured different forces ({pairs}): two specimens, two temperatures, or "
         "a rig that changed between them; one fit describes one damper in one condition"
     ),
+    "current-contradicts": (
+        "the measured current contradicts the requested one: {tests}; these tests are grouped by what was measured. "
+        "Fix: check the current source and the requested values"
+    ),
+    "currents-merged": (
+        "currents {levels} are grouped as one level each, although their outermost tests differ by more than the "
+        "resolution of the measured current ({resolution_mA:.2g} mA): neighbouring tests cannot be separated. Fix: "
+        "record the requested currents, or measure the current with less noise"
+    ),
     "runs-apart": (
         "the {count} runs are described to {apart_N:.3g} N when each is fitted apart, and only to {together_N:.3g} N "
         "by one fit: they are probably not the same damper, or not in the same condition; identify them apart"

@@ -232,9 +232,9 @@ def _current_source(test: ImportedTest) -> str:
 def _size(test: ImportedTest, motion: MeasuredMotion | None) -> tuple[float, float]:
     """Amplitude (m) and frequency (Hz), of motion without cycles half its span and how often it crosses its mean."""
     if motion is not None:
-        return two_digits(motion.amplitude_m), two_digits(motion.frequency_Hz)
+        return motion.amplitude_m, motion.frequency_Hz
     span_m = float(np.nanmax(test.displacement_m) - np.nanmin(test.displacement_m))
-    return two_digits(0.5 * span_m), two_digits(mean_rate_Hz(test.time_s, test.displacement_m))
+    return 0.5 * span_m, mean_rate_Hz(test.time_s, test.displacement_m)
 
 
 def _flags(test: ImportedTest, period_s: float) -> tuple[NDArray[np.int8], int]:
@@ -318,8 +318,3 @@ def _counts(
     return SensorCounts(
         len(time_s), lost, missing, standing=longest, coarse=stood.coarse, step=stood.step, span=stood.span,
     )
-
-
-def two_digits(value: float) -> float:
-    """A value rounded to two significant digits: the nominal amplitude or frequency somebody probably asked for."""
-    return float(f"{value:.2g}")

@@ -23,6 +23,8 @@ from rig.signals.sample_times import sample_times
 if TYPE_CHECKING:
     import pandas as pd
 
+MOTION_MEASURED = "motion_measured"
+"""In `test` of a point made from a table: its amplitude and frequency were measured, not requested."""
 #: Attribute of `RecordedPoint` -> dataset under `/entry/data`.
 CHANNELS = {
     "time_s": "time",
@@ -96,7 +98,14 @@ class RecordedPoint:
         from rig.recording.hdf5.reading import read_description
 
         path = Path(path)
-        return cls(path=path, **read_description(path, whole=whole))
+        described = read_description(path, whole=whole)
+        if described["imported"]:  # files of earlier versions hold numbers rounded to two digits
+            measured = described["quality"].motion
+            described |= {
+                name: value for name, value in (("amplitude_m", measured.amplitude_m),
+                                                ("frequency_Hz", measured.frequency_Hz)) if value is not None
+            }  # fmt: skip
+        return cls(path=path, **described)
 
     @classmethod
     def from_arrays(
@@ -166,6 +175,7 @@ class RecordedPoint:
             if motion is None:
                 raise FileProblem(id, ["no whole cycle is in the displacement; give amplitude_m and frequency_Hz"])
             description = {"amplitude_m": motion.amplitude_m, "frequency_Hz": motion.frequency_Hz, **description}
+            description["test"] = {**description.get("test", {}), MOTION_MEASURED: True}
         arrays.setdefault("velocity", np.gradient(arrays["displacement"], time_s))
         return cls(id=id, waveform=waveform, current_A=current_A, arrays=arrays, **description)
 
@@ -187,6 +197,16 @@ class RecordedPoint:
     def kind(self) -> str:
         """What the point is for: `loop`, `friction` or `current_step`, as in `rig.matrix.point.TestPoint`."""
         return str(self.test.get("kind", "loop"))
+
+    @property
+    def motion_requested(self) -> bool:
+        """Whether amplitude and frequency were requested; those of an imported test were measured."""
+        return not (self.imported or self.test.get(MOTION_MEASURED))
+
+    @property
+    def current_requested(self) -> bool:
+        """Whether the current was requested or given; of an imported test with a column of it, it was measured."""
+        return not (self.imported and self.provenance.get("current") == "measured")
 
     @property
     def kept_apart(self) -> bool:

@@ -15,16 +15,17 @@ from typing import TYPE_CHECKING, Any
 from rig.errors import FileProblem
 from rig.recording.point_files import campaign_in, unfinished
 from rig.recording.recorded_point import RecordedPoint
+from rig.signals.test_set import NOMINAL_SHARE, CurrentReading, names_current
 from rig.text_file import read_json
 
 if TYPE_CHECKING:
     import pandas as pd
 
 TEXTS = ("id", "waveform", "verdict")
+MOTION = ("amplitude_m", "frequency_Hz")
 NUMBERS = ("amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "centre_m")
-RELATIVE_TOLERANCE = 1e-6
-IMPORTED_TOLERANCE = 0.05
-"""Amplitude and frequency of an imported test are estimates of what somebody asked for."""
+EXACT = 1e-6
+"""Relative difference of a number in a filter from a requested one that is only rounding."""
 
 WORDS_FILE = "operator.json"
 """In the campaign's directory: what was typed on an operator's page."""
@@ -54,12 +55,8 @@ class Selection:
         return cls(tuple(conditions))
 
     def holds(self, point: object) -> bool:
-        """True when the point meets every condition."""
-        tolerance = IMPORTED_TOLERANCE if getattr(point, "imported", False) else RELATIVE_TOLERANCE
-        return all(
-            any(_equal(getattr(point, name), value, tolerance) for value in values)
-            for name, values in self.conditions
-        )
+        """True when the point meets every condition; measured values (of an imported test) need only be near."""
+        return all(any(_equal(point, name, value) for value in values) for name, values in self.conditions)
 
 
 def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
@@ -78,10 +75,16 @@ def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
         raise ValueError(f"{name} = {value!r} is not a number, in the unit its name says") from error
 
 
-def _equal(value: object, wanted: str | float, tolerance: float) -> bool:
+def _equal(point: object, name: str, wanted: str | float) -> bool:
+    value = getattr(point, name)
     if isinstance(wanted, str):
         return str(value) == wanted
-    return isinstance(value, (int, float)) and math.isclose(value, wanted, rel_tol=tolerance, abs_tol=1e-9)
+    if not isinstance(value, (int, float)):
+        return False
+    if name == "current_A" and not getattr(point, "current_requested", True):
+        return names_current(wanted, CurrentReading(value))
+    measured = name in MOTION and not getattr(point, "motion_requested", True)
+    return math.isclose(value, wanted, rel_tol=NOMINAL_SHARE if measured else EXACT, abs_tol=1e-9)
 
 
 @dataclass(frozen=True)

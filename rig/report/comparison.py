@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from rig.comparison import Comparison
 from rig.comparison.changes import Change
 from rig.comparison.differences import MotionRow
 from rig.comparison.judgement import Judgement, Result, State
-from rig.comparison.readings import LOOP_QUANTITIES, SINGLE_QUANTITIES, Reading
+from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES, Reading
 from rig.report.chart import Chart, Trace
 from rig.report.document import views_of
 from rig.report.fragment import (
@@ -70,13 +68,10 @@ def _facts(compared: Comparison) -> str:
     if len(compared.runs) > 1:
         facts.append(fact(f"{both} of {len(compared.rows)}", "motions that every run has"))
         for quantity in LOOP_QUANTITIES[:3]:
-            changes = [
-                one.percent for row in compared.rows
-                if (one := compared.change(len(compared.runs) - 1, quantity.key, row)) and math.isfinite(one.percent)
-            ]
-            if changes:
-                middle = number(float(np.median(changes)), 3)
-                facts.append(fact(f"{middle} %", f"{text(quantity.title.lower())}: median change, last against first"))
+            summary = compared.summary(len(compared.runs) - 1, quantity.key)
+            if summary is not None and math.isfinite(summary.median_percent):
+                middle = f"{number(summary.median_percent, 3)} %"
+                facts.append(fact(middle, f"{text(quantity.title.lower())}: median change, last against first"))
     return block("facts", "".join(facts))
 
 
@@ -154,13 +149,13 @@ def _changes(compared: Comparison, names: Sequence[str]) -> str:
             readings = [None if loop is None else loop.values.get(quantity.key) for loop in row.loops]
             if any(readings):
                 changes = [compared.change(index, quantity.key, row) for index in range(1, len(names))]
-                rows.append(("", [text(row.motion.label), *_cells(readings, changes)]))
+                rows.append(("", [text(row.motion.label), *_cells(readings, changes, quantity.unit)]))
         unit = "" if quantity.unit == "1" else f", {quantity.unit}"
         parts.append(_quantity_table(f"{quantity.title}{unit}", "Motion", rows, names))
     singles = [
         ("", [text(quantity.title), *_cells(
             [run.singles.get(quantity.key) for run in compared.runs],
-            [compared.single_change(index, quantity.key) for index in range(1, len(names))],
+            [compared.single_change(index, quantity.key) for index in range(1, len(names))], quantity.unit,
         )])
         for quantity in SINGLE_QUANTITIES if any(quantity.key in run.singles for run in compared.runs)
     ]  # fmt: skip
@@ -177,7 +172,7 @@ def _parameters(compared: Comparison, names: Sequence[str]) -> str:
         unit = next((one.unit for one in fitted if one is not None), "")
         readings = [None if one is None or one.why else one.reading for one in fitted]
         changes = [compared.parameter_change(index, name) for index in range(1, len(names))]
-        rows.append(("", [text(f"{name} {unit}"), *_cells(readings, changes)]))
+        rows.append(("", [text(f"{name} {unit}"), *_cells(readings, changes, unit)]))
     return _quantity_table("Fitted parameters", "Parameter", rows, names, level=2)
 
 
@@ -188,17 +183,29 @@ def _quantity_table(
         return ""
     head = [first, text(names[0])]
     for name in names[1:]:
-        head += [text(name), "Change %", f"{PLUS_MINUS} % (k = 2)"]
+        head += [text(name), "Change", f"{PLUS_MINUS} (k = 2)"]
     return heading(text(title), level=level) + table(head, rows, range(1, len(head)))
 
 
-def _cells(readings: Sequence[Reading | None], changes: Sequence[Change | None]) -> list[str]:
+def _cells(readings: Sequence[Reading | None], changes: Sequence[Change | None], unit: str) -> list[str]:
     cells = [_reading(readings[0])]
     for reading, one in zip(readings[1:], changes, strict=True):
-        shown = number(None if one is None else one.percent, 3)
-        cells += [_reading(reading), f"<b>{shown}</b>" if one is not None and one.differs else shown,
-                  number(None if one is None else 2.0 * one.percent_std, 2)]  # fmt: skip
+        shown, expanded = (NOTHING, NOTHING) if one is None else _change(one, unit)
+        cells += [_reading(reading), f"<b>{shown}</b>" if one is not None and one.differs else shown, expanded]
     return cells
+
+
+def _change(one: Change, unit: str) -> tuple[str, str]:
+    """A change and its expanded uncertainty: in %, or in the quantity's unit where the first value is near zero."""
+    relative = math.isfinite(one.percent)
+    value, std, shown_unit = (one.percent, one.percent_std, "%") if relative else (one.value, one.std, unit)
+    shown_unit = "" if shown_unit == "1" else shown_unit
+    cells = ((value, 3), (COVERAGE * std, 2))
+    shown, expanded = (
+        f"{number(size, digits)} {text(shown_unit)}".rstrip() if math.isfinite(size) else NOTHING
+        for size, digits in cells
+    )
+    return shown, expanded
 
 
 def _reading(reading: Reading | None) -> str:

@@ -70,6 +70,7 @@ def write_report(run_dir: Path) -> Path:
     fit = read_fit(run.path)
     views, remark = views_of(run, fit)
     characteristics = characterise(run, {view.point.id: view.measured for view in views if view.measured is not None})
+    views = loops.placed_views(views, characteristics.loops)
     hybrid = hybrid_tests(run)
     if hybrid:
         write_hybrid(run, hybrid)

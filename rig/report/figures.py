@@ -32,11 +32,13 @@ def figures(run: Path | str | Run) -> dict[str, Chart]:
     fit = read_fit(campaign.path)
     views, _ = views_of(campaign, fit)
     measured = {view.point.id: view.measured for view in views if view.measured is not None}
+    standard_loops = characterise(campaign, measured).loops
+    views = loops.placed_views(views, standard_loops)
     drawn = {f"overview/{motion}": chart for motion, chart in loops.overview_charts(views).items()}
     for view in views:
         drawn |= {f"loops/{view.point.id}/{name}": chart for name, chart in loops.loop_charts(view).items()}
     for view in chosen(views):
         drawn |= {f"traces/{view.point.id}/{name}": chart for name, chart in trace_charts(view).items()}
     drawn |= {f"parameters/{name}": chart for name, chart in parameter_charts(fit or {}).items()}
-    charts = standard.plots(characterise(campaign, measured).loops)
+    charts = standard.plots(standard_loops)
     return {**drawn, **{f"standard/{name}": chart for name, chart in charts.items()}}

@@ -45,7 +45,6 @@ THRESHOLD = 3.84
 STRONG_CORRELATION = 0.9
 SMALLEST_WHITE_P = 0.001
 DARKEST_PERCENT = 25.0
-SAME_CURRENT_A = 0.02
 MARK = "*"
 SEEN = frozenset({"signs-reversed", "force-offset"})
 """Causes that no fit was asked about."""
@@ -283,12 +282,12 @@ def _foretold(fit: JsonObject) -> str:
     tests: Sequence[JsonObject] = unseen.get("per_test") or ()
     if not tests:
         return ""
-    currents = _levels([float(test["current_A"]) for test in tests])
+    currents = sorted({float(test["current_A"]) for test in tests})
     rows = []
     for pair in unseen["per_pair"]:
         motion = pair["amplitude_m"], pair["frequency_Hz"]
         here = [test for test in tests if (test["amplitude_m"], test["frequency_Hz"]) == motion]
-        cells = [_cell([test for test in here if _nearest(currents, test) == current]) for current in currents]
+        cells = [_cell([test for test in here if float(test["current_A"]) == current]) for current in currents]
         name = f"{number(1e3 * motion[0], 3)} mm {number(motion[1], 3)} Hz"
         rows.append(("", [name, *cells, number(pair["nrmse_percent_of_peak"], 3)]))
     head = ["Motion left out", *(f"{number(current, 3)} A" for current in currents), "Mean"]
@@ -297,19 +296,6 @@ def _foretold(fit: JsonObject) -> str:
         f"Mean of all tests: {number(unseen.get('nrmse_percent_of_peak'), 3)} %."
     )
     return heading("Foretold from the others", note, 3) + table(head, rows, range(1, len(head))) + _outside(unseen)
-
-
-def _levels(currents_A: Sequence[float]) -> list[float]:
-    """The currents (A) that were commanded, each once, lowest first."""
-    levels: list[float] = []
-    for current in sorted(currents_A):
-        if not levels or current - levels[-1] > SAME_CURRENT_A:
-            levels.append(current)
-    return levels
-
-
-def _nearest(levels: Sequence[float], test: JsonObject) -> float:
-    return min(levels, key=lambda level: abs(level - float(test["current_A"])))
 
 
 def _cell(tests: Sequence[JsonObject]) -> str:

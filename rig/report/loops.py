@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
+from rig.characteristics.loop import LoopCharacteristics
 from rig.dampers import DamperModel
 from rig.dampers.temperature_law import COMMON, VISCOUS, YIELD, TemperatureLaw
 from rig.errors import RigError, evaluating
@@ -34,7 +35,7 @@ DRAWN_OF_CYCLE, DRAWN_OF_RECORD = 300, 1500
 def overview(views: Sequence[PointView]) -> str:
     """Force over velocity for each motion, one colour a current, the fit dashed over it."""
     drawn = [view for view in views if view.loop is not None]
-    currents = sorted({view.point.current_A for view in drawn})
+    currents = sorted({view.level_A for view in drawn})
     if len(currents) < 2:
         return ""
     colours = {current: current_colour(index, len(currents)) for index, current in enumerate(currents)}
@@ -52,16 +53,16 @@ def overview(views: Sequence[PointView]) -> str:
 def overview_charts(views: Sequence[PointView]) -> dict[str, Chart]:
     """Force over velocity by the motion's words, all currents over each other."""
     drawn = [view for view in views if view.loop is not None]
-    currents = sorted({view.point.current_A for view in drawn})
+    currents = sorted({view.level_A for view in drawn})
     made = {}
-    for motion, group in _grouped(drawn, motion_of):
+    for motion, group in _grouped(drawn, lambda view: view.group):
         traces = [
-            Trace(view.loop.velocity_m_s, view.loop.force_N, "m", f"{view.point.current_A:g} A, {view.point.id}",
-                  current_colour(currents.index(view.point.current_A), len(currents)))
-            for view in sorted(group, key=lambda view: view.point.current_A) if view.loop is not None
+            Trace(view.loop.velocity_m_s, view.loop.force_N, "m", f"{view.level_A:g} A, {view.point.id}",
+                  current_colour(currents.index(view.level_A), len(currents)))
+            for view in sorted(group, key=lambda view: view.level_A) if view.loop is not None
         ]
         traces += [
-            Trace(view.loop.velocity_m_s, view.loop.fitted_N, "q", f"fitted, {view.point.current_A:g} A")
+            Trace(view.loop.velocity_m_s, view.loop.fitted_N, "q", f"fitted, {view.level_A:g} A")
             for view in group if view.loop is not None and view.loop.fitted_N is not None
         ]
         made[motion] = Chart(VELOCITY, FORCE, traces, 400, 270, title=f"Force over velocity, {motion}")
@@ -78,8 +79,8 @@ def details(views: Sequence[PointView], *, fitted: bool) -> str:
     if not shown:
         return ""
     parts = [heading("Loops of every point") + key_line(note, keys)]
-    ordered = sorted(shown, key=lambda view: (view.point.current_A, view.point.waveform, view.point.frequency_Hz))
-    for current, group in _grouped(ordered, lambda view: view.point.current_A):
+    ordered = sorted(shown, key=lambda view: (view.level_A, view.point.waveform, view.point.frequency_Hz))
+    for current, group in _grouped(ordered, lambda view: view.level_A):
         loops = [view.loop for view in group if view.loop is not None]
         force = span([loop.force_N for loop in loops] + [loop.fitted_N for loop in loops if loop.fitted_N is not None])
         residual = span([_residual(loop) for loop in loops if loop.fitted_N is not None])
@@ -137,7 +138,12 @@ def motion_of(view: PointView) -> str:
     point = view.point
     if not has_frequency(point):
         return f"{named(point)}, {1e3 * point.amplitude_m:.3g} mm"
-    return f"{point.waveform}, {1e3 * point.amplitude_m:.4g} mm, {point.frequency_Hz:.4g} Hz"
+    return motion_words(point.waveform, point.amplitude_m, point.frequency_Hz)
+
+
+def motion_words(waveform: str, amplitude_m: float, frequency_Hz: float) -> str:
+    """A motion as people say it: "sine, 50 mm, 1 Hz"."""
+    return f"{waveform}, {1e3 * amplitude_m:.4g} mm, {frequency_Hz:.4g} Hz"
 
 
 def has_frequency(point: RecordedPoint) -> bool:
@@ -177,7 +183,10 @@ class Loop:
 
 @dataclass(frozen=True)
 class PointView:
-    """A point, its loop (None when it cannot be drawn, and `why`), and its errors in the fit by `fit.json`'s keys."""
+    """A point, its loop (None when it cannot be drawn, and `why`), and its errors in the fit by `fit.json`'s keys.
+
+    `placed` is the level of current (A) and the motion (amplitude in m, frequency in Hz) to which a loop belongs.
+    """
 
     point: RecordedPoint
     loop: Loop | None
@@ -185,6 +194,23 @@ class PointView:
     error: Mapping[str, Any] = field(default_factory=dict)
     held_out: bool = False
     measured: Measurement | None = field(default=None, repr=False)
+    placed: tuple[float, tuple[float, float]] | None = None
+
+    @property
+    def level_A(self) -> float:
+        """The level of current to which the point belongs (A)."""
+        return self.point.current_A if self.placed is None else self.placed[0]
+
+    @property
+    def group(self) -> str:
+        """The motion to which the point belongs, in words."""
+        return motion_of(self) if self.placed is None else motion_words(self.point.waveform, *self.placed[1])
+
+
+def placed_views(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> list[PointView]:
+    """The points with the level of current and the motion to which the standard tests say that they belong."""
+    known = {loop.id: (loop.level_A, loop.group) for loop in loops}
+    return [replace(view, placed=known.get(view.point.id)) for view in views]
 
 
 def view_of(

@@ -15,6 +15,7 @@ from rig.report.chart import Chart, Trace
 from rig.report.fragment import CONFIDENCE, card, charts, heading, key, key_line, text
 from rig.report.style import FITTED, MEASURED, RESIDUAL
 from rig.signals.arrays import FloatArray
+from rig.signals.test_set import rounded_levels
 
 JsonObject = Mapping[str, Any]
 CURRENT = "Current A"
@@ -96,8 +97,8 @@ def _by_relations(fit: JsonObject, current: JsonObject) -> dict[str, Chart]:
     """One fit a current: its values with their intervals, and the relation through them."""
     at_A, drawn = [float(value) for value in current.get("currents_A") or ()], {}
     for name, relation in (current.get("relations") or {}).items():
-        entries = [(value, (fit.get("parameters") or {}).get(f"{name} at {round(value, 2) + 0.0:g} A"))
-                   for value in at_A]  # fmt: skip
+        entries = [(value, (fit.get("parameters") or {}).get(f"{name} at {label:g} A"))
+                   for value, label in zip(at_A, rounded_levels(at_A), strict=True)]  # fmt: skip
         known = [(value, entry) for value, entry in entries if entry and isinstance(entry.get("value"), (int, float))]
         if not known:
             continue

@@ -106,9 +106,9 @@ POINT = words("Point", lambda view: view.point.id)
 TEST_POINTS = (
     POINT,
     words("Waveform", lambda view: named(view.point)),
-    quantity("A mm", lambda point: point.amplitude_m, scale=1e3),
+    quantity("A mm", lambda point: _requested(point, point.amplitude_m), scale=1e3),
     quantity("A measured", lambda point: point.quality.motion.amplitude_m, scale=1e3),
-    quantity("f Hz", lambda point: point.frequency_Hz if has_frequency(point) else None),
+    quantity("f Hz", lambda point: _requested(point, point.frequency_Hz) if has_frequency(point) else None),
     quantity("f measured", lambda point: point.quality.motion.frequency_Hz),
     quantity("I A", lambda point: point.current_A),
     quantity("Cycles", lambda point: point.quality.motion.cycles if has_frequency(point) else None, digits=3),
@@ -120,8 +120,13 @@ TEST_POINTS = (
 )
 
 
+def _requested(point: RecordedPoint, value: float) -> float | None:
+    """A requested value; None where it was measured, as in imported tests."""
+    return value if point.motion_requested else None
+
+
 def points_table(views: Sequence[PointView]) -> str:
-    """What was asked, what was achieved, verdict and reasons, error of the fit."""
+    """Requested and measured motion, verdict and reasons, error of the fit."""
     note = "Error: 100 \N{MULTIPLICATION SIGN} RMS error / largest deviation of the force from its mean."
     if not all(view.point.imported for view in views):
         note += (
@@ -145,12 +150,14 @@ def _amplitude(view: PointView) -> str:
 
 def _off_percent(point: RecordedPoint) -> float | None:
     measured_m = point.quality.motion.amplitude_m
-    return None if measured_m is None else 100.0 * (measured_m / point.amplitude_m - 1.0)
+    if measured_m is None or not point.motion_requested:
+        return None
+    return 100.0 * (measured_m / point.amplitude_m - 1.0)
 
 
 ACHIEVED = (
     POINT,
-    quantity("A wanted mm", lambda point: point.amplitude_m, scale=1e3),
+    quantity("A requested mm", lambda point: _requested(point, point.amplitude_m), scale=1e3),
     quantity("A commanded mm", _commanded_m, scale=1e3),
     Column("A measured mm", _amplitude),
     quantity("Off %", _off_percent, digits=2),

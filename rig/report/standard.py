@@ -54,7 +54,7 @@ def _plots(loops: Sequence[LoopCharacteristics]) -> str:
     cards = [_titled(TITLES[name], chart) for name, chart in plots(loops).items()]
     if not cards:
         return ""
-    currents = sorted({loop.current_A for loop in loops})
+    currents = sorted({loop.level_A for loop in loops})
     keys = "".join(
         key(f"{number(current)} A", current_colour(index, len(currents))) for index, current in enumerate(currents)
     )
@@ -63,8 +63,8 @@ def _plots(loops: Sequence[LoopCharacteristics]) -> str:
 
 
 def _amplitude(loop: LoopCharacteristics) -> str:
-    """As a trace says it; what was measured of one amplitude is rounded to one text."""
-    return f", {number(1e3 * loop.amplitude_m, 2)} mm"
+    """The amplitude to which a loop belongs, as a trace names it."""
+    return f", {number(1e3 * loop.amplitude_level_m, 4)} mm"
 
 
 def _any(loop: LoopCharacteristics) -> str:
@@ -77,11 +77,11 @@ def _chart(
     apart: Callable[[LoopCharacteristics], str] = _any,
 ) -> Chart:
     """A line for each current, waveform and what stands `apart`, over peak velocity; a single loop is a short dash."""
-    currents = sorted({loop.current_A for loop in loops})
+    currents = sorted({loop.level_A for loop in loops})
     traces = []
-    for line in dict.fromkeys((loop.current_A, loop.waveform, apart(loop)) for loop in loops):
+    for line in dict.fromkeys((loop.level_A, loop.waveform, apart(loop)) for loop in loops):
         alike = sorted(
-            (loop for loop in loops if (loop.current_A, loop.waveform, apart(loop)) == line),
+            (loop for loop in loops if (loop.level_A, loop.waveform, apart(loop)) == line),
             key=lambda loop: loop.peak_speed_m_s,
         )
         speeds = np.array([loop.peak_speed_m_s for loop in alike])
@@ -109,7 +109,7 @@ def _loops_table(loops: Sequence[LoopCharacteristics]) -> str:
             number(loop.current_A), number(loop.peak_speed_m_s, 3), _measured(loop.rebound_N), _measured(loop.jounce_N),
             _measured(loop.energy_J), _measured(loop.equivalent_damping_N_s_m), number(loop.force_scatter_N, 2),
         ])
-        for loop in sorted(loops, key=lambda loop: (loop.current_A, loop.peak_speed_m_s))
+        for loop in sorted(loops, key=lambda loop: (loop.level_A, loop.peak_speed_m_s))
     ]
     note = "Loops at 0 A are the damper's zero-current signature. Force scatter: from cycle to cycle at equal phase."
     return table(head, rows, tuple(range(2, 11))) + lead(note)

@@ -43,9 +43,9 @@ def chosen(views: Sequence[PointView]) -> list[PointView]:
     for view in views:
         if view.loop is None or view.point.verdict == "invalid":
             continue
-        rival = fastest.get(view.point.current_A)
+        rival = fastest.get(view.level_A)
         if rival is None or _speed(view) > _speed(rival):
-            fastest[view.point.current_A] = view
+            fastest[view.level_A] = view
     currents = sorted(fastest)
     if len(currents) > MOST_CURRENTS:
         places = np.linspace(0, len(currents) - 1, MOST_CURRENTS).round().astype(int)

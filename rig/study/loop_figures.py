@@ -9,7 +9,7 @@ import numpy as np
 
 from rig.dampers import model as damper_model
 from rig.dampers import parameter_set
-from rig.identification.models.measurement import Measurement, first_cycle
+from rig.identification.models.measurement import Measurement, first_cycle, set_of
 from rig.identification.models.model_slope import modelled_force
 from rig.signals.waveform import TRIANGLE
 from rig.study.recordings import TABLE1_AMPLITUDE_M
@@ -76,6 +76,14 @@ def triangle_figure(study: StudyFile, new: Callable[[float], Figure]) -> Figure 
     return figure
 
 
+def _slowest(tests: Sequence[Measurement]) -> tuple[float, list[Measurement]]:
+    """The lowest frequency (Hz), and its tests by current."""
+    motions = set_of(tests).motions
+    lowest_Hz = motions.frequencies_Hz[0]
+    slowest = [test for number, test in enumerate(tests) if motions.frequency_Hz(number) == lowest_Hz]
+    return lowest_Hz, sorted(slowest, key=lambda one: one.nominal_current_A)
+
+
 def recorded_figure(tests: Sequence[Measurement], new: Callable[[float], Figure]) -> Figure:
     """Figure 5, and paper 2's Figure 8: force over speed and extension at the lowest frequency, one loop a current.
 
@@ -83,12 +91,10 @@ def recorded_figure(tests: Sequence[Measurement], new: Callable[[float], Figure]
         tests: The recordings.
         new: Makes an empty figure of a height (inch).
     """
-    lowest_Hz = min(test.frequency_Hz for test in tests)
+    lowest_Hz, slowest = _slowest(tests)
     figure = new(3.4)
     axes = figure.subplots(1, 2, sharey=True)
-    for test in sorted(tests, key=lambda one: one.nominal_current_A):
-        if test.frequency_Hz != lowest_Hz:
-            continue
+    for test in slowest:
         cycle = first_cycle(test)
         axes[0].plot(cycle.v_m_s, cycle.force_N, linewidth=0.8, label=f"{test.nominal_current_A:g} A")
         axes[1].plot(1e3 * cycle.u_m, cycle.force_N, linewidth=0.8)
@@ -113,9 +119,8 @@ def fitted_figure(
     fit = _best_fit(study, results)
     if fit is None:
         return None
-    lowest_Hz = min(test.frequency_Hz for test in tests)
-    shown = sorted((t for t in tests if t.frequency_Hz == lowest_Hz), key=lambda one: one.nominal_current_A)
-    shown = shown[-MOST_PANELS:]
+    lowest_Hz, slowest = _slowest(tests)
+    shown = slowest[-MOST_PANELS:]
     damper = damper_model(study.comparison.models[0], study.comparison.hysteresis)
     figure = new(2.8 * -(-len(shown) // 2))
     for axes, test in zip(figure.subplots(-(-len(shown) // 2), 2, squeeze=False).flat, shown, strict=False):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from rig.dampers import parameter_set
-from rig.identification.models.measurement import Measurement
+from rig.identification.models.measurement import Measurement, set_of
 from rig.identification.models.problem import unmirrored
 from rig.study import printed_values
 from rig.study.outputs import Cell, Table, known
@@ -53,19 +53,17 @@ def tests_table(tests: Sequence[Measurement]) -> Table:
     Returns:
         One row for each current.
     """
-    frequencies = sorted({test.frequency_Hz for test in tests})
-    currents = sorted({test.nominal_current_A for test in tests})
+    groups = set_of(tests)
+    currents, motions = groups.currents, groups.motions
+    frequencies = motions.frequencies_Hz
     rows = []
-    for current in currents:
+    for level, current in enumerate(currents.names_A):
+        members = currents.members(level)
         amplitudes = [
             ", ".join(
                 f"{amplitude_m:.4g}"
                 for amplitude_m in sorted(
-                    {
-                        test.amplitude_m
-                        for test in tests
-                        if (test.frequency_Hz, test.nominal_current_A) == (frequency, current)
-                    }
+                    {motions.amplitude_m(number) for number in members if motions.frequency_Hz(number) == frequency}
                 )
             )
             for frequency in frequencies

@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.dampers import model, parameter_set
 from rig.errors import FileProblem
-from rig.identification.models.measurement import Measurement
+from rig.identification.models.measurement import Measurement, set_of
 from rig.study.study_file import Data
 
 TABLE1_CURRENT_A = (0.0, 0.5, 1.0, 1.5, 2.0)
@@ -19,7 +19,6 @@ TABLE1_AMPLITUDE_M = 0.05
 TABLE1_SAMPLE_RATE_HZ = 250.0
 KEPT_CYCLES = 8
 
-SAME_CURRENT_A = 0.01
 
 PAPER2_FREQUENCY_HZ = 1.0
 PAPER2_AMPLITUDE_M = 0.025
@@ -116,9 +115,10 @@ def one_a_current(tests: Sequence[Measurement], currents_A: Sequence[float]) -> 
     Raises:
         FileProblem: There is no test at a current, or more than one.
     """
-    problems, chosen = [], {}
+    problems, chosen, levels = [], {}, set_of(tests).currents
     for current_A in currents_A:
-        there = [test for test in tests if abs(test.nominal_current_A - current_A) <= SAME_CURRENT_A]
+        level = levels.named(current_A)
+        there = [] if level is None else [tests[number] for number in levels.members(level)]
         if len(there) == 1:
             chosen[current_A] = there[0]
         elif there:
@@ -128,9 +128,7 @@ def one_a_current(tests: Sequence[Measurement], currents_A: Sequence[float]) -> 
                 '[per_current.data], such as select = "frequency_Hz=1"'
             )
         else:
-            known = ", ".join(
-                f"{current_A:g} A" for current_A in sorted({round(test.nominal_current_A, 3) for test in tests})
-            )
+            known = ", ".join(f"{name_A:g} A" for name_A in levels.names_A)
             problems.append(f"{current_A:g} A: no test was run at it; there are tests at {known}")
     if problems:
         raise FileProblem("[per_current] current", problems)

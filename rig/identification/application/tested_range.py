@@ -16,10 +16,10 @@ from rig.identification.application.motion_table import Motion
 from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle
 from rig.identification.models.undetermined import only_at
+from rig.signals.test_set import LEAST_CURRENT_A, current_levels
 
 BAND = 0.95  # share of samples within the band
 LEVELS = 16  # of the current, over which the band is told apart
-LEAST_LEVEL_A = 0.1
 FEWEST = 20  # samples of a level
 UNKNOWN = "range not known"
 
@@ -106,14 +106,17 @@ def tested_range(
 
 
 def _band(law: Law, tests: Sequence[Measurement], factor: float, source: str) -> Band:
-    errors, currents = [], []
-    for test in map(first_cycle, tests):
+    errors, currents, numbers = [], [], []
+    found = current_levels([test.current for test in tests])
+    for number, test in enumerate(map(first_cycle, tests)):
         off = np.abs(test.force_N - law.force_of(test))
         errors.append(off[test.scored])
         currents.append(test.current_A[test.scored])
-    error_N, current_A = np.concatenate(errors), np.concatenate(currents)
-    width_A = max(LEAST_LEVEL_A, float(np.ptp(current_A)) / LEVELS)
-    level = np.round(current_A / width_A).astype(np.int64)
+        numbers.append(np.full(errors[-1].size, found.of_test[number] or 0))
+    error_N, current_A, level = np.concatenate(errors), np.concatenate(currents), np.concatenate(numbers)
+    if found.changing or len(found) > LEVELS:
+        width_A = max(LEAST_CURRENT_A, float(np.ptp(current_A)) / LEVELS)
+        level = np.round(current_A / width_A).astype(np.int64)
     known = [one for one in np.unique(level) if np.count_nonzero(level == one) >= FEWEST]
     groups = [level == one for one in known] or [np.ones(level.size, dtype=bool)]
     means = tuple(float(np.mean(current_A[group])) for group in groups)

@@ -20,7 +20,7 @@ from rig.dampers.model import DamperModel
 from rig.identification.diagnosis.descent import Damper, explain
 from rig.identification.diagnosis.distortions import Distortion
 from rig.identification.diagnosis.stretches import MEDIAN_OF_NORMAL, Stretch
-from rig.identification.models.measurement import Measurement, samples_a_cycle
+from rig.identification.models.measurement import Measurement, set_of
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.words import Saying, say
 
@@ -38,7 +38,7 @@ MISSED, OF_MEDIAN = 0.15, 3.0  # of the force, and of the others' median error, 
 AS_OTHERS = 2.0  # times the others' median error, up to which a mended test is like them
 HALVED = 0.7  # of a test's error, which a mend must leave at most
 APART = 0.5  # of the force: an error that is said where nothing mends it
-SAME_CURRENT_A, OTHER_A, SAME_MOTION = 0.05, 0.1, 0.1
+OTHER_CURRENT = 0.05  # of the tested span of currents, by which a current differs from the one that was reported
 POWER_OF_TEN = 0.06  # of a decade
 CURRENTS, SPEEDS = 41, np.geomspace(1e-3, 1e3, 61)
 
@@ -152,19 +152,22 @@ def _mends(
 ) -> Iterator[_Mend]:
     """The best mend of each kind: force, current, motion."""
     test, gain = own[0].test, here.gain
-    same = [other for other in good if abs(_current_A(other) - _current_A(test)) < SAME_CURRENT_A]
-    alone = not same or not any(_same_motion(other, test) for other in good)
+    found = set_of([test, *good])
+    level, motion = found.currents.of_test[0], found.motions.of_test[0]
+    same = level is not None and level in found.currents.of_test[1:]
+    alone = not same or motion not in found.motions.of_test[1:]
     if gain > 0.0 and abs(math.log(gain)) > math.log(LEAST_GAIN_ALONE if alone else LEAST_GAIN):
         then, said = replace(here, foretold_N=gain * here.foretold_N), say("mend-force", factor=1.0 / gain)
         yield _Mend(then, _is_power_of_ten(gain), said)
     told_A, tested = _current_A(test), [_current_A(other) for other in good]
-    if same and float(np.ptp(test.current_A)) < SAME_CURRENT_A:
+    if same:
         between = np.linspace(min(tested), max(tested), CURRENTS).tolist()
-        currents = [x for x in (*tested, *between) if abs(x - told_A) > OTHER_A]
+        least_A = max(found.currents.resolution_A[1], OTHER_CURRENT * (max(tested) - min(tested)))
+        currents = [x for x in (*tested, *between) if abs(x - told_A) > least_A]
         tried = [(fitting([replace(part, test=_at(part.test, x)) for part in own]), x) for x in currents]
         if tried:
             then, likely_A = min(tried, key=_error)
-            usual = min(abs(likely_A - x) for x in tested) < SAME_CURRENT_A
+            usual = min(abs(likely_A - x) for x in tested) <= max(0.5 * least_A, found.currents.resolution_A[1])
             yield _Mend(then, usual, say("mend-current", likely_A=likely_A, told_A=told_A))
     speeds = [x for x in SPEEDS.tolist() if max(x, 1.0 / x) > LEAST_SPEED]
     then, times = min(
@@ -229,8 +232,3 @@ def _slower(test: Measurement, times: float) -> Measurement:
 
 def _current_A(test: Measurement) -> float:
     return float(np.mean(test.current_A))
-
-
-def _same_motion(first: Measurement, second: Measurement) -> bool:
-    sizes = [(float(np.ptp(test.u_m)), samples_a_cycle(test.u_m) * test.dt_s) for test in (first, second)]
-    return all(abs(a - b) <= SAME_MOTION * max(a, b) for a, b in zip(*sizes, strict=True))

@@ -9,6 +9,7 @@ import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement, samples_a_cycle
+from rig.identification.models.undetermined import levels_of
 from rig.identification.uncertainty.covariance import quantile
 from rig.identification.uncertainty.fit_entries import Cause
 from rig.identification.words import say, some
@@ -28,9 +29,9 @@ WEAKER_REBOUND = 0.01  # of the peak, by which rebound must be the weaker one at
 LARGEST_ZERO = 0.3  # of the greatest peak: an offset beyond is seldom a zero or a preload, whatever rebound does
 SAME_SPEED = 1e-3  # of the largest singular value, below which speeds are one
 ZERO_ERRORS = 3.0  # stated standard deviations of the force's zero
-SAME_CURRENT_A = 0.05
-ZERO_CURRENT_ERRORS = 10.0  # standard errors, up to which the small currents of tests are the same
+ZERO_CURRENT_ERRORS = 10.0  # standard errors, up to which the small currents of tests are an offset
 AT_ZERO = 0.25  # of the yield force at the top current: more at 0 A is seldom friction alone
+CURRENTS_OF_A_LINE = 2
 LOWEST_OF_TOP = 0.1  # least current over the greatest, below which zero current was as good as tested
 
 
@@ -144,7 +145,8 @@ def middle(tests: Sequence[Measurement]) -> list[Cause]:
     clear = CLEAR_OF_PEAK if growth_N > 0.0 else OFFSET_OF_PEAK
     if offset_N <= max(clear * peak_N, least_N):
         return []
-    powered = max(abs(float(np.mean(test.current_A))) for test in tests) > SAME_CURRENT_A
+    levels = levels_of(tests)
+    powered = len(levels) > 1 or levels.zero is None
     weaker = growth_N < -max(WEAKER_REBOUND * peak_N, growth_doubt_N)
     slug = SIGNS if weaker or (powered and offset_N - offset_doubt_N > LARGEST_ZERO * top_N) else OFFSET
     return [Cause(slug, say(slug, offset_N=offset_N), 0.0, say(f"next-{slug}"))]
@@ -179,11 +181,10 @@ def law_from_two_currents(
     model: DamperModel, values: Mapping[str, float], tests: Sequence[Measurement]
 ) -> list[Cause]:
     """A law drawn through two currents that leaves much of the force at zero current, where nothing was measured."""
-    currents = [float(np.mean(test.current_A)) for test in tests]
-    low_A, top_A = min(currents), max(currents)
-    between = [x for x in currents if low_A + SAME_CURRENT_A < x < top_A - SAME_CURRENT_A]
-    if top_A - low_A < SAME_CURRENT_A or between or low_A < LOWEST_OF_TOP * top_A:
+    levels = levels_of(tests)
+    if len(levels) != CURRENTS_OF_A_LINE or levels.values_A[0] < LOWEST_OF_TOP * levels.values_A[1]:
         return []
+    low_A, top_A = levels.values_A
     top_speed = max(float(np.max(np.abs(test.v_m_s))) for test in tests)
     complete = {**values, "eta": 1.0} if "eta" in model.names else dict(values)
     halves = [

@@ -21,9 +21,9 @@ from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.projection import Weighting
 from rig.identification.series_spring import Softened
 from rig.identification.words import UNTRIED, some
+from rig.signals.test_set import CurrentReading, current_levels
 
 WORTH_PARTING = 0.5  # share of the misfit of two dampers, of the fitted tests at most and of tests left out
-SAME_CURRENT_A = 0.05
 MOST_BENDS = 3
 OTHER_AMPLITUDE = 1.2  # smallest stroke or speed of some tests over the largest of the others, from which they differ
 SKEWS_S = (0.0, 1e-3, 3e-3, -1e-3, -3e-3)  # to start from where a model jumps at the reversals, which show the skew
@@ -96,13 +96,17 @@ def _distorted(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iter
     yield from _softened(fitted, parts, damper)
     yield from _clipped(fitted, parts, damper)
     yield from _compliant(parts, damper)
-    levels = _levels(fitted.tests)
+    found = current_levels([
+        test.current or CurrentReading(float(np.mean(test.current_A))) for test in fitted.tests
+    ])  # fmt: skip
+    levels = found.values_A
     if len(levels) > 2:
         law = of.CurrentLaw(levels[0], levels[-1], min(len(levels) - 2, MOST_BENDS))
-        yield add("current-law", law, currents=", ".join(f"{level:.3g}" for level in levels))
+        yield add("current-law", law, currents=", ".join(f"{level:.3g}" for level in found.names_A))
     top = max(float(np.max(np.abs(test.v_m_s))) for test in fitted.tests)
     most = max(float(np.max(np.abs(test.u_m))) for test in fitted.tests)
-    if levels[0] < -SAME_CURRENT_A and levels[-1] > SAME_CURRENT_A:
+    powered = [value for number, value in enumerate(levels) if number != found.zero]
+    if powered and min(powered) < 0.0 < max(powered):
         unsigned = [
             replace(part, test=replace(part.test, current_A=np.abs(part.test.current_A))) for part in parts
         ]
@@ -274,15 +278,6 @@ def _all_above(values: FloatArray, second: BoolArray, by: float) -> bool:
 def _each(tests: Sequence[object]) -> int:
     """Amounts that one for each test counts as: for each of many they explain no larger part than for each of some."""
     return min(len(tests), MOST_TESTS)
-
-
-def _levels(tests: Sequence[Measurement]) -> list[float]:
-    """Different currents (A), rising."""
-    levels: list[float] = []
-    for current in sorted(float(np.mean(test.current_A)) for test in tests):
-        if not levels or current > levels[-1] + SAME_CURRENT_A:
-            levels.append(current)
-    return levels
 
 
 def numbers_of(slug: str, reached: Explained) -> dict[str, object]:

@@ -22,8 +22,8 @@ from rig.identification.models.measurement import Measurement, first_cycle
 from rig.identification.models.model_slope import law_columns, modelled_force, parameter_slopes
 from rig.identification.models.projection import Weighting
 from rig.identification.models.separable import Solution
-from rig.identification.models.undetermined import SAME_CURRENT_A
 from rig.optimisers.least_squares import Descent, Squares, descend
+from rig.signals.test_set import current_levels, rounded_levels
 
 Inner = Callable[[list[Measurement], Mapping[str, float] | None], Solution]
 """The base model fitted to tests, from values of a fit to nearly the same tests where there are any."""
@@ -76,16 +76,13 @@ def law_over(tests: Sequence[Measurement], kind: str) -> str:
 
 
 def _levels(tests: Sequence[Measurement]) -> list[float]:
-    """Currents (A) at which tests ran, rising, to 10 mA; evenly spaced ones where the current changes within tests."""
-    if any(float(np.ptp(test.current_A)) > 2.0 * SAME_CURRENT_A for test in tests):
-        low = min(float(np.min(test.current_A)) for test in tests)
-        high = max(float(np.max(test.current_A)) for test in tests)
-        return sorted({round(float(level), 2) + 0.0 for level in np.linspace(low, high, EVEN_LEVELS)})
-    levels: list[float] = []
-    for mean_A in sorted(round(float(np.mean(test.current_A)), 2) + 0.0 for test in tests):
-        if not levels or mean_A - levels[-1] > SAME_CURRENT_A:
-            levels.append(mean_A)
-    return levels
+    """Currents (A) at which tests ran, rising, as labels; evenly spaced ones where the current changes within tests."""
+    levels = current_levels([test.current for test in tests])
+    if not levels.changing:
+        return list(rounded_levels(levels.values_A))
+    low = min(float(np.min(test.current_A)) for test in tests)
+    high = max(float(np.max(test.current_A)) for test in tests)
+    return list(rounded_levels(np.linspace(low, high, EVEN_LEVELS).tolist()))
 
 
 def felt(model: LawedModel, values: Mapping[str, float], tests: Sequence[Measurement]) -> list[Measurement]:

@@ -6,7 +6,7 @@ Shorter ones serve searches: one cycle says nearly what many say.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -15,6 +15,7 @@ import numpy as np
 
 from rig.dampers.arrays import BoolArray, ComplexArray, FloatArray
 from rig.identification.words import Saying
+from rig.signals.test_set import CurrentReading, MotionReading, TestSet, read_current
 
 PIECE = 32768  # samples that are looked at together: what is made of them stays in the processor's cache
 FEWEST_OF_A_CYCLE = 16
@@ -64,9 +65,13 @@ class Measurement:
         amplitude_m: nominal amplitude (m).
         frequency_Hz: nominal frequency (Hz).
         nominal_current_A: commanded current (A).
+        motion_requested: whether `amplitude_m` and `frequency_Hz` were requested; else they were measured.
+        current_requested: whether `nominal_current_A` was requested; else it was measured.
         samples_per_cycle: samples in the first whole cycle; it also warms up models with internal states.
         usable: which samples carry a measured force, shape (n,); None when all do.
         current_std_A: standard error (A) of a steady measured current, the same all through the test; 0 where none.
+        current_scatter_A: standard deviation (A) of the samples of a steady measured current; nan where none.
+        current_step_A: quantisation step (A) of the measured current; 0 where there is none.
         commanded_A: commanded current (A) where it changes and the coil current was not measured; None otherwise.
         commanded_before_A: the command at the same interval before the first sample, shape (k,); None when unknown.
         skew_std_s: standard uncertainty of the force-to-displacement skew left after correction (s).
@@ -100,7 +105,11 @@ class Measurement:
     usable: BoolArray | None = None
     commanded_A: FloatArray | None = None
     commanded_before_A: FloatArray | None = None
+    motion_requested: bool = True
+    current_requested: bool = True
     current_std_A: float = 0.0
+    current_scatter_A: float = float("nan")
+    current_step_A: float = 0.0
     skew_std_s: float = 0.0
     unseen_v_m_s: FloatArray | None = None
     unseen_a_m_s2: FloatArray | None = None
@@ -152,6 +161,29 @@ class Measurement:
         mean_N = float(np.mean(force))
         return max(float(np.max(force)) - mean_N, mean_N - float(np.min(force)))
 
+    @property
+    def current(self) -> CurrentReading | None:
+        """The current of the test as one level; None where it changes within the test."""
+        requested_A = self.nominal_current_A if self.current_requested else math.nan
+        if float(np.ptp(self.current_A)) > 0.0:
+            return read_current(self.current_A, requested_A)
+        return CurrentReading(float(self.current_A[0]), self.current_scatter_A, self.current_step_A, requested_A)
+
+    @property
+    def motion(self) -> MotionReading:
+        """The measured motion, with the requested one where that is known."""
+        nominal = (self.amplitude_m, self.frequency_Hz)
+        known = all(map(math.isfinite, nominal))
+        frequency_Hz = 1.0 / (samples_a_cycle(self.u_m) * self.dt_s)
+        times_s = cycle_times_s(self)
+        scatter = float(np.std(times_s)) / math.sqrt(times_s.size) * frequency_Hz if times_s.size > 1 else 0.0
+        error_m = 0.0 if self.motion_error is None or not self.motion_error.errors_m.size else float(
+            self.motion_error.errors_m[0]
+        )
+        measured = nominal if known and not self.motion_requested else (0.5 * float(np.ptp(self.u_m)), frequency_Hz)
+        requested = nominal if known and self.motion_requested else None
+        return MotionReading(self.waveform, *measured, error_m, scatter * frequency_Hz, requested)
+
     def rows(self, part: slice) -> Measurement:
         """Some of the samples, next to each other, without a copy of them."""
         piece = copy(self)
@@ -169,6 +201,11 @@ class Measurement:
         edges = np.linspace(0, self.u_m.size, max(1, math.ceil(self.u_m.size / PIECE)) + 1).astype(int).tolist()
         for start, stop in pairwise(edges):
             yield slice(start, stop)
+
+
+def set_of(tests: Sequence[Measurement]) -> TestSet:
+    """The tests in their levels of current and their motions."""
+    return TestSet.of([test.current for test in tests], [test.motion for test in tests])
 
 
 def first_cycle(test: Measurement) -> Measurement:

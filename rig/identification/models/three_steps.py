@@ -31,7 +31,7 @@ from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.projection import Weighting
 from rig.identification.models.separable import Solution
-from rig.identification.models.undetermined import SAME_CURRENT_A
+from rig.identification.models.undetermined import levels_of
 
 SATURATED_SPEED = 0.6
 SATURATED_TRAVEL = 5.0
@@ -267,17 +267,18 @@ def solve_three_steps(
     if model.name != MODEL:
         raise IdentificationFailed(f"zhu_three_step identifies {MODEL} only, not {model.name}: add `--model {MODEL}`")
     fits: list[NormalizedBoucWenFit] = []
-    currents_A, refused = [], []
+    currents_A, refused, fitted = [], [], []
     for test in measurements:
         try:
             fits.append(identify(*(array[test.scored] for array in (test.u_m, test.v_m_s, test.force_N))))
+            fitted.append(test)
             currents_A.append(float(np.mean(test.current_A)))
         except IdentificationFailed as error:
             refused.append(f"{test.id}: {error}")
     if not fits:
         raise IdentificationFailed("; ".join(refused))
     affine = "kw_b" not in held
-    if affine and max(currents_A) - min(currents_A) <= SAME_CURRENT_A:
+    if affine and len(levels_of(fitted)) == 1:
         raise IdentificationFailed(
             f"zhu_three_step works at {currents_A[0]:.2f} A only, where kw and kw_b, kv and kv_b cannot be told apart "
             f"({'; '.join(refused)}); hold the tests at other currents out, or use separable"

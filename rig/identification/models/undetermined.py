@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.identification.models.coil import needs_lag
 from rig.identification.models.measurement import Measurement, cycle_times_s
 from rig.identification.words import Saying, say
+from rig.signals.test_set import CurrentLevels, CurrentReading, current_levels
 
-SAME_CURRENT_A = 0.03
 QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of a changing current, which stand for its levels
 SAME_FREQUENCY = 0.02  # relative difference of the longest and the shortest cycle up to which there is one frequency
 ALMOST_SINE = 0.1  # the same at one frequency, where only harmonics tell them apart (a rounded triangle: 0.8)
@@ -65,25 +63,23 @@ def _scale(model: DamperModel, untold: Undetermined) -> None:
 
 
 def _current(model: DamperModel, measurements: Sequence[Measurement], untold: Undetermined) -> None:
-    low = min(float(np.min(test.current_A)) for test in measurements)
-    high = max(float(np.max(test.current_A)) for test in measurements)
-    currents_A = [current_A for test in measurements for current_A in _of_test(test)]
-    levels = len(_levels(currents_A))
+    found = levels_of(measurements)
+    levels = len(found)
     for parameter in model.parameters:
         needed = parameter.power + 1
         if parameter.power > 1 and levels < needed:
             untold.held.add(parameter.name)
             untold.reasons[parameter.name] = say("few-currents", name=parameter.name, needed=needed, levels=levels)
-    _lower_powers(model, untold, without_current=min(map(abs, currents_A)) <= SAME_CURRENT_A)
-    if high - low > SAME_CURRENT_A:
+    _lower_powers(model, untold, without_current=found.zero is not None)
+    if levels > 1:
         return
-    mean_A = 0.5 * (low + high)
+    (mean_A,), without = found.values_A, found.zero is not None
     for parameter in model.parameters:
         name, base = parameter.name, parameter.at_zero
-        if parameter.power != 1 or (name in model.apart_at_one_current and abs(mean_A) > SAME_CURRENT_A):
+        if parameter.power != 1 or (name in model.apart_at_one_current and not without):
             continue
         untold.held.add(name)
-        if abs(mean_A) <= SAME_CURRENT_A:
+        if without:
             untold.reasons[name] = say("no-current", name=name)
             continue
         untold.reasons[name] = say("one-current", name=name, base=base, mean_A=mean_A)
@@ -107,33 +103,22 @@ def only_at(model: DamperModel, measurements: Sequence[Measurement]) -> tuple[fl
 
     Empty where the tests have currents enough for the model, so that its law holds between them.
     """
-    groups = _levels([current_A for test in measurements for current_A in _of_test(test)])
-    if all(parameter.power < 2 or len(groups) > parameter.power for parameter in model.parameters):
+    found = levels_of(measurements)
+    if all(parameter.power < 2 or len(found) > parameter.power for parameter in model.parameters):
         return ()
-    return tuple(float(np.mean(group)) for group in groups)
+    return found.values_A
 
 
-def _of_test(test: Measurement) -> list[float]:
-    """The current of a test: its mean, or where it changes throughout, quantiles of it."""
-    if float(np.ptp(test.current_A)) <= SAME_CURRENT_A:
-        return [float(np.mean(test.current_A))]
-    return [float(value) for value in np.quantile(test.current_A, QUANTILES)]
-
-
-def _levels(currents_A: Sequence[float]) -> list[FloatArray]:
-    """The currents (A), rising, parted into those that are one level: a level and its errors span little.
-
-    Neighbours of a finely stepped current, each near to the next, are levels all the same.
-    """
-    ordered = np.sort(currents_A)
-    levels: list[FloatArray] = []
-    for chain in np.split(ordered, np.flatnonzero(np.diff(ordered) > SAME_CURRENT_A) + 1):
-        width_A = SAME_CURRENT_A if np.ptp(chain) > 2.0 * SAME_CURRENT_A else math.inf
-        while chain.size:
-            inside = chain <= chain[0] + width_A
-            levels.append(chain[inside])
-            chain = chain[~inside]
-    return levels
+def levels_of(measurements: Sequence[Measurement]) -> CurrentLevels:
+    """The currents at which a model is tested: of tests whose current changes throughout, quantiles of it."""
+    readings: list[CurrentReading] = []
+    for test in measurements:
+        reading = test.current
+        if reading is not None:
+            readings.append(reading)
+        else:
+            readings += [CurrentReading(float(value)) for value in np.quantile(test.current_A, QUANTILES)]
+    return current_levels(readings)
 
 
 def _inertia(model: DamperModel, measurements: Sequence[Measurement], untold: Undetermined) -> None:

@@ -15,9 +15,9 @@ from rig.identification.words import Saying, say
 from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.derivatives import Motion
+from rig.signals.test_set import is_steady, read_current
 
 FEWEST_SAMPLES = 50
-STEADY_CURRENT_A = 0.02  # below this scatter the current was constant and its mean is better than its samples
 LARGEST_MISSING_SHARE = 0.2
 
 
@@ -38,6 +38,7 @@ def measured(
     """
     warned: list[Saying] = []
     current_A, commanded = current_at(point, motion.time_s, warned)
+    reading = read_current(_current_in(point, motion.time_s))
     return Measurement(
         id=point.id,
         file="" if point.path is None else str(point.path),
@@ -51,10 +52,14 @@ def measured(
         amplitude_m=point.amplitude_m,
         frequency_Hz=point.frequency_Hz,
         nominal_current_A=point.current_A,
+        motion_requested=point.motion_requested,
+        current_requested=point.current_requested,
         usable=None if bool(np.all(usable)) else usable,
         skew_std_s=point.skew_std_s if skew is None else skew.std_s,
         force_zero_std_N=point.quality.rest.force_zero_std_N or 0.0,
         current_std_A=current_std(point, motion.time_s),
+        current_scatter_A=math.nan if reading is None else reading.scatter_A,
+        current_step_A=0.0 if reading is None else reading.step_A,
         commanded_A=None if commanded is None else commanded[1],
         commanded_before_A=None if commanded is None else commanded[0],
         temperature_degC=temperature_at(point, motion.time_s),
@@ -103,7 +108,7 @@ def current_at(
     """
     inside_A = _current_in(point, wanted_s)
     if inside_A.size:
-        if float(np.std(inside_A)) < STEADY_CURRENT_A:
+        if is_steady(inside_A):  # the mean is better than the samples
             return np.full(wanted_s.size, float(np.mean(inside_A))), None
         measured = np.isfinite(point.current_measured_A)
         return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured]), None
@@ -123,7 +128,7 @@ def current_std(point: RecordedPoint, wanted_s: FloatArray) -> float:
     """
     inside_A = _current_in(point, wanted_s)
     count = inside_A.size
-    if count < FEWEST_SAMPLES or not 0.0 < float(np.std(inside_A)) < STEADY_CURRENT_A:
+    if count < FEWEST_SAMPLES or float(np.std(inside_A)) == 0.0 or not is_steady(inside_A):
         return 0.0
     spectrum = np.fft.rfft(inside_A - np.mean(inside_A), 2 * count)
     covariances = np.fft.irfft(np.abs(spectrum) ** 2)[:count] / count

@@ -12,8 +12,9 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
-from rig.identification.models.measurement import Measurement, samples_a_cycle
+from rig.identification.models.measurement import Measurement, samples_a_cycle, set_of
 from rig.identification.words import Saying, say, some
+from rig.signals.test_set import CurrentLevels, same_current, same_motion
 from rig.signals.waveform import WAVEFORMS
 
 if TYPE_CHECKING:
@@ -26,8 +27,6 @@ REVERSED_SIGN = (
     "their columns are exchanged (displacement is extension, and a positive force resists extension)"
 )
 PHASES = 64
-SAME_MOTION = 0.02  # relative difference of amplitude and frequency within which two tests are the same
-SAME_CURRENT_A = 0.03
 DIFFERENT_OF_PEAK = 0.1  # of two tests alike: more is more than a real damper changes from cycle to cycle
 DIFFERENT_OF_NOISE = 2.0
 APART_OF_TOGETHER = 0.5  # error of fits apart over that of one fit, below which the runs hold different dampers
@@ -121,19 +120,30 @@ def without_reversed_signs(measurements: Sequence[Measurement]) -> tuple[list[Me
 
 
 def contradictions(measurements: Sequence[Measurement]) -> list[Saying]:
-    """A warning when tests of the same motion and current measured different forces."""
-    loops = [_loop(test) for test in measurements]
+    """A warning when tests of the same motion and current measured different forces; and what blurs their currents.
+
+    Requested alike is not enough: a test whose motion or current was not reached has another force for that reason.
+    """
+    found = set_of(measurements)
+    alike: dict[tuple[int, int], list[Measurement]] = {}
+    for number, test in enumerate(measurements):
+        if test.waveform in WAVEFORMS and (level := found.currents.of_test[number]) is not None:
+            alike.setdefault((found.motions.of_test[number], level), []).append(test)
+    told = _of_currents(measurements, found.currents)
+    pairs = [
+        (first, second)
+        for group in alike.values() for first, second in itertools.combinations(group, 2)
+        if _measured_alike(first, second)
+    ]  # fmt: skip
+    loops = {id(test): _loop(test) for pair in pairs for test in pair}
     differing = []
-    for one, other in itertools.combinations(range(len(measurements)), 2):
-        first, second = measurements[one], measurements[other]
-        if not _alike(first, second):
-            continue
-        difference = float(np.sqrt(np.mean((loops[one] - loops[other]) ** 2)))
+    for first, second in pairs:
+        difference = float(np.sqrt(np.mean((loops[id(first)] - loops[id(second)]) ** 2)))
         noise = max((x for x in (first.noise_N, second.noise_N) if not np.isnan(x)), default=0.0)
         peak = max(first.peak_force_N, second.peak_force_N)
         if difference > max(DIFFERENT_OF_PEAK * peak, DIFFERENT_OF_NOISE * noise):
             differing.append(f"{_name(first)} and {_name(second)} by {100.0 * difference / peak:.0f} % of peak")
-    return [say("contradiction", pairs=some(differing))] if differing else []
+    return [*told, say("contradiction", pairs=some(differing))] if differing else told
 
 
 def runs_apart(
@@ -159,16 +169,30 @@ def runs_apart(
     return [say("runs-apart", count=len(runs), apart_N=apart_N, together_N=together_N)]
 
 
-def _alike(first: Measurement, second: Measurement) -> bool:
-    if first.waveform not in WAVEFORMS:
+def _of_currents(measurements: Sequence[Measurement], levels: CurrentLevels) -> list[Saying]:
+    """Tests whose measured current is not the requested one, and levels whose tests cannot all be one current."""
+    warnings = []
+    if levels.contradicting:
+        tests = [
+            f"{_name(measurements[k])} (requested {measurements[k].nominal_current_A:.4g} A, measured "
+            f"{float(np.mean(measurements[k].current_A)):.4g} A)" for k in levels.contradicting
+        ]  # fmt: skip
+        warnings.append(say("current-contradicts", tests=some(tests)))
+    if levels.merged:
+        ranges = []
+        for level in levels.merged:
+            means_A = [float(np.mean(measurements[k].current_A)) for k in levels.members(level)]
+            ranges.append(f"{min(means_A):.4g} to {max(means_A):.4g} A")
+        resolution_mA = 1e3 * levels.resolution_A[1]
+        warnings.append(say("currents-merged", levels=some(ranges), resolution_mA=resolution_mA))
+    return warnings
+
+
+def _measured_alike(first: Measurement, second: Measurement) -> bool:
+    one, other = first.current, second.current
+    if one is None or other is None or not same_current(one.as_measured, other.as_measured):
         return False
-    if abs(float(np.mean(first.current_A)) - float(np.mean(second.current_A))) > SAME_CURRENT_A:
-        return False
-    if max(float(np.ptp(test.current_A)) for test in (first, second)) > SAME_CURRENT_A:
-        return False
-    sizes = [(float(np.ptp(test.u_m)), samples_a_cycle(test.u_m) * test.dt_s) for test in (first, second)]
-    same = all(abs(a - b) <= SAME_MOTION * max(a, b) for a, b in zip(*sizes, strict=True))
-    return same and first.waveform == second.waveform
+    return same_motion(first.motion.as_measured, second.motion.as_measured)
 
 
 def _loop(test: Measurement) -> FloatArray:

@@ -83,6 +83,8 @@ class Fit(FitUse):
         tested: what the fitted tests covered, and how far the model was off; None in files of earlier versions.
         coil_eta_1_s: rate (1/s) at which the coil's current follows its command, found with the force model where the
             current was commanded and not measured; None otherwise.
+        test_set: currents and motions of the fitted tests as they are grouped, and the resolution of the current
+            (`rig.signals.test_set`); None in files of earlier versions.
         tests: one cycle of each fitted test, for figures; empty in a loaded fit.
         path: where it was written; None when it was not.
         kept: where an older fit at that place is now; None when there was none.
@@ -119,6 +121,7 @@ class Fit(FitUse):
     form: str = ""
     tested: TestedRange | None = None
     coil_eta_1_s: float | None = None
+    test_set: Mapping[str, Any] | None = field(default=None, repr=False)
     tests: tuple[Measurement, ...] = field(default=(), repr=False, compare=False)
     path: Path | None = None
     kept: Path | None = None
@@ -227,6 +230,7 @@ class Fit(FitUse):
             "series_spring": None if self.series is None else plain(self.series),
             "tested": None if self.tested is None else self.tested.to_json(),
             "coil_eta_1_s": number(self.coil_eta_1_s),
+            "test_set": None if self.test_set is None else dict(self.test_set),
             "notes": list(self.notes),
         }
 

@@ -225,7 +225,7 @@ def passivity(model: DamperModel, values: Mapping[str, float], measurements: Seq
     complete = {"eta": 1.0, **values} if "eta" in model.names else dict(values)
     top = max(float(np.max(np.abs(test.v_m_s))) for test in measurements)
     speeds = np.concatenate([sign * top * np.arange(1, SPEEDS + 1) / SPEEDS for sign in (-1.0, 1.0)])
-    currents = _levels(measurements)
+    currents = _grid_A(measurements)
     grid_v, grid_A = np.meshgrid(speeds, currents)
     power_W = (_sliding(model, complete, grid_v, grid_A) - _sliding(model, complete, 0.0 * grid_v, grid_A)) * grid_v
     passive = power_W >= -NEGLIGIBLE * float(np.max(np.abs(power_W)))
@@ -236,7 +236,8 @@ def passivity(model: DamperModel, values: Mapping[str, float], measurements: Seq
     return Passivity(float(np.mean(passive)), worst)
 
 
-def _levels(measurements: Sequence[Measurement]) -> FloatArray:
+def _grid_A(measurements: Sequence[Measurement]) -> FloatArray:
+    """Currents (A) from the lowest to the highest of the tests, evenly spaced."""
     low = min(float(np.min(test.current_A)) for test in measurements)
     high = max(float(np.max(test.current_A)) for test in measurements)
     return np.linspace(low, high, CURRENTS if high > low else 1)

@@ -18,7 +18,7 @@ class UnseenTest:
         id: the test's id.
         amplitude_m: of its pair (m).
         frequency_Hz: of its pair (Hz).
-        current_A: commanded current (A).
+        current_A: the level of current to which it belongs (A).
         rmse_N: root mean square error (N).
         nrmse_percent_of_peak: 100 rmse / max|F - mean F|.
         beyond: the quantities in which it lies beyond the other pairs' data (`velocity_m_s`, `current_A` ...); empty:

@@ -30,14 +30,15 @@ class Recorder:
 
     def point(
         self, folder: Path, name: str, damping_N_s_m: float, *, current_A: float = 0.5, frequency_Hz: float = 1.0,
-        verdict: str = "valid", percent: float | None = None, kind: str = "loop",
+        verdict: str = "valid", percent: float | None = None, kind: str = "loop", amplitude_m: float = 0.02,
+        offset_N: float = -50.0, imported: bool = False,
     ) -> Path:
         duration_s = CYCLES / frequency_Hz
         time_s = np.arange(round((duration_s + 0.4) * RATE_HZ)) / RATE_HZ
         phase = 2 * np.pi * frequency_Hz * np.clip(time_s - 0.2, 0.0, duration_s)
         moving = (phase > 0) & (phase < 2 * np.pi * CYCLES)
-        u_m = 0.02 * np.sin(phase)
-        force_N = damping_N_s_m * 0.02 * 2 * np.pi * frequency_Hz * np.cos(phase) * moving - 50.0
+        u_m = amplitude_m * np.sin(phase)
+        force_N = damping_N_s_m * amplitude_m * 2 * np.pi * frequency_Hz * np.cos(phase) * moving + offset_N
         stated = {} if percent is None else {f"{of}_uncertainty_percent": percent for of in ("force", "displacement")}
         path = folder / "points" / f"{name}.h5"
         write_file(path, PointFile(
@@ -45,8 +46,8 @@ class Recorder:
             [AlignedChannel("displacement", u_m, "m", "Damper extension"),
              AlignedChannel("force", force_N, "N", "Force"),
              AlignedChannel("current", np.full(len(u_m), current_A), "A", "Current")],
-            test={"id": name, "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": frequency_Hz,
-                  "current_A": current_A, "mid_stroke_m": 0.0, "kind": kind, **stated},
+            test={"id": name, "waveform": "sine", "amplitude_m": amplitude_m, "frequency_Hz": frequency_Hz,
+                  "current_A": current_A, "mid_stroke_m": 0.0, "kind": kind, "imported": imported, **stated},
             quality={"verdict": verdict, "reasons": ("estop: stopped",) if verdict == "invalid" else ()},
             provenance={"bench": "a bench", "specimen": "S"},
         ))  # fmt: skip

@@ -87,6 +87,75 @@ def test_text_says_what_differs_within_eighty_columns(made_run: Make, capsys: py
     assert json.loads(capsys.readouterr().out)["bands"] is None
 
 
+def imported(made_run: Make, made_point: Make, name: str, amplitude_m: float, damping_N_s_m: float = 1000.0) -> Path:
+    folder = made_run(name)
+    made_point(folder, "p001", damping_N_s_m, amplitude_m=amplitude_m, imported=True)
+    return folder
+
+
+def test_measured_motions_that_differ_a_little_are_corrected(made_run: Make, made_point: Make) -> None:
+    """12.45 and 12.55 mm had no motion in common: they were paired by numbers rounded to two digits."""
+    runs = [imported(made_run, made_point, f"{mm} mm", 1e-3 * mm) for mm in (12.45, 12.55)]
+    compared = compare(runs)
+    (row,) = compared.to_json()["loops"]
+    assert row["amplitude_m"] == 0.01245
+    energy, damping = row["energy"][1]["change"], row["damping"][1]["change"]
+    # as measured the energy, which a viscous damper makes with A^2, is 1.61 % larger; corrected with A^1.5
+    assert energy["correction_percent"] == pytest.approx(-1.2, abs=0.02)
+    assert energy["percent"] == pytest.approx(0.4, abs=0.05)
+    assert damping["percent"] == pytest.approx(0.4, abs=0.05)
+    assert [change["differs"] for change in (energy, damping)] == [False, False]
+    assert any("corrected" in remark for remark in compared.remarks)
+
+
+def test_a_change_beyond_the_correction_is_seen(made_run: Make, made_point: Make) -> None:
+    runs = [imported(made_run, made_point, "a", 0.01245), imported(made_run, made_point, "b", 0.01255, 1050.0)]
+    (row,) = compare(runs).to_json()["loops"]
+    assert row["energy"][1]["change"]["percent"] == pytest.approx(5.4, abs=0.2)
+    assert row["energy"][1]["change"]["differs"] is True
+
+
+def test_measured_motions_too_far_for_a_correction_are_not_compared(made_run: Make, made_point: Make) -> None:
+    """12.55 and 13.45 mm were one motion of 13 mm whose energy had changed by 8.8 +- 0.02 %."""
+    runs = [imported(made_run, made_point, f"{mm} mm", 1e-3 * mm) for mm in (12.55, 13.45)]
+    compared = compare(runs)
+    assert [row["points"] for row in compared.to_json()["loops"]] == [[["p001"], None], [None, ["p001"]]]
+    assert any("13.45 mm" in remark and "is not compared" in remark for remark in compared.remarks)
+
+
+def test_terminal_page_and_json_state_one_median(
+    made_run: Make, made_point: Make, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of an even number of tests the terminal took the upper one of the middle two, the page their mean."""
+    before, after = made_run("before"), made_run("after", 900.0)
+    for folder, damping_N_s_m in ((before, 1000.0), (after, 960.0)):
+        made_point(folder, "p002", damping_N_s_m, frequency_Hz=2.0)
+    compared = compare([before, after])
+    assert compared.to_json()["summary"][0]["damping"]["median_percent"] == pytest.approx(-7.0, abs=0.05)
+    assert main(["compare", str(before), str(after)]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("damping"))
+    energy = compared.to_json()["summary"][0]["energy"]["median_percent"]
+    assert line.split()[3] == "-7"
+    assert f"\N{MINUS SIGN}{-energy:.3g} %" in comparison_page(compared)
+
+
+def test_a_force_near_zero_has_no_relative_change(made_run: Make, made_point: Make) -> None:
+    """Viscous force 125.66 N: with an offset of 124 N the force in jounce is near zero, -1.66 N."""
+    before, after = made_run("before"), made_run("after")
+    for folder, offset_N in ((before, 124.0), (after, 123.0)):
+        made_point(folder, "p001", 1000.0, offset_N=offset_N)
+    compared = compare([before, after])
+    change = compared.change(1, "jounce_force", compared.rows[0])
+    assert change is not None
+    assert (change.value, change.differs) == (pytest.approx(-1.0, abs=0.01), True)
+    assert math.isnan(change.percent)
+    from rig.cli.comparison_tables import comparison_lines
+
+    lines = [text for text, _ in comparison_lines(compared, 120, everything=False)]
+    assert any(line.startswith("jounce_force") and "-1 N" in line and "%" not in line for line in lines)
+    assert "\N{MINUS SIGN}1 N" in comparison_page(compared)
+
+
 def test_too_few_or_too_many_runs_are_refused(made_run: Make) -> None:
     folder = made_run("a")
     with pytest.raises(RigError, match="give two runs"):
@@ -111,7 +180,7 @@ def test_the_page_begins_with_the_verdict_and_shows_loops_over_each_other_and_ev
     assert [one.count('<path class="m"') for one in (u, v)] == [2, 2]
     assert page.count("after&lt;script&gt;") > 3
     table = page[page.index("Equivalent viscous damping, N s/m"):page.index("Fitted parameters")]
-    assert "<b>\N{MINUS SIGN}10</b>" in table
+    assert "<b>\N{MINUS SIGN}10 %</b>" in table
     assert '<span class="chip poor">fail</span>' in page
     assert '<span class="chip good">pass</span>' in page
 

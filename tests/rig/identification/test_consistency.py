@@ -10,7 +10,11 @@ import pytest
 from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import Measurement, identify
+from rig.identification.models.law_search import law_over
+from rig.identification.models.measurement import set_of
+from rig.identification.models.undetermined import levels_of
 from rig.identification.points.consistency import contradictions
+from rig.identification.selection import groups_of
 from rig.identification.words import Saying
 from rig.recording.recorded_point import RecordedPoint
 
@@ -73,3 +77,40 @@ def test_tests_beside_mid_stroke_that_start_elsewhere_in_their_cycle_are_not_acc
         replace(one, id="p002", u_m=np.roll(one.u_m, 60) + 0.1, **shifted),
     ]  # the force of one damper, 0.1 m from its mid-stroke: no test crosses it
     assert contradictions(tests) == []
+
+
+def test_currents_25_mA_apart_are_five_currents_in_every_room(make_synthetic: Make) -> None:
+    """They were one motion and current with contradicting forces, or 12.5, 62.5 and 100 mA, without a word."""
+    currents = (0.0, 0.025, 0.05, 0.075, 0.1)
+    strong = {**DEMO, "Fyb": 3000.0}
+    tests = [replace(test, nominal_current_A=np.nan) for test in make_synthetic(strong, currents, (1.0,), cycles=3)]
+    assert contradictions(tests) == []
+    assert set_of(tests).currents.names_A == currents
+    assert law_over(tests, "per-current") == "per-current@0,0.025,0.05,0.075,0.1"
+    assert levels_of(tests).values_A == pytest.approx(currents)
+    assert len(groups_of(tests)) == 5
+    fit = identify(tests, model="bingham", current="per-current-affine")
+    assert fit.current is not None
+    assert fit.current.currents_A == pytest.approx(currents)
+    assert {"c0 at 0.025 A", "c0 at 0.075 A"} <= set(fit.parameters)
+    stated = fit.to_json()["test_set"]["statement"]
+    assert stated == "currents 0, 25, 50, 75, 100 mA distinguished; resolution 1 to 2 mA"
+
+
+def test_a_current_that_was_not_reached_is_named_and_no_second_damper(make_synthetic: Make) -> None:
+    one, other, low = make_synthetic(DEMO, (1.0, 1.0, 0.4), (1.0,), cycles=3)
+    warnings = contradictions([one, replace(other, id="p2"), replace(low, nominal_current_A=1.0)])
+    assert [text.slug for text in warnings] == ["current-contradicts"]
+    assert "requested 1 A, measured 0.4 A" in warnings[0]
+
+
+def test_a_requested_stroke_that_was_not_reached_is_no_second_damper(make_synthetic: Make) -> None:
+    one, other = make_synthetic(DEMO, (1.0, 1.0), (1.0,), noise_N=1.0)
+    short = other.moved(0.8 * other.u_m, 0.8 * other.v_m_s, 0.8 * other.a_m_s2)
+    assert contradictions([one, replace(short, force_N=0.8 * other.force_N)]) == []
+
+
+def test_levels_that_the_noise_merges_are_reported(make_synthetic: Make) -> None:
+    made = make_synthetic(DEMO, tuple(0.01 * k for k in range(6)), (1.0,), cycles=3)
+    tests = [replace(test, nominal_current_A=np.nan, current_scatter_A=0.01) for test in made]
+    assert [text.slug for text in contradictions(tests)] == ["currents-merged"]

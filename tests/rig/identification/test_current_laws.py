@@ -133,7 +133,7 @@ def test_what_the_currents_tell_only_beside_a_power_left_out_is_not_identified(
              "current_A": [1.02, 1.4, 2.0, 0.8]}  # fmt: skip
     told = fit.predict(table)
     assert list(told["beyond"]) == ["", "current_A", "", "current_A"]  # 12 I^3 is not known between tested currents
-    tested = ", ".join(f"{current_A:.2f}" for current_A in currents_A)
+    tested = ", ".join(f"{current_A:g}" for current_A in currents_A)
     assert f"of the currents only {tested} A" in told.attrs["extrapolation"]
     for between in (fit.inverse_table(), fit.control_range()):
         assert "beyond the tests: current_A between the tested ones" in between.attrs["extrapolation"]

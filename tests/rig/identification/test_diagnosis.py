@@ -356,7 +356,7 @@ def test_fits_at_each_current_are_diagnosed_where_they_fit_worst() -> None:
     clipped = damper_tests(shown=lambda number, share, force_N: np.clip(force_N, -500.0, 300.0))
     fit = identify(clipped, current="per-current-affine")
     assert named_first(fit) == "clipping"
-    assert fit.diagnosis[0].text.startswith("at 2.00 A: ")
+    assert fit.diagnosis[0].text.startswith("at 2 A: ")
     clean = damper_tests(currents_A=(0.0, 1.0))
     assert identify(clean, current="per-current-affine").diagnosis == ()
 

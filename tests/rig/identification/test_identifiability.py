@@ -46,12 +46,13 @@ def test_without_current_the_values_at_zero_are_known(make_synthetic: Make) -> N
 
 
 def test_a_finely_stepped_current_has_its_levels_and_a_badly_held_one_has_no_more(make_synthetic: Make) -> None:
-    """Steps of 25 mA are levels, though each is near to the next; 20 mA about a set-point are its error."""
+    """Steps of 25 mA are levels, though each is near to the next; 20 mA about a requested current are its error."""
     model_with_cubic = model("thinning_bouc_wen")
     fine = make_synthetic(DEMO, tuple(np.arange(0.0, 0.21, 0.025).tolist()), (1.0,), cycles=2)
     assert examine(model_with_cubic, fine).held.isdisjoint({"kt_b", "kt_c", "kt_d"})
     assert only_at(model_with_cubic, fine) == ()
-    badly = make_synthetic(DEMO, (0.0, 0.02, -0.01, 0.98, 1.0, 1.02), (1.0,), cycles=2)
+    held = make_synthetic(DEMO, (0.0, 0.02, -0.01, 0.98, 1.0, 1.02), (1.0,), cycles=2)
+    badly = [replace(test, nominal_current_A=float(round(test.nominal_current_A))) for test in held]
     assert {"kt_c", "kt_d"} <= examine(model_with_cubic, badly).held
     assert only_at(model_with_cubic, badly) == pytest.approx((0.01 / 3.0, 1.0))
 

@@ -46,16 +46,16 @@ def test_a_title_stands_clear_of_wide_ticks_beside_it() -> None:
     assert float(first) > frame
 
 
-def loop(amplitude_m: float, speed_m_s: float, energy_J: float) -> Any:  # noqa: ANN401 - stands for a loop
+def loop(amplitude_level_m: float, speed_m_s: float, energy_J: float) -> Any:  # noqa: ANN401 - stands for a loop
     measured = SimpleNamespace(value=energy_J)
     return SimpleNamespace(
-        current_A=1.0, waveform="sine", amplitude_m=amplitude_m, peak_speed_m_s=speed_m_s, energy_J=measured,
+        level_A=1.0, waveform="sine", amplitude_level_m=amplitude_level_m, peak_speed_m_s=speed_m_s, energy_J=measured,
         equivalent_damping_N_s_m=measured, rebound_N=measured, jounce_N=measured,
     )
 
 
 def test_energies_of_different_strokes_are_not_joined() -> None:
-    loops = [loop(0.025, 0.04, 132.0), loop(0.0016, 0.053, 7.9), loop(0.02502, 0.08, 137.0)]
+    loops = [loop(0.025, 0.04, 132.0), loop(0.0016, 0.053, 7.9), loop(0.025, 0.08, 137.0)]
     drawn = plots(cast("Any", loops))
     assert [(trace.name, trace.y.tolist()) for trace in drawn["energy"].traces] == [
         ("1 A, sine, 25 mm", [132.0, 137.0]), ("1 A, sine, 1.6 mm", [7.9, 7.9]),
