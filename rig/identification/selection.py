@@ -189,8 +189,8 @@ def cross_validated(
 
 def groups_of(measurements: Sequence[Measurement]) -> list[list[Measurement]]:
     """Tests of the same motion; of the same current where all share one motion."""
-    found = set_of(measurements)
-    numbers = found.motions.of_test if len(found.motions) > 1 else found.currents.of_test
+    together = set_of(measurements)
+    numbers = together.motions.of_test if len(together.motions) > 1 else together.currents.of_test
     groups: dict[int | None, list[Measurement]] = {}
     for number, test in zip(numbers, measurements, strict=True):
         groups.setdefault(number, []).append(test)

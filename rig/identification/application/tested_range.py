@@ -107,14 +107,14 @@ def tested_range(
 
 def _band(law: Law, tests: Sequence[Measurement], factor: float, source: str) -> Band:
     errors, currents, numbers = [], [], []
-    found = current_levels([test.current for test in tests])
+    tested_levels = current_levels([test.current for test in tests])
     for number, test in enumerate(map(first_cycle, tests)):
         off = np.abs(test.force_N - law.force_of(test))
         errors.append(off[test.scored])
         currents.append(test.current_A[test.scored])
-        numbers.append(np.full(errors[-1].size, found.of_test[number] or 0))
+        numbers.append(np.full(errors[-1].size, tested_levels.of_test[number] or 0))
     error_N, current_A, level = np.concatenate(errors), np.concatenate(currents), np.concatenate(numbers)
-    if found.changing or len(found) > LEVELS:
+    if tested_levels.changing or len(tested_levels) > LEVELS:
         width_A = max(LEAST_CURRENT_A, float(np.ptp(current_A)) / LEVELS)
         level = np.round(current_A / width_A).astype(np.int64)
     known = [one for one in np.unique(level) if np.count_nonzero(level == one) >= FEWEST]

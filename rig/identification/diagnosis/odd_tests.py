@@ -152,22 +152,22 @@ def _mends(
 ) -> Iterator[_Mend]:
     """The best mend of each kind: force, current, motion."""
     test, gain = own[0].test, here.gain
-    found = set_of([test, *good])
-    level, motion = found.currents.of_test[0], found.motions.of_test[0]
-    same = level is not None and level in found.currents.of_test[1:]
-    alone = not same or motion not in found.motions.of_test[1:]
+    groups = set_of([test, *good])
+    level, motion = groups.currents.of_test[0], groups.motions.of_test[0]
+    same = level is not None and level in groups.currents.of_test[1:]
+    alone = not same or motion not in groups.motions.of_test[1:]
     if gain > 0.0 and abs(math.log(gain)) > math.log(LEAST_GAIN_ALONE if alone else LEAST_GAIN):
         then, said = replace(here, foretold_N=gain * here.foretold_N), say("mend-force", factor=1.0 / gain)
         yield _Mend(then, _is_power_of_ten(gain), said)
     told_A, tested = _current_A(test), [_current_A(other) for other in good]
     if same:
         between = np.linspace(min(tested), max(tested), CURRENTS).tolist()
-        least_A = max(found.currents.resolution_A[1], OTHER_CURRENT * (max(tested) - min(tested)))
+        least_A = max(groups.currents.resolution_A[1], OTHER_CURRENT * (max(tested) - min(tested)))
         currents = [x for x in (*tested, *between) if abs(x - told_A) > least_A]
         tried = [(fitting([replace(part, test=_at(part.test, x)) for part in own]), x) for x in currents]
         if tried:
             then, likely_A = min(tried, key=_error)
-            usual = min(abs(likely_A - x) for x in tested) <= max(0.5 * least_A, found.currents.resolution_A[1])
+            usual = min(abs(likely_A - x) for x in tested) <= max(0.5 * least_A, groups.currents.resolution_A[1])
             yield _Mend(then, usual, say("mend-current", likely_A=likely_A, told_A=told_A))
     speeds = [x for x in SPEEDS.tolist() if max(x, 1.0 / x) > LEAST_SPEED]
     then, times = min(

@@ -96,16 +96,16 @@ def _distorted(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Iter
     yield from _softened(fitted, parts, damper)
     yield from _clipped(fitted, parts, damper)
     yield from _compliant(parts, damper)
-    found = current_levels([
+    tested = current_levels([
         test.current or CurrentReading(float(np.mean(test.current_A))) for test in fitted.tests
     ])  # fmt: skip
-    levels = found.values_A
+    levels = tested.values_A
     if len(levels) > 2:
         law = of.CurrentLaw(levels[0], levels[-1], min(len(levels) - 2, MOST_BENDS))
-        yield add("current-law", law, currents=", ".join(f"{level:.3g}" for level in found.names_A))
+        yield add("current-law", law, currents=", ".join(f"{level:.3g}" for level in tested.names_A))
     top = max(float(np.max(np.abs(test.v_m_s))) for test in fitted.tests)
     most = max(float(np.max(np.abs(test.u_m))) for test in fitted.tests)
-    powered = [value for number, value in enumerate(levels) if number != found.zero]
+    powered = [value for number, value in enumerate(levels) if number != tested.zero]
     if powered and min(powered) < 0.0 < max(powered):
         unsigned = [
             replace(part, test=replace(part.test, current_A=np.abs(part.test.current_A))) for part in parts

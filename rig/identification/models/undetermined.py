@@ -63,17 +63,17 @@ def _scale(model: DamperModel, untold: Undetermined) -> None:
 
 
 def _current(model: DamperModel, measurements: Sequence[Measurement], untold: Undetermined) -> None:
-    found = levels_of(measurements)
-    levels = len(found)
+    tested = levels_of(measurements)
+    levels = len(tested)
     for parameter in model.parameters:
         needed = parameter.power + 1
         if parameter.power > 1 and levels < needed:
             untold.held.add(parameter.name)
             untold.reasons[parameter.name] = say("few-currents", name=parameter.name, needed=needed, levels=levels)
-    _lower_powers(model, untold, without_current=found.zero is not None)
+    _lower_powers(model, untold, without_current=tested.zero is not None)
     if levels > 1:
         return
-    (mean_A,), without = found.values_A, found.zero is not None
+    (mean_A,), without = tested.values_A, tested.zero is not None
     for parameter in model.parameters:
         name, base = parameter.name, parameter.at_zero
         if parameter.power != 1 or (name in model.apart_at_one_current and not without):
@@ -103,10 +103,10 @@ def only_at(model: DamperModel, measurements: Sequence[Measurement]) -> tuple[fl
 
     Empty where the tests have currents enough for the model, so that its law holds between them.
     """
-    found = levels_of(measurements)
-    if all(parameter.power < 2 or len(found) > parameter.power for parameter in model.parameters):
+    tested = levels_of(measurements)
+    if all(parameter.power < 2 or len(tested) > parameter.power for parameter in model.parameters):
         return ()
-    return found.values_A
+    return tested.values_A
 
 
 def levels_of(measurements: Sequence[Measurement]) -> CurrentLevels:

@@ -124,12 +124,12 @@ def contradictions(measurements: Sequence[Measurement]) -> list[Saying]:
 
     Requested alike is not enough: a test whose motion or current was not reached has another force for that reason.
     """
-    found = set_of(measurements)
+    groups = set_of(measurements)
     alike: dict[tuple[int, int], list[Measurement]] = {}
     for number, test in enumerate(measurements):
-        if test.waveform in WAVEFORMS and (level := found.currents.of_test[number]) is not None:
-            alike.setdefault((found.motions.of_test[number], level), []).append(test)
-    told = _of_currents(measurements, found.currents)
+        if test.waveform in WAVEFORMS and (level := groups.currents.of_test[number]) is not None:
+            alike.setdefault((groups.motions.of_test[number], level), []).append(test)
+    told = _of_currents(measurements, groups.currents)
     pairs = [
         (first, second)
         for group in alike.values() for first, second in itertools.combinations(group, 2)
