@@ -168,8 +168,8 @@ def _cells(item: PlannedPoint) -> tuple[str, ...]:
     frequency = f"{point.frequency_Hz:.4g}" if point.has_frequency else NO_VALUE
     return (
         point.id, "feasible" if item.feasible else "infeasible", point.motion, f"{point.amplitude_m * 1e3:.4g}",
-        frequency, f"{point.current_A:.3g}", f"{point.peak_speed_m_s:.3f}",
-        f"{point.peak_acceleration_m_s2:.2f}", number(item.predicted_force_N), number(item.energy_J),
+        frequency, f"{point.current_A:.3g}", f"{item.peaks.speed_m_s:.3f}",
+        f"{item.peaks.acceleration_m_s2:.2f}", number(item.predicted_force_N), number(item.energy_J),
         duration(item.duration_s),
     )  # fmt: skip
 

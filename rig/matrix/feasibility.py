@@ -17,6 +17,7 @@ from rig.matrix.forecast import Forecast
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
 from rig.matrix.stopping import stop_fits, stopping_reach, within
+from rig.matrix.streaming import peaks
 from rig.signals.record import Record
 from rig.signals.waveform import waveform_named
 from rig.units import show
@@ -49,12 +50,14 @@ class Reason:
 def reasons_against(point: TestPoint, force_N: float | None, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     """Every limit of bench and specimen that the motion or its current would exceed; heat apart."""
     limits = bench.limits
-    if _beyond(point.peak_speed_m_s, limits.speed_m_s):
-        reached, limit = point.peak_speed_m_s, limits.speed_m_s
-        yield Reason("speed", f"speed {reached:.3g} m/s{_when(point, 0)} is above the bench's {limit:.3g} m/s")
-    if _beyond(point.peak_acceleration_m_s2, limits.acceleration_m_s2):
-        reached, limit = point.peak_acceleration_m_s2, limits.acceleration_m_s2
-        text = f"acceleration {reached:.3g} m/s^2{_when(point, 1)} is above the bench's {limit:.3g} m/s^2"
+    reached_m_s, reached_m_s2 = peaks(point, bench)
+    if _beyond(reached_m_s, limits.speed_m_s):
+        limit, ripple = limits.speed_m_s, _ripple(reached_m_s, point.peak_speed_m_s, "m/s")
+        text = f"speed {reached_m_s:.3g} m/s{_when(point, 0)} is above the bench's {limit:.3g} m/s{ripple}"
+        yield Reason("speed", text)
+    if _beyond(reached_m_s2, limits.acceleration_m_s2):
+        limit, ripple = limits.acceleration_m_s2, _ripple(reached_m_s2, point.peak_acceleration_m_s2, "m/s^2")
+        text = f"acceleration {reached_m_s2:.3g} m/s^2{_when(point, 1)} is above the bench's {limit:.3g} m/s^2{ripple}"
         yield Reason("acceleration", text)
     yield from _against_travel(point, matrix, bench)
     if force_N is not None and _beyond(force_N, _allowed_force_N(bench)):
@@ -104,9 +107,13 @@ def command_limit(point: TestPoint, matrix: Matrix, bench: Bench) -> tuple[float
         f"the bench's acceleration limit, {limits.acceleration_m_s2:.3g} m/s^2": limits.acceleration_m_s2
         / one_metre.peak_acceleration_m_s2,
     }
-    steps = math.floor(min(allowed.values()) / AMPLITUDE_STEP_M + 1e-6)
+    what = min(allowed, key=lambda name: allowed[name])
+    steps = math.floor(allowed[what] / AMPLITUDE_STEP_M + 1e-6)
+    slower = _largest(steps, lambda smaller: _within_peaks(smaller, bench), point)
+    if slower < steps:
+        allowed[what] = slower * AMPLITUDE_STEP_M
     halted = _largest(steps, lambda smaller: _can_be_halted(smaller, matrix, bench), point)
-    if halted < steps:
+    if halted < min(steps, slower):
         allowed["the travel that a halt needs"] = halted * AMPLITUDE_STEP_M
     what = min(allowed, key=lambda name: allowed[name])
     return allowed[what], what
@@ -192,6 +199,12 @@ def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reaso
         yield Reason("sampling", text)
 
 
+def _ripple(reached: float, own: float, unit: str) -> str:
+    """How much of what is reached the motion itself asks for; empty where that is all."""
+    more = _beyond(reached, own)
+    return f" (the motion's own: {own:.3g} {unit}; corners and streamed set-points add)" if more else ""
+
+
 def _when(point: TestPoint, which: int) -> str:
     """Where in a signal its speed (0) or acceleration (1) is largest; empty for cycles."""
     return "" if point.record is None else f" at {point.record.fastest_s[which]:.2f} s"
@@ -235,9 +248,16 @@ def would_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast)
         _room_m(point, _travel(matrix, bench)),
     )
     steps = math.floor(amplitude_m / AMPLITUDE_STEP_M + 1e-6)
+    steps = _largest(steps, lambda smaller: _within_peaks(smaller, bench), point)
     steps = _largest(steps, lambda smaller: _can_be_halted(smaller, matrix, bench), point)
     steps = _largest(steps, lambda smaller: _force_and_heat_fit(smaller, matrix, bench, predict), point)
     return None if steps <= 0 else round(steps * AMPLITUDE_STEP_M, 6)
+
+
+def _within_peaks(point: TestPoint, bench: Bench) -> bool:
+    speed_m_s, acceleration_m_s2 = peaks(point, bench)
+    limits = bench.limits
+    return not _beyond(speed_m_s, limits.speed_m_s) and not _beyond(acceleration_m_s2, limits.acceleration_m_s2)
 
 
 def _can_be_halted(point: TestPoint, matrix: Matrix, bench: Bench) -> bool:

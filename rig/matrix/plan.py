@@ -15,6 +15,7 @@ from rig.matrix.model import Matrix
 from rig.matrix.order_by_heat import BETWEEN_POINTS_S, Thermal, load_of, thermal_of, warm_up_point
 from rig.matrix.point import TestPoint
 from rig.matrix.stopping import stopping_reach
+from rig.matrix.streaming import Peaks, peaks
 from rig.signals.stopping import Reach
 from rig.units import show
 
@@ -27,6 +28,7 @@ class PlannedPoint:
 
     `predicted_force_N` and `energy_J` (dissipated over the whole program, coil included) are None when unknown;
     `stopping_reach_m` is where a halt at any instant comes to rest, lowest and highest, in the rig's coordinate;
+    `peaks` are those of the rod, the ripple of streamed set-points included.
     `would_fit_m` is the largest amplitude that mends an infeasible point, None when no amplitude does.
     """
 
@@ -37,6 +39,7 @@ class PlannedPoint:
     causes: tuple[Reason, ...]
     would_fit_m: float | None
     stopping_reach_m: Reach
+    peaks: Peaks
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -58,8 +61,8 @@ class PlannedPoint:
             "amplitude_m": point.amplitude_m,
             "frequency_Hz": point.frequency_Hz,
             "current_A": point.current_A,
-            "peak_speed_m_s": point.peak_speed_m_s,
-            "peak_acceleration_m_s2": point.peak_acceleration_m_s2,
+            "peak_speed_m_s": self.peaks.speed_m_s,
+            "peak_acceleration_m_s2": self.peaks.acceleration_m_s2,
             "predicted_force_N": self.predicted_force_N,
             "energy_J": self.energy_J,
             "stopping_reach_m": list(self.stopping_reach_m),
@@ -190,6 +193,7 @@ def _judge(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) ->
         causes=causes,
         would_fit_m=would_fit(point, matrix, bench, predict) if causes else None,
         stopping_reach_m=stopping_reach(point, matrix, bench),
+        peaks=peaks(point, bench),
     )
 
 

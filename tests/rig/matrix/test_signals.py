@@ -131,7 +131,7 @@ def test_what_the_rig_cannot_do_is_refused_with_numbers(
 def test_the_amplitude_that_would_fit_is_told(tmp_path: Path) -> None:
     text = matrix_of("sweep", more='current = ["0 A"]\n') + SWEEP
     (item,) = planned(tmp_path, text, speed='"0.1 m/s"').points
-    share = 0.1 / item.point.peak_speed_m_s
+    share = 0.1 / item.peaks.speed_m_s
     assert item.would_fit_m == pytest.approx(share * item.point.amplitude_m, abs=1e-5)
 
 
