@@ -131,7 +131,10 @@ class Runner:
         code = self._campaign.client.close(STATION_ENDS_S)
         self._campaign.log.note("station", what="ended", exit_code=code)
         if code == 0:
-            self.state = replace(self.state, armed=False, pressurised=False, powered=False)
+            # A pressure that stayed too long and is proved to be gone now was all that was unknown of a proved stop.
+            late = self.state.stopped and not self.state.left_to_station and not self.state.hand_flows
+            known = RigState.SAFE if late else self.state.rig_state
+            self.state = replace(self.state, armed=False, pressurised=False, powered=False, rig_state=known)
         elif not self.state.stopped:
             self.state = replace(self.state, rig_state=RigState.UNKNOWN)
 
