@@ -16,7 +16,7 @@ import numpy as np
 from rig.bench.model import Bench
 from rig.campaign.results import INVALID, VALID, RigState
 from rig.campaign.stop_cause import CURRENT_FLOWS, because
-from rig.errors import FileProblem
+from rig.errors import EXIT_STOPPED, FileProblem
 from rig.faults.row import StopKind
 from rig.recording.recorded_point import RecordedPoint
 from simulators.world.motion_invariants import MOTION_CHECKS
@@ -30,6 +30,7 @@ SUSPECT = "suspect"
 KNOWN_CODES = frozenset({0, 3, 4, 5, 7})
 WITHOUT_PRESSURE = frozenset({0, 3, 5})
 """Exit codes that promise a rig without pressure, whatever hides it; 4 promises what its stop says of the pressure."""
+LINKS = frozenset({"modbus", "rtu"})
 LEFT_NS = 1e9
 SKEW_SIGMAS, SKEW_S = 4.5, 20e-6
 TRUE_SHARE, TRUE_FORCE_N = 0.05, 60.0
@@ -79,7 +80,7 @@ def rest_is_reached(view: View) -> Findings:
             yield f"the rod still moves, {speed:.3g} m/s", view.session.rest_ns
         if abs(current) > NO_CURRENT_A and not view.faults() & STUCK_CURRENT:
             yield f"the coil still has {current:.2f} A", view.session.rest_ns
-        if pressure > 0 and (_without_pressure(view) or not view.hidden_pressure):
+        if pressure > 0 and (_without_pressure(view) or not _excused_pressure(view)):
             yield f"exit code {view.session.exit_code} with the pressure on", view.session.rest_ns
 
 
@@ -89,6 +90,19 @@ def _without_pressure(view: View) -> bool:
     if code in WITHOUT_PRESSURE or answer is None or answer.stop is None:
         return code in WITHOUT_PRESSURE
     return bool(answer.stop.pressure_off)
+
+
+def _excused_pressure(view: View) -> bool:
+    """Something keeps the station from taking the pressure away.
+
+    Where the rig is called safe (exit code 4) that is a link over which no command goes, and nothing else: a controller
+    that was heard and keeps its pressure leaves the rig in an unknown state.
+    """
+    if view.session.exit_code != EXIT_STOPPED:
+        return view.hidden_pressure
+    return bool(view.hiding_places(view.faults_by_name()) & LINKS) or any(
+        happening.what in {"station-killed", "power-cut"} for _, happening in view.session.happened
+    )
 
 
 def unarmed_stands_still(view: View) -> Findings:

@@ -11,16 +11,18 @@ from unittest.mock import patch
 from edits import Edit
 from matrices import matrix_text
 from planted_findings import FINDINGS
+from planted_motion import MOTION
 from planted_patching import in_force
 from planted_reach import watched
 from planted_safeguards import SAFEGUARDS
 
 from simulators.world import world as worlds
+from simulators.world.drawn_rig import bench_file
 from simulators.world.invariants import judged
-from simulators.world.plan import Happening, WorldPlan
+from simulators.world.plan import STREAMED_TICK_S, Happening, WorldPlan
 from simulators.world.runs import memory
 
-PLANTED: dict[str, tuple[Edit, ...]] = {**FINDINGS, **SAFEGUARDS}
+PLANTED: dict[str, tuple[Edit, ...]] = {**FINDINGS, **SAFEGUARDS, **MOTION}
 SESSION_S, REST_S = 16.0, 5.0
 """A campaign of one short point ends long before."""
 MATRIX = matrix_text("0.5 A", amplitude="6 mm", frequency="4 Hz", cycles=8)
@@ -36,6 +38,7 @@ class Case:
         seed: of this world.
         held_up: as `WorldPlan.held_up`.
         matrix: of this world.
+        bench: text of its bench file; empty: the usual simulated rig.
     """
 
     invariant: str
@@ -43,12 +46,15 @@ class Case:
     seed: int = 1
     held_up: float = 0.01
     matrix: str = MATRIX
+    bench: str = ""
 
     @property
     def plan(self) -> WorldPlan:
         """The world's plan."""
         happenings = tuple(map(Happening.parse, self.happenings))
-        return WorldPlan(self.seed, self.matrix, happenings, held_up=self.held_up)
+        plan = WorldPlan(self.seed, self.matrix, happenings, held_up=self.held_up)
+        # Of a drawn kind: where the plan refuses the motion, it is made smaller.
+        return replace(plan, bench=self.bench, kind="streamed", tick_s=STREAMED_TICK_S) if self.bench else plan
 
 
 def lived(case: Case, edits: Sequence[Edit]) -> tuple[dict[str, str], str]:
@@ -93,6 +99,9 @@ current = "0.5 A"
 [identify]
 enabled = false
 """
+LONG_HALT = bench_file("demo", limits={"position": ["-64 mm", "64 mm"]}, halt_deceleration="3 m/s^2")
+FAST = matrix_text("0 A", amplitude="60 mm", frequency="2 Hz", cycles=5)
+"""0.75 m/s, halted at 3 m/s^2 from anywhere: as far as 90 mm."""
 CASES: dict[str, Case] = {
     "S1-hangs": Case("ends", ("disk-full@4",)),
     "S2-others-journals": Case("written", ("finaliser-stalled@4+8",), matrix=NAMED),
@@ -138,6 +147,8 @@ CASES: dict[str, Case] = {
     "own-lateness": Case("watched", ("station-stalled@4+0.3",)),
     "watchdog-fed": Case("refused"),
     "watchdog-proved": Case("refused", ("watchdog-absent",)),
+    "stopping-distance": Case("stopping-distance", matrix=FAST, bench=LONG_HALT),
+    "pressure-assumed": Case("rest", ("stop-ignored:pressure@0.3", "loadcell-pulled@0.5")),
 }
 
 
