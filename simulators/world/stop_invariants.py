@@ -64,6 +64,8 @@ OF_ITS_CURRENT = frozenset({"coil-open-short", "current-stuck"})
 """Rows that nobody can notice while no current is asked for and none flows."""
 OF_ANY_FAULT = frozenset({"hybrid-unstable"})
 """What a hybrid test's own watch names: whatever is wrong with force, motion or current brings it about."""
+GAPS_IN_SETPOINTS = {"setpoints-late", "setpoints-lost"}
+"""What a fault of the way to the controller is called where it interrupts streamed set-points first."""
 DISK_SLUGS = {"disk-full", "dir-readonly", "fsync-error", "disk-error", "recorder-unwell", "task-dies", "slow-consumer"}
 SECOND_MASTER = {"second-master"}
 SIGNAL_SLUGS = {"sigint", "sigterm", "sigint-storm"}
@@ -208,6 +210,8 @@ def stops_have_a_cause(view: View) -> Findings:
         begun = {fault for _, fault in view.begun(latched_ns)}
         for fault in begun:
             causes |= {fault.partition(":")[0]} | OTHER_NAMES.get(fault, set())
+        if view.hiding_places(begun) & WAY:
+            causes |= GAPS_IN_SETPOINTS
         if "estop" in begun and view.hiding_places(begun - {"estop"}) & WAY:
             causes.add("ecu-overtemp")  # What opens the contactor too was not to be heard of: the ECU's own word is.
         if trip["slug"] not in causes and not (begun and trip["slug"] in OF_ANY_FAULT):
