@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rig.bench.model import Bench
 from rig.matrix.model import load_matrix
 from rig.matrix.point import TestPoint
-from simulators.world.view import Findings, View
+from simulators.world.view import STILL_M_S, Findings, View
 from simulators.world.world import EVERY_S
 
 Rows = NDArray[np.float64]
@@ -42,6 +42,8 @@ REACTION_S = 0.10
 """From a latched stop to the rod: a poll, a hand-over of the devices, three time constants of the servo loop."""
 FADES_M_S = 0.03
 """A rod that comes to rest is no faster than that again: the loop's ripple, a held-up set-point of a fade."""
+AT_REST_S, AT_REST_PERIODS = 0.08, 0.25
+"""So long a rod is not at rest where a fade turns it round at 0.02 m/s or more; after such a rest it moves no more."""
 UNHEARD_S = 0.15
 """After its watchdog, or after the last set-point, a controller that cannot be reached has begun its own stop."""
 TAKEN_LATE_S = 0.030
@@ -223,6 +225,10 @@ def a_stopped_rod_only_slows_down(view: View) -> Findings:
         passed = (after[:, 0] - after[0, 0] + 1.0) * per_ns
         fading_m_s = _fading_m_s(passed, float(np.max(np.abs(before[:, 1]))), cycles)
         slower_m_s = np.minimum.accumulate(np.abs(after[:, 1])) + FADES_M_S
+        at_rest_s = max(AT_REST_S, AT_REST_PERIODS * motion.period_s)
+        stopping = rows[(rows[:, 0] >= latched_ns) & (rows[:, 0] < ends_ns)]
+        rested = _since_rest(stopping[:, 1], round(at_rest_s / EVERY_S)) + len(after) - len(stopping)
+        fading_m_s[max(0, rested) :] = 0.0
         faster = np.abs(after[:, 1]) > np.maximum(fading_m_s, slower_m_s)
         if np.any(faster):
             speed_m_s, at_ns = _worst(after, faster, after[:, 1])
@@ -237,6 +243,15 @@ def _fading_m_s(passed: Rows, from_m_s: float, cycles: float) -> Rows:
     """
     share = np.clip(1.0 - passed / cycles, 0.0, 1.0)
     return from_m_s * (1.0 + FASTER_SHARE) * np.where(share > 0.0, share + 0.25 / cycles, 0.0)
+
+
+def _since_rest(speed_m_s: Rows, count: int) -> int:
+    """The first row by which the rod has been at rest for so many; the number of rows where it never has."""
+    moves = np.flatnonzero(np.abs(speed_m_s) > STILL_M_S)
+    ends = np.append(moves, len(speed_m_s))
+    begins = np.concatenate(([-1], moves))
+    long = np.flatnonzero(ends - begins - 1 >= count)
+    return int(begins[long[0]]) + 1 + count if len(long) else len(speed_m_s)
 
 
 def _reaction_s(view: View, motion: Motion) -> float:

@@ -82,6 +82,12 @@ def thrown(t_s: Array) -> Array:
     return held + 0.075 * 0.5 * (1.0 - np.cos(np.pi * share))
 
 
+def resumed(t_s: Array) -> Array:
+    """Held by its controller in a gap of 0.3 s, then led back softly to the fade that went on meanwhile."""
+    share = 0.5 * (1.0 - np.cos(np.pi * np.clip((t_s - LATCHED_S - 0.32) / 0.1, 0.0, 1.0)))
+    return np.where(t_s < LATCHED_S, sine(t_s), share * faded(t_s))
+
+
 def drifting(t_s: Array) -> Array:
     """The planned motion whose centre goes out to 30 mm."""
     return sine(t_s) + 0.030 * np.clip(t_s, 0.0, 1.0)
@@ -104,6 +110,7 @@ def shaken(t_s: Array) -> Array:
         (History(faded, stopped=True), set()),
         (History(halted, stopped=True), set()),
         (History(sine, stopped=True), {"slows-down"}),
+        (History(resumed, stopped=True), {"slows-down"}),
         (History(thrown, stopped=True), {"slows-down", "speed", "acceleration"}),
         (History(lambda t_s: 1.48 * sine(t_s)), {"travel", "stopping-distance", "speed"}),
         (History(drifting), {"travel", "stopping-distance"}),

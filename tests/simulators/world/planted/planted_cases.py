@@ -102,6 +102,9 @@ enabled = false
 LONG_HALT = bench_file("demo", limits={"position": ["-64 mm", "64 mm"]}, halt_deceleration="3 m/s^2")
 FAST = matrix_text("0 A", amplitude="60 mm", frequency="2 Hz", cycles=5)
 """0.75 m/s, halted at 3 m/s^2 from anywhere: as far as 90 mm."""
+STREAMED = bench_file("demo-streamed", limits={"speed": "2 m/s", "force": "9 kN"})
+SINE = matrix_text("0 A", amplitude="60 mm", frequency="1.5 Hz", cycles=5)
+BUSY = ("modbus-busy@0.5+0.33",)
 CASES: dict[str, Case] = {
     "S1-hangs": Case("ends", ("disk-full@4",)),
     "S2-others-journals": Case("written", ("finaliser-stalled@4+8",), matrix=NAMED),
@@ -147,6 +150,12 @@ CASES: dict[str, Case] = {
     "own-lateness": Case("watched", ("station-stalled@4+0.3",)),
     "watchdog-fed": Case("refused"),
     "watchdog-proved": Case("refused", ("watchdog-absent",)),
+    "setpoints-by-clock": Case("travel", BUSY, 3, matrix=SINE, bench=STREAMED),
+    "gap-ends-nothing": Case("slows-down", BUSY, 3, matrix=SINE, bench=STREAMED),
+    "halt-by-clock": Case("setpoints", BUSY, 3, matrix=SINE, bench=STREAMED),
+    "fade-by-clock": Case("slows-down", BUSY, 3, matrix=SINE, bench=STREAMED),
+    "rod-not-measured": Case("setpoints", BUSY, 3, matrix=SINE, bench=STREAMED),
+    "fades-nothing": Case("slows-down", PULLED, 3, matrix=SINE, bench=STREAMED),
     "stopping-distance": Case("stopping-distance", matrix=FAST, bench=LONG_HALT),
     "pressure-assumed": Case("rest", ("stop-ignored:pressure@0.3", "loadcell-pulled@0.5")),
 }

@@ -5,8 +5,20 @@ from __future__ import annotations
 from edits import Edit
 
 ACTUATOR = "drivers/streamed_actuator.py"
-GUARD = "drivers/setpoint_guard.py"
-GENERATOR = "drivers/setpoint_generator.py"
+
+NO_GAP = Edit(
+    ACTUATOR,
+    "if self._period_s > 0.0 and self.in_motion and silent_s > self._longest_gap_s and not self.broken_off:",
+    "if False:",
+)
+UNMEASURED = Edit(
+    ACTUATOR, "if self.broken_off or self.silent_s > REGULAR_PERIODS * self._period_s > 0.0:", "if False:"
+)
+UNGUARDED = Edit(
+    ACTUATOR,
+    "        setpoint = self._guard.reachable(setpoint, now_s, self._source.fastest_m_s, braking=braking)\n",
+    "        pass\n",
+)
 
 MOTION: dict[str, tuple[Edit, ...]] = {
     # The plan
@@ -22,6 +34,22 @@ MOTION: dict[str, tuple[Edit, ...]] = {
             '    refuse_beyond(travel_extents(whole, config.limits), "the motion is", ROUNDING)\n', "    pass\n",
         ),
     ),
+    # Streamed set-points
+    "setpoints-by-clock": (NO_GAP, UNMEASURED, UNGUARDED),
+    "gap-ends-nothing": (NO_GAP,),
+    "halt-by-clock": (
+        Edit(
+            ACTUATOR, "self._source.halt_from(rod, now_s)", "self._source.halt_from(self._source.at(now_s), now_s)"
+        ),
+        UNGUARDED,
+    ),
+    "fade-by-clock": (
+        NO_GAP,
+        UNGUARDED,
+        Edit(ACTUATOR, "            self._guard.measured(rod, now_s)\n", "            pass\n"),
+    ),
+    "rod-not-measured": (UNMEASURED,),
+    "fades-nothing": (Edit(ACTUATOR, "            self._source.fade(now_s)\n", "            pass\n"),),
     # The end
     "pressure-assumed": (
         Edit("rig/campaign/sequencer/stopping.py", "if cause.slug in PRESSURE_STAYS:", "if False:"),
