@@ -35,6 +35,8 @@ VOLTAGE_LIMIT = "6 V"
 """All of them take it, and the coil needs less."""
 RECORD = "record.csv"
 FASTEST_M_S, SLOWEST_M_S, LARGEST_M = 0.75, 0.08, 0.070
+CYCLES = 5
+"""As few as a point has; many short campaigns see more than a few long ones."""
 NARROW = (1.03, 1.30)
 """A narrow limit is so many times what the motion needs; the plan may still want more, then the motion is made
 smaller."""
@@ -240,22 +242,21 @@ def _peak_speed(chance: random.Random) -> float:
 
 
 def _cycles(chance: random.Random) -> Motion:
-    """One or two points of few cycles."""
-    frequency_Hz, triangle = chance.choice((1.0, 1.5, 2.0, 2.5)), chance.random() < 0.2
+    """Few cycles, at one amplitude and frequency."""
+    frequency_Hz, triangle = chance.choice((1.0, 1.5, 2.0, 2.5, 2.5)), chance.random() < 0.2
     per_m = (4.0 if triangle else 2.0 * math.pi) * frequency_Hz
     amplitude_m = min(LARGEST_M, _peak_speed(chance) / per_m)
-    cycles = chance.choice((5, 6))
     lines = (
         f'waveform = ["{"triangle" if triangle else "sine"}"]', f'amplitude = ["{1e3 * amplitude_m:.4g} mm"]',
-        f'frequency = ["{frequency_Hz:g} Hz"]', f"cycles = {cycles}",
+        f'frequency = ["{frequency_Hz:g} Hz"]', f"cycles = {CYCLES}",
     )  # fmt: skip
     hardest_m_s2 = (2.0 * math.pi * frequency_Hz) ** 2 * amplitude_m
-    return Motion(lines, amplitude_m, per_m * amplitude_m, hardest_m_s2, (cycles + 2.0) / frequency_Hz)
+    return Motion(lines, amplitude_m, per_m * amplitude_m, hardest_m_s2, (CYCLES + 2.0) / frequency_Hz)
 
 
 def _signal(chance: random.Random) -> Motion:
     """A sweep, a road, or a record like a saw: slow one way, fast the other."""
-    lasts_s, kind = round(chance.uniform(3.5, 6.0), 2), chance.choice(("sweep", "road", "file"))
+    lasts_s, kind = round(chance.uniform(3.0, 5.0), 2), chance.choice(("sweep", "road", "file"))
     lines: tuple[str, ...]
     if kind == "sweep":
         first_Hz, last_Hz = chance.uniform(0.5, 1.5), chance.uniform(1.5, 4.0)
@@ -310,7 +311,7 @@ def _matrix(motion: Motion, chance: random.Random) -> str:
     tail = ["[campaign]", f"retries = {chance.choice((0, 0, 1))}", "[identify]", "enabled = false", ""]
     if motion.lines[0] == "[hybrid]":
         return "\n".join([*head, *motion.lines, *tail])
-    currents = chance.choice((("0.5 A",), ("0 A", "0.5 A"), ("1 A",)))
+    currents = chance.choice((("0.5 A",), ("0 A",), ("0 A", "0.5 A"), ("1 A",)))
     return "\n".join([*head, "[matrix]", f"current = {json.dumps(currents)}", *motion.lines, *tail])
 
 

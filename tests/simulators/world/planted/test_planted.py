@@ -62,6 +62,12 @@ def test_a_bug_is_found_in_its_world_and_nothing_without_it(
     assert judged_by_case(name, ended[0][name][0], ended[1][world_of(CASES[name])]) == ""
 
 
+def test_a_rod_that_is_thrown_after_a_gap_in_its_set_points_is_found() -> None:
+    """To the end of the machine, after a stop was latched: no check was made of that once."""
+    failed = with_the_bug("setpoints-by-clock")[0]
+    assert {"travel", "speed", "stopping-distance", "setpoints", "slows-down"} <= set(failed)
+
+
 @pytest.mark.parametrize("name", ["e-stop-bit", "pressure-off-after-s1"])
 def test_an_emergency_stop_and_a_pressure_taken_away_too_late_excuse_nothing(name: str) -> None:
     """The emergency stop itself hid the way by which it is heard; the pressure was gone from the slice's begin on."""
