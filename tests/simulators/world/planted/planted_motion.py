@@ -43,11 +43,7 @@ MOTION: dict[str, tuple[Edit, ...]] = {
         ),
         UNGUARDED,
     ),
-    "fade-by-clock": (
-        NO_GAP,
-        UNGUARDED,
-        Edit(ACTUATOR, "            self._guard.measured(rod, now_s)\n", "            pass\n"),
-    ),
+    "fade-by-clock": (NO_GAP, UNGUARDED),
     "rod-not-measured": (UNMEASURED,),
     "fades-nothing": (Edit(ACTUATOR, "            self._source.fade(now_s)\n", "            pass\n"),),
     # The end
