@@ -26,6 +26,7 @@ REPEATS = 0.003  # share of the amplitude
 TAIL_ORDERS = 4  # fewer harmonics in a half octave are single ones, not a series that goes on
 TAIL_SHARE = 0.3  # nor do they make a series when they are fewer than this share of its orders
 ROUNDS = 5  # strong harmonics hide weak ones: each round looks at what the last one left
+CERTAIN_ORDERS = 7  # a motion's own lowest orders are motion also where they are small
 CHUNK = 16384
 HALF_WIDTH = 4
 WIDTH = 2 * HALF_WIDTH + 1
@@ -57,6 +58,7 @@ class HarmonicFit:
         residual_m: standard deviation of measured minus fitted displacement (m).
         white: whether neighbouring residuals are unrelated, as sensor noise is.
         samples: how many samples were fitted.
+        rounding_m: largest error of the displacement by rounded times (m).
     """
 
     origin_s: float
@@ -68,6 +70,7 @@ class HarmonicFit:
     residual_m: float
     white: bool
     samples: int = 0
+    rounding_m: float = 0.0
 
     @property
     def frequency_Hz(self) -> float:
@@ -76,8 +79,8 @@ class HarmonicFit:
 
     @property
     def repeats(self) -> bool:
-        """Whether the motion repeats: what the series leaves is noise, or below 0.3 % of the amplitude."""
-        return self.white or self.residual_m < REPEATS * self.amplitude_m
+        """Whether the motion repeats: the series leaves noise, rounding, or less than 0.3 % of the amplitude."""
+        return self.white or self.residual_m < max(REPEATS * self.amplitude_m, self.rounding_m)
 
     @property
     def amplitude_m(self) -> float:
@@ -168,18 +171,24 @@ def harmonic(
     for _ in range(2):
         omega += _solve(t[thin] - origin, u[thin], omega, first)[2]
     coefficients, residual, _ = _solve(t - origin, u, omega, first)
-    step = float(np.hypot(step, resolution_s * omega * np.hypot(*coefficients[1:]) / np.sqrt(2.0)))
-    orders = first
+    # Rounded times are errors of the displacement as large as the speed times their step. If the rounding repeats with
+    # the samples, all of it lies in one or two orders (2 and 3 ms in turns: near half the sampling rate).
+    rounding = resolution_s * omega * float(np.hypot(*coefficients[1:]))
+    orders, tried = first, first
     for _ in range(ROUNDS):
-        added = np.setdiff1d(significant_orders(t - origin, residual, omega, count, step), orders)
+        added = np.setdiff1d(significant_orders(t - origin, residual, omega, count, step), tried)
         if added.size == 0:
             break
-        orders = np.union1d(orders, added)
+        orders, tried = np.union1d(orders, added), np.union1d(tried, added)
+        if rounding > 0.0:
+            coefficients, residual, _ = _solve(t - origin, u, omega, orders)
+            orders = orders[(orders <= CERTAIN_ORDERS) | (np.hypot(coefficients[1::2], coefficients[2::2]) > rounding)]
         omega += _solve(t - origin, u, omega, orders)[2]
         coefficients, residual, _ = _solve(t - origin, u, omega, orders)
     deviation = float(np.sqrt(np.sum(residual**2) / max(1, t.size - coefficients.size - 1)))
     series = (orders, coefficients[1::2], coefficients[2::2])
-    return HarmonicFit(origin, omega, float(coefficients[0]), *series, deviation, is_white(residual), t.size)
+    white = is_white(residual)
+    return HarmonicFit(origin, omega, float(coefficients[0]), *series, deviation, white, t.size, 0.5 * rounding)
 
 
 def with_orders(fit: HarmonicFit, time_s: FloatArray, values: FloatArray, orders: NDArray[np.int64]) -> HarmonicFit:

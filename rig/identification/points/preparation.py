@@ -27,7 +27,7 @@ from rig.signals.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_
 from rig.signals.derivatives import Motion, harmonic, savitzky_golay, with_orders
 from rig.signals.fourier import coefficient_errors, quantisation_step
 from rig.signals.loop_shape import noise_of
-from rig.signals.sample_times import TimeBase
+from rig.signals.sample_times import TimeBase, sample_times
 
 MEDIAN_OF_NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
 LOW_ORDERS = 7  # of the motion's series that are always in it
@@ -111,10 +111,20 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
         return _with_time_errors(test, point)
 
 
-def _rounded_to_s(point: RecordedPoint) -> float:
-    """The step (s) to which the times of the samples are rounded; 0 where they are not."""
+def _time_errors(point: RecordedPoint) -> tuple[float, float]:
+    """The step to which a point's times are rounded and the standard error of a single one (s); 0 where there is none.
+
+    Times of arrays, and of files imported before their time base was looked for, are as they were given.
+    """
     times = point.quality.time
-    return times.resolution_s or 0.0 if times is not None and times.base == TimeBase.IRREGULAR else 0.0
+    if times is not None:
+        rounded = times.base == TimeBase.IRREGULAR
+        return (times.resolution_s or 0.0 if rounded else 0.0), times.std_s or 0.0
+    if point.path is not None and not point.imported:
+        return 0.0, 0.0
+    found = sample_times(point.time_s)
+    rounded_to_s = found.resolution_s if found.base is TimeBase.ROUNDED else 0.0
+    return rounded_to_s, rounded_to_s / math.sqrt(12.0)
 
 
 def _with_time_errors(test: Measurement, point: RecordedPoint) -> Measurement:
@@ -123,8 +133,7 @@ def _with_time_errors(test: Measurement, point: RecordedPoint) -> Measurement:
     A rounding that repeats in every cycle is not averaged by more cycles: the error of a cycle's mean delay is that of
     as many samples as it has.
     """
-    times = point.quality.time
-    std_s = 0.0 if times is None else times.std_s or 0.0
+    _, std_s = _time_errors(point)
     if not std_s > 0.0:
         return test
     slope_N_s = float(np.sqrt(np.mean(np.diff(test.force_N, append=test.force_N[-1])[test.scored] ** 2))) / test.dt_s
@@ -141,7 +150,7 @@ def _prepared(point: RecordedPoint, skew: PointSkew | None) -> Measurement:
     shift_s = 0.0 if skew is None else skew.shift_s
     grid_s, force_N, usable = force_on_grid(point, shift_s, float(cycles.start_s[0]), float(cycles.start_s[-1]))
     known_N, frequency_Hz = np.where(usable, force_N, np.nan), float(np.mean(cycles.frequency_Hz))
-    resolution_s = _rounded_to_s(point)
+    resolution_s, _ = _time_errors(point)
     motion, motion_error = _motion(time_s, displacement_m, frequency_Hz, grid_s, known_N, resolution_s)
     if motion.harmonics is None:
         warnings.append(say("no-repeat" if len(cycles) > 1 else "one-cycle-no-series"))

@@ -10,6 +10,7 @@ from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import identify, prepare
 from rig.identification.points.preparation import prepare_all
+from rig.recording.quality.point_quality import PointQuality, TimeQuality
 from rig.recording.recorded_point import ForceSamples, RecordedPoint
 from rig.signals.cycles import NoCycles
 
@@ -148,6 +149,31 @@ def test_the_single_cycle_left_of_three_holds_no_more_samples_than_there_are(rat
         point = RecordedPoint.from_arrays(time_s=time_s, displacement_m=u_m, force_N=force_N, **described)
         test = prepare(point)
         assert test.u_m.size - 1 <= test.samples_per_cycle <= test.u_m.size
+
+
+@pytest.mark.parametrize("quality", [
+    PointQuality(), PointQuality(time=TimeQuality("irregular", None, 1e-3, 2.9e-4, 2.9e-4)),
+])
+def test_a_rounding_of_the_times_that_repeats_every_cycle_is_no_motion_and_enters_the_errors(
+    quality: PointQuality
+) -> None:
+    """At 400 Hz printed to a millisecond it lies in orders 99 and 101 of a 2 Hz sine: a third more speed."""
+    random, t = np.random.default_rng(1), np.arange(0.0, 3.4, 1.0 / 400.0)
+    phase = 4.0 * np.pi * t + 0.3
+    u_m, v_m_s = 0.02 * np.sin(phase), 0.08 * np.pi * np.cos(phase)
+    point = RecordedPoint.from_arrays(
+        time_s=np.round(t, 3), displacement_m=u_m + random.normal(0.0, 1e-6, t.size), quality=quality, id="p",
+        force_N=400.0 * v_m_s + 130.0 * np.tanh(50.0 * v_m_s) + random.normal(0.0, 0.5, t.size), waveform="sine",
+        amplitude_m=0.02, frequency_Hz=2.0, current_A=0.0,
+    )
+    test = prepare(point)
+    assert np.max(np.abs(test.v_m_s)) == pytest.approx(0.251, rel=0.01)
+    assert any(warning.slug == "time-errors" for warning in test.warnings)
+    assert (test.noise_N, test.skew_std_s) > (1.0, 1e-5)
+    found = identify([test], diagnose=False).parameters["Ca_plus"]
+    assert found.value == pytest.approx(400.0, abs=3.0 * (found.standard_error or 0.0))
+    assert found.standard_error is not None
+    assert found.standard_error < 10.0
 
 
 def test_data_that_break_an_assumption_leave_out_their_own_test_only(
