@@ -359,7 +359,7 @@ class CanCurrentSource:
     def _take_status(self, batch: SourceBatch, step: int) -> None:
         """Record one status, unless what it is told beside by other messages has become too old."""
         self._current_heard = True
-        if not self._checks.complete(batch.arrival_ns):
+        if not self._checks.measured(self._values[CURRENT]) or not self._checks.complete(batch.arrival_ns):
             return
         described, values, roles = self._description, self._values, self._roles
         state = described.state(int(values[STATE])) if STATE in values else UNKNOWN_STATE

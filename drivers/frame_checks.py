@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 from drivers.current_source import SourceCounters
@@ -53,6 +54,17 @@ class FrameChecks:
         if is_status:
             counters.bad_in_a_row += 1
             counters.malformed_in_a_row += 1
+
+    def measured(self, current_A: float) -> bool:
+        """Whether a status that is right by itself carries a current: a float may be no number."""
+        counters = self._counters
+        if math.isfinite(current_A):
+            counters.unmeasured_in_a_row = 0
+            return True
+        counters.bad_checks += 1
+        counters.unmeasured_in_a_row += 1
+        counters.bad_in_a_row = counters.unmeasured_in_a_row
+        return False
 
     def step(self, key: int, message: HeardMessage, data: bytes) -> int | None:
         """Frames since the last good one of this message (1: none missing); None for one that is thrown away."""

@@ -8,6 +8,7 @@ module that comes back is told 0 A, whoever has given it up meanwhile.
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import time
 from collections import deque
@@ -294,7 +295,12 @@ class ModbusOutput(PolledSource):
     def _take(self, values: dict[str, Value]) -> None:
         """What it shows, judged: what it holds, what flows."""
         arrival_ns, counters = time.monotonic_ns(), self.counters
-        counters.bad_in_a_row = 0
+        if not all(math.isfinite(float(values[name])) for name in (CURRENT, MEASURED) if name in values):
+            counters.bad_checks += 1
+            counters.bad_in_a_row += 1
+            counters.unmeasured_in_a_row += 1
+            return
+        counters.bad_in_a_row = counters.unmeasured_in_a_row = 0
         counters.statuses += 1
         shown_A = float(values[CURRENT]) if CURRENT in values else self._held_A or 0.0
         current_A = float(values[MEASURED]) if MEASURED in values else shown_A

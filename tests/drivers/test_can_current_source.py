@@ -10,12 +10,14 @@ from drivers.can_current_source import CanCurrentSource
 from drivers.can_library import import_can
 from drivers.can_port import CanPort
 from drivers.connection import CanAddress
-from drivers.current_source import SourceBatch, SourceIdentity
+from drivers.current_source import SourceBatch, SourceCounters, SourceIdentity
 from drivers.devices.source import current_source
 from drivers.errors import LinkLost, PortClosed
+from drivers.frame_checks import FrameChecks
 from drivers.ring import Channel
 from protocols.errors import LocalProtocolError
 from protocols.quality import Quality
+from rig.station.interlocks.current_interlock import BusInterlock
 from simulators import ecu_firmware as wire
 from simulators.ecu_firmware import CoilStatus, CoilTemperature, EcuIdentity
 
@@ -270,3 +272,18 @@ def test_an_ecu_that_was_only_listened_to_is_sent_nothing_at_the_end(device: Slc
     ecu.close()
     assert device.wait_for(lambda lines: b"C" in lines[1:])
     assert commands(device) == []
+
+
+def test_a_current_that_is_no_number_is_no_status_and_is_named() -> None:
+    counters = SourceCounters()
+    checks, bus = FrameChecks(DEMO, counters), BusInterlock(500_000)
+    assert checks.measured(0.5)
+    found = []
+    for place in range(3):
+        assert not checks.measured(float("nan"))
+        found += bus.judge(counters, place)
+    assert [(one.slug, one.warns) for one in found] == [
+        ("current-unmeasured", True), ("current-unmeasured", True), ("current-unmeasured", False)
+    ]
+    assert checks.measured(0.5)
+    assert counters.unmeasured_in_a_row == 0

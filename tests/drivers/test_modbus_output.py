@@ -248,6 +248,13 @@ def test_a_zero_that_is_refused_is_not_told_where_nothing_can_be_read_back(modul
     source.close()
 
 
+def test_a_current_that_is_no_number_gives_no_status(module: Module) -> None:
+    source = driver(module)
+    source._take({"measured_current": float("nan")})
+    counters = source.counters
+    assert (counters.statuses, counters.unmeasured_in_a_row, counters.bad_in_a_row) == (0, 1, 1)
+
+
 def test_another_module_is_known_by_what_it_shows(module: Module) -> None:
     module.holding[201] = 5
     source = driver(module, identity="XY")
