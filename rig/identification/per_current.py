@@ -34,9 +34,10 @@ PER_CURRENT = {name: name.removeprefix("per-current-") for name in DEPENDENCES i
 
 @dataclass(frozen=True)
 class Level:
-    """The tests of one current, and the model fitted to them as if they ran without."""
+    """The tests of one current, and the model fitted to them as if they ran without; `name_A` is its label."""
 
     current_A: float
+    name_A: float
     tests: tuple[Measurement, ...]
     fit: Fit
 
@@ -69,21 +70,21 @@ def identify_per_current(
     if dependence not in PER_CURRENT:
         raise IdentificationFailed(f"unknown current dependence {dependence!r}; known: {', '.join(DEPENDENCES)}")
     levels = []
-    for current_A, tests in _levels(fitted):
+    for current_A, name_A, tests in _levels(fitted):
         if on_progress is not None:
-            on_progress(f"fitting {model.name} at {current_A:.3g} A ({len(tests)} tests)")
-        levels.append(Level(current_A, tuple(tests), _fit_level(model, current_A, tests, wanted)))
+            on_progress(f"fitting {model.name} at {name_A:g} A ({len(tests)} tests)")
+        levels.append(Level(current_A, name_A, tuple(tests), _fit_level(model, name_A, tests, wanted)))
     if len(levels) < 2:
         raise IdentificationFailed(
-            f"{dependence} needs tests at two or more currents, and all ran at {levels[0].current_A:.4g} A; add tests "
+            f"{dependence} needs tests at two or more currents, and all ran at {levels[0].name_A:g} A; add tests "
             "at another current, or fit without this option"
         )
     related = _relations(model, levels, PER_CURRENT[dependence])
     return _joined(model, levels, related, held_out, wanted)
 
 
-def _levels(tests: Sequence[Measurement]) -> list[tuple[float, list[Measurement]]]:
-    """Tests by their current (A), rising.
+def _levels(tests: Sequence[Measurement]) -> list[tuple[float, float, list[Measurement]]]:
+    """Tests by their current (A), rising, with its label (A).
 
     Raises:
         IdentificationFailed: the current of a test changes.
@@ -92,11 +93,13 @@ def _levels(tests: Sequence[Measurement]) -> list[tuple[float, list[Measurement]
     for number in levels.changing[:1]:
         test = tests[number]
         raise IdentificationFailed(
-            f"{test.id}: its current changes from {np.min(test.current_A):.2f} to {np.max(test.current_A):.4g} A; "
+            f"{test.id}: its current changes from {np.min(test.current_A):.2f} to {np.max(test.current_A):.2f} A; "
             "a fit for each current needs constant currents"
         )
+    names_A = rounded_levels(levels.values_A)
     return [
-        (value_A, [tests[number] for number in levels.members(level)]) for level, value_A in enumerate(levels.values_A)
+        (levels.values_A[level], names_A[level], [tests[number] for number in levels.members(level)])
+        for level in range(len(levels))
     ]
 
 
@@ -104,7 +107,7 @@ def _without_current(test: Measurement) -> Measurement:
     return replace(test, current_A=np.zeros_like(test.current_A), nominal_current_A=0.0)
 
 
-def _fit_level(model: DamperModel, current_A: float, tests: Sequence[Measurement], wanted: Wanted) -> Fit:
+def _fit_level(model: DamperModel, name_A: float, tests: Sequence[Measurement], wanted: Wanted) -> Fit:
     """One current's fit.
 
     Raises:
@@ -116,7 +119,7 @@ def _fit_level(model: DamperModel, current_A: float, tests: Sequence[Measurement
         best = Candidate(model, findings, solve(model, still, method, findings))
         return judged(best, still, [], (), Wanted(method, wanted.declared))
     except IdentificationFailed as error:
-        raise IdentificationFailed(f"at {current_A:.4g} A: {error}") from error
+        raise IdentificationFailed(f"at {name_A:g} A: {error}") from error
 
 
 def _relations(model: DamperModel, levels: Sequence[Level], kind: str) -> CurrentRelations:
@@ -152,7 +155,7 @@ def _joined(
 
     outside = _outside(fitted, held_out)
     notes = list(wanted.warnings) + [
-        f"at {level.current_A:.4g} A: {text}" for level in levels for text in level.fit.warnings
+        f"at {level.name_A:g} A: {text}" for level in levels for text in level.fit.warnings
     ]
     notes += [f"{test.id}: {saying}" for test in held_out for saying in test.warnings]
     if outside:
@@ -200,15 +203,14 @@ def _diagnosed(model: DamperModel, levels: Sequence[Level], wanted: Wanted) -> t
     names = tuple(examine(model, tests).free(values))
     fitted = Fitted(model, values, names, tests, wanted.method.weighting(model))
     causes = diagnose(fitted, misfit=misfit)
-    return tuple(replace(cause, text=f"at {worst.current_A:.4g} A: {cause.text}") for cause in causes)
+    return tuple(replace(cause, text=f"at {worst.name_A:g} A: {cause.text}") for cause in causes)
 
 
 def _parameters(model: DamperModel, levels: Sequence[Level]) -> Mapping[str, Estimate]:
     names = [name for name in levels[0].fit.parameters if model.parameter(name).power == 0]
-    labels = rounded_levels([level.current_A for level in levels])
     return {
-        f"{name} at {label:g} A": level.fit.parameters[name]
+        f"{name} at {level.name_A:g} A": level.fit.parameters[name]
         for name in names
-        for level, label in zip(levels, labels, strict=True)
+        for level in levels
         if name in level.fit.parameters
     }
