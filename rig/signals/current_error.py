@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from rig.signals.arrays import FloatArray
 
 QUARTERS = 4
+SHORT_S, FEWEST_SHORT = 0.15, 5
+"""Half of such a stretch is the shortest deviation that counts: shorter ones are the coil's answer to the motion."""
 SETTLING = (0.3, 0.5, 0.7, 0.9)
 """Shares of a hold between which its current is looked at; behind the last the next step may have begun."""
 STILL_SETTLING = 0.7
@@ -20,10 +22,10 @@ SHORTEST_HOLD = 0.25
 
 
 def loop_error_A(time_s: FloatArray, current_A: FloatArray, wanted_A: float, starts_s: FloatArray) -> float | None:
-    """The largest median deviation over one cycle, or over one quarter of phase of all of them (A).
+    """The largest median deviation over `SHORT_S`, one cycle, or one quarter of phase of all cycles (A).
 
-    The median keeps a noisy measurement's noise out; each cycle by itself shows a sag that passes, each quarter one
-    that comes back with every cycle.
+    The median keeps the noise of the measurement out; a short stretch shows a current that was off for a part of a
+    cycle, a cycle a smaller deviation, a quarter one that recurs in every cycle.
 
     Args:
         time_s: (n,) s, increasing.
@@ -41,7 +43,12 @@ def loop_error_A(time_s: FloatArray, current_A: FloatArray, wanted_A: float, sta
     inside = slice(bounds[0], bounds[-1])
     stretches = [error_A[first:last] for first, last in pairwise(bounds)]
     stretches += [error_A[inside][quarter[inside] == number] for number in range(QUARTERS)]
-    return max(_medians(stretches), default=None)
+    begins_s = np.arange(starts_s[0], starts_s[-1] - SHORT_S, 0.5 * SHORT_S)
+    first, last = np.searchsorted(time_s, begins_s), np.searchsorted(time_s, begins_s + SHORT_S)
+    short = [current_A[begin:end] for begin, end in zip(first, last, strict=True) if end - begin >= FEWEST_SHORT]
+    # Of few samples the deviation of the median is the less noisy estimate.
+    off_A = [abs(median_A - wanted_A) for median_A in _medians(short)]
+    return max([*_medians(stretches), *off_A], default=None)
 
 
 def law_error_A(
