@@ -253,8 +253,10 @@ def _lagged(view: PointView) -> str:
 
 
 def _checked(view: PointView) -> str:
-    checked = view.point.quality.skew.checked
-    return NOTHING if checked is None else "yes" if checked else "no"
+    skew = view.point.quality.skew
+    if skew.state is None:  # of an earlier version
+        return NOTHING if skew.checked is None else "yes" if skew.checked else "no"
+    return {"checked": "yes", "declared": "declared, not checked", "doubted": "doubted"}.get(skew.state, skew.state)
 
 
 TIME_BASE = (
@@ -276,8 +278,9 @@ def time_base(run: Run) -> str:
         return ""
     note = (
         "Every sample is placed on the controller's clock. Force lagged by: its delay behind displacement beyond the "
-        "delays that the bench file declares; it is taken out. Delays checked: against the controller's own record of "
-        "force and position; else they are as declared. Arrival lag: what pairing by arrival would have given (real "
+        "delays that the bench file declares; it is taken out. Delays checked: the controller's own record of force and "
+        "position confirms or corrects them; declared, not checked: it does not show them well enough; doubted: it "
+        "contradicts the declared delays, and what is left uncertain includes that. Arrival lag: what pairing by arrival would have given (real "
         "time only). Intervals are 95 %."
     )
     return (
@@ -300,6 +303,13 @@ def _not_stated(points: Sequence[RecordedPoint]) -> str:
     )
 
 
+_OF_STATE = {
+    "checked": "",
+    "declared": " They do not show it well enough to check the declared delays, which are used.",
+    "doubted": " They contradict the declared delays: check them, and [actuator] input_delay, in the bench file.",
+}
+
+
 def _pooled(points: Sequence[RecordedPoint]) -> str:
     """One sentence on the skew of all points together."""
     used = next(iter(pooled_skews([point for point in points if point.verdict != "invalid"]).values()), None)
@@ -308,7 +318,8 @@ def _pooled(points: Sequence[RecordedPoint]) -> str:
             return ""
         return paragraph("The declared delays could not be checked against the controller's own force and position.")
     low_s, high_s = used.delays.interval_s
-    stated = "" if used.delays.checked else (
+    unstated = all(point.test.get("controller_input_delay_s") is None for point in points)
+    stated = _OF_STATE[used.delays.state] if not unstated else (
         " The bench file states no delay of the controller's own inputs (<code>[actuator] input_delay</code>): what "
         "they may be late by is in it."
     )

@@ -148,7 +148,8 @@ class SkewQuality(Section):
         value_s: by how much force lagged displacement beyond the declared delays; taken out.
         std_s: what the signals leave open, whatever was declared; `trusted_std_s` what is left for somebody who trusts
             the bench file; `low_s` to `high_s` the 95 % interval by the signals alone.
-        checked: whether both delays were compared with the controller's own record.
+        checked: whether the controller's own record shows both delays well enough to confirm or correct them.
+        state: `checked`; `declared`: as the bench file states, not checked; `doubted`: contradicted by the signals.
         method: the clock models that were used.
         arrival_s: what pairing by arrival would have given.
     """
@@ -159,6 +160,7 @@ class SkewQuality(Section):
     low_s: float | None = stored("skew_low_s")
     high_s: float | None = stored("skew_high_s")
     checked: bool | None = stored("skew_checked", Stored.FLAG)
+    state: str | None = stored("skew_state", Stored.TEXT)
     method: str | None = stored("skew_method", Stored.TEXT)
     arrival_s: float | None = stored("arrival_skew_s")
 
@@ -292,6 +294,7 @@ def skew_quality(alignment: Alignment) -> SkewQuality:
     return SkewQuality(
         value_s=alignment.skew_s, std_s=alignment.skew_std_s, trusted_std_s=alignment.skew_trusted_s,
         low_s=low_s if tied else None, high_s=high_s if tied else None, checked=alignment.skew_checked,
+        state=None if alignment.skew_s is None else alignment.delays.state,
         method=alignment.skew_method, arrival_s=alignment.arrival_skew_s,
     )
 

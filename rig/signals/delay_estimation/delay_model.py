@@ -46,13 +46,20 @@ UNVOUCHED_S = 0.7e-3
 """Standard deviation of a delay that nobody declared and nothing can be compared with."""
 PAIRS = ((0, 1), (0, 4), (1, 3), (2, 3), (2, 4), (3, 4))
 """Which two of the delays may be forgotten at once: not two that hide each other, which nobody could tell."""
+CONFIRMS_S = 0.5e-3
+"""Standard deviation up to which a lag confirms a declaration; force and displacement apart by 1 ms open a loop."""
+DOUBTED = 2.58
+"""Standard deviations by which the signals contradict an estimate (1 of 100 true ones)."""
 CONFIDENT = 1.959964
 """Standard deviations of a 95 % interval."""
 
 
 @dataclass(frozen=True)
 class Delay:
-    """A delay beyond the declared one: mean and standard deviation (s); `checked`: it was measured, however well."""
+    """A delay beyond the declared one: mean and standard deviation (s); `checked`: the signals confirm or correct it.
+
+    They do where they show it, by themselves, to `CONFIRMS_S` or better; else it is as declared, not checked.
+    """
 
     value_s: float
     std_s: float
@@ -84,6 +91,8 @@ class Skew:
         trusted_std_s: the same for somebody who trusts what was declared.
         measured_s: force minus displacement by the signals alone (s); None where they show nothing.
         interval_s: its 95 % interval by the likelihood alone, whatever was declared of the sensors (s).
+        doubted: the signals contradict the estimate, though not certainly enough to correct it; `trusted_std_s` is then
+            `std_s`.
     """
 
     force: Delay
@@ -92,6 +101,12 @@ class Skew:
     trusted_std_s: float
     measured_s: float | None = None
     interval_s: tuple[float, float] | None = None
+    doubted: bool = False
+
+    @property
+    def state(self) -> str:
+        """`doubted`, `checked`, or `declared`: as the bench file states it, not checked."""
+        return "doubted" if self.doubted else "checked" if self.checked else "declared"
 
     @property
     def value_s(self) -> float:
@@ -100,7 +115,7 @@ class Skew:
 
     @property
     def checked(self) -> bool:
-        """Whether both delays were compared with inputs that may be relied on."""
+        """Whether the signals show both delays well enough, against inputs that may be relied on."""
         return self.force.checked and self.displacement.checked
 
 
@@ -154,7 +169,7 @@ def weighed(force: Seen, displacement: Seen, input_s: float | None) -> Skew:
     trusted = np.einsum("h,hij->ij", weights, covariances) + (weights[:, None] * (means - values)).T @ (means - values)
     input_std_s = tolerance_s(input_s) if input_s is not None else UNSTATED_INPUT[1]
     delays = [
-        Delay(float(value), _stated(value, seen, input_std_s), input_s is not None and seen.lag_s is not None)
+        Delay(float(value), _stated(value, seen, input_std_s), input_s is not None and _confirms(seen, input_std_s))
         for value, seen in zip(values.tolist(), both, strict=True)
     ]
     trusted_s = math.sqrt(max(float(trusted[0, 0] + trusted[1, 1] - 2.0 * trusted[0, 1]), 0.0))
@@ -165,7 +180,13 @@ def weighed(force: Seen, displacement: Seen, input_s: float | None) -> Skew:
     left_s = math.hypot(force.lag_std_s, displacement.lag_std_s, input_std_s, input_std_s)
     std_s = min(math.hypot(measured_s - delays[0].value_s + delays[1].value_s, left_s), NOTHING_KNOWN_S)
     interval_s = (measured_s - CONFIDENT * left_s, measured_s + CONFIDENT * left_s)
-    return Skew(delays[0], delays[1], std_s, std_s if _unstated(both) else trusted_s, measured_s, interval_s)
+    doubted = abs(measured_s - delays[0].value_s + delays[1].value_s) > DOUBTED * left_s
+    used_s = std_s if doubted or _unstated(both) else trusted_s
+    return Skew(delays[0], delays[1], std_s, used_s, measured_s, interval_s, doubted)
+
+
+def _confirms(seen: Seen, input_std_s: float) -> bool:
+    return seen.lag_s is not None and math.hypot(seen.lag_std_s, input_std_s) <= CONFIRMS_S
 
 
 def _stated(value_s: float, seen: Seen, input_std_s: float) -> float:

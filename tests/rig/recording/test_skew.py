@@ -174,6 +174,19 @@ def test_where_the_signals_say_nothing_the_deviation_is_that_of_a_delay_of_which
     assert silent.interval_s is None
 
 
+@pytest.mark.parametrize(("lag_ms", "std_ms", "state"), [
+    (0.0, 0.1, "checked"), (2.0, 0.05, "checked"),
+    (4.0, 3.3, "declared"),  # 5 ms late at 0.5 Hz and 0 A: the signals alone leave 6.5 ms open
+    (1.62, 0.58, "doubted"),  # triangles, 1.5 ms late: their own interval is 0.48 to 2.76 ms
+])
+def test_a_declared_delay_is_checked_only_where_the_signals_show_it(lag_ms: float, std_ms: float, state: str) -> None:
+    found = both(lag_ms, std_ms)
+    assert found.state == state
+    assert found.checked is (state == "checked")
+    if state == "doubted":
+        assert found.trusted_std_s > 1e-3 * lag_ms, "the uncertainty in use covers what the signals say"
+
+
 @pytest.mark.parametrize("late", ["force input", "position input"])
 def test_an_input_that_is_late_is_not_blamed_on_the_sensor_which_cannot_be_early(late: str) -> None:
     found = both(-2.0) if late == "force input" else both(0.0, other_ms=-2.0)
