@@ -278,10 +278,10 @@ def time_base(run: Run) -> str:
         return ""
     note = (
         "Every sample is placed on the controller's clock. Force lagged by: its delay behind displacement beyond the "
-        "delays that the bench file declares; it is taken out. Delays checked: the controller's own record of force and "
-        "position confirms or corrects them; declared, not checked: it does not show them well enough; doubted: it "
-        "contradicts the declared delays, and what is left uncertain includes that. Arrival lag: what pairing by arrival would have given (real "
-        "time only). Intervals are 95 %."
+        "delays that the bench file declares; it is taken out. Delays checked: the controller's own record of force "
+        "and position confirms or corrects them; declared, not checked: it does not show them well enough; doubted: "
+        "it contradicts the declared delays, and what is left uncertain includes that. Arrival lag: what pairing by "
+        "arrival would have given (real time only). Intervals are 95 %."
     )
     return (
         heading("Time base and skew", note) + _pooled(points) + _not_stated(points)
