@@ -2,7 +2,7 @@
 
     python benchmarks/detection_times.py [SLUG...] [--repeats 5] [--resume] [--json FILE]
 
-Each run starts `python -m simulators` and, on the bench file that prints, `rig run`, both as a user would, at speed 1.
+Each run starts `python -m simulators --real-time` and, on the bench file that prints, `rig run`, both at speed 1.
 The fault comes while the second point moves; another seed each time. What happened is read from the truth file, the
 journal and the points' files. Exit code 1 when a row does not end as the matrix says. Times are compared with the row's
 maximum, which holds on a quiet machine with real-time rights; one that is exceeded is marked and fails nothing.
@@ -45,7 +45,8 @@ COLUMNS = (
 
 def start_rig(place: Path, seed: int, *arguments: str) -> tuple[subprocess.Popen[str], Path]:
     """`python -m simulators` as a process of its own; returns it and the bench file it printed."""
-    command = [sys.executable, "-m", "simulators", "--seed", str(seed), "--truth", str(place / "truth.h5"), *arguments]
+    command = [sys.executable, "-m", "simulators", "--real-time", "--seed", str(seed)]
+    command += ["--truth", str(place / "truth.h5"), *arguments]
     rig = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True
     )

@@ -117,8 +117,8 @@ def simulated_rig(folder: Path, real_time: bool) -> Iterator[Path]:
         RuntimeError: it did not start.
     """
     bench = folder / "bench.toml"
-    rights = "--real-time" if real_time else "--no-real-time"
-    command = [sys.executable, "-m", "simulators", "--actuator", "setpoints", rights, "--bench", str(bench)]
+    rights = ["--real-time"] if real_time else ["--no-real-time", "--drop-unread"]
+    command = [sys.executable, "-m", "simulators", "--actuator", "setpoints", *rights, "--bench", str(bench)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as rig:
         try:
             if rig.stdout is None or not rig.stdout.readline():

@@ -182,7 +182,7 @@ def _reset(client: StationClient, pause: threading.Event) -> None:
 def measure(count: int, real_time: bool, folder: Path) -> list[float]:
     """Start everything, inject, end everything; latencies (s)."""
     rig = subprocess.Popen(
-        [sys.executable, "-m", "simulators", "--speed", "1"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        [sys.executable, "-m", "simulators", "--real-time"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
         text=True, start_new_session=True,
     )  # fmt: skip
     assert rig.stdout is not None

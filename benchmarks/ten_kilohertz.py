@@ -62,7 +62,7 @@ def main() -> int:
                            help="wider time limits, for a machine whose host takes it away for more than 20 ms")
     given = arguments.parse_args()
     options = ["--rate", "10000", "--auxiliary", "1", "--drop-unread"]
-    options += ["--no-real-time"] if given.no_real_time else []
+    options += [] if given.no_real_time else ["--real-time"]
     with tempfile.TemporaryDirectory() as folder:
         follower = Follower(Path(folder) / "out")
         matrix = Path(folder) / "matrix.toml"

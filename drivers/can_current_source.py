@@ -9,6 +9,7 @@ import time
 from collections import deque
 from itertools import repeat
 
+from drivers import clock
 from drivers.can_port import CanPort
 from drivers.current_source import (
     UNKNOWN_STATE,
@@ -258,7 +259,7 @@ class CanCurrentSource:
             self._left = max(0, self._left - 1)
             self.counters.sent += 1
         self._sent.append((
-            time.monotonic_ns(), NO_DEVICE_TIME, current_A, self.counters.sent, Channel.COMMANDED_CURRENT, 0,
+            clock.monotonic_ns(), NO_DEVICE_TIME, current_A, self.counters.sent, Channel.COMMANDED_CURRENT, 0,
         ))
 
     def _frames(self, current_A: float, enable: bool, clear_faults: bool) -> list[bytearray]:
@@ -299,21 +300,27 @@ class CanCurrentSource:
 
     def _send_cyclically(self, period_s: float) -> None:
         """Body of the command thread; ends at `close` or when the port is gone."""
-        due = time.monotonic() + period_s
+        due = clock.monotonic() + period_s
         cyclic = self._description.cyclic
-        while not self._ending.wait(max(0.0, due - time.monotonic())):
+        while not self._waited(due - clock.monotonic()):
             try:
                 if cyclic or self._left:
                     self.send_now()
             except DriverError as error:
                 self.send_error = error
-                return
+                break
             due += period_s
-            now = time.monotonic()
+            now = clock.monotonic()
             if now > due:
                 # A late cycle is not made up for by a burst.
                 self.counters.late_sends += 1
                 due = now + period_s
+        clock.back_whenever()
+
+    def _waited(self, left_s: float) -> bool:
+        """Wait for the next cycle; True once there is none."""
+        clock.back_within(left_s)
+        return self._ending.wait(max(0.0, left_s))
 
     def _take(self, frame: Frame, batch: SourceBatch) -> None:
         """Sort one frame; nothing is decoded before its kind and length are checked."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from typing import TYPE_CHECKING, Any
 
+from drivers import clock
 from drivers.can_library import import_can
 from drivers.connection import CanAddress
 from drivers.errors import LinkLost, PortClosed
@@ -92,12 +92,13 @@ class CanPort:
         Raises:
             PortClosed: the bus is not open or has gone.
         """
+        clock.back_within(timeout_s)
         if self._interface == SLCAN:
             return self._receive_block(timeout_s)
         frames: list[Frame] = []
         self.at_ns = []
         message = self._receive_one(timeout_s)
-        read_ns = arrival_ns = time.monotonic_ns()
+        read_ns = arrival_ns = clock.monotonic_ns()
         while message is not None:
             if message.is_error_frame:
                 self.bus_errors += 1
@@ -110,7 +111,7 @@ class CanPort:
             if len(frames) >= LARGEST_BATCH:
                 break
             message = self._receive_one(0.0)
-            read_ns = time.monotonic_ns()
+            read_ns = clock.monotonic_ns()
         return frames, arrival_ns
 
     def send(self, identifier: int, data: bytes, *, extended: bool = False, fd: bool = False) -> None:
@@ -148,7 +149,7 @@ class CanPort:
         except self._can.CanError as error:
             raise PortClosed(self.device, self._name, f"the bus is gone: {error}") from error
         self.bus_errors += errors
-        return frames, time.monotonic_ns()
+        return frames, clock.monotonic_ns()
 
     def _receive_one(self, timeout_s: float) -> Any:  # noqa: ANN401 - python-can's Message, imported only when needed
         """Next message or None.

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from drivers import clock
 from drivers.can_library import import_can
 from drivers.can_port import CanPort
 from drivers.connection import CanAddress
@@ -29,8 +29,8 @@ def listen_to_can(address: CanAddress, seconds: float) -> list[CanFrame]:
     port.open()
     heard: list[CanFrame] = []
     try:
-        begin_s = time.monotonic()
-        while len(heard) < MOST_FRAMES and (left_s := begin_s + seconds - time.monotonic()) > 0.0:
+        begin_s = clock.monotonic()
+        while len(heard) < MOST_FRAMES and (left_s := begin_s + seconds - clock.monotonic()) > 0.0:
             frames, arrival_ns = port.receive(min(left_s, 0.1))
             heard += [(arrival_ns * 1e-9, frame[0], frame[1], frame[2]) for frame in frames if not frame[3]]
     finally:

@@ -7,8 +7,8 @@ here can carry out: what was said stays said until it is said that the current w
 from __future__ import annotations
 
 import threading
-import time
 
+from drivers import clock
 from drivers.current_source import CurrentSource, SourceBatch, SourceTiming, SourceTraits
 from drivers.origins import ChannelOrigin, Origins
 from drivers.polled_source import ToldSource
@@ -102,7 +102,7 @@ class HandSource(ToldSource):
     def send_now(self) -> None:
         """Tell it at once."""
         self.counters.sent += 1
-        self._records.append(self._command_record(time.monotonic_ns()))
+        self._records.append(self._command_record(clock.monotonic_ns()))
         if self._rehearsed is not None:
             self._rehearsed.send_now()
         self._woken.set()
@@ -116,11 +116,12 @@ class HandSource(ToldSource):
         """
         wait_s = min(timeout_s, PERIOD_S)
         if self._rehearsed is None:
+            clock.back_within(wait_s)
             self._woken.wait(wait_s)
             self._woken.clear()
         else:
             self._rehearsed.read_batch(wait_s)
-        now_ns = time.monotonic_ns()
+        now_ns = clock.monotonic_ns()
         self._polls += 1
         self.counters.statuses += 1
         status, told = self._tell(self.commanded_A, now_ns)

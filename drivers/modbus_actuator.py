@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, astuple
 
+from drivers import clock
 from drivers.capabilities import Capabilities
 from drivers.command_numbers import CommandNumbers
 from drivers.connection import ActuatorConnection, LinkKind, draw_owner_id
@@ -279,7 +279,7 @@ class ModbusActuator:
                         sequence = self._next_number()
                     run = self._started(command, sequence, recipe, order)
                 self._note(command, sequence, order)
-                run.go_on(time.monotonic(), self._access.show, self._access.write)
+                run.go_on(clock.monotonic(), self._access.show, self._access.write)
                 break
             except (NoAnswer, LinkLost, WrongAnswer):
                 if attempt == SEND_ATTEMPTS - 1 or (command in NOT_TWICE and not self._numbered):
@@ -376,7 +376,7 @@ class ModbusActuator:
         if len(self._map.status_reads) > 1 and self._map.differs(values, self._values):
             # What changed between two requests of a poll is only half seen.
             values = self._access.read(self._map.status_reads, "status")
-        received_ns = time.monotonic_ns()
+        received_ns = clock.monotonic_ns()
         self._access.explains = False
         values |= self._host.unwrapped(values)
         self._values = values

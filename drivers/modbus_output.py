@@ -10,9 +10,9 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-import time
 from collections import deque
 
+from drivers import clock
 from drivers.current_source import SourceBatch, SourceFault, SourceIdentity, SourceStatus, SourceTraits
 from drivers.devices.output import CURRENT, ENABLE, IDENTITY, MEASURED, AnalogueOutput
 from drivers.devices.supply import SupplyConnection
@@ -145,7 +145,7 @@ class ModbusOutput(PolledSource):
         """Have the set-point written before anything else."""
         self.counters.sent += 1
         with self._progress:
-            self._records.append(self._command_record(time.monotonic_ns()))
+            self._records.append(self._command_record(clock.monotonic_ns()))
         self._woken.set()
 
     def read_batch(self, timeout_s: float) -> SourceBatch:
@@ -157,6 +157,7 @@ class ModbusOutput(PolledSource):
         """
         batch = SourceBatch([], [], [], 0, self.counters.bad_checks - self._bad_told, 0)
         self._bad_told += batch.bad
+        clock.back_within(timeout_s)
         with self._progress:
             self._progress.wait_for(lambda: self._heard or self._lost is not None, timeout_s)
             while self._heard:
@@ -164,7 +165,7 @@ class ModbusOutput(PolledSource):
             if self._lost is not None and not batch.statuses:
                 raise self._lost
             self._hand_over(batch)
-        return batch._replace(arrival_ns=time.monotonic_ns())
+        return batch._replace(arrival_ns=clock.monotonic_ns())
 
     # The thread that asks and writes
 
@@ -181,6 +182,7 @@ class ModbusOutput(PolledSource):
                     self._lost = error
                     self._progress.notify_all()
                 self._leaving.wait(AGAIN_S)
+        clock.back_whenever()
         # A link that is gone takes no farewell.
         with contextlib.suppress(DriverError):
             self._farewell()
@@ -195,14 +197,16 @@ class ModbusOutput(PolledSource):
             if self._started:
                 self._set()
                 self._due_ns = 0
-        now_ns = time.monotonic_ns()
+        now_ns = clock.monotonic_ns()
         if now_ns >= self._due_ns:
             self._poll(now_ns)
-        self._woken.wait(max(0.0, (self._due_ns - time.monotonic_ns()) * 1e-9))
+        left_s = max(0.0, (self._due_ns - clock.monotonic_ns()) * 1e-9)
+        clock.back_within(left_s)
+        self._woken.wait(left_s)
 
     def _farewell(self) -> None:
-        deadline_ns = time.monotonic_ns() + int(_CLOSING_S * 1e9)
-        while self._started and self._link.is_open and time.monotonic_ns() < deadline_ns:
+        deadline_ns = clock.monotonic_ns() + int(_CLOSING_S * 1e9)
+        while self._started and self._link.is_open and clock.monotonic_ns() < deadline_ns:
             self._woken.clear()
             self._set()
             if not self._woken.is_set():
@@ -294,7 +298,7 @@ class ModbusOutput(PolledSource):
 
     def _take(self, values: dict[str, Value]) -> None:
         """What it shows, judged: what it holds, what flows."""
-        arrival_ns, counters = time.monotonic_ns(), self.counters
+        arrival_ns, counters = clock.monotonic_ns(), self.counters
         if not all(math.isfinite(float(values[name])) for name in (CURRENT, MEASURED) if name in values):
             counters.bad_checks += 1
             counters.bad_in_a_row += 1

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 
+from drivers import clock
 from drivers.current_source import (
     SourceBatch,
     SourceCounters,
@@ -135,7 +135,7 @@ class PolledSource(ToldSource):
         changed = self._wanted != (current_A, enable)
         self._wanted = (current_A, enable)
         if changed:
-            self._changed_ns = time.monotonic_ns()
+            self._changed_ns = clock.monotonic_ns()
         return changed
 
     def _plan_next_poll(self, now_ns: int) -> None:

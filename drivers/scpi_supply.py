@@ -7,9 +7,9 @@ tell in turn. A set-point goes out at once, whichever thread asks for it: nothin
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Iterator
 
+from drivers import clock
 from drivers.current_source import SourceBatch, SourceFault, SourceTraits
 from drivers.devices.supply import Commands, SupplyConnection, identity_of
 from drivers.errors import DriverError
@@ -159,7 +159,7 @@ class ScpiSupply(PolledSource):
         self.counters.sent += 1
         # A supply that needs a pause between commands may have lost this; the reading thread repeats it with one.
         self._again = self._described.link.gap_s > 0.0
-        self._records.append(self._command_record(time.monotonic_ns()))
+        self._records.append(self._command_record(clock.monotonic_ns()))
 
     def read_batch(self, timeout_s: float) -> SourceBatch:
         """Ask what is due and take what has arrived, until the current was told or the time is over.
@@ -169,10 +169,10 @@ class ScpiSupply(PolledSource):
             LinkLost: it does not take a question.
         """
         bad_before = self.counters.bad_checks
-        deadline_ns = time.monotonic_ns() + int(timeout_s * 1e9)
+        deadline_ns = clock.monotonic_ns() + int(timeout_s * 1e9)
         batch = SourceBatch([], [], [], 0, 0, 0)
         while True:
-            now_ns = time.monotonic_ns()
+            now_ns = clock.monotonic_ns()
             next_ns = self._go_on(now_ns)
             data, arrival_ns = self._port.read_available(max(0.0, (min(deadline_ns, next_ns) - now_ns) * 1e-9))
             for wanted, answer in self._dialogue.feed(data):
@@ -309,15 +309,15 @@ class ScpiSupply(PolledSource):
 
     def _take_output(self, *, on: bool) -> None:
         """An output that is off although it was switched on: it protected itself, restarted, or somebody did it."""
-        if self._output_on and not on and not self._faults and self._settled(time.monotonic_ns()):
+        if self._output_on and not on and not self._faults and self._settled(clock.monotonic_ns()):
             self._faults |= SourceFault.RESTARTED
 
     def _await_silence(self) -> None:
         """Go on until everything is sent and answered, so that closing cuts nothing off."""
-        deadline_ns = time.monotonic_ns() + int(_CLOSING_S * 1e9)
+        deadline_ns = clock.monotonic_ns() + int(_CLOSING_S * 1e9)
         dialogue = self._dialogue
-        while (dialogue.jobs or dialogue.waits) and time.monotonic_ns() < deadline_ns:
-            dialogue.go_on(time.monotonic_ns())
+        while (dialogue.jobs or dialogue.waits) and clock.monotonic_ns() < deadline_ns:
+            dialogue.go_on(clock.monotonic_ns())
             data, _ = self._port.read_available(0.005 if dialogue.jobs else 0.05)
             for _ in dialogue.feed(data):
                 pass

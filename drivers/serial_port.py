@@ -10,11 +10,11 @@ import contextlib
 import os
 import select
 import socket
-import time
 from urllib.parse import urlsplit
 
 import serial
 
+from drivers import clock
 from drivers.errors import LinkLost, PortClosed
 
 READ_SIZE = 1 << 16
@@ -101,11 +101,12 @@ class SerialPort:
         Raises:
             PortClosed: the port is not open, or the other end is gone.
         """
+        clock.back_within(timeout_s)
         try:
             data = self._read_fd(timeout_s) if self._fd >= 0 else self._read_object(timeout_s)
         except (OSError, ValueError) as error:
             raise PortClosed(self.device, self.url, f"the port is gone: {error}") from error
-        return data, time.monotonic_ns()
+        return data, clock.monotonic_ns()
 
     def write(self, data: bytes, timeout_s: float = 0.1) -> None:
         """Send all bytes.
@@ -120,11 +121,11 @@ class SerialPort:
         """
         if not self.is_open:
             raise PortClosed(self.device, self.url, "the port is not open")
-        deadline = time.monotonic() + timeout_s
+        deadline = clock.monotonic() + timeout_s
         rest = memoryview(data)
         try:
             while rest:
-                rest = rest[self._write_some(rest, max(0.0, deadline - time.monotonic())) :]
+                rest = rest[self._write_some(rest, max(0.0, deadline - clock.monotonic())) :]
         except (TimeoutError, serial.SerialTimeoutException) as error:
             raise LinkLost(
                 self.device, self.url, f"took {len(data) - len(rest)} of {len(data)} bytes within {timeout_s} s"
@@ -145,8 +146,8 @@ class SerialPort:
             PortClosed: the port is not open, or the other end is gone.
         """
         thrown = 0
-        deadline = time.monotonic() + limit_s
-        while time.monotonic() < deadline:
+        deadline = clock.monotonic() + limit_s
+        while clock.monotonic() < deadline:
             data, _ = self.read_available(0.0)
             thrown += len(data)
             if len(data) < READ_SIZE // 16:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from dataclasses import replace
 from typing import cast
 
+from drivers import clock
 from drivers.connection import LineSettings
 from drivers.errors import DriverError
 from drivers.ring import Channel
@@ -174,9 +174,9 @@ class SerialSensor:
             LinkLost: a request could not be sent.
         """
         lost_before = self._stream.counters.lost
-        end_ns = time.monotonic_ns() + int(timeout_s * 1e9)
+        end_ns = clock.monotonic_ns() + int(timeout_s * 1e9)
         while True:
-            now_ns = time.monotonic_ns()
+            now_ns = clock.monotonic_ns()
             if poll.given_up(now_ns):
                 self._port.discard_input()
             if request := poll.due(now_ns):
@@ -266,9 +266,9 @@ class Poll:
                 self.bad_frames += 1
                 continue
             number, asked_ns = self._asked.popleft()
-            clock = asked_ns // 1000 % DEVICE_US_MODULUS if self._clocked else -1
-            readings.append((number % SEQUENCE_MODULUS, clock, value, status, 0))
-            self._asked_ns = max(self._asked_ns, asked_ns) if self._clocked else time.monotonic_ns()
+            device_us = asked_ns // 1000 % DEVICE_US_MODULUS if self._clocked else -1
+            readings.append((number % SEQUENCE_MODULUS, device_us, value, status, 0))
+            self._asked_ns = max(self._asked_ns, asked_ns) if self._clocked else clock.monotonic_ns()
         return readings
 
     def clear(self) -> None:

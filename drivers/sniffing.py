@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from drivers import clock
 from drivers.connection import LineSettings
 from drivers.sensor_formats import FRAME16, Given, described_format
 from drivers.serial_port import SerialPort
@@ -161,13 +161,13 @@ def listen(url: str, line: LineSettings, seconds: float) -> tuple[bytes, float]:
     )
     port.open()
     data = bytearray()
-    begin_s = time.monotonic()
+    begin_s = clock.monotonic()
     try:
-        while len(data) < MOST_BYTES and (left_s := begin_s + seconds - time.monotonic()) > 0.0:
+        while len(data) < MOST_BYTES and (left_s := begin_s + seconds - clock.monotonic()) > 0.0:
             data += port.read_available(min(left_s, 0.1))[0]
     finally:
         port.close()
-    return bytes(data[:MOST_BYTES]), time.monotonic() - begin_s
+    return bytes(data[:MOST_BYTES]), clock.monotonic() - begin_s
 
 
 def listened(url: str, line: LineSettings | None, seconds: float) -> list[Heard]:

@@ -18,11 +18,11 @@ taken. After a time without a set-point that was taken:
 from __future__ import annotations
 
 import math
-import time
 from collections import deque
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
+from drivers import clock
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import LinkKind, MotionTerms
 from drivers.errors import Busy, RequestRefused
@@ -404,12 +404,7 @@ class StreamedActuator:
 
     def _now_s(self) -> float:
         """The host's clock that goes on while the machine is suspended (s of the device's time)."""
-        return _clock_ns() * 1e-9 * self._rate
-
-
-def _clock_ns() -> int:
-    """Time since the machine was booted (ns): a device goes on while its host sleeps, the monotonic clock does not."""
-    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic_ns()
+        return clock.elapsed_ns() * 1e-9 * self._rate
 
 
 def as_actuator(driver: Actuator, terms: MotionTerms) -> Actuator:

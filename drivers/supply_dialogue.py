@@ -7,12 +7,12 @@ keep their order, so what comes back does too.
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from enum import Enum, auto
 from typing import NamedTuple
 
+from drivers import clock
 from drivers.devices.supply import Commands, SupplyLink
 from drivers.serial_port import SerialPort
 from protocols.scpi import AnswerLines, Command
@@ -180,7 +180,7 @@ class SupplyDialogue:
         """It has said who it is: once for every time it was asked, and the next answer is somebody's again."""
         self._strays -= 1
         self._told_again = True
-        self._asked_ns = time.monotonic_ns()
+        self._asked_ns = clock.monotonic_ns()
         if not self._strays:
             self._told_again = False
             with self._lock:
@@ -200,5 +200,5 @@ class SupplyDialogue:
             elif self._acknowledge is not None:
                 self._expected.append((Wanted.ACKNOWLEDGE, "", self.set_point))
         if data:
-            self._asked_ns = time.monotonic_ns()
+            self._asked_ns = clock.monotonic_ns()
             self._port.write(data)

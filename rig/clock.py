@@ -1,18 +1,59 @@
-"""The one place where host time is read: integer nanoseconds, monotonic. Tests and faults replace it here."""
+"""Host time, integer nanoseconds, monotonic: for control it is that of `drivers.clock`."""
 
 from __future__ import annotations
 
+import threading
 import time
+from collections.abc import Callable
+from concurrent.futures import Future
 from datetime import UTC, datetime
+from typing import TypeVar
+
+from drivers import clock
 
 SUSPEND_S = 0.1
 STEP_S = 0.5
 """A smaller difference is a clock being slewed, or this process being held up between two readings."""
 
+Result = TypeVar("Result")
+
 
 def monotonic_ns() -> int:
     """Host time for control, ages and time-outs (ns); never steps."""
+    return clock.monotonic_ns()
+
+
+def machine_ns() -> int:
+    """This computer's own clock (ns), also while a simulated rig's clock waits: for how long something took."""
     return time.monotonic_ns()
+
+
+def wait_for(changed: threading.Condition, true: Callable[[], bool], timeout_s: float) -> bool:
+    """`Condition.wait_for` by the time for control; the condition's lock is held by the caller."""
+    until_ns = monotonic_ns() + int(1e9 * timeout_s)
+    while not true():
+        left_ns = until_ns - monotonic_ns()
+        if left_ns <= 0:
+            return False
+        changed.wait(left_ns * 1e-9)
+    return True
+
+
+def result_of(future: Future[Result], timeout_s: float) -> Result:
+    """`Future.result` by the time for control.
+
+    Raises:
+        TimeoutError: there is none in time.
+        Exception: what the future holds.
+    """
+    until_ns = monotonic_ns() + int(1e9 * timeout_s)
+    while True:
+        left_ns = until_ns - monotonic_ns()
+        try:
+            return future.result(max(0.0, left_ns * 1e-9))
+        except TimeoutError:
+            if future.done() or monotonic_ns() >= until_ns:
+                raise
 
 
 def utc_now() -> datetime:
@@ -54,7 +95,7 @@ class WallClockWatch:
 
     @staticmethod
     def _offset() -> float:
-        return utc_now().timestamp() - monotonic_ns() * 1e-9
+        return utc_now().timestamp() - machine_ns() * 1e-9
 
     def stepped_s(self) -> float:
         """Seconds by which the wall clock stepped since the last call that told of a step; 0 for less than `STEP_S`."""

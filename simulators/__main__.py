@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from simulators.options import RigOptions
     from simulators.worn_ecu import WornEcuFiles
 
+MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
+"""Where writing never waits for a disk."""
 EPILOG = """\b
 Example:
   python -m simulators --speed 10 --truth truth.h5
@@ -114,8 +116,10 @@ async def serve(arguments: dict[str, Any]) -> None:
     rig.warm_up()
     addresses = await rig.open()
     real_time = arguments["real_time"] and take_real_time_priority(arguments["run"].speed)
-    text = rig.bench(addresses, real_time)
-    with tempfile.TemporaryDirectory(prefix="simulated-rig-") as folder:
+    with tempfile.TemporaryDirectory(prefix="simulated-rig-", dir=MEMORY) as folder:
+        if not arguments["real_time"] and not arguments["run"].drop_unread:
+            rig.share_clock(Path(folder) / "clock", addresses)
+        text = rig.bench(addresses, real_time)
         bench = arguments["bench"] or Path(folder) / "bench.toml"
         bench.write_text(text, encoding="utf-8")
         if arguments["json"]:
@@ -315,9 +319,9 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--actuator", type=click.Choice(["tcp", "rtu", "setpoints"]),
               help="Modbus TCP, RTU on a port of the kind --ports says, or a controller on TCP without a function "
                    "generator, which follows streamed set-points.  [default: tcp, or what a fault needs]")
-@click.option("--real-time/--no-real-time", default=True, show_default=True,
-              help="Take real-time priority at speed 1 where that is allowed; without it the bench file's time limits "
-                   "are widened, as on a busy machine.")
+@click.option("--real-time/--no-real-time", default=False, show_default=True,
+              help="Wait for nobody, as hardware does: real-time priority and the time limits of hardware at speed 1, "
+                   "where that is allowed. Otherwise the rig's clock waits while the computer is busy.")
 @click.option("--drop-unread", is_flag=True,
               help="Ports drop and count what is not read in time, as real ones do; without it the rig's clock waits "
                    "for its readers (about half a second at most).")

@@ -43,10 +43,21 @@ class Addresses:
     auxiliary_urls: Sequence[str]
     supply_url: str = ""
 
+    @property
+    def slcan_url(self) -> str:
+        """Where the CAN bus is."""
+        return f"socket://127.0.0.1:{self.slcan_port}"
+
+    @property
+    def listed(self) -> tuple[str, ...]:
+        """All of them, as the bench file has them."""
+        supply = (self.supply_url,) if self.supply_url else ()
+        return (self.actuator_url, self.slcan_url, self.load_cell_url, self.lvdt_url, *self.auxiliary_urls, *supply)
+
 
 def bench_text(
     options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = (),
-    actuator: Sequence[str] = ('register_map = "demo"',),
+    actuator: Sequence[str] = ('register_map = "demo"',), clock: Path | None = None,
 ) -> str:
     """The bench file as TOML text.
 
@@ -57,6 +68,7 @@ def bench_text(
         relaxed: time limits are widened against those of hardware.
         ecu: lines of the current source's table; none: of the demo ECU.
         actuator: entries of [actuator] that say what the controller is.
+        clock: file of the rig's clock, where it waits for the host.
     """
     limits, controller = options.limits, options.controller
     rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
@@ -94,6 +106,7 @@ def bench_text(
         f'moving_mass = "{options.moving_mass_kg:g} kg"',
         "[clock]",
         f"device_rate = {speed:.6g}" if speed != int(speed) else f"device_rate = {int(speed)}.0",
+        *([] if clock is None else [f"shared = {toml_text(str(clock))}"]),
         "[station]",
         f'heartbeat_timeout = "{4000 if relaxed else 500} ms"',
         f'late_limit = "{500 if relaxed else 50} ms"',
@@ -116,7 +129,7 @@ def ecu_lines(
     return [
         "[ecu]",
         'interface = "slcan"',
-        f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
+        f'channel = "{addresses.slcan_url}"',
         "bitrate = 500000",
         *entries,
         f'command_period = "{1e3 * command_s:g} ms"',

@@ -88,6 +88,11 @@ class Backpressure:
         """Whether the host that polls the controller is late by more than `allowed_s`, and not yet for too long."""
         return self._waits(0, silent_s > allowed_s, served_s)
 
+    @property
+    def waiting(self) -> bool:
+        """A reader is behind, and not for too long."""
+        return any(since_s > -math.inf for since_s in self._behind_since_s.values())
+
     def given_up(self, reader: Reader) -> bool:
         """Whether a reader that is behind was waited for in vain."""
         return self._behind_since_s.get(id(reader)) == -math.inf

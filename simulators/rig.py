@@ -37,6 +37,7 @@ from simulators.plant.transfer import plant_of
 from simulators.schedule import BY_ID, ScheduledFault
 from simulators.sensor import Sensor
 from simulators.serial_port import CAPACITY, open_port
+from simulators.shared_clock import SharedClock
 from simulators.slcan_bus import SlcanBus
 from simulators.supply import simulated_supply
 from simulators.truth import About, Attribute, Truth
@@ -128,10 +129,12 @@ class SimulatedRig:
         self._pending_faults = list(run.faults)
         self._undoings: list[tuple[float, str, Undo]] = []
         self._served = ServedTime()
+        self._shared: SharedClock | None = None
+        self._shared_path: Path | None = None
         self._pace = Pace(run.speed, self.plant.dt_s, TICK_S, MAXIMUM_STEPS)
         self.actuator.arrival_s = self._arrival_s
         self._backpressure = Backpressure()
-        self._waited_s = 0.0
+        self._waited_s = self._busy_s = self._before_s = 0.0
         self._faulty = False
         self._goes_on = False
         self._stopping = False
@@ -167,6 +170,15 @@ class SimulatedRig:
         supply_url = "" if self.supply is None else self.supply.url
         return Addresses(self.modbus.url, self.bus.port, urls[0], urls[1], urls[2:], supply_url)
 
+    def share_clock(self, path: Path, addresses: Addresses) -> None:
+        """From now on the rig's clock waits for the processes that watch it, and they read it in this file.
+
+        Raises:
+            OSError: it cannot be made.
+        """
+        self._shared = SharedClock(path, addresses.listed, monotonic_ns(), fast=self.run_options.speed > 1.0)
+        self._shared_path = path
+
     def bench(self, addresses: Addresses, real_time: bool) -> str:
         """The text of the bench file.
 
@@ -183,7 +195,7 @@ class SimulatedRig:
         if relaxed:
             self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, RELAXED_COMMAND_TIMEOUT_S)
         source, controller = self._source_lines(addresses, relaxed), actuator_lines(self.options.controller)
-        return bench_text(self.options, addresses, speed, relaxed, source, controller)
+        return bench_text(self.options, addresses, speed, relaxed, source, controller, self._shared_path)
 
     def _source_lines(self, addresses: Addresses, relaxed: bool) -> list[str]:
         """The table of the coil's current source."""
@@ -199,7 +211,7 @@ class SimulatedRig:
         deadline_s = loop.time()
         while not self._stopping:
             ran = self.tick()
-            deadline_s = max(deadline_s + (TICK_S if ran else HOLDING_S), loop.time())
+            deadline_s = max(deadline_s + (TICK_S if ran or self._unhurried else HOLDING_S), loop.time())
             await asyncio.sleep(deadline_s - loop.time())
 
     def stop(self) -> None:
@@ -220,8 +232,15 @@ class SimulatedRig:
             channel.port.close()
         if self._names is not None:
             self._names.cleanup()
+        if self._shared is not None:
+            self._shared.close()
         if self.truth is not None:
             self.truth.finish(About(self._test(), self._quality(), self._provenance()))
+
+    @property
+    def _unhurried(self) -> bool:
+        """While its clock waits, the rig looks no more often than it ticks: the processor is for those it waits for."""
+        return self._shared is not None and self.run_options.speed <= 1.0
 
     def note(self, code: str, text: str, time_s: float | None = None) -> None:
         """Log to the truth file, if there is one."""
@@ -234,8 +253,11 @@ class SimulatedRig:
         Returns:
             Whether the clock went on; it waits for readers for a bounded time.
         """
-        now_ns = monotonic_ns()
-        before_s, served_s = self._served.now_s, self._served.tick(now_ns)
+        now_ns, shared = monotonic_ns(), self._shared
+        host_is_late = shared is not None and shared.look(now_ns)
+        rig_ns = now_ns if shared is None else shared.now_ns
+        before_s, ran_s = self._served.now_s, self._served.tick(now_ns)
+        served_s = ran_s if shared is None else shared.elapsed_s
         self._inject_due()
         self.actuator.tick(served_s)
         self.ecu.tick(served_s)
@@ -244,22 +266,29 @@ class SimulatedRig:
         for action in self.every_tick:
             action()
         step = int(self.plant.state["step"][0])
-        if not self.run_options.drop_unread and self._readers_are_behind(now_ns, served_s):
-            self._waited_s += served_s - before_s
-            if self.run_options.speed > 1.0:
+        behind = not self.run_options.drop_unread and self._readers_are_behind(now_ns, served_s)
+        if shared is not None:
+            shared.go_on(waiting=host_is_late or behind)
+        if host_is_late or behind:
+            self._waited_s += ran_s - before_s
+            if shared is None and self.run_options.speed > 1.0:
                 self._pace.hold(now_ns, step)
             self._goes_on = False
             return False
         self._goes_on = True
-        if steps := self._pace.due(now_ns, step):
+        if steps := self._pace.due(rig_ns, step):
             self.advance(steps)
         if self.run_options.exit_when_idle:
             self._leave_when_idle(now_ns)
         return True
 
+    def _rig_ns(self) -> int:
+        """The clock by which simulated time runs, now (ns): it may wait for the host."""
+        return monotonic_ns() if self._shared is None else self._shared.at(monotonic_ns())
+
     def _arrival_s(self) -> float:
         """Simulated time of what arrives now (s): up to a slice after the plant's."""
-        ahead_s = self._pace.ahead_s(monotonic_ns(), int(self.plant.state["step"][0]))
+        ahead_s = self._pace.ahead_s(self._rig_ns(), int(self.plant.state["step"][0]))
         return self.plant.time_s + min(ahead_s, LONGEST_SLICE_S * self.run_options.speed)
 
     def _catch_up(self) -> None:
@@ -267,29 +296,39 @@ class SimulatedRig:
 
         Else a set-point would count from the last tick: up to a tick too far ahead, by another part of it each time.
         """
-        if self._goes_on and (steps := self._pace.due(monotonic_ns(), int(self.plant.state["step"][0]))):
+        if self._goes_on and (steps := self._pace.due(self._rig_ns(), int(self.plant.state["step"][0]))):
             self.advance(steps)
 
     def _readers_are_behind(self, now_ns: int, served_s: float) -> bool:
         """Whether simulated time should wait for whoever reads a sensor, hears the bus or polls the controller."""
-        speed, pressure = self.run_options.speed, self._backpressure
-        fast = speed > 1.0
-        behind = False
+        speed, pressure, shared = self.run_options.speed, self._backpressure, self._shared
+        fast = speed > 1.0 or shared is not None
+        behind, patience_s = False, self._patience_s(now_ns)
         for channel in self.channels:
             frame, port = channel.sensor.frame_size, channel.port
             due = max(FEWEST_FRAMES * frame, BEHIND_S * speed * channel.sensor.options.rate_Hz * frame)
-            behind |= pressure.waits_for(port, due if fast else CAPACITY // 2, served_s)
-            if fast and channel.sensor.requests is not None:
+            behind |= pressure.waits_for(port, due if fast else CAPACITY // 2, patience_s)
+            if speed > 1.0 and channel.sensor.requests is not None:
                 channel.hear(now_ns, 0.0, 0.0, speed)
-                behind |= pressure.waits_for(channel, 0, served_s)
+                behind |= pressure.waits_for(channel, 0, patience_s)
             port.waits = port.read_once and not pressure.given_up(port)
         for client in self.bus.clients:
             due = max(BUS_BYTES, BEHIND_S * speed * CAN_LINES_BYTES_S)
-            behind |= pressure.waits_for(client, due if fast else CAPACITY, served_s)
-        if fast and self.actuator.owner and not self._faulty:
-            allowed_s = POLLS_LATE * poll_ms(self.run_options.actuator == "rtu", speed) * 1e-3
-            behind |= pressure.waits_for_poll(served_s - self.bank.polled_s, allowed_s, served_s)
+            behind |= pressure.waits_for(client, due if fast else CAPACITY, patience_s)
+        polled = fast and not self._faulty if shared is None else shared.watched
+        if polled and self.actuator.owner:
+            poll_s = poll_ms(self.run_options.actuator == "rtu", speed) * 1e-3
+            allowed_s = POLLS_LATE * poll_s if shared is None else poll_s + TICK_S + shared.allowed_s
+            behind |= pressure.waits_for_poll(served_s - self.bank.polled_s, allowed_s, patience_s)
         return behind
+
+    def _patience_s(self, now_ns: int) -> float:
+        """Wall time in which readers could have read (s): the rig had its turn, and so had the host's processes."""
+        shared, ran_s = self._shared, self._served.now_s
+        if shared is not None and self._backpressure.waiting and shared.busy(now_ns):
+            self._busy_s += ran_s - self._before_s
+        self._before_s = ran_s
+        return ran_s - self._busy_s
 
     def advance(self, steps: int) -> None:
         """Run the physics for `steps` and send what the devices make of them."""

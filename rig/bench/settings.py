@@ -333,9 +333,17 @@ class EcuConfig(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class Clock(Settings):
-    """At what rate device clocks run against the wall: 1 on hardware, the speed of a simulated rig."""
+    """At what rate device clocks run against the wall: 1 on hardware, the speed of a simulated rig.
+
+    `shared` is written by a simulated rig alone: the file of its clock, which waits for a busy computer and to which
+    all time limits apply (`drivers.clock`). It is refused at the start for a device that is not that rig's own.
+    """
 
     device_rate: float = field(default=1.0, metadata=key(ge=0.01, le=1000.0))
+    shared: Annotated[str, Text(1024)] | None = field(
+        default=None,
+        metadata=key(description="written by a simulated rig: the file of its clock, which waits for a busy computer"),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -384,6 +392,12 @@ class StationConfig(Station, Clock):
     def sensors(self) -> tuple[SensorConfig, ...]:
         """Load cell, LVDT and the auxiliary channels."""
         return (self.load_cell, self.lvdt, *self.auxiliary)
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """Where the devices are, as the bench file states it."""
+        source = (self.ecu.port,) if self.ecu.port else ()
+        return (self.actuator.url, *source, *(sensor.url for sensor in self.sensors))
 
     @property
     def periods_s(self) -> list[float]:

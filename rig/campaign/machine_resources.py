@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from drivers import clock
 from drivers.ring import MAGIC
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
@@ -294,7 +295,17 @@ def station_in_use(
     with contextlib.nullcontext(locks) if locks else locked(bench) as locks, ring_path_for(folder.name) as ring_path:
         config = replace(station_config(bench, matrix, ring_path), stop_socket=stop_socket)
         try:
-            client = StationClient.start(config, folder, inherited=locks)
-        except StationLost as error:
-            raise Refused("task-dies", str(error)) from error
-        yield client, config
+            clock.follow(config.shared or "", clock.Role.APPLICATION, config.addresses)
+        except clock.ClockRefused as error:
+            raise Refused("config-absurd", str(error)) from error
+        try:
+            yield _started(config, folder, locks), config
+        finally:
+            clock.leave()
+
+
+def _started(config: StationConfig, folder: Path, locks: tuple[int, ...]) -> StationClient:
+    try:
+        return StationClient.start(config, folder, inherited=locks)
+    except StationLost as error:
+        raise Refused("task-dies", str(error)) from error

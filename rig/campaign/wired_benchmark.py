@@ -158,7 +158,8 @@ def _await(driver: Actuator, what: str, true: Callable[[ActuatorStatus], bool]) 
 def simulator_arguments(plant: TransferSystem) -> tuple[str, ...]:
     """Arguments with which `python -m simulators` is this transfer system behind a controller that follows."""
     options = [*QUIET, *(f"transfer.{name}={value!r}" for name, value in asdict(plant).items())]
-    return ("--actuator", STREAMED, "--drop-unread", *(word for option in options for word in ("--option", option)))
+    words = (word for option in options for word in ("--option", option))
+    return ("--actuator", STREAMED, "--real-time", "--drop-unread", *words)
 
 
 def run_at(url: str, test: StepwiseTest, count: WireCount) -> None:

@@ -109,8 +109,8 @@ MESSAGES = {
     "pause-asked": "pausing after the running point; Ctrl-Z again, or Start on the page, continues",
     "pause-over": "continuing",
     "clock-step": "the wall clock stepped by {stepped_s:+.3f} s; host_ns is not affected",
-    "station-late": "the station did not watch the rig for {late_ms:.0f} ms (number {count}); waiting samples are "
-    "flagged",
+    "station-late": "this computer was busy: monitoring paused for {late_ms:.0f} ms (pause {count}); samples that "
+    "waited are flagged",
     "points-files": "the points' files: {error}; `rig recover` finishes what is left",
     "own-skews": "every point keeps its own skew: {why}",
     "recorder-left": "the recorder: {error}; `rig recover` finishes what it left",

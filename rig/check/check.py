@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.clock import back_whenever, back_within
 from drivers.ring import Channel
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
@@ -186,10 +187,15 @@ def armed(client: StationClient) -> Iterator[None]:
     """
     ending = threading.Event()
 
+    def waited() -> bool:
+        back_within(BEAT_S)
+        return ending.wait(BEAT_S)
+
     def beat() -> None:
-        while not ending.wait(BEAT_S):
+        while not waited():
             with suppress(StationLost):  # the request that waits meanwhile says so
                 client.beat(healthy=True)
+        back_whenever()
 
     beating = threading.Thread(target=beat, name="check-beat", daemon=True)
     beating.start()

@@ -196,7 +196,7 @@ class Reports:
             self.add(HOST, note("no-real-time", "the bench file asks for no real-time priority ([station] real_time)"))
         self.of[HOST].numbers["late_ms"] = 1e3 * worst_s
         if worst_s > self._config.late_limit_s:
-            text = f"the station was kept from running {late_loops} times, for up to {1e3 * worst_s:.0f} ms at once"
+            text = f"this computer is too busy: monitoring paused {late_loops} times, for up to {1e3 * worst_s:.0f} ms"
             self.add(HOST, warning("host-late", f"{text}; a campaign stops at {1e3 * self._config.late_limit_s:g} ms"))
 
 

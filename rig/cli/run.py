@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     "--speed", type=click.FloatRange(0.01, 1000.0), help="Simulated seconds per second (with --simulate; default 1)."
 )
 @click.option("--seed", type=click.IntRange(0), help="Seed of the simulated rig (with --simulate; default 0).")
+@click.option("--real-time", is_flag=True,
+              help="Rehearse with the time limits of hardware: the simulated rig does not wait for a busy computer.")
 @click.option(
     "--resume", type=RunPath(), metavar="RUN",
     help="Continue the campaign in directory RUN; valid points are kept.",
@@ -62,6 +64,7 @@ def command(
     simulate: bool,
     speed: float | None,
     seed: int | None,
+    real_time: bool,
     resume: Path | None,
     requalified: str | None,
     no_identify: bool,
@@ -82,7 +85,9 @@ def command(
     """
     if resume is not None and matrix is not None and str(matrix).startswith("-"):
         matrix, simulator_args = None, (str(matrix), *simulator_args)
-    _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate)
+    if real_time:
+        simulator_args = (*simulator_args, "--real-time")
+    _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate, real_time=real_time)
     words = _requalified(requalified, resume)
     settings = page_settings(page_address, page_cert, page_key, wanted=page, hold=hold, stay=stay)
     from rig.campaign.results import CampaignOptions
@@ -219,6 +224,7 @@ def _check_usage(
     resume: Path | None,
     *,
     simulate: bool,
+    real_time: bool,
 ) -> None:
     """Refuse contradictions before anything is read.
 
@@ -235,7 +241,10 @@ def _check_usage(
         raise click.UsageError("--speed takes a number between 0.01 and 1000")
     if simulator_args and not simulator_args[0].startswith("-"):
         raise click.UsageError(f"one matrix at a time; what is {simulator_args[0]}?")
-    given = {"--speed": speed is not None, "--seed": seed is not None, "arguments after --": bool(simulator_args)}
+    given = {
+        "--speed": speed is not None, "--seed": seed is not None, "--real-time": real_time,
+        "arguments after --": bool(simulator_args),
+    }
     for name, present in given.items():
         if present and not simulate and (resume is None or bench is not None):
             raise click.UsageError(f"{name} belong to the simulated rig; with --bench give them to `rig simulate`")

@@ -33,7 +33,7 @@ ROWS = (
         code=51, detector="no beat from the application within the heartbeat time-out",
     ),
     FaultRow(
-        slug="host-late", fault="Station kept from running",
+        slug="host-late", fault="Computer too busy: monitoring paused",
         where="process", place="starvation", detected_by="its threads' own waits, no device heard at all",
         limit_s=0.05, reaction="W→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
         code=54, detector="the station did not run, or heard no device at all, for longer than allowed",

@@ -11,6 +11,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
+from drivers import clock
 from rig.errors import FileProblem
 from rig.page.ended_run import EndedRun
 from rig.recording.journal.ring_reader import RingProblem, RingReader
@@ -100,9 +101,12 @@ class WatchedRun:
             return self._ring
         if self.live_folder is None:
             return None
-        named = self._station().get("ring_path")
+        station = self._station()
+        named = station.get("ring_path")
         with contextlib.suppress(RingProblem):
             self._ring = RingReader(Path(str(named))) if named else None
+        with contextlib.suppress(clock.ClockRefused):
+            clock.follow(str(station.get("shared") or ""), None)
         return self._ring
 
     def state(self) -> dict[str, Any]:
@@ -164,6 +168,7 @@ class WatchedRun:
         if self._ring is not None:
             self._ring.close()
             self._ring = None
+            clock.leave()
 
 
 class Journal:

@@ -24,7 +24,7 @@ from rig.clock import monotonic_ns
 from rig.recording.atomic_write import open_to_append, write_text_durably
 from rig.station.errors import StationLost, StationRefused
 
-START_TIMEOUT_S = 15.0
+START_TIMEOUT_S = 60.0
 WRITE_TIMEOUT_S = 1.0
 QUIET_S, MOST_HEARD = 0.01, 20
 """In so long the link's thread has read what has come; beside other work too."""
@@ -128,10 +128,7 @@ class StationClient:
             if self._ended:
                 raise StationLost(f"{do}: the station process has ended (exit code {self.process.poll()})")
             self._write({"id": number, "do": do, **arguments})
-            try:
-                answer = answers.get(timeout=timeout_s)
-            except queue.Empty:
-                raise StationLost(f"{do}: no answer from the station within {timeout_s:g} s") from None
+            answer = self._answer(answers, do, timeout_s)
         finally:
             with self._answers_lock:
                 del self._answers[number]
@@ -140,6 +137,21 @@ class StationClient:
         if "refused" in answer:
             raise StationRefused(answer["refused"], answer.get("message", ""))
         return {key: value for key, value in answer.items() if key not in {"id", "ok"}}
+
+    @staticmethod
+    def _answer(answers: queue.SimpleQueue[dict[str, Any] | None], do: str, timeout_s: float) -> dict[str, Any] | None:
+        """The answer to a request; None where the station has ended.
+
+        Raises:
+            StationLost: there is none in time.
+        """
+        until_ns = monotonic_ns() + int(1e9 * timeout_s)
+        while True:
+            try:
+                return answers.get(timeout=max(0.0, (until_ns - monotonic_ns()) * 1e-9))
+            except queue.Empty:
+                if monotonic_ns() >= until_ns:
+                    raise StationLost(f"{do}: no answer from the station within {timeout_s:g} s") from None
 
     def events(self, timeout_s: float = 0.0) -> list[dict[str, Any]]:
         """The events that came since the last call, oldest first; waits up to `timeout_s` for the first one."""

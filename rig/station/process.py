@@ -18,13 +18,14 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
+from drivers.clock import ClockRefused, Role, back_whenever, follow
 from drivers.connection import draw_owner_id
 from drivers.errors import DriverError
 from drivers.ring import RingWriter, ring_bytes
 from protocols.errors import ProtocolError
 from rig.bench.settings import StationConfig
 from rig.bench.settings_json import ConfigProblem, from_json
-from rig.clock import monotonic_ns
+from rig.clock import monotonic_ns, wait_for
 from rig.errors import EXIT_DONE, EXIT_REFUSED, EXIT_UNKNOWN_STATE, EXIT_USAGE
 from rig.faults.matrix import REACTIONS
 from rig.faults.row import StopKind
@@ -114,6 +115,7 @@ class Station:
                 self.supervisor.report([Finding("task-dies", f"request {do} failed: {error}", monotonic_ns())])
             say_error()
         finally:
+            back_whenever()
             if waits:
                 self._busy.release()
         self.link.emit({**answer, "id": number})
@@ -147,7 +149,7 @@ class Station:
     def _wait_safe(self) -> bool:
         supervisor = self.supervisor
         with supervisor.changed:
-            supervisor.changed.wait_for(lambda: supervisor.ended_for_good, END_TIMEOUT_S)
+            wait_for(supervisor.changed, lambda: supervisor.ended_for_good, END_TIMEOUT_S)
         return supervisor.proved_safe
 
 
@@ -197,6 +199,11 @@ def main(arguments: list[str]) -> int:
     except ConfigProblem as error:
         sys.stderr.write(f"{arguments[0]}: {error}\n")
         return EXIT_USAGE
+    try:
+        follow(config.shared or "", Role.STATION, config.addresses)
+    except ClockRefused as error:
+        sys.stderr.write(f"{arguments[0]}: {error}\n")
+        return EXIT_REFUSED
     try:
         ring = RingWriter(Path(config.ring_path), config.ring_capacity)
     except OSError as error:

@@ -27,7 +27,7 @@ from dataclasses import asdict
 from drivers.errors import DriverError, RequestRefused
 from drivers.roles import ActuatorStatus, Command, Move, State, state_name
 from rig.bench.settings import StationConfig
-from rig.clock import monotonic_ns
+from rig.clock import monotonic_ns, wait_for
 from rig.faults.row import StopKind
 from rig.signals.stopping import Reach, halted_m
 from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
@@ -243,7 +243,7 @@ class Requests:
         reason = str(arguments.get("reason", "operator"))
         supervisor.ask_stop(StopKind(str(kind)), reason, str(arguments.get("detail", "asked for by the application")))
         with supervisor.changed:
-            settled = supervisor.changed.wait_for(lambda: supervisor.settled, STOP_TIMEOUT_S)
+            settled = wait_for(supervisor.changed, lambda: supervisor.settled, STOP_TIMEOUT_S)
         stop = supervisor.stop
         if not settled or stop is None or not supervisor.proved_safe:
             raise StationRefused("unknown", f"stop: {_not_proved(stop)} cannot be proved; inspect the rig")

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Collection, Iterable
 from typing import TypeVar
 
+from drivers.clock import back_whenever, back_within
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
@@ -335,7 +336,7 @@ class Supervisor:
 
     def _run(self) -> None:
         loop = Listener(self.host, monotonic_ns())
-        while not self._ending.wait(TICK_S):
+        while not self._waited():
             now_ns = monotonic_ns()
             loop.returned(TICK_S, now_ns, heard=False)
             try:
@@ -347,6 +348,12 @@ class Supervisor:
                 if self._armed:
                     self._internal("task-dies", f"the interlock loop failed: {type(error).__name__}: {error}")
                 self._try(self._advance_stop, now_ns)
+        back_whenever()
+
+    def _waited(self) -> bool:
+        """Wait for the next tick; True once there is none."""
+        back_within(TICK_S)
+        return self._ending.wait(TICK_S)
 
     def tick(self, now_ns: int) -> None:
         """One round of the slow checks."""

@@ -28,6 +28,8 @@ LOOK_AGAIN_NS = 20_000_000
 """A device that is well is heard again within this time after a blind one ..."""
 GRACE_NS = 5_000_000
 """... and what waited in its port is read within this time."""
+TOO_BUSY = "this computer was too busy: monitoring paused"
+FIX = "Fix: close other programs, or give real-time rights"
 LATE = "host-late"
 SILENT_HOST = "host-silent"
 WINDOW_NS = 1_000_000_000
@@ -140,8 +142,9 @@ class HostWatch:
             if not overdue:
                 return None
             detail = (
-                f"no device at all was heard for {unheard_ns / 1e6:.0f} ms, {name} not for {age_ns / 1e6:.0f} ms: the "
-                "host's ports or its machine, or the supply of all devices"
+                f"no device sent anything for {unheard_ns / 1e6:.0f} ms ({name}: {age_ns / 1e6:.0f} ms, limit "
+                f"{(stale_ns + self.limit_ns) / 1e6:.0f} ms): this computer was too busy, or all devices lost "
+                "their supply"
             )
             return Finding(LATE, detail, now_ns, unheard_ns / 1e9, self.limit_ns / 1e9)
         blind_ns = self.blind_ns(last_ns, now_ns)
@@ -150,7 +153,7 @@ class HostWatch:
         again_ns = GRACE_NS if overdue else min(stale_ns, LOOK_AGAIN_NS)
         if age_ns - blind_ns <= stale_ns or since_woken_ns <= again_ns:
             return None
-        meanwhile = f", {blind_ns / 1e6:.0f} ms of it while the station itself did not run" if blind_ns else ""
+        meanwhile = f", for {blind_ns / 1e6:.0f} ms of this the station itself did not run" if blind_ns else ""
         detail = f"{name}: no value for {age_ns / 1e6:.0f} ms{meanwhile}, allowed {stale_ns / 1e6:.0f} ms"
         return Finding(slug, detail, now_ns, age_ns / 1e9, stale_ns / 1e9)
 
@@ -171,15 +174,12 @@ class HostWatch:
         limit_s = self.limit_ns / 1e9
         if blind.length_ns > self.limit_ns:
             slug = SILENT_HOST if blind.length_ns > self._watchdog_ns else LATE
-            length_ms = blind.length_ns / 1e6
-            detail = f"the station did not watch the rig for {length_ms:.0f} ms, allowed {1e3 * limit_s:.0f} ms"
+            detail = f"{TOO_BUSY} for {blind.length_ns / 1e6:.0f} ms (limit {1e3 * limit_s:.0f} ms). {FIX}"
             return Finding(slug, detail, blind.end_ns, blind.length_ns / 1e9, limit_s)
         recent_ns = self._recent_ns(blind.end_ns)
         if recent_ns > BLIND_SHARE * WINDOW_NS:
-            detail = (
-                f"the station did not watch the rig for {recent_ns / 1e6:.0f} ms of the last second, allowed "
-                f"{BLIND_SHARE * WINDOW_NS / 1e6:.0f} ms"
-            )
+            limit_ms = BLIND_SHARE * WINDOW_NS / 1e6
+            detail = f"{TOO_BUSY} for {recent_ns / 1e6:.0f} ms of the last second (limit {limit_ms:.0f} ms). {FIX}"
             return Finding(LATE, detail, blind.end_ns, recent_ns / 1e9, BLIND_SHARE * WINDOW_NS / 1e9)
         return None
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 import pytest
 from modbus_device import ModbusDevice
 
-from drivers import streamed_actuator
+from drivers import clock
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.catalogue import make_actuator
 from drivers.connection import ActuatorConnection, LinkKind, MotionTerms
@@ -265,7 +265,7 @@ class Rod(Bare):
 @pytest.fixture
 def rod(monkeypatch: pytest.MonkeyPatch) -> Rod:
     made = Rod()
-    monkeypatch.setattr(streamed_actuator, "_clock_ns", lambda: round(1e9 * made.now_s))
+    monkeypatch.setattr(clock, "elapsed_ns", lambda: round(1e9 * made.now_s))
     return made
 
 

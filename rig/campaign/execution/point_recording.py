@@ -19,7 +19,7 @@ from rig.campaign.sequencer import event as ev
 from rig.campaign.setup import campaign_hash
 from rig.campaign.stop_cause import StopCause, because, cause_of
 from rig.campaign.words import say
-from rig.clock import monotonic_ns, utc_now
+from rig.clock import machine_ns, monotonic_ns, utc_now
 from rig.matrix.point import TestPoint
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.conversion.recovery import set_aside
@@ -71,7 +71,7 @@ class PointRecording:
             self.give_up(point, cause_of(error))
             raise
         if campaign.results.began_ns is None:
-            campaign.results.began_ns = monotonic_ns()
+            campaign.results.began_ns = machine_ns()
         campaign.log.note("point", point=point.id, attempt=action.attempt)
 
     def end(self, action: act.EndRecording) -> None:
@@ -82,7 +82,7 @@ class PointRecording:
             OSError: the disk refused the journal's end; the point is given up.
         """
         recorder, results = self._connected(), self.campaign.results
-        results.ended_ns = monotonic_ns()
+        results.ended_ns = machine_ns()
         results.motion_s += action.point.motion_s
         try:
             journal = recorder.end(stopped_by=None if action.fault is None else action.fault.slug)

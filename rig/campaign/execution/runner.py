@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from drivers.clock import back_whenever, back_within
 from drivers.ring import Channel
 from rig.campaign.execution.action_executor import ActionExecutor, Outcome
 from rig.campaign.execution.campaign_context import CampaignContext
@@ -108,6 +109,7 @@ class Runner:
             while self.state.phase is not Phase.ENDED:
                 self._guarded_turn()
                 watch.turned()
+            back_whenever()
             watch.end()
             if self.state.armed:
                 self._leave_to_the_station()
@@ -116,6 +118,7 @@ class Runner:
                 self.state = replace(self.state, latch=self.state.latch or Latch(abort.stop, abort.cause))
             self._campaign.display.phase(str(Phase.ENDED))
         finally:
+            back_whenever()
             watch.end()
             self._executor.close()
             if self._ring is not None:
@@ -338,6 +341,7 @@ class Runner:
 
     def _beat(self) -> None:
         self._turn_ns = now_ns = monotonic_ns()
+        back_within(1e-9 * BEAT_NS)
         if now_ns - self._beat_ns < BEAT_NS or "gone" in self._said:
             return
         self._beat_ns = now_ns

@@ -11,6 +11,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drivers.clock import back_whenever, back_within
 from rig.recording.journal.journal_file import JournalWriter
 from rig.recording.journal.ring_reader import RingReader
 from rig.recording.layout import RECORD_DTYPE, PointContext
@@ -173,9 +174,15 @@ class PointRecorder:
             self._ring.close()
 
     def _work(self) -> None:
-        while not self._stop.wait(WRITE_PERIOD_S):
+        while not self._waited():
             with self._lock:
                 self._drain()
+        back_whenever()
+
+    def _waited(self) -> bool:
+        """Wait for the next look at the ring; True once there is none."""
+        back_within(WRITE_PERIOD_S)
+        return self._stop.wait(WRITE_PERIOD_S)
 
     def _drain(self) -> None:
         """Take what the ring holds; an open journal gets it, unless an earlier write failed."""

@@ -14,13 +14,14 @@ from concurrent.futures import Future
 from typing import TypeVar
 
 from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.clock import back_whenever, back_within
 from drivers.connection import LinkKind
 from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused
 from drivers.origins import Origins, origins_of
 from drivers.ring import Record
 from drivers.roles import Actuator, ActuatorIdentity, ActuatorStatus, Command, state_name
 from rig.bench.settings import ActuatorConfig
-from rig.clock import monotonic_ns
+from rig.clock import monotonic_ns, result_of, wait_for
 from rig.station.interfaces import Travel
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
@@ -173,7 +174,7 @@ class ActuatorThread(DeviceThread):
             self._jobs.append((lambda: job(self._driver), future))
             self._wake.notify()
         try:
-            return future.result(timeout_s)  # type: ignore[return-value]  # the future holds what the job returned
+            return result_of(future, timeout_s)  # type: ignore[return-value]  # the future holds what the job returned
         except TimeoutError:
             future.cancel()
             raise
@@ -193,7 +194,9 @@ class ActuatorThread(DeviceThread):
         """The first status from now on that is wanted; None after `timeout_s` wall seconds."""
         judge = self.judge
         with self.status_changed:
-            came = self.status_changed.wait_for(lambda: judge.status is not None and wanted(judge.status), timeout_s)
+            came = wait_for(
+                self.status_changed, lambda: judge.status is not None and wanted(judge.status), timeout_s
+            )
             return judge.status if came else None
 
     def fresh_status(self, now_ns: int) -> ActuatorStatus | None:
@@ -286,8 +289,11 @@ class ActuatorThread(DeviceThread):
     def _wait(self, until_ns: int) -> None:
         with self._wake:
             if not (self._hurry or self._jobs):
-                self._wake.wait(max(0.0, (until_ns - monotonic_ns()) / 1e9))
+                left_s = max(0.0, (until_ns - monotonic_ns()) / 1e9)
+                back_within(left_s)
+                self._wake.wait(left_s)
             self._hurry = False
+        back_whenever()  # how long an exchange may take is a matter of its own time-outs
 
     def _serve(self) -> None:
         if not self._linked:

@@ -15,7 +15,7 @@ from drivers.origins import Origins, origins_of
 from drivers.ring import Record
 from protocols.quality import Quality
 from rig.bench.settings import EcuConfig
-from rig.clock import monotonic_ns
+from rig.clock import monotonic_ns, wait_for
 from rig.station.errors import StationRefused
 from rig.station.interlocks.current_interlock import BusInterlock, CurrentInterlock, EcuInterlock, thrown_away
 from rig.station.interlocks.finding import Finding
@@ -114,9 +114,9 @@ class CurrentSourceThread(ReadingThread):
         timeout_s += self._stale_ns * 1e-9 + self._settle_s
         begun_ns = monotonic_ns()
         with self._progress:
-            clear = self._progress.wait_for(lambda: self._last_ns > begun_ns and self._is_clear(), timeout_s)
+            clear = wait_for(self._progress, lambda: self._last_ns > begun_ns and self._is_clear(), timeout_s)
             if clear:
-                self._progress.wait_for(self._is_zero, self._settle_s)
+                wait_for(self._progress, self._is_zero, self._settle_s)
         with self._command_lock:
             self._command(0.0, enable=False)
         return clear
@@ -125,7 +125,7 @@ class CurrentSourceThread(ReadingThread):
         """Whether it reports no fault once it has had several commands; False too when it says nothing more."""
         enough_ns = monotonic_ns() + int(1e9 * PROVING_COMMANDS * self.config.command_period_s)
         with self._progress:
-            return self._progress.wait_for(lambda: self._last_ns > enough_ns, timeout_s) and self._is_clear()
+            return wait_for(self._progress, lambda: self._last_ns > enough_ns, timeout_s) and self._is_clear()
 
     def try_current(self, current_A: float) -> float:
         """Ask for a small current (A) and take it away again, before motion; how much was measured (A).
@@ -140,14 +140,14 @@ class CurrentSourceThread(ReadingThread):
         self.set_current(current_A)
         try:
             with self._progress:
-                self._progress.wait_for(lambda: self._measured_A() > 0.5 * current_A, allowed_s)
+                wait_for(self._progress, lambda: self._measured_A() > 0.5 * current_A, allowed_s)
             return self._measured_A()
         finally:
             with self._command_lock:
                 self._command(0.0, enable=False)
                 self._driver.send_now()
             with self._progress:
-                self._progress.wait_for(self._is_zero, self._settle_s + allowed_s)
+                wait_for(self._progress, self._is_zero, self._settle_s + allowed_s)
 
     def _measured_A(self) -> float:
         status = self._driver.status
@@ -239,7 +239,7 @@ class CurrentSourceThread(ReadingThread):
     def wait_identity(self, timeout_s: float) -> SourceIdentity | None:
         """The ECU's identity once all that it tells has come; None after `timeout_s` (wall s), or if it has none."""
         with self._progress:
-            self._progress.wait_for(lambda: not self.missing, timeout_s)
+            wait_for(self._progress, lambda: not self.missing, timeout_s)
         return None if self.missing else self._driver.identity
 
     @property

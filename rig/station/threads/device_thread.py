@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 
+from drivers.clock import back_whenever
 from rig.clock import monotonic_ns
 from rig.station.log import say_error
 
@@ -54,6 +55,8 @@ class DeviceThread(ABC):
         except Exception as error:  # noqa: BLE001 - whatever ends a thread must become a trip, not a silent death
             self.failure = f"{type(error).__name__}: {error}"
             say_error()
+        finally:
+            back_whenever()
 
 
 class ReadingThread(DeviceThread):
@@ -100,6 +103,7 @@ class ReadingThread(DeviceThread):
             self._last_ns = monotonic_ns()
             self._read()
             if not self._ending.is_set():
+                back_whenever()
                 self._again.wait()
 
     def _reopened(self) -> None:

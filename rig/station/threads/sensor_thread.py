@@ -12,7 +12,7 @@ from drivers.ring import Channel, Record
 from drivers.roles import Sensor
 from protocols.quality import Quality
 from rig.bench.sensor_settings import SensorConfig
-from rig.clock import monotonic_ns
+from rig.clock import monotonic_ns, wait_for
 from rig.station.interlocks.channel_interlock import ChannelInterlock
 from rig.station.interlocks.finding import Finding
 from rig.station.interlocks.line_interlock import ClockWatch, LineInterlock, drift
@@ -139,7 +139,7 @@ class SensorThread(ReadingThread):
             None when they did not come within `timeout_s` wall seconds.
         """
         with self._progress:
-            if not self._progress.wait_for(lambda: self._recent_count >= samples, timeout_s):
+            if not wait_for(self._progress, lambda: self._recent_count >= samples, timeout_s):
                 return None
             first, last, count = self._first, self._latest, self._recent_count
         if first is None or last is None:

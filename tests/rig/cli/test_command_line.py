@@ -96,6 +96,7 @@ def test_the_plan_accepts_table_1_on_the_demo_bench_and_gives_the_documented_key
         (("run", TABLE1, "--bench", DEMO, "--", "--fault", "sigint"), "arguments after --"),
         (("run", TABLE1, TABLE1, "--simulate"), "one matrix at a time"),
         (("run", TABLE1, "--simulate", "--speed", "0"), "--speed"),
+        (("run", TABLE1, "--bench", DEMO, "--real-time"), "--real-time belong"),
         (("run", TABLE1, "--simulate", "--speed", "nan"), "--speed"),
         (("runs", "--in", "nowhere"), "nowhere: there is no such folder"),
         (("recover", "nowhere"), "nowhere: not a campaign's directory"),

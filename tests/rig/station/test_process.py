@@ -18,9 +18,11 @@ import pytest
 
 from rig.bench.sensor_settings import Calibration, LoadCell, Lvdt
 from rig.bench.settings import ActuatorConfig, EcuConfig, Limits, StationConfig
+from rig.clock import monotonic_ns
 from rig.recording.journal.ring_reader import RingReader
 from rig.station.client import StationClient, StationLost, StationRefused
 from rig.station.process import MUTATION_VARIABLE
+from simulators.shared_clock import SharedClock
 
 MOST_RESIDENT_KB = 64 * 1024
 
@@ -52,6 +54,16 @@ def client(tmp_path: Path) -> Iterator[StationClient]:
     started = StationClient.start(config_in(tmp_path), tmp_path)
     yield started
     started.close()
+
+
+def test_a_station_does_not_start_on_the_clock_of_a_rig_that_is_not_its_own(tmp_path: Path) -> None:
+    kept = SharedClock(tmp_path / "clock", ["/dev/pts/1"], monotonic_ns(), fast=False)
+    try:
+        config = replace(config_in(tmp_path), shared=str(tmp_path / "clock"))
+        with pytest.raises(StationLost, match="not a device of the simulated rig"):
+            StationClient.start(config, tmp_path)
+    finally:
+        kept.close()
 
 
 def test_process_stays_below_64_megabytes_and_loads_no_numpy(client: StationClient) -> None:
