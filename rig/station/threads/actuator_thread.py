@@ -418,6 +418,7 @@ class ActuatorThread(DeviceThread):
         if finding.slug != "modbus-wrong-tid":
             self.slug = finding.slug
         self._supervisor.report([finding])
+        self._stream.failed(finding)
 
     def _reopen(self) -> None:
         """Connect again, so that a stop reaches the controller; a latched trip stays latched.

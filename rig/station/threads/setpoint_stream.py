@@ -6,9 +6,12 @@ by the next is left out.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from drivers.roles import Actuator, ActuatorStatus
 from drivers.streamed_actuator import StreamedActuator
 from rig.bench.settings import ActuatorConfig
+from rig.faults.matrix import REACTIONS
 from rig.station.events import setpoints_event
 from rig.station.interlocks.finding import Finding
 from rig.station.interlocks.setpoint_interlock import SetpointInterlock
@@ -62,6 +65,7 @@ class SetpointStream:
         self._supervisor = supervisor
         self._moved = False
         self._breaks = 0
+        self._trouble: Finding | None = None
         self.steps = PollSteps(int(config.poll_s * 1e9), on_grid=self._driver is not None)
         rate = supervisor.config.device_rate
         self._longest_gap_s = config.longest_setpoint_gap_s
@@ -92,7 +96,15 @@ class SetpointStream:
         # The cause first: the machine slept, or this process was held up.
         self._supervisor.host.awake(now_ns)
         self._supervisor.report(self._supervisor.watchdogs.machine(now_ns))
-        self._supervisor.report([self._interlock.silent(driver.gap_s, self._longest_gap_s, now_ns)])
+        silent = self._interlock.silent(driver.gap_s, self._longest_gap_s, now_ns)
+        if self._trouble is not None and REACTIONS[self._trouble.slug].stop is not None:
+            detail = f"{self._trouble.detail}; {silent.detail}"
+            silent = replace(self._trouble, detail=detail, t_ns=now_ns, warns=False)
+        self._supervisor.report([silent])
+
+    def failed(self, finding: Finding) -> None:
+        """A poll failed: that is the cause of a gap that follows, until the next answer."""
+        self._trouble = finding
 
     def answered(self, status: ActuatorStatus) -> None:
         """A poll's answer came."""
@@ -100,6 +112,7 @@ class SetpointStream:
         if driver is None:
             return
         self._report_break(driver, status.received_ns)
+        self._trouble = None
         findings: list[Finding] = []
         if driver.last is not None and driver.in_motion:
             findings = self._interlock.answered(driver.last, driver.taken_m, status.position_m, status.received_ns)

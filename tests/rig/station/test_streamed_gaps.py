@@ -31,12 +31,12 @@ def gaps() -> ModuleType:
 @pytest.mark.parametrize(
     ("preset", "motion", "cause", "gap_s", "phase", "slug"),
     [
-        ("demo-streamed", "sine", "busy", 0.33, 0.05, "setpoints-late"),
+        ("demo-streamed", "sine", "busy", 0.33, 0.05, "modbus-busy"),
         ("demo-streamed", "road", "suspended", 0.3, 0.3, "host-suspend"),
         ("float-drive", "sine", "held-up", 0.3, 0.1, "host-late"),
         ("float-drive", "fast-sine", "held-up", 0.045, 0.2, "setpoints-late"),
         ("float-drive", "sine", "held-up", 0.02, 0.2, ""),
-        ("delta-rmc", "sine", "lost", 0.06, 0.9, "setpoints-late"),
+        ("delta-rmc", "sine", "lost", 0.06, 0.9, "modbus-halfopen"),
         ("delta-rmc", "triangle", "busy", 2.0, 0.6, "modbus-busy"),
     ],
 )
