@@ -98,7 +98,7 @@ ROWS = (
         slug="setpoints-late", fault="Streamed set-points late",
         where="wire", place="modbus", detected_by="lateness of each step",
         limit_s=0.2, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="a",
-        code=66, detector="three set-points in a row, or five of a hundred, too late; or none taken for three polls more",
+        code=66, detector="three set-points in a row, or five of a hundred, too late; or none taken for longer",
     ),
     FaultRow(
         slug="setpoints-lost", fault="Streamed set-points not taken",
