@@ -36,6 +36,8 @@ SLOWEST_M_S = 0.06
 """Moves to the centre and of the sensors' proof are no faster, whatever the matrix asks for."""
 HARDER_SHARE, HARDER_S = 0.10, 0.004
 """Above the limit of acceleration: as much as the speed's allowance; single milliseconds are the truth's resolution."""
+SETPOINT_S = 0.010
+"""Of streamed set-points the mean over one interval counts: how a device goes within it is its own loop's business."""
 STOPPING_M = 2e-3
 """Beyond the travel limits with the rest of a halt: the overshoot, and one poll at the speed of a turning rod."""
 REACTION_S = 0.10
@@ -152,13 +154,17 @@ def acceleration_is_kept(view: View) -> Findings:
     if motion is None:
         return
     limit_m_s2 = max(motion.bench.limits.acceleration_m_s2, motion.bench.actuator.halt_deceleration_m_s2)
-    change_m_s2 = np.diff(rows[:, 1]) / EVERY_S
-    slowing = np.diff(np.abs(rows[:, 1])) < 0.0  # the valve closes: nothing is commanded any more
-    whole = np.diff(rows[:, 0]) < 1.5e9 * EVERY_S
+    over = round(SETPOINT_S / EVERY_S) if motion.streamed else 1
+    if len(rows) <= over:
+        return
+    before, after = rows[:-over], rows[over:]
+    change_m_s2 = (after[:, 1] - before[:, 1]) / (over * EVERY_S)
+    slowing = np.abs(after[:, 1]) < np.abs(before[:, 1])  # the valve closes: nothing is commanded any more
+    whole = after[:, 0] - before[:, 0] < 1e9 * (over + 0.5) * EVERY_S
     harder = (np.abs(change_m_s2) > (1.0 + HARDER_SHARE) * limit_m_s2) & whole
-    harder &= ~(slowing & (rows[1:, 5] == 0.0))
+    harder &= ~(slowing & (after[:, 5] == 0.0))
     if np.count_nonzero(harder) > HARDER_S / EVERY_S:
-        worst_m_s2, at_ns = _worst(rows[1:], harder, change_m_s2)
+        worst_m_s2, at_ns = _worst(after, harder, change_m_s2)
         yield f"{abs(worst_m_s2):.4g} m/s^2, allowed {limit_m_s2:.4g} m/s^2", at_ns
 
 
