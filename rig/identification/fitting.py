@@ -14,7 +14,7 @@ from rig.dampers.covered import Ends
 from rig.dampers.lawed_model import PLUS, with_law
 from rig.dampers.model import DamperModel
 from rig.dampers.temperature_law import NONE as NO_LAW
-from rig.errors import IdentificationFailed
+from rig.errors import IdentificationFailed, evaluating
 from rig.identification.application.tested_range import tested_range
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
 from rig.identification.models.coverage import beyond, recorded_degC
@@ -153,13 +153,13 @@ def identify(
         )
     fit = _usable(softened(fit, softening, fitted, held_out), fitted, held_out, known.temperature_degC)
     untried = "" if len(models) == len(rig.dampers.MODELS) else UNTRIED
-    causes = _diagnosis(best, fit, alike, untried, misfit=fit.adequate is False if diagnose is None else diagnose)
+    fit = _diagnosed(best, fit, alike, untried, misfit=fit.adequate is False if diagnose is None else diagnose)
     if bootstrap:
         from rig.identification.bootstrap import bootstrap as drawn_again
 
         fit = replace(fit, drawn=drawn_again(replace(fit, series=spring), fitted, count=bootstrap).kept())
     fit = replace(fit, unseen=None if unseen is None else _foretold(fit, known.fitted, settings, on_progress))
-    return replace(fit, series=spring, next_tests=next_tests(best.model, fit, alike, allowance), diagnosis=causes)
+    return replace(fit, series=spring, next_tests=next_tests(best.model, fit, alike, allowance))
 
 
 def _refuse_unseen(unseen: str | None, tests: Sequence[Measurement], *, alone: bool) -> None:
@@ -197,6 +197,15 @@ def _foretold(
         return apart.error if apart.holdout is None else apart.holdout
 
     return foretold(tests, error_of)
+
+
+def _diagnosed(best: Candidate, fit: Fit, fitted: Sequence[Measurement], untried: str, *, misfit: bool) -> Fit:
+    """The fit with what probably explains its misfit; it is good without, if the data break the search for that."""
+    try:
+        with evaluating("the misfit"):
+            return replace(fit, diagnosis=_diagnosis(best, fit, fitted, untried, misfit=misfit))
+    except IdentificationFailed as error:
+        return replace(fit, warnings=(*fit.warnings, say("no-diagnosis", reason=str(error))))
 
 
 def _diagnosis(

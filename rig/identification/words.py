@@ -137,6 +137,7 @@ WARNINGS = {
         "the fit does without these samples: the greatest forces are not in it"
     ),
     "left-out": "{test} left out: {reason}",
+    "no-diagnosis": "no cause of the misfit was looked for: {reason}",
     "time-errors": (
         "the times of the samples are known to {std_ms:.3g} ms each (their stamps are rounded or jitter); the noise of "
         "the force and the delay allow for it"

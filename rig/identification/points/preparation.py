@@ -122,8 +122,8 @@ def _time_errors(point: RecordedPoint) -> tuple[float, float]:
         return (times.resolution_s or 0.0 if rounded else 0.0), times.std_s or 0.0
     if point.path is not None and not point.imported:
         return 0.0, 0.0
-    found = sample_times(point.time_s)
-    rounded_to_s = found.resolution_s if found.base is TimeBase.ROUNDED else 0.0
+    stamps = sample_times(point.time_s)
+    rounded_to_s = stamps.resolution_s if stamps.base is TimeBase.ROUNDED else 0.0
     return rounded_to_s, rounded_to_s / math.sqrt(12.0)
 
 
