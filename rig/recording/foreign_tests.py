@@ -443,7 +443,8 @@ def _wrong_time(
     if len(wrong):
         row = int(wrong[0]) + 1
         yield (f"{opened.row_name(row + first_row)}: time {float(time_s[row])!r} s does not come after "
-               f"{float(time_s[row - 1])!r} s ({len(wrong)} such line(s)); times must increase")  # fmt: skip
+               f"{float(time_s[row - 1])!r} s ({len(wrong)} such line(s)); times must increase. Fix: "
+               "if the samples were taken at a constant rate, --rate in place of the column")  # fmt: skip
 
 
 def implausible(

@@ -147,7 +147,7 @@ def without_groups(text: str, separator: str) -> tuple[str, str]:
 
     The sign is empty where no number has one.
     """
-    if separator == " " or not any(sign in text for sign in SPACES + QUOTES):
+    if separator == " " or re.search(rf"\d[{SPACES}{QUOTES}]\d{{3}}", text) is None:
         return text, ""
     side, signs = rf"[{re.escape(separator)}\"\n]", set[str]()
 

@@ -218,6 +218,15 @@ def test_a_fit_beside_the_truth_says_what_is_inside_what_cannot_be_found_and_wha
         assert expected in shown, expected
 
 
+@pytest.mark.parametrize("tests", [1, 2])
+def test_nothing_can_be_held_out_of_a_single_test(tests: int) -> None:
+    console, text = terminal(is_terminal=False)
+    error = {"rmse_N": 5.0, "nrmse_percent_of_peak": 1.0, "per_test": [{}] * tests}
+    for part in fit_tables(FIT | {"error": error}):
+        console.print(part)
+    assert ("--holdout" in text.getvalue()) == (tests == 2)
+
+
 def test_a_fit_shows_its_ranking_its_numbers_each_held_out_test_and_what_to_try() -> None:
     console, text = terminal(is_terminal=False)
     score = {"bic": 1.0, "parameters": 9, "reason": ""}
