@@ -188,9 +188,9 @@ def command(
                 begin_s, end_s = part.start_s, part.start_s + float(part.test.time_s[-1])
                 say(f"{part.test.source}: motion {part.number} of {part.count}, {begin_s:.4g} to {end_s:.4g} s")
         if as_json:
-            listed = [{"file": part.test.source, "part": part.test.part, "read_as": part.test.read_as, "rows": len(part.test.time_s),
-                       "current_A": part.test.nominal_current_A, "motion": part.number or None,
-                       "start_s": part.start_s} for part in parts]  # fmt: skip
+            listed = [{"file": part.test.source, "part": part.test.part, "read_as": part.test.read_as,
+                       "rows": len(part.test.time_s), "current_A": part.test.nominal_current_A,
+                       "motion": part.number or None, "start_s": part.start_s} for part in parts]  # fmt: skip
             write_json({"campaign": None, "points": listed, "total": len(parts)})
         return EXIT_DONE
     folder = write_run(tests, out, Described(waveform, specimen, mid_stroke))

@@ -64,13 +64,13 @@ class TableUnits:
             if by_name is None:
                 self.assumed[column] = DIMENSIONS[dimension].si
             return by_name or units_for(dimension)[DIMENSIONS[dimension].si]
-        found = named_unit(str(text), dimension)
-        if found is None:
+        unit = named_unit(str(text), dimension)
+        if unit is None:
             known = ", ".join(units_for(dimension))
             raise ValueError(f"column {column!r}: {text!r} is no unit of {dimension}; {known}")
-        if by_name is not None and by_name != found[1]:
+        if by_name is not None and by_name != unit[1]:
             raise ValueError(f"column {column!r}: its name says {suffix}, its unit is stated as {text}")
-        return found[1]
+        return unit[1]
 
 
 def table_channels(
@@ -190,13 +190,13 @@ def table_time(
     if differing:
         told = ", ".join("the index" if name is None else repr(name) for name, _time_s in certain)
         raise FileProblem(where, [f"the table has several times that differ: {told}; leave out all but one"])
-    found = certain or bare
-    if not found:
+    times = certain or bare
+    if not times:
         raise FileProblem(where, [
             f"the table has no time: its index ({table.index.name or 'without a name'}) counts rows; give a column "
             "`time_s`, or set the index to the time in s: table.index = pd.Index(time_s, name='time_s')"
         ])  # fmt: skip
-    column, time_s = found[0]
+    column, time_s = times[0]
     if not certain:
         known.assumed["the index" if column is None else column] = "s"
     if len(time_s) < 2 or not np.all(np.diff(time_s) > 0.0) or not np.all(np.isfinite(time_s)):
@@ -248,11 +248,11 @@ def _seconds(source: Any, where: str, known: TableUnits) -> FloatArray:  # noqa:
     name, stated = str(source.name).lower(), _stated_unit(source, known)
     scale = NAMES.get(name, 1.0)
     if stated is not None:
-        found = named_unit(str(stated), "time")
-        if found is None or ("_" in name and found[1].scale != scale):
+        unit = named_unit(str(stated), "time")
+        if unit is None or ("_" in name and unit[1].scale != scale):
             problem = f"the time in {source.name!r}: {stated!r} is no unit of time, or not that of its name"
             raise FileProblem(where, [problem])
-        scale = found[1].scale
+        scale = unit[1].scale
     try:
         return np.asarray(source.to_numpy(np.float64) * scale, np.float64)
     except (ValueError, TypeError) as error:

@@ -173,10 +173,10 @@ def _scaled_unit(
             raise ValueError(f"its unit is {stated!r}, but --scale gives {scaling.text!r}: expected counts")
         return Unit(dimension, scaling.factor), "counts", f"{scaling.text} as given"
     suffix = column.name.rpartition("_")[2] if "_" in column.name else ""
-    found = named_unit(stated, scaling.per) if stated else named_unit(suffix or scaling.per_unit, scaling.per)
-    if stated and found is None:
+    own = named_unit(stated, scaling.per) if stated else named_unit(suffix or scaling.per_unit, scaling.per)
+    if stated and own is None:
         raise ValueError(f"its unit is {stated!r}, but --scale gives {scaling.text!r}: expected {scaling.per_unit}")
-    name, unit = found or (scaling.per_unit, units_for(scaling.per)[scaling.per_unit])
+    name, unit = own or (scaling.per_unit, units_for(scaling.per)[scaling.per_unit])
     return Unit(dimension, unit.scale * scaling.factor), name, f"{scaling.text} as given"
 
 
@@ -242,11 +242,11 @@ def _suffix_unit(name: str, dimension: str) -> str:
 
 
 def _of(text: str, dimension: str, problem: str) -> str:
-    found = named_unit(text, dimension)
-    if found is None:
+    unit = named_unit(text, dimension)
+    if unit is None:
         mass = MASS_FOR_FORCE.get(text.strip("[]() ").casefold(), "") if dimension == "force" else ""
         raise ValueError(problem + (f"; a force shown in {text} is {mass}" if mass else ""))
-    return found[0]
+    return unit[0]
 
 
 def suggestions(columns: Sequence[ForeignColumn], quantities: Sequence[str]) -> Iterator[str]:

@@ -138,8 +138,8 @@ def cells_of(line: str, separator: str) -> list[str]:
 
 def ungrouped(cell: str) -> str:
     """A number without the spaces or apostrophes between its thousands; anything else as it is."""
-    found = PARTED.fullmatch(cell) if len(cell) > 4 else None
-    return cell if found is None else cell.replace(found["sign"], "")
+    match = PARTED.fullmatch(cell) if len(cell) > 4 else None
+    return cell if match is None else cell.replace(match["sign"], "")
 
 
 def without_groups(text: str, separator: str) -> tuple[str, str]:

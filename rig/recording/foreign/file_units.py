@@ -65,8 +65,8 @@ def known_unit(text: str) -> str:
     name = ALIASES.get(bare, bare)
     if name in UNITS:
         return name
-    return next((found[0] for dimension in dict.fromkeys(DIMENSION.values())
-                 if (found := named_unit(bare, dimension)) is not None), "")  # fmt: skip
+    return next((unit[0] for dimension in dict.fromkeys(DIMENSION.values())
+                 if (unit := named_unit(bare, dimension)) is not None), "")  # fmt: skip
 
 
 @dataclass(frozen=True)

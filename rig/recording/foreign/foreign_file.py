@@ -167,12 +167,12 @@ def read_foreign_bytes(file: Path) -> bytes:
 def unapplied_factor(properties: Mapping[str, object]) -> str:
     """The first of a channel's properties that looks like the factor or offset of its numbers; empty: none does."""
     for name, value in properties.items():
-        found = FACTOR_NAME.search(str(name))
+        match = FACTOR_NAME.search(str(name))
         try:
             number = float(value)  # type: ignore[arg-type]  # whatever a file holds
         except (TypeError, ValueError):
             continue
-        if found and number != (0.0 if found["offset"] else 1.0):
+        if match and number != (0.0 if match["offset"] else 1.0):
             return f"{name!r} = {number:g}"
     return ""
 

@@ -232,19 +232,19 @@ def _opaque_in_hdf5(file: Path, data: bytes) -> str:
         FileProblem: it holds too much.
     """
     sizes: list[int] = []
-    found = ""
+    first = ""
     with h5py.File(stream(data), "r") as held:
         for name in held:
             if name.startswith("#") or not isinstance(held.get(name, getlink=True), h5py.HardLink):
                 continue
             kind = held[name].attrs.get("MATLAB_class", b"")
             kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
-            if "MATLAB_object_decode" in held[name].attrs and kind and not found:
-                found = _way_out(name, kind)
-        if found:
+            if "MATLAB_object_decode" in held[name].attrs and kind and not first:
+                first = _way_out(name, kind)
+        if first:
             held.visititems(lambda _name, one: sizes.append(int(getattr(one, "size", 0) or 0)))
             check_size(file, sum(sizes))
-    return found
+    return first
 
 
 def _way_out(name: str, kind: str) -> str:

@@ -107,10 +107,10 @@ def _inner(value: Any) -> Any:  # noqa: ANN401 - nested objects
 
 def _cells(value: Any) -> list[Any]:  # noqa: ANN401 - nested objects
     """The elements of a cell array, texts as `str`."""
-    found = []
+    cells = []
     elements = value.reshape(-1) if isinstance(value, np.ndarray) and value.dtype.kind == "O" else [value]
     for one in elements:
         inner = _inner(one)
         text = isinstance(inner, np.ndarray) and inner.dtype.kind in "US"
-        found.append((str(inner.reshape(-1)[0]) if inner.size else "") if text else inner)
-    return found
+        cells.append((str(inner.reshape(-1)[0]) if inner.size else "") if text else inner)
+    return cells

@@ -88,14 +88,14 @@ class Mf4File(NoLines):
         master = self._mdf.groups[group].channels[index]
         unit = str(self._mdf.get_channel_unit(group=group, index=index) or "").strip()
         kind = SYNC_KINDS.get(int(getattr(master, "sync_type", 0) or 0), "")
-        found = named_unit(unit, "time") if unit else ("s", Unit("time", 1.0))
-        if kind or found is None:
+        known = named_unit(unit, "time") if unit else ("s", Unit("time", 1.0))
+        if kind or known is None:
             what = kind or f"numbers in {unit!r}"
             raise FileProblem(str(self._file), [
                 f"group {group}: its master channel {str(master.name)!r} holds {what}, no time. Fix: --column time= "
                 "with a channel of time, or --rate"
             ])  # fmt: skip
-        return found[1].scale
+        return known[1].scale
 
     def values(self, places: Sequence[int]) -> list[FloatArray]:
         """See `ForeignFile.values`."""

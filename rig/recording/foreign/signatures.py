@@ -56,8 +56,8 @@ def what_it_is(data: bytes, names: Iterator[str] | tuple[str, ...] = ()) -> tupl
     """
     held = tuple(names)
     if held:
-        found = next((known for known in IN_ARCHIVES if any(known[0] in name for name in held)), None)
-        return found[1:] if found else ("a ZIP archive", "unpack it first")
+        known = next((known for known in IN_ARCHIVES if any(known[0] in name for name in held)), None)
+        return known[1:] if known else ("a ZIP archive", "unpack it first")
     for beginning, name, way_out in BEGINNINGS:
         if data.startswith(beginning):
             return name, way_out

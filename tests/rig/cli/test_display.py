@@ -230,7 +230,7 @@ def test_nothing_can_be_held_out_of_a_single_test(tests: int) -> None:
 def test_a_fit_shows_its_ranking_its_numbers_each_held_out_test_and_what_to_try() -> None:
     console, text = terminal(is_terminal=False)
     score = {"bic": 1.0, "parameters": 9, "reason": ""}
-    seen = {"rmse_N": 5.0, "nrmse_percent_of_peak": 1.0, "per_test": [{}]}
+    seen = {"rmse_N": 5.0, "nrmse_percent_of_peak": 1.0, "per_test": [{}] * 2}
     tests = [{"id": "p007", "nrmse_percent_of_peak": 7.25, "rmse_N": 61.5, "noise_N": None}]
     fit = FIT | {
         "formula": "F = c v; with c = 812 N s/m",
