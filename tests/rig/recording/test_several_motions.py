@@ -41,9 +41,8 @@ def steps_of_frequency(time_s: np.ndarray) -> np.ndarray:
 
 def test_steps_of_frequency_are_tests_and_each_says_what_it_uses(tmp_path: Path) -> None:
     slow, fast = imported(tmp_path, t := np.arange(0.0, 20.0, 0.005), steps_of_frequency(t))
-    assert [(point.id, point.frequency_Hz, point.verdict) for point in (slow, fast)] == [
-        ("loops-1", 1.0, "valid"), ("loops-2", 2.0, "valid"),
-    ]  # fmt: skip
+    assert [(point.id, point.verdict) for point in (slow, fast)] == [("loops-1", "valid"), ("loops-2", "valid")]
+    assert (slow.frequency_Hz, fast.frequency_Hz) == pytest.approx((1.0, 2.0), rel=0.02)
     record = fast.quality.record
     assert record is not None
     assert (record.motion, record.motions) == (2, 2)
@@ -60,9 +59,9 @@ def test_a_burst_before_a_slow_motion_of_less_stroke_hides_nothing_of_it(tmp_pat
     t = np.arange(0.0, 20.0, 0.01)
     x_mm = np.where(t < 2.0, 30.0 * np.sin(5.0 * np.pi * t), 12.0 * np.sin(3.0 * np.pi * (t - 2.0)))
     burst, slow = imported(tmp_path, t, x_mm)
-    assert [(point.amplitude_m, point.frequency_Hz, point.verdict) for point in (burst, slow)] == [
-        (0.03, 2.5, "valid"), (0.012, 1.5, "valid"),
-    ]  # fmt: skip
+    assert [point.verdict for point in (burst, slow)] == ["valid", "valid"]
+    assert (burst.amplitude_m, burst.frequency_Hz) == pytest.approx((0.03, 2.5), rel=0.02)
+    assert (slow.amplitude_m, slow.frequency_Hz) == pytest.approx((0.012, 1.5), rel=0.02)
     assert slow.quality.motion.cycles == pytest.approx(26, abs=1)
 
 
