@@ -135,6 +135,9 @@ async def serve(arguments: dict[str, Any]) -> None:
         try:
             await rig.run()
         finally:
+            for number in (signal.SIGTERM, signal.SIGINT):
+                asyncio.get_running_loop().remove_signal_handler(number)
+                signal.signal(number, signal.SIG_DFL)  # a second one ends a wait for room on a full disk
             await rig.close()
     click.echo(rig.summary(), err=True)
 

@@ -10,6 +10,7 @@ import errno
 import fcntl
 import json
 import os
+import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -256,7 +257,7 @@ def when_there_is_room(folder: Path, needed: Callable[[], int], do: Callable[[],
     Raises:
         OSError: the disk was full all the time, or refuses for another reason.
     """
-    until_s = time.monotonic() + longest_s
+    until_s, waits = time.monotonic() + longest_s, False
     while True:
         try:
             room = os.statvfs(folder)
@@ -265,6 +266,12 @@ def when_there_is_room(folder: Path, needed: Callable[[], int], do: Callable[[],
         except OSError as error:
             if error.errno not in FULL:
                 raise
+        if not waits:
+            waits = True
+            print(  # noqa: T201 - to whoever waits for this process
+                f"simulated rig: no room in {folder}: waiting up to {longest_s:g} s; a second signal ends this process "
+                "and leaves the pieces", file=sys.stderr, flush=True,
+            )
         if time.monotonic() > until_s:
             raise OSError(errno.ENOSPC, f"no room on the disk for {longest_s:g} s", str(folder))
         # Room on a disk cannot be waited for otherwise.
