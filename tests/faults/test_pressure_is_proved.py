@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from other_controllers import DeltaRmc, FloatDrive, OtherController
-from test_presets import begun
+from preset_campaign import begun
 from world_campaign import SEED, WorldCampaign
 
 from simulators.controller_firmware import Command, FaultBit
