@@ -52,10 +52,10 @@ class ToldSource:
             current: of the current that flows.
             commanded: how the set-point was written.
         """
-        found = ChannelOrigin(source, "value = found by the driver from set-point, answers and faults")
+        derived = ChannelOrigin(source, "value = found by the driver from set-point, answers and faults")
         return {
             Channel.COIL_CURRENT: current, Channel.COMMANDED_CURRENT: ChannelOrigin(source, commanded),
-            Channel.ECU_STATE: found, Channel.ECU_FAULTS: found,
+            Channel.ECU_STATE: derived, Channel.ECU_FAULTS: derived,
         }
 
     @property

@@ -81,13 +81,13 @@ class Pattern:
 
     def fullmatch(self, text: str) -> Match | None:
         """The pattern over the whole text."""
-        found = self._regex.fullmatch(text.encode("utf-8", "replace"))
-        return None if found is None else Match(found, self._names)
+        match = self._regex.fullmatch(text.encode("utf-8", "replace"))
+        return None if match is None else Match(match, self._names)
 
     def search(self, text: str) -> Match | None:
-        """The first place in the text where the pattern matches."""
-        found = self._regex.search(text.encode("utf-8", "replace"))
-        return None if found is None else Match(found, self._names)
+        """The first place in the text where the pattern match."""
+        match = self._regex.search(text.encode("utf-8", "replace"))
+        return None if match is None else Match(match, self._names)
 
 
 def _reason(error: Exception) -> str:

@@ -69,11 +69,11 @@ class RunPath(click.ParamType[Path]):
             if back > len(names):
                 self.fail(f"{text}: {LOGS}/ holds {len(names)} run(s); `rig runs` lists them", param, ctx)
             return LOGS / names[-back]
-        found = [name for name in names if text in name]
-        if len(found) > 1:
-            listed = ", ".join(found[-5:])
-            self.fail(f"{text!r} is part of {len(found)} run names in {LOGS}/: {listed}; give more of it", param, ctx)
-        return LOGS / found[0] if found else path
+        matches = [name for name in names if text in name]
+        if len(matches) > 1:
+            listed = ", ".join(matches[-5:])
+            self.fail(f"{text!r} is part of {len(matches)} run names in {LOGS}/: {listed}; give more of it", param, ctx)
+        return LOGS / matches[0] if matches else path
 
 
 class Command(click.Command):

@@ -84,7 +84,7 @@ class Asked:
         if self.happenings is None:
             return drawn(seed, self.given)
         given, link = given_for(seed, self.given), _link(self.happenings)
-        if given.kind and not all(given.may_have(each.what, given.actuator or link) for each in self.happenings):
+        if given.kind and not all(given.may_have(item.what, given.actuator or link) for item in self.happenings):
             given = replace(self.given, usual=True)
         plan = drawn(seed, given)
         return replace(plan, happenings=self.happenings, actuator=given.actuator or link or plan.actuator)
