@@ -23,8 +23,8 @@ from unittest import mock
 
 import numpy as np
 
+import drivers.clock
 import drivers.modbus_actuator
-import drivers.streamed_actuator
 import rig.clock
 from drivers.catalogue import make_actuator
 from drivers.connection import ActuatorAddress, ActuatorConnection
@@ -507,7 +507,7 @@ def fake_time(clock: FakeClock) -> Iterator[None]:
         CLOCK_BOOTTIME=clock.CLOCK_BOOTTIME, CLOCK_MONOTONIC=clock.CLOCK_MONOTONIC, sleep=clock.go_on,
     )
     with ExitStack() as patched:
-        for module in (rig.clock, drivers.modbus_actuator, drivers.streamed_actuator):
+        for module in (rig.clock, drivers.clock):
             patched.enter_context(mock.patch.object(module, "time", fake))
         yield
 
