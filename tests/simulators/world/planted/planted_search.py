@@ -32,6 +32,7 @@ from planted_reach import Mark, watched
 
 from simulators.world import world as worlds
 from simulators.world.asked import seeds_of
+from simulators.world.drawn_rig import STREAMED_MAPS
 from simulators.world.plan import Happening, WorldPlan, drawn
 from simulators.world.runs import Ended, alone, begin_worker
 from simulators.world.shrink import shrunk
@@ -93,6 +94,11 @@ def worth_trying(name: str, without: Sequence[Unbugged]) -> list[int]:
     return sorted({seed for some in few or seeds for seed in some})
 
 
+def streamed(bench: str) -> bool:
+    """The controller of this bench file follows set-points."""
+    return any(f'"{name}"' in bench for name in STREAMED_MAPS)
+
+
 def likely(name: str, seeds: range) -> list[int]:
     """Seeds in whose worlds something is drawn that happens in the world made for a bug: the most of it first.
 
@@ -104,7 +110,9 @@ def likely(name: str, seeds: range) -> list[int]:
         plan = drawn(seed)
         given = {happening.what for happening in plan.happenings}
         rows = {text.partition(":")[0] for text in what} & {text.partition(":")[0] for text in given}
-        if (rows or not what) and (NAMED_POINT in plan.matrix or NAMED_POINT not in case.matrix):
+        fits = NAMED_POINT in plan.matrix or NAMED_POINT not in case.matrix
+        fits = fits and (streamed(plan.bench) or not streamed(case.bench))
+        if (rows or not what) and fits:
             drawn_too.append((-len(what & given), -len(rows), plan.held_up < case.held_up, seed))
     return [seed for *_, seed in sorted(drawn_too)[:LIKELY]]
 
