@@ -85,7 +85,7 @@ class Pattern:
         return None if match is None else Match(match, self._names)
 
     def search(self, text: str) -> Match | None:
-        """The first place in the text where the pattern match."""
+        """The first place in the text where the pattern matches."""
         match = self._regex.search(text.encode("utf-8", "replace"))
         return None if match is None else Match(match, self._names)
 
