@@ -114,7 +114,7 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
     "end-waits-for-the-stop": (
         Edit(
             "rig/station/process.py",
-            "            supervisor.changed.wait_for(lambda: supervisor.ended_for_good, END_TIMEOUT_S)\n",
+            "            wait_for(supervisor.changed, lambda: supervisor.ended_for_good, END_TIMEOUT_S)\n",
             "            pass\n",
         ),
     ),
