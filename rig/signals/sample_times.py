@@ -42,6 +42,8 @@ MOST_ROWS = 0.1
 """Share of the steps that missing or doubled rows are of at most."""
 FEWEST_SLIPS = 5
 """So many of them are told from a rate that is a little beside the stamps' own: those come at equal distances."""
+LATE_AND_EARLY = 0.5
+"""So many short steps for each long one show a clock that jitters, and no missing rows."""
 NEAR_A_LINE = 3.0
 """Periods by which jittering stamps may leave their line."""
 WINDOWS = ENOUGH_STEPS = 20_000
@@ -130,7 +132,8 @@ def sample_times(stamps_s: FloatArray, signals: tuple[FloatArray, ...] = ()) -> 
     multiples_s = steps_s - usual_s * np.round(steps_s / usual_s) if usual_s > exact_s else steps_s
     others = int(np.count_nonzero(np.abs(steps_s - usual_s) > exact_s))
     # Uniform but for missing or doubled rows, or a rate beside the stamps' own, which slips by a stamp again and again.
-    of_rows = float(np.max(np.abs(multiples_s))) <= exact_s and others < MOST_ROWS * steps_s.size
+    whole = float(np.max(np.abs(multiples_s))) <= exact_s
+    of_rows = whole and others < MOST_ROWS * steps_s.size
     if of_rows and others < FEWEST_SLIPS:
         return SampleTimes(since_s, TimeBase.AS_READ, 1.0 / usual_s)
     step_s = _printing_step(stamps_s, steps_s, exact_s)
@@ -141,6 +144,9 @@ def sample_times(stamps_s: FloatArray, signals: tuple[FloatArray, ...] = ()) -> 
         if span_s <= max(exact_s, FINE * period_s):
             return SampleTimes(since_s, TimeBase.AS_READ, 1.0 / period_s, step_s if step_s > 2.0 * exact_s else 0.0)
         if span_s <= ROUNDED * step_s + exact_s:
+            # Rows that are missing at equal distances leave the very stamps of a lower rate that is rounded.
+            if whole and usual_s > exact_s and _smoother(since_s, line_s, signals):
+                return SampleTimes(since_s, TimeBase.AS_READ, 1.0 / usual_s)
             scatter_s = float(np.std(since_s - line_s))
             return SampleTimes(line_s - line_s[0], TimeBase.ROUNDED, 1.0 / period_s, step_s, scatter_s)
         if of_rows:
@@ -150,6 +156,8 @@ def sample_times(stamps_s: FloatArray, signals: tuple[FloatArray, ...] = ()) -> 
     left_s = since_s - period_s * numbers
     left_s -= np.mean(left_s)
     lines.append((since_s - left_s, float(np.ptp(left_s)), period_s))  # a jitter may look like a gap, and be none
+    if _late_and_early(steps_s, usual_s):  # the stretches between late stamps lack long steps: their period is too short
+        lines[:-1] = [_line(since_s, steps_s, step_s, apart=apart, gap=NEAR_A_LINE) for apart in (False, True)]
     line_s, span_s, period_s = min(lines, key=lambda line: line[1])
     scatter_s = float(np.std(since_s - line_s))
     resolution_s = step_s if step_s > 2.0 * exact_s else 0.0
@@ -197,20 +205,22 @@ def _common_step(steps_s: FloatArray, exact_s: float) -> float:
     return decimal_s if abs(step_s - decimal_s) <= 2.0 * exact_s else step_s
 
 
-def _line(since_s: FloatArray, steps_s: FloatArray, step_s: float, *, apart: bool) -> tuple[FloatArray, float, float]:
+def _line(
+    since_s: FloatArray, steps_s: FloatArray, step_s: float, *, apart: bool, gap: float = GAP_STEPS
+) -> tuple[FloatArray, float, float]:
     """Times on a line over the samples' numbers (n,), the span of the stamps about it and the period (s).
 
     Missing samples have numbers too. `apart`: the stretches between gaps have one period and each its own beginning, as
-    after a pause of the recording.
+    after a pause of the recording. `gap`: periods, beyond which a step is one.
     """
     usual_s = float(np.median(steps_s))
-    mean_s = float(np.mean(steps_s[steps_s <= GAP_STEPS * usual_s + step_s]))
+    mean_s = float(np.mean(steps_s[steps_s <= gap * usual_s + step_s]))
     period_s = mean_s if mean_s > 0.0 else float(since_s[-1]) / (since_s.size - 1)
     for _ in range(ROUNDS):
-        gap = steps_s > period_s + max((GAP_STEPS - 1.0) * period_s, ROUNDED * step_s)
-        counts = np.where(gap, np.maximum(1.0, np.round(steps_s / period_s)), 1.0)
+        parted = steps_s > period_s + max((gap - 1.0) * period_s, ROUNDED * step_s)
+        counts = np.where(parted, np.maximum(1.0, np.round(steps_s / period_s)), 1.0)
         numbers = np.concatenate(([0.0], np.cumsum(counts)))
-        stretch = np.concatenate(([0], np.cumsum(gap)))
+        stretch = np.concatenate(([0], np.cumsum(parted)))
         period_s = _period(numbers, since_s, stretch)  # of the stretches: none of their numbers can be wrong
     if not apart:
         period_s = _period(numbers, since_s, np.zeros_like(stretch))
@@ -253,6 +263,19 @@ def _least_span(left_s: FloatArray, k: FloatArray, first: NDArray[np.int64], rea
         one, other = low + 0.382 * (high - low), low + 0.618 * (high - low)
         low, high = (low, other) if _span(left_s - one * k, first) < _span(left_s - other * k, first) else (one, high)
     return _span(left_s - 0.5 * (low + high) * k, first)
+
+
+def _late_and_early(steps_s: FloatArray, usual_s: float) -> bool:
+    """Whether long steps are late stamps and no missing rows: about as many are short."""
+    long = int(np.count_nonzero(steps_s > GAP_STEPS * usual_s))
+    short = int(np.count_nonzero(steps_s < (2.0 - GAP_STEPS) * usual_s))
+    return long > 0 and short >= LATE_AND_EARLY * long
+
+
+def _smoother(one_s: FloatArray, other_s: FloatArray, signals: tuple[FloatArray, ...]) -> bool:
+    """Whether a signal is smooth over one set of times, and not over the other."""
+    of_one, of_other = (_roughness(times_s, signals) for times_s in (one_s, other_s))
+    return any(one < SMOOTHER * other for one, other in zip(of_one, of_other, strict=True))
 
 
 def _roughness(time_s: FloatArray, signals: tuple[FloatArray, ...]) -> list[float]:

@@ -89,3 +89,32 @@ def test_equal_stamps_of_samples_that_are_no_uniform_rate_are_left_to_be_refused
     assert np.array_equal(found.time_s, doubled)
     one_missing = np.delete(stamps_s, 250)
     assert np.array_equal(sample_times(one_missing).time_s, one_missing)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("lost", [slice(0), slice(700, 721)])
+def test_a_clock_that_jitters_by_much_of_a_period_does_not_change_the_rate(seed: int, lost: slice) -> None:
+    """Its long steps were taken for missing rows, and the stretches between them, without any, gave 206 Hz for 200."""
+    generator = np.random.default_rng(seed)
+    true_s = np.arange(1600) / 200.0
+    stamps_s = np.round(np.maximum.accumulate(true_s + 0.0015 * generator.standard_normal(1600)), 6)
+    true_s, stamps_s = np.delete(true_s, lost), np.delete(stamps_s, lost)
+    noise = 1e-4 * generator.standard_normal((2, true_s.size))
+    signals = (np.sin(9.4 * true_s) + noise[0], np.cos(9.4 * true_s) + noise[1])
+    found = sample_times(stamps_s, signals)
+    assert found.base is TimeBase.JITTER
+    assert found.rate_Hz == pytest.approx(200.0, rel=2e-4)
+
+
+def test_the_signal_decides_between_missing_rows_at_equal_distances_and_a_lower_rate_that_is_rounded() -> None:
+    """Every tenth row missing at 1 kHz leaves the stamps of 900 Hz in ms."""
+    kept_s = np.arange(5000) / 1000.0
+    kept_s = kept_s[np.arange(5000) % 10 != 7]
+    lower_s = np.arange(4500) / 900.0
+    noise = 1e-4 * np.random.default_rng(3).standard_normal(4500)
+    found = sample_times(kept_s, (np.sin(9.4 * kept_s) + noise,))
+    assert found.base is TimeBase.AS_READ
+    assert np.array_equal(found.time_s, kept_s)
+    found = sample_times(np.floor(1000.0 * lower_s) / 1000.0, (np.sin(9.4 * lower_s) + noise,))
+    assert found.base is TimeBase.ROUNDED
+    assert found.rate_Hz == pytest.approx(900.0, rel=1e-4)
