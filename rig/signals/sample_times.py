@@ -156,7 +156,7 @@ def sample_times(stamps_s: FloatArray, signals: tuple[FloatArray, ...] = ()) -> 
     left_s = since_s - period_s * numbers
     left_s -= np.mean(left_s)
     lines.append((since_s - left_s, float(np.ptp(left_s)), period_s))  # a jitter may look like a gap, and be none
-    if _late_and_early(steps_s, usual_s):  # the stretches between late stamps lack long steps: their period is too short
+    if _late_and_early(steps_s, usual_s):  # the stretches between late stamps lack long steps: too short a period
         lines[:-1] = [_line(since_s, steps_s, step_s, apart=apart, gap=NEAR_A_LINE) for apart in (False, True)]
     line_s, span_s, period_s = min(lines, key=lambda line: line[1])
     scatter_s = float(np.std(since_s - line_s))
@@ -234,9 +234,11 @@ def _line(
     left_s = _about_mean(since_s, stretch) - period_s * _about_mean(numbers, stretch)
     first = np.flatnonzero(np.diff(stretch, prepend=-1))
     span_s = _span(left_s, first)
-    if step_s < span_s < 2.0 * step_s:  # of a short record the least squares tilt: whether any line does it
+    if step_s < span_s < 2.0 * step_s:  # of m printing steps the least squares tilt by 1 / m^2 of the period
         k = _about_mean(numbers, stretch)
-        span_s = _least_span(left_s, k, first, 2.0 * step_s / max(1.0, float(np.ptp(k))))
+        tilt_s = _least_tilt(left_s, k, first, 2.0 * step_s / max(1.0, float(np.ptp(k))))
+        left_s -= tilt_s * k
+        period_s, span_s = period_s + tilt_s, _span(left_s, first)
     return since_s - left_s, span_s, period_s
 
 
@@ -256,13 +258,13 @@ def _span(left_s: FloatArray, first: NDArray[np.int64]) -> float:
     return float(np.max(np.maximum.reduceat(left_s, first) - np.minimum.reduceat(left_s, first)))
 
 
-def _least_span(left_s: FloatArray, k: FloatArray, first: NDArray[np.int64], reach_s: float) -> float:
-    """The least span (s) of the stamps about a line of any period so near; it is convex in the period."""
+def _least_tilt(left_s: FloatArray, k: FloatArray, first: NDArray[np.int64], reach_s: float) -> float:
+    """What to add to the period (s) for the least span of the stamps about their line; the span is convex in it."""
     low, high = -reach_s, reach_s
     for _ in range(40):
         one, other = low + 0.382 * (high - low), low + 0.618 * (high - low)
         low, high = (low, other) if _span(left_s - one * k, first) < _span(left_s - other * k, first) else (one, high)
-    return _span(left_s - 0.5 * (low + high) * k, first)
+    return 0.5 * (low + high)
 
 
 def _late_and_early(steps_s: FloatArray, usual_s: float) -> bool:

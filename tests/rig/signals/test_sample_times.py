@@ -118,3 +118,16 @@ def test_the_signal_decides_between_missing_rows_at_equal_distances_and_a_lower_
     found = sample_times(np.floor(1000.0 * lower_s) / 1000.0, (np.sin(9.4 * lower_s) + noise,))
     assert found.base is TimeBase.ROUNDED
     assert found.rate_Hz == pytest.approx(900.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("rate_Hz", [50.0, 200.0, 333.0])
+@pytest.mark.parametrize("begin_s", [0.0, 0.31])
+@pytest.mark.parametrize("length_s", [4.0, 6.0, 9.4])
+def test_stamps_in_whole_seconds_give_the_rate_of_a_short_record(
+    rate_Hz: float, begin_s: float, length_s: float
+) -> None:
+    """The least squares tilted: 205.7 Hz for 200 Hz in 6 s, which is 2.8 % of every speed."""
+    true_s = begin_s + np.arange(round(length_s * rate_Hz)) / rate_Hz
+    found = sample_times(np.floor(true_s))
+    assert found.base is TimeBase.ROUNDED
+    assert found.rate_Hz == pytest.approx(rate_Hz, rel=0.3 / rate_Hz)
