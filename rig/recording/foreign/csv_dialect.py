@@ -99,7 +99,12 @@ def decoded(file: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
     """
     wanted = encoding or next((name for mark, name in MARKS.items() if data.startswith(mark)), "utf-8-sig")
     if b"\0" in data and not wanted.lower().replace("_", "-").startswith(("utf-16", "utf-32")):
-        raise FileProblem(str(file), [f"not a text file in {wanted}: it contains zero bytes"])
+        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+        cut = " to its end, as of a recording that lost its power" if not data[data.index(b"\0") :].strip(b"\0") else ""
+        raise FileProblem(str(file), [
+            f"line {line}: zero bytes{cut}, which a text in {wanted.removesuffix('-sig')} has none of. Fix: repair or "
+            "leave out that line, or --encoding"
+        ])  # fmt: skip
     try:
         return data.decode(wanted), wanted.removesuffix("-sig")
     except LookupError as error:

@@ -41,6 +41,8 @@ MOST_PROBLEMS = 5
 HALF_DAY_NS = 43_200_000_000_000
 MOST_EVENTS, FEW_EVENTS = 0.1, 5
 """Share of the rows that may be events; a few always may."""
+MINUS = "\u2212"
+"""The typographic sign, which some spreadsheets write before numbers."""
 LINES_BEFORE = 50
 """By which the last line of a file is judged."""
 
@@ -56,7 +58,9 @@ class CsvFile:
         """
         self._file, self._said = file, said
         text, encoding = decoded(file, data, said.encoding)
-        self._text = text.replace("\r\n", "\n").replace("\r", "\n")
+        # \r\r\n: Python's csv module on Windows, without newline=""; \x1a: the end of a file of DOS.
+        text = text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a")
+        self._text = text.replace(MINUS, "-")
         layout = layout_of(file, self._text, encoding, said)
         parted = ""
         if said.thousands != "":

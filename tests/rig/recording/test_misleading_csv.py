@@ -150,3 +150,16 @@ def test_exponents_of_fortran_are_named_with_the_way_out(tmp_path: Path) -> None
     assert "line 302, column 'F_N': '6.0d2' is not a number; it has Fortran's exponent D" in problems(
         tmp_path / "b.csv", HEAD + "\n".join(some)
     )
+
+
+def test_ends_of_lines_and_minus_signs_of_other_programs_are_read(tmp_path: Path) -> None:
+    check(read(tmp_path / "windows.csv", (HEAD + "\n".join(lines()) + "\n").replace("\n", "\r\r\n")))
+    check(read(tmp_path / "dos.csv", HEAD + "\n".join(lines()) + "\n\x1a"))
+    check(read(tmp_path / "minus.csv", HEAD + "\n".join(lines()).replace("-", "\u2212") + "\n"))
+
+
+def test_zero_bytes_are_named_with_their_line(tmp_path: Path) -> None:
+    text = (HEAD + "\n".join(lines()) + "\n").encode()
+    told = problems(tmp_path / "a.csv", text + b"\0" * 5000)
+    assert "line 1002: zero bytes to its end, as of a recording that lost its power" in told
+    assert "line 1002: zero bytes, which" in problems(tmp_path / "b.csv", text + b"\0\n" + text)
