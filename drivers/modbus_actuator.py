@@ -82,6 +82,7 @@ class ModbusActuator:
         self._written: ActuatorLimits | None = None
         self._values: dict[str, Value] = {}
         self._writes = PollWrites(controller)
+        self._motion = connection.motion
 
     @property
     def capabilities(self) -> Capabilities:
@@ -190,11 +191,23 @@ class ModbusActuator:
         Raises:
             DriverError: the controller cannot be reached, or refuses; the set-point may have arrived.
         """
-        requests = self._writes.setpoint(setpoint, watchdog_counter)
+        requests = self._writes.setpoint(self._ahead(setpoint), watchdog_counter)
         if watchdog_counter is not None and not self._map.setpoint_feeds:
             for request in self._writes.feed(watchdog_counter):
                 self._access.write(request)
         return self._poll(requests, once=True)
+
+    def _ahead(self, setpoint: Setpoint) -> Setpoint:
+        """What the device is told: one that takes no speed is at a set-point a period later, so it gets that moment's.
+
+        The set-point is moved by its speed and the period, within the travel.
+        """
+        if self._map.setpoint_has_speed:
+            return setpoint
+        position_m, motion = setpoint.position_m, self._motion
+        ahead_m = position_m + setpoint.velocity_m_s * motion.period_s * motion.device_rate
+        low_m, high_m = min(motion.position_min_m, position_m), max(motion.position_max_m, position_m)
+        return setpoint._replace(position_m=max(low_m, min(high_m, ahead_m)))
 
     def read_limits(self) -> ActuatorLimits:
         """Limits and watchdog setting as the controller holds them; those it does not hold are as they were written.

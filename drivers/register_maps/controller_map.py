@@ -103,6 +103,12 @@ class ControllerMap:
         steps = (step for step in self.recipes.setpoint if isinstance(step, Write))
         return any("$counter" in step.values.values() for step in steps)
 
+    @cached_property
+    def setpoint_has_speed(self) -> bool:
+        """A set-point tells the device how fast to go on."""
+        steps = (step for step in self.recipes.setpoint if isinstance(step, Write))
+        return any("$velocity" in step.values.values() for step in steps)
+
     def state_of(self, values: Values) -> int:
         """The rig's state for what the quantities of `polled` show."""
         return self._state(values, self.words.faults.meaning(values))

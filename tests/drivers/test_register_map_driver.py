@@ -17,6 +17,7 @@ from drivers.modbus_actuator import ModbusActuator
 from drivers.register_maps.entries import Source
 from drivers.register_maps.map_file import read_map
 from drivers.roles import Command, Move, Program, Result, State, Waveform
+from drivers.setpoint_generator import Setpoint
 from drivers.streamed_actuator import as_actuator
 from protocols.errors import LocalProtocolError
 
@@ -272,6 +273,27 @@ def test_a_watchdog_that_set_points_feed_is_fed_from_the_first_poll_on_and_starv
     before = device.writes()
     actuator.exchange(5)
     assert device.writes() == before, "a set-point could have a halted device go on"
+
+
+@pytest.mark.parametrize(
+    ("position_m", "velocity_m_s", "written"),
+    [
+        (0.012, 0.05, "41480000"),  # 12 mm and 10 ms at 0.05 m/s: 12.5 mm
+        (0.012, -0.05, "41380000"),  # 11.5 mm
+        (0.012, 0.5, "41500000"),  # no further than the travel: 13 mm
+        (0.014, 0.5, "41600000"),  # beyond it already, while it brakes
+    ],
+)
+def test_a_device_that_takes_no_speed_is_told_where_the_rod_is_to_be_a_period_later(
+    device: Device, position_m: float, velocity_m_s: float, written: str
+) -> None:
+    terms = MotionTerms(position_min_m=-0.013, position_max_m=0.013, period_s=0.005, device_rate=2.0)
+    connection = ActuatorConnection(device.url, timeout_s=1.0, motion=terms)
+    actuator = ModbusActuator(connection, read_map(Source(Path("m.toml"), STREAMED)))
+    device.driven.append(actuator)
+    actuator.open()
+    actuator.follow(Setpoint(position_m, velocity_m_s), None)
+    assert device.writes() == ["100014000204" + written]
 
 
 def test_indirect_registers_are_laid_down_at_connect_and_read_in_one_piece(device: Device) -> None:
