@@ -25,20 +25,23 @@ from rig.recording.foreign.foreign_file import Dialect
 from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
-from rig.recording.motion_parts import TestPart, every_part
+from rig.recording.motion_parts import CURRENT_NOISES, SAME_CURRENT_A, TestPart, every_part
 from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
 from rig.recording.quality.point_quality import MotionQuality, PointQuality, SkewQuality, time_quality
 from rig.recording.quality.verdict import Reason, Verdict, invalid
 from rig.signals.arrays import FloatArray
+from rig.signals.current_error import loop_error_A
 from rig.signals.cycles import MeasuredMotion, measured_motion
 from rig.signals.derivatives import velocity_of
 from rig.signals.free_motion import RANDOM, mean_rate_Hz
 from rig.signals.interpolation import LARGEST_STEP_PERIODS
-from rig.signals.loop_shape import standing
+from rig.signals.loop_shape import noise_of, standing
 
 FEWEST_CYCLES = 3
 CLIPPED_OF_CYCLES = 0.5
 """In so many of the cycles a force that only ends stands at its end, as identification asks for it."""
+SAME_CURRENT = 0.05
+"""Share of a test's current by which it may be off, instead of `SAME_CURRENT_A`: it ripples by some percent."""
 UNSTEADY = 1.1
 """Longest or largest of the full cycles over the least, from which they are not one motion."""
 JITTER_SPREADS = 7.0
@@ -259,7 +262,7 @@ def _judge(
         measured_cycles=None if motion is None else motion.cycles, current_error_A=0.0,
         extra=[
             *(_reversed(test, velocity_m_s, motion) if motion is not None or not fewest_cycles else []),
-            *_unsteady(motion),
+            *_unsteady(motion), *_current_off(test, motion),
         ],
     ))
 
@@ -299,6 +302,32 @@ def _unsteady(motion: MeasuredMotion | None) -> list[Reason]:
             least=least, most=most,
         )]
     return []
+
+
+def _current_off(test: ImportedTest, motion: MeasuredMotion | None) -> list[Reason]:
+    """A current that was not what the test is called by: in a part of a cycle, or all the way, as a ramp is."""
+    current_A = test.current_A if test.current_measured else test.commanded_A
+    if motion is None or current_A is None:
+        return []
+    starts_s = np.linspace(motion.start_s, motion.end_s, motion.cycles + 1)
+    inside = (test.time_s >= starts_s[0]) & (test.time_s < starts_s[-1]) & np.isfinite(current_A)
+    off_A = loop_error_A(test.time_s, current_A, test.nominal_current_A, starts_s)
+    if off_A is None or not np.any(inside):
+        return []
+    limit_A = max(SAME_CURRENT_A, SAME_CURRENT * abs(test.nominal_current_A))
+    mean_off_A = abs(float(np.mean(current_A[inside])) - test.nominal_current_A)
+    if mean_off_A > limit_A:  # noise, or a pulsed current, has its mean
+        off_A = mean_off_A
+    else:
+        limit_A += CURRENT_NOISES * noise_of(current_A[inside])
+    if not off_A > limit_A:
+        return []
+    return [invalid(
+        "current-tracking", f"the current is off by {1e3 * off_A:.3g} mA from {test.nominal_current_A:.3g} A in a part "
+        f"of the cycles (limit {1e3 * limit_A:.3g} mA): not one test. Fix: leave that part out; of a current that is "
+        "meant to vary, import with --waveform random",
+        off_A=off_A, limit_A=limit_A,
+    )]
 
 
 def _counts(

@@ -33,6 +33,7 @@ LIKE = 25
 FEWEST_CYCLES = 3
 MOST_OF_CYCLES = 0.5
 """Share of the record's cycles that its steady motions have at least: a few like cycles of a sweep are no motion."""
+QUARTERS = 4
 PAUSE = 0.1
 """Periods between two cycles, from which the rod was at rest between them."""
 BESIDE = 2.5
@@ -83,7 +84,10 @@ class SteadyMotion:
 
 @dataclass(frozen=True)
 class _Cycles:
-    """Single cycles (k,): their upward crossings (s), amplitudes of a sine of as much power (m), and currents (A)."""
+    """Single cycles (k,): their upward crossings (s), amplitudes of a sine of as much power (m).
+
+    `current_A`: median of each quarter of each cycle (k, QUARTERS), A: a step inside a cycle belongs to no level.
+    """
 
     start_s: FloatArray
     end_s: FloatArray
@@ -173,7 +177,8 @@ def _cycles(t: FloatArray, x: FloatArray, current_A: FloatArray, stroke_m: float
     """
     turns = _turns(x, stroke_m).tolist()
     first = 0 if len(turns) > 1 and x[turns[1]] > x[turns[0]] else 1
-    begin_s, end_s, amplitude_m, current = [], [], [], []
+    begin_s, end_s, amplitude_m = [], [], []
+    current: list[list[float]] = []
     for low, high, next_low, next_high in zip(
         turns[first::2], turns[first + 1 :: 2], turns[first + 2 :: 2], turns[first + 3 :: 2], strict=False
     ):
@@ -185,7 +190,9 @@ def _cycles(t: FloatArray, x: FloatArray, current_A: FloatArray, stroke_m: float
         end_s.append(ended_s)
         amplitude_m.append(max(math.sqrt(2.0) * float(np.std(x[part])), 1e-300))
         known_A = current_A[part][np.isfinite(current_A[part])]
-        current.append(float(np.median(known_A)) if known_A.size else 0.0)
+        usual_A = float(np.median(known_A)) if known_A.size else 0.0
+        quarters = np.array_split(known_A, QUARTERS)
+        current.append([float(np.median(quarter)) if quarter.size else usual_A for quarter in quarters])
     if not begin_s:
         return None
     return _Cycles(np.array(begin_s), np.array(end_s), np.array(amplitude_m), np.array(current))
@@ -207,7 +214,7 @@ def _runs(cycles: _Cycles, current_tolerance_A: float) -> list[range]:
     runs, first = [], 0
     for at in range(1, period.size + 1):
         if at < period.size and cycles.start_s[at] - cycles.end_s[at - 1] <= PAUSE * cycles.period_s[at - 1] and all(
-            abs(float(values[at] - np.median(values[first : min(at, first + LIKE)]))) <= tolerance
+            np.all(np.abs(values[at] - np.median(values[first : min(at, first + LIKE)], axis=0)) <= tolerance)
             for values, tolerance in
             ((period, SAME_PERIOD), (amplitude, SAME_AMPLITUDE), (current, current_tolerance_A))
         ):

@@ -108,13 +108,36 @@ def channels(path: Path) -> None:
         file.save(path)
 
 
+def workbook(path: Path) -> None:
+    from openpyxl import Workbook
+
+    book = Workbook()
+    for sheet in (book.active, book.create_sheet("second")):
+        sheet.append(["t [s]", "x [mm]", "F [kN]"])
+        for row in zip(LONG_S.tolist(), X_MM.tolist(), F_KN.tolist(), strict=True):
+            sheet.append(row)
+    book.save(path)
+
+
+def voltages(path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    wave = {"wf_increment": 4e-3, "wf_start_offset": 0.0, "unit_string": "V"}
+    with TdmsWriter(path) as file:
+        file.write_segment([
+            ChannelObject("raw", "ai0", X_MM / 10.0, wave), ChannelObject("raw", "ai1", -2.0 * F_KN, wave),
+        ])  # fmt: skip
+
+
 def test_the_commands_of_the_import_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("tests").mkdir()
     columns(Path("tests/loop_0.50A.csv"))
     channels(Path("run7.mf4"))
+    workbook(Path("bench.xlsx"))
+    voltages(Path("raw.tdms"))
     lines = re.findall(r"^rig import (.*)$", "\n".join(blocks("import-tests.md", "")), re.MULTILINE)
-    assert len(lines) == 2
+    assert len(lines) == 4
     for line in lines:
         words = shlex.split(line.replace("tests/*.csv", "tests/loop_0.50A.csv"))
         try:
@@ -122,4 +145,4 @@ def test_the_commands_of_the_import_page_run(tmp_path: Path, monkeypatch: pytest
         except RigError as error:
             pytest.fail(f"{line}: {error}")
         assert done.return_value == 0, done.output
-    assert len(list(Path("logs").glob("*/points/*.h5"))) == 2
+    assert len(list(Path("logs").glob("*/points/*.h5"))) == 5  # of the workbook a test for each of two sheets

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -116,3 +117,37 @@ def test_a_table_with_rounded_times_is_the_uniform_rate_behind_them() -> None:
     assert point.quality.time is not None
     assert point.quality.time.base == TimeBase.ROUNDED
     assert np.max(np.abs(np.diff(point.time_s) - 0.0025)) < 1e-7
+
+
+def test_a_step_of_the_current_in_the_middle_of_a_cycle_is_in_neither_test(tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.005)
+    current_A = np.where(t < 10.3, 0.25, 1.0) + 0.002 * np.random.default_rng(2).standard_normal(t.size)
+    low, high = imported(tmp_path, t, 20.0 * np.sin(2.0 * np.pi * t - 0.3), current_A=current_A)
+    assert [point.verdict for point in (low, high)] == ["valid", "valid"]
+    assert (low.current_A, high.current_A) == pytest.approx((0.25, 1.0), abs=1e-3)
+    used = low.time_s < (low.quality.motion.end_s or 0.0)
+    assert float(np.max(low.current_measured_A[used])) < 0.3
+    used = high.time_s >= (high.quality.motion.start_s or 0.0)
+    assert float(np.min(high.current_measured_A[used])) > 0.9
+
+
+@pytest.mark.parametrize(("varying_A", "verdict"), [
+    (lambda t: np.where((t > 4.0) & (t < 4.2), 0.0, 0.5), "invalid"),
+    (lambda t: np.where(t % 1.0 < 0.15, 0.0, 0.5), "invalid"),
+    (lambda t: 0.4 + 0.05 * t, "invalid"),
+    (lambda t: (50.0 * t + 0.1) % 1.0 < 0.25, "invalid"),
+    (lambda t: 0.5 + 0.015 * np.sin(2.0 * np.pi * t), "valid"),
+    (lambda t: 0.5 + 0.0 * t, "valid"),
+])
+@pytest.mark.parametrize("noise_A", [0.0, 0.003])
+def test_a_measured_current_that_is_not_one_makes_the_test_invalid(
+    tmp_path: Path, varying_A: Callable[[np.ndarray], np.ndarray], verdict: str, noise_A: float
+) -> None:
+    """It was called by its median, and valid, with half a cycle without any current in it."""
+    t = np.arange(0.0, 20.0, 0.005)
+    current_A = varying_A(t) + noise_A * np.random.default_rng(2).standard_normal(t.size)
+    (point,) = imported(tmp_path, t, 20.0 * np.sin(2.0 * np.pi * t - 0.3), current_A=current_A)
+    assert point.verdict == verdict
+    assert [reason.partition(":")[0] for reason in map(str, point.reasons)] == ["current-tracking"] * (
+        verdict == "invalid"
+    )
