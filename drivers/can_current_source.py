@@ -53,6 +53,7 @@ REPEATS = 3
 """A command that is sent on change is sent so often, a period apart: one lost frame loses no command."""
 FAREWELL_PAUSE_S = 0.005
 _COMMANDS_KEPT = 4096
+DEVICE_US_MODULUS = 1 << 63
 _STANDARD_BITS, _EXTENDED_BITS = 47, 67
 LONG_NAMES = {
     Channel.COIL_CURRENT: "Coil current measured by the ECU",
@@ -419,4 +420,5 @@ class CanCurrentSource:
         described = self._description
         self._ticked += ticks if self._ticks is None else (ticks - self._ticks) % described.clock_modulus
         self._ticks = ticks
-        self._device_us = round(self._ticked * described.tick_us)
+        # A record's time has 63 bits; a clock of 64 bits may show anything.
+        self._device_us = round(self._ticked * described.tick_us) % DEVICE_US_MODULUS

@@ -8,6 +8,7 @@ from collections import deque
 from drivers.current_source import SourceCounters
 from drivers.devices.ecu_description import CLOCK, EXTENDED, FAULTS, STATE, EcuDescription, HeardMessage
 from protocols.e2e import Protection
+from protocols.errors import RemoteProtocolError
 
 PATIENCE_PERIODS = 5
 """So many of its periods may pass before a message that a status needs counts as gone ..."""
@@ -78,7 +79,7 @@ class FrameChecks:
             return None
         self._good.add(message.name)
         if self._by_clock and is_status:
-            count, modulus = int(message.reader.read(data).get(CLOCK, -1)), 0
+            count, modulus = self._ticks(message, data), 0
         else:
             modulus = protection.modulus
         previous = self._last.get(key)
@@ -88,6 +89,14 @@ class FrameChecks:
         if previous is not None and count >= 0:
             step = (count - previous) % modulus if modulus else int(count != previous)
         return self._count(step) if is_status else step or None
+
+    @staticmethod
+    def _ticks(message: HeardMessage, data: bytes) -> int:
+        """The device's clock in a frame; -1 where the frame cannot be read: the driver counts that as malformed."""
+        try:
+            return int(message.reader.read(data).get(CLOCK, -1))
+        except RemoteProtocolError:
+            return -1
 
     def _count(self, step: int) -> int | None:
         """A status frame that is right by itself."""

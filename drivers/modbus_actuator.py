@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, astuple
@@ -81,6 +82,7 @@ class ModbusActuator:
         self._low = False
         self._written: ActuatorLimits | None = None
         self._values: dict[str, Value] = {}
+        self._position_m = 0.0
         self._writes = PollWrites(controller)
         self._motion = connection.motion
 
@@ -322,7 +324,7 @@ class ModbusActuator:
 
     def _started(self, command: Command, sequence: int, recipe: Recipe, order: Move | Program | None) -> RecipeRun:
         given: dict[str, Value] = {
-            "sequence": sequence, "owner": self.owner_id, "position": self._values.get("position", 0.0)
+            "sequence": sequence, "owner": self.owner_id, "position": self._position_m
         }
         codes = {number: own[0] for number, own in self._map.words.waveforms.codes.items()}
         return RecipeRun(command, sequence, recipe, given | values_of(order, codes))
@@ -393,6 +395,9 @@ class ModbusActuator:
         self._access.explains = False
         values |= self._host.unwrapped(values)
         self._values = values
+        # A stop may write where the rod is: a position that is no number must not hold it back.
+        if math.isfinite(position_m := float(values["position"])):
+            self._position_m = position_m
         self._writes.seen(self._state, values)
         if self._run is not None:
             self._run.go_on(received_ns * 1e-9, self._access.show, self._access.write)

@@ -110,7 +110,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Mapping[Place, int]]:
         problem = f"cannot be read: {error.strerror}; the path counts from the bench file's folder"
     except UnicodeDecodeError:
         problem = "is not a text in UTF-8"
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # also a number of too many digits, which is no TOMLDecodeError
         problem = f"not valid TOML: {error}"
     raise FormatProblems(path.stem, [((), f"{path.name}: {problem}")])
 

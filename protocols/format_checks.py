@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from itertools import accumulate
 from string import Formatter
 from typing import Any
 
@@ -22,6 +23,10 @@ _MARK = "{address}"
 _FORM = re.compile(r"[<>=^]?[-+ ]?0?\d{0,2}(?:\.\d{1,2})?[a-zA-Z]?")
 """Of a number in a template: a wider one would take any amount of memory."""
 LONGEST_TICK_US = 1e9
+MOST_NESTED = 50
+"""Groups within groups of a pattern: the standard library's parser calls itself for each."""
+WIDEST_FIELD = 64
+"""Bits of a field."""
 TRIED = (0.0, 1.0, -1.0)
 """Numbers of which one at least must fit into a line."""
 
@@ -38,7 +43,8 @@ def pattern_of(values: Mapping[str, Any], table: Table, problems: list[Problem])
     if "columns" in table:
         if "pattern" in table:
             problems.append((("columns",), "a pattern is given too; keep one of the two"))
-        return _of_columns(values, problems) if "columns" in values else None
+        made = _of_columns(values, problems) if "columns" in values else None
+        return None if made is None else _compiled(made, problems)
     if "separator" in table:
         problems.append((("separator",), "needs columns, such as columns = { value = 2, unit = 3 }"))
     if "pattern" not in table:
@@ -46,6 +52,9 @@ def pattern_of(values: Mapping[str, Any], table: Table, problems: list[Problem])
     if "pattern" not in values:
         return None
     pattern = str(values["pattern"]).replace(_MARK, address)
+    if (depth := max(accumulate((letter == "(") - (letter == ")") for letter in pattern), default=0)) > MOST_NESTED:
+        problems.append((("pattern",), f"groups are nested {depth} deep, allowed {MOST_NESTED}"))
+        return None
     try:
         groups = Pattern(pattern).groups
         parts(pattern)  # an example line is made from the standard library's reading of it
@@ -56,6 +65,16 @@ def pattern_of(values: Mapping[str, Any], table: Table, problems: list[Problem])
         problems.append((("pattern",), "pattern needs a group (?P<value>...)"))
         return None
     return pattern
+
+
+def _compiled(made: str, problems: list[Problem]) -> str | None:
+    """The pattern of columns, where they are not too many."""
+    try:
+        Pattern(made)
+    except PatternError as error:
+        problems.append((("columns",), f"too many columns: their pattern has {error}"))
+        return None
+    return made
 
 
 def _of_columns(values: Mapping[str, Any], problems: list[Problem]) -> str | None:
@@ -69,8 +88,8 @@ def _of_columns(values: Mapping[str, Any], problems: list[Problem]) -> str | Non
             problems.append((("columns", name), f"must be {wanted}"))
     if "value" not in columns:
         problems.append((("columns",), "needs the column of the value"))
-    if separator is not None and len(separator) != 1:
-        problems.append((("separator",), "must be one character"))
+    if separator is not None and not (len(separator) == 1 and separator.isascii()):
+        problems.append((("separator",), "must be one character of ASCII"))
     if problems:
         return None
     return _fixed(columns, values, problems) if separator is None else _separated(columns, separator, problems)
@@ -170,6 +189,11 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
         yield ("template",), f"template {made.template!r:.200}: {problem}"
         return
     fixed = "".join(part for part in parts(made.pattern) if not part.startswith("\0"))
+    for key, text in (("pattern", fixed), ("unit", made.unit if "unit" in made.groups else "")):
+        if not text.isascii():
+            other = next(letter for letter in text if not letter.isascii())
+            yield (key,), f"can never match: {other!r} is not ASCII, a line is ASCII text; use a binary format"
+            return
     if not any(fitting(made, [number]) for number in TRIED):
         written = "".join(part if not part.startswith("\0") else f"<{part[1:].partition(':')[0]}>" for part in
                           parts(made.pattern))  # fmt: skip
@@ -268,6 +292,9 @@ def _packed_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[
     for key in ("sync", "end", "checksum", "checksum_at", "checksum_over", "stuffing", "length"):
         if key in values:
             yield (key,), "does not go with packed, whose fixed bits tell where a frame begins"
+    if len(made.packed) > LONGEST_FRAME:
+        yield ("packed",), f"has {len(made.packed)} bytes, at most {LONGEST_FRAME} are allowed"
+        return
     for number, byte in enumerate(made.packed):
         if len(byte) != 8 or set(byte) - set("01x") - set(LETTERS):
             yield ("packed", number), f"{byte!r}: expected eight of 0, 1, x, {', '.join(LETTERS)}"
@@ -286,7 +313,10 @@ def _packed_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[
 
 def _packed_fields(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
     for letter, name in LETTERS.items():
-        there = any(letter in byte for byte in made.packed)
+        bits = sum(byte.count(letter) for byte in made.packed)
+        there = bits > 0
+        if bits > WIDEST_FIELD:
+            yield ("packed",), f"has {bits} bits {letter}, a field has at most {WIDEST_FIELD}"
         if there and name not in made.fields:
             yield ("fields",), f"packed has bits {letter}, which need a field {name}"
         elif not there and name in made.fields:

@@ -14,6 +14,9 @@ from typing import Any
 
 from protocols.errors import LocalProtocolError
 
+LARGEST = 1.7e308
+"""Largest number of an entry."""
+
 Place = tuple[str | int, ...]
 Problem = tuple[Place, str]
 """Where in the table, and what is wrong there with what would be right."""
@@ -84,9 +87,12 @@ def _whole(key: Key, value: object) -> int:
 
 
 def _ranged(key: Key, value: float) -> float:
-    if not math.isfinite(value) or not key.low <= value <= key.high:
+    # TOML's whole numbers have any size; one beyond every float is not finite here.
+    if not -LARGEST <= value <= LARGEST or not key.low <= value <= key.high:
+        if key.low == -math.inf:
+            raise ValueError("must be a finite number")
         words = f"{_shown(key.low)}..{_shown(key.high)}" if key.high < math.inf else f"at least {_shown(key.low)}"
-        raise ValueError(f"must be {words if key.low > -math.inf else 'a finite number'}")
+        raise ValueError(f"must be {words}")
     return value
 
 

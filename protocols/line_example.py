@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import re
 import string
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -32,9 +33,16 @@ WIDEST = 16
 MOST_DECIMALS = 7
 
 
+def _tree(pattern: str) -> Any:  # noqa: ANN401 - the parser's own tree
+    with warnings.catch_warnings():
+        # `[[:digit:]]` is a class to RE2 and a doubtful set to this parser, which warns of it on standard error.
+        warnings.simplefilter("ignore", FutureWarning)
+        return _parser.parse(pattern, re.ASCII)
+
+
 def widths(pattern: str) -> tuple[int, int]:
     """Shortest and longest text that a pattern matches."""
-    low, high = _parser.parse(pattern, re.ASCII).getwidth()
+    low, high = _tree(pattern).getwidth()
     return int(low), int(high)
 
 
@@ -44,7 +52,7 @@ def parts(pattern: str) -> list[str]:
     Raises:
         LocalProtocolError: the pattern needs a NUL character.
     """
-    tree = _parser.parse(pattern, re.ASCII)
+    tree = _tree(pattern)
     names = {number: name for name, number in tree.state.groupdict.items() if name in HOLES}
     pieces: list[str] = []
     _walk(tree, names, pieces)

@@ -134,17 +134,17 @@ def _with_base(table: Table, problems: list[Problem]) -> Table:
     base = table.get("base")
     if base is None:
         return table
-    if base not in TABLES:
+    if not isinstance(base, str) or base not in TABLES:
         problems.append((("base",), f"no format {base!r}; there are {', '.join(TABLES)}"))
         return table
-    return {**TABLES[str(base)], **table}
+    return {**TABLES[base], **table}
 
 
 def _kind(table: Table) -> str:
     """What the table describes: stated, or told by keys that only one of the two has."""
     stated = table.get("kind")
-    if stated in {"lines", "frames"}:
-        return str(stated)
+    if isinstance(stated, str) and stated in {"lines", "frames"}:
+        return stated
     return "frames" if table.keys() & {"fields", "packed", "sync"} and "pattern" not in table else "lines"
 
 

@@ -19,6 +19,11 @@ DBC_ENCODING = "cp1252"
 """What most tools write a DBC in."""
 
 _MESSAGE = re.compile(r"^\s*BO_\s+(\d+)\s+(\w+)\s*:")
+_SIZE = re.compile(r"^\s*BO_\s+\d+\s+\w+\s*:\s*(\d+)")
+_BITS = re.compile(r"^\s*SG_[^:]*:\s*(\d+)\s*\|\s*(\d+)")
+LONGEST_MESSAGE = 1785
+"""Bytes: the longest of J1939's transport protocol, which a DBC may describe; a CAN FD frame has 64."""
+MOST_BITS = 8 * LONGEST_MESSAGE
 _SIGNAL = re.compile(r"^\s*SG_\s+(\w+)\s")
 
 
@@ -66,6 +71,7 @@ def parse_dbc(text: str) -> dict[str, DbcMessage]:
     Raises:
         LocalProtocolError: it is no DBC file, or has no message.
     """
+    _check_sizes(text)
     # python-can first: it must not load its MF4 reader, and cantools would have it do so.
     import_can()
     from cantools.database.can import Database
@@ -78,7 +84,30 @@ def parse_dbc(text: str) -> dict[str, DbcMessage]:
     if not database.messages:
         raise LocalProtocolError("there is no message (BO_) in this file")
     lines = _lines(text)
-    return {message.name: _message(message, lines) for message in database.messages}
+    try:
+        return {message.name: _message(message, lines) for message in database.messages}
+    except (OverflowError, TypeError, ValueError) as error:
+        raise LocalProtocolError(f"a number in this DBC file cannot be used: {error}") from error
+
+
+def _check_sizes(text: str) -> None:
+    """Refuse sizes that no message has: the library's time and memory grow with them, used or not.
+
+    Raises:
+        LocalProtocolError: a message of too many bytes, or a signal that begins or ends beyond every message.
+    """
+    for number, line in enumerate(text.splitlines(), start=1):
+        if (match := _SIZE.match(line)) is not None and _beyond(match[1], LONGEST_MESSAGE):
+            said = f"a message has at most {LONGEST_MESSAGE} bytes"
+        elif (match := _BITS.match(line)) is not None and any(_beyond(one, MOST_BITS) for one in match.groups()):
+            said = f"a signal is in the first {MOST_BITS} bits of its message"
+        else:
+            continue
+        raise LocalProtocolError(f"line {number}: {line.strip()!r:.80}: {said}")
+
+
+def _beyond(digits: str, largest: int) -> bool:
+    return len(digits.lstrip("0")) > len(str(largest)) or int(digits) > largest
 
 
 def _lines(text: str) -> dict[tuple[str, ...], int]:
@@ -100,7 +129,7 @@ def _message(given: Any, lines: Mapping[tuple[str, ...], int]) -> DbcMessage:  #
         item.name: DbcSignal(
             plain[item.name], lines.get((given.name, item.name), 0),
             {int(number): str(name) for number, name in (item.choices or {}).items()},
-            _number(item.raw_initial), item.minimum, item.maximum, _pages(item, given, plain),
+            _number(item.raw_initial), _limit(item.minimum), _limit(item.maximum), _pages(item, given, plain),
             bool(item.is_multiplexer),
         )
         for item in given.signals
@@ -116,6 +145,10 @@ def _signal(given: Any) -> Signal:  # noqa: ANN401 - cantools has no types
         given.name, given.start, given.length, given.byte_order == "big_endian", bool(given.is_signed),
         bool(given.is_float), float(given.scale), float(given.offset), (given.unit or "").strip(),
     )
+
+
+def _limit(given: Any) -> float | None:  # noqa: ANN401 - cantools has no types
+    return None if given is None else float(given)
 
 
 def _number(given: object) -> float:

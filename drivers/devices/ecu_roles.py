@@ -59,6 +59,7 @@ ZERO_A = 0.02
 """So far from 0 A the nearest step of the set-point may be."""
 STATUS_S = 0.010
 OTHER_S = 0.100
+LONGEST_TICK_US = 1e9
 
 
 def describe(name: str, messages: Mapping[str, DbcMessage], roles: Mapping[str, Any]) -> EcuDescription:
@@ -146,6 +147,9 @@ class _Roles:
             return None
         if named is not None and role == CLOCK and (named.signal.is_float or named.signal.scale < 0.0):
             self._reading.wrong(place, f"{named.signal.name} must be a whole number that counts up")
+            return None
+        if named is not None and role == CLOCK and named.signal.scale > LONGEST_TICK_US:
+            self._reading.wrong(place, f"a tick is {named.signal.scale:g} us; allowed: at most {LONGEST_TICK_US:g} us")
             return None
         return named
 

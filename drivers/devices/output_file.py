@@ -54,6 +54,9 @@ def read_output(given: Mapping[str, Any], name: str) -> tuple[SupplyDescription 
     quantities = read_quantities(top.table("quantities", needed="where are its values?"), modbus)
     current_A = _range(top.table("range", needed="write current_A = [0, 2], the lowest and highest current"))
     faults = read_bits(top.table("faults"), SourceFault, quantities.get(FAULT_BITS), FAULT_BITS, quantities)
+    for one in quantities.values():
+        if one.values > 1:
+            top.table("quantities").add(one.name, "is one value: take count out")
     output = AnalogueOutput(
         quantities, modbus.rules, _identity(top.table("identity"), quantities), faults,
         _written(top, "prepare", quantities),

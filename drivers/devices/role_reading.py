@@ -15,6 +15,7 @@ from protocols.errors import LocalProtocolError
 
 Place = tuple[str, ...]
 _DURATION = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?)\s*(us|ms|s)\s*", re.ASCII)
+_FULL_SCALE = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*(m?)A\s*", re.ASCII)
 _SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0}
 
 UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
@@ -180,9 +181,12 @@ class Reading:
         """The signal in A, degC, V or us, whatever unit the DBC has for it."""
         signal, units = named.signal, UNITS[dimension]
         unit = table.get("unit", signal.unit)
+        if not isinstance(unit, str):
+            self.wrong((*place, "unit"), f"{unit!r:.40} must be a text, such as \"mA\"")
+            return None
         if dimension == "current" and unit in SHARES:
             full = table.get("full_scale")
-            match = re.fullmatch(r"\s*([0-9.]+)\s*(m?)A\s*", full) if isinstance(full, str) else None
+            match = _FULL_SCALE.fullmatch(full) if isinstance(full, str) else None
             if match is None or not 0.0 < float(match[1]) < math.inf:
                 self.wrong((*place, "full_scale"), 'is a share in %: write the current of 100 %, full_scale = "3 A"')
                 return None

@@ -12,6 +12,8 @@ from protocols.can_signals import FrameWriter, Placed, Signal
 from protocols.e2e import Protection
 from protocols.errors import LocalProtocolError
 
+LARGEST = 1.7e308
+"""Largest number of a constant: a whole number of TOML may be beyond every float."""
 Page = tuple[tuple[str, int], ...]
 """Numbers of multiplexers, by name, that one frame of a message has."""
 
@@ -71,7 +73,7 @@ def _constant(reading: Reading, named: Found, value: Any, place: Place) -> int |
     """The bits of a constant: a name of the DBC, a whole number as on the wire; of a float the value itself."""
     signal = named.signal
     if signal.is_float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not -LARGEST <= value <= LARGEST:
             reading.wrong(place, f"{signal.name} is a float; must be a number")
             return None
         try:

@@ -330,6 +330,9 @@ class _Reader:
         bits = {
             name: self.number(("faults", name), bit, 0, HIGHEST_BIT) for name, bit in given.items() if name in _FAULTS
         }
+        for name, bit in bits.items():
+            if bit != int(bit):
+                self.wrong(("faults", name), f"{bit:g} is no bit: must be a whole number from 0 to {HIGHEST_BIT}")
         return tuple((1 << int(bit), int(_FAULTS[name])) for name, bit in bits.items())
 
     def together(

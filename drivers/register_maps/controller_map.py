@@ -220,9 +220,10 @@ class ControllerMap:
         Raises:
             RemoteProtocolError: it is no finite number.
         """
-        if not math.isfinite(float(shown)):
+        shown_us = float(shown) * 1e6
+        if not math.isfinite(shown_us):
             raise RemoteProtocolError(f"the clock shows {shown}")
-        return round(float(shown) * 1e6) % CLOCK_MODULUS
+        return round(shown_us) % CLOCK_MODULUS
 
     def _state(self, values: Values, fault_bits: int) -> int:
         """By the rules; where they know no trip, any fault is one, and no off, no pressure is, unless it is tripped."""
@@ -298,7 +299,8 @@ class ControllerMap:
     def _limit(self, name: str, shown: Value) -> float:
         """A limit that the device shows, as the rig has it."""
         if name == "watchdog_time":
-            return round(float(shown) * 1e3)
+            shown_ms = float(shown) * 1e3
+            return round(shown_ms) if math.isfinite(shown_ms) else shown_ms
         return self.words.watchdog_actions.meaning(int(shown)) if name == "watchdog_action" else float(shown)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import math
 import re
 import tomllib
 from collections.abc import Collection, Iterator, Mapping
@@ -17,6 +16,8 @@ from protocols.wire_units import unit_of
 
 _TIME = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(us|ms|s|min)\s*", re.ASCII)
 LONGEST_S = 600.0
+LARGEST = 1e300
+"""Largest number of an entry."""
 
 
 class MapProblem(LocalProtocolError):
@@ -149,7 +150,8 @@ class Table:
     def number(self, key: str, default: float) -> float:
         """A finite number."""
         value = self.given.get(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        # A whole number of TOML has any size: compared, not converted.
+        if isinstance(value, bool) or not isinstance(value, int | float) or not -LARGEST <= value <= LARGEST:
             self.add(key, f"{value!r:.40} must be a finite number")
             return default
         return float(value)

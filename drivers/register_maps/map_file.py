@@ -105,9 +105,10 @@ def _take_over(source: Source, top: Table) -> None:
     for entry in leaves:
         table, _, key = entry.partition(".")
         held = merged if not key else merged.get(table, {})
-        if (key or table) not in held:
+        if not isinstance(held, dict) or (key or table) not in held:
             top.add("without", f"{entry!r:.60} is nothing that {name} has")
-        held.pop(key or table, None)
+            continue
+        del held[key or table]
     for table, entries in source.data.items():
         both = isinstance(entries, Mapping) and isinstance(merged.get(table), Mapping)
         merged[table] = {**merged[table], **entries} if both else entries

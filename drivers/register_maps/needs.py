@@ -128,6 +128,11 @@ def _program(source: Source, start: Recipe, words: Words) -> None:
         source.add(place, "its amplitude is missing: write $amplitude, $peak_to_peak, or $low and $high")
     if _asks_for(start, "$waveform") and int(Waveform.SINE) not in words.waveforms.codes:
         source.add(("waveforms",), "sine is missing: by which code is the function generator told to make one?")
+    for quantity in {one for step in start if isinstance(step, Write) for one, value in step.values.items()
+                     if value == "$waveform"}:  # fmt: skip
+        for waveform, codes in words.waveforms.codes.items():
+            if not quantity.holds(codes[0]):
+                source.add(("waveforms", word(Waveform(waveform))), f"{codes[0]} does not fit {quantity.name}")
     if not (_asks_for(start, "$frequency") or _asks_for(start, "$period")):
         source.add(place, "its frequency is missing: write $frequency or $period")
     ramped = _asks_for(start, "$ramp_in_cycles") or _asks_for(start, "$ramp_out_cycles")
@@ -193,5 +198,7 @@ def check_identity(source: Source, expected: Mapping[str, Value], quantities: Qu
             source.add(place, f"{value!r} must be a {'text' if quantity.type == 'string' else 'number'}")
         elif not quantity.read:
             source.add(place, "it cannot be read")
+        elif quantity.values > 1:
+            source.add(place, f"it has {quantity.values} values; one number proves the device")
         elif not isinstance(value, str) and quantity.bit is None and not quantity.holds(value):
             source.add(place, f"{value!r} is nothing that {quantity.type} with scale {quantity.scale:g} ever shows")

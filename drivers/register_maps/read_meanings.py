@@ -49,6 +49,8 @@ def _test(table: Table, quantities: Quantities, names: Collection[str]) -> Test 
         table.add(None, f"{name!r} cannot be read: its access is \"w\"")
     if quantity.type == "string":
         table.add(None, f"{name!r} is a text; conditions look at numbers")
+    if quantity.values > 1:
+        table.add(None, f"{name!r} has {quantity.values} values; a condition looks at one number")
     bit = table.whole("bit", None, 0, 16 * quantity.length - 1) if "bit" in table else None
     if bit is not None and not quantity.whole:
         table.add("bit", f"{name!r} is no whole number without scale: it has no bits")

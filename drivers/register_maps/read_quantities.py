@@ -46,6 +46,8 @@ LIMITS: Mapping[str, str] = {
     "watchdog_action": "",
 }  # fmt: skip
 IDENTITY = ("boot_count", "config_hash", "vendor", "model", "serial_number", "firmware")
+NUMBERED = frozenset({"boot_count", "config_hash"})
+LEAST_STEP = 1e-200
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _WHOLE = frozenset(name for name, measures in ROLES.items() if not measures) | {"watchdog_action"}
 
@@ -187,6 +189,12 @@ def _check(quantity: Quantity, entry: Table) -> None:
         entry.add("unit", f"{name} is a {wanted}; its unit is one of {', '.join(known)}")
     if name in _WHOLE and (quantity.type in FLOATS or quantity.type == "string" or not quantity.whole):
         entry.add("type", f"{name} is a code, a count or bits: a whole number without scale, offset and unit")
+    if quantity.type == "string" and (wanted or name in NUMBERED):
+        entry.add("type", f"{name} is a number, not a text")
+    if name in NUMBERED and quantity.type in FLOATS:
+        entry.add("type", f"{name} is a whole number: {quantity.type} is not")
+    if quantity.step < LEAST_STEP and quantity.type not in {*FLOATS, "string"}:
+        entry.add("scale", f"{quantity.scale:g}: a step of less than {LEAST_STEP:g} is not a measurement")
     if name in ROLES and not quantity.read:
         entry.add("access", f"{name} is part of the status: it must be readable")
     if quantity.values > 1 and (name in ROLES or name in LIMITS or name in IDENTITY):

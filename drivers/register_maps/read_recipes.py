@@ -38,6 +38,8 @@ MEASURES = {
     "frequency": "frequency", "period": "time", "duration": "time", "table_interval": "time", "values": "length",
 }  # fmt: skip
 """What a recipe's names measure, where the quantity's unit must measure the same."""
+COUNTS = {"counter": (0, 0xFFFF), "sequence": (0, 0xFFFF), "owner": (1, 0xFFFF), "toggle": (0, 1)}
+"""Lowest and highest number of a recipe's names that count: the quantity must show each of them."""
 KINDS = ("counter", "keep-alive", "setpoints", "none")
 
 
@@ -116,7 +118,9 @@ class Recipes:
             return None
         given = step.given["span"]
         inside = [self._quantities[name] for name in step.table("write") if name in self._quantities]
-        if not isinstance(given, list) or len(given) != 2 or any(name not in self._quantities for name in given):
+        if not isinstance(given, list) or len(given) != 2 or not all(
+            isinstance(name, str) and name in self._quantities for name in given
+        ):
             step.add("span", "must be two quantities, [first, last]: all registers from one to the other are written")
             return None
         first, last = (self._quantities[name] for name in given)
@@ -148,6 +152,8 @@ def read_values(step: Table, key: str, quantities: Quantities, names: Collection
         value = number_of(written, name, written.given[name], quantity, names)
         if isinstance(value, str):
             _check_name(written, name, value[1:], quantity)
+        elif quantity.values > 1:
+            written.add(name, f"has {quantity.values} values; only a [table] writes such")
         elif quantity.type == "string" or not quantity.holds(value):
             written.add(name, f"{written.given[name]!r} does not fit {quantity.type} with scale {quantity.scale:g}")
         result[quantity] = value
@@ -158,6 +164,14 @@ def _check_name(written: Table, key: str, name: str, quantity: Quantity) -> None
     wanted = MEASURES.get(name, "")
     if wanted and quantity.measures and quantity.measures != wanted:
         written.add(key, f"${name} is a {wanted}; {quantity.name} is a {quantity.measures} by its unit")
+    if name in COUNTS:
+        low, high = COUNTS[name]
+        if quantity.type == "string" or not all(map(quantity.holds, (low, low + 1, high))) or quantity.step > 1.0:
+            fix = ", or \"$toggle\" (0 and 1)" if name == "counter" else ""
+            written.add(
+                key, f"${name} is {low} to {high}: {quantity.name} ({quantity.type}) does not hold each of these "
+                f"numbers; write it to a u16 without scale{fix}"
+            )
     if quantity.values > 1 and name != "values":
         written.add(key, f"{quantity.name} has {quantity.values} values; only a [table] writes such")
 

@@ -1,0 +1,281 @@
+"""What a description's author may write: refused with its place, or usable whatever the device sends. No traceback."""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+import tomllib
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.can_current_source import CanCurrentSource
+from drivers.devices.dbc_file import parse_dbc
+from drivers.devices.ecu_description import EcuDescription
+from drivers.devices.ecu_roles import describe
+from drivers.devices.role_reading import RoleProblems
+from drivers.devices.supply_file import read_supply
+from drivers.register_maps.controller_map import ControllerMap
+from drivers.register_maps.entries import MapProblem, Source
+from drivers.register_maps.map_file import read_map
+from drivers.ring import RECORD
+from drivers.sensor_formats import described_format
+from protocols.errors import LocalProtocolError, RemoteProtocolError
+from protocols.format_keys import FormatProblems
+from protocols.line_format import LineDecoder, LineFormat
+from protocols.sensor_format import from_description
+
+HUGE = 10**400
+"""A whole number that TOML carries and no float holds."""
+VALUE = r"(?P<value>[+-]?\d+\.\d)"
+
+
+def refused_format(table: dict[str, Any]) -> str:
+    with pytest.raises(FormatProblems) as told:
+        from_description(table)
+    return str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ({"pattern": VALUE, "scale": HUGE}, "scale: must be a finite number"),
+        ({"pattern": VALUE, "scale": math.nan}, "scale: must be a finite number"),
+        ({"sync": [1], "length": 4, "fields": {"value": {"at": 1, "type": "u8", "fault_values": [HUGE]}}}, "finite"),
+        ({"base": ["x"]}, "base: no format"),
+        ({"kind": [1], "pattern": VALUE}, "kind: expected text"),
+        ({"pattern": "(" * 480 + VALUE + ")" * 480}, "nested 481 deep"),
+        ({"columns": {"value": 256}, "separator": ";", "maximum_length": 256}, "too many columns"),
+        ({"columns": {"value": 1}, "separator": "é"}, "one character of ASCII"),
+    ],
+)  # fmt: skip
+def test_a_format_that_nothing_can_be_made_of_is_refused(table: dict[str, Any], says: str) -> None:
+    assert says in refused_format(table)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        {"pattern": rf"{VALUE} °"}, {"pattern": rf"{VALUE}(?P<unit>µm)", "unit": "µm"},
+        {"pattern": rf"{VALUE} (?P<unit>.*)", "unit": "µm"},
+        {"pattern": rf"{{address}}{VALUE}", "address": "é", "request": "{address}?"},
+    ],
+)  # fmt: skip
+def test_a_line_is_ascii_text(table: dict[str, Any]) -> None:
+    assert "is not ASCII" in refused_format(table)
+
+
+def test_a_packed_field_has_64_bits_and_a_packed_frame_256_bytes() -> None:
+    fields: dict[str, Any] = {"value": {}}
+    wide = {"packed": ["1vvvvvvv"] + ["0vvvvvvv"] * 199, "fields": fields}
+    assert "has 1400 bits v, a field has at most 64" in refused_format(wide)
+    long = {"packed": ["1vvvvvvv"] + ["0xxxxxxx"] * 19_999, "fields": fields}
+    assert "20000 bytes" in refused_format(long)
+
+
+def test_a_class_in_brackets_is_re2s_and_nothing_is_warned_of() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made = from_description({"pattern": "(?P<value>[[:digit:]]+)"})
+    assert isinstance(made, LineFormat)
+    assert LineDecoder(made, answers=True).feed(b"12\r\n")[0][2] == 12.0
+
+
+def test_a_file_with_a_number_of_5000_digits_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f"pattern = '(?P<value>1)'\nscale = {'1' * 5000}\n")
+    with pytest.raises(FormatProblems, match="not valid TOML"):
+        described_format(str(path))
+
+
+MAP = """
+[quantities]
+state = {address = 0}
+position = {address = 1, type = "i16", scale = 0.01, unit = "mm"}
+pump = {address = 0, function = "coil"}
+command = {address = 100}
+target = {address = 101, type = "i16", scale = 0.01, unit = "mm"}
+amplitude = {address = 103, scale = 0.01, unit = "mm"}
+frequency = {address = 104, scale = 0.01, unit = "Hz"}
+cycles = {address = 105}
+QUANTITIES
+[state]
+off = 0
+hold = 1
+running = 3
+tripped = 9
+[commands]
+hydraulics-on = {write = {pump = 1}}
+hydraulics-off = {write = {pump = 0}}
+move-to = {write = {target = "$target", command = 1}}
+start = {write = {amplitude = "$amplitude", frequency = "$frequency", cycles = "$all_cycles", command = 2}}
+halt = {write = {command = 3}}
+reset = {write = {command = 4}}
+TABLES
+"""
+
+
+def read(quantities: str = "", tables: str = "", top: str = "", halt: str = "command = 3") -> ControllerMap:
+    text = MAP.replace("QUANTITIES", quantities).replace("TABLES", tables)
+    text = text.replace("halt = {write = {command = 3}}", f"halt = {{write = {{{halt}}}}}")
+    return read_map(Source(Path("mine.toml"), top + text))
+
+
+FED = (
+    '[faults]\nwatchdog = {quantity = "state", equals = 9}\n'
+    '[watchdog]\nkind = "counter"\nwrite = {alive = "$counter"}'
+)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"quantities": 'velocity = {address = 40, type = "string", length = 2}'}, "velocity is a number, not a text"),
+        ({"quantities": 'clock = {address = 40, type = "string", length = 2}'}, "clock is a number, not a text"),
+        ({"quantities": 'speed_max = {address = 40, type = "string", length = 2}'}, "speed_max is a number"),
+        ({"quantities": 'config_hash = {address = 40, type = "string", length = 2}'}, "config_hash is a number"),
+        ({"quantities": 'boot_count = {address = 40, type = "f32"}'}, "boot_count is a whole number"),
+        ({"quantities": 'clock = {address = 40, scale = 5e-324, unit = "us"}'}, "is not a measurement"),
+        ({"quantities": f'velocity = {{address = 40, scale = {HUGE}, unit = "mm/s"}}'}, "must be a finite number"),
+        ({"quantities": "many = {address = 40, count = 3}", "halt": "many = 3"}, "only a [table] writes such"),
+        ({"quantities": "many = {address = 40, count = 3}", "tables": "[identity]\nmany = 3"}, "it has 3 values"),
+        ({"quantities": 'many = {address = 40, count = 3}', "tables": '[faults]\nsensor = {quantity = "many"}'},
+         "a condition looks at one number"),
+        ({"top": 'base = "demo"\nwithout = ["name.x"]\n'}, "'name.x' is nothing that demo has"),
+        ({"top": 'base = "demo"\nwithout = ["format.1"]\n'}, "'format.1' is nothing that demo has"),
+        ({"quantities": 'alive = {address = 60, type = "i16"}', "tables": FED}, "$counter is 0 to 65535"),
+        ({"quantities": 'alive = {address = 60, function = "coil"}', "tables": FED}, '"$toggle"'),
+        ({"quantities": "alive = {address = 60, scale = 10}", "tables": FED}, "$counter is 0 to 65535"),
+        ({"quantities": "number = {address = 60, scale = 0.1}", "halt": 'command = 3, number = "$sequence"'},
+         "$sequence is 0 to 65535"),
+        ({"quantities": 'number = {address = 60, type = "i16"}', "halt": 'command = 3, number = "$owner"'},
+         "$owner is 1 to 65535"),
+    ],
+)  # fmt: skip
+def test_a_map_that_could_not_be_driven_is_refused(given: dict[str, str], says: str) -> None:
+    with pytest.raises(MapProblem) as told:
+        read(**given)
+    assert says in str(told.value)
+
+
+def test_a_span_of_anything_but_two_names_is_refused() -> None:
+    text = MAP.replace("QUANTITIES", "").replace("TABLES", "")
+    text = text.replace("halt = {write = {command = 3}}", 'halt = {write = {command = 3}, span = [["a"], "b"]}')
+    with pytest.raises(MapProblem, match="must be two quantities"):
+        read_map(Source(Path("mine.toml"), text))
+
+
+def test_codes_of_waveforms_fit_their_register() -> None:
+    text = MAP.replace("QUANTITIES", "wave = {address = 60}")
+    text = text.replace("TABLES", "[waveforms]\nsine = 1\ntriangle = 70000")
+    text = text.replace("command = 2}}", 'command = 2, wave = "$waveform"}}')
+    with pytest.raises(MapProblem, match=r"waveforms\.triangle: 70000 does not fit wave"):
+        read_map(Source(Path("mine.toml"), text))
+
+
+def test_a_clock_and_a_watchdog_time_of_floats_may_show_anything() -> None:
+    made = read('clock = {address = 40, type = "f64", unit = "s"}\nwatchdog_time = {address = 50, type = "f32"}')
+    for shown in (1e305, math.inf, math.nan):
+        with pytest.raises(RemoteProtocolError, match="the clock shows"):
+            made.clock_us(shown)
+        assert not math.isfinite(made.held_limits({"watchdog_time": shown * 1e10}, None).watchdog_ms)
+
+
+DBC = """VERSION ""
+BU_: H E
+BO_ 256 Cmd: 8 H
+ SG_ Set : 0|16@1- (0.001,0) [0|0] "A" E
+BO_ 257 Stat: 8 E
+ SG_ Cur : 0|32@1- (1,0) [0|0] "A" H
+ SG_ Clk : 32|32@1+ (1,0) [0|0] "us" H
+BO_ 258 Big: 8 E
+ SG_ Clk64 : 0|64@1+ (1,0) [0|0] "us" H
+SIG_VALTYPE_ 257 Cur : 1;
+"""
+ROLES = 'command = "Cmd.Set"\nmeasured_current = "Stat.Cur"\n'
+
+
+class Port:
+    """A bus on which the test puts frames."""
+
+    class stamps:  # noqa: N801 - stands for an attribute
+        uncertainty_ns = 0
+
+    bus_errors = malformed = 0
+    at_ns: tuple[int, ...] = ()
+
+    def __init__(self) -> None:
+        self.frames: list[tuple[int, bytes, bool, bool, int]] = []
+
+    def receive(self, timeout_s: float) -> tuple[list[tuple[int, bytes, bool, bool, int]], int]:
+        del timeout_s
+        frames, self.frames = self.frames, []
+        return frames, time.monotonic_ns()
+
+
+def described(roles: str = ROLES, dbc: str = DBC) -> EcuDescription:
+    return describe("ecu", parse_dbc(dbc), tomllib.loads(roles))
+
+
+def heard(roles: str, *frames: tuple[int, bytes]) -> CanCurrentSource:
+    port = Port()
+    source = CanCurrentSource(port, described(roles))  # type: ignore[arg-type]  # as much of a port as is used
+    for identifier, data in frames:
+        port.frames = [(identifier, data, False, False, len(data))]
+        for record in source.read_batch(0.0).records:
+            RECORD.pack(*record)
+    return source
+
+
+def test_a_current_that_is_no_number_beside_a_clock_is_counted() -> None:
+    good, bad = struct.pack("<fI", 1.0, 1), struct.pack("<fI", math.nan, 2)
+    source = heard(f'{ROLES}clock = "Stat.Clk"\n', (257, good), (257, bad), (257, struct.pack("<fI", 1.0, 3)))
+    assert (source.counters.malformed, source.counters.statuses) == (1, 2)
+
+
+def test_a_clock_of_64_bits_may_show_anything() -> None:
+    status = struct.pack("<fI", 1.0, 1)
+    source = heard(f'{ROLES}clock = "Big.Clk64"\n', (258, b"\xff" * 8), (257, status), (258, bytes(8)), (257, status))
+    assert source.counters.statuses == 2
+
+
+@pytest.mark.parametrize(
+    ("roles", "says"),
+    [
+        ('command = {signal = "Cmd.Set", unit = "%", full_scale = "3.4.5 A"}\nmeasured_current = "Stat.Cur"', "100 %"),
+        ('command = {signal = "Cmd.Set", unit = ["A"]}\nmeasured_current = "Stat.Cur"', "must be a text"),
+        (f'{ROLES}[constants]\n"Stat.Cur" = {HUGE}', "must be a number"),
+    ],
+)
+def test_roles_that_cannot_be_used_are_refused(roles: str, says: str) -> None:
+    with pytest.raises(RoleProblems, match=says):
+        described(roles)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("Cmd: 8", "Cmd: 3000000000", "line 3: .*at most 1785 bytes"), ("0|16@1-", "0|1000000000@1-", "line 4: .*bits"),
+        ("0|16@1-", "4000000000|16@1-", "line 4: .*bits"), ("(0.001,0)", f"({HUGE},0)", "cannot be used"),
+        ("(0.001,0) [0|0]", f"(0.001,0) [-{HUGE}|{HUGE}]", "cannot be used"),
+    ],
+)  # fmt: skip
+def test_sizes_and_numbers_of_a_dbc_are_refused_before_they_cost_anything(old: str, new: str, says: str) -> None:
+    began_s = time.monotonic()
+    with pytest.raises(LocalProtocolError, match=says):
+        parse_dbc(DBC.replace(old, new))
+    assert time.monotonic() - began_s < 5.0
+
+
+def test_an_outputs_quantity_is_one_value_and_a_supplys_fault_a_whole_bit() -> None:
+    current = {"address": 0, "scale": 0.001, "unit": "A"}
+    output = {"quantities": {"current": current, "enable": {"address": 5, "count": 3}}, "range": {"current_A": [0, 2]}}
+    assert "is one value: take count out" in [text for _, text in read_supply(output, "mine")[1]]
+    supply = {
+        "commands": {"set_current": "CURR {current_A}", "measure_current": "MEAS?", "read_faults": "F?"},
+        "range": {"current_A": [0, 5]}, "faults": {"short": 1.5},
+    }  # fmt: skip
+    assert any("1.5 is no bit" in text for _, text in read_supply(supply, "mine")[1])
