@@ -39,6 +39,13 @@ HEAD_BYTES = 128
 WORKSPACE = "__function_workspace__"
 """What scipy calls the part of a file that holds MATLAB's objects."""
 ARRAY, COMPRESSED = 14, 15
+NUMBERS, TEXTS = frozenset((1, 2, 3, 4, 5, 6, 7, 9, 12, 13)), frozenset((16, 17, 18))
+"""Data types; scipy looks the numbers of an array up in a table that has no other ones, which ends the process."""
+CELL, STRUCT, OBJECT, CHARACTERS, SPARSE, FUNCTION, OPAQUE = 1, 2, 3, 4, 5, 16, 17
+COMPLEX = 0x800
+BEFORE_ARRAYS = {CELL: 0, STRUCT: 2, OBJECT: 3, FUNCTION: 0, OPAQUE: 2}
+"""Elements of each class that holds arrays between its name and these: names of fields, of a class."""
+DEEPEST_ARRAYS = 200
 HOLDERS = frozenset((1, 2, 3, 16, 17))
 """Classes of arrays that hold others: cell, struct, object, function, opaque."""
 MOST_HOLDERS = 1000
@@ -105,7 +112,7 @@ class MatFile(NoLines):
 def _version_5(file: Path, data: bytes) -> dict[str, Any]:
     from scipy.io import loadmat
 
-    if data[124:126] in (b"\x00\x01", b"\x01\x00") and len(data) >= 128:
+    if len(data) >= HEAD_BYTES:
         _check_elements(file, data)
     loaded = loadmat(stream(data), simplify_cells=True)  # type: ignore[arg-type]  # stub: paths only
     return {name: value for name, value in loaded.items() if not name.startswith("__") or name == WORKSPACE}
@@ -134,6 +141,9 @@ def _check_elements(file: Path, data: bytes) -> None:
                     f"holds more than {MOST_HOLDERS} cells, structs or objects, or {MOST_ELEMENTS} elements: save the "
                     "columns alone"
                 ])  # fmt: skip
+        place = 0
+        while place + 8 <= len(part):
+            place = _check_array(part, order, place, len(part))
 
 
 def _compressed(data: bytes, order: str) -> Iterator[bytes]:
@@ -181,6 +191,52 @@ def _elements(data: bytes, order: str) -> Iterator[bool]:
         else:
             place += 8 if kind >> 16 else 8 + size + -size % 8
             yield False
+
+
+def _check_array(data: bytes, order: str, place: int, end: int, depth: int = 0) -> int:
+    """Check that an array has the elements of its class, those of numbers with a type of numbers; its end.
+
+    Raises:
+        ValueError: it has not, or they are not within it.
+    """
+    kind, start, stop, after = _element(data, order, place, end)
+    if kind != ARRAY or depth > DEEPEST_ARRAYS:
+        raise ValueError(f"no array at byte {place}, or one too deep in others")
+    if start == stop:
+        return after
+    if start + 16 > stop:
+        raise ValueError(f"the array at byte {place} is too short")
+    flags = struct.unpack_from(f"{order}I", data, start + 8)[0]
+    of_class, place = flags & 0xFF, start + 16
+    for _ in range((1 if of_class == OPAQUE else 2) + BEFORE_ARRAYS.get(of_class, 0)):
+        place = _element(data, order, place, stop)[3]
+    if of_class in BEFORE_ARRAYS:
+        while place + 8 <= stop:
+            place = _check_array(data, order, place, stop, depth + 1)
+    else:
+        for _ in range((3 if of_class == SPARSE else 1) + bool(flags & COMPLEX)):
+            kind, _start, _stop, place = _element(data, order, place, stop)
+            if kind not in NUMBERS and not (of_class == CHARACTERS and kind in TEXTS):
+                raise ValueError(f"numbers of type {kind}, which does not exist, before byte {place}")
+    if depth and place != stop:
+        raise ValueError(f"{stop - place} bytes too many in the array before byte {stop}")
+    return after
+
+
+def _element(data: bytes, order: str, place: int, end: int) -> tuple[int, int, int, int]:
+    """Type of an element, where its content begins and ends, and where the next element begins.
+
+    Raises:
+        ValueError: it goes on beyond the end of what holds it.
+    """
+    if place + 8 <= end:
+        kind, size = struct.unpack_from(f"{order}II", data, place)
+        if kind >> 16:
+            return kind & 0xFFFF, place + 4, place + 4 + (kind >> 16), place + 8
+        stop = place + 8 + size
+        if stop <= end:
+            return kind, place + 8, stop, stop if kind == ARRAY else min(stop + -size % 8, end)
+    raise ValueError(f"the element at byte {place} goes on beyond the end of its array")
 
 
 def _hdf5(file: Path, data: bytes) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def test_cells_nested_deeper_than_the_readers_stack(tmp_path: Path, compressed: 
 def test_elements_that_say_they_are_empty_cost_no_time(tmp_path: Path) -> None:
     packed = zlib.compress(b"\0" * (32 << 20))
     (tmp_path / "a.mat").write_bytes(HEAD_5 + (struct.pack("<II", 15, len(packed)) + packed) * 20)
-    assert "Expecting miMATRIX" in problems(tmp_path / "a.mat")
+    assert "no array at byte 0" in problems(tmp_path / "a.mat")
 
 
 def test_a_small_file_that_unpacks_to_gigabytes_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
@@ -103,3 +103,17 @@ def test_structs_are_read_and_version_4_is_named_as_what_it_is_not(tmp_path: Pat
     assert read(tmp_path / "a.mat").force_N == pytest.approx(F_N)
     savemat(tmp_path / "b.mat", {"t_s": T, "x_m": X_M, "F_N": F_N}, format="4")
     assert "is no MATLAB file of version 5 or 7.3: save it with -v7" in problems(tmp_path / "b.mat")
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize(("place", "value"), [(176, 158), (176, 14), (145, 0x08), (132, 0x10), (182, 0xFF)])
+def test_numbers_of_a_type_that_does_not_exist(tmp_path: Path, compressed: bool, place: int, value: int) -> None:
+    """scipy looks the type up beyond its table, or reads the next array as an imaginary part: the process ended."""
+    savemat(tmp_path / "a.mat", {"t_s": T, "x_m": X_M, "F_N": F_N})
+    data = bytearray((tmp_path / "a.mat").read_bytes())
+    data[place] = value
+    if compressed:
+        packed = zlib.compress(data[128:])
+        data[128:] = struct.pack("<II", 15, len(packed)) + packed
+    (tmp_path / "a.mat").write_bytes(data)
+    assert "cannot be read as MATLAB 5" in problems(tmp_path / "a.mat")
