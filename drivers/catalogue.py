@@ -21,7 +21,7 @@ from drivers.devices.supply_file import supply, supply_names, supply_problems
 from drivers.errors import UnknownDevice
 from drivers.register_maps.map_file import controller, controller_names, is_map_file
 from drivers.ring import Channel
-from drivers.roles import Actuator, Sensor
+from drivers.roles import Actuator, ActuatorLimits, Sensor
 from drivers.sample_stream import SampleScale
 from drivers.sensor_formats import described_format, is_file
 from drivers.serial_sensor import BINARY, CLOCKED, USUAL, SerialSensor
@@ -59,6 +59,7 @@ __all__ = [
     "supply",
     "supply_names",
     "supply_problems",
+    "unheld_limits",
     "watchdog_time_s",
 ]
 
@@ -115,6 +116,16 @@ def watchdog_time_s(name: str) -> float:
     """
     mapped = name not in _REGISTERED and (name in controller_names() or is_map_file(name))
     return controller(name).fixed_watchdog_s if mapped else 0.0
+
+
+def unheld_limits(name: str, limits: ActuatorLimits) -> list[str]:
+    """Why the registers of a known actuator cannot hold limits; empty where they can, or it has no register map.
+
+    Raises:
+        LocalProtocolError: its map cannot be used.
+    """
+    mapped = name not in _REGISTERED and (name in controller_names() or is_map_file(name))
+    return controller(name).unheld_limits(limits) if mapped else []
 
 
 def register_map_schema() -> dict[str, Any]:

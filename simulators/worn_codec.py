@@ -18,6 +18,8 @@ FLOATS = {"f32": (">f", ">I"), "f64": (">d", ">Q")}
 def raw_of(quantity: Quantity, value: float) -> int:
     """The bits (a number of 16 times its registers) that show a value (SI); what is beyond the register is its end."""
     bits = 16 * quantity.length
+    if quantity.whole and isinstance(value, int):
+        return value & (1 << bits) - 1  # a float would lose the last bits of 64
     shown = (value / quantity.factor - quantity.offset) / quantity.scale
     if quantity.type in FLOATS:
         number, whole = FLOATS[quantity.type]

@@ -252,7 +252,8 @@ class WornRegisters(RegisterBank):
         self._show_status(cells, {str(name): value for name, value in shown.items()})
         registers: Registers = {}
         for quantity in self._status.quantities:
-            registers[quantity.space, quantity.address] = self._raw(self._whole(quantity))
+            # A condition may look at what the machine measures: that is shown, and changed only where it must hold.
+            registers[quantity.space, quantity.address] = self._raw(self._whole(quantity), self._cells | cells)
         states = RoleState(self.actuator.state), RoleState(self.actuator.motion_state)
         pressure = PRESSURES[int(self.actuator.plant.command["pressure"][0])]
         self._status.show(registers, *states, int(shown["fault_bits"]), int(shown["inputs"]), pressure)
@@ -285,7 +286,7 @@ class WornRegisters(RegisterBank):
         shown = self.identity() | dict(self._map.expected)
         for name in {*IDENTITY, *self._map.expected}:
             quantity = self._map.quantities.get(name)
-            if quantity is None:
+            if quantity is None or name in ROLES or quantity in self._status.quantities:
                 continue
             value = shown[name]
             if quantity.type == "string":
@@ -293,7 +294,12 @@ class WornRegisters(RegisterBank):
                     cells[quantity.space, quantity.address + place] = word
             else:
                 digits = "".join(letter for letter in str(value) if letter.isdigit())
-                self._put(cells, quantity, raw_of(quantity, float(digits or 0) if isinstance(value, str) else value))
+                raw = raw_of(quantity, float(digits or 0) if isinstance(value, str) else value)
+                if quantity.bit is not None:
+                    # Other bits of its register may be identity, too.
+                    before = cells.get((quantity.space, quantity.address), 0)
+                    raw = before & ~(1 << quantity.bit) | (raw & 1) << quantity.bit
+                self._put(cells, self._whole(quantity), raw)
 
     def _show_limits(self, cells: Cells) -> None:
         held = dict(zip(wire.LIMITS, _numbers(self.actuator.limits), strict=True))
@@ -306,11 +312,12 @@ class WornRegisters(RegisterBank):
 
     # Cells
 
-    def _raw(self, quantity: Quantity) -> int:
-        """The bits that a host has written, or the device laid down, for a quantity."""
+    def _raw(self, quantity: Quantity, cells: Cells | None = None) -> int:
+        """The bits that a host has written, or the device laid down, for a quantity; or what is in `cells`."""
+        held = self._cells if cells is None else cells
         if quantity.space in BITS:
-            return self._cells.get((quantity.space, quantity.address), 0)
-        words = [self._cells.get((quantity.space, quantity.address + place), 0) for place in range(quantity.length)]
+            return held.get((quantity.space, quantity.address), 0)
+        words = [held.get((quantity.space, quantity.address + place), 0) for place in range(quantity.length)]
         raw = bits_of(quantity, words)
         return raw if quantity.bit is None else raw >> quantity.bit & 1
 

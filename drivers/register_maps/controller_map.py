@@ -16,7 +16,7 @@ from drivers.register_maps.quantity import Quantity, Value, same
 from drivers.register_maps.read_quantities import IDENTITY, LIMITS, ROLES
 from drivers.register_maps.recipe import Recipe, Write
 from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, Pressure, State
-from protocols.errors import RemoteProtocolError
+from protocols.errors import LocalProtocolError, RemoteProtocolError
 
 IDENTITY_FIELDS = tuple(ActuatorIdentity.__dataclass_fields__)
 _BARE = ("_m_s2", "_m_s", "_Pa", "_m", "_N")
@@ -278,6 +278,20 @@ class ControllerMap:
                 value = self.words.watchdog_actions.code(value)
             result[quantity] = value
         return result
+
+    def unheld_limits(self, limits: ActuatorLimits) -> list[str]:
+        """Why the device's registers cannot hold limits of the rig; empty where they can."""
+        try:
+            values = self.limit_values(limits)
+        except LocalProtocolError as error:
+            return [f"watchdog_action: {error}"]
+        problems: list[str] = []
+        for quantity, value in values.items():
+            try:
+                quantity.encode(value)
+            except LocalProtocolError as error:
+                problems.append(str(error))
+        return problems
 
     def held_limits(self, values: Values, wanted: ActuatorLimits | None) -> ActuatorLimits:
         """The limits that the device shows; those that it shows as well as it can are as wanted.

@@ -9,7 +9,7 @@ from drivers.register_maps.controller_map import Recipes, Words
 from drivers.register_maps.entries import Source
 from drivers.register_maps.meanings import word
 from drivers.register_maps.quantity import Quantity, Value
-from drivers.register_maps.read_quantities import LIMITS
+from drivers.register_maps.read_quantities import LIMITS, ROLES
 from drivers.register_maps.recipe import Recipe, Wait, Write
 from drivers.roles import Command, FaultBit, Input, Pressure, Result, State, Waveform
 
@@ -198,6 +198,13 @@ def check_identity(source: Source, expected: Mapping[str, Value], quantities: Qu
             source.add(place, f"{value!r} must be a {'text' if quantity.type == 'string' else 'number'}")
         elif not quantity.read:
             source.add(place, "it cannot be read")
+        elif name in ROLES:
+            source.add(place, "it is part of the status, which changes: it does not prove which device this is")
+        elif isinstance(value, str) and not (value.isascii() and value == value.rstrip() and "\0" not in value):
+            source.add(place, f"{value!r} can never be shown: a text is ASCII without blanks at its end")
+        elif isinstance(value, str) and len(value) > 2 * quantity.length:
+            source.add(place, f"{value!r} can never be shown: {quantity.length} registers hold {2 * quantity.length} "
+                       "characters")  # fmt: skip
         elif quantity.values > 1:
             source.add(place, f"it has {quantity.values} values; one number proves the device")
         elif not isinstance(value, str) and quantity.bit is None and not quantity.holds(value):

@@ -181,7 +181,9 @@ class Quantity:
 
 
 def same(shown: Value, wanted: Value, step: float = 0.0) -> bool:
-    """Whether a register shows a value, as well as it can."""
+    """Whether a register shows a value, as well as it can; a whole number is that number or another one."""
     if isinstance(shown, str) or isinstance(wanted, str):
         return str(shown) == str(wanted)
+    if isinstance(shown, int):
+        return shown == wanted
     return abs(shown - wanted) <= max(0.5000001 * step, 1e-6 * abs(wanted))

@@ -181,24 +181,32 @@ def _check(quantity: Quantity, entry: Table) -> None:
         entry.add("access", "one bit of a register cannot be written by itself; describe the whole register for that")
     if quantity.type == "string" and (quantity.scale, quantity.offset, quantity.factor) != (1.0, 0.0, 1.0):
         entry.add("type", "a string has neither scale nor offset nor unit")
+    _check_type(quantity, entry)
     name = quantity.name
     wanted = ROLES.get(name) or LIMITS.get(name) or ""
     given = measures(entry)
     if wanted and given and given != wanted:
         known = [unit for unit, (measured, _) in UNITS.items() if measured == wanted]
         entry.add("unit", f"{name} is a {wanted}; its unit is one of {', '.join(known)}")
+    if name in ROLES and not quantity.read:
+        entry.add("access", f"{name} is part of the status: it must be readable")
+    if name in LIMITS and not (quantity.read and quantity.written):
+        entry.add("access", f"{name} is a limit: it is written and read back, so its access is \"rw\"")
+    if quantity.values > 1 and (name in ROLES or name in LIMITS or name in IDENTITY):
+        entry.add("count", f"{name} is one value")
+
+
+def _check_type(quantity: Quantity, entry: Table) -> None:
+    """What a quantity is called can be a number of its type."""
+    name = quantity.name
     if name in _WHOLE and (quantity.type in FLOATS or quantity.type == "string" or not quantity.whole):
         entry.add("type", f"{name} is a code, a count or bits: a whole number without scale, offset and unit")
-    if quantity.type == "string" and (wanted or name in NUMBERED):
+    if quantity.type == "string" and (ROLES.get(name) or LIMITS.get(name) or name in NUMBERED):
         entry.add("type", f"{name} is a number, not a text")
     if name in NUMBERED and quantity.type in FLOATS:
         entry.add("type", f"{name} is a whole number: {quantity.type} is not")
     if quantity.step < LEAST_STEP and quantity.type not in {*FLOATS, "string"}:
         entry.add("scale", f"{quantity.scale:g}: a step of less than {LEAST_STEP:g} is not a measurement")
-    if name in ROLES and not quantity.read:
-        entry.add("access", f"{name} is part of the status: it must be readable")
-    if quantity.values > 1 and (name in ROLES or name in LIMITS or name in IDENTITY):
-        entry.add("count", f"{name} is one value")
 
 
 def _overlaps(table: Table, result: Mapping[str, Quantity]) -> None:

@@ -10,14 +10,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from drivers.catalogue import unheld_limits
 from rig import units
 from rig.bench import named_files
 from rig.bench.address import command_timeout_s, current_range_A, status_period_s
+from rig.bench.controller_limits import controller_limits
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section
 from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
-from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Station
+from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Margins, Station
 from rig.bench.supply_settings import supply_of
 from rig.bench.unread import as_far_as_read
 
@@ -139,7 +141,7 @@ class Bench(Section):
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
         yield from as_far_as_read(
-            self._shared_ports, self._shared_names, self._ranges, self._current, self._periods
+            self._shared_ports, self._shared_names, self._ranges, self._held_limits, self._current, self._periods
         )
 
     def _sensors(self) -> dict[tuple[str | int, ...], SensorConfig]:
@@ -177,6 +179,12 @@ class Bench(Section):
             lvdt = units.show(self.lvdt.range_m, "mm")
             problems.append((("limits", "position"), f"is beyond the LVDT's range; allowed: within +-{lvdt}"))
         return problems
+
+    def _held_limits(self) -> list[Problem]:
+        """The limits that are written to the controller, against the registers that hold them."""
+        limits = controller_limits(self.limits, Margins().speed, self.actuator)
+        unheld = unheld_limits(self.actuator.register_map, limits)
+        return [(("actuator", "register_map"), f"cannot be told a limit of this bench: {text}") for text in unheld]
 
     def _current(self) -> list[Problem]:
         """The limit against what the current source gives."""

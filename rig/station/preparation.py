@@ -8,7 +8,8 @@ from dataclasses import asdict
 from drivers.capabilities import WatchdogKind
 from drivers.current_source import SourceFault, SourceIdentity
 from drivers.errors import DriverError
-from drivers.roles import ActuatorLimits, Command, FaultBit, State, WatchdogAction
+from drivers.roles import ActuatorLimits, Command, FaultBit, State
+from rig.bench.controller_limits import controller_limits
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
@@ -182,18 +183,8 @@ class Preparation:
         judge.leased = True
 
     def _limits(self) -> ActuatorLimits:
-        limits, margins, actuator = self._config.limits, self._config.margins, self._config.actuator
-        return ActuatorLimits(
-            position_min_m=limits.position_min_m,
-            position_max_m=limits.position_max_m,
-            speed_max_m_s=limits.speed_m_s * (1.0 + margins.speed),
-            acceleration_max_m_s2=limits.acceleration_m_s2,
-            force_max_N=limits.force_N,
-            fade_out_cycles=actuator.fade_out_cycles,
-            halt_deceleration_m_s2=actuator.halt_deceleration_m_s2,
-            watchdog_ms=round(actuator.watchdog_s * 1e3),
-            watchdog_action=WatchdogAction.FADE_AND_HOLD,
-        )
+        config = self._config
+        return controller_limits(config.limits, config.margins.speed, config.actuator)
 
     def prepare_coil(self) -> float:
         """Send 0 A with faults cleared; proved by a status without faults.

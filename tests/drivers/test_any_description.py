@@ -21,7 +21,9 @@ from drivers.devices.supply_file import read_supply
 from drivers.register_maps.controller_map import ControllerMap
 from drivers.register_maps.entries import MapProblem, Source
 from drivers.register_maps.map_file import read_map
+from drivers.register_maps.proof import unproved
 from drivers.ring import RECORD
+from drivers.roles import ActuatorLimits, WatchdogAction
 from drivers.sensor_formats import described_format
 from protocols.errors import LocalProtocolError, RemoteProtocolError
 from protocols.format_keys import FormatProblems
@@ -144,6 +146,13 @@ FED = (
         ({"quantities": "many = {address = 40, count = 3}", "tables": "[identity]\nmany = 3"}, "it has 3 values"),
         ({"quantities": 'many = {address = 40, count = 3}', "tables": '[faults]\nsensor = {quantity = "many"}'},
          "a condition looks at one number"),
+        ({"quantities": 'model = {address = 40, type = "string", length = 1}', "tables": '[identity]\nmodel = "ABCD"'},
+         "can never be shown: 1 registers hold 2 characters"),
+        ({"quantities": 'model = {address = 40, type = "string", length = 4}', "tables": '[identity]\nmodel = "µC"'},
+         "a text is ASCII"),
+        ({"tables": "[identity]\nstate = 1"}, "does not prove which device this is"),
+        ({"quantities": 'speed_max = {address = 40, access = "r"}'}, "it is written and read back"),
+        ({"quantities": 'speed_max = {address = 40, access = "w"}'}, "it is written and read back"),
         ({"top": 'base = "demo"\nwithout = ["name.x"]\n'}, "'name.x' is nothing that demo has"),
         ({"top": 'base = "demo"\nwithout = ["format.1"]\n'}, "'format.1' is nothing that demo has"),
         ({"quantities": 'alive = {address = 60, type = "i16"}', "tables": FED}, "$counter is 0 to 65535"),
@@ -182,6 +191,15 @@ def test_a_clock_and_a_watchdog_time_of_floats_may_show_anything() -> None:
         with pytest.raises(RemoteProtocolError, match="the clock shows"):
             made.clock_us(shown)
         assert not math.isfinite(made.held_limits({"watchdog_time": shown * 1e10}, None).watchdog_ms)
+
+
+@pytest.mark.parametrize("kind", ["u32", "i32", "u64"])
+def test_a_whole_number_proves_the_device_as_it_is_not_about(kind: str) -> None:
+    made = read(f'signature = {{address = 40, type = "{kind}"}}', "[identity]\nsignature = 0x01020304")
+    for shown, proves in ((0x01020304, True), (0x01020305, False)):
+        answers = [(one, made.quantities["signature"].encode(shown)) for one in made.identity_reads]
+        values = {name: value for one, words in answers for name, value in one.decode(words).items()}
+        assert (unproved(made, values, answers) == ("", "")) is proves
 
 
 DBC = """VERSION ""
@@ -279,3 +297,12 @@ def test_an_outputs_quantity_is_one_value_and_a_supplys_fault_a_whole_bit() -> N
         "range": {"current_A": [0, 5]}, "faults": {"short": 1.5},
     }  # fmt: skip
     assert any("1.5 is no bit" in text for _, text in read_supply(supply, "mine")[1])
+
+
+def test_limits_that_the_registers_cannot_hold_are_found_before_the_rig_is_armed() -> None:
+    limits = ActuatorLimits(-0.05, 0.06, 0.5, 40.0, 4000.0, 2.0, 8.0, 400, int(WatchdogAction.FADE_AND_HOLD))
+    made = read('position_min = {address = 40, unit = "mm"}\nforce_max = {address = 42, unit = "N"}')
+    assert [text.partition(" (")[0] for text in made.unheld_limits(limits)] == ["'position_min'"]
+    action = read("watchdog_action = {address = 40}", "[watchdog_actions]\nnone = 7")
+    assert "fade-and-hold is nothing this controller knows" in action.unheld_limits(limits)[0]
+    assert read('force_max = {address = 42, unit = "N"}').unheld_limits(limits) == []

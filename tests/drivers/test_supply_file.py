@@ -86,7 +86,7 @@ time_s = 100
         13: "commands.output_on: carries current, which is not known here",
         14: "commands.clear: is a query (?)",
         15: "commands.local: {time} means nothing here",
-        17: "answers.current: is no regular expression",
+        17: "answers.current: is not a valid regular expression",
         18: "answers.voltage: must have the number in a group named value",
         19: "answers.on: must be a list of texts",
         21: "faults.over-temperature: must be a number from 0 to 31",

@@ -218,3 +218,29 @@ write = {alive = "$counter"}
 )
 def test_places_that_were_refused_once_are_served(places: str) -> None:
     served(read_map(Source(Path("small.toml"), SMALL.replace("PLACES", places))))
+
+
+MEASURED = """power = {address = 5}
+force = {address = 30, type = "f32", unit = "N"}
+low = {address = 40, bit = 3}
+high = {address = 40, bit = 5}
+serial = {address = 44, type = "u64"}"""
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        "", 'force-limit = {quantity = "force", at_least = 5000}',
+        'position-limit = {quantity = "position", at_least = 80000}',
+    ],
+)
+def test_what_a_condition_looks_at_is_shown_as_it_is_measured(faults: str) -> None:
+    text = SMALL.replace("PLACES", MEASURED).replace("[faults]", f"[faults]\n{faults}")
+    made = read_map(Source(Path("small.toml"), text + "[identity]\nlow = 1\nhigh = 1\nserial = 0x0102030405060708\n"))
+    served(made)
+    options = RigOptions()
+    actuator = Actuator(Plant(options), options.controller, DeviceClock(0.0, 0.0), lambda *_: None)
+    registers = WornRegisters(actuator, options.servo, np.random.default_rng(3), made)
+    for name in ("force", "position"):
+        quantity = made.quantities[name]
+        assert registers.read(quantity.address, quantity.length) != [0] * quantity.length, name
