@@ -31,6 +31,7 @@ from rig.signals.test_set import MOTION_SHARE
 MOST_RUNS = 12
 NEARBY = 0.2
 """Relative difference of two motions, up to which it is worth reporting that they are not compared."""
+MOST_LABELS = 4
 WORTH_SAYING = 5e-4
 """Relative difference of two motions, from which a correction is reported."""
 
@@ -135,8 +136,10 @@ class Comparison:
                 )
 
     def _near(self) -> Iterator[str]:
-        """Motions without a counterpart that have one nearby: too far for a correction."""
+        """Motions without a counterpart; of those that have one nearby how far it is: too far for a correction."""
         for index, run in enumerate(self.runs[1:], start=1):
+            alone = [row.loops[0].motion.label for row in self.rows if row.loops[0] and not row.loops[index]]
+            extra: list[str] = []
             for row in self.rows:
                 loop = row.loops[index]
                 if loop is None or row.loops[0] is not None:
@@ -152,6 +155,16 @@ class Comparison:
                         f"{nearest.label}, differs by {100.0 * apart:.2g} %, more than can be corrected "
                         f"({100.0 * MOTION_SHARE:g} %)"
                     )
+                else:
+                    extra.append(loop.motion.label)
+            if any(row.loops[0] and row.loops[index] for row in self.rows):
+                for labels, where in ((extra, "not in the first run"), (alone, "in the first run alone")):
+                    if labels:
+                        more = ", ..." * (len(labels) > MOST_LABELS)
+                        yield (
+                            f"{run.name}: {len(labels)} motion(s) {where}, so not compared: "
+                            f"{'; '.join(labels[:MOST_LABELS])}{more}"
+                        )
 
     def to_json(self) -> dict[str, Any]:
         """Plain types; the keys are in `docs/json.md`."""
