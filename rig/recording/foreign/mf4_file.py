@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
+import logging
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +23,20 @@ ALGEBRAIC = 3
 """Kind of a conversion by a formula in text, which is not evaluated."""
 SYNC_KINDS = {2: "an angle", 3: "a distance", 4: "a count"}
 """ASAM MDF 4, "synchronisation type" of a master channel: 1 is a time."""
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without what asammdf writes to the screen of what it leaves out."""
+    logger = logging.getLogger("asammdf")
+    disabled = logger.disabled
+    logger.disabled = True
+    try:
+        with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.disabled = disabled
 
 
 class Mf4File(NoLines):
@@ -40,13 +57,13 @@ class Mf4File(NoLines):
             raise FileProblem(str(file), [f"MDF files need asammdf: {EXTRA}"]) from error
         self._file = file
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # on what it leaves out
+            with _quiet():
                 self._mdf: Any = MDF(stream(data))
                 groups: list[tuple[int, Any]] = list(enumerate(self._mdf.groups))
                 check_size(file, sum(
                     int(group.channel_group.cycles_nr) * len(group.channels) for _number, group in groups
                 ))  # fmt: skip
+                self._check_records(groups)
                 masters: Any = self._mdf.masters_db
                 self._places = sorted(
                     ((number, index) for number, group in groups for index in range(len(group.channels))),
@@ -58,6 +75,26 @@ class Mf4File(NoLines):
             raise
         except Exception as error:
             raise FileProblem(str(file), unreadable(READ_AS, error)) from error
+
+    def _check_records(self, groups: Sequence[tuple[int, Any]]) -> None:
+        """Refuse channels that lie beyond their records: asammdf reads the memory behind them, and may end there.
+
+        Raises:
+            FileProblem: one does.
+        """
+        for number, group in groups:
+            size = int(group.channel_group.samples_byte_nr)
+            for channel in group.channels:
+                first_bit = (
+                    8 * int(channel.byte_offset) + int(channel.bit_offset) if hasattr(channel, "bit_offset")
+                    else int(channel.start_offset) + 8 * int(channel.additional_byte_offset)
+                )
+                end = -(-(first_bit + int(channel.bit_count)) // 8)
+                if int(channel.bit_count) > 0 and end > size:
+                    raise FileProblem(str(self._file), [
+                        f"group {number}, channel {str(channel.name)!r} ends at byte {end} of records of {size} bytes: "
+                        "the file is damaged. Fix: export it again"
+                    ])  # fmt: skip
 
     def _column(self, group: int, index: int) -> ForeignColumn:
         channel = self._mdf.groups[group].channels[index]
@@ -104,7 +141,11 @@ class Mf4File(NoLines):
     def _numbers(self, place: int) -> FloatArray:
         group, index = self._places[place]
         if self._mdf.masters_db.get(group) == index:
-            return np.asarray(self._mdf.get_master(group), np.float64)
+            try:
+                with _quiet():
+                    return np.asarray(self._mdf.get_master(group), np.float64)
+            except Exception as error:
+                raise FileProblem(str(self._file), unreadable(self.read_as, error)) from error
         signal = self._signal(place)
         values = np.asarray(signal.samples)
         if values.dtype.kind not in "fiub" or values.ndim != 1:
@@ -123,8 +164,7 @@ class Mf4File(NoLines):
                 "export it with its values converted"
             ])  # fmt: skip
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # on what it leaves out
+            with _quiet():
                 return self._mdf.get(group=group, index=index, ignore_invalidation_bits=True)
         except Exception as error:
             raise FileProblem(str(self._file), unreadable(self.read_as, error)) from error

@@ -29,6 +29,9 @@ UNITS = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit", "unit", "Unit")
 APPLIED = ("NI_Scale[", "NI_Number_Of_Scales", "NI_Scaling_Status", "NI_UnitDescription", "NI_ChannelUnit", "wf_")
 """Beginnings of the names of properties that LabVIEW defines: npTDMS applies the scales among them."""
 READ_AS = "TDMS"
+SCALES = "NI_Number_Of_Scales"
+MOST_SCALES = 256
+"""npTDMS counts the scales of a channel one by one, however many a damaged file claims."""
 
 
 class TdmsFile(NoLines):
@@ -50,6 +53,7 @@ class TdmsFile(NoLines):
                 warnings.simplefilter("ignore")  # on what it leaves out
                 heads = Reader.read_metadata(stream(data))
                 check_size(file, sum(len(channel) for group in heads.groups() for channel in group.channels()))
+                _check_scales(file, heads)
                 groups = Reader.read(stream(data)).groups()
                 self._channels = [channel for group in groups for channel in group.channels()]
                 self._values: dict[int, Any] = {k: channel[:] for k, channel in enumerate(self._channels)}
@@ -113,6 +117,21 @@ class TdmsFile(NoLines):
         if values.dtype.kind not in "fiub":
             raise FileProblem(str(self._file), [f"channel {self.columns[place].name!r} holds no numbers"])
         return values.astype(np.float64)
+
+
+def _check_scales(file: Path, heads: Any) -> None:  # noqa: ANN401 - of a library without annotations
+    """Refuse more scales than a channel can have.
+
+    Raises:
+        FileProblem: there are.
+    """
+    holders = [heads, *heads.groups(), *(channel for group in heads.groups() for channel in group.channels())]
+    for holder in holders:
+        count = holder.properties.get(SCALES, 0)
+        if not isinstance(count, (int, np.integer)) or not 0 <= int(count) <= MOST_SCALES:
+            raise FileProblem(str(file), [
+                f"{SCALES} = {str(count)[:40]}, at most {MOST_SCALES}: the file is damaged. Fix: export it again"
+            ])
 
 
 @contextmanager

@@ -368,3 +368,33 @@ def test_channels_of_a_bus_with_times_of_their_own_are_brought_together(tmp_path
     known = np.isfinite(test.force_N)
     assert test.force_N[known] == pytest.approx(800.0 * np.cos(2.0 * np.pi * at[known]), abs=1.5)
     assert test.current_A == pytest.approx(0.1 * at, abs=1e-6)
+
+
+@pytest.mark.parametrize("version", ["4.10", "3.30"])
+def test_a_channel_beyond_its_records_is_refused(version: str, tmp_path: Path) -> None:
+    """asammdf read the memory behind them, and the process ended."""
+    from asammdf import MDF, Signal
+
+    with MDF(version=version) as mdf:
+        mdf.append([Signal(X_MM, T, unit="mm", name="x"), Signal(F_N, T, unit="N", name="F")])
+        file = Path(mdf.save(tmp_path / ("a.mf4" if version == "4.10" else "a.mdf")))
+    with MDF(file) as mdf:
+        channel = mdf.groups[0].channels[1]
+        field = 92 if version == "4.10" else 186  # of the channel's block: first byte, first bit
+        place = channel.address + field
+    data = bytearray(file.read_bytes())
+    data[place : place + 2] = b"\xf0\xff"
+    file.write_bytes(data)
+    with pytest.raises(FileProblem, match=r"ends at byte \d+ of records of 24 bytes"):
+        read(file, displacement="x", force="F")
+
+
+def test_more_scales_than_a_channel_can_have_are_refused_at_once(tmp_path: Path) -> None:
+    """npTDMS counted them, for hours."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    wave = {"wf_increment": 0.004, "wf_start_offset": 0.0, "NI_Number_Of_Scales": 2_000_000_000}
+    with TdmsWriter(tmp_path / "a.tdms") as writer:
+        writer.write_segment([ChannelObject("run", "x", X_MM, wave), ChannelObject("run", "F", F_N, wave)])
+    with pytest.raises(FileProblem, match="NI_Number_Of_Scales = 2000000000, at most 256"):
+        read(tmp_path / "a.tdms", displacement="x:mm", force="F:N")
