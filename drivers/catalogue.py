@@ -24,6 +24,7 @@ from drivers.ring import Channel
 from drivers.roles import Actuator, ActuatorLimits, Sensor
 from drivers.sample_stream import SampleScale
 from drivers.sensor_formats import described_format, is_file
+from drivers.sensor_formats import wire_text as sensor_wire_text
 from drivers.serial_sensor import BINARY, CLOCKED, USUAL, SerialSensor
 from drivers.streamed_actuator import as_actuator
 from protocols.sensor_presets import TABLES
@@ -56,6 +57,7 @@ __all__ = [
     "register_map_schema",
     "register_sensor",
     "sensor_format_names",
+    "sensor_wire_text",
     "supply",
     "supply_names",
     "supply_problems",

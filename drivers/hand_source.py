@@ -12,6 +12,7 @@ from drivers import clock
 from drivers.current_source import CurrentSource, SourceBatch, SourceTiming, SourceTraits
 from drivers.origins import ChannelOrigin, Origins
 from drivers.polled_source import ToldSource
+from drivers.ring import Channel
 
 PERIOD_S = 0.010
 _LACKING = (
@@ -55,7 +56,9 @@ class HandSource(ToldSource):
             "operator", "what the operator confirmed; not measured",
             "Coil current set manually, as the operator confirmed it; not measured",
         )
-        return self._origins("operator", stated, stated.from_wire)
+        found = ChannelOrigin("station", "value = by what the operator confirmed; no device reports it")
+        own = self._origins("operator", stated, stated.from_wire)
+        return {**own, Channel.ECU_STATE: found, Channel.ECU_FAULTS: found}
 
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:

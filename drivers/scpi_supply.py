@@ -74,7 +74,8 @@ class ScpiSupply(PolledSource):
             "Coil current measured by the power supply",
         )
         sent = " ".join(command.text for command in commands.set_current)
-        own = self._origins("supply", current, f"value = number sent in {sent!r}")
+        factor = "0.001 * " if "{current_mA" in sent else ""
+        own = self._origins("supply", current, f"value = {factor}number sent in {sent!r}")
         if not commands.measure_voltage:
             return own
         volts = f"value = {_answered(commands.measure_voltage, described.voltage)}"

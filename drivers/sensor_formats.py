@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.ring import Channel
+from protocols.binary_format import BinaryFormat
 from protocols.errors import LocalProtocolError
 from protocols.format_keys import FormatProblems, Problem
 from protocols.line_format import LineFormat
@@ -21,6 +22,7 @@ FRAME16 = "frame16"
 FILE_ENDING = ".toml"
 LARGEST_FILE_BYTES = 65_536
 WIRE_UNITS = {Channel.FORCE: "N", Channel.DISPLACEMENT: "mm"}
+NUMBER = "number"
 OWN_UNIT = "signed-decimal"
 """The preset that writes the unit of its channel behind the number."""
 
@@ -76,6 +78,41 @@ def stated_unit(given: Given) -> str:
     if isinstance(given, str) and not is_file(given):
         return ""
     return str(table_of(given).get("unit", ""))
+
+
+def wire_text(given: Given) -> str:
+    """A format in one line: its name, and how it makes a reading of the number on the wire where that is not all of it.
+
+    Args:
+        given: a preset's name, the path of a file, a table, or the name of a plug-in's format.
+    """
+    name = given if isinstance(given, str) else "described in the bench file"
+    if isinstance(given, str) and given not in TABLES and not is_file(given):
+        return name
+    made = described_format(given)
+    reading = _line_reading(made) if isinstance(made, LineFormat) else _frame_reading(made)
+    return name if reading == NUMBER else f"{name}, read as {reading}"
+
+
+def _line_reading(made: LineFormat) -> str:
+    number = NUMBER
+    if made.decimals:
+        bare = "" if made.number.startswith("hexadecimal") else " where it has no decimal mark"
+        number = f"({NUMBER} / {10**made.decimals}{bare})"
+    reading = _scaled(made.scale, number, made.offset)
+    if not made.units:
+        return reading
+    factors = ", ".join(f"{unit} {factor:.9g}" for unit, factor in {made.unit: 1.0, **made.units}.items())
+    return f"({reading}) * factor of the unit behind it ({factors})"
+
+
+def _frame_reading(made: BinaryFormat) -> str:
+    value = made.fields["value"]
+    return _scaled(value.scale, NUMBER, value.offset)
+
+
+def _scaled(scale: float, number: str, offset: float) -> str:
+    return f"{scale:.9g} * " * (scale != 1.0) + number + f" {offset:+.9g}" * (offset != 0.0)
 
 
 def _from_file(path: Path) -> SensorFormat:

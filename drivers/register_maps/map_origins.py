@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from drivers.origins import ChannelOrigin, Origins
-from drivers.register_maps.controller_map import ControllerMap
+from drivers.register_maps.controller_map import PRESSURES, ControllerMap
 from drivers.register_maps.quantity import Quantity
 from drivers.ring import Channel
 
@@ -13,7 +13,7 @@ SOURCE = "controller"
 SHOWN = {
     Channel.POSITION: "position", Channel.VELOCITY: "velocity", Channel.SETPOINT: "setpoint",
     Channel.CYCLES_DONE: "cycles_done", Channel.SUPPLY_PRESSURE: "supply_pressure",
-    Channel.ACCUMULATOR_PRESSURE: "accumulator_pressure", Channel.PHASE: "phase", Channel.SERVO_ERROR: "servo_error",
+    Channel.ACCUMULATOR_PRESSURE: "accumulator_pressure", Channel.SERVO_ERROR: "servo_error",
     Channel.CONTROLLER_FORCE: "force", Channel.PULSE: "pulse_count",
 }
 """Channels that are one quantity of the map, where the map has it."""
@@ -33,7 +33,12 @@ def map_origins(controller: ControllerMap) -> Origins:
         Channel.STATE: words.states.quantities | {quantities[name] for name in ("state",) if name in quantities},
         Channel.FAULT_BITS: words.faults.quantities,
         Channel.INPUTS: words.inputs.quantities | words.pressure.quantities,
+        Channel.PHASE: frozenset(quantities[name] for name in ("phase",) if name in quantities),
     }
+    if not words.pressure.rules and not words.inputs.members & PRESSURES and controller.capabilities.hydraulics:
+        meanings[Channel.INPUTS] |= meanings[Channel.STATE]  # the pressure among the inputs follows from the state
+    if any(rule.codes for rule in words.pressure.rules.values()):
+        meanings[Channel.INPUTS] |= {quantities["state"]}
     origins |= {channel: ChannelOrigin(SOURCE, _meaning(of)) for channel, of in meanings.items() if of}
     if Channel.VELOCITY not in origins:
         text = "value = smoothed difference of the controller's positions over the host's time"

@@ -10,12 +10,16 @@ from drivers.can_current_source import CanCurrentSource
 from drivers.can_port import CanPort
 from drivers.connection import CanAddress
 from drivers.devices.source import current_source
+from drivers.devices.supply import SupplyConnection
+from drivers.devices.supply_file import supply
 from drivers.hand_source import HandSource
 from drivers.origins import origins_of
 from drivers.register_maps.map_file import controller
 from drivers.register_maps.map_origins import map_origins
 from drivers.register_maps.quantity import Quantity
 from drivers.ring import Channel
+from drivers.scpi_supply import ScpiSupply
+from drivers.sensor_formats import wire_text
 
 
 @pytest.mark.parametrize(("name", "position"), [
@@ -60,3 +64,36 @@ def test_an_ecu_states_its_signals_and_an_operator_that_nothing_is_measured() ->
     told = origins_of(HandSource())[Channel.COIL_CURRENT]
     assert (told.source, "not measured" in told.long_name) == ("operator", True)
     assert origins_of(object()) == {}
+
+
+def test_a_phase_is_the_meaning_of_its_codes_and_inputs_of_the_state_that_shows_the_pressure() -> None:
+    origins = map_origins(controller("demo"))
+    assert origins[Channel.PHASE].from_wire.startswith("value = meaning")
+    made = controller("float-drive")
+    stated = map_origins(made)[Channel.INPUTS].from_wire
+    assert all(one.on_wire in stated for one in made.words.states.quantities | made.words.pressure.quantities)
+
+
+@pytest.mark.parametrize(("given", "stated"), [
+    ("laumas-fast", "laumas-fast"),
+    ({"base": "laumas-fast", "decimals": 1},
+     "described in the bench file, read as (number / 10 where it has no decimal mark)"),
+    ({"pattern": r"(?P<value>[+-]?\d+)(?P<unit>k?N)", "scale": 0.5, "offset": 2.0, "units": {"kN": 1000.0}},
+     "described in the bench file, read as (0.5 * number +2) * factor of the unit behind it (N 1, kN 1000)"),
+    ({"sync": [1], "length": 4, "fields": {"value": {"at": 1, "type": "u16", "scale": 0.001}}},
+     "described in the bench file, read as 0.001 * number"),
+    ("a-plug-in", "a-plug-in"),
+])  # fmt: skip
+def test_a_format_states_how_it_reads_the_number_on_the_wire(given: object, stated: str) -> None:
+    assert wire_text(given) == stated  # type: ignore[arg-type]  # names and tables, as a bench file has them
+
+
+def test_a_set_point_in_milliamperes_and_a_state_that_no_device_reports_are_stated_as_such() -> None:
+    table = {
+        "commands": {"set_current": "ISET {current_mA:.0f}", "measure_current": "MEAS?"},
+        "range": {"current_A": [0, 5]},
+    }
+    source = ScpiSupply(SupplyConnection("socket://127.0.0.1:1", supply(table)))
+    stated = source.origins[Channel.COMMANDED_CURRENT].from_wire
+    assert stated == "value = 0.001 * number sent in 'ISET {current_mA:.0f}'"
+    assert "no device reports it" in HandSource().origins[Channel.ECU_STATE].from_wire

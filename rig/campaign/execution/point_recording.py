@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from drivers.catalogue import sensor_wire_text
 from rig import __version__
 from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
@@ -343,7 +344,7 @@ def _sensor(sensor: SensorConfig, unit: str, long_name: str) -> SensorContext:
         due="" if calibration.due is None else calibration.due.isoformat(),
         uncertainty_percent=calibration.uncertainty_percent,
         overdue=calibration.due is not None and calibration.due < utc_now().date(),
-        format=sensor.format if isinstance(sensor.format, str) else "a line described in the bench file",
+        format=sensor_wire_text(sensor.format),
         bandwidth_Hz=sensor.bandwidth_Hz,
     )
 
