@@ -33,6 +33,7 @@ LIMIT_FIELDS: Mapping[str, str] = {_bare(name): name for name in ActuatorLimits.
     "watchdog_time": "watchdog_ms"
 }
 CLOCK_MODULUS = 1 << 32
+LESS_PRESSURE = frozenset({State.OFF, State.LOW})
 PRESSURES = int(Input.HYDRAULICS_LOW | Input.HYDRAULICS_ON)
 
 
@@ -240,8 +241,11 @@ class ControllerMap:
         """The pressure for what the quantities of `polled` show: by [pressure], by the inputs, or by the state's rules.
 
         An input for full pressure alone shows by its absence that there is none; one for low pressure alone does not.
+        What is not a number shows nothing: a broken transducer does not prove that the pressure is gone.
         """
         words = self.words
+        if any(values[quantity.name] != values[quantity.name] for quantity in self._shows_pressure):
+            return Pressure.UNKNOWN
         if words.pressure.rules:
             return words.pressure.meaning(values)
         by_state = words.states.pressure(values)
@@ -253,6 +257,16 @@ class ControllerMap:
         if not members & Input.HYDRAULICS_ON:
             return by_state
         return Pressure.LOW if by_state is Pressure.LOW and not members & Input.HYDRAULICS_LOW else Pressure.OFF
+
+    @cached_property
+    def _shows_pressure(self) -> frozenset[Quantity]:
+        """What conditions on the pressure look at."""
+        words = self.words
+        if words.pressure.rules:
+            return words.pressure.quantities
+        conditions = [condition for member, condition in words.inputs.conditions if member & PRESSURES]
+        conditions += [rule.condition for rule in words.states.rules if rule.state in LESS_PRESSURE and rule.condition]
+        return frozenset[Quantity]().union(*(condition.quantities for condition in conditions))
 
     def _inputs(self, values: Values, state: int, pressure: Pressure) -> int:
         inputs = self.words.inputs.meaning(values)

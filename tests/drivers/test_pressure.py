@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -97,3 +98,18 @@ def test_the_simulated_controller_shows_its_pressure_behind_a_trip(name: str, pr
 def test_a_pressure_that_cannot_be_is_refused(text: str, message: str) -> None:
     found = problems(SMALLEST.replace("[faults]", f"{text}\n[faults]", 1))
     assert any(re.search(message, problem) for problem in found), found
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        '[inputs]\nhydraulics-on = {quantity = "bar", at_least = 10}',
+        '[pressure]\noff = {quantity = "bar", not_equals = 100}\non = {quantity = "bar", at_least = 10}',
+    ],
+)
+def test_a_transducer_that_shows_no_number_does_not_prove_that_the_pressure_is_gone(stated: str) -> None:
+    made = read(SMALLEST.replace("[state]", f'bar = {{address = 60, type = "f32"}}\n{stated}\n[state]'))
+    assert shown(made, bar=120.0, state=9).stated_pressure is ON
+    assert shown(made, bar=0.0, state=9).stated_pressure is OFF
+    assert shown(made, bar=math.nan, state=9).stated_pressure is UNKNOWN
+    assert not shown(made, bar=math.nan, state=9).hydraulics_off
