@@ -1,9 +1,10 @@
 """Every set-point is one that the rod can reach: from the last one that the device took, or from where the rod is.
 
 One rule for all motions: sine, triangle, signal, hybrid test, move, fade and halt. A set-point that can be reached
-within the bench's limits is passed on unchanged. One that is a little out of reach (a corner) is replaced by the
-nearest one in reach. Any other one, and those after a gap, are replaced by a path that leads back to the motion: it has
-no steps, its speed changes by less than the acceleration limit allows, and is not larger than the motion's own.
+within the bench's limits is passed on unchanged; so is a corner that a position loop turns with no more acceleration.
+One that is a little out of reach is replaced by the nearest one in reach. Any other one, and those after a gap, are
+replaced by a path that leads back to the motion: it has no steps, its speed changes by less than the acceleration limit
+allows, and is not larger than the motion's own.
 Pure: time is given, nothing is sent.
 """
 
@@ -23,6 +24,15 @@ STROKE_SHARE = 0.8
 """Of the acceleration limit, used to stay within the travel."""
 CAUGHT_SHARE = 0.05
 """A motion is caught up with when the step to it is below this share of (acceleration limit x period^2)."""
+
+LOOP_1_S = math.tau * 30.0
+"""Corner of a fast position loop. It answers a step d with an acceleration of LOOP_1_S^2 d, and a speed that changes at
+once by v with 0.46 LOOP_1_S v."""
+TURN_S = 1.0 / (0.46 * LOOP_1_S)
+TURN_SHARE = 1.02
+"""A speed may change by the acceleration limit times this time at once: the loop answers with no more acceleration.
+Over any time it changes by the limit times that time and `TURN_S` at most. What changes more is a corner out of reach;
+so much more for rounding."""
 
 SLACK_M = 1e-6
 """Far below what a servo resolves; clocks and rounding differ by less."""
@@ -49,10 +59,14 @@ class SetpointGuard:
         self._limits = limits
         self._period_s = period_s
         self._acceleration_m_s2 = limits.acceleration_m_s2
+        # Of the speed, to change at once: a corner may use it up, and it comes back with time.
+        self._most_spare_m_s = limits.acceleration_m_s2 * max(0.0, TURN_S - period_s)
+        self._spare_m_s = self._most_spare_m_s
 
     def begin(self, setpoint: Setpoint, now_s: float) -> None:
         """The device holds this set-point and follows from here on."""
         self.last, self.at_s, self.taken_s, self.catching_up = setpoint, now_s, now_s, False
+        self._spare_m_s = self._most_spare_m_s
 
     def measured(self, rod: Setpoint, now_s: float, *, catch_up: bool) -> None:
         """The rod was measured after a gap: what the device took before no longer tells where it is.
@@ -63,9 +77,14 @@ class SetpointGuard:
             catch_up: the motion goes on; else what comes next begins from the rod.
         """
         self.last, self.at_s, self.catching_up = rod, now_s, catch_up
+        self._spare_m_s = 0.0
 
     def taken(self, setpoint: Setpoint, now_s: float) -> None:
         """The device acknowledged a set-point that was sent at this time."""
+        if math.isfinite(self.at_s) and math.isfinite(self._acceleration_m_s2):
+            turned_m_s = abs(setpoint.velocity_m_s - self.last.velocity_m_s)
+            spare_m_s = self._spare_m_s + self._acceleration_m_s2 * (now_s - self.at_s) - turned_m_s
+            self._spare_m_s = max(0.0, min(self._most_spare_m_s, spare_m_s))
         self.last, self.at_s, self.taken_s = setpoint, now_s, now_s
 
     def reachable(self, wanted: Setpoint, now_s: float, fastest_m_s: float, *, braking: bool = False) -> Setpoint:
@@ -80,23 +99,38 @@ class SetpointGuard:
         step_s = max(now_s - self.at_s, 0.0)
         if not math.isfinite(self._acceleration_m_s2) or not math.isfinite(step_s):
             return wanted
+        turn_m_s = self._turn_m_s(step_s, braking=braking)
         if not self.catching_up:
-            off_m = wanted.position_m - self._goes_to_m(step_s)
-            self.catching_up = abs(off_m) > self._acceleration_m_s2 * max(step_s, self._period_s) ** 2
-        sent = self._returning(wanted, step_s, fastest_m_s) if self.catching_up else self._nearest(wanted, step_s)
+            self.catching_up = self._is_beyond(wanted, step_s, turn_m_s)
+        if self.catching_up:
+            sent = self._returning(wanted, step_s, fastest_m_s)
+        else:
+            sent = self._nearest(wanted, step_s, turn_m_s)
         return sent if braking else self._within_travel(sent)
+
+    def _is_beyond(self, wanted: Setpoint, step_s: float, turn_m_s: float) -> bool:
+        """The motion is out of reach: by a step that would throw the rod, or by a corner."""
+        step_m = self._acceleration_m_s2 * min(max(step_s, self._period_s), 1.0 / LOOP_1_S) ** 2
+        off_m = wanted.position_m - self._goes_to_m(step_s)
+        return abs(off_m) > step_m or abs(wanted.velocity_m_s - self.last.velocity_m_s) > turn_m_s
+
+    def _turn_m_s(self, step_s: float, *, braking: bool) -> float:
+        """By how much the speed may change now; of a halt, that has no corner, as the limit says."""
+        # The speed counts for the coming period, however soon this set-point follows the last one.
+        period_s = max(step_s, self._period_s)
+        if braking:
+            return self._acceleration_m_s2 * period_s
+        return TURN_SHARE * self._acceleration_m_s2 * min(period_s, TURN_S) + self._spare_m_s
 
     def _goes_to_m(self, step_s: float) -> float:
         """Where the device's set-point is after this time: it goes on at the speed of the last one."""
         return self.last.position_m + self.last.velocity_m_s * step_s
 
-    def _nearest(self, wanted: Setpoint, step_s: float) -> Setpoint:
+    def _nearest(self, wanted: Setpoint, step_s: float, turn_m_s: float) -> Setpoint:
         """The set-point itself where it is in reach; else the nearest one that is."""
         limit, straight_m, before_m_s = self._acceleration_m_s2, self._goes_to_m(step_s), self.last.velocity_m_s
         most_m_s = SPEED_SHARE * self._limits.speed_m_s
-        # The speed counts for the coming period, however soon this set-point follows the last one.
-        gained_m_s = limit * max(step_s, self._period_s)
-        low_m_s, high_m_s = max(-most_m_s, before_m_s - gained_m_s), min(most_m_s, before_m_s + gained_m_s)
+        low_m_s, high_m_s = max(-most_m_s, before_m_s - turn_m_s), min(most_m_s, before_m_s + turn_m_s)
         off_m = 0.5 * limit * step_s**2 + SLACK_M
         return Setpoint(
             max(straight_m - off_m, min(straight_m + off_m, wanted.position_m)),
@@ -117,7 +151,7 @@ class SetpointGuard:
         velocity_m_s = wanted.velocity_m_s - math.copysign(speed_m_s, off_m)
         most_m_s = min(max(fastest_m_s, abs(wanted.velocity_m_s)), self._limits.speed_m_s)
         velocity_m_s = max(-most_m_s, min(most_m_s, velocity_m_s))
-        gained_m_s = limit * period_s
+        gained_m_s = limit * min(period_s, TURN_S)
         before_m_s = self.last.velocity_m_s
         velocity_m_s = max(before_m_s - gained_m_s, min(before_m_s + gained_m_s, velocity_m_s))
         return Setpoint(position_m, self._stoppable(position_m, velocity_m_s))

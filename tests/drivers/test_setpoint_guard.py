@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from drivers.roles import Move, Program, State, Waveform
 from drivers.servo_lag import ServoLag
 from drivers.setpoint_generator import RodLimits, Setpoint, SetpointGenerator, halting_rate
-from drivers.setpoint_guard import SetpointGuard
+from drivers.setpoint_guard import TURN_S, SetpointGuard
 
 LIMITS = RodLimits(-0.085, 0.085, 0.8, 60.0)
 PERIOD_S = 0.01
@@ -68,15 +68,47 @@ def test_from_wherever_the_rod_is_the_set_points_return_to_the_motion_without_a_
     assert not guard.catching_up
 
 
-def test_a_corner_beyond_the_acceleration_limit_is_rounded_and_a_jump_is_caught_up_with() -> None:
-    guard = SetpointGuard(RodLimits(-0.085, 0.085, 0.8, 20.0), PERIOD_S)
+def test_a_jump_is_caught_up_with() -> None:
+    guard = SetpointGuard(LIMITS, PERIOD_S)
     guard.begin(Setpoint(0.0, 0.3), 0.0)
-    turned = guard.reachable(Setpoint(0.003, -0.3), PERIOD_S, 0.3)
-    assert turned.velocity_m_s == pytest.approx(0.3 - 20.0 * PERIOD_S)
-    assert abs(turned.position_m - 0.003) <= 0.5 * 20.0 * PERIOD_S**2 + 2e-6
     jumped = guard.reachable(Setpoint(0.05, 0.3), PERIOD_S, 0.3)
     assert guard.catching_up
     assert jumped.position_m == pytest.approx(0.003)
+
+
+def triangle(now_s: float, period_s: float, speed_m_s: float) -> Setpoint:
+    """Of 50 mm, with the mean speed of the coming period."""
+    def place_m(at_s: float) -> float:
+        share = at_s * speed_m_s / 0.2 % 1.0
+        return 0.05 * (4.0 * abs((share + 0.75) % 1.0 - 0.5) - 1.0)
+
+    return Setpoint(place_m(now_s), (place_m(now_s + period_s) - place_m(now_s)) / period_s)
+
+
+@pytest.mark.parametrize("period_s", [0.002, 0.004, 0.007, 0.01, 0.02, 0.04])
+def test_a_corner_that_a_loop_turns_within_the_acceleration_limit_is_passed_on(period_s: float) -> None:
+    """0.92 of the loop's corner times the speed is the loop's acceleration: 60 m/s^2 at 0.346 m/s, at any poll."""
+    guard = SetpointGuard(LIMITS, period_s)
+    guard.begin(triangle(0.0, period_s, 0.345), 0.0)
+    for step in range(1, round(2.0 / period_s)):
+        wanted = triangle(step * period_s, period_s, 0.345)
+        assert guard.reachable(wanted, step * period_s, 0.345) == wanted
+        guard.taken(wanted, step * period_s)
+
+
+@pytest.mark.parametrize("period_s", [0.002, 0.004, 0.007, 0.01, 0.02, 0.04])
+def test_a_corner_beyond_the_acceleration_limit_is_rounded_without_a_step(period_s: float) -> None:
+    guard, last = SetpointGuard(LIMITS, period_s), triangle(0.0, period_s, 0.5)
+    guard.begin(last, 0.0)
+    for step in range(1, round(2.0 / period_s)):
+        now_s = step * period_s
+        sent = guard.reachable(triangle(now_s, period_s, 0.5), now_s, 0.5)
+        guard.taken(sent, now_s)
+        step_m = sent.position_m - last.position_m - last.velocity_m_s * period_s
+        assert abs(step_m) <= 0.05 * LIMITS.acceleration_m_s2 * period_s**2 + 1e-6
+        assert abs(sent.velocity_m_s - last.velocity_m_s) <= LIMITS.acceleration_m_s2 * (TURN_S + 1e-3)
+        assert abs(sent.velocity_m_s) <= 0.5 + 1e-9
+        last = sent
 
 
 def test_without_limits_and_without_a_period_everything_is_passed_on() -> None:

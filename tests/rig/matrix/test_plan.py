@@ -277,6 +277,18 @@ def test_a_corner_that_the_controller_cannot_turn_as_fast_as_its_loop_adds_to_a_
     assert slow.peaks.speed_m_s == slow.point.peak_speed_m_s
 
 
+def test_a_corner_that_streamed_set_points_cannot_turn_is_refused_with_what_would_fit() -> None:
+    """The loop turns 0.346 m/s with 60 m/s^2; a controller's own generator limits that by itself."""
+    fast = one("45 mm", "2 Hz", waveform="triangle")
+    assert plan(fast, DEMO).feasible
+    (item,) = plan(fast, STREAMED).points
+    assert [cause.slug for cause in item.causes] == ["acceleration"]
+    assert "62.4 m/s^2" in item.reasons[0]
+    (fitted,) = plan(one(f"{item.would_fit_m} m", "2 Hz", waveform="triangle"), STREAMED).points
+    assert fitted.feasible
+    assert fitted.point.peak_speed_m_s == pytest.approx(0.346, abs=1e-3)
+
+
 @given(
     amplitude_m=st.floats(1e-4, 0.5),
     frequency_Hz=st.floats(0.01, 9.0),

@@ -13,6 +13,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from drivers.roles import Program, Waveform
+
 FILE = Path(__file__).resolve().parents[3] / "benchmarks" / "streamed_gaps.py"
 RAISED = (('speed = "0.8 m/s"', 'speed = "2 m/s"'), ('force = "5 kN"', 'force = "9 kN"'))
 
@@ -48,13 +50,27 @@ def test_after_a_gap_the_rod_stays_within_its_limits_and_the_stop_is_proved(
     assert (outcome.trip, outcome.proved) == (slug, bool(slug))
 
 
-@pytest.mark.parametrize("preset", ["demo-streamed", "delta-rmc"])
-def test_an_undisturbed_sine_has_hardly_any_ripple(gaps: ModuleType, preset: str) -> None:
-    """60 mm at 1.5 Hz have 0.565 m/s and 5.3 m/s^2; tangents from set-point to set-point made it 10 to 18 m/s^2."""
+@pytest.mark.parametrize(("preset", "share"), [("demo-streamed", 1.02), ("delta-rmc", 1.03)])
+def test_an_undisturbed_sine_has_hardly_any_ripple(gaps: ModuleType, preset: str, share: float) -> None:
+    """60 mm at 1.5 Hz have 0.565 m/s and 5.3 m/s^2; tangents from set-point to set-point made it 10 to 18 m/s^2.
+
+    Without a speed the wires' jitter, 0.3 of 10 ms, is one of the speed.
+    """
     outcome = gaps.outcome(gaps.Case(preset, jitter_s=0.0))
-    assert outcome.speed_m_s < 1.02 * 0.5655
+    assert outcome.speed_m_s < share * 0.5655
     assert outcome.acceleration_m_s2 < 9.0
     rows = outcome.rows[outcome.rows[:, 0] > outcome.rows[-1, 0] - 2.0 / 1.5]
     spectrum = np.abs(np.fft.rfft(rows[:, 1])) / (len(rows) / 2)
     assert spectrum[2] == pytest.approx(0.06, rel=0.01)
     assert np.sqrt(np.sum(spectrum[4:200] ** 2)) < 0.003 * spectrum[2]
+
+
+@pytest.mark.parametrize("preset", ["float-drive", "delta-rmc"])
+@pytest.mark.parametrize(("poll_s", "speed_m_s"), [(0.004, 0.34), (0.010, 0.34), (0.010, 0.456), (0.020, 0.34)])
+def test_a_triangles_corner_throws_no_rod(gaps: ModuleType, preset: str, poll_s: float, speed_m_s: float) -> None:
+    """At 0.456 m/s, polled every 10 ms, steps at its corners made 0.57 and 0.64 m/s of it, and 112 m/s^2 of 60."""
+    order = Program(Waveform.TRIANGLE, speed_m_s / 7.6, 1.9, cycles=6.0, ramp_in_cycles=1.0, ramp_out_cycles=1.0)
+    gaps.MOTIONS["corners"] = (order, 1.9, speed_m_s)
+    outcome = gaps.outcome(gaps.Case(preset, "corners", poll_s=poll_s, limits=RAISED))
+    assert (outcome.problems(), outcome.trip) == ([], "")
+    assert outcome.speed_m_s < 1.11 * speed_m_s
