@@ -341,7 +341,11 @@ class CanCurrentSource:
         try:
             values = message.reader.read(data)
         except RemoteProtocolError:
-            self._checks.malformed(is_status)
+            # A float that is no finite number, in a frame that is right by itself.
+            if is_status:
+                self._checks.measured(math.nan)
+            else:
+                self._checks.malformed(is_status)
             return
         self._values.update(values)
         self._checks.heard(key, batch.arrival_ns)

@@ -29,6 +29,7 @@ from protocols.errors import LocalProtocolError, RemoteProtocolError
 from protocols.format_keys import FormatProblems
 from protocols.line_format import LineDecoder, LineFormat
 from protocols.sensor_format import from_description
+from rig.station.interlocks.current_interlock import thrown_away
 
 HUGE = 10**400
 """A whole number that TOML carries and no float holds."""
@@ -251,7 +252,15 @@ def heard(roles: str, *frames: tuple[int, bytes]) -> CanCurrentSource:
 def test_a_current_that_is_no_number_beside_a_clock_is_counted() -> None:
     good, bad = struct.pack("<fI", 1.0, 1), struct.pack("<fI", math.nan, 2)
     source = heard(f'{ROLES}clock = "Stat.Clk"\n', (257, good), (257, bad), (257, struct.pack("<fI", 1.0, 3)))
-    assert (source.counters.malformed, source.counters.statuses) == (1, 2)
+    assert (source.counters.bad_checks, source.counters.statuses) == (1, 2)
+
+
+@pytest.mark.parametrize("roles", [ROLES, f'{ROLES}clock = "Stat.Clk"\n'])
+def test_currents_in_a_row_that_are_no_numbers_are_named(roles: str) -> None:
+    frames = [(257, struct.pack("<fI", math.nan, place)) for place in range(3)]
+    source = heard(roles, *frames)
+    assert source.counters.unmeasured_in_a_row == 3
+    assert thrown_away(source.counters) == "current-unmeasured"
 
 
 def test_a_clock_of_64_bits_may_show_anything() -> None:
