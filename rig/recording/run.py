@@ -120,6 +120,8 @@ class Run:
             except FileProblem as error:
                 problems += [f"points/{file.name}: {problem}" for problem in error.problems]
         if problems:
+            if points:
+                problems[-1] += f". Fix: move such a file out of points/ to use the other {len(points)} without it"
             raise FileProblem(str(place), problems)
         counted = tuple(point for point in points if not point.kept_apart)
         return cls(place, counted, read_campaign(place), tuple(point for point in points if point.kept_apart))

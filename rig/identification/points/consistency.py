@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
-from rig.errors import IdentificationFailed
+from rig.errors import FileProblem, IdentificationFailed
 from rig.identification.models.measurement import Measurement, samples_a_cycle, set_of
 from rig.identification.words import Saying, say, some
 from rig.signals.test_set import CurrentLevels, same_current, same_motion
@@ -38,7 +38,7 @@ def refuse_seen(fitted: Sequence[RecordedPoint | Measurement], held_out: Sequenc
     Raises:
         IdentificationFailed: a recording is on both sides; the message names them.
     """
-    seen = {_fingerprint(test) for test in fitted}
+    seen = {_fingerprint(test) for test in fitted} - {None}
     twice = [test.id for test in held_out if _fingerprint(test) in seen]
     if twice:
         raise IdentificationFailed(
@@ -57,6 +57,8 @@ def refuse_twice(fitted: Sequence[RecordedPoint | Measurement]) -> None:
     twice = []
     for test in fitted:
         mark = _fingerprint(test)
+        if mark is None:
+            continue
         if mark in first:
             twice.append(f"{first[mark]} and {test.id}")
         first.setdefault(mark, test.id)
@@ -89,8 +91,12 @@ def without_still(tests: Sequence[Measurement]) -> tuple[list[Measurement], list
     return kept, left_out
 
 
-def _fingerprint(test: RecordedPoint | Measurement) -> bytes:
-    force = test.force_N if isinstance(test, Measurement) else test.force_samples.force_N
+def _fingerprint(test: RecordedPoint | Measurement) -> bytes | None:
+    """Of a test's force; None where its file is damaged, which the preparation of the test reports."""
+    try:
+        force = test.force_N if isinstance(test, Measurement) else test.force_samples.force_N
+    except FileProblem:
+        return None
     return hashlib.sha256(np.ascontiguousarray(force).data).digest()
 
 

@@ -58,6 +58,10 @@ def read_description(path: Path, *, whole: bool = True) -> dict[str, Any]:
     verdict = quality.get("verdict", "valid")
     if verdict not in VERDICTS:
         problems.append(f"/entry/quality: verdict = {verdict!r}; expected one of {', '.join(VERDICTS)}")
+    reasons = quality.get("reasons", ())
+    reasons = [reasons] if isinstance(reasons, str) else reasons
+    if not isinstance(reasons, (list, tuple)) or not all(isinstance(one, str) for one in reasons):
+        problems.append(f"/entry/quality: reasons = {reasons!r}; expected texts")
     if problems:
         raise FileProblem(str(path), problems)
     described: dict[str, Any] = {name: test[name] for name in TEXTS}
@@ -67,7 +71,7 @@ def read_description(path: Path, *, whole: bool = True) -> dict[str, Any]:
         "repeat": int(_number(test.get("repeat")) or 1),
         "mid_stroke_m": _number(test.get("mid_stroke_m")),
         "verdict": verdict,
-        "reasons": tuple(quality.get("reasons", ())),
+        "reasons": tuple(reasons),
         "lost_samples": int(_number(quality.get("lost_samples")) or 0),
         "skew_s": _number(quality.get("skew_s")) or 0.0,
         "skew_std_s": _number(quality.get("skew_std_s")) or 0.0,
@@ -222,6 +226,6 @@ def _values(path: Path, dataset: h5py.Dataset) -> NDArray[Any]:
     except OSError as error:
         raise FileProblem(str(path), [f"{dataset.name}: damaged: {error}"]) from error
     wanted = dataset.attrs.get("crc32")
-    if wanted is not None and int(wanted) != check_of(values):
+    if wanted is not None and not np.array_equal(wanted, check_of(values)):
         raise FileProblem(str(path), [f"{dataset.name}: damaged: its values do not match their check"])
     return values

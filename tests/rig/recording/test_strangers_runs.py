@@ -6,12 +6,15 @@ import shutil
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 
 from rig.errors import FileProblem
 from rig.export.point_tables import write_points
+from rig.identification import identify
 from rig.recording.atomic_write import inner_folder, open_to_append, write_text_durably
 from rig.recording.conversion.recovery import recover
+from rig.recording.importing import import_tests
 from rig.recording.run import Run
 
 FIRST_VERSION = Path(__file__).with_name("first_version.h5")
@@ -69,3 +72,39 @@ def test_folders_and_logs_that_are_links_are_refused(tmp_path: Path, campaign: P
     with pytest.raises(FileProblem):
         recover(campaign)
     assert list(elsewhere.iterdir()) == []
+
+
+@pytest.mark.parametrize(("place", "name", "value"), [
+    ("entry/quality", "reasons", 5), ("entry/quality", "reasons", [1.0, 2.0]), ("entry/data/force", "crc32", "x"),
+    ("entry/data/force", "crc32", [1, 2]), ("entry/data/force", "crc32", float("nan")),
+])
+def test_attributes_of_another_kind_are_refused_in_words(
+    campaign: Path, place: str, name: str, value: object
+) -> None:
+    shutil.copy(FIRST_VERSION, campaign / "points" / "p001.h5")
+    with h5py.File(campaign / "points" / "p001.h5", "r+") as file:
+        file[place].attrs[name] = value
+    with pytest.raises(FileProblem, match=r"reasons = .*; expected texts|do not match their check"):
+        _ = Run.open(campaign).points[0].force_N
+
+
+def test_a_damaged_file_among_others_is_named_with_the_way_out(campaign: Path) -> None:
+    shutil.copy(FIRST_VERSION, campaign / "points" / "p001.h5")
+    (campaign / "points" / "p002.h5").write_bytes(b"damaged")
+    with pytest.raises(FileProblem, match=r"points/p002.h5: .*move such a file out of points/ to use the other 1"):
+        Run.open(campaign)
+
+
+@pytest.mark.parametrize("channel", ["force", "time", "displacement"])
+def test_a_test_with_damaged_values_takes_no_other_with_it(tmp_path: Path, channel: str) -> None:
+    t = np.arange(2000) * 0.004
+    for name, phase in (("a", 0.0), ("b", 0.4)):
+        x_mm, v_m_s = 20.0 * np.sin(9.0 * t + phase), 0.18 * np.cos(9.0 * t + phase)
+        rows = np.column_stack([t, x_mm, 400.0 * v_m_s + 100.0 * np.tanh(v_m_s / 0.02)])
+        np.savetxt(tmp_path / f"{name}.csv", rows, "%.5f", ",", header="t_s,x_mm,F_N", comments="")
+    columns = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
+    run = import_tests([tmp_path / "a.csv", tmp_path / "b.csv"], columns=columns, out=tmp_path, current_A=0.5)
+    with h5py.File(run / "points" / "a.h5", "r+") as file:
+        file[f"entry/data/{channel}"][:10] = 3.0
+    fit = identify(Run.open(run), model="asymmetric")
+    assert any("a left out" in warning and "damaged" in warning for warning in map(str, fit.warnings))
