@@ -165,6 +165,10 @@ def _group_problems(made: LineFormat, values: Mapping[str, Any]) -> Iterator[Pro
         for key in ("checksum_from", "checksum_to", "checksum_over"):
             if key in values:
                 yield (key,), 'checksum is none; state it, such as checksum = "xor-hex"'
+    if made.number.startswith("hexadecimal") and made.sign == "trailing":
+        yield ("sign",), "digits of a hexadecimal number have no sign behind them"
+    if made.number == "hexadecimal-signed" and made.sign == "separate":
+        yield ("sign",), 'hexadecimal-signed has its sign in its digits; with a sign of its own, number = "hexadecimal"'
     if made.sign == "separate" and not made.negative_tokens:
         yield ("negative_tokens",), "must not be empty"
 
@@ -177,10 +181,18 @@ def _template_problem(made: LineFormat) -> str:
                 return f"{{{name}}} is not a field; allowed: {{value}}, {{unit}} and {{checksum}}"
             if form and not _FORM.fullmatch(form):
                 return f"{{{name}:{form}}}: expected a form such as {{value:+010.1f}}, width and decimals at most 99"
-        made.template.format(value=0.0, unit=made.unit, checksum="0" * checksum_digits(made))
+        lines = [_templated(made, number) for number in TRIED]
     except (KeyError, IndexError, ValueError) as error:
         return f"{error}; allowed fields: {{value}}, {{unit}} and {{checksum}}"
+    if not any(line.isascii() and made.match(line) for line in lines):
+        return f"writes {lines[0]!r:.200}, which does not match the pattern"
     return ""
+
+
+def _templated(made: LineFormat, number: float) -> str:
+    """A line by the template, its checksum zeros."""
+    shown = number * 10**made.decimals
+    return made.template.format(value=shown, unit=made.unit, checksum="0" * checksum_digits(made))
 
 
 def _unmatched(made: LineFormat) -> Iterator[Problem]:

@@ -53,6 +53,9 @@ def refused_format(table: dict[str, Any]) -> str:
         ({"pattern": "(" * 480 + VALUE + ")" * 480}, "nested 481 deep"),
         ({"columns": {"value": 256}, "separator": ";", "maximum_length": 256}, "too many columns"),
         ({"columns": {"value": 1}, "separator": "é"}, "one character of ASCII"),
+        ({"pattern": VALUE, "template": "X{value:.1f}"}, "writes 'X0.0', which does not match the pattern"),
+        ({"pattern": rf"(?P<sign>-?){VALUE}", "sign": "separate", "number": "hexadecimal-signed"}, "in its digits"),
+        ({"pattern": r"(?P<value>[0-9A-F]+-?)", "sign": "trailing", "number": "hexadecimal"}, "no sign behind them"),
     ],
 )  # fmt: skip
 def test_a_format_that_nothing_can_be_made_of_is_refused(table: dict[str, Any], says: str) -> None:

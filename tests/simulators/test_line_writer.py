@@ -116,7 +116,7 @@ def test_checksums_are_the_catalogue_s_check_values() -> None:
     ("changes", "says"),
     [
         ({"template": "P{weight}"}, "template"),
-        ({"pattern": r"P(?P<value>[+-]\d{4}\.\d\d)"}, "does not fit"),
+        ({"pattern": r"P(?P<value>[+-]\d{4}\.\d\d)"}, "does not match the pattern"),
         ({"template": "", "pattern": r"P(?P<value>[+-]\d\.\d)"}, "-500 to 500 N do not fit"),
     ],
 )
