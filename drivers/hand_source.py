@@ -56,9 +56,9 @@ class HandSource(ToldSource):
             "operator", "what the operator confirmed; not measured",
             "Coil current set manually, as the operator confirmed it; not measured",
         )
-        found = ChannelOrigin("station", "value = by what the operator confirmed; no device reports it")
+        derived = ChannelOrigin("station", "value = by what the operator confirmed; no device reports it")
         own = self._origins("operator", stated, stated.from_wire)
-        return {**own, Channel.ECU_STATE: found, Channel.ECU_FAULTS: found}
+        return {**own, Channel.ECU_STATE: derived, Channel.ECU_FAULTS: derived}
 
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:
