@@ -232,7 +232,7 @@ def _show(folder: Path, as_json: bool) -> int:
         for point in run.points:
             text = described(point)
             line = f"{point.id:<23} {text:<31} {'; '.join((point.verdict, *point.reasons))}"
-            shown.print(line, markup=False)
+            shown.print(line, markup=False, soft_wrap=True)
             if point.quality.record is not None and (use := _use(point.quality.record)):
                 shown.print(f"  {use}", markup=False, soft_wrap=True)
         say(folder.resolve())

@@ -68,9 +68,9 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
     else:
         shown = console()
         counts = f"{outcome.facts['searches']} searches over {outcome.facts['samples']} samples"
-        shown.print(f"{counts}, {len(outcome.tables)} tables")
-        shown.print(f"page: {outcome.page}")
-        shown.print(f"tables: {folder / 'tables'}")
+        shown.print(f"{counts}, {len(outcome.tables)} tables", soft_wrap=True)
+        shown.print(f"page: {outcome.page}", soft_wrap=True)
+        shown.print(f"tables: {folder / 'tables'}", soft_wrap=True)
     return EXIT_DONE
 
 
@@ -114,7 +114,7 @@ def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -
         shown.print(f"{cells[0]:<12}  {', '.join(cells[1:3]):<54}  {', '.join(unseen)}", markup=False, soft_wrap=True)
     for line in outcome.facts["left_out"]:
         shown.print(line, markup=False, soft_wrap=True)
-    shown.print(f"page: {outcome.page}")
+    shown.print(f"page: {outcome.page}", soft_wrap=True)
     return EXIT_DONE
 
 
