@@ -31,6 +31,8 @@ KNOWN_CODES = frozenset({0, 3, 4, 5, 7})
 WITHOUT_PRESSURE = frozenset({0, 3, 5})
 """Exit codes that promise a rig without pressure, whatever hides it; 4 promises what its stop says of the pressure."""
 LINKS = frozenset({"modbus", "rtu"})
+WRITE_LOST = "modbus-write-lost"
+"""Writes are acknowledged and change nothing: a link over which no command goes, whatever it answers."""
 LEFT_NS = 1e9
 SKEW_SIGMAS, SKEW_S = 4.5, 20e-6
 TRUE_SHARE, TRUE_FORCE_N = 0.05, 60.0
@@ -100,7 +102,8 @@ def _excused_pressure(view: View) -> bool:
     """
     if view.session.exit_code != EXIT_STOPPED:
         return view.hidden_pressure
-    return bool(view.hiding_places(view.faults_by_name()) & LINKS) or any(
+    by_name = view.faults_by_name()
+    return bool(view.hiding_places(by_name) & LINKS) or WRITE_LOST in by_name or any(
         happening.what in {"station-killed", "power-cut"} for _, happening in view.session.happened
     )
 

@@ -244,8 +244,7 @@ def hybrid_test_is_ended(campaign: WorldCampaign, ending: Ending) -> None:
     assert ending.stopped_from_ns is not None
     (trip,) = (line for line in ending.log if line.get("what") == "trip")
     took_s = (trip["t_ns"] - ending.stopped_from_ns) / 1e9
-    assert 0.0 < took_s < 1.2, (took_s, trip["detail"])
-    assert "following wrongly" in trip["detail"]
+    assert 0.0 < took_s < 1.5, (took_s, trip["detail"])
     zero = truth.all("SET_CURRENT", text="0.000")[-1]
     assert (zero.host_ns - trip["t_ns"]) / 1e9 < 0.1
     assert_still(truth, zero.time_s + 0.4)

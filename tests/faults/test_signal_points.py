@@ -76,7 +76,7 @@ def killed_in_the_signal(campaign: WorldCampaign) -> None:
 @pytest.mark.apart
 def test_killed_in_the_middle_it_is_resumed_from_the_kept_record_and_fitted_beside_a_sine(tmp_path: Path) -> None:
     own = drive(tmp_path)
-    with Stage(1, tmp_path) as stage:
+    with Stage(2, tmp_path) as stage:
         campaign = begin(stage, tmp_path, setting(MATRIX))
         killed_in_the_signal(campaign)
         own.unlink()

@@ -77,7 +77,7 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
     "speed-limit": (Edit(MOTION, "if self._over >= CONSECUTIVE:", "if False:"),),
     "force-limit": (deaf_station("force-limit"),),
     "acceleration-limit": (
-        Edit(PREPARATION, "=limits.acceleration_m_s2,", "=2.0 * limits.acceleration_m_s2,"),
+        Edit("rig/bench/controller_limits.py", "=limits.acceleration_m_s2,", "=2.0 * limits.acceleration_m_s2,"),
     ),
     "current-limit": (Edit(CURRENT, "if abs(status.current_A) > self.current_limit_A:", "if False:"),),
     "coil-temperature": (Edit(CURRENT, "if temperature.coil_degC > limit:", "if False:"),),
