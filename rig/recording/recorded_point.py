@@ -154,11 +154,12 @@ class RecordedPoint:
             **description: other attributes; amplitude and frequency are measured where they are not given.
 
         Raises:
-            FileProblem: a column is missing or not numbers, a unit is unknown, a size is implausible, there is no time
-                or it does not increase, or there is no motion to measure.
+            FileProblem: the current is no number, a column is missing or not numbers, a unit is unknown, a size is
+                implausible, there is no time or it does not increase, or there is no motion to measure.
         """
-        from rig.recording.table_columns import table_channels
+        from rig.recording.table_columns import check_current, table_channels
 
+        check_current(current_A, id)
         arrays = dict(table_channels(table, id, units, accept))
         times = sample_times(arrays["time"], (arrays["displacement"], arrays["force"]))
         if times.uniform:

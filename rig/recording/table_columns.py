@@ -11,7 +11,7 @@ import numpy as np
 
 from rig.errors import FileProblem
 from rig.recording.foreign.file_units import named_unit, units_for
-from rig.recording.foreign_tests import implausible
+from rig.recording.foreign_tests import LARGEST, implausible
 from rig.signals.arrays import FloatArray
 from rig.units import DIMENSIONS, Unit, key_suffixes
 
@@ -129,6 +129,17 @@ def table_channels(
         warnings.warn(f"{where}: columns without a unit are taken in SI: {told}. State them: units={{'force': 'kN'}}, "
                       "table.attrs['units'], or names such as force_kN", stacklevel=3)  # fmt: skip
     return channels
+
+
+def check_current(current_A: object, where: str) -> None:
+    """Refuse what is no coil current of a damper.
+
+    Raises:
+        FileProblem: no finite number, or beyond the largest current.
+    """
+    most_A = LARGEST["current"][0]
+    if not isinstance(current_A, (int, float, np.integer, np.floating)) or not abs(float(current_A)) <= most_A:
+        raise FileProblem(where, [f"current_A = {current_A!r}, expected a number (A) of at most {most_A:g}"])
 
 
 def _channel(column: pd.Series, name: str, known: TableUnits) -> tuple[str, FloatArray | None]:

@@ -58,10 +58,11 @@ def read_description(path: Path, *, whole: bool = True) -> dict[str, Any]:
     verdict = quality.get("verdict", "valid")
     if verdict not in VERDICTS:
         problems.append(f"/entry/quality: verdict = {verdict!r}; expected one of {', '.join(VERDICTS)}")
-    reasons = quality.get("reasons", ())
-    reasons = [reasons] if isinstance(reasons, str) else reasons
-    if not isinstance(reasons, (list, tuple)) or not all(isinstance(one, str) for one in reasons):
-        problems.append(f"/entry/quality: reasons = {reasons!r}; expected texts")
+    for name in ("reasons", "reason_kinds"):
+        texts = quality.get(name, ())
+        texts = quality[name] = (texts,) if isinstance(texts, str) else texts
+        if not isinstance(texts, tuple) or not all(isinstance(text, str) for text in texts):
+            problems.append(f"/entry/quality: {name} = {texts!r}; expected texts")
     if problems:
         raise FileProblem(str(path), problems)
     described: dict[str, Any] = {name: test[name] for name in TEXTS}
@@ -71,7 +72,7 @@ def read_description(path: Path, *, whole: bool = True) -> dict[str, Any]:
         "repeat": int(_number(test.get("repeat")) or 1),
         "mid_stroke_m": _number(test.get("mid_stroke_m")),
         "verdict": verdict,
-        "reasons": tuple(reasons),
+        "reasons": quality["reasons"],
         "lost_samples": int(_number(quality.get("lost_samples")) or 0),
         "skew_s": _number(quality.get("skew_s")) or 0.0,
         "skew_std_s": _number(quality.get("skew_std_s")) or 0.0,

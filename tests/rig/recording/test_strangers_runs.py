@@ -76,7 +76,8 @@ def test_folders_and_logs_that_are_links_are_refused(tmp_path: Path, campaign: P
 
 @pytest.mark.parametrize(("place", "name", "value"), [
     ("entry/quality", "reasons", 5), ("entry/quality", "reasons", [1.0, 2.0]), ("entry/data/force", "crc32", "x"),
-    ("entry/data/force", "crc32", [1, 2]), ("entry/data/force", "crc32", float("nan")),
+    ("entry/quality", "reason_kinds", 5), ("entry/data/force", "crc32", [1, 2]),
+    ("entry/data/force", "crc32", float("nan")),
 ])
 def test_attributes_of_another_kind_are_refused_in_words(
     campaign: Path, place: str, name: str, value: object
@@ -84,7 +85,7 @@ def test_attributes_of_another_kind_are_refused_in_words(
     shutil.copy(FIRST_VERSION, campaign / "points" / "p001.h5")
     with h5py.File(campaign / "points" / "p001.h5", "r+") as file:
         file[place].attrs[name] = value
-    with pytest.raises(FileProblem, match=r"reasons = .*; expected texts|do not match their check"):
+    with pytest.raises(FileProblem, match=r"reason(s|_kinds) = .*; expected texts|do not match their check"):
         _ = Run.open(campaign).points[0].force_N
 
 

@@ -128,3 +128,9 @@ def test_bare_numbers_are_taken_in_si_with_a_warning_and_wrong_units_are_refused
     made = made.rename(columns={"force": "force_kN"}).assign(force_N=MOTION_M)
     with pytest.raises(FileProblem, match="'force_kN' and 'force_N' are both the force"):
         RecordedPoint.from_pandas(made, id="mine", current_A=0.5)
+
+
+@pytest.mark.parametrize("current_A", [float("nan"), float("inf"), None, "0.5 A", 500.0, np.array([0.5, 0.5])])
+def test_a_current_that_is_no_number_is_refused(current_A: object) -> None:
+    with pytest.raises(FileProblem, match=r"current_A = .*, expected a number"):
+        RecordedPoint.from_pandas(table(pd.Index(TIME_S, name="time_s")), id="a", current_A=current_A)
