@@ -49,6 +49,8 @@ JITTER_SPREADS = 7.0
 REVERSED = -0.1
 """Share of all work done that a force must put in, in sum, to be one of a wrong sign."""
 SOFTWARE = f"mr-damper-rig {rig.__version__}"
+LONGEST_NAME = 100
+"""Characters of a point's id that come from the file's name; a point's id has at most 150."""
 NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 
 
@@ -154,7 +156,8 @@ def _names(parts: Sequence[TestPart]) -> list[str]:
     names: list[str] = []
     for part in parts:
         test, number = part.test, f"-{part.number}" if part.number else ""
-        stem = NOT_IN_A_NAME.sub("-", "_".join((test.source.stem, *([test.part] if test.part else [])))) + number
+        stem = NOT_IN_A_NAME.sub("-", "_".join((test.source.stem, *([test.part] if test.part else []))))
+        stem = (stem.lstrip(".") or "test")[:LONGEST_NAME] + number
         name, count = stem, 2
         while name in names:
             name, count = f"{stem}-{count}", count + 1

@@ -151,7 +151,8 @@ def read_foreign_bytes(file: Path) -> bytes:
         FileProblem: no such file, unreadable, empty, or larger than 512 MiB.
     """
     if not file.is_file():
-        raise FileProblem(str(file), ["no such file"])
+        kind = "is a folder" if file.is_dir() else "is no regular file" if file.exists() else "no such file"
+        raise FileProblem(str(file), [kind])
     size = file.stat().st_size
     if size > LARGEST_BYTES:
         raise FileProblem(str(file), [f"{size} bytes; at most {LARGEST_BYTES} can be imported"])

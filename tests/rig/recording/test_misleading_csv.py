@@ -11,6 +11,8 @@ import pytest
 from rig.errors import FileProblem
 from rig.recording.foreign.foreign_file import Dialect
 from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
+from rig.recording.importing import import_tests
+from rig.recording.run import Run
 
 ROWS = 1000
 T = np.arange(ROWS) * 0.004
@@ -163,3 +165,13 @@ def test_zero_bytes_are_named_with_their_line(tmp_path: Path) -> None:
     told = problems(tmp_path / "a.csv", text + b"\0" * 5000)
     assert "line 1002: zero bytes to its end, as of a recording that lost its power" in told
     assert "line 1002: zero bytes, which" in problems(tmp_path / "b.csv", text + b"\0\n" + text)
+
+
+def test_any_name_of_a_file_gives_a_run_that_opens(tmp_path: Path) -> None:
+    """One that begins with a dot, or a long one, made a run that no command could open."""
+    files = [tmp_path / name for name in (".hidden.csv", "..csv", "x" * 200 + ".csv", "x" * 201 + ".csv")]
+    for file in files:
+        file.write_text(HEAD + "\n".join(lines()) + "\n")
+    run = Run.open(import_tests(files, columns=COLUMNS, out=tmp_path, current_A=0.5))
+    assert {point.id for point in run.points} >= {"hidden", "x" * 100, "x" * 100 + "-2"}
+    assert len(run.points) == len(files)
