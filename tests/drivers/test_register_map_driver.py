@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers import clock
 from drivers.connection import ActuatorConnection, MotionTerms
 from drivers.errors import WrongLayout
 from drivers.modbus_actuator import ModbusActuator
@@ -294,6 +295,24 @@ def test_a_device_that_takes_no_speed_is_told_where_the_rod_is_to_be_a_period_la
     actuator.open()
     actuator.follow(Setpoint(position_m, velocity_m_s), None)
     assert device.writes() == ["100014000204" + written]
+
+
+def test_what_a_device_stood_for_a_late_set_point_is_made_up_for_over_the_next_ones(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_ns = [0]
+    monkeypatch.setattr(clock, "elapsed_ns", lambda: now_ns[0])
+    connection = ActuatorConnection(device.url, timeout_s=1.0, motion=MotionTerms(period_s=0.01))
+    actuator = ModbusActuator(connection, read_map(Source(Path("m.toml"), STREAMED)))
+    device.driven.append(actuator)
+    actuator.open()
+    ahead_m = []
+    for now_ms in (0, 10, 25, 30, 40, 90):
+        now_ns[0] = now_ms * 1_000_000
+        actuator.follow(Setpoint(0.0, 1.0), None)
+        ahead_m.append(struct.unpack(">f", bytes.fromhex(device.writes()[-1][-8:]))[0] * 1e-3)
+    # 5 ms late once: 5, then 4.5 and 4.05 ms less; after a gap it stands at what it was told.
+    assert ahead_m == pytest.approx([0.010, 0.010, 0.005, 0.0055, 0.00595, 0.0], abs=1e-6)
 
 
 def test_indirect_registers_are_laid_down_at_connect_and_read_in_one_piece(device: Device) -> None:

@@ -211,5 +211,7 @@ class SetpointInterlock:
         if span_m > 2.0 * FOLLOWED_M and gone_m < STANDS_SHARE * span_m:
             return span_m - gone_m, (1.0 - STANDS_SHARE) * span_m
         recent_m = places_m[-self._servo_steps :]
+        # A device that takes no speed is told where the rod is to be a period later, and may be there at once.
+        recent_m += [told.position_m + 0.5 * self._polls_s * told.velocity_m_s for told in self._told][-3:]
         beyond_m = max(min(recent_m) - position_m, position_m - max(recent_m), 0.0)
         return beyond_m, FOLLOWED_M

@@ -74,3 +74,14 @@ def test_a_triangles_corner_throws_no_rod(gaps: ModuleType, preset: str, poll_s:
     outcome = gaps.outcome(gaps.Case(preset, "corners", poll_s=poll_s, limits=RAISED))
     assert (outcome.problems(), outcome.trip) == ([], "")
     assert outcome.speed_m_s < 1.11 * speed_m_s
+
+
+@pytest.mark.parametrize("gap_s", [0.011, 0.013])
+@pytest.mark.parametrize("phase", [0.28, 0.78])
+def test_a_drive_that_stood_for_a_late_set_point_does_not_run_after_the_next(
+    gaps: ModuleType, gap_s: float, phase: float
+) -> None:
+    """One set-point a few ms late: 1.15 to 1.33 times the speed, and `setpoints-lost` on a drive that took all."""
+    outcome = gaps.outcome(gaps.Case("delta-rmc", "fast-sine", "held-up", gap_s, phase, limits=RAISED))
+    assert outcome.trip == ""
+    assert outcome.speed_m_s < 1.12 * outcome.planned_m_s
