@@ -23,7 +23,8 @@ CATCH_UP_PERIODS = 5.0
 STROKE_SHARE = 0.8
 """Of the acceleration limit, used to stay within the travel."""
 CAUGHT_SHARE = 0.05
-"""A motion is caught up with when the step to it is below this share of (acceleration limit x period^2)."""
+"""A motion is caught up with when the step to it is below this share of (acceleration limit x period^2), the
+period at most `TURN_S`."""
 
 LOOP_1_S = math.tau * 30.0
 """Corner of a fast position loop. It answers a step d with an acceleration of LOOP_1_S^2 d, and a speed that changes at
@@ -157,6 +158,7 @@ class SetpointGuard:
         return Setpoint(position_m, self._stoppable(position_m, velocity_m_s))
 
     def _caught(self, off_m: float, wanted: Setpoint, period_s: float) -> bool:
+        period_s = min(period_s, TURN_S)
         near_m = CAUGHT_SHARE * self._acceleration_m_s2 * period_s**2
         near_m_s = CATCH_UP_SHARE * self._acceleration_m_s2 * period_s
         return abs(off_m) <= near_m and abs(wanted.velocity_m_s - self.last.velocity_m_s) <= near_m_s
