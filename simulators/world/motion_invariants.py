@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rig.bench.model import Bench
 from rig.matrix.model import load_matrix
 from rig.matrix.point import TestPoint
+from rig.matrix.streaming import peaks
 from simulators.world.view import STILL_M_S, Findings, View
 from simulators.world.world import EVERY_S
 
@@ -57,10 +58,10 @@ MOVING_M_S = 0.02
 FOLLOWS_AGAIN_NS = 0.06e9
 """A gap in the set-points after which the controller, which goes on for 50 ms, has stopped by itself."""
 MOVED_BY_OTHERS = frozenset({
-    "second-master:span", "second-master:offset", "second-master:jumps", "actuator-frozen:slips",
+    "second-master:span", "second-master:offset", "second-master:jumps", "actuator-frozen:slips", "load-train",
 })  # fmt: skip
-"""A hand at the panel that moves the rod, a position transducer that slips: where the rod goes is not ours to say;
-`limits` asks how long it may stay there."""
+"""Another client that moves the rod, a position transducer that slips, a joint in whose play the rod falls through: where
+the rod goes is not ours to say; `limits` checks how long it may stay there."""
 IGNORES = frozenset({"stop-ignored"})
 """The controller goes on after a stop command, until its pressure is taken away."""
 
@@ -79,9 +80,11 @@ class Motion:
 
     @cached_property
     def speed_m_s(self) -> float:
-        """The fastest planned motion; a hybrid test is bounded by the bench's limit."""
+        """The fastest motion by the plan, corners included; a hybrid test is bounded by the bench's limit."""
         limit_m_s = self.bench.limits.speed_m_s
-        planned = (limit_m_s if point.kind == "hybrid" else point.peak_speed_m_s for point in self.points)
+        planned = (
+            limit_m_s if point.kind == "hybrid" else peaks(point, self.bench).speed_m_s for point in self.points
+        )
         return min(limit_m_s, max(SLOWEST_M_S, *planned))
 
     @cached_property
@@ -115,6 +118,7 @@ def _ours(view: View) -> Rows:
     """The session's rows until something else moves the rod."""
     rows = view.session.truth.arrays
     began = [at_ns for at_ns, fault in view.begun(math.inf) if fault in MOVED_BY_OTHERS]
+    began += [line.host_ns for line in view.session.truth.log if line.code == "FOREIGN"]  # a stop by another client
     return rows[rows[:, 0] < min(began, default=math.inf)]
 
 
