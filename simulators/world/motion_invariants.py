@@ -59,9 +59,11 @@ FOLLOWS_AGAIN_NS = 0.06e9
 """A gap in the set-points after which the controller, which goes on for 50 ms, has stopped by itself."""
 MOVED_BY_OTHERS = frozenset({
     "second-master:span", "second-master:offset", "second-master:jumps", "actuator-frozen:slips", "load-train",
+    "setpoints-lost",
 })  # fmt: skip
-"""Another client that moves the rod, a position transducer that slips, a joint in whose play the rod falls through: where
-the rod goes is not ours to say; `limits` checks how long it may stay there."""
+"""Another client that moves the rod, a position transducer that slips, a joint in whose play the rod falls through, a
+device that acknowledges set-points and ignores them for a while: where the rod goes is not ours to say; `limits` checks
+how long it may stay there."""
 IGNORES = frozenset({"stop-ignored"})
 """The controller goes on after a stop command, until its pressure is taken away."""
 
@@ -80,10 +82,14 @@ class Motion:
 
     @cached_property
     def speed_m_s(self) -> float:
-        """The fastest motion by the plan, corners included; a hybrid test is bounded by the bench's limit."""
+        """The fastest planned motion; a hybrid test is bounded by the bench's limit.
+
+        With corners that the controller's own generator makes; the ripple of streaming has a tolerance of its own.
+        """
         limit_m_s = self.bench.limits.speed_m_s
         planned = (
-            limit_m_s if point.kind == "hybrid" else peaks(point, self.bench).speed_m_s for point in self.points
+            limit_m_s if point.kind == "hybrid" else
+            point.peak_speed_m_s if self.streamed else peaks(point, self.bench).speed_m_s for point in self.points
         )
         return min(limit_m_s, max(SLOWEST_M_S, *planned))
 

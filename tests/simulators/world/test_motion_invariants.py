@@ -48,7 +48,8 @@ class History:
         rows[:, 1] = np.gradient(rows[:, 3], t_s)
         rows[:, 5] = np.where(t_s < self.pressure_off_s, 2.0, 0.0)
         trips = [{"latched_ns": 1e9 * LATCHED_S, "t_ns": 1e9 * LATCHED_S, "slug": "modbus-busy"}]
-        truth = SimpleNamespace(arrays=rows, setpoints=[(1e9 * at_s, *values) for at_s, *values in self.setpoints])
+        setpoints = [(1e9 * at_s, *values) for at_s, *values in self.setpoints]
+        truth = SimpleNamespace(arrays=rows, log=(), setpoints=setpoints)
         seen = SimpleNamespace(
             world=SimpleNamespace(root=root), session=SimpleNamespace(truth=truth),
             begun=lambda until_ns: [(1e9 * at_s, fault) for at_s, fault in self.begun if 1e9 * at_s <= until_ns],
