@@ -140,6 +140,15 @@ def test_a_delay_beyond_the_margin_is_refused_with_the_numbers(tmp_path: Path) -
         assert "60 ms" in item.reasons[0]
 
 
+def test_polynomial_behind_a_switching_law_needs_a_larger_energy_error(tmp_path: Path) -> None:
+    text = EXAMPLE.replace('["model", "none"]', '["model", "polynomial"]')
+    text = text.replace("[hybrid]\n", '[hybrid]\nlaw = ["skyhook"]\n')
+    found = reasons(tmp_path, text)
+    assert (found["hybrid-model-skyhook"], found["hybrid-polynomial-skyhook"]) == (set(), {"hybrid-unstable"})
+    wider = text.replace("[hybrid]\n", '[hybrid]\nlargest_energy_error = "30 %"\n')
+    assert reasons(tmp_path, wider)["hybrid-polynomial-skyhook"] == set()
+
+
 def test_a_rig_that_cannot_follow_fast_enough_or_far_enough_is_refused(tmp_path: Path) -> None:
     text = EXAMPLE.replace('first_height = "20 mm"', 'first_height = "60 mm"')
     assert {"position", "stroke"} <= reasons(tmp_path, text)["hybrid-model"]
