@@ -264,7 +264,8 @@ def show_result(result: JobResult, shown: Console) -> None:
     if not campaign.refused:
         colour = "green" if campaign.valid == campaign.total else "yellow"
         line = Text(f"{campaign.valid} of {campaign.total} points valid", style=colour)
-        line.append(f"; {duration(campaign.wall_s)} for {duration(campaign.motion_s)} of motion", style="none")
+        if campaign.motion_s > 0.0:
+            line.append(f"; {duration(campaign.wall_s)} for {duration(campaign.motion_s)} of motion", style="none")
         shown.print(line)
     for style, text in ending(campaign):
         shown.print(Text(text, style=style), soft_wrap=True)

@@ -158,9 +158,11 @@ def header(run: Run, fit: JsonObject | None) -> str:
         text(part) for part in dict.fromkeys((origin, _first(run, "bench"), started, run.path.name)) if part
     )
     valid = _count(run, "valid")
-    facts = [*_verdict(fit), fact(f"{valid} of {len(run.points)}", "points valid", _kind(valid == len(run.points)))]
+    planned = campaign.get("points")  # identifiers; of an import: its files, which may hold no test
+    total = max(len(run.points), sum(isinstance(one, str) for one in planned) if isinstance(planned, list) else 0)
+    facts = [*_verdict(fit), fact(f"{valid} of {total}", "points valid", _kind(valid == total))]
     facts += [
-        fact(str(_count(run, verdict)), f"points {verdict}", kind)
+        fact(str(_count(run, verdict)), f"{'point' if _count(run, verdict) == 1 else 'points'} {verdict}", kind)
         for verdict, kind in (("suspect", "fair"), ("invalid", "poor")) if _count(run, verdict)
     ]
     facts.append(_lost(run))
@@ -290,7 +292,7 @@ def _any(run: Run, name: str) -> bool:
 
 
 def _simulated(run: Run) -> bool:
-    return any(point.test.get("simulated") for point in run.points)
+    return bool(run.campaign.get("simulated")) or any(point.test.get("simulated") for point in run.points)
 
 
 def _count(run: Run, verdict: str) -> int:

@@ -20,6 +20,7 @@ from drivers.devices.supply import Command, SupplyCommands, SupplyDescription, S
 from drivers.devices.supply_file import supply
 from rig.explanations.explanation import explained, texts
 from rig.faults.matrix import MATRIX, REACTIONS
+from rig.recording.foreign_tests import DOUBTS
 from rig.recording.quality.instrument_checks import SLUGS, ZERO_RETURN
 from rig.recording.quality.quality_checks import VERDICT_REMARKS
 
@@ -105,6 +106,7 @@ def known() -> dict[str, str]:
     return {
         **in_code(),
         **dict.fromkeys((*MATRIX, *REACTIONS), "rig/faults"),
+        **dict.fromkeys(DOUBTS, "rig/recording/foreign_tests.py"),
         **dict.fromkeys((*SLUGS, ZERO_RETURN, *VERDICT_REMARKS), "rig/recording/quality"),
         **{f"actuator-without-{name}": "drivers/capabilities.py" for name in lacking},
         **{f"ecu-without-{name}": "drivers/hand_source.py" for name, _ in make_hand_source(None).lacking},

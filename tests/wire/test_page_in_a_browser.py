@@ -213,6 +213,26 @@ def lose_the_page(beside: Beside, page: Page) -> None:
     beside.wish(Asked.STOP)
 
 
+@pytest.mark.wire
+@pytest.mark.skipif(CHROMIUM is None and "CI" not in os.environ, reason="no chromium on this machine")
+def test_devices_that_are_released_at_the_end_are_no_fault(beside: Beside) -> None:
+    """The result is written after the station has ended: no alarm in between."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        page = browser.new_page()
+        page.set_default_timeout(WAIT_MS)
+        page.goto(beside.page.url)
+        says(page, "OK")
+        beside.link.display.phase("ended")
+        page.wait_for_function("document.getElementById('why').textContent === 'ended'", timeout=WAIT_MS)
+        beside.stop_feeding()
+        page.wait_for_timeout(3000)  # longer than the age at which every device and the host are late
+        assert page.evaluate("document.getElementById('verdict').textContent") == "OK"
+        browser.close()
+
+
 def end_it(beside: Beside, page: Page) -> None:
     """A point that the end of the session made suspect: no OK is left standing, the last word stays."""
     points = beside.judged({"p001": "valid", "p002": "suspect"})

@@ -5,6 +5,7 @@ const NEEDED = [23, 1, 2]; // controller, load cell, displacement: without them 
 
 function devices_late() {
   if (!run || !state.running || !host_now) return [];
+  if (state.phase === "ended") return []; // the devices are released while the result is written
   const late = run.devices.filter((one) => series.has(one.channel) && age_s(one.channel) > allowed_s(one.stale_after_s)).map((one) => one.name);
   const missed = run.devices.filter((one) => NEEDED.includes(one.channel) && !series.has(one.channel) && first_frame_s() > allowed_s(one.stale_after_s) + 1);
   if (moving()) late.push(...missed.map((one) => one.name));

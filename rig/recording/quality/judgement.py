@@ -334,8 +334,8 @@ def _skew(skew_std_s: float, frequency_Hz: float) -> list[Reason]:
     if limit_s and skew_std_s > limit_s:
         return [suspect(
             "skew",
-            f"force and displacement are tied together to {1e3 * skew_std_s:.2g} ms only "
-            f"({1e3 * limit_s:.2g} ms would do at {frequency_Hz:g} Hz)",
+            f"the delay between force and displacement is known to {1e3 * skew_std_s:.3g} ms only "
+            f"(allowed at {frequency_Hz:g} Hz: {1e3 * limit_s:.3g} ms)",
             skew_std_s=skew_std_s, limit_s=limit_s,
         )]
     return []

@@ -12,7 +12,7 @@ import pytest
 
 from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
-from rig.identification import Fit, identify
+from rig.identification import Fit, Measurement, identify
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 
@@ -154,6 +154,24 @@ def test_a_one_off_fit_loads_neither_numba_nor_scipy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(("share", "warned"), [(0.003, False), (0.04, True)])
+def test_sharp_reversals_are_reported_where_their_velocity_matters(*, share: float, warned: bool) -> None:
+    """0.003 of the RMS speed is what the rounding of a sine gives that repeats in every cycle."""
+    t = np.arange(2000) / 250.0
+    u, v, a = 0.05 * np.sin(6.28 * t), 0.314 * np.cos(6.28 * t), -1.97 * np.sin(6.28 * t)
+    unseen = share * 0.222 * np.cos(630.0 * t)
+    tests = [
+        Measurement(
+            id=str(current), u_m=u, v_m_s=v, a_m_s2=a, current_A=np.full(2000, current), dt_s=0.004,
+            force_N=500.0 * v + 200.0 * (current + 1.0) * np.tanh(40.0 * v + np.sign(u)),
+            unseen_v_m_s=unseen, unseen_a_m_s2=630.0 * unseen,
+        )
+        for current in (0.0, 1.0)
+    ]
+    fit = identify(tests)
+    assert any("more sharply than its displacement samples resolve" in text for text in fit.warnings) == warned
 
 
 @pytest.mark.nightly

@@ -291,3 +291,14 @@ def test_a_quality_that_is_no_number_counts_as_not_measured(run: Path) -> None:
     (run / "points" / "p001.h5").unlink()
     record(run, "p001", 1.0, 0.0, force_span_N="wide")
     assert write_report(run).is_file()
+
+
+def test_a_campaign_without_a_finished_point_counts_its_planned_points_and_names_the_simulated_rig(
+    tmp_path: Path,
+) -> None:
+    """The terminal reports the same numbers."""
+    (tmp_path / "points").mkdir()
+    (tmp_path / "campaign.json").write_text(json.dumps({"points": ["p001", "p002"], "simulated": {"speed": 5.0}}))
+    text = re.sub(r"<[^>]+>", " ", write_report(tmp_path).read_text(encoding="utf-8"))
+    assert re.search(r"0 of 2\s+points valid", text)
+    assert "simulated rig" in text
