@@ -298,6 +298,7 @@ def test_a_campaign_without_a_finished_point_counts_its_planned_points_and_names
 ) -> None:
     """The terminal reports the same numbers."""
     (tmp_path / "points").mkdir()
+    record(tmp_path, "p001-out-of-tolerance1", 1.0, 0.0, verdict="invalid")
     (tmp_path / "campaign.json").write_text(json.dumps({"points": ["p001", "p002"], "simulated": {"speed": 5.0}}))
     text = re.sub(r"<[^>]+>", " ", write_report(tmp_path).read_text(encoding="utf-8"))
     assert re.search(r"0 of 2\s+points valid", text)
