@@ -308,9 +308,12 @@ def _unsteady(motion: MeasuredMotion | None) -> list[Reason]:
 
 
 def _current_off(test: ImportedTest, motion: MeasuredMotion | None) -> list[Reason]:
-    """A current that was not what the test is called by: in a part of a cycle, or all the way, as a ramp is."""
-    current_A = test.current_A if test.current_measured else test.commanded_A
-    if motion is None or current_A is None:
+    """A measured current that was not what the test is named by: in a part of a cycle, or throughout, as a ramp is.
+
+    A command that was recorded without a measurement is what was requested, steps included: it shows the coil's lag.
+    """
+    current_A = test.current_A
+    if motion is None or current_A is None or not test.current_measured:
         return []
     starts_s = np.linspace(motion.start_s, motion.end_s, motion.cycles + 1)
     inside = (test.time_s >= starts_s[0]) & (test.time_s < starts_s[-1]) & np.isfinite(current_A)

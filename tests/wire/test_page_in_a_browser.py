@@ -221,7 +221,7 @@ def test_devices_that_are_released_at_the_end_are_no_fault(beside: Beside) -> No
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
-        page = browser.new_page()
+        page = browser.new_page(bypass_csp=True)
         page.set_default_timeout(WAIT_MS)
         page.goto(beside.page.url)
         says(page, "OK")
