@@ -25,7 +25,7 @@ from rig.recording.foreign.foreign_file import Dialect
 from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
-from rig.recording.motion_parts import CURRENT_NOISES, SAME_CURRENT_A, TestPart, every_part
+from rig.recording.motion_parts import CURRENT_NOISES, TestPart, every_part
 from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
 from rig.recording.quality.point_quality import MotionQuality, PointQuality, SkewQuality, time_quality
 from rig.recording.quality.verdict import Reason, Verdict, invalid
@@ -36,12 +36,11 @@ from rig.signals.derivatives import velocity_of
 from rig.signals.free_motion import RANDOM, mean_rate_Hz
 from rig.signals.interpolation import LARGEST_STEP_PERIODS
 from rig.signals.loop_shape import noise_of, standing
+from rig.signals.test_set import TRACKING_A, TRACKING_SHARE
 
 FEWEST_CYCLES = 3
 CLIPPED_OF_CYCLES = 0.5
 """In so many of the cycles a force that only ends stands at its end, as identification asks for it."""
-SAME_CURRENT = 0.05
-"""Share of a test's current by which it may be off, instead of `SAME_CURRENT_A`: it ripples by some percent."""
 UNSTEADY = 1.1
 """Longest or largest of the full cycles over the least, from which they are not one motion."""
 JITTER_SPREADS = 7.0
@@ -320,7 +319,7 @@ def _current_off(test: ImportedTest, motion: MeasuredMotion | None) -> list[Reas
     off_A = loop_error_A(test.time_s, current_A, test.nominal_current_A, starts_s)
     if off_A is None or not np.any(inside):
         return []
-    limit_A = max(SAME_CURRENT_A, SAME_CURRENT * abs(test.nominal_current_A))
+    limit_A = max(TRACKING_A, TRACKING_SHARE * abs(test.nominal_current_A))
     mean_off_A = abs(float(np.mean(current_A[inside])) - test.nominal_current_A)
     if mean_off_A > limit_A:  # noise, or a pulsed current, has its mean
         off_A = mean_off_A

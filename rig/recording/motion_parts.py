@@ -14,9 +14,8 @@ from rig.signals.cycles import MeasuredMotion
 from rig.signals.free_motion import RANDOM
 from rig.signals.loop_shape import noise_of
 from rig.signals.motions import Motions, SteadyMotion, motions_of
+from rig.signals.test_set import STEADY_A
 
-SAME_CURRENT_A = 0.02
-"""Steady currents in one record that differ by less are one."""
 CURRENT_NOISES = 4.0
 
 
@@ -94,7 +93,7 @@ def _current(test: ImportedTest) -> tuple[FloatArray | None, float]:
     """The current that tells motions apart (n,), A, and what is no difference of it (A)."""
     for current_A in (test.current_A if test.current_measured else None, test.commanded_A):
         if current_A is not None and np.any(np.isfinite(current_A)):
-            return current_A, SAME_CURRENT_A + CURRENT_NOISES * noise_of(current_A)
+            return current_A, STEADY_A + CURRENT_NOISES * noise_of(current_A)
     return None, float("inf")
 
 
