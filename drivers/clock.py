@@ -43,10 +43,11 @@ TRIES = 20
 
 
 class Role(IntEnum):
-    """Which process of the host waits for its turn."""
+    """Which process of the host waits for its turn; `SETPOINTS`: the station's stream of set-points, by its grid."""
 
     APPLICATION = 0
     STATION = 1
+    SETPOINTS = 2
 
 
 class ClockRefused(ValueError):
@@ -118,12 +119,21 @@ class SharedClock:
         else:
             self._dues[thread] = at_ns
         first_ns = min(list(self._dues.values()), default=NEVER_NS)
-        FOLLOWER.pack_into(self._map, OFFSET_ROLES + FOLLOWER.size * self._role, os.getpid(), 0, first_ns)
+        self._state(self._role, os.getpid(), first_ns)
+
+    def setpoint_due(self, at_ns: int | None) -> None:
+        """The station must send its next set-point at `at_ns`; None: no motion is streamed."""
+        if self._role is Role.STATION:
+            self._state(Role.SETPOINTS, os.getpid(), NEVER_NS if at_ns is None else at_ns)
 
     def close(self) -> None:
         """Let the rig's clock go on without this process."""
+        self.setpoint_due(None)
         if self._role is not None:
-            FOLLOWER.pack_into(self._map, OFFSET_ROLES + FOLLOWER.size * self._role, 0, 0, NEVER_NS)
+            self._state(self._role, 0, NEVER_NS)
+
+    def _state(self, role: Role, process: int, due_ns: int) -> None:
+        FOLLOWER.pack_into(self._map, OFFSET_ROLES + FOLLOWER.size * role, process, 0, due_ns)
 
     def leave(self) -> None:
         """The same, and the time goes on from here as the machine's does."""
@@ -233,3 +243,14 @@ def back_whenever() -> None:
     shared = _shared
     if shared is not None:
         shared.due(threading.get_ident(), None)
+
+
+def setpoint_due(at_ns: int | None) -> None:
+    """The next set-point of a streamed motion is due then (ns); None: no motion is streamed.
+
+    Unlike `back_within` it holds while the answer to the last one is awaited: a set-point that is left out is another
+    motion, whichever process had no turn.
+    """
+    shared = _shared
+    if shared is not None:
+        shared.setpoint_due(at_ns)

@@ -26,7 +26,7 @@ from simulators.controller_firmware import State
 from simulators.ecu import Ecu
 from simulators.faulty import Undo
 from simulators.injection import INJECTORS, VARIANTS
-from simulators.modbus_server import ModbusServer
+from simulators.modbus_server import LinkFaults, ModbusServer
 from simulators.named_port import NamedPort
 from simulators.options import RigOptions, SensorOptions
 from simulators.pace import Backpressure, Pace
@@ -61,6 +61,7 @@ IDLE_S = 0.5
 STANDSTILL_M_S = 5e-4
 NO_CURRENT_A = 0.05
 REAL_TIME_PRIORITY = 20
+NO_FAULTS = LinkFaults()
 LATE_SHARE = 1.5
 """A late answer comes after this many of the host's time-outs."""
 
@@ -136,7 +137,7 @@ class SimulatedRig:
         self._backpressure = Backpressure()
         self._waited_s = self._busy_s = self._before_s = 0.0
         self._faulty = False
-        self._goes_on = False
+        self._goes_on = self._behind = False
         self._stopping = False
         self._parent = os.getppid()
         self._idle_since_ns = -1
@@ -254,7 +255,7 @@ class SimulatedRig:
             Whether the clock went on; it waits for readers for a bounded time.
         """
         now_ns, shared = monotonic_ns(), self._shared
-        host_is_late = shared is not None and shared.look(now_ns)
+        host_is_late = shared is not None and self._look(shared, now_ns)
         rig_ns = now_ns if shared is None else shared.now_ns
         before_s, ran_s = self._served.now_s, self._served.tick(now_ns)
         served_s = ran_s if shared is None else shared.elapsed_s
@@ -266,7 +267,7 @@ class SimulatedRig:
         for action in self.every_tick:
             action()
         step = int(self.plant.state["step"][0])
-        behind = not self.run_options.drop_unread and self._readers_are_behind(now_ns, served_s)
+        behind = self._behind = not self.run_options.drop_unread and self._readers_are_behind(now_ns, served_s)
         if shared is not None:
             shared.go_on(waiting=host_is_late or behind)
         if host_is_late or behind:
@@ -282,6 +283,10 @@ class SimulatedRig:
             self._leave_when_idle(now_ns)
         return True
 
+    def _look(self, shared: SharedClock, now_ns: int) -> bool:
+        """Bring the clock up to now; whether it must wait for the host. A faulty link's delays are the rig's own."""
+        return shared.look(now_ns, setpoints=self.modbus.faults == NO_FAULTS)
+
     def _rig_ns(self) -> int:
         """The clock by which simulated time runs, now (ns): it may wait for the host."""
         return monotonic_ns() if self._shared is None else self._shared.at(monotonic_ns())
@@ -296,6 +301,9 @@ class SimulatedRig:
 
         Else a set-point would count from the last tick: up to a tick too far ahead, by another part of it each time.
         """
+        if self._shared is not None:
+            self._goes_on = not (self._look(self._shared, monotonic_ns()) or self._behind)
+            self._shared.go_on(waiting=not self._goes_on)
         if self._goes_on and (steps := self._pace.due(self._rig_ns(), int(self.plant.state["step"][0]))):
             self.advance(steps)
 

@@ -32,6 +32,8 @@ AHEAD_NS, AHEAD_FAST_NS = 5_000_000, 3_000_000
 """The clock runs on by itself for so long; then this process must have had its turn again."""
 LATE_NS, LATE_FAST_NS = 5_000_000, 1_000_000
 """A thread of the host may be so late before the clock waits for it; above speed 1 more of the rig's motion passes."""
+SETPOINT_LATE_NS = 400_000
+"""A set-point of a streamed motion may be so late: what the plan counts on (`rig.matrix.streaming.JITTER_S`)."""
 LONGEST_WAIT_NS = 60_000_000_000
 """A process that has not had its turn for so long (wall time) hangs."""
 LOOK_NS = 20_000_000
@@ -113,6 +115,7 @@ class SharedClock:
             FOLLOWER.pack_into(self._map, OFFSET_ROLES + FOLLOWER.size * role, 0, 0, NEVER_NS)
         self.now_ns = self._began_ns = self._machine_ns = machine_ns
         self._ahead_ns = self._sequence = self._looked_ns = 0
+        self._setpoint_ns = NEVER_NS
         self._busy = False
         self._longest_ns, self._allowed_ns = (AHEAD_FAST_NS, LATE_FAST_NS) if fast else (AHEAD_NS, LATE_NS)
         self.allowed_s = 1e-9 * self._allowed_ns
@@ -120,18 +123,31 @@ class SharedClock:
         self._write()
         self._map[: len(MAGIC)] = MAGIC
 
-    def look(self, machine_ns: int) -> bool:
-        """Bring the clock up to now; whether it must wait for a process of the host."""
+    def look(self, machine_ns: int, *, setpoints: bool = True) -> bool:
+        """Bring the clock up to now; whether it must wait for a process of the host.
+
+        Args:
+            machine_ns: the machine's clock now.
+            setpoints: whether it waits for streamed set-points; not while a fault holds up what carries them.
+        """
         self.now_ns = self.at(machine_ns)
         self._machine_ns = machine_ns
-        waits = False
+        self._setpoint_ns = NEVER_NS
+        late = False
         for role in Role:
             process, _, due_ns = FOLLOWER.unpack_from(self._map, OFFSET_ROLES + FOLLOWER.size * role)
+            streams = role is Role.SETPOINTS
+            allowed_ns = SETPOINT_LATE_NS if streams else self._allowed_ns
             follower = self._followers.get(role)
             if follower is None or follower.process != process:
-                follower = self._followers[role] = Follower(process, self._allowed_ns)
-            waits |= process != 0 and follower.waits(due_ns, self.now_ns, machine_ns)
-        return waits
+                follower = self._followers[role] = Follower(process, allowed_ns)
+            if process == 0 or (streams and not setpoints):
+                continue
+            waits = follower.waits(due_ns, self.now_ns, machine_ns)
+            if streams and due_ns < NEVER_NS and (waits or self.now_ns <= due_ns + allowed_ns):
+                self._setpoint_ns = due_ns + allowed_ns + 1
+            late |= waits
+        return late
 
     def at(self, machine_ns: int) -> int:
         """The clock between two looks, as its readers see it (ns)."""
@@ -144,7 +160,8 @@ class SharedClock:
 
     def go_on(self, *, waiting: bool) -> None:
         """Let the clock pause from now on, or run."""
-        self._ahead_ns = 0 if waiting else self._longest_ns
+        # No farther than the next set-point: this process may have its next turn long after it was due.
+        self._ahead_ns = 0 if waiting else max(0, min(self._longest_ns, self._setpoint_ns - self.now_ns))
         self._write()
 
     @property

@@ -25,7 +25,16 @@ from simulators.controller_firmware import FaultBit, WatchdogAction, encode_limi
 from simulators.options import RigOptions
 from simulators.pace import LONGEST_WAIT_S
 from simulators.rig import RunOptions, SimulatedRig
-from simulators.shared_clock import AHEAD_NS, HANGS_S, LATE_NS, LONGEST_WAIT_NS, LOOK_NS, Follower, SharedClock
+from simulators.shared_clock import (
+    AHEAD_NS,
+    HANGS_S,
+    LATE_NS,
+    LONGEST_WAIT_NS,
+    LOOK_NS,
+    SETPOINT_LATE_NS,
+    Follower,
+    SharedClock,
+)
 
 MS, SECOND = 1_000_000, 1_000_000_000
 MINE = ("modbus-tcp://127.0.0.1:1", "/dev/pts/1")
@@ -139,6 +148,33 @@ def test_a_threads_due_time_is_the_earliest_of_its_process(written: SharedClock,
     assert written.look(time.monotonic_ns())
     clock.leave()
     assert not written.look(time.monotonic_ns()), "a process that watches the rig no longer is not waited for"
+
+
+def test_the_clock_does_not_pass_a_set_point_that_is_due_and_goes_on_at_once_when_it_comes(
+    written: SharedClock, tmp_path: Path
+) -> None:
+    """Also while its answer is awaited, and while this rig itself has no turn; not for a link that a fault slows."""
+    clock.follow(str(tmp_path / "clock"), Role.STATION, MINE)
+    written.look(machine_ns := time.monotonic_ns())
+    begin_ns = written.now_ns
+    clock.setpoint_due(begin_ns + 2 * MS)
+    clock.back_within(60.0)
+    assert not written.look(machine_ns)
+    written.go_on(waiting=False)
+    last_ns = begin_ns + 2 * MS + SETPOINT_LATE_NS + 1
+    assert written.at(machine_ns + SECOND) == last_ns
+    assert written.look(machine_ns + 2 * MS + SETPOINT_LATE_NS + 10)
+    written.go_on(waiting=True)
+    clock.setpoint_due(begin_ns + 6 * MS)
+    assert not written.look(machine_ns + SECOND), "it has come"
+    written.go_on(waiting=False)
+    assert written.at(machine_ns + 2 * SECOND) == min(last_ns + AHEAD_NS, begin_ns + 6 * MS + SETPOINT_LATE_NS + 1)
+    written.look(machine_ns + 2 * SECOND)
+    assert not written.look(machine_ns + 2 * SECOND, setpoints=False)
+    written.go_on(waiting=False)
+    assert written.at(machine_ns + 3 * SECOND) == written.now_ns + AHEAD_NS
+    clock.setpoint_due(None)
+    assert not written.look(machine_ns + 3 * SECOND), "no motion is streamed"
 
 
 def test_no_other_device_is_judged_by_a_clock_that_waits(written: SharedClock, tmp_path: Path) -> None:

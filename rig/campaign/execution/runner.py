@@ -52,6 +52,9 @@ MOST_FAILURES = 10
 WITHOUT_HYDRAULICS = "actuator-without-hydraulics"
 """What the station reports at connect where there is no pressure that it could take away."""
 """So many failed turns of the loop after the first one, and the rig is left to its station."""
+SETPOINTS_LATE = "setpoints-late"
+OF_MOTION = frozenset({"speed-limit", "stroke-limit", "force-limit", "setpoints-lost", "controller-trip"})
+"""Stops whose cause may be set-points that were omitted."""
 SLOW_MOVES = frozenset({Phase.CENTRING, Phase.PROVING_SENSORS})
 
 Given = TypeVar("Given")
@@ -93,6 +96,8 @@ class Runner:
         """The actuator has no pressure (or power) that could be taken away."""
         self.stop_causes: set[str] = set()
         """Slugs of everything that stopped the rig in this session, first causes and later ones."""
+        self._disturbed = ""
+        """What kept this computer from streaming the motion that runs, or ran last; empty: nothing."""
         self._turn_ns = self._beat_ns = self._progress_ns = 0
         self._recorder_well = True
         self._wall_clock = WallClockWatch()
@@ -254,6 +259,10 @@ class Runner:
         name, detail = message.get("event"), str(message.get("detail", ""))
         if name in {"warning", "also"}:
             self._campaign.display.message("warning", f"{message.get('slug')}: {detail}")
+        if name == "warning" and message.get("slug") == SETPOINTS_LATE and self.state.phase is Phase.RUNNING:
+            self._disturbed = detail
+        if name in {"trip", "also"} and message.get("slug") in OF_MOTION and self._disturbed:
+            detail = f"{detail}; {self._disturbed}"
         if name == "trip":
             self.standstill, self.current_zero, self.pressure = False, False, ""
         if name in {"trip", "also"}:
@@ -319,6 +328,9 @@ class Runner:
             self.zeros.watch(block)
         observer = self._executor.observer
         fact = observer.observe(block)
+        if isinstance(fact, ev.ProgramEnded):
+            motion = None if fact.motion is None else replace(fact.motion, disturbed=self._disturbed)
+            fact, self._disturbed = replace(fact, motion=motion), ""
         changed = observer.load_train_change
         # A friction test's force lies near the sensor's noise: from cycle to cycle it differs by more than a share.
         if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == "loop":

@@ -18,12 +18,14 @@ class MeasuredMotion:
         mean_m: mean position, m.
         valve_saturated: the controller reported full flow.
         following_error_m: largest reported difference of set-point and position, m.
+        disturbed: what kept this computer from streaming the motion; empty: nothing.
     """
 
     amplitude_m: float
     mean_m: float
     valve_saturated: bool = False
     following_error_m: float = 0.0
+    disturbed: str = ""
 
 
 @dataclass(frozen=True)

@@ -307,10 +307,14 @@ def _unanswered(drive: Drive, point: TestPoint, seen: ev.MeasuredMotion, toleran
 def _machine(seen: ev.MeasuredMotion) -> str:
     if seen.valve_saturated:
         return say("valve-saturated")
+    if seen.disturbed:
+        return seen.disturbed
     return say("no-answer", error_mm=1e3 * seen.following_error_m)
 
 
 def _given_up(drive: Drive, point: TestPoint, seen: ev.MeasuredMotion, why: str) -> Drive:
+    if seen.disturbed not in why:
+        why = f"{why}; {seen.disturbed}"
     text = say(
         "cannot-reach", reached_mm=1e3 * seen.amplitude_m, wanted_mm=1e3 * point.amplitude_m,
         off=100.0 * (seen.amplitude_m / point.amplitude_m - 1.0), command_mm=1e3 * drive.command_m, why=why,

@@ -1,7 +1,8 @@
 """Interlock on a motion that the host streams: were its set-points sent in time, did the device take them? Pure.
 
 Every poll is a step; its set-point is due at the poll's time. A step is late when it was sent, or left out because the
-next one was due already, more than the bench's `setpoint_late` after that. Only steps of a motion are judged.
+next one was due already, more than the bench's `setpoint_late` after that. Only steps of a motion are judged. Where the
+polls are shorter than `setpoint_late`, steps that are left out are a warning, once a motion.
 """
 
 from __future__ import annotations
@@ -123,6 +124,8 @@ class SetpointInterlock:
         self._polls_s = 2.0 * period_s * device_rate
         self._servo_steps = math.ceil(SERVO_S / (period_s * device_rate)) + 3
         self._recent: deque[bool] = deque(maxlen=WINDOW_STEPS)
+        self._omitted: deque[bool] = deque(maxlen=WINDOW_STEPS)
+        self._warned = False
         self._in_a_row = 0
         self._apart = 0
         steps = max(REMEMBERED_STEPS, self._servo_steps)
@@ -131,8 +134,9 @@ class SetpointInterlock:
 
     def restart(self) -> None:
         """Forget what was found: a new motion, or a reset."""
-        self.lost = False
+        self.lost = self._warned = False
         self._recent.clear()
+        self._omitted.clear()
         self._in_a_row = self._apart = 0
         self._told.clear()
         self._gone_m.clear()
@@ -151,11 +155,21 @@ class SetpointInterlock:
         for step in range(skipped + 1):
             late = late_s - step * self._period_s > self._late_s
             self._recent.append(late)
+            self._omitted.append(step < skipped)
             self.counted.late += late
             self._in_a_row = self._in_a_row + 1 if late else 0
             if self._in_a_row >= CONSECUTIVE or sum(self._recent) >= MOST_LATE:
                 return [self._late(late_s, t_ns)]
-        return []
+        omitted = sum(self._omitted)
+        if self._warned or omitted < MOST_LATE:
+            return []
+        self._warned = True
+        detail = (
+            f"{omitted} of the last {len(self._omitted)} set-points were omitted because this computer was too busy "
+            f"(the last one sent {1e3 * late_s:.1f} ms late, period {1e3 * self._period_s:g} ms): the rod does not "
+            "follow the motion. Fix: close other programs, or give this one real-time rights"
+        )
+        return [Finding(LATE, detail, t_ns, omitted, MOST_LATE, warns=True)]
 
     def _late(self, late_s: float, t_ns: int) -> Finding:
         detail = (

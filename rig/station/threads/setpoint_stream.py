@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from drivers.clock import setpoint_due
 from drivers.roles import Actuator, ActuatorStatus
 from drivers.streamed_actuator import StreamedActuator
 from rig.bench.settings import ActuatorConfig
@@ -82,6 +83,7 @@ class SetpointStream:
         if driver is None:
             return
         driver.look_for_gap()
+        setpoint_due(self.steps.next_ns if driver.in_motion else None)
         self._report_break(driver, now_ns)
         if driver.last is None or (driver.in_motion and not self._moved):
             self._interlock.restart()

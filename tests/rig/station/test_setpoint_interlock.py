@@ -53,6 +53,15 @@ def test_what_is_left_out_is_counted_and_the_quantile_is_of_what_was_sent() -> N
     assert counted.numbers()["p99_s"] == counted.quantile_s(0.99)
 
 
+def test_omitted_set_points_are_a_warning_once_a_motion_though_none_is_late() -> None:
+    made = interlock(late_s=0.1)
+    found = [finding for late_ms in [12.0, 0.1] * 10 for finding in made.sent(1e-3 * late_ms, 0)]
+    assert [(finding.slug, finding.warns, finding.value) for finding in found] == [("setpoints-late", True, 5)]
+    assert slugs(interlock(late_s=0.1), *([12.0] + [0.1] * 30) * 10) == []
+    made.restart()
+    assert slugs(made, *[12.0, 0.1] * 10) == ["setpoints-late"]
+
+
 def sine(step: int) -> Setpoint:
     angle = 2.0 * math.pi * 4.0 * step * PERIOD_S
     return Setpoint(0.02 * math.sin(angle), 0.02 * 8.0 * math.pi * math.cos(angle))
