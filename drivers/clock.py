@@ -25,7 +25,8 @@ import os
 import struct
 import threading
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
 
@@ -205,6 +206,19 @@ def follow(path: str, role: Role | None, addresses: Collection[str] | None = Non
     if _shared is not None:
         _shared.close()
     _shared = clock
+
+
+@contextmanager
+def restored() -> Iterator[None]:
+    """The process reads the time from the same clock after the block as before it, whatever was followed in it."""
+    global _shared
+    before = _shared
+    try:
+        yield
+    finally:
+        if _shared is not None and _shared is not before:
+            _shared.close()
+        _shared = before
 
 
 def leave() -> None:

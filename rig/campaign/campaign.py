@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from drivers import clock
+from drivers.roles import State as ControllerState
 from rig.bench.model import Bench
 from rig.campaign import resume
 from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class
@@ -42,12 +44,11 @@ from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.campaign_log import CampaignLog
 
 DISK = frozenset({"disk-full", "dir-readonly", "fsync-error"})
-HALTED = frozenset({"hybrid", "signal"})
-"""Kinds of points whose motion is brought to rest where it is: without cycles there is nothing to fade along."""
 TRUTH_AFTER_STOP_S = 1.0
 """What a simulated rig's truth still shows after a stop (s, its own clock): the coil empty, the rod at rest."""
 
 
+@clock.restored()
 def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | None = None) -> CampaignResult:
     """Plan a matrix, run it on the bench or on a simulated rig, record and judge every point.
 
@@ -296,5 +297,6 @@ def _stop_report(runner: Runner) -> StopReport | None:
         moved=state.moved,
         unfinished=state.queue[0].id if state.queue else "",
         resume=REQUALIFY if REQUALIFY in classes else CONFIRM,
-        halted=state.latch.stop is StopKind.HALT or (bool(state.queue) and state.queue[0].kind in HALTED),
+        halted=state.latch.stop is StopKind.HALT or ControllerState.HALTING in runner.ended_by,
+        faded=ControllerState.FADING in runner.ended_by,
     )

@@ -162,8 +162,8 @@ class StopReport:
         moved: anything had moved before.
         unfinished: id of the point that was prepared or running; empty when there was none.
         resume: fault matrix's word on going on: `a`, `c` (typing `--resume` confirms), `n` (requalify first).
-        halted: the motion was brought to rest where it was, not faded out over a cycle: a stop of kind `SO`, or a
-            motion without cycles.
+        halted: the controller brought the motion to rest where it was, or was commanded to (kind `SO`).
+        faded: the controller faded the motion out over a cycle. Neither: nothing was seen to end a motion.
     """
 
     kind: str
@@ -175,6 +175,7 @@ class StopReport:
     unfinished: str
     resume: str
     halted: bool
+    faded: bool = False
     pressure: str = ""
 
     @property
@@ -183,7 +184,8 @@ class StopReport:
         if not self.moved:
             said = self.pressure and not self.pressure_off
             return f"nothing had moved, {self._pressure}" if said else "nothing had moved"
-        motion = ("motion halted" if self.halted else "motion faded out") if self.proved else "standstill is not proved"
+        ended = "motion halted" if self.halted else "motion faded out" if self.faded else "rod at rest"
+        motion = ended if self.proved else "standstill is not proved"
         current = "coil at 0 A" if self.current_zero else "coil current not proved"
         return f"{motion}, {current}, {self._pressure}"
 

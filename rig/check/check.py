@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers import clock
 from drivers.clock import back_whenever, back_within
 from drivers.ring import Channel
 from rig.bench.model import Bench
@@ -52,6 +53,7 @@ FEWEST = 10
 Told = Callable[[str], None]
 
 
+@clock.restored()
 def check_bench(bench: Bench, folder: Path, told: Told, *, prove: bool = False) -> CheckReport:
     """Look at every device of a bench.
 

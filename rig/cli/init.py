@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -91,7 +92,7 @@ def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
         return EXIT_DONE
     for path in written:
         say(f"written: {path}")
-    bench, matrix = folder / BENCH, folder / MATRIX
+    bench, matrix = (shlex.quote(str(folder / name)) for name in (BENCH, MATRIX))
     say(f"next: look at what is marked \"yours\" in {bench}, then\n  rig check {bench}\n"
         f"  rig plan {matrix} --bench {bench}\n  rig run {matrix} --bench {bench} --simulate --speed 5")
     return EXIT_DONE
@@ -215,7 +216,11 @@ def _is_supply(answer: str) -> bool:
 def _from(folder: Path, answer: str) -> str:
     """An answer; the path of a file as the folder's files name it."""
     is_file = answer.endswith((".toml", ".dbc")) and Path(answer).is_file()
-    return Path(os.path.relpath(answer, folder)).as_posix() if is_file else answer
+    if not is_file:
+        return answer
+    # `..` leads out of the folder that a link leads to.
+    named = Path(answer).parent.resolve() / Path(answer).name
+    return Path(os.path.relpath(named, folder.resolve())).as_posix()
 
 
 def _filled(name: str, answers: Mapping[str, str]) -> str:

@@ -177,6 +177,22 @@ def test_the_clock_does_not_pass_a_set_point_that_is_due_and_goes_on_at_once_whe
     assert not written.look(machine_ns + 3 * SECOND), "no motion is streamed"
 
 
+def test_after_a_campaign_the_process_has_the_time_that_it_had_before(written: SharedClock, tmp_path: Path) -> None:
+    @clock.restored()
+    def campaign() -> None:
+        clock.follow(str(tmp_path / "clock"), Role.APPLICATION, MINE)
+        clock.leave()
+        assert clock.monotonic_ns() < time.monotonic_ns() - SECOND
+        raise InterruptedError
+
+    written.now_ns -= 2 * SECOND
+    written.go_on(waiting=True)
+    for _ in range(2):
+        with pytest.raises(InterruptedError):
+            campaign()
+        assert abs(clock.monotonic_ns() - time.monotonic_ns()) < SECOND
+
+
 def test_no_other_device_is_judged_by_a_clock_that_waits(written: SharedClock, tmp_path: Path) -> None:
     path = tmp_path / "clock"
     with pytest.raises(ClockRefused, match="/dev/ttyUSB0"):

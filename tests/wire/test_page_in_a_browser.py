@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, cast
 import pytest
 from test_page import ARGUMENTS, CHROMIUM, COUNT_INK, WAIT_MS
 
-from drivers import clock
 from drivers.ring import Record, RingWriter
 from rig.campaign.live_link import Asked, LiveLink
 from rig.campaign.results import PointResult
@@ -46,7 +45,6 @@ class Beside:
     """A campaign's live side without a campaign: a ring that is fed, a live folder, a page."""
 
     def __init__(self, folder: Path, ends: ExitStack) -> None:
-        clock.follow("", None)  # an earlier test's campaign on a simulated rig left its time in this process
         self.run = folder / "run"
         self.run.mkdir()
         self.ring = RingWriter(folder / "ring", 1 << 14)

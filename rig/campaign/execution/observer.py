@@ -31,6 +31,8 @@ from rig.signals.load_train import CURRENT_APART_A, EDGE_MODULUS, CycleTrack, Lo
 from rig.signals.waveform import HOLD, SIGNAL_NAMES
 
 _SATURATED = int(Input.VALVE_SATURATED)
+MOVES = frozenset({ControllerState.MOVING, ControllerState.RUNNING})
+ENDS = frozenset({ControllerState.FADING, ControllerState.HALTING})
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
 FRESH_TEMPERATURE_NS = 300_000_000
@@ -135,6 +137,8 @@ class Observer:
         device_s: the controller's clock at its last status (s); 0 before the first one.
         held_ns: when the last status arrived if it says that the controller holds; else 0.
         cycles_done: whole cycles done of the program last awaited, ramps included; 0 until it was seen.
+        ended_by: states in which the last motion was ended, `FADING` or `HALTING`; empty while it runs, and where it
+            ended by itself.
         wait: what finds the awaited fact in new records; None while nothing is waited for.
         load_train_change: what the newest records tell of a load train that gives way; None where they do not.
     """
@@ -146,6 +150,7 @@ class Observer:
     cycles_done: int = 0
     wait: Wait | None = None
     load_train_change: str | None = None
+    ended_by: set[int] = field(default_factory=set)
     _load_train: LoadTrainWatch = field(default_factory=lambda: LoadTrainWatch())
 
     def observe(self, block: RecordBlock) -> ev.Event | None:
@@ -163,12 +168,20 @@ class Observer:
         self.last_host_ns.update(zip(channels, arrived_ns, strict=True))
         if Channel.STATE in block:
             status = block.of(Channel.STATE)[-1]
+            self._follow_motion(block.of(Channel.STATE)["value"].tolist())
             self.device_s = 1e-6 * int(status["device_us"])
             self.held_ns = int(status["host_ns"]) if status["value"] == ControllerState.HOLD else 0
         fact = None if self.wait is None else self.wait(block)
         if fact is not None:
             self.wait = None
         return fact
+
+    def _follow_motion(self, states: list[float]) -> None:
+        for state in states:
+            if state in MOVES:
+                self.ended_by.clear()
+            elif state in ENDS:
+                self.ended_by.add(int(state))
 
     def await_centre(self, target_m: float, since_ns: int) -> None:
         """Wait for `Centred`: HOLD at `target_m` (m) in a status that arrived after `since_ns`."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -101,6 +101,11 @@ class Runner:
         self._turn_ns = self._beat_ns = self._progress_ns = 0
         self._recorder_well = True
         self._wall_clock = WallClockWatch()
+
+    @property
+    def ended_by(self) -> Set[int]:
+        """Controller states in which the last motion was ended: FADING, HALTING; empty where it ended by itself."""
+        return self._executor.observer.ended_by
 
     def run(self) -> State:
         """Run until the sequencer has ended and every recorded point is judged; returns the last state.

@@ -89,6 +89,23 @@ def test_a_program_has_ended_only_when_every_sensor_was_read_after_it() -> None:
     assert show(observer, records((Channel.DISPLACEMENT, 330, 0.0))) == ev.ProgramEnded(at_centre=True)
 
 
+@pytest.mark.parametrize(
+    ("states", "ended_by"),
+    [
+        ((State.RUNNING, State.FADING, State.HOLD, State.OFF), {State.FADING}),
+        ((State.RUNNING, State.HALTING, State.HOLD), {State.HALTING}),
+        ((State.RUNNING, State.FADING, State.HALTING, State.OFF), {State.FADING, State.HALTING}),
+        ((State.RUNNING, State.FADING, State.HOLD, State.MOVING, State.HOLD), set()),
+        ((State.RUNNING, State.HOLD, State.OFF), set()),
+    ],
+)
+def test_how_the_last_motion_ended_is_what_the_controller_showed(states: list[State], ended_by: set[State]) -> None:
+    observer = Observer()
+    for host_ns, state in enumerate(states, start=100):
+        show(observer, status(host_ns, state))
+    assert observer.ended_by == ended_by
+
+
 def ended(done: float, *early: State) -> ev.ProgramEnded:
     """How a program of 1 + 6 + 1 cycles ends that went through these states and shows so many cycles at its end."""
     observer = Observer()

@@ -123,7 +123,7 @@ def test_an_unknown_rig_state_is_shouted() -> None:
 
 STOPPED = StopReport(
     "S2", "sigint", proved=True, current_zero=True, pressure_off=True, moved=True, unfinished="p003", resume="c",
-    halted=False,
+    halted=False, faded=True,
 )
 
 
@@ -157,6 +157,7 @@ def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
     [
         ({"moved": False}, "nothing had moved"),
         ({"halted": True}, "motion halted"),
+        ({"faded": False}, "rod at rest, coil at 0 A"),
         ({"current_zero": False}, "coil current not proved"),
         ({"pressure_off": False}, "HYDRAULICS STILL ON"),
         ({"proved": False}, "standstill is not proved, coil at 0 A, hydraulics off"),

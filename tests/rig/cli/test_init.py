@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
 from rig.bench.model import Bench
@@ -36,6 +39,24 @@ def test_the_files_load_and_every_point_of_them_is_feasible(tmp_path: Path) -> N
     judged = plan(matrix, bench)
     assert judged.feasible
     assert len(judged.points) == 6
+
+
+def test_the_commands_that_it_prints_can_be_copied_and_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it was run, for a folder whose name has a space, below a link; a file beside it is found from there."""
+    (tmp_path / "far" / "away").mkdir(parents=True)
+    (tmp_path / "here").symlink_to(tmp_path / "far" / "away")
+    for name in ("coil-driver.dbc", "coil-driver-roles.toml"):
+        shutil.copy(ROOT / "examples" / name, tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(command, ["here/my lab", "--yes", "--ecu", "coil-driver.dbc"])
+    assert done.exit_code == 0, done.output
+    commands = [shlex.split(line) for line in done.output.splitlines() if line.startswith("  rig ")]
+    assert [words[1] for words in commands] == ["check", "plan", "run"]
+    for words in commands:
+        files = [word for word in words if word.endswith(".toml")]
+        assert files
+        assert all(Path(name).is_file() for name in files)
+    assert Path(Bench.load(Path("here/my lab/bench.toml")).ecu.dbc).samefile("coil-driver.dbc")
 
 
 def test_an_ecu_by_its_dbc_or_a_supply_is_written_with_what_belongs_to_it(tmp_path: Path) -> None:
