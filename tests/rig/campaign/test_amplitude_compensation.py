@@ -122,6 +122,16 @@ def test_a_motion_that_does_not_follow_is_named_with_its_following_error() -> No
     assert "following error up to 4.2 mm" in drive.cannot
 
 
+@pytest.mark.parametrize("reached", [0.027, 0.0])
+def test_set_points_that_were_omitted_are_named_as_the_cause(reached: float) -> None:
+    def machine(command_m: float, centre_m: float) -> MeasuredMotion:
+        return MeasuredMotion(min(command_m, reached), centre_m, False, 0.0042, disturbed="7 of 50 omitted")
+
+    drive, _ = adapt(POINT, machine)
+    assert drive.cannot.count("7 of 50 omitted") == 1
+    assert "following error" not in drive.cannot, "the actuator is not blamed"
+
+
 def test_what_was_learned_begins_points_of_the_same_motion_at_another_current_without_a_trial() -> None:
     drive, _ = adapt(POINT, lambda command_m, centre_m: MeasuredMotion(0.92 * command_m, centre_m))
     known = remembered((), drive)
