@@ -44,7 +44,6 @@ from drivers.errors import DriverError
 from drivers.frame_checks import FrameChecks
 from drivers.origins import ChannelOrigin, Origins
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from protocols.errors import RemoteProtocolError
 from protocols.quality import Quality
 from protocols.slcan import Frame
 
@@ -338,15 +337,7 @@ class CanCurrentSource:
         step = self._checks.step(key, message, data)
         if step is None:
             return
-        try:
-            values = message.reader.read(data)
-        except RemoteProtocolError:
-            # A float that is no finite number, in a frame that is right by itself.
-            if is_status:
-                self._checks.measured(math.nan)
-            else:
-                self._checks.malformed(is_status)
-            return
+        values = message.reader.read(data)
         self._values.update(values)
         self._checks.heard(key, batch.arrival_ns)
         if CLOCK in values:
@@ -387,11 +378,15 @@ class CanCurrentSource:
     def _take_temperature(self, values: dict[str, float], batch: SourceBatch) -> None:
         """Record temperatures and supply; and, for late readers, state and faults as they stand."""
         for role, channel in _TEMPERATURES:
-            if role in values:
+            if role not in values:
+                continue
+            if math.isnan(values[role]):
+                self.counters.not_numbers[channel] = self.counters.not_numbers.get(channel, 0) + 1
+            else:
                 self._record(batch, channel, values[role])
         leading = next((role for role in (COIL, ECU, SUPPLY, BOOTS) if role in self._roles), COIL)
-        if leading not in values:
-            return
+        if leading not in values or math.isnan(values[leading]):
+            return  # a temperature that stays away is noticed by the age of the last one
         known = self._values
         temperature = self.temperature = SourceTemperature(
             known.get(COIL, math.nan), known.get(ECU, math.nan), known.get(SUPPLY, math.nan), int(known.get(BOOTS, 0))

@@ -6,12 +6,12 @@ name is shown as it is, moved out of the way (`drivers.roles.UNNAMED`) where it 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
 from typing import NamedTuple, Protocol
 
 from drivers.errors import DriverError
-from drivers.ring import Record
+from drivers.ring import Channel, Record
 
 
 class SourceState(IntEnum):
@@ -101,6 +101,7 @@ class SourceCounters:
             `unmeasured_in_a_row` because an answer held no measured number.
         gaps_in_a_row: good status frames one after the other whose counter has left some out.
         lateness: grows by 2 with a repeated status frame, falls by 1 with a fresh one: duplicates that keep coming.
+        not_numbers: values of a channel that were no finite number in a frame that is right otherwise.
         stamps_ns: uncertainty of the interface's time stamps, by which frames are timed; 0 while it is their arrival.
         other_bits: bits on the bus of frames that are not the source's, without stuffing.
     """
@@ -121,6 +122,7 @@ class SourceCounters:
     sent: int = 0
     late_sends: int = 0
     stamps_ns: int = 0
+    not_numbers: dict[Channel, int] = field(default_factory=dict)
 
 
 class SourceBatch(NamedTuple):

@@ -8,7 +8,6 @@ from collections import deque
 from drivers.current_source import SourceCounters
 from drivers.devices.ecu_description import CLOCK, EXTENDED, FAULTS, STATE, EcuDescription, HeardMessage
 from protocols.e2e import Protection
-from protocols.errors import RemoteProtocolError
 
 PATIENCE_PERIODS = 5
 """So many of its periods may pass before a message that a status needs counts as gone ..."""
@@ -92,11 +91,8 @@ class FrameChecks:
 
     @staticmethod
     def _ticks(message: HeardMessage, data: bytes) -> int:
-        """The device's clock in a frame; -1 where the frame cannot be read: the driver counts that as malformed."""
-        try:
-            return int(message.reader.read(data).get(CLOCK, -1))
-        except RemoteProtocolError:
-            return -1
+        """The device's clock in a frame; -1 where it is not on this frame's page."""
+        return int(message.reader.read(data).get(CLOCK, -1))
 
     def _count(self, step: int) -> int | None:
         """A status frame that is right by itself."""

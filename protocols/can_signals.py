@@ -12,7 +12,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from protocols.errors import LocalProtocolError, RemoteProtocolError
+from protocols.errors import LocalProtocolError
 
 _FLOATS = {16: "<e", 32: "<f", 64: "<d"}
 _WHOLE = 1e-9
@@ -151,10 +151,9 @@ class FrameReader:
         )
 
     def read(self, data: bytes) -> dict[str, float]:
-        """Values by name; what is not in this frame is left out.
+        """Values by name; what is not in this frame is left out, a float that is no finite number is NaN.
 
-        Raises:
-            RemoteProtocolError: a float that is no finite number.
+        Only measurements may be floats (`drivers.devices.ecu_roles`): codes and clocks are whole numbers.
         """
         words = (int.from_bytes(data, "little"), int.from_bytes(data, "big") if self._big else 0)
         values: dict[str, float] = {}
@@ -164,8 +163,9 @@ class FrameReader:
             number: float = words[order] >> shift & mask
             if sign:
                 number = signal.number(int(number))
-                if number != number or number in {math.inf, -math.inf}:
-                    raise RemoteProtocolError(f"{signal.name} is {number}")
+                if not math.isfinite(number):
+                    values[name] = math.nan
+                    continue
             if factor is not None:
                 multiply, divide, offset = factor
                 number = number * multiply / divide + offset

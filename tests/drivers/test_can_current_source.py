@@ -1,5 +1,7 @@
 """The ECU driver over slcan bytes and over python-can's virtual bus."""
 
+import math
+import struct
 import time
 from collections.abc import Callable, Iterator
 
@@ -11,6 +13,8 @@ from drivers.can_library import import_can
 from drivers.can_port import CanPort
 from drivers.connection import CanAddress
 from drivers.current_source import SourceBatch, SourceCounters, SourceIdentity
+from drivers.devices.dbc_file import parse_dbc
+from drivers.devices.ecu_roles import describe
 from drivers.devices.source import current_source
 from drivers.errors import LinkLost, PortClosed
 from drivers.frame_checks import FrameChecks
@@ -287,3 +291,44 @@ def test_a_current_that_is_no_number_is_no_status_and_is_named() -> None:
     ]
     assert checks.measured(0.5)
     assert counters.unmeasured_in_a_row == 0
+
+
+FLOATS = """VERSION ""
+BU_: A
+BO_ 16 Order: 4 A
+ SG_ Amps : 0|16@1- (0.01,0) [0|0] "A" A
+BO_ 17 Status: 12 A
+ SG_ Amps : 0|32@1- (1,0) [0|0] "A" A
+ SG_ Coil : 32|32@1- (1,0) [0|0] "degC" A
+ SG_ Supply : 64|32@1- (1,0) [0|0] "V" A
+SIG_VALTYPE_ 17 Amps : 1;
+SIG_VALTYPE_ 17 Coil : 1;
+SIG_VALTYPE_ 17 Supply : 1;
+"""
+
+
+@pytest.mark.parametrize(
+    ("values", "current", "temperatures", "recorded"),
+    [
+        ((0.5, 30.0, 12.0), [0.5], [30.0], {"COIL_CURRENT", "COIL_TEMPERATURE", "ECU_SUPPLY"}),
+        ((0.5, math.nan, 12.0), [0.5], [], {"COIL_CURRENT", "ECU_SUPPLY"}),
+        ((0.5, 30.0, math.inf), [0.5], [30.0], {"COIL_CURRENT", "COIL_TEMPERATURE"}),
+        ((math.nan, 30.0, 12.0), [], [30.0], {"COIL_TEMPERATURE", "ECU_SUPPLY"}),
+    ],
+)
+def test_one_value_that_is_no_number_does_not_take_its_frame_with_it(
+    values: tuple[float, ...], current: list[float], temperatures: list[float], recorded: set[str]
+) -> None:
+    made = describe("floats", parse_dbc(FLOATS), {
+        "command": "Order.Amps", "measured_current": "Status.Amps", "coil_temperature": "Status.Coil",
+        "supply_voltage": "Status.Supply",
+    })  # fmt: skip
+    source = CanCurrentSource(CanPort(CanAddress("virtual", "floats", 500_000), fd=True), made)
+    batch = SourceBatch([], [], [], 0, 0, 0)
+    data = struct.pack("<3f", *values)
+    source._take((17, data, False, False, len(data)), batch)
+    assert [status.current_A for status in batch.statuses] == current
+    assert [one.coil_degC for one in batch.temperatures] == temperatures
+    assert {Channel(record[4]).name for record in batch.records} == recorded
+    missing = {channel.name for channel in source.counters.not_numbers}
+    assert missing == {"COIL_TEMPERATURE", "ECU_SUPPLY"} - recorded

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from drivers.current_source import UNKNOWN_STATE, CurrentSource, SourceBatch, SourceFault, SourceIdentity, SourceState
 from drivers.errors import DriverError
 from drivers.origins import Origins, origins_of
-from drivers.ring import Record
+from drivers.ring import Channel, Record
 from protocols.quality import Quality
 from rig.bench.settings import EcuConfig
 from rig.clock import monotonic_ns, wait_for
@@ -62,6 +62,7 @@ class CurrentSourceThread(ReadingThread):
         self._bus_errors = 0
         self._errors_before = 0
         self._stamps_told = False
+        self._not_numbers_told: set[Channel] = set()
         self._zeroed = True
         self._zeroed_ns = self._before_ns = 0
         self._command_lock = threading.Lock()
@@ -366,6 +367,7 @@ class CurrentSourceThread(ReadingThread):
                 findings += self._current_judge.judge(status, commanded_A, now_ns, self._set_points)
                 findings += self.law_judge.judge(status, commanded_A, now_ns)
         self._tell_stamps()
+        self._tell_not_numbers()
         if batch.statuses:
             # Errors that came with the last status frame may be the beginning of what silences the bus.
             self._bus_errors, self._errors_before = self._errors_before, self._driver.bus_errors
@@ -391,6 +393,16 @@ class CurrentSourceThread(ReadingThread):
                 "ecu-time-stamps",
                 f"its frames are timed by the CAN interface's stamps, known on this host's clock to "
                 f"{uncertainty_ns / 1e3:.0f} us beside the shortest time that reading takes",
+            )
+
+    def _tell_not_numbers(self) -> None:
+        """Report once for each channel that its value is no number; the rest of its frames is used."""
+        for channel in self._driver.counters.not_numbers.keys() - self._not_numbers_told:
+            self._not_numbers_told.add(channel)
+            self._supervisor.tell(
+                "ecu-value-missing",
+                f"its {channel.name.lower().replace('_', ' ')} is not a finite number in some frames: that value is left "
+                "out, the rest of the frame is used",
             )
 
     def _silence(self) -> str:
