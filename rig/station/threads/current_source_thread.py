@@ -401,8 +401,8 @@ class CurrentSourceThread(ReadingThread):
             self._not_numbers_told.add(channel)
             self._supervisor.tell(
                 "ecu-value-missing",
-                f"its {channel.name.lower().replace('_', ' ')} is not a finite number in some frames: that value is left "
-                "out, the rest of the frame is used",
+                f"its {channel.name.lower().replace('_', ' ')} is not a finite number in some frames: that value is "
+                "left out, the rest of the frame is used",
             )
 
     def _silence(self) -> str:
