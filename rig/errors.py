@@ -92,6 +92,10 @@ class UnknownRigState(RigError):
     slug = "state-unknown"
 
 
+class DataWarning(UserWarning):
+    """Data that a call goes on without; commands show it on standard error."""
+
+
 NUMERICAL_ERRORS = (ValueError, ArithmeticError, LookupError)
 """What numerical code raises where data break one of its invariants; `numpy.linalg.LinAlgError` is a `ValueError`."""
 

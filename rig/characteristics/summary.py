@@ -117,7 +117,7 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
     skews = pooled_skews(run.usable) if prepared is None else {}
     loops: list[LoopCharacteristics] = []
     friction: list[FrictionTest] = []
-    left_out, remarks = [], []
+    left_out, remarks = [*run.unreadable], []
     for point in run.points:
         if point.verdict == "invalid":
             left_out.append(f"{point.id}: invalid")

@@ -8,6 +8,7 @@ import os
 import sys
 import tempfile
 import traceback
+import warnings
 from collections.abc import Sequence
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -23,6 +24,7 @@ from rig.errors import (
     EXIT_STOPPED,
     EXIT_UNKNOWN_STATE,
     EXIT_USAGE,
+    DataWarning,
     FileProblem,
     RigError,
 )
@@ -127,6 +129,21 @@ def main(arguments: Sequence[str]) -> int:
 def answered(command: click.Command, arguments: Sequence[str], name: str) -> int:
     """Run a command under a name as `main` does; return its exit code."""
     take_every_character()
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", DataWarning)
+        warnings.showwarning = _show_warning
+        return _answered(command, arguments, name)
+
+
+def _show_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: object) -> None:
+    """A warning about data in its own words; any other as Python shows it."""
+    own = issubclass(category, DataWarning)
+    text = f"warning: {message}" if own else warnings.formatwarning(message, category, filename, lineno).rstrip()
+    with contextlib.suppress(OSError):
+        say(text, err=True)
+
+
+def _answered(command: click.Command, arguments: Sequence[str], name: str) -> int:
     as_json = "--json" in (arguments[: arguments.index("--")] if "--" in arguments else arguments)
     try:
         return int(command.main(args=list(arguments), prog_name=name, standalone_mode=False) or EXIT_DONE)

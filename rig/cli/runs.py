@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import click
 
 from rig.cli.options import LOGS, Command, json_option
 from rig.cli.output import console, write_json
-from rig.errors import EXIT_DONE, FileProblem
+from rig.errors import EXIT_DONE, DataWarning, FileProblem
 from rig.recording.run_index import VERDICTS, RunFilter, listed
 from rig.text_file import read_json
 
@@ -108,7 +109,10 @@ def _summary(place: Path) -> dict[str, Any]:
         campaign = read_campaign(place)
         summary["specimen"] = str(campaign.get("specimen", ""))
         summary["started"] = str(campaign.get("started_utc") or campaign.get("created") or "")
-        run = Run.open(place)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)  # it is the remark
+            run = Run.open(place)
+        summary["remark"] = "; ".join(run.unreadable)
         verdicts = [point.verdict for point in run.points]
         summary |= {"points": len(verdicts), "valid": verdicts.count("valid"), "apart": len(run.apart)}
         summary["verdict"] = next((name for name in reversed(VERDICTS) if name in verdicts), "")

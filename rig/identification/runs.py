@@ -78,7 +78,8 @@ def identify_run(
     points = [point for run in runs for point in (run.usable if suspect else run.valid)]
     taken = {"valid", "suspect"} if suspect else {"valid"}
     others = [point for run in runs for point in run.points if point.verdict not in taken]
-    left_out = [
+    left_out = [line for run in runs for line in run.unreadable]
+    left_out += [
         say("left-out", test=point.id, reason=f"{point.verdict} ({'; '.join(point.reasons)})") for point in others
     ]
     if not points:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import difflib
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.errors import FileProblem
+from rig.errors import DataWarning, FileProblem
 from rig.recording.point_files import campaign_in, unfinished
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.test_set import NOMINAL_SHARE, CurrentReading, names_current
@@ -92,19 +93,23 @@ class Run:
     """A campaign's directory and its points in the order of their names.
 
     `apart` are records of motions out of tolerance, after which the point was run again: originals that no fit uses.
+    `unreadable` has one line for each file of a point that is damaged: the others are used without it.
     """
 
     path: Path
     points: tuple[RecordedPoint, ...]
     campaign: Mapping[str, Any] = field(default_factory=dict, repr=False)
     apart: tuple[RecordedPoint, ...] = ()
+    unreadable: tuple[str, ...] = ()
 
     @classmethod
     def open(cls, path: Path | str) -> Run:
         """Open a campaign's directory (or the folder it alone lies in), or a single point's file as a run of one.
 
+        Damaged files of points are left out with a `DataWarning` and named in `unreadable`.
+
         Raises:
-            FileProblem: the path is no run; every damaged file is listed with its place.
+            FileProblem: the path is no run, or none of its points can be read; every damaged file is listed.
         """
         place = Path(path)
         if place.is_file():
@@ -113,18 +118,22 @@ class Run:
         files = sorted((place / "points").glob("*.h5"), key=lambda file: file.stem)
         if not files:
             raise FileProblem(str(place), [_why_no_run(place)])
-        points, problems = [], []
+        points: list[RecordedPoint] = []
+        problems: list[tuple[str, str]] = []
         for file in files:
             try:
                 points.append(RecordedPoint.open(file))
             except FileProblem as error:
-                problems += [f"points/{file.name}: {problem}" for problem in error.problems]
-        if problems:
-            if points:
-                problems[-1] += f". Fix: move such a file out of points/ to use the other {len(points)} without it"
-            raise FileProblem(str(place), problems)
+                problems += [(file.stem, problem) for problem in error.problems]
+        if not points:
+            raise FileProblem(str(place), [f"points/{name}.h5: {problem}" for name, problem in problems])
+        unreadable = tuple(f"{name} left out: unreadable (points/{name}.h5: {problem})" for name, problem in problems)
+        if unreadable:
+            fix = "restore the file from a copy, or move it out of points/"
+            warnings.warn(f"{place}: {'; '.join(unreadable)}. Fix: {fix}", DataWarning, stacklevel=2)
         counted = tuple(point for point in points if not point.kept_apart)
-        return cls(place, counted, read_campaign(place), tuple(point for point in points if point.kept_apart))
+        apart = tuple(point for point in points if point.kept_apart)
+        return cls(place, counted, read_campaign(place), apart, unreadable)
 
     @property
     def valid(self) -> tuple[RecordedPoint, ...]:
@@ -138,11 +147,12 @@ class Run:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """One line for each point that is not valid: its verdict and reasons."""
-        return tuple(
+        """One line for each point that cannot be read or is not valid: its verdict and reasons."""
+        judged = (
             f"{point.id} left out: {point.verdict} ({'; '.join(point.reasons)})"
             for point in self.points if point.verdict != "valid"
         )
+        return (*self.unreadable, *judged)
 
     def select(self, filter_text: str) -> tuple[RecordedPoint, ...]:
         """Points that meet every condition of a filter such as `waveform=triangle,current_A=1`.

@@ -226,7 +226,7 @@ def _kind(good: bool) -> str:
 
 def warnings(run: Run, fit: JsonObject | None) -> str:
     """Everything a reader must know before believing the rest."""
-    boxes = []
+    boxes = [box("bad", text(line)) for line in run.unreadable]
     if _count(run, "invalid"):
         left_out = " and were left out of the fit" if fit is not None else ""
         boxes.append(box("bad", f"{_count(run, 'invalid')} point(s) are invalid{left_out}."))

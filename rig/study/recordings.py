@@ -169,7 +169,8 @@ def _recorded(data: Data) -> tuple[list[Measurement], list[str]]:
     loops = [point for point in fitting if point.kind == "loop"]
     if not loops:
         raise FileProblem("[data] runs", [f"none of the {len(fitting)} points is a loop: a study fits loops only"])
-    left_out = [
+    left_out = [line for run in runs for line in run.unreadable]
+    left_out += [
         f"{point.id} left out: {point.verdict} ({'; '.join(point.reasons)})"
         for point in loops
         if point.verdict != "valid"

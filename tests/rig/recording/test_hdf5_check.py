@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rig.errors import FileProblem
+from rig.errors import DataWarning, FileProblem
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.recorded_point import RecordedPoint
@@ -243,5 +243,8 @@ def test_a_run_with_a_damaged_file_names_it(file: Path, tmp_path: Path) -> None:
     points.mkdir(parents=True)
     (points / "p001.h5").write_bytes(file.read_bytes())
     (points / "p002.h5").write_bytes(file.read_bytes()[:1000])
-    with pytest.raises(FileProblem, match=r"points/p002\.h5: cannot be read as HDF5"):
+    with pytest.warns(DataWarning, match=r"points/p002\.h5: cannot be read as HDF5"):
+        assert len(Run.open(tmp_path / "run").points) == 1
+    (points / "p001.h5").write_bytes(file.read_bytes()[:1000])
+    with pytest.raises(FileProblem, match=r"points/p001\.h5: cannot be read as HDF5"):
         Run.open(tmp_path / "run")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -9,7 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
-from rig.errors import FileProblem
+from rig.cli.main import main
+from rig.errors import DataWarning, FileProblem
 from rig.export.point_tables import write_points
 from rig.identification import identify
 from rig.recording.atomic_write import inner_folder, open_to_append, write_text_durably
@@ -92,8 +94,36 @@ def test_attributes_of_another_kind_are_refused_in_words(
 def test_a_damaged_file_among_others_is_named_with_the_way_out(campaign: Path) -> None:
     shutil.copy(FIRST_VERSION, campaign / "points" / "p001.h5")
     (campaign / "points" / "p002.h5").write_bytes(b"damaged")
-    with pytest.raises(FileProblem, match=r"points/p002.h5: .*move such a file out of points/ to use the other 1"):
-        Run.open(campaign)
+    with pytest.warns(DataWarning, match=r"points/p002.h5: .*Fix: restore the file from a copy, or move it out"):
+        run = Run.open(campaign)
+    assert [point.id for point in run.points] == ["p001"]
+    assert len(run.unreadable) == 1
+    assert run.left_out[0].startswith("p002 left out: unreadable (points/p002.h5")
+
+
+def test_every_command_goes_on_without_a_damaged_file_and_names_it(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(1000) * 0.004
+    for name, phase in (("a", 0.0), ("b", 0.4)):
+        x_mm, v_m_s = 20.0 * np.sin(9.0 * t + phase), 0.18 * np.cos(9.0 * t + phase)
+        rows = np.column_stack([t, x_mm, 400.0 * v_m_s + 100.0 * np.tanh(v_m_s / 0.02)])
+        np.savetxt(tmp_path / f"{name}.csv", rows, "%.5f", ",", header="t_s,x_mm,F_N", comments="")
+    columns = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
+    run = import_tests([tmp_path / "a.csv", tmp_path / "b.csv"], columns=columns, out=tmp_path / "runs", current_A=0.5)
+    damaged = run / "points" / "b.h5"
+    damaged.write_bytes(damaged.read_bytes()[:1000])
+    for arguments in (
+        ["identify", str(run), "--model", "asymmetric"], ["report", str(run)], ["compare", str(run), str(run)],
+        ["export", str(run), "--to", "csv", "--out", str(tmp_path / "tables")],
+    ):
+        capfd.readouterr()
+        assert main(arguments) == 0, arguments
+        assert "b left out: unreadable" in capfd.readouterr().err, arguments
+    assert "b left out: unreadable" in (run / "report.html").read_text(encoding="utf-8")
+    assert "b left out: unreadable" in (run / "fit.json").read_text(encoding="utf-8")
+    assert main(["runs", "--in", str(run.parent), "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["runs"][0]["remark"].startswith("b left out: unreadable")
 
 
 @pytest.mark.parametrize("channel", ["force", "time", "displacement"])
