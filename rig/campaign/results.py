@@ -193,7 +193,11 @@ class StopReport:
     def _pressure(self) -> str:
         if self.pressure_off:
             return "hydraulics off"
-        others = {"none": "actuator holds (no hydraulics to switch off)", "unknown": "HYDRAULICS NOT PROVED OFF"}
+        others = {
+            "none": "actuator holds (no hydraulics to switch off)",
+            "unknown": "HYDRAULICS NOT PROVED OFF (in this state, such as behind its own trip, the controller does not "
+            "show whether it has pressure. Fix: inspect and reset it there, or state [pressure] in its register map)",
+        }
         return others.get(self.pressure, "HYDRAULICS STILL ON")
 
     @property

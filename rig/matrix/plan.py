@@ -9,7 +9,7 @@ from typing import Any
 
 from rig.bench.model import Bench
 from rig.errors import told
-from rig.matrix.feasibility import Reason, reasons_against, sampling_hints, too_hot, would_fit
+from rig.matrix.feasibility import Reason, command_limit, reasons_against, sampling_hints, too_hot, would_fit
 from rig.matrix.forecast import Forecast, forecaster
 from rig.matrix.model import Matrix
 from rig.matrix.order_by_heat import BETWEEN_POINTS_S, Thermal, load_of, thermal_of, warm_up_point
@@ -28,7 +28,9 @@ class PlannedPoint:
 
     `predicted_force_N` and `energy_J` (dissipated over the whole program, coil included) are None when unknown;
     `stopping_reach_m` is where a halt at any instant comes to rest, lowest and highest, in the rig's coordinate;
-    `peaks` are those of the rod, the ripple of streamed set-points included.
+    `peaks` are those of the rod at the point's own amplitude, the ripple of streamed set-points included.
+    `highest_peaks` bound those of every command for the point: where the amplitude is adapted, a machine that does not
+    reach it is commanded more, up to where the command's own peaks reach the limits (`command_limit`).
     `would_fit_m` is the largest amplitude that mends an infeasible point, None when no amplitude does.
     """
 
@@ -40,6 +42,7 @@ class PlannedPoint:
     would_fit_m: float | None
     stopping_reach_m: Reach
     peaks: Peaks
+    highest_peaks: Peaks
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -63,6 +66,9 @@ class PlannedPoint:
             "current_A": point.current_A,
             "peak_speed_m_s": self.peaks.speed_m_s,
             "peak_acceleration_m_s2": self.peaks.acceleration_m_s2,
+            "highest_commanded": {
+                "speed_m_s": self.highest_peaks.speed_m_s, "acceleration_m_s2": self.highest_peaks.acceleration_m_s2,
+            },
             "predicted_force_N": self.predicted_force_N,
             "energy_J": self.energy_J,
             "stopping_reach_m": list(self.stopping_reach_m),
@@ -194,7 +200,18 @@ def _judge(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) ->
         would_fit_m=would_fit(point, matrix, bench, predict) if causes else None,
         stopping_reach_m=stopping_reach(point, matrix, bench),
         peaks=peaks(point, bench),
+        highest_peaks=_highest_peaks(point, matrix, bench),
     )
+
+
+def _highest_peaks(point: TestPoint, matrix: Matrix, bench: Bench) -> Peaks:
+    """Of the largest command that the adaption of the amplitude may give for a point; its own without adaption."""
+    own = peaks(point, bench)
+    if not matrix.sweep.adapt_amplitude or point.kind != "loop":
+        return own
+    largest_m = max(point.amplitude_m, command_limit(point, matrix, bench)[0])
+    largest = peaks(replace(point, amplitude_m=largest_m), bench)
+    return Peaks(*map(max, own, largest))
 
 
 def _judged_warm_up(

@@ -19,6 +19,7 @@ from drivers.connection import ActuatorConnection
 from drivers.roles import Actuator, Program, Waveform
 from drivers.setpoint_generator import SetpointGenerator
 from rig.bench.model import Bench
+from rig.campaign.sequencer.state import conditions_of
 from rig.cli.tables import PlanText
 from rig.dampers import model, parameter_set
 from rig.matrix.model import Matrix, load_matrix
@@ -384,3 +385,21 @@ def test_a_plan_asks_once_how_the_controller_is_given_its_motion(monkeypatch: py
     assert bench.actuator.setpoints_s is None
     streamed = replace(bench.actuator, register_map="demo-streamed", poll_s=0.02)
     assert streamed.setpoints_s == 0.02
+
+
+@pytest.mark.parametrize("bench", [DEMO, STREAMED])
+def test_no_command_that_the_adaption_may_give_exceeds_the_plans_bound(bench: Bench) -> None:
+    table1 = load_matrix(EXAMPLES / "table1.toml")
+    ceilings = conditions_of(table1, bench).ceilings
+    for item in plan(table1, bench).points[::7]:
+        if not item.feasible:
+            continue
+        largest = replace(item.point, amplitude_m=ceilings[item.point.id].amplitude_m)
+        for bound, reached, limit in zip(
+            item.highest_peaks, peaks(largest, bench), (bench.limits.speed_m_s, bench.limits.acceleration_m_s2),
+            strict=True,
+        ):
+            assert reached <= bound + 1e-12
+            assert bound <= limit * (1.0 + 1e-9)
+    fixed = table1.model_copy(update={"sweep": table1.sweep.model_copy(update={"adapt_amplitude": False})})
+    assert all(item.highest_peaks == item.peaks for item in plan(fixed, bench).points[::7])
