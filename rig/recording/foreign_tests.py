@@ -213,7 +213,7 @@ def _test(
     """
     known = next((name for name in ("current", "commanded_current") if name in table), "")
     table = dict(table)
-    times = _times(table)
+    times = uniform_times(table)
     problems = [
         *_wrong_time(opened, table["time"], choices, part.first_row), *_empty(table, choices),
         *_too_large(table, {quantity: choice.text for quantity, choice in choices.items()}),
@@ -240,7 +240,7 @@ def _test(
     )
 
 
-def _times(table: dict[str, FloatArray]) -> SampleTimes | None:
+def uniform_times(table: dict[str, FloatArray]) -> SampleTimes | None:
     """How the times were found; where a uniform rate is behind the stamps, the table's time is that from here on."""
     stamps_s = table["time"]
     if stamps_s.size < FEWEST_ROWS or not np.all(np.isfinite(stamps_s)):
@@ -342,13 +342,8 @@ def _table(
     places = [choice.place for choice in choices.values()]
     table, notes = {}, []
     for (quantity, choice), values in zip(choices.items(), opened.values(places), strict=True):
-        infinite = np.isinf(values)
-        if infinite.any():
-            values = np.where(infinite, np.nan, values)
-            notes.append(f"{quantity}: {np.count_nonzero(infinite)} infinite value(s) taken as no value")
-        if quantity != "time":
-            values, missing = without_sentinels(values, wanted.no_value)
-            notes += [f"{quantity}: {count} x {number:g} taken as no value" for number, count in missing.items()]
+        values, missing = without_no_value(values, () if quantity == "time" else wanted.no_value)
+        notes += [f"{quantity}: {note}" for note in missing]
         with np.errstate(invalid="ignore", over="ignore"):  # damaged bytes are numbers too
             table[quantity] = values if choice.unit is None else values * choice.unit.scale + choice.unit.offset
     if "time" not in table:
@@ -392,6 +387,19 @@ def _together(
     return {"time": time_s, **channels}, [
         *notes, f"{', '.join(moved)} interpolated to the times of displacement (each channel has times of its own)"
     ]  # fmt: skip
+
+
+def without_no_value(values: FloatArray, stated: Sequence[float] | None) -> tuple[FloatArray, list[str]]:
+    """A column (n,) with NaN in place of infinite values and of numbers that stand for no value, and what was found.
+
+    Args:
+        values: as read.
+        stated: see `without_sentinels`.
+    """
+    infinite = np.isinf(values)
+    notes = [f"{np.count_nonzero(infinite)} infinite value(s) taken as no value"] * bool(infinite.any())
+    values, missing = without_sentinels(np.where(infinite, np.nan, values) if notes else values, stated)
+    return values, [*notes, *(f"{count} x {number:g} taken as no value" for number, count in missing.items())]
 
 
 def without_sentinels(values: FloatArray, stated: Sequence[float] | None) -> tuple[FloatArray, dict[float, int]]:

@@ -14,39 +14,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 import rig
-from protocols.quality import Quality
 from rig.clock import utc_now
 from rig.errors import FileProblem
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.foreign.foreign_file import Dialect
 from rig.recording.foreign_tests import ImportedTest, WantedTests, read_tests
 from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.imported_quality import TestSamples, assess
 from rig.recording.layout import AlignedChannel, PointFile
-from rig.recording.motion_parts import CURRENT_NOISES, TestPart, every_part
-from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
+from rig.recording.motion_parts import TestPart, every_part
 from rig.recording.quality.point_quality import MotionQuality, PointQuality, SkewQuality, time_quality
-from rig.recording.quality.verdict import Reason, Verdict, invalid
-from rig.signals.arrays import FloatArray
-from rig.signals.current_error import loop_error_A
-from rig.signals.cycles import MeasuredMotion, measured_motion
+from rig.signals.cycles import MeasuredMotion
 from rig.signals.derivatives import velocity_of
 from rig.signals.free_motion import RANDOM, mean_rate_Hz
-from rig.signals.interpolation import LARGEST_STEP_PERIODS
-from rig.signals.loop_shape import noise_of, standing
-from rig.signals.test_set import TRACKING_A, TRACKING_SHARE
 
-FEWEST_CYCLES = 3
-CLIPPED_OF_CYCLES = 0.5
-"""In so many of the cycles a force that only ends stands at its end, as identification asks for it."""
-UNSTEADY = 1.1
-"""Longest or largest of the full cycles over the least, from which they are not one motion."""
-JITTER_SPREADS = 7.0
-"""Median deviations of the steps, of irregularly taken samples, beyond which a step is a gap: 5 standard deviations."""
-REVERSED = -0.1
-"""Share of all work done that a force must put in, in sum, to be one of a wrong sign."""
 SOFTWARE = f"mr-damper-rig {rig.__version__}"
 LONGEST_NAME = 100
 """Characters of a point's id that come from the file's name; a point's id has at most 150."""
@@ -168,12 +151,14 @@ def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
     test = part.test
     choices, times = test.choices, test.times
     period_s = float(np.median(np.diff(test.time_s)))
-    flags, lost = _flags(test, period_s)
-    random = said.waveform == RANDOM
-    motion = None if random else measured_motion(test.time_s, test.displacement_m)
     velocity, method = velocity_of(test.time_s, test.displacement_m)
-    verdict = _judge(test, velocity, motion, lost, 0 if random else FEWEST_CYCLES)
-    amplitude_m, frequency_Hz = _size(test, motion) if motion is not None or random else (0.0, 0.0)
+    found = assess(TestSamples(
+        test.time_s, test.displacement_m, test.force_N, velocity, test.current_A, test.nominal_current_A,
+        test.current_measured,
+    ), said.waveform)  # fmt: skip
+    motion = found.motion
+    measured = motion is not None or said.waveform == RANDOM
+    amplitude_m, frequency_Hz = _size(test, motion) if measured else (0.0, 0.0)
     channels = [
         AlignedChannel("displacement", test.displacement_m, "m", "Damper extension", choices["displacement"].column),
         AlignedChannel("force", test.force_N, "N", "Force", choices["force"].column),
@@ -195,7 +180,7 @@ def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
             choices["temperature"].column,
         ))  # fmt: skip
     quality = PointQuality(
-        verdict=verdict, lost_samples=lost, coil_low_degC=low_degC, coil_high_degC=high_degC,
+        verdict=found.verdict, lost_samples=found.lost, coil_low_degC=low_degC, coil_high_degC=high_degC,
         skew=SkewQuality(value_s=0.0, std_s=0.0, method="as imported: one time base, not checked"),
         motion=MotionQuality(cycles=0) if motion is None else MotionQuality(
             cycles=motion.cycles, amplitude_m=motion.amplitude_m, frequency_Hz=motion.frequency_Hz,
@@ -205,7 +190,7 @@ def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
         time=None if times is None else time_quality(times),
     )
     return PointFile(
-        time_s=test.time_s, sample_rate_hz=1.0 / period_s, channels=channels, flags=flags,
+        time_s=test.time_s, sample_rate_hz=1.0 / period_s, channels=channels, flags=found.flags,
         test={
             "id": name, "waveform": said.waveform,
             "amplitude_m": amplitude_m, "frequency_Hz": frequency_Hz,
@@ -240,115 +225,3 @@ def _size(test: ImportedTest, motion: MeasuredMotion | None) -> tuple[float, flo
         return motion.amplitude_m, motion.frequency_Hz
     span_m = float(np.nanmax(test.displacement_m) - np.nanmin(test.displacement_m))
     return 0.5 * span_m, mean_rate_Hz(test.time_s, test.displacement_m)
-
-
-def _flags(test: ImportedTest, period_s: float) -> tuple[NDArray[np.int8], int]:
-    """Flags of each row and the number of rows missing between them."""
-    flags = np.zeros(len(test.time_s), np.int8)
-    steps = np.diff(test.time_s) / period_s
-    spread = JITTER_SPREADS * float(np.median(np.abs(steps - 1.0)))  # 0 of a uniform rate
-    after_gap = np.flatnonzero(steps > max(LARGEST_STEP_PERIODS, 1.0 + spread)) + 1
-    flags[after_gap] |= np.int8(Quality.GAP_BEFORE)
-    flags[~(np.isfinite(test.force_N) & np.isfinite(test.displacement_m))] |= np.int8(Quality.NOT_A_NUMBER)
-    return flags, int(np.sum(np.round(steps[after_gap - 1]) - 1))
-
-
-def _judge(
-    test: ImportedTest, velocity_m_s: FloatArray, motion: MeasuredMotion | None, lost: int, fewest_cycles: int
-) -> Verdict:
-    quantities = {"force": test.force_N, "displacement": test.displacement_m}
-    return judge(PointEvidence(
-        sensors={name: _counts(name, test.time_s, values, lost, motion) for name, values in quantities.items()},
-        samples_a_cycle=np.inf if motion is None else len(test.time_s) / (test.time_s[-1] * motion.frequency_Hz),
-        wanted_cycles=fewest_cycles, wanted_amplitude_m=0.0, wanted_frequency_Hz=0.0, current_tolerance_A=np.inf,
-        measured_cycles=None if motion is None else motion.cycles, current_error_A=0.0,
-        extra=[
-            *(_reversed(test, velocity_m_s, motion) if motion is not None or not fewest_cycles else []),
-            *_unsteady(motion), *_current_off(test, motion),
-        ],
-    ))
-
-
-def _reversed(test: ImportedTest, velocity_m_s: FloatArray, motion: MeasuredMotion | None) -> list[Reason]:
-    """A force that drives the rod over the full cycles, which no damper's does; as identification refuses it."""
-    known = np.isfinite(test.force_N) & np.isfinite(velocity_m_s)
-    if motion is not None:
-        known &= (test.time_s >= motion.start_s) & (test.time_s < motion.end_s)
-    if not np.any(known):
-        return []
-    work = (test.force_N[known] - np.mean(test.force_N[known])) * velocity_m_s[known]
-    if not np.sum(work) < REVERSED * np.sum(np.abs(work)):
-        return []
-    return [invalid(
-        "reversed-sign", "the measured force drives the motion instead of resisting it: the sign of force or "
-        "displacement is reversed, or their columns are exchanged (displacement is extension, and a positive force "
-        "resists extension). Fix: import again with --scale force=-1 (a force positive in compression) or "
-        "--scale displacement=-1 (a displacement positive in compression)",
-    )]
-
-
-def _unsteady(motion: MeasuredMotion | None) -> list[Reason]:
-    """Cycles of different length or size: a sweep, ramps, or motions too short to be tests; their mean is of none."""
-    if motion is None or motion.cycles < 2:
-        return []
-    for what, unit, values in (
-        ("last", "s", 1.0 / motion.waveform.frequency_Hz),
-        ("have amplitudes of", "mm", 1e3 * motion.waveform.amplitude_m[np.isfinite(motion.waveform.amplitude_m)]),
-    ):
-        if values.size < 2 or not float(np.max(values)) > UNSTEADY * float(np.min(values)):
-            continue
-        least, most = float(np.min(values)), float(np.max(values))
-        return [invalid(
-            "unsteady-motion", f"cycles {what} {least:.3g} to {most:.3g} {unit}: not one motion. Fix: import a sweep "
-            f"with --waveform random; a motion is one test from {FEWEST_CYCLES} cycles on",
-            least=least, most=most,
-        )]
-    return []
-
-
-def _current_off(test: ImportedTest, motion: MeasuredMotion | None) -> list[Reason]:
-    """A measured current that was not what the test is named by: in a part of a cycle, or throughout, as a ramp is.
-
-    A command that was recorded without a measurement is what was requested, steps included: it shows the coil's lag.
-    """
-    current_A = test.current_A
-    if motion is None or current_A is None or not test.current_measured:
-        return []
-    starts_s = np.linspace(motion.start_s, motion.end_s, motion.cycles + 1)
-    inside = (test.time_s >= starts_s[0]) & (test.time_s < starts_s[-1]) & np.isfinite(current_A)
-    off_A = loop_error_A(test.time_s, current_A, test.nominal_current_A, starts_s)
-    if off_A is None or not np.any(inside):
-        return []
-    limit_A = max(TRACKING_A, TRACKING_SHARE * abs(test.nominal_current_A))
-    mean_off_A = abs(float(np.mean(current_A[inside])) - test.nominal_current_A)
-    if mean_off_A > limit_A:  # noise, or a pulsed current, has its mean
-        off_A = mean_off_A
-    else:
-        limit_A += CURRENT_NOISES * noise_of(current_A[inside])
-    if not off_A > limit_A:
-        return []
-    return [invalid(
-        "current-tracking", f"the current is off by {1e3 * off_A:.3g} mA from {test.nominal_current_A:.3g} A in a part "
-        f"of the cycles (limit {1e3 * limit_A:.3g} mA): not one test. Fix: leave that part out; of a current that is "
-        "meant to vary, import with --waveform random",
-        off_A=off_A, limit_A=limit_A,
-    )]
-
-
-def _counts(
-    name: str, time_s: FloatArray, values: FloatArray, lost: int, motion: MeasuredMotion | None
-) -> SensorCounts:
-    """What a column holds, and whether it stands still over the full cycles; a flat top may be a filter's or a file's.
-
-    No sensor's range is known here, so nothing is said to be saturated: identification looks for a force that ends at
-    the same value in half of the cycles, and does without these samples. A force that goes there now and then stood.
-    """
-    missing = int(np.count_nonzero(~np.isfinite(values)))
-    if motion is None:
-        return SensorCounts(len(time_s), lost, missing)
-    stood = standing(values[(time_s >= motion.start_s) & (time_s < motion.end_s)])
-    clipped = name == "force" and stood.ends >= max(2.0, CLIPPED_OF_CYCLES * motion.cycles)
-    longest = 0 if clipped else stood.longest
-    return SensorCounts(
-        len(time_s), lost, missing, standing=longest, coarse=stood.coarse, step=stood.step, span=stood.span,
-    )

@@ -18,7 +18,6 @@ from rig.errors import FileProblem
 from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.point_quality import PointQuality, time_quality
 from rig.signals.arrays import FloatArray
-from rig.signals.sample_times import sample_times
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -145,39 +144,49 @@ class RecordedPoint:
                 name (`force_kN`), in `units`, or in `table.attrs["units"]`; without any it is taken in SI, with a
                 warning. The time is the index, or a column such as `time_s` (see
                 `rig.recording.table_columns.table_time`); row numbers are not taken for it. Columns of texts are left
-                out. Times with few digits become the uniform rate behind them (`quality.time`).
+                out. Times with few digits, equal neighbours among them, become the uniform rate behind them
+                (`quality.time`).
             id: the point's id.
             current_A: the wanted coil current (A).
             waveform: `sine` or `triangle`.
             units: column or quantity -> unit of its numbers, such as `{"force": "kN", "time": "ms"}`.
             accept: slugs of implausible sizes (`units-force`, ...) that are right all the same.
-            **description: other attributes; amplitude and frequency are measured where they are not given.
+            **description: other attributes; amplitude and frequency are measured where they are not given, and the
+                verdict is that of the same checks as `rig import` makes: a fit leaves an invalid test out.
 
         Raises:
             FileProblem: the current is no number, a column is missing or not numbers, a unit is unknown, a size is
                 implausible, there is no time or it does not increase, or there is no motion to measure.
         """
+        from rig.recording.imported_quality import TestSamples, assess
         from rig.recording.table_columns import check_current, table_channels
+        from rig.signals.derivatives import velocity_of
 
         check_current(current_A, id)
-        arrays = dict(table_channels(table, id, units, accept))
-        times = sample_times(arrays["time"], (arrays["displacement"], arrays["force"]))
-        if times.uniform:
-            arrays["time"] = times.time_s + arrays["time"][0]
-        description = {"quality": PointQuality(time=time_quality(times)), **description}
-        time_s = arrays["time"]
-        if "current" not in arrays:
-            unknown = np.nan if "commanded_current" in arrays else current_A
-            arrays["current"] = np.full(len(time_s), unknown)
+        channels, times = table_channels(table, id, units, accept)
+        arrays = dict(channels)
+        time_s, displacement_m = arrays["time"], arrays["displacement"]
+        measured = "current" in arrays
+        arrays.setdefault(
+            "current", np.full(len(time_s), np.nan if "commanded_current" in arrays else current_A)
+        )
+        if "velocity" not in arrays:
+            arrays["velocity"] = velocity_of(time_s, displacement_m)[0]
+        found = assess(TestSamples(
+            time_s - time_s[0], displacement_m, arrays["force"], arrays["velocity"], arrays["current"], current_A,
+            measured,
+        ), waveform)  # fmt: skip
         if not {"amplitude_m", "frequency_Hz"} <= set(description):
-            from rig.signals.cycles import measured_motion
-
-            motion = measured_motion(time_s, arrays["displacement"])
-            if motion is None:
+            if found.motion is None:
                 raise FileProblem(id, ["no whole cycle is in the displacement; give amplitude_m and frequency_Hz"])
-            description = {"amplitude_m": motion.amplitude_m, "frequency_Hz": motion.frequency_Hz, **description}
+            sizes = {"amplitude_m": found.motion.amplitude_m, "frequency_Hz": found.motion.frequency_Hz}
+            description = {**sizes, **description}
             description["test"] = {**description.get("test", {}), MOTION_MEASURED: True}
-        arrays.setdefault("velocity", np.gradient(arrays["displacement"], time_s))
+        if "verdict" not in description:
+            judged = found.verdict
+            description |= {"verdict": judged.verdict, "reasons": judged.reasons, "lost_samples": found.lost}
+        stamps = None if times is None else time_quality(times)
+        description.setdefault("quality", PointQuality(verdict=found.verdict, time=stamps))
         return cls(id=id, waveform=waveform, current_A=current_A, arrays=arrays, **description)
 
     def channel(self, name: str) -> FloatArray:

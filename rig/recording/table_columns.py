@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.errors import FileProblem
+from rig.errors import DataWarning, FileProblem
 from rig.recording.foreign.file_units import named_unit, units_for
-from rig.recording.foreign_tests import LARGEST, implausible
+from rig.recording.foreign_tests import LARGEST, implausible, uniform_times, without_no_value
 from rig.signals.arrays import FloatArray
+from rig.signals.sample_times import SampleTimes
 from rig.units import DIMENSIONS, Unit, key_suffixes
 
 if TYPE_CHECKING:
@@ -75,8 +76,11 @@ class TableUnits:
 
 def table_channels(
     table: pd.DataFrame, where: str, units: Mapping[str, str] | None = None, accept: Sequence[str] = ()
-) -> dict[str, FloatArray]:
-    """The channels of a table in SI, each (n,), with `time` in s; columns of texts that are no quantity are left out.
+) -> tuple[dict[str, FloatArray], SampleTimes | None]:
+    """The channels of a table in SI, each (n,), with `time` in s, and how the times were found behind its stamps.
+
+    Columns of texts that are no quantity are left out. Infinite values and numbers that stand for no value become NaN,
+    stamps with few digits the uniform rate behind them, as in files (`rig.recording.foreign_tests`).
 
     Args:
         table: one row a sample. A column is `displacement`, `force`, `velocity`, `current` (or `current_measured`),
@@ -88,7 +92,7 @@ def table_channels(
 
     Raises:
         FileProblem: a column is missing, there twice or no numbers; a unit is not known; sizes that no test has; no
-            time.
+            time, or one that does not increase.
     """
     if not table.columns.is_unique:
         twice = sorted({str(name) for name in table.columns[table.columns.duplicated()]})
@@ -120,6 +124,15 @@ def table_channels(
     if problems:
         raise FileProblem(where, problems)
     channels = {"time": time_s, **channels}
+    times = uniform_times(channels)
+    wrong = np.flatnonzero(~(np.diff(channels["time"]) > 0.0))
+    if len(wrong):
+        row = int(wrong[0]) + 1
+        raise FileProblem(where, [
+            f"row {row}: time {channels['time'][row]:.9g} s does not come after {channels['time'][row - 1]:.9g} s "
+            f"({len(wrong)} such rows); the time must increase from row to row, and no uniform rate is behind the stamps. Fix: sort the rows, or give a time "
+            "of your own: table.index = pd.Index(np.arange(len(table)) / rate_Hz, name='time_s')"
+        ])  # fmt: skip
     doubts = list(implausible(channels, source, accept))
     if doubts:
         way_out = "Fix: units={'displacement': 'mm', ...}; accept=(SLUG,) takes a size as it is"
@@ -128,7 +141,7 @@ def table_channels(
         told = ", ".join(f"{name} in {unit}" for name, unit in known.assumed.items())
         warnings.warn(f"{where}: columns without a unit are taken in SI: {told}. State them: units={{'force': 'kN'}}, "
                       "table.attrs['units'], or names such as force_kN", stacklevel=3)  # fmt: skip
-    return channels
+    return channels, times
 
 
 def check_current(current_A: object, where: str) -> None:
@@ -160,6 +173,9 @@ def _channel(column: pd.Series, name: str, known: TableUnits) -> tuple[str, Floa
         if not dimension:
             return quantity, None
         raise ValueError(f"column {name!r} must hold numbers: {error}") from error
+    values, notes = without_no_value(values, None)
+    for note in notes:
+        warnings.warn(f"column {name!r}: {note}", DataWarning, stacklevel=4)
     if not dimension:
         return quantity, values
     unit = known.of(name, quantity, dimension, suffix)
@@ -188,7 +204,7 @@ def table_time(
         Time in s, (n,), and the column's name; None where the index is the time.
 
     Raises:
-        FileProblem: there is none, or several that differ; or it is not finite, or does not increase.
+        FileProblem: there is none, or several that differ; or it is not finite in two rows or more.
     """
     known = known or TableUnits({}, {})
     certain: list[tuple[str | None, FloatArray]] = []
@@ -210,9 +226,9 @@ def table_time(
     column, time_s = times[0]
     if not certain:
         known.assumed["the index" if column is None else column] = "s"
-    if len(time_s) < 2 or not np.all(np.diff(time_s) > 0.0) or not np.all(np.isfinite(time_s)):
+    if len(time_s) < 2 or not np.all(np.isfinite(time_s)):
         name = "index" if column is None else f"column {column!r}"
-        raise FileProblem(where, [f"the time ({name}, in s) must increase from row to row, two rows or more"])
+        raise FileProblem(where, [f"the time ({name}, in s) must increase from row to row, a number in each of two rows or more"])
     return time_s, column
 
 

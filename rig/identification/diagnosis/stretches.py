@@ -12,12 +12,12 @@ from rig.dampers.arrays import BoolArray, FloatArray
 from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.projection import Weighting
+from rig.signals.loop_shape import noise_of
 
 SAMPLES = 1000  # of a thinned test
 FEWEST_A_CYCLE = 50
 JUMP_S = 5e-3  # around a jump at mid-stroke, so that a delay does not have to move samples across it
 CYCLES_AT_AN_END = 1  # of a test whose samples cannot be thinned
-DEVIATION_OF_SECOND_DIFFERENCE = math.sqrt(6.0)
 MEDIAN_OF_NORMAL = 0.6744897501960817
 
 
@@ -72,7 +72,7 @@ def stretches(
         if spoiled is not None:
             weights = np.where(spoiled[index], 0.0, weights)
         time = np.linspace(-0.5, 0.5, test.u_m.size)
-        noise_N = noise_of(test)
+        noise_N = _noise_N(test)
         for rows in _rows(model, test):
             part, by = test.rows(rows), rows.step or 1
             cycle = min(test.samples_per_cycle // by, part.u_m.size)
@@ -94,12 +94,11 @@ def _rows(model: DamperModel, test: Measurement) -> list[slice]:
     return [slice(0, kept), slice(start, size)]
 
 
-def noise_of(test: Measurement) -> float:
+def _noise_N(test: Measurement) -> float:
     """Standard deviation of the force's noise (N): from cycle to cycle, else from sample to sample."""
     if not math.isnan(test.noise_N):
         return max(test.noise_N, test.force_step_N / math.sqrt(12.0))
-    second = np.diff(test.force_N, 2)[test.scored[1:-1]]
-    return float(np.median(np.abs(second))) / MEDIAN_OF_NORMAL / DEVIATION_OF_SECOND_DIFFERENCE if second.size else 0.0
+    return noise_of(np.where(test.scored, test.force_N, np.nan))
 
 
 def path_since_reversal_m(test: Measurement) -> FloatArray:

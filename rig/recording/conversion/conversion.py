@@ -51,6 +51,11 @@ METHODS = {
     "coil_temperature": INTERPOLATED,
 }
 """How each aligned channel was brought to the displacement's sample times; any other sensor's is `RESAMPLED`."""
+UNMEASURED = {
+    "operator": "constant: set manually, as the operator confirmed it; not measured",
+    "set-point": f"the set-point that was sent, not measured; {INTERPOLATED}",
+}
+"""The same of a current that no device measured, by who states it (`PointContext.current_told_by`)."""
 RAW_NAMES = {"current": "coil_current"}
 """Aligned channel -> the raw one that it is made of, where their names differ."""
 
@@ -193,7 +198,7 @@ def _aligned_channels(alignment: Alignment, context: PointContext) -> list[Align
     for name, values in {**alignment.values, "velocity": _velocity(alignment)}.items():
         sensor = context.sensors.get("displacement" if name == "velocity" else name)
         origin = context.channels.get(RAW_NAMES.get(name, name), {}) if sensor is None else {}
-        described, method = _described(name, sensor, origin), METHODS.get(name, RESAMPLED)
+        described, method = _described(name, sensor, origin), method_of(name, context)
         attributes: dict[str, Attribute] = {"method": method}
         attributes |= _calibration(None if name == "velocity" else sensor)
         source = sensor.sensor if sensor is not None else str(origin.get("source", ""))
@@ -201,6 +206,12 @@ def _aligned_channels(alignment: Alignment, context: PointContext) -> list[Align
             name, values, described.unit, described.long_name, source, attributes,
         ))
     return channels
+
+
+def method_of(name: str, context: PointContext) -> str:
+    """How an aligned channel was made."""
+    unmeasured = UNMEASURED.get(context.current_told_by, "") if name == "current" else ""
+    return unmeasured or METHODS.get(name, RESAMPLED)
 
 
 def _velocity(alignment: Alignment) -> Values:

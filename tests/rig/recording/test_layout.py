@@ -12,9 +12,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rig.recording.conversion.conversion import METHODS, method_of
 from rig.recording.hdf5 import hdf5_image
 from rig.recording.hdf5.hdf5_image import write_file
-from rig.recording.layout import RECORD_DTYPE, AlignedChannel, Event, PointFile, RawChannel
+from rig.recording.layout import (
+    RECORD_DTYPE,
+    AlignedChannel,
+    Event,
+    PointContext,
+    PointFile,
+    RawChannel,
+    WantedPoint,
+)
 from rig.recording.recorded_point import RecordedPoint
 
 
@@ -263,3 +272,17 @@ def test_the_names_of_the_channels_are_those_of_the_ring() -> None:
 
     named = {channel.name.lower(): int(channel) for channel in Channel}
     assert named == NUMBER
+
+
+@pytest.mark.parametrize(
+    ("manual", "unmeasured", "states"),
+    [(True, False, "constant: set manually"), (False, True, "set-point"), (False, False, "linear interpolation")],
+)
+def test_the_recording_states_how_its_current_came_about(manual: bool, unmeasured: bool, states: str) -> None:
+    context = PointContext(
+        WantedPoint("p", "sine", 0.01, 1.0, 0.5, 3.0), {}, current_by_hand=manual,
+        current_unmeasured=unmeasured,
+    )
+    assert states in method_of("current", context)
+    assert ("not measured" in method_of("current", context)) is (manual or unmeasured)
+    assert method_of("velocity", context) == METHODS["velocity"]

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from rig.errors import FileProblem
+from rig.errors import DataWarning, FileProblem
+from rig.recording.importing import import_tests
 from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
+from rig.signals.arrays import FloatArray
 
 TIME_S = np.arange(0.0, 4.0, 0.004) + 10.0
 MOTION_M = 0.02 * np.sin(2 * np.pi * 1.5 * TIME_S)
@@ -134,3 +138,44 @@ def test_bare_numbers_are_taken_in_si_with_a_warning_and_wrong_units_are_refused
 def test_a_current_that_is_no_number_is_refused(current_A: object) -> None:
     with pytest.raises(FileProblem, match=r"current_A = .*, expected a number"):
         RecordedPoint.from_pandas(table(pd.Index(TIME_S, name="time_s")), id="a", current_A=current_A)
+
+
+def rounded_sine(current_A: FloatArray | None = None) -> pd.DataFrame:
+    """Five cycles of 2 Hz at 1024 Hz, stamps printed to a millisecond: every 42nd is there twice."""
+    t = np.arange(2560) / 1024.0
+    x_mm, v_m_s = 20.0 * np.sin(4.0 * np.pi * t), 0.08 * np.pi * np.cos(4.0 * np.pi * t)
+    made = pd.DataFrame({"time_s": np.round(t, 3), "displacement_mm": x_mm, "force_N": 400.0 * v_m_s})
+    return made if current_A is None else made.assign(current_A=current_A)
+
+
+def test_equal_stamps_of_few_digits_are_the_rate_behind_them_as_in_files() -> None:
+    made = rounded_sine()
+    assert np.any(np.diff(made["time_s"]) == 0.0)
+    point = RecordedPoint.from_pandas(made, id="rounded", current_A=0.0)
+    assert point.verdict == "valid"
+    assert np.mean(np.diff(point.time_s)) == pytest.approx(1.0 / 1024.0, rel=1e-5)
+    backwards = made.assign(time_s=made["time_s"].where(made.index != 1000, 0.1))
+    with pytest.raises(FileProblem, match=r"time .* s does not come after"):
+        RecordedPoint.from_pandas(backwards, id="back", current_A=0.0)
+
+
+@pytest.mark.parametrize(("sag_A", "verdict"), [(0.0, "valid"), (0.1, "invalid")])
+def test_a_current_that_sags_makes_a_tables_test_invalid_as_a_files(
+    sag_A: float, verdict: str, tmp_path: Path
+) -> None:
+    made = rounded_sine(np.where(np.arange(2560) % 512 > 400, 0.5 - sag_A, 0.5))
+    point = RecordedPoint.from_pandas(made, id="sag", current_A=0.5)
+    made.to_csv(tmp_path / "sag.csv", index=False)
+    columns = {"time": "time_s", "displacement": "displacement_mm", "force": "force_N", "current": "current_A"}
+    (read,) = Run.open(import_tests([tmp_path / "sag.csv"], columns=columns, out=tmp_path)).points
+    assert (point.verdict, point.reasons) == (read.verdict, read.reasons)
+    assert point.verdict == verdict
+    assert all("current-tracking" in reason for reason in point.reasons)
+
+
+def test_a_number_for_no_value_in_a_table_is_none_as_in_a_file() -> None:
+    made = rounded_sine()
+    made.loc[700, "force_N"] = -9999.0
+    with pytest.warns(DataWarning, match="'force_N': 1 x -9999 taken as no value"):
+        point = RecordedPoint.from_pandas(made, id="gap", current_A=0.0)
+    assert np.isnan(point.force_N[700])

@@ -1,0 +1,182 @@
+"""Verdict of a test in a third-party file or table: one set of checks for the command and for Python."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocols.quality import Quality
+from rig.recording.motion_parts import CURRENT_NOISES
+from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
+from rig.recording.quality.verdict import Reason, Verdict, invalid
+from rig.signals.arrays import FloatArray
+from rig.signals.current_error import loop_error_A
+from rig.signals.cycles import MeasuredMotion, measured_motion
+from rig.signals.free_motion import RANDOM
+from rig.signals.interpolation import LARGEST_STEP_PERIODS
+from rig.signals.loop_shape import noise_of, standing
+from rig.signals.test_set import TRACKING_A, TRACKING_SHARE
+
+FEWEST_CYCLES = 3
+CLIPPED_OF_CYCLES = 0.5
+"""In so many of the cycles a force that only ends stands at its end, as identification asks for it."""
+UNSTEADY = 1.1
+"""Longest or largest of the full cycles over the least, from which they are not one motion."""
+JITTER_SPREADS = 7.0
+"""Median deviations of the steps, of irregularly taken samples, beyond which a step is a gap: 5 standard deviations."""
+REVERSED = -0.1
+"""Share of all work done that a force must put in, in sum, to be one of a wrong sign."""
+
+
+@dataclass(frozen=True)
+class TestSamples:
+    """What is checked of a test: arrays (n,) in SI on one time base, NaN where there is no number.
+
+    Attributes:
+        time_s, displacement_m, force_N, velocity_m_s: of the test.
+        current_A: the coil's; None where it is not known.
+        nominal_current_A: what the test is named by (A).
+        current_measured: whether `current_A` was measured.
+    """
+
+    __test__ = False  # pytest takes classes called Test for its own
+
+    time_s: FloatArray
+    displacement_m: FloatArray
+    force_N: FloatArray
+    velocity_m_s: FloatArray
+    current_A: FloatArray | None
+    nominal_current_A: float
+    current_measured: bool
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """The verdict of a test, flags of its rows (n,), number of rows missing between them, and its motion if any."""
+
+    verdict: Verdict
+    flags: NDArray[np.int8]
+    lost: int
+    motion: MeasuredMotion | None
+
+
+def assess(test: TestSamples, waveform: str) -> Assessment:
+    """Check a test: cycles, missing and stuck samples, sign of the force, steadiness of motion and current."""
+    random = waveform == RANDOM
+    flags, lost = _flags(test, float(np.median(np.diff(test.time_s))))
+    motion = None if random else measured_motion(test.time_s, test.displacement_m)
+    return Assessment(_judge(test, motion, lost, 0 if random else FEWEST_CYCLES), flags, lost, motion)
+
+
+def _flags(test: TestSamples, period_s: float) -> tuple[NDArray[np.int8], int]:
+    """Flags of each row and the number of rows missing between them."""
+    flags = np.zeros(len(test.time_s), np.int8)
+    steps = np.diff(test.time_s) / period_s
+    spread = JITTER_SPREADS * float(np.median(np.abs(steps - 1.0)))  # 0 of a uniform rate
+    after_gap = np.flatnonzero(steps > max(LARGEST_STEP_PERIODS, 1.0 + spread)) + 1
+    flags[after_gap] |= np.int8(Quality.GAP_BEFORE)
+    flags[~(np.isfinite(test.force_N) & np.isfinite(test.displacement_m))] |= np.int8(Quality.NOT_A_NUMBER)
+    return flags, int(np.sum(np.round(steps[after_gap - 1]) - 1))
+
+
+def _judge(
+    test: TestSamples, motion: MeasuredMotion | None, lost: int, fewest_cycles: int
+) -> Verdict:
+    quantities = {"force": test.force_N, "displacement": test.displacement_m}
+    return judge(PointEvidence(
+        sensors={name: _counts(name, test.time_s, values, lost, motion) for name, values in quantities.items()},
+        samples_a_cycle=np.inf if motion is None else len(test.time_s) / (test.time_s[-1] * motion.frequency_Hz),
+        wanted_cycles=fewest_cycles, wanted_amplitude_m=0.0, wanted_frequency_Hz=0.0, current_tolerance_A=np.inf,
+        measured_cycles=None if motion is None else motion.cycles, current_error_A=0.0,
+        extra=[
+            *(_reversed(test, motion) if motion is not None or not fewest_cycles else []),
+            *_unsteady(motion), *_current_off(test, motion),
+        ],
+    ))
+
+
+def _reversed(test: TestSamples, motion: MeasuredMotion | None) -> list[Reason]:
+    """A force that drives the rod over the full cycles, which no damper's does; as identification refuses it."""
+    known = np.isfinite(test.force_N) & np.isfinite(test.velocity_m_s)
+    if motion is not None:
+        known &= (test.time_s >= motion.start_s) & (test.time_s < motion.end_s)
+    if not np.any(known):
+        return []
+    work = (test.force_N[known] - np.mean(test.force_N[known])) * test.velocity_m_s[known]
+    if not np.sum(work) < REVERSED * np.sum(np.abs(work)):
+        return []
+    return [invalid(
+        "reversed-sign", "the measured force drives the motion instead of resisting it: the sign of force or "
+        "displacement is reversed, or their columns are exchanged (displacement is extension, and a positive force "
+        "resists extension). Fix: import again with --scale force=-1 (a force positive in compression) or "
+        "--scale displacement=-1 (a displacement positive in compression)",
+    )]
+
+
+def _unsteady(motion: MeasuredMotion | None) -> list[Reason]:
+    """Cycles of different length or size: a sweep, ramps, or motions too short to be tests; their mean is of none."""
+    if motion is None or motion.cycles < 2:
+        return []
+    for what, unit, values in (
+        ("last", "s", 1.0 / motion.waveform.frequency_Hz),
+        ("have amplitudes of", "mm", 1e3 * motion.waveform.amplitude_m[np.isfinite(motion.waveform.amplitude_m)]),
+    ):
+        if values.size < 2 or not float(np.max(values)) > UNSTEADY * float(np.min(values)):
+            continue
+        least, most = float(np.min(values)), float(np.max(values))
+        return [invalid(
+            "unsteady-motion", f"cycles {what} {least:.3g} to {most:.3g} {unit}: not one motion. Fix: import a sweep "
+            f"with the waveform `random`; a motion is one test from {FEWEST_CYCLES} cycles on",
+            least=least, most=most,
+        )]
+    return []
+
+
+def _current_off(test: TestSamples, motion: MeasuredMotion | None) -> list[Reason]:
+    """A measured current that was not what the test is named by: in a part of a cycle, or throughout, as a ramp is.
+
+    A command that was recorded without a measurement is what was requested, steps included: it shows the coil's lag.
+    """
+    current_A = test.current_A
+    if motion is None or current_A is None or not test.current_measured:
+        return []
+    starts_s = np.linspace(motion.start_s, motion.end_s, motion.cycles + 1)
+    inside = (test.time_s >= starts_s[0]) & (test.time_s < starts_s[-1]) & np.isfinite(current_A)
+    off_A = loop_error_A(test.time_s, current_A, test.nominal_current_A, starts_s)
+    if off_A is None or not np.any(inside):
+        return []
+    limit_A = max(TRACKING_A, TRACKING_SHARE * abs(test.nominal_current_A))
+    mean_off_A = abs(float(np.mean(current_A[inside])) - test.nominal_current_A)
+    if mean_off_A > limit_A:  # noise, or a pulsed current, has its mean
+        off_A = mean_off_A
+    else:
+        limit_A += CURRENT_NOISES * noise_of(current_A[inside])
+    if not off_A > limit_A:
+        return []
+    return [invalid(
+        "current-tracking", f"the current is off by {1e3 * off_A:.3g} mA from {test.nominal_current_A:.3g} A in a part "
+        f"of the cycles (limit {1e3 * limit_A:.3g} mA): not one test. Fix: leave that part out; of a current that is "
+        "meant to vary, import it with the waveform `random`",
+        off_A=off_A, limit_A=limit_A,
+    )]
+
+
+def _counts(
+    name: str, time_s: FloatArray, values: FloatArray, lost: int, motion: MeasuredMotion | None
+) -> SensorCounts:
+    """What a column holds, and whether it stands still over the full cycles; a flat top may be a filter's or a file's.
+
+    No sensor's range is known here, so nothing is said to be saturated: identification looks for a force that ends at
+    the same value in half of the cycles, and does without these samples. A force that goes there now and then stood.
+    """
+    missing = int(np.count_nonzero(~np.isfinite(values)))
+    if motion is None:
+        return SensorCounts(len(time_s), lost, missing)
+    stood = standing(values[(time_s >= motion.start_s) & (time_s < motion.end_s)])
+    clipped = name == "force" and stood.ends >= max(2.0, CLIPPED_OF_CYCLES * motion.cycles)
+    longest = 0 if clipped else stood.longest
+    return SensorCounts(
+        len(time_s), lost, missing, standing=longest, coarse=stood.coarse, step=stood.step, span=stood.span,
+    )
