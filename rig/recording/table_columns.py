@@ -128,11 +128,12 @@ def table_channels(
     wrong = np.flatnonzero(~(np.diff(channels["time"]) > 0.0))
     if len(wrong):
         row = int(wrong[0]) + 1
+        now_s, before_s = channels["time"][row], channels["time"][row - 1]
         raise FileProblem(where, [
-            f"row {row}: time {channels['time'][row]:.9g} s does not come after {channels['time'][row - 1]:.9g} s "
-            f"({len(wrong)} such rows); the time must increase from row to row, and no uniform rate is behind the stamps. Fix: sort the rows, or give a time "
-            "of your own: table.index = pd.Index(np.arange(len(table)) / rate_Hz, name='time_s')"
-        ])  # fmt: skip
+            f"row {row}: time {now_s:.9g} s does not come after {before_s:.9g} s ({len(wrong)} such rows); "
+            "it must increase from row to row, and no uniform rate is behind the stamps. "
+            "Fix: sort them, or set the time: table.index = pd.Index(np.arange(len(table)) / rate_Hz, name='time_s')"
+        ])
     doubts = list(implausible(channels, source, accept))
     if doubts:
         way_out = "Fix: units={'displacement': 'mm', ...}; accept=(SLUG,) takes a size as it is"
@@ -228,7 +229,9 @@ def table_time(
         known.assumed["the index" if column is None else column] = "s"
     if len(time_s) < 2 or not np.all(np.isfinite(time_s)):
         name = "index" if column is None else f"column {column!r}"
-        raise FileProblem(where, [f"the time ({name}, in s) must increase from row to row, a number in each of two rows or more"])
+        raise FileProblem(where, [
+            f"the time ({name}, in s) must increase from row to row, a number in each of two rows or more"
+        ])
     return time_s, column
 
 
