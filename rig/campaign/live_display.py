@@ -53,6 +53,7 @@ class LiveDisplay:
                 **item.to_json(), "described": item.point.described, "repeats": item.point.has_frequency,
                 "motion_s": item.point.motion_s, "kind": item.point.kind,
                 "cycles": item.point.ramp_in_cycles + item.point.cycles + item.point.ramp_out_cycles,
+                "ramp_in_cycles": item.point.ramp_in_cycles, "measured_cycles": item.point.cycles,
             }
             for item in plan.points
         ]  # fmt: skip

@@ -166,12 +166,14 @@ def _unit(unit: str) -> str:
 def _number(value: float | None, digits: int = 4) -> str:
     if value is None or not math.isfinite(value):
         return NOTHING
-    shown = f"{value:.{digits}g}"
+    shown = f"{value + 0.0:.{digits}g}"  # + 0.0: no minus zero
     return f"{value:.0f}" if "e" in shown and 1.0 <= abs(value) < 1e7 else shown
 
 
 def _signed(value: float, unit: str) -> str:
-    return _with(f"{value:+.3g}" if math.isfinite(value) else NOTHING, unit)
+    if not math.isfinite(value):
+        return NOTHING
+    return _with("0" if value == 0.0 else f"{value:+.3g}", unit)
 
 
 def _wrapped(text: str, width: int, style: str) -> Iterator[Line]:

@@ -135,10 +135,11 @@ class LiveDisplay(PlainDisplay):
         self._bars.update(self._campaign, completed=self.done, note=f"points, {duration(time_left_s)} left")
         point = self._points.get(point_id)
         if point is not None:
-            total = round(point.ramp_in_cycles + point.cycles + point.ramp_out_cycles)
+            total = round(point.cycles)
+            measured = max(0, min(total, round(cycles_done - point.ramp_in_cycles)))  # ramps are none of them
             note = f"cycles, {point.described}" if point.has_frequency else point.motion
             self._bars.update(
-                self._point, description=point.id, total=total, completed=cycles_done, note=note, visible=True
+                self._point, description=point.id, total=total, completed=measured, note=note, visible=True
             )
         else:
             self._bars.update(self._point, visible=False)

@@ -11,7 +11,7 @@ import numpy as np
 
 from rig.characteristics import Characteristics, characterise
 from rig.characteristics.loop import LoopCharacteristics, Measured
-from rig.errors import FileProblem
+from rig.fit_file import FIT, read_fit
 from rig.recording.hdf5.reading import channel_attributes
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
@@ -25,7 +25,6 @@ from rig.signals.test_set import (
     same_current,
     same_motion,
 )
-from rig.text_file import read_json
 
 COVERAGE = 2.0
 """Expanded uncertainties are so many standard ones: about 95 %."""
@@ -342,13 +341,10 @@ def fitted_of(run: Run) -> tuple[str, dict[str, FittedReading]]:
     Raises:
         FileProblem: `fit.json` is no fit.
     """
-    file = run.path / "fit.json"
-    if not file.is_file():
+    if not (run.path / FIT).is_file():
         return "", {}
-    fit = read_json(file)
-    entries = fit.get("parameters")
-    if not isinstance(entries, dict) or not all(isinstance(entry, dict) for entry in entries.values()):
-        raise FileProblem(str(file), ["not a fit: expected a JSON object with `model` and `parameters`"])
+    fit = read_fit(run.path).content
+    entries = fit["parameters"]
     poor = "" if fit.get("adequate") is not False else "the fit does not describe the tests: not a property"
     return str(fit.get("model", "")), {name: _fitted(entry, poor) for name, entry in entries.items()}
 

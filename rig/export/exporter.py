@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -18,11 +17,9 @@ from rig.export.inverse_table import write_inverse
 from rig.export.point_arrays import write_mat, write_mf4, write_netcdf, write_parquet
 from rig.export.point_tables import write_points
 from rig.export.values import write_values
+from rig.fit_file import FIT, FitObject, read_fit
 from rig.plugins import EXPORTS, Catalogue
 from rig.recording.run import Run
-from rig.text_file import JSON_LIMIT_BYTES, read_bytes, read_json
-
-FIT = "fit.json"
 
 
 @dataclass(frozen=True)
@@ -53,13 +50,11 @@ class Source:
         Raises:
             FileProblem: there is none, or it is no fit.
         """
-        file = self.fit_file
-        if not file.is_file():
-            raise FileProblem(str(file), ["there is no fit; make one with `rig identify`"])
-        fit = read_json(file)
-        if not isinstance(fit.get("parameters"), dict) or "model" not in fit:
-            raise FileProblem(str(file), ["not a fit: expected a JSON object with `model` and `parameters`"])
-        return fit
+        return self._read.content
+
+    @cached_property
+    def _read(self) -> FitObject:
+        return read_fit(self.path)
 
     @property
     def fit_file(self) -> Path:
@@ -74,8 +69,7 @@ class Source:
             FileProblem: there is none, or it lacks values.
             RigError: there is no such model.
         """
-        digest = hashlib.sha256(read_bytes(self.fit_file, JSON_LIMIT_BYTES)).hexdigest()
-        return fitted_model(self.fit, str(self.fit_file), digest)
+        return fitted_model(self.fit, str(self.fit_file), self._read.sha256)
 
     @property
     def name(self) -> str:

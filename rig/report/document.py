@@ -12,7 +12,9 @@ from rig.characteristics import characterise
 from rig.characteristics.hybrid_tests import hybrid_tests, write_hybrid
 from rig.dampers import DamperModel
 from rig.dampers.temperature_law import law_of_entries
-from rig.errors import FileProblem, RigError
+from rig.errors import RigError
+from rig.fit_file import FIT
+from rig.fit_file import read_fit as read_fit_file
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.journal.campaign_log import read_lines
 from rig.recording.quality.campaign_delay import pooled_skews
@@ -43,7 +45,6 @@ from rig.report.point_tables import achieved_table, conditions, points_table, ti
 from rig.report.signals import signals_part
 from rig.report.specimen import described_specimen, specimen_of
 from rig.report.traces import time_traces
-from rig.text_file import read_json
 
 JsonObject = Mapping[str, Any]
 SHOWN_WARNINGS = 5
@@ -101,15 +102,9 @@ def read_fit(folder: Path) -> dict[str, Any] | None:
     """The fit beside a run, None when there is none.
 
     Raises:
-        FileProblem: the file is not a JSON object with a model and parameters.
+        FileProblem: its shape is not that of a fit.
     """
-    file = folder / "fit.json"
-    if not file.is_file():
-        return None
-    fit = read_json(file)
-    if not isinstance(fit.get("parameters"), dict):
-        raise FileProblem(str(file), ["not a fit: expected a JSON object with `model` and `parameters`"])
-    return fit
+    return dict(read_fit_file(folder).content) if (folder / FIT).is_file() else None
 
 
 def views_of(run: Run, fit: Mapping[str, Any] | None) -> tuple[list[PointView], str]:
@@ -211,12 +206,14 @@ def _lost(run: Run) -> str:
     """Lost samples; a count of 0 is good news only where a loss would have been counted."""
     lost = sum(point.lost_samples for point in run.points)
     by = {point.quality.loss_counted_by or "" for point in run.points if not point.imported}
+    if not by and lost:  # imported tests
+        return fact(str(lost), "rows missing", _kind(False))
     if lost or by == {"sequence"}:
         return fact(str(lost), "samples lost", _kind(lost == 0))
     if by <= {"sequence", "rate"} and by:
         return fact(str(lost), "samples lost, counted against the nominal rate: single ones may be missed")
     if not by:
-        return fact(str(lost), "rows missing")
+        return ""
     return fact("not known", "samples lost: not known, a sensor's format has no sequence number", "fair")
 
 

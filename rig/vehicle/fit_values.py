@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +10,10 @@ from typing import Any
 from rig import dampers
 from rig.dampers import DamperModel
 from rig.errors import FileProblem, RigError
-from rig.text_file import JSON_LIMIT_BYTES, json_of, read_bytes
+from rig.fit_file import read_fit
 
 COIL = "eta"
 """Rate of the coil's lag, which many tests cannot tell."""
-NOT_A_FIT = "not a fit: expected a JSON object with `model` and `parameters`, as `rig identify` writes it"
 
 
 @dataclass(frozen=True)
@@ -40,22 +37,19 @@ def fit_values(path: Path) -> FitValues:
     """Model and parameters of a fit.
 
     Raises:
-        FileProblem: no such file, no fit, a model that is not known here, or parameters without a finite number: each.
+        FileProblem: no such file, no fit, a model that is not known here, or parameters without a value: each.
     """
-    raw = read_bytes(path, JSON_LIMIT_BYTES)
-    fit = json_of(path, raw)
-    entries = fit.get("parameters")
-    if not isinstance(entries, dict) or not all(isinstance(entry, dict) for entry in entries.values()):
-        raise FileProblem(str(path), [NOT_A_FIT])
+    read = read_fit(path)
+    fit, entries = read.content, read.content["parameters"]
     try:
-        model = dampers.model(str(fit.get("model")), fit.get("hysteresis", "kwok"))
+        model = dampers.model(str(fit["model"]), fit.get("hysteresis") or "kwok")
     except RigError as error:
         raise FileProblem(str(path), [str(error)]) from error
     problems = [*_without_value(model, entries, fit)]
     if problems:
         raise FileProblem(str(path), problems)
     values = {name: float(value) for name, value in _written(model, entries).items()}
-    return FitValues(model, values, fit, hashlib.sha256(raw).hexdigest())
+    return FitValues(model, values, fit, read.sha256)
 
 
 def _written(model: DamperModel, entries: Mapping[str, Any]) -> dict[str, Any]:
@@ -68,7 +62,7 @@ def _written(model: DamperModel, entries: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _without_value(model: DamperModel, entries: Mapping[str, Any], fit: Mapping[str, Any]) -> Iterator[str]:
-    """The parameters that have none, and those whose value is no finite number."""
+    """The parameters that have none."""
     written = _written(model, entries)
     missing = [name for name, value in written.items() if value is None]
     if missing:
@@ -76,7 +70,3 @@ def _without_value(model: DamperModel, entries: Mapping[str, Any], fit: Mapping[
         one_each = isinstance(current, Mapping) and str(current.get("dependence")).startswith("per-current")
         way = "; it holds one fit for each current: identify again with --current affine" if one_each else ""
         yield f"no value for {', '.join(missing)}{way}"
-    for name, value in written.items():
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if value is not None and not (number and math.isfinite(value)):
-            yield f"parameters.{name}.value = {str(value)[:40]!r} is no finite number"

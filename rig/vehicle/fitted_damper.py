@@ -59,12 +59,10 @@ def fitted_damper(given: str, members: int, seed: int = 0) -> FittedDamper:
         raise FileProblem(
             given, ["there is no such fit.json, run, or parameter set; sets: " + ", ".join(dampers.PARAMETER_SETS)]
         )
-    return _of_file(given, path / "fit.json" if path.is_dir() else path, members, seed)
+    return _of_file(given, path, members, seed)
 
 
 def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:
-    if not path.is_file():
-        raise FileProblem(str(path), ["there is no fit in this run; `rig identify` makes one"])
     known = fit_values(path)
     fit, damper = known.content, CornerDamper(known.model, dict(known.values))
     adequate = fit.get("adequate")
@@ -74,22 +72,9 @@ def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:
     )
     if isinstance(warmth := fit.get("temperature"), dict):
         remark += "; " * bool(remark) + f"the damper at {warmth.get('reference_degC'):.4g} degC all the time"
+    covered = Covered.of_entry(fit["tested"]) if fit.get("tested") else None
     draws = _draws(damper, fit["parameters"], fit, members, seed)
-    return FittedDamper(given, damper, draws, adequate, remark, _covered(path, fit.get("tested")))
-
-
-def _covered(path: Path, tested: object) -> Covered | None:
-    """What the tests of a fit covered; None where it does not tell.
-
-    Raises:
-        FileProblem: it tells no ranges.
-    """
-    if not isinstance(tested, dict):
-        return None
-    try:
-        return Covered.of_entry(tested)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise FileProblem(str(path), [f"tested: not as `rig identify` writes it: {error!r}"]) from error
+    return FittedDamper(given, damper, draws, adequate, remark, covered)
 
 
 def _draws(

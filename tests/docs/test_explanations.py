@@ -20,15 +20,19 @@ from drivers.devices.supply import Command, SupplyCommands, SupplyDescription, S
 from drivers.devices.supply_file import supply
 from rig.explanations.explanation import explained, texts
 from rig.faults.matrix import MATRIX, REACTIONS
+from rig.identification.words import SENTENCES
 from rig.recording.foreign_tests import DOUBTS
 from rig.recording.quality.instrument_checks import SLUGS, ZERO_RETURN
 from rig.recording.quality.quality_checks import VERDICT_REMARKS
 
+CAUSES = [slug for slug in SENTENCES if f"next-{slug}" in SENTENCES and slug != "current-law-two"]
+"""Of a misfit, as report and `rig identify --json` show them: each has its own advice."""
 ROOT = Path(__file__).resolve().parents[2]
 SLUG = re.compile(r"[A-Za-z][a-z0-9]*(-[a-z0-9]+)*|INTERRUPTED")
 SAID_BY = {
     "Refused", "Stopped", "StationRefused", "because", "StopCause", "Finding", "CampaignFinding", "CheckFinding",
-    "Reason", "suspect", "invalid", "explained", "_share", "fails", "NotProved",
+    "Reason", "suspect", "invalid", "explained", "_share", "fails", "NotProved", "tell", "Cause", "Trial", "Doubt",
+    "_certain", "Saying",
 }
 """Calls whose first argument is a slug."""
 FUNCTIONS = {"failed", "warning", "note"}
@@ -105,6 +109,7 @@ def known() -> dict[str, str]:
     lacking = {name for one in (nothing, echoless) for name, _ in one.lacking()}
     return {
         **in_code(),
+        **dict.fromkeys(CAUSES, "rig/identification/words.py"),
         **dict.fromkeys((*MATRIX, *REACTIONS), "rig/faults"),
         **dict.fromkeys(DOUBTS, "rig/recording/foreign_tests.py"),
         **dict.fromkeys((*SLUGS, ZERO_RETURN, *VERDICT_REMARKS), "rig/recording/quality"),

@@ -30,7 +30,6 @@ from rig.identification.uncertainty.fit_file import (
     plain,
     read_fit_object,
     record,
-    refuse_no_numbers,
     summary_entry,
 )
 from rig.identification.uncertainty.fit_use import FitUse
@@ -141,7 +140,6 @@ class Fit(FitUse):
             related, tested, spring = (content.get(key) for key in ("current", "tested", "series_spring"))
             passive = content.get("passivity")
             parameters = {name: record(Estimate, entry) for name, entry in content["parameters"].items()}
-            refuse_no_numbers({name: estimate.value for name, estimate in parameters.items()})
             residuals = [test["residual"] for test in error["per_test"] if "residual" in test]
             return record(
                 cls,

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from rig.errors import FileProblem
+from rig.fit_file import FIX, read_fit
 from rig.recording.point_files import campaign_in
-from rig.text_file import read_json
 
 
 class _Dataclass(Protocol):
@@ -27,15 +27,13 @@ def read_fit_object(path: Path) -> tuple[Path, dict[str, Any]]:
     """The file of a fit and its object; a campaign's folder stands for the `fit.json` in it.
 
     Raises:
-        FileProblem: there is none, or it is no fit.
+        FileProblem: there is none, or it is no whole fit (`rig.fit_file`).
     """
-    if path.is_dir():
-        path = campaign_in(path) / "fit.json"
-    content = read_json(path)
-    missing = [f"`{key}` is missing: this is no fit.json" for key in FIT_KEYS if key not in content]
+    fit = read_fit(campaign_in(path) if path.is_dir() else path)
+    missing = [f"{key}: is missing" for key in FIT_KEYS if fit.content.get(key) is None]
     if missing:
-        raise FileProblem(str(path), missing)
-    return path, content
+        raise FileProblem(str(fit.file), [*missing, FIX])
+    return fit.file, dict(fit.content)
 
 
 @contextmanager
@@ -48,7 +46,8 @@ def entries_of(path: Path) -> Iterator[None]:
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        raise FileProblem(str(path), [f"not as `rig identify` writes it: {type(error).__name__}: {error}"]) from error
+        text = f"not as `rig identify` writes it: {type(error).__name__}: {error}"
+        raise FileProblem(str(path), [text, FIX]) from error
 
 
 def record(kind: type[Record], entry: Mapping[str, Any], **known: object) -> Record:
@@ -67,18 +66,6 @@ def record(kind: type[Record], entry: Mapping[str, Any], **known: object) -> Rec
             value = math.nan
         values[one.name] = tuple(value) if isinstance(value, list) else value
     return kind(**{**values, **known})
-
-
-def refuse_no_numbers(values: Mapping[str, object]) -> None:
-    """Refuse parameter values (SI) that are no numbers; null, for none, is one.
-
-    Raises:
-        ValueError: one is not.
-    """
-    for name, value in values.items():
-        known = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-        if value is not None and not known:
-            raise ValueError(f"parameters.{name}.value = {value!r}, expected a number")
 
 
 def number(value: float | None) -> float | None:

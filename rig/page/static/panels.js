@@ -24,7 +24,9 @@ function question(asked) { return asked.current_A ? `set ${asked.current_A.toFix
 function progress() {
   const one = point(), total = run ? run.points.length : 0, done = Object.values(results).filter((each) => each.verdict !== "not run").length;
   by_id("point").textContent = one && !state.ended ? `${one.id}: ${describe(one)}` : state.ended ? "ended" : "–";
-  by_id("phase").textContent = state.ended ? "" : `${state.phase || ""}${one && state.cycles ? `, cycle ${state.cycles} of ${Math.round(one.cycles)}` : ""}`;
+  // The counter of the controller includes the ramps; the test is what lies between them.
+  const measured = one ? Math.max(0, Math.min(Math.round(one.measured_cycles ?? one.cycles), Math.round(state.cycles - (one.ramp_in_cycles ?? 0)))) : 0;
+  by_id("phase").textContent = state.ended ? "" : `${state.phase || ""}${one && state.cycles ? `, cycle ${measured} of ${Math.round(one.measured_cycles ?? one.cycles)}` : ""}`;
   by_id("left").textContent = state.ended || !state.running ? "" : typeof state.time_left_s === "number" ? `${duration(state.time_left_s)} left` : "";
   const share = total ? 100 * Math.min(1, (done + (one && one.cycles && !results[one.id] ? Math.min(1, state.cycles / one.cycles) : 0)) / total) : 0;
   by_id("done").style.width = `${share}%`;

@@ -1,0 +1,128 @@
+"""A damaged or hand-edited `fit.json` ends every command that reads one with a message that names key and value."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.cli.main import main
+from rig.errors import FileProblem
+from rig.fit_file import problems_of, read_fit
+from rig.identification import Fit, identify_run
+from rig.recording.importing import import_tests
+from rig.vehicle.fit_values import fit_values
+
+COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of four tests with its fit, diagnosis, bootstrap and profiles included."""
+    folder, random = tmp_path_factory.mktemp("run"), np.random.default_rng(1)
+    for name, amplitude_m, frequency_Hz in (("a", 0.02, 1.0), ("b", 0.02, 2.0), ("c", 0.01, 1.0), ("d", 0.03, 1.5)):
+        t = np.arange(0.0, 4.0 / frequency_Hz, 0.004)
+        x_m = amplitude_m * np.sin(math.tau * frequency_Hz * t)
+        v_m_s = np.gradient(x_m, t)
+        force_N = 600.0 * v_m_s + 150.0 * np.tanh(v_m_s / 0.02) + 400.0 * x_m + random.normal(0.0, 2.0, t.size)
+        np.savetxt(folder / f"{name}.csv", np.column_stack([t, 1e3 * x_m, force_N]), "%.6f", ",",
+                   header="t_s,x_mm,F_N", comments="")  # fmt: skip
+    made = import_tests(sorted(folder.glob("*.csv")), columns=COLUMNS, out=folder, current_A=0.0)
+    identify_run([made], model="asymmetric", diagnose=True, bootstrap=20, profile=("beta",), holdout="id=d")
+    return made
+
+
+def leaves(value: object, place: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """The place of every key and the first entry of every list."""
+    if isinstance(value, dict):
+        for name, one in value.items():
+            yield (*place, name)
+            yield from leaves(one, (*place, name))
+    elif isinstance(value, list) and value:
+        yield (*place, 0)
+        yield from leaves(value[0], (*place, 0))
+
+
+def changed(content: dict[str, Any], place: tuple[str | int, ...], value: object) -> dict[str, Any]:
+    made = copy.deepcopy(content)
+    inside: Any = made
+    for name in place[:-1]:
+        inside = inside[name]
+    if value is KeyError:
+        del inside[place[-1]]
+    else:
+        inside[place[-1]] = value
+    return made
+
+
+def test_a_fit_as_written_has_the_shape_of_a_fit(run: Path) -> None:
+    assert problems_of(read_fit(run).content) == []
+
+
+def test_what_passes_the_check_is_read_and_what_does_not_names_its_key(run: Path, tmp_path: Path) -> None:
+    content = json.loads((run / "fit.json").read_text(encoding="utf-8"))
+    file = tmp_path / "fit.json"
+    values = (KeyError, None, "text", math.nan, -1e999, [], {}, True, 3)
+    refused = 0
+    for number, place in enumerate(leaves(content)):
+        made = changed(content, place, values[number % len(values)])
+        problems = problems_of(made)
+        if problems:
+            refused += 1
+            assert all(": " in problem for problem in problems)
+            continue
+        file.write_text(json.dumps(made), encoding="utf-8")
+        with suppress(FileProblem):  # keys that only a whole fit needs
+            Fit.load(file).to_json()
+    assert refused > 100
+
+
+EDITS = {
+    "missing": (("parameters",), KeyError, "parameters: is missing"),
+    "text": (("parameters", "Ca_plus", "value"), "12", "parameters.Ca_plus.value: got '12', expected a number"),
+    "NaN": (("parameters", "Ca_plus", "low"), math.nan, "parameters.Ca_plus.low: got nan, expected a finite number"),
+    "list": (("error", "per_test"), {"a": 1}, "error.per_test: got dict {'a': 1}, expected a list"),
+    "other": (("parameters",), [1, 2], "parameters: got list [1, 2], expected an object"),
+}
+
+
+@pytest.mark.parametrize(("place", "value", "said"), EDITS.values(), ids=EDITS)
+def test_the_message_names_file_key_value_and_way_out(
+    run: Path, tmp_path: Path, place: tuple[str, ...], value: object, said: str
+) -> None:
+    content = json.loads((run / "fit.json").read_text(encoding="utf-8"))
+    (tmp_path / "fit.json").write_text(json.dumps(changed(content, place, value)), encoding="utf-8")
+    for read in (Fit.load, fit_values, read_fit):
+        with pytest.raises(FileProblem) as refused:
+            read(tmp_path / "fit.json")
+        assert f"fit.json: {said}" in str(refused.value)
+        assert "Fix: identify again" in str(refused.value)
+
+
+def test_every_command_refuses_it_as_bad_input(
+    run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    good = (run / "fit.json").read_text(encoding="utf-8")
+    place, value, said = EDITS["text"]
+    try:
+        (run / "fit.json").write_text(json.dumps(changed(json.loads(good), place, value)), encoding="utf-8")
+        for arguments in (
+            ["report", str(run)], ["compare", str(run), str(run)], ["ride", str(run)],
+            ["export", str(run), "--to", "json", "--out", str(tmp_path / "a")],
+            ["export", str(run), "--to", "inverse", "--out", str(tmp_path / "b")],
+        ):
+            capfd.readouterr()
+            assert main(arguments) == 2, arguments
+            told = capfd.readouterr().err
+            assert "fit.json" in told
+            assert said in told, arguments
+            assert "Fix: identify again" in told
+    finally:
+        (run / "fit.json").write_text(good, encoding="utf-8")
