@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Sequence
 from importlib.machinery import PathFinder
 from pathlib import Path
+from typing import TextIO
 
 import click
 
@@ -135,10 +136,14 @@ def answered(command: click.Command, arguments: Sequence[str], name: str) -> int
         return _answered(command, arguments, name)
 
 
-def _show_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: object) -> None:
+def _show_warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
     """A warning about data in its own words; any other as Python shows it."""
     own = issubclass(category, DataWarning)
-    text = f"warning: {message}" if own else warnings.formatwarning(message, category, filename, lineno).rstrip()
+    text = f"warning: {message}" if own else warnings.formatwarning(message, category, filename, lineno, line).rstrip()
+    del file
     with contextlib.suppress(OSError):
         say(text, err=True)
 

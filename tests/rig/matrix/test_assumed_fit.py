@@ -148,10 +148,10 @@ def test_the_place_of_a_fit_does_not_count_its_content_does(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"parameters": None}, "not a fit"),
-        ({"parameters": {"Ca_plus": 3.0}}, "not a fit"),
+        ({"parameters": None}, "parameters: got None, expected an object"),
+        ({"parameters": {"Ca_plus": 3.0}}, "parameters.Ca_plus: got 3.0, expected an object"),
         ({"model": "asimmetric"}, "unknown damper model 'asimmetric'.*did you mean 'asymmetric'"),
-        ({"hysteresis": "round"}, "unknown hysteresis form 'round'"),
+        ({"hysteresis": "round"}, "hysteresis: got 'round', expected 'kwok' or 'printed'"),
         ({"model": "asymmetric+bent"}, "bent"),
         ({"model": "lugre"}, "no value for "),
         ({"current": {"dependence": "per-current-affine"}, "parameters": {}}, "identify again with --current affine"),
