@@ -43,9 +43,6 @@ SEND_ATTEMPTS = 3
 REOPEN_TIMEOUT_S = 0.2
 STOPS = frozenset({Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF, Command.HYDRAULICS_LOW})
 PRESSURISES = frozenset({Command.HYDRAULICS_LOW, Command.HYDRAULICS_ON, Command.RESET})
-LATE_SHARE, LEFT_SHARE = 0.05, 0.9
-"""Of a period: a later set-point than this left a device standing that takes no speed; so much of that time is still to
-be made up for at the next one."""
 NOT_TWICE = frozenset({Command.START})
 """Without a number that the device repeats, such a command is not sent again when its outcome is unknown."""
 
@@ -87,9 +84,6 @@ class ModbusActuator:
         self._values: dict[str, Value] = {}
         self._position_m = 0.0
         self._writes = PollWrites(controller)
-        self._motion = connection.motion
-        self._told_s = math.inf
-        self._behind_s = 0.0
 
     @property
     def capabilities(self) -> Capabilities:
@@ -182,6 +176,11 @@ class ModbusActuator:
         """
         return self._poll(self._writes.feed(watchdog_counter))
 
+    @property
+    def takes_speed(self) -> bool:
+        """A set-point states how fast to go on."""
+        return self._map.setpoint_has_speed
+
     def knows(self, command: Command) -> bool:
         """Whether the controller has this command itself."""
         return command in self._map.recipes.commands
@@ -192,34 +191,17 @@ class ModbusActuator:
         A watchdog that is not fed by the set-point's own write is fed by a write of its own before.
 
         Args:
-            setpoint: where to be now (m), and how fast to go on (m/s).
+            setpoint: where to be (m), and how fast to go on (m/s) for a device that takes a speed.
             watchdog_counter: must differ from the last one to feed, modulo 65536; None: it is not fed.
 
         Raises:
             DriverError: the controller cannot be reached, or refuses; the set-point may have arrived.
         """
-        requests = self._writes.setpoint(self._ahead(setpoint), watchdog_counter)
+        requests = self._writes.setpoint(setpoint, watchdog_counter)
         if watchdog_counter is not None and not self._map.setpoint_feeds:
             for request in self._writes.feed(watchdog_counter):
                 self._access.write(request)
         return self._poll(requests, once=True)
-
-    def _ahead(self, setpoint: Setpoint) -> Setpoint:
-        """What the device is told: one that takes no speed is at a set-point a period later, so it gets that moment's.
-
-        The set-point is moved by its speed and the period, within the travel. When a set-point was late, the device
-        stood for so long; that is made up for over the next ones, since the next one alone would be run after.
-        """
-        if self._map.setpoint_has_speed:
-            return setpoint
-        position_m, motion, now_s = setpoint.position_m, self._motion, clock.elapsed_ns() * 1e-9
-        stood_s, self._told_s = now_s - self._told_s - motion.period_s, now_s
-        late_s = stood_s if stood_s > LATE_SHARE * motion.period_s else 0.0
-        self._behind_s = min(motion.period_s, LEFT_SHARE * self._behind_s + late_s)
-        ahead_s = (motion.period_s - self._behind_s) * motion.device_rate
-        ahead_m = position_m + setpoint.velocity_m_s * ahead_s
-        low_m, high_m = min(motion.position_min_m, position_m), max(motion.position_max_m, position_m)
-        return setpoint._replace(position_m=max(low_m, min(high_m, ahead_m)))
 
     def read_limits(self) -> ActuatorLimits:
         """Limits and watchdog setting as the controller holds them; those it does not hold are as they were written.

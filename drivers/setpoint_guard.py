@@ -102,18 +102,20 @@ class SetpointGuard:
             return wanted
         turn_m_s = self._turn_m_s(step_s, braking=braking)
         if not self.catching_up:
-            self.catching_up = self._is_beyond(wanted, step_s, turn_m_s)
+            self.catching_up = self._is_beyond(wanted, step_s, turn_m_s, braking=braking)
         if self.catching_up:
             sent = self._returning(wanted, step_s, fastest_m_s)
         else:
             sent = self._nearest(wanted, step_s, turn_m_s)
         return sent if braking else self._within_travel(sent)
 
-    def _is_beyond(self, wanted: Setpoint, step_s: float, turn_m_s: float) -> bool:
-        """The motion is out of reach: by a step that would throw the rod, or by a corner."""
+    def _is_beyond(self, wanted: Setpoint, step_s: float, turn_m_s: float, *, braking: bool) -> bool:
+        """The motion is out of reach: by a step that would throw the rod, by a corner, or by the end of travel."""
         step_m = self._acceleration_m_s2 * min(max(step_s, self._period_s), 1.0 / LOOP_1_S) ** 2
         off_m = wanted.position_m - self._goes_to_m(step_s)
-        return abs(off_m) > step_m or abs(wanted.velocity_m_s - self.last.velocity_m_s) > turn_m_s
+        if abs(off_m) > step_m or abs(wanted.velocity_m_s - self.last.velocity_m_s) > turn_m_s:
+            return True
+        return not braking and self._leaves_travel(wanted)
 
     def _turn_m_s(self, step_s: float, *, braking: bool) -> float:
         """By how much the speed may change now; of a halt, that has no corner, as the limit says."""
@@ -155,20 +157,31 @@ class SetpointGuard:
         gained_m_s = limit * min(period_s, TURN_S)
         before_m_s = self.last.velocity_m_s
         velocity_m_s = max(before_m_s - gained_m_s, min(before_m_s + gained_m_s, velocity_m_s))
-        return Setpoint(position_m, self._stoppable(position_m, velocity_m_s))
+        return Setpoint(position_m, self._stoppable(position_m, velocity_m_s, period_s))
 
     def _caught(self, off_m: float, wanted: Setpoint, period_s: float) -> bool:
         period_s = min(period_s, TURN_S)
         near_m = CAUGHT_SHARE * self._acceleration_m_s2 * period_s**2
         near_m_s = CATCH_UP_SHARE * self._acceleration_m_s2 * period_s
-        return abs(off_m) <= near_m and abs(wanted.velocity_m_s - self.last.velocity_m_s) <= near_m_s
+        near = abs(off_m) <= near_m and abs(wanted.velocity_m_s - self.last.velocity_m_s) <= near_m_s
+        return near and not self._leaves_travel(wanted)
 
-    def _stoppable(self, position_m: float, velocity_m_s: float) -> float:
-        """The speed, or as much of it as can still be stopped within the travel."""
-        limits = self._limits
-        end_m = limits.position_max_m if velocity_m_s > 0.0 else limits.position_min_m
-        left_m = max(0.0, math.copysign(1.0, velocity_m_s) * (end_m - position_m))
-        most_m_s = math.sqrt(2.0 * STROKE_SHARE * self._acceleration_m_s2 * left_m)
+    def _left_m(self, position_m: float, velocity_m_s: float) -> float:
+        """Travel that is left in this direction."""
+        end_m = self._limits.position_max_m if velocity_m_s > 0.0 else self._limits.position_min_m
+        return max(0.0, math.copysign(1.0, velocity_m_s) * (end_m - position_m))
+
+    def _leaves_travel(self, wanted: Setpoint) -> bool:
+        """It ends outside the travel one period later, or cannot be stopped within it."""
+        left_m, speed_m_s = self._left_m(*wanted), abs(wanted.velocity_m_s)
+        gone_m = max(speed_m_s * self._period_s, 0.5 * speed_m_s**2 / self._acceleration_m_s2)
+        return gone_m > left_m + SLACK_M
+
+    def _stoppable(self, position_m: float, velocity_m_s: float, period_s: float) -> float:
+        """The speed, or as much of it as can still be stopped within the travel after the coming period."""
+        braking = STROKE_SHARE * self._acceleration_m_s2
+        lost_m_s = braking * period_s
+        most_m_s = math.sqrt(lost_m_s**2 + 2.0 * braking * self._left_m(position_m, velocity_m_s)) - lost_m_s
         return max(-most_m_s, min(most_m_s, velocity_m_s))
 
     def _within_travel(self, setpoint: Setpoint) -> Setpoint:

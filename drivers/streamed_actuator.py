@@ -10,7 +10,8 @@ pressure is lowered, it has tripped, or it was halted by a command of its own; t
 A set-point leaves only if the rod can reach it (`SetpointGuard`). What was sent and not acknowledged counts as not
 taken. After a time without a set-point that was taken:
 
-    up to 1.6 periods          the motion goes on
+    up to 1.6 periods, and     the motion goes on
+    6 ms after the period
     up to `longest_gap_s`      the rod is measured first; the set-points lead from there back to the motion
     longer                     the motion has ended: the rod is measured and braked from where it is, at its speed
 """
@@ -25,7 +26,7 @@ from typing import Protocol, runtime_checkable
 from drivers import clock
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import LinkKind, MotionTerms
-from drivers.errors import Busy, RequestRefused
+from drivers.errors import Busy, DriverError, RequestRefused
 from drivers.origins import ChannelOrigin, Origins, origins_of
 from drivers.ring import Channel
 from drivers.roles import (
@@ -42,6 +43,7 @@ from drivers.roles import (
 from drivers.servo_lag import ServoLag
 from drivers.setpoint_generator import ComputedMotion, RodLimits, Setpoint, SetpointGenerator
 from drivers.setpoint_guard import SetpointGuard
+from drivers.setpoint_lead import SetpointLead
 from protocols.errors import LocalProtocolError
 
 SENT_KEPT = 64
@@ -54,8 +56,10 @@ HOLDING = frozenset({State.HOLD, State.MOVING, State.RUNNING})
 """States of a device that goes where it is told."""
 IN_MOTION = frozenset({State.MOVING, State.RUNNING, State.FADING, State.HALTING})
 REGULAR_PERIODS = 1.6
-"""A set-point that comes later after the last one than this is sent only after the rod was measured: meanwhile the
-device has gone on at the last speed, or held the last position, and only the rod shows which."""
+LATEST_S = 0.006
+"""A set-point that comes later after the last one than this many periods, or than a period and this time (wall s), is
+sent only after the rod was measured: meanwhile the device has gone on at the last speed, or held the last position, and
+only the rod shows which."""
 RESTS_M = 1e-3
 """A rod at rest that is farther from the set-point it was to hold is held where it is."""
 
@@ -64,6 +68,10 @@ RESTS_M = 1e-3
 class SetpointFollower(Actuator, Protocol):
     """The driver of a device that goes where it is told, set-point by set-point."""
 
+    @property
+    def takes_speed(self) -> bool:
+        """A set-point states how fast to go on; else the device goes to each position and stands there."""
+
     def knows(self, command: Command) -> bool:
         """Whether the device has this command itself."""
 
@@ -71,7 +79,7 @@ class SetpointFollower(Actuator, Protocol):
         """Send a set-point, once, and read the status; in one trip where the device allows it.
 
         Args:
-            setpoint: where to be now (m) and how fast to go on (m/s).
+            setpoint: where to be (m) and how fast to go on (m/s).
             watchdog_counter: a changed number feeds the watchdog; None: it is not fed by this.
         """
 
@@ -109,8 +117,10 @@ class StreamedActuator:
         )
         self._period_s = terms.period_s * terms.device_rate
         self._longest_gap_s = terms.longest_gap_s * terms.device_rate
+        self._regular_s = min(REGULAR_PERIODS * self._period_s, self._period_s + LATEST_S * terms.device_rate)
         self._guard = SetpointGuard(limits, self._period_s)
         self._lag = ServoLag()
+        self._lead = None if device.takes_speed else SetpointLead(limits, self._period_s)
         self._seen: tuple[float, float] | None = None
         self._following = False
         self._refused = False
@@ -302,6 +312,8 @@ class StreamedActuator:
         if not self._following:
             self._source.rest(self._stands_m)
             self._guard.begin(Setpoint(self._stands_m, 0.0), self._now_s())
+            if self._lead is not None:
+                self._lead.begin(self._stands_m)
             self._following, self.broken_off = True, False
 
     def _release(self) -> None:
@@ -320,7 +332,7 @@ class StreamedActuator:
             DriverError: it cannot be reached.
         """
         self.look_for_gap()
-        if self.broken_off or self.silent_s > REGULAR_PERIODS * self._period_s > 0.0:
+        if self.broken_off or self.silent_s > self._regular_s > 0.0:
             status = self._shown(self._device.read_status())
             if not self._following or not self._measure(status):
                 return status
@@ -329,16 +341,34 @@ class StreamedActuator:
         braking = self._source.state is State.HALTING
         setpoint = self._guard.reachable(setpoint, now_s, self._source.fastest_m_s, braking=braking)
         self.last, self.taken_m = setpoint, math.nan
-        try:
-            status = self._device.follow(setpoint, watchdog_counter)
-        except RequestRefused as error:
-            self._refused = not isinstance(error, Busy)
-            raise
+        status = self._sent(setpoint, now_s, watchdog_counter)
         self._refused = self.broken_off = False
         self._guard.taken(setpoint, now_s)
         self._lag.add(setpoint, status.position_m)
         self.taken_m = status.setpoint_m
         return self._shown(status)
+
+    def _sent(self, setpoint: Setpoint, now_s: float, watchdog_counter: int | None) -> ActuatorStatus:
+        """Send a set-point, as the device takes it.
+
+        Raises:
+            RequestRefused: the device does not take it.
+            DriverError: it cannot be reached.
+        """
+        lead = self._lead
+        sent = setpoint if lead is None else lead.sent(setpoint, now_s, self._source.fastest_m_s)
+        try:
+            status = self._device.follow(sent, watchdog_counter)
+        except RequestRefused as error:
+            self._refused = not isinstance(error, Busy)
+            raise
+        except DriverError:
+            if lead is not None:
+                lead.lost(sent.position_m)
+            raise
+        if lead is not None:
+            lead.taken(sent.position_m, now_s)
+        return status
 
     def _measure(self, status: ActuatorStatus) -> bool:
         """After a gap: go on, or brake, from where the rod is; False while that is not known."""
@@ -354,6 +384,8 @@ class StreamedActuator:
         if self.broken_off:
             self._source.halt_from(rod, now_s)
         self._guard.measured(rod, now_s, catch_up=not self.broken_off)
+        if self._lead is not None:
+            self._lead.measured(rod)
         return True
 
     def _rod(self, status: ActuatorStatus) -> Setpoint | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -70,7 +71,7 @@ class WornRegisters(RegisterBank):
         self._count = 0
         self._fed = 0
         self._followed_s = 0.0
-        self._usual_s = FOLLOW_S
+        self._usual_s = math.nan
         self._feeds = self._named(worn.recipes.feed)
         self._setpoints = self._named(worn.recipes.setpoint)
         self._allowed = _allowed(worn)
@@ -181,7 +182,9 @@ class WornRegisters(RegisterBank):
         now_s = self.actuator.arrival_s()
         last_s, self._followed_s = now_s - self._followed_s, now_s
         if last_s >= FOLLOW_S:
-            return self._usual_s
+            return FOLLOW_S if math.isnan(self._usual_s) else self._usual_s
+        if math.isnan(self._usual_s):
+            self._usual_s = max(last_s, SHORTEST_S)
         self._usual_s += USUAL_SHARE * (max(last_s, SHORTEST_S) - self._usual_s)
         return max(self._usual_s, last_s)
 

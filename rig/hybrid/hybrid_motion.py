@@ -128,7 +128,7 @@ class HybridMotion:
         moment: what is to be recorded of the last step; None outside of the test itself.
         delay_s: of the rod behind its set-points; NaN before it is known.
         current_A: that the law asks for now; outside of the test itself the one to begin with.
-        fastest_m_s: largest speed that the test may request.
+        fastest_m_s: largest planned speed.
     """
 
     def __init__(self, order: HybridOrder) -> None:
@@ -137,7 +137,7 @@ class HybridMotion:
         self.moment: Moment | None = None
         self.delay_s = math.nan
         self.current_A = order.control.current_A
-        self.fastest_m_s = order.bounds.speed_m_s
+        self.fastest_m_s = min(order.bounds.speed_m_s, order.bounds.planned_m_s)
         self._order = order
         self._law = order.control.vector
         self._part = order.part

@@ -26,6 +26,7 @@ class Bounds:
         travel_m: about the centre, either way, within which a halt from any set-point must come to rest.
         halt_deceleration_m_s2: of that halt.
         energy_floor_J: work from which on energy errors are a share of the work.
+        planned_m_s: planned largest speed; set-points that catch up with the test after a gap are not faster.
     """
 
     extension_m: float
@@ -36,6 +37,7 @@ class Bounds:
     travel_m: float
     halt_deceleration_m_s2: float
     energy_floor_J: float
+    planned_m_s: float
 
 
 class Measured(NamedTuple):

@@ -24,6 +24,7 @@ from rig.hybrid.hybrid_motion import PAUSE_S, RETURN_S, HybridOrder
 from rig.hybrid.motion_bounds import Bounds
 from rig.matrix.assumed_damper import LEAST_RISE, SPEED_M_S, AssumedDamper
 from rig.matrix.point import Forecast, TestPoint
+from rig.matrix.streaming import HYBRID_SPEED
 from rig.signals.waveform import HOLD
 from rig.vehicle.car import Car
 from rig.vehicle.laws import Control, Law, law_named
@@ -280,6 +281,7 @@ class HybridTable(Section):
             min(TRAVEL_MARGIN * point.amplitude_m + TRAVEL_BESIDE_M, room), limits.speed_m_s,
             limits.acceleration_m_s2, self.largest_energy_error, self.largest_delay_s,
             room, bench.actuator.halt_deceleration_m_s2, self._energy_floor_J(point),
+            limits.speed_m_s if point.forecast is None else HYBRID_SPEED * point.forecast.peak_speed_m_s,
         )
         return HybridOrder(car.part(poll_s), bounds, self.probe, point.compensator, car.control, point.centre_m)
 

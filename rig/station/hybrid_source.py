@@ -57,7 +57,7 @@ class HybridSource:
         coil: is commanded at every step; None where its current stays as it is.
 
     Attributes:
-        fastest_m_s: largest speed that the test may request.
+        fastest_m_s: largest planned speed of the test.
     """
 
     def __init__(

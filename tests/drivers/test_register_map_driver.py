@@ -11,14 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from drivers import clock
 from drivers.connection import ActuatorConnection, MotionTerms
 from drivers.errors import WrongLayout
 from drivers.modbus_actuator import ModbusActuator
 from drivers.register_maps.entries import Source
 from drivers.register_maps.map_file import read_map
 from drivers.roles import Command, Move, Program, Result, State, Waveform
-from drivers.setpoint_generator import Setpoint
 from drivers.streamed_actuator import as_actuator
 from protocols.errors import LocalProtocolError
 
@@ -274,45 +272,6 @@ def test_a_watchdog_that_set_points_feed_is_fed_from_the_first_poll_on_and_starv
     before = device.writes()
     actuator.exchange(5)
     assert device.writes() == before, "a set-point could have a halted device go on"
-
-
-@pytest.mark.parametrize(
-    ("position_m", "velocity_m_s", "written"),
-    [
-        (0.012, 0.05, "41480000"),  # 12 mm and 10 ms at 0.05 m/s: 12.5 mm
-        (0.012, -0.05, "41380000"),  # 11.5 mm
-        (0.012, 0.5, "41500000"),  # no further than the travel: 13 mm
-        (0.014, 0.5, "41600000"),  # beyond it already, while it brakes
-    ],
-)
-def test_a_device_that_takes_no_speed_is_told_where_the_rod_is_to_be_a_period_later(
-    device: Device, position_m: float, velocity_m_s: float, written: str
-) -> None:
-    terms = MotionTerms(position_min_m=-0.013, position_max_m=0.013, period_s=0.005, device_rate=2.0)
-    connection = ActuatorConnection(device.url, timeout_s=1.0, motion=terms)
-    actuator = ModbusActuator(connection, read_map(Source(Path("m.toml"), STREAMED)))
-    device.driven.append(actuator)
-    actuator.open()
-    actuator.follow(Setpoint(position_m, velocity_m_s), None)
-    assert device.writes() == ["100014000204" + written]
-
-
-def test_what_a_device_stood_for_a_late_set_point_is_made_up_for_over_the_next_ones(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now_ns = [0]
-    monkeypatch.setattr(clock, "elapsed_ns", lambda: now_ns[0])
-    connection = ActuatorConnection(device.url, timeout_s=1.0, motion=MotionTerms(period_s=0.01))
-    actuator = ModbusActuator(connection, read_map(Source(Path("m.toml"), STREAMED)))
-    device.driven.append(actuator)
-    actuator.open()
-    ahead_m = []
-    for now_ms in (0, 10, 25, 30, 40, 90):
-        now_ns[0] = now_ms * 1_000_000
-        actuator.follow(Setpoint(0.0, 1.0), None)
-        ahead_m.append(struct.unpack(">f", bytes.fromhex(device.writes()[-1][-8:]))[0] * 1e-3)
-    # 5 ms late once: 5, then 4.5 and 4.05 ms less; after a gap it stands at what it was told.
-    assert ahead_m == pytest.approx([0.010, 0.010, 0.005, 0.0055, 0.00595, 0.0], abs=1e-6)
 
 
 def test_indirect_registers_are_laid_down_at_connect_and_read_in_one_piece(device: Device) -> None:

@@ -160,6 +160,7 @@ class Bare:
     capabilities = Capabilities(WatchdogKind.TIMEOUT, hydraulics=False, streamed_setpoints=True)
     link_kind = LinkKind.TCP
     is_open, stale, busy = True, 0, 0
+    takes_speed = True
     sent: tuple[tuple[int, int], ...] = ()
 
     def open(self) -> None: ...

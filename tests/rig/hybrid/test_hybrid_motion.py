@@ -58,7 +58,7 @@ def order(car: QuarterCar, compensator: str, step_s: float = 0.01, **bounds: flo
     """A test in steps of 10 ms within wide bounds."""
     within = Bounds(**{
         "extension_m": 0.2, "speed_m_s": 5.0, "acceleration_m_s2": 500.0, "energy_share": 0.3, "delay_s": 0.03,
-        "travel_m": 0.5, "halt_deceleration_m_s2": 20.0, "energy_floor_J": 4.0, **bounds,
+        "travel_m": 0.5, "halt_deceleration_m_s2": 20.0, "energy_floor_J": 4.0, "planned_m_s": 5.0, **bounds,
     })  # fmt: skip
     return HybridOrder(car.part(step_s), within, Probe(1e-3, 5.0), compensator, centre_m=0.05)
 
@@ -189,7 +189,8 @@ def test_an_unstable_loop_is_found_by_its_energy_before_it_reaches_a_limit_of_th
 @pytest.mark.parametrize("law", ["viscous", "friction"])
 def test_the_energy_that_a_lagging_rod_gives_back_is_no_energy_error(delay_s: float, law: str) -> None:
     """The energy error of a late rod is -F e / 2 or -F e while it moves and 0 once it has stopped."""
-    watch, omega, amplitude_m = Watch(Bounds(0.1, 5.0, 500.0, 0.2, 0.03, 0.1, 20.0, 1.0)), 2.0 * math.pi * 3.0, 0.02
+    watch = Watch(Bounds(0.1, 5.0, 500.0, 0.2, 0.03, 0.1, 20.0, 1.0, 5.0))
+    omega, amplitude_m = 2.0 * math.pi * 3.0, 0.02
     for step in range(200):
         t_s = 0.005 * step
         late_s = max(0.0, t_s - delay_s)

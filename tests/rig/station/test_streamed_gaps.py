@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -13,7 +14,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from drivers.roles import Program, Waveform
+from drivers.roles import Command, Program, Waveform
 
 FILE = Path(__file__).resolve().parents[3] / "benchmarks" / "streamed_gaps.py"
 RAISED = (('speed = "0.8 m/s"', 'speed = "2 m/s"'), ('force = "5 kN"', 'force = "9 kN"'))
@@ -70,7 +71,7 @@ def test_an_undisturbed_sine_has_hardly_any_ripple(gaps: ModuleType, preset: str
 def test_a_triangles_corner_throws_no_rod(gaps: ModuleType, preset: str, poll_s: float, speed_m_s: float) -> None:
     """At 0.456 m/s, polled every 10 ms, steps at its corners made 0.57 and 0.64 m/s of it, and 112 m/s^2 of 60."""
     order = Program(Waveform.TRIANGLE, speed_m_s / 7.6, 1.9, cycles=6.0, ramp_in_cycles=1.0, ramp_out_cycles=1.0)
-    gaps.MOTIONS["corners"] = (order, 1.9, speed_m_s)
+    gaps.MOTIONS["corners"] = gaps.Motion(order, 1.9, speed_m_s)
     outcome = gaps.outcome(gaps.Case(preset, "corners", poll_s=poll_s, limits=RAISED))
     assert (outcome.problems(), outcome.trip) == ([], "")
     assert outcome.speed_m_s < 1.11 * speed_m_s
@@ -82,12 +83,41 @@ def test_a_slow_stream_returns_to_its_motion_without_a_step(gaps: ModuleType) ->
     assert outcome.problems() == []
 
 
-@pytest.mark.parametrize("gap_s", [0.011, 0.013])
-@pytest.mark.parametrize("phase", [0.28, 0.78])
-def test_a_drive_that_stood_for_a_late_set_point_does_not_run_after_the_next(
-    gaps: ModuleType, gap_s: float, phase: float
+@pytest.mark.parametrize(
+    ("motion", "cause", "gap_s", "phase", "poll_s"),
+    [
+        ("fast-sine", "held-up", 0.011, 0.28, 0.01),
+        ("fast-sine", "held-up", 0.013, 0.78, 0.01),
+        ("sine", "busy", 0.005, 0.25, 0.01),
+        ("sine", "suspended", 0.007, 0.218, 0.008),
+        ("triangle", "busy", 0.019, 0.5, 0.02),
+    ],
+)
+def test_a_drive_that_was_at_rest_for_a_late_set_point_does_not_run_after_the_next(
+    gaps: ModuleType, motion: str, cause: str, gap_s: float, phase: float, poll_s: float
 ) -> None:
-    """One set-point a few ms late: 1.15 to 1.33 times the speed, and `setpoints-lost` on a drive that took all."""
-    outcome = gaps.outcome(gaps.Case("delta-rmc", "fast-sine", "held-up", gap_s, phase, limits=RAISED))
+    """One late or refused set-point: 1.14 to 1.37 times the speed, `setpoints-lost` on a drive that took all."""
+    outcome = gaps.outcome(gaps.Case("delta-rmc", motion, cause, gap_s, phase, poll_s, limits=RAISED))
     assert outcome.trip == ""
-    assert outcome.speed_m_s < 1.12 * outcome.planned_m_s
+    assert outcome.speed_m_s < 1.08 * outcome.planned_m_s
+
+
+def test_a_drive_that_ended_by_itself_between_two_slow_polls_is_measured_first(gaps: ModuleType) -> None:
+    """59 ms without a set-point, the drive goes on for 50: a step of 2.7 mm made 0.351 m/s of 0.300."""
+    outcome = gaps.outcome(gaps.Case("float-drive", "move", "suspended", 0.019, 0.1, 0.04, limits=RAISED))
+    assert (outcome.problems(), outcome.trip) == ([], "")
+
+
+@pytest.mark.parametrize(
+    ("preset", "motion", "again_s", "stop"),
+    [
+        ("delta-rmc", "hybrid", 0.03, None), ("float-drive", "return", math.nan, None),
+        ("delta-rmc", "off-centre", math.nan, Command.HALT), ("float-drive", "fade", 0.05, None),
+    ],
+)
+def test_two_gaps_and_a_stop_ordered_in_a_gap_keep_the_limits(
+    gaps: ModuleType, preset: str, motion: str, again_s: float, stop: Command | None
+) -> None:
+    case = gaps.Case(preset, motion, again_s=again_s, stop=stop, limits=RAISED)
+    found = [came.problems() for _, came in gaps.outcomes(case, [0.3], [("busy", 0.02), ("lost", 0.06)])]
+    assert found == [[], []]
