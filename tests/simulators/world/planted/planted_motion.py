@@ -12,7 +12,7 @@ NO_GAP = Edit(
     "if False:",
 )
 UNMEASURED = Edit(
-    ACTUATOR, "if self.broken_off or self.silent_s > REGULAR_PERIODS * self._period_s > 0.0:", "if False:"
+    ACTUATOR, "if self.broken_off or self.silent_s > self._regular_s > 0.0:", "if False:"
 )
 UNGUARDED = Edit(
     ACTUATOR,
