@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +11,14 @@ from numpy.typing import NDArray
 from protocols.quality import Quality
 from rig.recording.motion_parts import CURRENT_NOISES
 from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
-from rig.recording.quality.verdict import Reason, Verdict, invalid
+from rig.recording.quality.verdict import Reason, Verdict, invalid, suspect
 from rig.signals.arrays import FloatArray
 from rig.signals.current_error import loop_error_A
 from rig.signals.cycles import MeasuredMotion, measured_motion
 from rig.signals.free_motion import RANDOM
 from rig.signals.interpolation import LARGEST_STEP_PERIODS
 from rig.signals.loop_shape import noise_of, standing
+from rig.signals.spikes import spikes
 from rig.signals.test_set import TRACKING_A, TRACKING_SHARE
 
 FEWEST_CYCLES = 3
@@ -92,9 +94,25 @@ def _judge(
         measured_cycles=None if motion is None else motion.cycles, current_error_A=0.0,
         extra=[
             *(_reversed(test, motion) if motion is not None or not fewest_cycles else []),
-            *_unsteady(motion), *_current_off(test, motion),
+            *_unsteady(motion), *_current_off(test, motion), *_spikes(test),
         ],
     ))
+
+
+def _spikes(test: TestSamples) -> Iterator[Reason]:
+    """Single samples that leave the signal: one of them can be a tenth of the peak that a report states."""
+    for name, unit, factor, values in (
+        ("force", "N", 1.0, test.force_N), ("displacement", "mm", 1e3, test.displacement_m)
+    ):
+        found = spikes(values)
+        if not found:
+            continue
+        first = found[0]
+        yield suspect(
+            "sensor-spike", f"{len(found)} single {name} sample(s) leave the signal and return to it, the first at "
+            f"{test.time_s[first]:.6g} s with {factor * values[first]:.5g} {unit}: interference or a damaged row. Fix: "
+            "correct the value in the source, or leave it empty",
+        )
 
 
 def _reversed(test: TestSamples, motion: MeasuredMotion | None) -> list[Reason]:

@@ -19,6 +19,10 @@ from rig.signals.derivatives import harmonic_columns
 from rig.signals.waveform import SINE, TRIANGLE, Waveform, waveform_named
 
 CROSSING_HYSTERESIS = 0.2  # of the amplitude: noise around the mean makes no crossing
+FEWEST_OF_A_SIDE = 3
+OWN_ROUNDS = 3
+KINK, KINK_ERRORS = 0.1, 4.0
+"""Relative difference of the slopes on both sides of a crossing, and its standard errors, from which it is a kink."""
 FULL_AMPLITUDE = 0.97  # of the typical greatest amplitude: below it a cycle belongs to a ramp
 HARMONICS = 9
 PEAK_SHARE = 0.04
@@ -145,11 +149,46 @@ def _upward_crossings(t: FloatArray, x: FloatArray) -> tuple[FloatArray, NDArray
     times, indices = [], []
     for k in rising:
         low, high = int(marked[k]), int(marked[k + 1])
-        slope, offset = np.polyfit(t[low : high + 1] - t[low], x[low : high + 1], 1)
-        root = t[low] - offset / slope
+        root = _root(t[low : high + 1], x[low : high + 1])
+        if k in {rising[0], rising[-1]}:  # another motion may lie beyond it
+            root = _own_root(t[low : high + 1], x[low : high + 1], root, after=k == rising[0])
         times.append(min(max(float(root), float(t[low])), float(t[high])))
         indices.append(low + int(np.searchsorted(t[low : high + 1], times[-1], side="left")))
     return np.array(times), np.array(indices, dtype=np.int64)
+
+
+def _root(t: FloatArray, x: FloatArray) -> float:
+    """Where a line through rising samples is zero (s)."""
+    slope, offset = np.polyfit(t - t[0], x, 1)
+    return float(t[0] - offset / slope)
+
+
+def _own_root(t: FloatArray, x: FloatArray, root_s: float, *, after: bool) -> float:
+    """A record's first or last crossing by the cycle's own samples alone, where the slope changes at the crossing.
+
+    A faster or slower motion before (or after) it bends the path there, and a line through both is off: by 0.5 % of a
+    period between 1 and 2 Hz.
+    """
+    sides = [t >= root_s, t <= root_s]
+    if min(map(np.count_nonzero, sides)) < FEWEST_OF_A_SIDE:
+        return root_s
+    slopes, variances = [], []
+    for side in sides:
+        slope, offset = np.polyfit(t[side] - root_s, x[side], 1)
+        left = x[side] - slope * (t[side] - root_s) - offset
+        spread = float(np.sum((t[side] - np.mean(t[side])) ** 2))
+        slopes.append(float(slope))
+        variances.append(float(np.sum(left**2)) / max(1, left.size - 2) / spread)
+    apart = abs(slopes[0] - slopes[1])
+    if apart <= max(KINK * 0.5 * abs(sum(slopes)), KINK_ERRORS * math.sqrt(sum(variances))):
+        return root_s
+    found_s = root_s
+    for _ in range(OWN_ROUNDS):
+        own = t >= found_s if after else t <= found_s
+        if np.count_nonzero(own) < FEWEST_OF_A_SIDE or np.ptp(x[own]) == 0.0:
+            return root_s
+        found_s = min(max(_root(t[own], x[own]), float(t[0])), float(t[-1]))
+    return found_s
 
 
 @dataclass(frozen=True)

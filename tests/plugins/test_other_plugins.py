@@ -185,7 +185,7 @@ def test_an_export_of_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.C
     fit.write_text("{}", encoding="utf-8")
     code, answer = told(capsys, "export", str(tmp_path), "--to", "json", *asked)
     assert code == 2
-    assert "not a fit" in answer["error"]
+    assert "model: is missing" in answer["error"]
     assert not (tmp_path / "out").exists()
 
 

@@ -12,6 +12,8 @@ import pytest
 from rig.recording.importing import import_tests
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
+from rig.signals.cycles import measured_motion
+from rig.signals.motions import motions_of
 from rig.signals.sample_times import TimeBase
 
 COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
@@ -151,3 +153,29 @@ def test_a_measured_current_that_is_not_one_makes_the_test_invalid(
     assert [reason.partition(":")[0] for reason in map(str, point.reasons)] == ["current-tracking"] * (
         verdict == "invalid"
     )
+
+
+def test_steps_of_frequency_have_no_bias_where_they_meet() -> None:
+    rate_Hz, pieces = 1000.0, []
+    for frequency_Hz in (1.0, 2.0, 3.0):
+        t = np.arange(round(6 * rate_Hz / frequency_Hz)) / rate_Hz
+        pieces.append(0.02 * np.sin(2.0 * np.pi * frequency_Hz * t))
+    x = np.concatenate(pieces)
+    motions = motions_of(np.arange(x.size) / rate_Hz, x).steady
+    for motion, frequency_Hz in zip(motions, (1.0, 2.0, 3.0), strict=True):
+        first, last = np.round(np.array(motion.stretch_s) * rate_Hz).astype(int)
+        measured = measured_motion(np.arange(first, last) / rate_Hz, x[first:last])
+        assert measured is not None
+        assert measured.frequency_Hz == pytest.approx(frequency_Hz, rel=5e-5)
+
+
+def test_a_single_spike_makes_a_test_suspect(tmp_path: Path) -> None:
+    t = np.arange(2000) * 0.004
+    rows = np.column_stack([t, 20.0 * np.sin(9.0 * t), 72.0 * np.cos(9.0 * t)])
+    rows[700, 2] = 300.0
+    np.savetxt(tmp_path / "spike.csv", rows, "%.5f", ",", header="t_s,x_mm,F_N", comments="")
+    columns = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
+    (point,) = Run.open(import_tests([tmp_path / "spike.csv"], columns=columns, out=tmp_path, current_A=0.0)).points
+    assert point.verdict == "suspect"
+    assert "sensor-spike" in point.reasons[0]
+    assert "300 N" in point.reasons[0]
