@@ -150,7 +150,15 @@ def _chosen(
         if scaling is not None:
             raise ValueError("time stamps have no factor; leave --scale time out")
         return ColumnChoice(text, column.name, place, None, "", "")
-    return ColumnChoice(text, column.name, place, *_scaled_unit(column, given, DIMENSION[quantity], scaling))
+    try:
+        return ColumnChoice(text, column.name, place, *_scaled_unit(column, given, DIMENSION[quantity], scaling))
+    except ValueError as error:
+        if quantity != "time":
+            raise
+        raise ValueError(
+            f"{error}. If it holds time stamps, their form is not known: write them as 2026-12-31 23:59:59.123 or as "
+            "seconds, or, of samples taken at a constant rate, give --rate in place of the column"
+        ) from error
 
 
 def _scaled_unit(

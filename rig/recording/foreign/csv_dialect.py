@@ -42,6 +42,16 @@ CLOCK = r"\d{1,2}:\d{2}:\d{2}([.,]\d{1,9})?"
 ISO = rf"\d{{4}}(?P<iso>[-/])\d{{2}}(?P=iso)\d{{2}}[T ]{CLOCK}(Z|[+-]\d{{2}}:?\d{{2}})?"
 DATE = r"\d{1,2}(?P<sign>[./-])(\d{1,2}|[A-Za-z]{3})(?P=sign)(\d{4}|\d{2})"
 STAMP = re.compile(rf"({ISO})|(({DATE} )?{CLOCK}( [AaPp][Mm])?)")
+OTHER_STAMPS = tuple((re.compile(form), normal) for form, normal in (
+    (r"(.*\d{1,2}:\d\d:\d\d):(\d{1,6})", r"\1.\2"),  # a colon before the milliseconds
+    (r"(\d{1,2}):(\d\d[.,]\d+)", r"00:\1:\2"),  # minutes and seconds
+    (r"(?:0 days|0d) (\d{1,2}:\d\d:\d\d(?:[.,]\d+)?)", r"\1"),
+    (r"(\d{4})\.(\d\d)\.(\d\d)([ T].+)", r"\1-\2-\3\4"),
+    (r"(\d{4}-\d\d-\d\d)-(\d\d)\.(\d\d)\.(\d\d(?:[.,]\d+)?)", r"\1T\2:\3:\4"),
+    (r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:[.,]\d+)?Z?)", r"\1-\2-\3T\4:\5:\6"),
+    (r"(\d{4}-.*\d) ([+-]\d\d:?\d\d)", r"\1\2"),  # a space before the time zone
+))
+"""Further forms of time stamps, and the known form that each is taken as."""
 SPACES = " \u00a0\u2009\u202f"
 QUOTES = "'\u2019"
 """Signs between thousands that are no decimal sign."""
@@ -286,7 +296,17 @@ def _grouped(decimal: str, cell: str) -> bool:
 
 def is_stamp(cell: str) -> bool:
     """Whether a cell is a time of day, with a date or not: ISO 8601, 31.12.2026 23:59:59, 12/31/26 11:59:59 PM."""
-    return STAMP.fullmatch(cell) is not None
+    return STAMP.fullmatch(normal_stamp(cell)) is not None
+
+
+def normal_stamp(cell: str) -> str:
+    """A time stamp of one of the `OTHER_STAMPS` as one that `STAMP` knows; any other cell as it is."""
+    if STAMP.fullmatch(cell):
+        return cell
+    for form, normal in OTHER_STAMPS:
+        if form.fullmatch(cell):
+            return form.sub(normal, cell)
+    return cell
 
 
 def stamp_forms(stamp: str) -> tuple[str, ...]:

@@ -27,6 +27,7 @@ from rig.recording.foreign.csv_dialect import (
     is_number,
     is_stamp,
     layout_of,
+    normal_stamp,
     signs_of,
     stamp_forms,
     without_groups,
@@ -298,19 +299,23 @@ class CsvFile:
         Raises:
             FileProblem: some are no time stamps, or they are not written alike.
         """
-        texts = ["" if cell is None or cell != cell else str(cell).strip().replace(",", ".") for cell in cells]
+        given = ("" if cell is None or cell != cell else str(cell).strip() for cell in cells)
+        texts = [normal_stamp(cell).replace(",", ".") for cell in given]
         while texts and not texts[-1]:
             texts.pop()
         wrong = [k for k, text in enumerate(texts) if not is_stamp(text)]
         if wrong:
             raise FileProblem(str(self._file), [
-                f"{self.row_name(k)}, column {self.columns[place].name!r}: {texts[k][:40]!r} is no time stamp"
+                f"{self.row_name(k)}, column {self.columns[place].name!r}: {texts[k][:40]!r} is no time stamp. "
+                "Fix: repair the row, or, of samples taken at a constant rate, --rate in place of the column"
                 for k in wrong[:MOST_PROBLEMS]
             ])  # fmt: skip
         try:
             nanoseconds = _nanoseconds(texts)
         except (ValueError, OverflowError) as error:
-            problem = f"column {self.columns[place].name!r}: not all time stamps are written alike: {error}"
+            problem = f"column {self.columns[place].name!r}: not all time stamps are written alike: {error}. Fix: " + (
+                "of samples taken at a constant rate, --rate in place of the column"
+            )
             raise FileProblem(str(self._file), [problem]) from error
         if not stamp_forms(texts[0]) or not re.search(r"\d[-/.]", texts[0][:5]):
             nanoseconds = self._over_midnight(nanoseconds)

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -250,3 +252,27 @@ def test_a_column_without_a_number_is_named(tmp_path: Path) -> None:
     assert temperature.endswith("as temperature: no number in any of 2000 rows; name another column, or none")
     assert not (tmp_path / "out").exists()
 
+
+
+@pytest.mark.parametrize("form", [
+    "%H:%M:%S:", "%M:%S.", "%Y.%m.%d %H:%M:%S.", "%Y%m%dT%H%M%S.", "%Y-%m-%d-%H.%M.%S.", "0 days %H:%M:%S.",
+])  # fmt: skip
+def test_further_forms_of_time_stamps_are_read(form: str, tmp_path: Path) -> None:
+    begin = datetime(2026, 3, 4, 10, 11, 12, tzinfo=UTC)
+    lines = ["when,x_mm,F_N"]
+    for number in range(400):
+        t = 0.01 * number
+        stamp = (begin + timedelta(milliseconds=10 * number)).strftime(form) + f"{10 * number % 1000:03d}"
+        lines.append(f"{stamp},{20.0 * math.sin(9.0 * t):.5f},{72.0 * math.cos(9.0 * t):.4f}")
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    columns = {"time": "when", "displacement": "x_mm", "force": "F_N"}
+    (point,) = Run.open(import_tests([tmp_path / "a.csv"], columns=columns, out=tmp_path, current_A=0.0)).points
+    assert point.frequency_Hz == pytest.approx(9.0 / math.tau, rel=1e-3)
+
+
+def test_an_unknown_form_of_time_stamps_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    rows = [f"00h00m{0.01 * number:06.3f}s,{number % 7},{number % 5}" for number in range(50)]
+    (tmp_path / "a.csv").write_text("\n".join(("when,x_mm,F_N", *rows)) + "\n", encoding="utf-8")
+    columns = {"time": "when", "displacement": "x_mm", "force": "F_N"}
+    with pytest.raises(FileProblem, match=r"their form is not known.*--rate in place of the column"):
+        import_tests([tmp_path / "a.csv"], columns=columns, out=tmp_path, current_A=0.0)
