@@ -27,7 +27,7 @@ import threading
 import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from enum import IntEnum
+from enum import Enum, IntEnum, auto
 from pathlib import Path
 
 MAGIC = b"RIGCLOCK"
@@ -151,13 +151,31 @@ class SharedClock:
         return self._last_ns, time.monotonic_ns(), 0  # the rig was held up while it wrote
 
 
-def running(process: int) -> bool:
-    """Whether a process lives and is not stopped (SIGSTOP, a debugger), however rarely it has its turn."""
+class ProcessState(Enum):
+    """What a process does, however rarely it has its turn."""
+
+    RUNNING = auto()
+    STOPPED = auto()
+    """By SIGSTOP or a debugger."""
+    DEAD = auto()
+
+
+def process_state(process: int) -> ProcessState:
+    """What a process does; where the system does not show it, one that lives counts as running."""
     try:
         text = Path(f"/proc/{process}/stat").read_bytes()
     except OSError:
-        return not Path("/proc/self/stat").exists() and _lives(process)
-    return text.rpartition(b")")[2].split()[0] not in b"TtZXx"
+        lives = not Path("/proc/self/stat").exists() and _lives(process)
+        return ProcessState.RUNNING if lives else ProcessState.DEAD
+    shown = text.rpartition(b")")[2].split()[0]
+    if shown in b"ZXx":
+        return ProcessState.DEAD
+    return ProcessState.STOPPED if shown in b"Tt" else ProcessState.RUNNING
+
+
+def running(process: int) -> bool:
+    """Whether a process lives and is not stopped."""
+    return process_state(process) is ProcessState.RUNNING
 
 
 def _lives(process: int) -> bool:

@@ -24,7 +24,9 @@ from drivers.clock import (
     OFFSET_SEQUENCE,
     SEQUENCE,
     SIZE,
+    ProcessState,
     Role,
+    process_state,
     running,
 )
 
@@ -40,6 +42,8 @@ LOOK_NS = 20_000_000
 """While the clock waits, it is looked so often what the host's processes do."""
 HANGS_S = 0.5
 """A process of which no thread wants the processor, looked at for so long, waits for something else than its turn."""
+STOPPED_S = 5.0
+"""A process that is stopped for longer (SIGSTOP, a debugger) is no slow one; a shorter stop is what load looks like."""
 WANTS_PROCESSOR = b"RD"
 
 
@@ -57,7 +61,7 @@ class Follower:
         self.late_ns = 0
         """Since when it has been late, by the machine's clock; 0 while it is not."""
         self._due_ns = self._looked_ns = 0
-        self._idle_s = 0.0
+        self._idle_s = self._stopped_s = 0.0
         self._given_up = False
 
     def waits(self, due_ns: int, rig_ns: int, machine_ns: int) -> bool:
@@ -70,7 +74,8 @@ class Follower:
         """
         in_time = rig_ns <= due_ns + self._allowed_ns
         if in_time or due_ns != self._due_ns:
-            self._due_ns, self.late_ns, self._idle_s, self._given_up = due_ns, 0, 0.0, False
+            self._due_ns, self.late_ns, self._given_up = due_ns, 0, False
+            self._idle_s = self._stopped_s = 0.0
         if in_time or self._given_up:
             return False
         if not self.late_ns:
@@ -78,9 +83,13 @@ class Follower:
         elif machine_ns - self._looked_ns >= LOOK_NS:
             # A look that comes late says nothing of the time before it.
             looked_s, self._looked_ns = 1e-9 * min(machine_ns - self._looked_ns, 2 * LOOK_NS), machine_ns
-            self._idle_s += 0.0 if wants_processor(self.process) else looked_s
+            state = process_state(self.process)
+            if state is ProcessState.STOPPED:
+                self._stopped_s += looked_s
+            elif not wants_processor(self.process):
+                self._idle_s += looked_s
             hangs = self._idle_s > HANGS_S or machine_ns - self.late_ns > LONGEST_WAIT_NS
-            self._given_up = hangs or not running(self.process)
+            self._given_up = hangs or self._stopped_s > STOPPED_S or state is ProcessState.DEAD
         return not self._given_up
 
 

@@ -32,6 +32,7 @@ from simulators.shared_clock import (
     LONGEST_WAIT_NS,
     LOOK_NS,
     SETPOINT_LATE_NS,
+    STOPPED_S,
     Follower,
     SharedClock,
 )
@@ -78,15 +79,20 @@ def watching(request: pytest.FixtureRequest) -> Iterator[tuple[str, int]]:
     process.wait()
 
 
-def test_a_busy_process_is_waited_for_and_one_that_hangs_is_stopped_or_dead_is_not(watching: tuple[str, int]) -> None:
+def test_a_busy_process_is_waited_for_a_stopped_one_for_seconds_and_one_that_hangs_or_is_dead_is_not(
+    watching: tuple[str, int],
+) -> None:
     does, process = watching
     follower, due_ns = Follower(process, LATE_NS), SECOND
     assert not follower.waits(due_ns, due_ns + LATE_NS, 0), "in time"
     late_ns, machine_ns = due_ns + LATE_NS + 1, MS
     assert follower.waits(due_ns, late_ns, machine_ns)
-    longest_ns = {"busy": LONGEST_WAIT_NS, "idle": int(1.5 * HANGS_S * SECOND)}.get(does, LOOK_NS)
+    longest_ns = {
+        "busy": LONGEST_WAIT_NS, "idle": int(1.5 * HANGS_S * SECOND), "stopped": int(STOPPED_S * SECOND)
+    }.get(does, LOOK_NS)
     while follower.waits(due_ns, late_ns, machine_ns) and machine_ns < 2 * LONGEST_WAIT_NS:
         machine_ns += LOOK_NS if does != "busy" or machine_ns < SECOND else SECOND
+    assert machine_ns >= longest_ns * (does in {"busy", "stopped"})
     assert machine_ns <= longest_ns + 2 * SECOND * (does == "busy") + 2 * LOOK_NS
     assert machine_ns > LONGEST_WAIT_NS or does != "busy"
     assert not follower.waits(due_ns + SECOND, late_ns, machine_ns), "it has had its turn again"
