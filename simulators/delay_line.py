@@ -25,6 +25,5 @@ class DelayLine:
         if self._past is None:
             self._past = np.full(self._whole + 1, signal[0])
         known = np.concatenate((self._past, signal))
-        newest = len(self._past) - self._whole + np.arange(len(signal))
         self._past = known[len(signal):]
-        return np.asarray((1.0 - self._share) * known[newest] + self._share * known[newest - 1])
+        return np.asarray((1.0 - self._share) * known[1:1 + len(signal)] + self._share * known[:len(signal)])

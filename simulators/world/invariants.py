@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from rig.bench.model import Bench
 from rig.campaign.results import INVALID, VALID, RigState
 from rig.campaign.stop_cause import CURRENT_FLOWS, because
 from rig.errors import EXIT_STOPPED, FileProblem
@@ -23,7 +22,17 @@ from simulators.world.motion_invariants import MOTION_CHECKS
 from simulators.world.plan import DEATHS, DISK, OF_THE_STATION, SIGNALS
 from simulators.world.proof_invariants import PROOF_CHECKS
 from simulators.world.stop_invariants import STOP_CHECKS, STOPS
-from simulators.world.view import KILLING, NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
+from simulators.world.view import (
+    KILLING,
+    NO_CURRENT_A,
+    STILL_M_S,
+    STUCK_CURRENT,
+    Findings,
+    View,
+    bench_of,
+    description,
+    read_once,
+)
 from simulators.world.world import EVERY_S, MOST_SESSIONS, World
 
 SUSPECT = "suspect"
@@ -144,7 +153,7 @@ def points_are_there(view: View) -> Findings:
     for name, line in told.items():
         path = view.world.folder / "points" / Path(line["file"]).name
         try:
-            point = RecordedPoint.open(path)
+            point = read_once(RecordedPoint.open, path)
         except (OSError, FileProblem) as error:
             yield f"{name}: told to be finished, and {error}", float(line["host_ns"])
             continue
@@ -180,10 +189,10 @@ def a_current_that_is_left_is_told(view: View) -> Findings:
 
     After an S1 nobody looks at the resting force any more: there it is enough that 0 A is told to be not proved.
     """
-    answer, path = view.session.answer, view.world.root / "bench.toml"
-    if answer is None or not path.exists() or answer.rig_state is RigState.UNKNOWN:
+    answer, bench = view.session.answer, bench_of(view)
+    if answer is None or bench is None or answer.rig_state is RigState.UNKNOWN:
         return
-    limit_A = Bench.load(path).limits.current_A + MORE_A
+    limit_A = bench.limits.current_A + MORE_A
     rows = view.between(view.session.ended_ns - LEFT_NS, view.session.ended_ns)
     if not len(rows) or np.min(np.abs(rows[:, 2])) <= limit_A:
         return
@@ -215,7 +224,8 @@ def recorded_is_what_was_there(view: View) -> Findings:
         if line.get("event") != "judged" or line.get("verdict") != VALID or str(line["id"]) not in began:
             continue
         try:
-            point = RecordedPoint.open(view.world.folder / "points" / str(line["file"]).rpartition("/")[2])
+            path = view.world.folder / "points" / str(line["file"]).rpartition("/")[2]
+            point = read_once(RecordedPoint.open, path)
         except (OSError, FileProblem):
             continue  # told by another check
         began_ns = began[str(line["id"])]
@@ -250,10 +260,10 @@ def what_is_finished_is_not_run_again(view: View) -> Findings:
 
 def limits_stop_the_rig(view: View) -> Findings:
     """Nobody lets rod, force, current or coil stay beyond the bench's limits."""
-    path = view.world.root / "bench.toml"
-    if not path.exists() or not len(view.session.truth.arrays):
+    bench = bench_of(view)
+    if bench is None or not len(view.session.truth.arrays):
         return
-    limits = Bench.load(path).limits
+    limits = bench.limits
     speed_m_s = (1.0 + FASTER_SHARE) * limits.speed_m_s + FASTER_M_S
     force_N = (1.0 + STRONGER_SHARE) * limits.force_N
     current_A, temperature_degC = limits.current_A + MORE_A, limits.coil_temperature_degC + HOTTER_K
@@ -314,7 +324,7 @@ def _measured_ns(view: View, line: dict[str, Any]) -> tuple[float, float] | None
     if view.world.folder is None:
         return None
     try:
-        point = RecordedPoint.open(view.world.folder / "points" / Path(str(line["file"])).name, whole=False)
+        point = read_once(description, view.world.folder / "points" / Path(str(line["file"])).name)
     except (OSError, FileProblem):
         return None  # told by another check
     quality, stamps = line.get("quality") or {}, point.raw("displacement")
@@ -367,7 +377,7 @@ def skew_covers_the_truth(world: World) -> Iterator[str]:
         return
     for path in sorted((world.folder / "points").glob("*.h5")):
         try:
-            quality = RecordedPoint.open(path, whole=False).quality
+            quality = read_once(description, path).quality
         except (OSError, FileProblem):
             continue
         skew = quality.skew

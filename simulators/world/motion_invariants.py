@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bench.model import Bench
-from rig.matrix.model import load_matrix
 from rig.matrix.point import TestPoint
 from rig.matrix.streaming import peaks
-from simulators.world.view import STILL_M_S, Findings, View
+from simulators.world.view import STILL_M_S, Findings, View, bench_of, points_of
 from simulators.world.world import EVERY_S
 
 Rows = NDArray[np.float64]
@@ -114,10 +113,10 @@ class Motion:
 
 def motion_of(view: View) -> Motion | None:
     """The motions of a session; None where it has no bench or matrix."""
-    matrix, bench = view.world.root / "matrix.toml", view.world.root / "bench.toml"
-    if not (matrix.exists() and bench.exists() and len(view.session.truth.arrays)):
+    points, bench = points_of(view), bench_of(view)
+    if points is None or bench is None or not len(view.session.truth.arrays):
         return None
-    return Motion(Bench.load(bench), tuple(load_matrix(matrix).points()))
+    return Motion(bench, points)
 
 
 def _ours(view: View) -> Rows:

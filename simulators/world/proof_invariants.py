@@ -7,11 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.bench.model import Bench
 from rig.campaign.stop_cause import CURRENT_FLOWS
 from rig.faults.matrix import MATRIX
 from rig.faults.row import StopKind
-from simulators.world.view import NO_CURRENT_A, STILL_M_S, Findings, View
+from simulators.world.view import NO_CURRENT_A, STILL_M_S, Findings, View, bench_of
 from simulators.world.world import EVERY_S
 
 SEEN_NS = 20e6
@@ -71,8 +70,8 @@ def what_is_proved_is_true(view: View) -> Findings:
 
 def _heard_ns(view: View) -> float:
     """So old is the truth that a proof of 0 A tells of, at most: a status counts until its source is called silent."""
-    path = view.world.root / "bench.toml"
-    silent_s = Bench.load(path).ecu.silent_after_s if path.exists() else 0.0
+    bench = bench_of(view)
+    silent_s = 0.0 if bench is None else bench.ecu.silent_after_s
     return 1e9 * (silent_s + HANDED_OVER_S)
 
 

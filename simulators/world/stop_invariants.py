@@ -10,15 +10,13 @@ import numpy as np
 
 from drivers.catalogue import make_actuator
 from drivers.connection import ActuatorConnection
-from rig.bench.model import Bench
 from rig.errors import EXIT_REFUSED
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, StopKind
-from rig.matrix.model import load_matrix
 from simulators.controller_firmware import Command
 from simulators.world.plan import DISK, FOREIGN, OF_THE_STATION, SIGNALS
 from simulators.world.proof_invariants import moving_by_itself
-from simulators.world.view import KILLING, NO_CURRENT_A, STUCK_CURRENT, WAY, Findings, View
+from simulators.world.view import KILLING, NO_CURRENT_A, STUCK_CURRENT, WAY, Findings, View, bench_of, points_of
 
 STILL_AFTER_S = 3.0
 """From a latched stop to standstill, at least: a fast motion's last cycles and a controller left to its watchdog; what
@@ -109,11 +107,11 @@ SPOILED = frozenset({"sensor-nan", "sample-gap", "rtu-stale"})
 
 def _still_after_s(view: View) -> float:
     """From a latched stop to standstill (s): a controller left alone notices it, and fades the slowest motion out."""
-    matrix, bench = view.world.root / "matrix.toml", view.world.root / "bench.toml"
-    if not matrix.exists() or not bench.exists():
+    points, bench = points_of(view), bench_of(view)
+    if points is None or bench is None:
         return STILL_AFTER_S
-    actuator = Bench.load(bench).actuator
-    period_s = max((1.0 / point.frequency_Hz for point in load_matrix(matrix).points()), default=0.0)
+    actuator = bench.actuator
+    period_s = max((1.0 / point.frequency_Hz for point in points), default=0.0)
     fade_s = (actuator.fade_out_cycles + 1.0) * period_s
     return max(STILL_AFTER_S, actuator.watchdog_s + fade_s + STOPPED_BY_S)
 
@@ -179,11 +177,11 @@ def a_foreign_stop_is_noticed(view: View) -> Findings:
 
 def _leaves_no_trace(view: View, at_ns: float) -> bool:
     """A halt that is over within two polls, of a controller that acknowledges no command: it is led on from there."""
-    path = view.world.root / "bench.toml"
+    bench = bench_of(view)
     rows = view.between(at_ns - SHORTLY_NS, at_ns + SHORTLY_NS)
-    if not path.exists() or not len(rows):
+    if bench is None or not len(rows):
         return False
-    actuator = Bench.load(path).actuator
+    actuator = bench.actuator
     shows = make_actuator(actuator.register_map, ActuatorConnection(actuator.url)).capabilities.acknowledge
     halts_s = np.max(np.abs(rows[:, 1])) / actuator.halt_deceleration_m_s2
     return not shows and bool(halts_s < 2.0 * actuator.poll_s)
@@ -294,10 +292,10 @@ def a_fault_ends_the_motion(view: View) -> Findings:
 
 def a_program_ends(view: View) -> Findings:
     """Nobody lets a controller run on for long after the end of the program that was ordered."""
-    path, log = view.world.root / "matrix.toml", view.session.truth.log
-    if view.session.answer is None or not path.exists():
+    points, log = points_of(view), view.session.truth.log
+    if view.session.answer is None or points is None:
         return
-    motion_s = {point.id: point.motion_s for point in load_matrix(path).points()}
+    motion_s = {point.id: point.motion_s for point in points}
     latched = [float(trip["latched_ns"]) for trip in view.station("trip")]
     starts = [line.host_ns for line in log if line.code == Command.START.name]
     motions = [*starts, *(line.host_ns for line in log if line.code == Command.MOVE_TO.name)]

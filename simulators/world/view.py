@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
 from rig.bench.model import Bench
 from rig.faults.matrix import MATRIX
+from rig.matrix.model import load_matrix
+from rig.matrix.point import TestPoint
+from rig.recording.recorded_point import RecordedPoint
 from simulators.world.plan import FOREIGN, OF_THE_STATION, STALLS
 from simulators.world.world import Session, World
 
+T = TypeVar("T")
 Findings = Iterator[tuple[str, float]]
 """What does not hold, and when (ns of the host's clock)."""
 
@@ -32,6 +38,47 @@ PRESSING = frozenset({"load-train:jammed"})
 STARTING = ("centring", "proving the sensors by a slow move")
 
 
+@functools.lru_cache(maxsize=32)
+def _read(read: Callable[[Path], Any], path: Path, _stamp: tuple[int, int, int]) -> Any:  # noqa: ANN401
+    return read(path)
+
+
+def read_once(read: Callable[[Path], T], path: Path) -> T:
+    """What `read` returns for a file: every check reads the same few files, so each is read once until it changes.
+
+    Raises:
+        OSError: there is no such file; and what `read` raises.
+    """
+    status = path.stat()
+    result: T = _read(read, path, (status.st_ino, status.st_size, status.st_mtime_ns))
+    return result
+
+
+def bench_of(view: View) -> Bench | None:
+    """The bench of a scenario; None where it has none."""
+    path = view.world.root / "bench.toml"
+    return read_once(Bench.load, path) if path.exists() else None
+
+
+def points_of(view: View) -> tuple[TestPoint, ...] | None:
+    """The points of a scenario's matrix; None where it has none."""
+    path = view.world.root / "matrix.toml"
+    return read_once(_points, path) if path.exists() else None
+
+
+def _points(path: Path) -> tuple[TestPoint, ...]:
+    return tuple(load_matrix(path).points())
+
+
+def description(path: Path) -> RecordedPoint:
+    """A recorded point of which only what is read is checked.
+
+    Raises:
+        FileProblem: as `RecordedPoint.open`.
+    """
+    return RecordedPoint.open(path, whole=False)
+
+
 class View:
     """A session with its lines of the journal."""
 
@@ -47,8 +94,8 @@ class View:
     @property
     def by_hand(self) -> bool:
         """Somebody sets the current: no stop takes it away, it is asked for."""
-        path = self.world.root / "bench.toml"
-        return path.exists() and Bench.load(path).ecu.by_hand
+        bench = bench_of(self)
+        return bench is not None and bench.ecu.by_hand
 
     @property
     def stalled_s(self) -> float:

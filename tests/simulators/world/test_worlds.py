@@ -14,7 +14,6 @@ from collections import Counter
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -96,7 +95,7 @@ def test_a_program_that_outlasts_its_length_and_a_current_at_the_end_are_found(
     """As if half of the motion had been ordered, and the bench allowed less than no current."""
     ordered = load_matrix(undisturbed[0].root / "matrix.toml").points()
     halves = [replace(point, cycles=0.4 * point.cycles) for point in ordered]
-    monkeypatch.setattr(stop_invariants, "load_matrix", lambda _: SimpleNamespace(points=lambda: halves))
+    monkeypatch.setattr(stop_invariants, "points_of", lambda _: halves)
     monkeypatch.setattr(invariants, "MORE_A", -100.0)
     assert {"overrun", "current-told"} <= {failed for failed, _, _ in judged(undisturbed[0])}
 
