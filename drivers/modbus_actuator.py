@@ -24,7 +24,7 @@ from drivers.register_maps.map_origins import map_origins
 from drivers.register_maps.needs import is_numbered
 from drivers.register_maps.proof import unproved
 from drivers.register_maps.quantity import Value
-from drivers.register_maps.recipe import Recipe, Write, values_of
+from drivers.register_maps.recipe import Recipe, Write, position_for, values_of
 from drivers.roles import (
     ActuatorIdentity,
     ActuatorLimits,
@@ -315,9 +315,9 @@ class ModbusActuator:
         return recipe
 
     def _started(self, command: Command, sequence: int, recipe: Recipe, order: Move | Program | None) -> RecipeRun:
-        given: dict[str, Value] = {
-            "sequence": sequence, "owner": self.owner_id, "position": self._position_m
-        }
+        stops = command in STOPS and command not in PRESSURISES
+        position_m = position_for(recipe, self._position_m) if stops else self._position_m
+        given: dict[str, Value] = {"sequence": sequence, "owner": self.owner_id, "position": position_m}
         codes = {number: own[0] for number, own in self._map.words.waveforms.codes.items()}
         return RecipeRun(command, sequence, recipe, given | values_of(order, codes))
 

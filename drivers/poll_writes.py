@@ -8,7 +8,7 @@ from drivers.capabilities import WatchdogKind
 from drivers.register_maps.access_plan import Written
 from drivers.register_maps.condition import Values
 from drivers.register_maps.controller_map import ControllerMap
-from drivers.register_maps.recipe import Recipe, Write
+from drivers.register_maps.recipe import Recipe, Write, position_for
 from drivers.roles import State
 from drivers.setpoint_generator import Setpoint
 
@@ -45,7 +45,8 @@ class PollWrites:
         """
         if self._by_setpoints:
             known = math.isfinite(self._held_m) and not self.halted
-            return self.setpoint(Setpoint(self._held_m, 0.0), counter) if known else []
+            held_m = position_for(self._recipes.setpoint, self._held_m)  # a watchdog is fed wherever the rod is
+            return self.setpoint(Setpoint(held_m, 0.0), counter) if known else []
         self._toggle ^= 1
         return _requests(self._recipes.feed, {"counter": counter % COUNTERS, "toggle": self._toggle})
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import struct
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -33,6 +34,7 @@ WIRE_TYPES: Mapping[str, str] = {
     "f64": "float64", "string": "text", "bit": "bit",
 }
 FLOATS = frozenset({"f32", "f64"})
+LARGEST_FLOATS: Mapping[str, float] = {"f32": (2.0 - 2.0**-23) * 2.0**127, "f64": sys.float_info.max}
 LAST_ADDRESS = 0xFFFF
 
 
@@ -175,6 +177,25 @@ class Quantity:
         except LocalProtocolError:
             return False
         return True
+
+    def nearest(self, value: float) -> float:
+        """The value (SI) that it can hold, nearest to a finite number.
+
+        Raises:
+            LocalProtocolError: it holds text.
+        """
+        if self.holds(value):
+            return value
+        if self.type == "string":
+            raise self._unfit(value, "a number where text belongs")
+        number = (value / self.factor - self.offset) / self.scale
+        if self.type in FLOATS:
+            raw: float = math.copysign(LARGEST_FLOATS[self.type], number)
+        else:
+            bits = 1 if self.type == "bit" else 16 * self.length
+            least = -(1 << bits - 1) if self.type.startswith("i") else 0
+            raw = min(max(round(number), least), least + (1 << bits) - 1)
+        return raw if self.whole else self._si(raw)
 
     def _unfit(self, value: Value, why: str) -> LocalProtocolError:
         return LocalProtocolError(f"{self.name!r} ({self.type} at {self.address}) cannot hold {value!r}: {why}")

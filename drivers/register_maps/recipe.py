@@ -81,6 +81,18 @@ Step = Write | Wait | Pause
 Recipe = tuple[Step, ...]
 
 
+def position_for(recipe: Recipe, position_m: float) -> float:
+    """The position (m) nearest to where the rod is that the registers of a recipe can hold.
+
+    A stop must go out wherever the rod is, also beyond the range of the register that the stop writes it to.
+    """
+    for step in recipe:
+        if isinstance(step, Write):
+            for quantity, value in step.values.items():
+                position_m = quantity.nearest(position_m) if value == "$position" else position_m
+    return position_m
+
+
 def values_of(order: Move | Program | None, codes: Mapping[int, int]) -> dict[str, Value]:
     """What a command is about, by the names of `MOVE` and `PROGRAM` (SI).
 

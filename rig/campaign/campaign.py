@@ -216,7 +216,7 @@ def _run(
     signals: Signals,
     display: Display,
 ) -> CampaignResult:
-    baseline = read_baseline(start.folder, needed=bool(start.stock.results))
+    baseline = read_baseline(start.folder, points_kept=bool(start.stock.results))
     points = tuple(item.point for item in start.plan.points)
     display.phase("starting the station")
     live = signals.live

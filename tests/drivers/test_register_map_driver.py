@@ -16,6 +16,7 @@ from drivers.errors import WrongLayout
 from drivers.modbus_actuator import ModbusActuator
 from drivers.register_maps.entries import Source
 from drivers.register_maps.map_file import read_map
+from drivers.register_maps.quantity import Quantity
 from drivers.roles import Command, Move, Program, Result, State, Waveform
 from drivers.streamed_actuator import as_actuator
 from protocols.errors import LocalProtocolError
@@ -186,6 +187,39 @@ def test_a_stop_goes_before_a_command_that_still_waits_and_counts_when_it_is_wri
     assert len(device.writes()) == before, "the start is not gone on with"
 
 
+@pytest.mark.parametrize(
+    ("type_", "shown", "written"),
+    [
+        ("u16", -5, "0000"),  # the rod is 0.05 mm beyond the register's end
+        ("u16", 123, "007b"),
+        ("i16", 32767, "7fff"),  # 327.67 mm, in a register of steps of 1 um
+    ],
+)
+@pytest.mark.parametrize("command", [Command.HALT, Command.FADE_STOP])
+def test_a_stop_that_writes_the_position_goes_out_wherever_the_rod_is(
+    device: Device, command: Command, type_: str, shown: int, written: str
+) -> None:
+    scale = 0.001 if type_ == "i16" else 0.01
+    text = HANDSHAKE.replace("halt = {write = {code = 9, request = 1}}", 'halt = {write = {hold_at = "$position"}}')
+    register = f'hold_at = {{address = 110, type = "{type_}", scale = {scale}, unit = "mm"}}'
+    text = text.replace("[identity]", f"{register}\n[identity]")
+    device.words["input"][:2] = [2, shown & 0xFFFF]
+    actuator = driven(device, text)
+    actuator.send(command)
+    assert device.writes() == ["1000" + "6e" + "0001" + "02" + written]
+
+
+@pytest.mark.parametrize(("type_", "length"), [("u16", 1), ("i16", 1), ("u32", 2), ("i32", 2), ("f32", 2), ("f64", 4)])
+@pytest.mark.parametrize("value", [-1e300, -0.02, 0.0, 0.0123456, 1e300])
+def test_the_nearest_value_is_one_that_the_register_holds(type_: str, length: int, value: float) -> None:
+    for scale in (0.01, 1.0, -1.0):
+        quantity = Quantity("hold_at", "holding", 0, type_, length, scale=scale, factor=1e-3)
+        nearest = quantity.nearest(value)
+        assert quantity.holds(nearest)
+        assert (nearest == value) is quantity.holds(value)
+    assert Quantity("whole", "holding", 0, "u16").nearest(70000.4) == 0xFFFF
+
+
 def test_what_moves_is_what_was_asked_for_and_cycles_are_counted_by_time(device: Device) -> None:
     device.words["discrete"][:2] = [1, 1]
     actuator = driven(device, HANDSHAKE)
@@ -248,6 +282,19 @@ def test_set_points_are_laid_where_the_rod_is_before_it_can_move_and_then_stream
     assert device.writes()[-1] == "100014000204" + "41b40000"
     with pytest.raises(LocalProtocolError, match="reset is nothing this controller knows"):
         actuator.send(Command.RESET)
+
+
+def test_a_watchdog_that_set_points_feed_is_fed_wherever_the_rod_is(device: Device) -> None:
+    """The rod is 0.05 mm beyond what the set-point's register can hold."""
+    text = STREAMED.replace('{address = 20, type = "f32", unit = "mm"}', '{address = 20, scale = 0.01, unit = "mm"}')
+    watched = '[watchdog]\nkind = "setpoints"\n[faults]\nwatchdog = {quantity = "enable"}\n[state]'
+    text = text.replace("[state]", watched)
+    text = text.replace("[setpoint]", "reset = {write = {enable = 0}}\nhalt = {write = {enable = 3}}\n[setpoint]")
+    device.words["holding"][:2] = list(struct.unpack(">2H", struct.pack(">f", -0.05)))
+    actuator = driven(device, text)
+    actuator.read_status()
+    actuator.exchange(1)
+    assert device.writes() == ["1000140001" + "02" + "0000"]
 
 
 def test_a_watchdog_that_set_points_feed_is_fed_from_the_first_poll_on_and_starved_by_reading(device: Device) -> None:

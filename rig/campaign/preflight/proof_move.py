@@ -260,15 +260,16 @@ class Baseline:
 
     Args:
         folder: the campaign's directory.
+        anew: ignore the file; `keep` replaces it.
 
     Raises:
         FileProblem: the file is there but cannot be used.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, anew: bool = False) -> None:
         self._path = folder / "baseline.json"
         self._values: dict[str, Any] = {}
-        if self._path.is_file():
+        if self._path.is_file() and not anew:
             self._values = read_json(self._path)
 
     @property
@@ -340,25 +341,28 @@ def _lasting(device: str, identities: Mapping[str, Any]) -> dict[str, Any]:
     return {name: entry[name] for name in LASTING.get(device, ()) if name in entry}
 
 
-def read_baseline(folder: Path, *, needed: bool = False) -> Baseline:
+def read_baseline(folder: Path, *, points_kept: bool) -> Baseline:
     """What the campaign's first session found; damaged entries are found now, not in motion.
 
     Args:
         folder: the campaign's directory.
-        needed: points of an earlier session are kept: the rest must be measured on the same damper and devices.
+        points_kept: points of an earlier session are kept: the rest must be measured on the same damper and devices.
+            Otherwise no result depends on the baseline, and this session measures it again: one that was measured
+            with a load cell that was not tared would refuse every later session.
 
     Raises:
-        FileProblem: the file cannot be used, or is missing where it is needed.
+        FileProblem: points are kept, and the file is missing or cannot be used.
     """
+    if not points_kept:
+        return Baseline(folder, anew=True)
     baseline = Baseline(folder)
-    if needed and baseline.signature is None:
+    if baseline.signature is None:
         text = "is missing or empty, and points are kept: nobody can tell that this is their damper and their devices; "
         raise FileProblem(str(folder / "baseline.json"), [text + "put the file back, or begin a new campaign"])
-    if baseline.signature is not None:
-        try:
-            baseline.other_device({})
-        except (AttributeError, TypeError, ValueError) as error:
-            raise FileProblem(str(folder / "baseline.json"), [f"devices: {error!r}"]) from error
+    try:
+        baseline.other_device({})
+    except (AttributeError, TypeError, ValueError) as error:
+        raise FileProblem(str(folder / "baseline.json"), [f"devices: {error!r}"]) from error
     return baseline
 
 

@@ -130,6 +130,15 @@ def test_a_damaged_baseline_is_said_and_not_believed(tmp_path: Path, text: str) 
 def test_kept_points_want_the_first_session_s_damper_and_devices(tmp_path: Path, content: str | None) -> None:
     if content is not None:
         (tmp_path / "baseline.json").write_text(content, encoding="utf-8")
-    assert read_baseline(tmp_path).signature is None, "nothing was measured yet"
+    assert read_baseline(tmp_path, points_kept=False).signature is None, "nothing was measured yet"
     with pytest.raises(FileProblem, match=r"baseline\.json: is missing or empty, and points are kept.*begin a new"):
-        read_baseline(tmp_path, needed=True)
+        read_baseline(tmp_path, points_kept=True)
+
+
+def test_without_kept_points_the_baseline_is_measured_again(tmp_path: Path) -> None:
+    """A first session with a load cell that was not tared must not refuse all later ones (scenario 1030031)."""
+    Baseline(tmp_path).keep(IDENTITIES, Signature(234.0, 11.0), 23.0)
+    anew = read_baseline(tmp_path, points_kept=False)
+    assert anew.signature is None
+    anew.keep(IDENTITIES, Signature(-265.0, 11.0), 23.0)
+    assert read_baseline(tmp_path, points_kept=True).signature == Signature(-265.0, 11.0)
