@@ -130,16 +130,26 @@ def checks(arguments: list[str]) -> int:
     if arguments:
         return run(program("python"), "-m", "pytest", *arguments)
     packages = [*PACKAGES, "tests", "docs", "examples", "README.md", "CHANGELOG.md"]
-    codes = [
-        checked("ruff", partial(run, program("ruff"), "check", ".")),
-        checked("codespell", partial(run, program("codespell"), *packages)),
-        checked("import-linter", partial(run, program("lint-imports"), "--no-cache")),
-    ]
-    started = time.perf_counter()
-    code = max(codes, key=abs) or beside_tests()
+    static = {
+        "ruff": (program("ruff"), "check", "."),
+        "codespell": (program("codespell"), *packages),
+        "import-linter": (program("lint-imports"), "--no-cache"),
+    }
+    started, spent_s = time.perf_counter(), processor_s()
+    with ThreadPoolExecutor(SIDE_BY_SIDE) as pool:
+        codes = [pool.submit(checked, name, partial(run, *command)) for name, command in static.items()]
+    tests_started = time.perf_counter()
+    code = max((future.result() for future in codes), key=abs) or beside_tests()
+    ended, spent_s = time.perf_counter(), processor_s() - spent_s
     print("dev.py: all checks passed" if code == 0 else f"dev.py: FAILED (exit {code})", end=", ")
-    print(f"tests {time.perf_counter() - started:.0f} s", flush=True)
+    print(f"tests {ended - tests_started:.0f} s, all {ended - started:.0f} s, processor time {spent_s:.0f} s", flush=True)
     return code
+
+
+def processor_s() -> float:
+    """Processor time (s), user and system, of the processes that have been started and have ended."""
+    spent = os.times()
+    return spent.children_user + spent.children_system
 
 
 def beside_tests() -> int:

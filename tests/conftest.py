@@ -8,8 +8,9 @@ import os
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from hashlib import sha256
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 
 import pytest
@@ -106,16 +107,27 @@ def ours_of(session: pytest.Session, folder: Path) -> Iterator[pytest.Item]:
     timed = [item for item in free if item not in set(computing)]
     timed.sort(key=lambda item: not item.path.is_relative_to(COMPILING))
     first, lock = session.config.getoption("--then-wires"), session.config.getoption("--lock")
-    yield from taken(timed, folder, backwards=not first)
+    yield from chain.from_iterable(taken(timed, folder, backwards=not first))
+    units = taken(computing, folder, backwards=not first)
     if first:
-        with (folder / "others").open("w") as others:
-            fcntl.flock(others, fcntl.LOCK_EX)
+        yield from chain.from_iterable(until_alone(units, folder))
         session.config.get_terminal_writer().line("\non real processes and wires:")
         yield from wired
-    for item in taken(computing, folder, backwards=not first):
+    for item in chain.from_iterable(units):
         yield item
         if lock is not None and had() > CROWDED:  # asked for one more: the last that looks at a clock has run
             give_way(lock)
+
+
+def until_alone(units: Iterator[list[pytest.Item]], folder: Path) -> Iterator[list[pytest.Item]]:
+    """Units to run while another process still runs tests that look at a clock; returns when none does."""
+    with (folder / "others").open("w") as others:
+        for unit in units:
+            yield unit
+            with suppress(BlockingIOError):
+                fcntl.flock(others, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return
+        fcntl.flock(others, fcntl.LOCK_EX)
 
 
 def had() -> float:
@@ -131,7 +143,7 @@ def give_way(lock: int) -> None:
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
-def taken(items: list[pytest.Item], folder: Path, *, backwards: bool) -> Iterator[pytest.Item]:
+def taken(items: list[pytest.Item], folder: Path, *, backwards: bool) -> Iterator[list[pytest.Item]]:
     """The tests of each file that is free when its turn comes, and those marked `apart` each by itself.
 
     Who begins at the other end neither compiles nor waits for what the first one is compiling.
@@ -142,7 +154,7 @@ def taken(items: list[pytest.Item], folder: Path, *, backwards: bool) -> Iterato
             (folder / sha256(name.encode()).hexdigest()).touch(exist_ok=False)
         except FileExistsError:
             continue
-        yield from tests
+        yield tests
 
 
 def unit(item: pytest.Item) -> str:

@@ -6,6 +6,7 @@ By the rules of `rig.signals.stopping`, with the configured halt deceleration; t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
 from rig.signals.arrays import FloatArray
 from rig.signals.stopping import CYCLE_STEPS, Cycles, Reach, halted_m, reach
+from rig.signals.waveform import Waveform
 from rig.units import show
 
 HARDEST_FIT_M_S2 = 500.0
@@ -90,7 +92,10 @@ def _about_centre(point: TestPoint, matrix: Matrix, fade_out_cycles: float, dece
     if point.record is not None:
         position_m, velocity_m_s, _ = point.record.motion(point.amplitude_m)
         return _of_samples(position_m, velocity_m_s, deceleration_m_s2)
-    return reach(_cycles(point, fade_out_cycles).path(), deceleration_m_s2)
+    ramps = (point.ramp_in_cycles, point.ramp_out_cycles)
+    return _of_cycles(
+        point.shape, point.amplitude_m, point.frequency_Hz, *ramps, point.cycles, fade_out_cycles, deceleration_m_s2
+    )
 
 
 def _of_samples(position_m: FloatArray, velocity_m_s: FloatArray, deceleration_m_s2: float) -> Reach:
@@ -98,9 +103,13 @@ def _of_samples(position_m: FloatArray, velocity_m_s: FloatArray, deceleration_m
     return Reach(float(np.min(ends_m)), float(np.max(ends_m)))
 
 
-def _cycles(point: TestPoint, fade_out_cycles: float) -> Cycles:
-    value, change, _ = point.shape.shape(np.arange(CYCLE_STEPS) / CYCLE_STEPS)
-    return Cycles(
-        list(zip(value.tolist(), change.tolist(), strict=True)), point.amplitude_m, point.frequency_Hz,
-        point.ramp_in_cycles, point.ramp_out_cycles, point.cycles, fade_out_cycles,
-    )
+@lru_cache(maxsize=4096)
+def _of_cycles(
+    shape: Waveform, amplitude_m: float, frequency_Hz: float, ramp_in_cycles: float, ramp_out_cycles: float,
+    cycles: float, fade_out_cycles: float, deceleration_m_s2: float,
+) -> Reach:  # fmt: skip
+    """Cached: a matrix repeats a motion at each current, and a plan checks each point several times."""
+    value, change, _ = shape.shape(np.arange(CYCLE_STEPS) / CYCLE_STEPS)
+    unit = list(zip(value.tolist(), change.tolist(), strict=True))
+    motion = Cycles(unit, amplitude_m, frequency_Hz, ramp_in_cycles, ramp_out_cycles, cycles, fade_out_cycles)
+    return reach(motion.path(), deceleration_m_s2)

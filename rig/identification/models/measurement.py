@@ -50,7 +50,7 @@ class MotionError:
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Whole cycles of one test, motion about mid-stroke; all arrays have shape (n,).
+    """Whole cycles of one test, motion about mid-stroke; all arrays have shape (n,) and are kept contiguous.
 
     Attributes:
         id: the test point's id.
@@ -148,6 +148,10 @@ class Measurement:
                     f"{self.id}: {name}[{broken[0]}] = {values[broken[0]]:g} ({broken.size} such samples), expected "
                     "numbers; where the force is unknown give 0, and False in `usable`"
                 )
+        for name in ARRAYS:  # a model is compiled again for arrays that are not contiguous: seconds for each
+            values = getattr(self, name)
+            if values is not None and not values.flags.c_contiguous:
+                object.__setattr__(self, name, np.ascontiguousarray(values))
 
     @property
     def scored(self) -> BoolArray:
@@ -193,6 +197,7 @@ class Measurement:
     def moved(self, u_m: FloatArray, v_m_s: FloatArray, a_m_s2: FloatArray) -> Measurement:
         """The same with another motion, shape (n,) each."""
         other = copy(self)
+        u_m, v_m_s, a_m_s2 = map(np.ascontiguousarray, (u_m, v_m_s, a_m_s2))
         other.__dict__.update(u_m=u_m, v_m_s=v_m_s, a_m_s2=a_m_s2)
         return other
 

@@ -35,7 +35,9 @@ def long_matrix(**changes: object) -> Matrix:
     return Matrix.model_validate({"format": 1, "specimen": specimen, "matrix": {**sweep, **changes}})
 
 
-LONG = plan(long_matrix(), DEMO)
+@pytest.fixture(scope="module")
+def long_plan() -> Plan:
+    return plan(long_matrix(), DEMO)
 
 
 def words(text: str) -> str:
@@ -65,26 +67,26 @@ def test_names_as_long_as_they_may_be_fit_at_every_width(width: int) -> None:
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_a_long_plan_is_shown_by_groups_with_its_hours(width: int) -> None:
-    lines = [text for text, _ in PlanText(LONG).lines(width)]
-    bad = sum(not item.feasible for item in LONG.points)
+def test_a_long_plan_is_shown_by_groups_with_its_hours(width: int, long_plan: Plan) -> None:
+    lines = [text for text, _ in PlanText(long_plan).lines(width)]
+    bad = sum(not item.feasible for item in long_plan.points)
     assert 0 < bad < 5000
     assert lines[0] == f"{bad} of 5000 points infeasible"
     assert len(lines) < 100
     assert max(map(len, lines)) <= width
     text = words("\n".join(lines))
-    assert LONG.duration_s is not None
-    assert f"{int(LONG.duration_s / 3600)} h {round(LONG.duration_s / 60) % 60} min of rig time" in text
+    assert long_plan.duration_s is not None
+    assert f"{int(long_plan.duration_s / 3600)} h {round(long_plan.duration_s / 60) % 60} min of rig time" in text
     assert f"feasible: {5000 - bad} points, 2 to 40 mm, 0.1 to 5 Hz, 0 to 2 A" in text
-    for group in {item.causes[0].slug for item in LONG.points if item.causes}:
+    for group in {item.causes[0].slug for item in long_plan.points if item.causes}:
         assert f"infeasible ({group}" in text
     assert "rows shown; --all shows all of them, --json as data" in text
 
 
-def test_with_all_every_row_and_every_reason_is_shown() -> None:
-    text = "\n".join(line for line, _ in PlanText(LONG, everything=True).lines(132))
-    assert all(f"\n{item.point.id} " in text for item in LONG.points)
-    assert text.count("would fit") == sum(not item.feasible for item in LONG.points)
+def test_with_all_every_row_and_every_reason_is_shown(long_plan: Plan) -> None:
+    text = "\n".join(line for line, _ in PlanText(long_plan, everything=True).lines(132))
+    assert all(f"\n{item.point.id} " in text for item in long_plan.points)
+    assert text.count("would fit") == sum(not item.feasible for item in long_plan.points)
 
 
 def test_piped_output_does_not_depend_on_the_terminal(

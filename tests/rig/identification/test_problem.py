@@ -12,6 +12,7 @@ from rig.dampers.catalogue import UnknownName
 from rig.errors import IdentificationFailed
 from rig.identification import Measurement, Method, Problem, identify
 from rig.identification.models.coil import with_lag
+from rig.identification.models.measurement import thinned
 from rig.identification.models.model_slope import modelled_force
 
 Make = Callable[..., list[Measurement]]
@@ -184,3 +185,13 @@ def test_the_hybrid_reaches_the_noise_where_its_swarm_alone_does_not(make_synthe
     assert both.error.rmse_N == pytest.approx(5.0, rel=0.05)
     assert alone.error.rmse_N > 2.0 * both.error.rmse_N
     assert both.evaluations <= 4000
+
+
+def test_a_model_meets_arrays_of_one_layout_only(make_synthetic: Make) -> None:
+    """Numba compiles a model once more for arrays that are not contiguous."""
+    (test,) = make_synthetic(dict(parameter_set("demo").values), (1.0,), (1.0,))
+    columns = np.column_stack((test.u_m, test.v_m_s, test.a_m_s2, test.current_A)).T
+    strided = replace(test, **dict(zip(("u_m", "v_m_s", "a_m_s2", "current_A"), columns, strict=True)))
+    for given in (strided, thinned(test, 4), test.moved(*columns[:3])):
+        arrays = (given.u_m, given.v_m_s, given.a_m_s2, given.current_A, given.force_N)
+        assert all(values.flags.c_contiguous for values in arrays)
