@@ -142,7 +142,8 @@ def checks(arguments: list[str]) -> int:
     code = max((future.result() for future in codes), key=abs) or beside_tests()
     ended, spent_s = time.perf_counter(), processor_s() - spent_s
     print("dev.py: all checks passed" if code == 0 else f"dev.py: FAILED (exit {code})", end=", ")
-    print(f"tests {ended - tests_started:.0f} s, all {ended - started:.0f} s, processor time {spent_s:.0f} s", flush=True)
+    print(f"tests {ended - tests_started:.0f} s, all {ended - started:.0f} s", end=", ")
+    print(f"processor time {spent_s:.0f} s", flush=True)
     return code
 
 
