@@ -19,7 +19,7 @@ from rig.identification import Fit
 
 DT_S = 1e-3
 T_S = np.arange(500) * DT_S
-NAMES = ("asymmetric", "sprung_bouc_wen", "lost_motion", "modified_bouc_wen", "lugre", "asymmetric+saturating")
+NAMES = ("asymmetric", "lost_motion", "sprung_bouc_wen", "modified_bouc_wen", "lugre", "asymmetric+saturating")
 LAW = {"k_sat": 0.4}
 BAND = {"current_A": [0.0, 2.0], "half_width_N": [5.0, 5.0], "source": "fitted tests"}
 TESTED = {
@@ -107,6 +107,7 @@ def close(found: np.ndarray, wanted: np.ndarray) -> None:
     assert np.max(np.abs(found - wanted)) < 2e-6 * np.max(np.abs(wanted))
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("name", NAMES)
 def test_exported_code_gives_the_force_of_simulate_and_of_the_inverse(name: str, tmp_path: Path) -> None:
     """Behind a spring the inverse tells the force that the current leads to, `simulate` the one on the way there."""

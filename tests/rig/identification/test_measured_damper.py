@@ -113,6 +113,7 @@ def test_the_data_choose_the_model_made_for_real_dampers(measured: list[Measurem
     assert errors == sorted(errors, reverse=True)  # type: ignore[type-var]  # tests were held out
 
 
+@pytest.mark.nightly
 def test_what_the_best_model_lacks_is_no_second_damper(measured: list[Measurement]) -> None:
     fit = identify(measured, model="thixotropic_bouc_wen")
     assert fit.adequate is False
@@ -129,6 +130,7 @@ def test_no_sign_is_doubted_in_the_tests_without_current_whose_zeros_differ(meas
     assert "force-offset" in slugs
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("id_", "gain"), [("25mm0x25Hz_0.25A", 10.0), ("2mm5Hz_0.00A", 0.1), ("5mm3Hz_1.00A", 2.0)])
 def test_one_wrong_gain_among_twenty_is_named_with_its_test(
     measured: list[Measurement], id_: str, gain: float
@@ -139,6 +141,7 @@ def test_one_wrong_gain_among_twenty_is_named_with_its_test(
     assert first.text.startswith(f"{id_} does not fit")
 
 
+@pytest.mark.nightly
 def test_one_current_told_wrong_among_twenty_is_named_and_the_others_are_not(measured: list[Measurement]) -> None:
     altered = [
         replace(test, current_A=np.full(test.u_m.size, 0.75)) if test.id == "25mm0x25Hz_0.25A" else test

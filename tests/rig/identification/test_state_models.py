@@ -75,6 +75,7 @@ def moved(
     return test
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("named", [SPRUNG, "demo-thixotropic-bouc-wen"], ids=["sprung", "thixotropic"])
 @pytest.mark.parametrize(
     ("currents_A", "motions"),
