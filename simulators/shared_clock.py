@@ -61,7 +61,8 @@ class Follower:
         self.late_ns = 0
         """Since when it has been late, by the machine's clock; 0 while it is not."""
         self._due_ns = self._looked_ns = 0
-        self._idle_s = self._stopped_s = 0.0
+        self._stopped_ns = 0
+        self._idle_s = 0.0
         self._given_up = False
 
     def waits(self, due_ns: int, rig_ns: int, machine_ns: int) -> bool:
@@ -75,7 +76,7 @@ class Follower:
         in_time = rig_ns <= due_ns + self._allowed_ns
         if in_time or due_ns != self._due_ns:
             self._due_ns, self.late_ns, self._given_up = due_ns, 0, False
-            self._idle_s = self._stopped_s = 0.0
+            self._idle_s, self._stopped_ns = 0.0, 0
         if in_time or self._given_up:
             return False
         if not self.late_ns:
@@ -84,12 +85,14 @@ class Follower:
             # A look that comes late says nothing of the time before it.
             looked_s, self._looked_ns = 1e-9 * min(machine_ns - self._looked_ns, 2 * LOOK_NS), machine_ns
             state = process_state(self.process)
-            if state is ProcessState.STOPPED:
-                self._stopped_s += looked_s
-            elif not wants_processor(self.process):
+            stopped = state is ProcessState.STOPPED
+            self._stopped_ns = (self._stopped_ns or machine_ns) if stopped else 0
+            if not stopped and not wants_processor(self.process):
                 self._idle_s += looked_s
             hangs = self._idle_s > HANGS_S or machine_ns - self.late_ns > LONGEST_WAIT_NS
-            self._given_up = hangs or self._stopped_s > STOPPED_S or state is ProcessState.DEAD
+            # However seldom this process has its turn to look: a stopped one does not wait for the processor.
+            for_good = stopped and machine_ns - self._stopped_ns > STOPPED_S * 1e9
+            self._given_up = hangs or for_good or state is ProcessState.DEAD
         return not self._given_up
 
 
