@@ -304,7 +304,9 @@ class SimulatedRig:
         if self._shared is not None:
             self._goes_on = not (self._look(self._shared, monotonic_ns()) or self._behind)
             self._shared.go_on(waiting=not self._goes_on)
-        if self._goes_on and (steps := self._pace.due(self._rig_ns(), int(self.plant.state["step"][0]))):
+        # A clock that waits for this very request is not passed: up to it the physics are owed.
+        runs = self._goes_on if self._shared is None else not self._behind
+        if runs and (steps := self._pace.due(self._rig_ns(), int(self.plant.state["step"][0]))):
             self.advance(steps)
 
     def _readers_are_behind(self, now_ns: int, served_s: float) -> bool:

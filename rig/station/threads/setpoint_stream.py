@@ -83,7 +83,9 @@ class SetpointStream:
         if driver is None:
             return
         driver.look_for_gap()
-        setpoint_due(self.steps.next_ns if driver.in_motion else None)
+        # Due now: a simulated rig's clock waits while this exchange is held up by load, so that set-point and answer
+        # are at the times that they are taken for.
+        setpoint_due(now_ns if driver.in_motion else None)
         self._report_break(driver, now_ns)
         if driver.last is None or (driver.in_motion and not self._moved):
             self._interlock.restart()
@@ -104,8 +106,14 @@ class SetpointStream:
             silent = replace(self._trouble, detail=detail, t_ns=now_ns, warns=False)
         self._supervisor.report([silent])
 
+    def _await_next(self) -> None:
+        driver = self._driver
+        if driver is not None:
+            setpoint_due(self.steps.next_ns if driver.in_motion else None)
+
     def failed(self, finding: Finding) -> None:
         """A poll failed: that is the cause of a gap that follows, until the next answer."""
+        self._await_next()
         self._trouble = finding
 
     def answered(self, status: ActuatorStatus) -> None:
@@ -113,6 +121,7 @@ class SetpointStream:
         driver = self._driver
         if driver is None:
             return
+        self._await_next()
         self._report_break(driver, status.received_ns)
         self._trouble = None
         findings: list[Finding] = []

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from unittest.mock import MagicMock
 
 import pytest
 
 from drivers.roles import Program, Waveform
 from drivers.setpoint_generator import Setpoint
-from rig.bench.settings import Limits
+from drivers.streamed_actuator import StreamedActuator
+from rig.bench.settings import ActuatorConfig, Limits
 from rig.station.interlocks.setpoint_interlock import SetpointInterlock, unfollowable
-from rig.station.threads.setpoint_stream import PollSteps
+from rig.station.threads import setpoint_stream
+from rig.station.threads.setpoint_stream import PollSteps, SetpointStream
 
 PERIOD_S = 0.01
 MS = 1_000_000
@@ -60,6 +63,25 @@ def test_omitted_set_points_are_a_warning_once_a_motion_though_none_is_late() ->
     assert slugs(interlock(late_s=0.1), *([12.0] + [0.1] * 30) * 10) == []
     made.restart()
     assert slugs(made, *[12.0, 0.1] * 10) == ["setpoints-late"]
+
+
+def test_a_set_point_is_due_at_once_while_it_is_on_its_way_and_at_the_next_poll_after_its_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """So a simulated rig's clock waits for the exchange: both ends take it for the same time."""
+    due: list[int | None] = []
+    monkeypatch.setattr(setpoint_stream, "setpoint_due", due.append)
+    driver = MagicMock(StreamedActuator, in_motion=True, breaks=0, last=Setpoint(0.0, 0.0), taken_m=0.0, gap_s=0.0)
+    supervisor = MagicMock()
+    supervisor.config.device_rate = 1.0
+    stream = SetpointStream(driver, ActuatorConfig(url="modbus-tcp://127.0.0.1:1"), supervisor)
+    stream.steps.begin(1000)
+    stream.sending(1007)
+    stream.answered(MagicMock(position_m=0.0, received_ns=1009))
+    stream.failed(MagicMock())
+    driver.in_motion = False
+    stream.sending(2000)
+    assert due == [1007, 10_001_000, 10_001_000, None]
 
 
 def sine(step: int) -> Setpoint:
