@@ -17,6 +17,7 @@ from rig.identification.points.preparation import prepare
 from rig.identification.uncertainty.scoring import cycle_energies_J
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
+from rig.signals.fourier import quantisation_step
 from rig.signals.loop_shape import noise_of
 from rig.signals.test_set import CurrentReading, MotionReading
 
@@ -42,6 +43,10 @@ class Measured:
     value: float
     std: float
     scatter: float
+
+    def with_error(self, relative: float) -> Measured:
+        """The same with a relative standard uncertainty that its scatter does not show."""
+        return Measured(self.value, math.hypot(self.std, relative * self.value), self.scatter)
 
     def to_json(self) -> dict[str, float | None]:
         """`value`, `std`, `scatter`; null where unknown."""
@@ -121,6 +126,9 @@ def characterise_loop(point: RecordedPoint, prepared: Measurement | None = None)
         dampings.append(float(energy_J) / (math.pi * omega_1_s * amplitude_m**2))
         rebounds.append(_at_peak(force, v, good))
         jounces.append(_at_peak(force, -v, good))
+    # The steps of a coarse displacement repeat in every cycle: no scatter shows their error.
+    step_m = quantisation_step(point.displacement_m[np.isfinite(point.displacement_m)])
+    resolution = step_m / math.sqrt(12.0) / max(0.5 * float(np.ptp(measured.u_m)), 1e-12)
     return LoopCharacteristics(
         id=point.id,
         waveform=point.waveform,
@@ -130,8 +138,8 @@ def characterise_loop(point: RecordedPoint, prepared: Measurement | None = None)
         peak_speed_m_s=float(np.max(np.abs(measured.v_m_s))),
         rebound_N=over_cycles(rebounds),
         jounce_N=over_cycles(jounces),
-        energy_J=over_cycles(energies_J.tolist()),
-        equivalent_damping_N_s_m=over_cycles(dampings),
+        energy_J=over_cycles(energies_J.tolist()).with_error(resolution),
+        equivalent_damping_N_s_m=over_cycles(dampings).with_error(2.0 * resolution),
         steepest_N_s=steepest_N_s(measured),
         force_scatter_N=measured.noise_N,
         cycles=len(energies_J),
