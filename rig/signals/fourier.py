@@ -44,6 +44,8 @@ NEAR_BINS = 48  # frequencies between harmonics, nearest to an order, whose medi
 MEDIAN_COUNTS = 0.48  # a median of so many is as sure as a mean of this share of them
 MEDIAN_OF_EXPONENTIAL = math.log(2.0)
 SYMMETRIC = 2.0  # the rounding of a cycle whose halves mirror each other lies in half of the orders, twice as strong
+OFF_GRID, FEWEST_SINGLE = 0.02, 8
+"""Share of a step by which levels may be off their grid, and how many gaps of a single step tell it."""
 STEP_TOLERANCE = 0.01  # of a step, within which all values of a quantised signal lie on its grid
 MOST_GAPS = 400  # differences of neighbouring values from which the step is found
 FEWEST_STORED = 4.0  # a step is at least so many steps of the stored numbers
@@ -273,9 +275,12 @@ def quantisation_step(values: FloatArray) -> float:
         return 0.0
     stored = 2.0**-23 * float(np.max(np.abs(levels)))
     gaps = np.diff(levels)
-    gaps = np.unique(gaps[gaps > 2.0 * stored])
+    gaps = gaps[gaps > 2.0 * stored]
     if gaps.size == 0:
         return stored
+    if (even := _even_step(gaps)) > 0.0:
+        return even
+    gaps = np.unique(gaps)
     step = float(gaps[0])
     for gap in gaps[:MOST_GAPS].tolist():
         step = _common_divisor(gap, step, stored)
@@ -283,6 +288,21 @@ def quantisation_step(values: FloatArray) -> float:
             return stored
     offset = (gaps / step + 0.5) % 1.0 - 0.5
     return step if float(np.max(np.abs(offset) * step)) < STEP_TOLERANCE * step + 2.0 * stored else stored
+
+
+def _even_step(gaps: FloatArray) -> float:
+    """The step of levels that lie on a grid to within a small share of it, by the gaps (n,) between them; 0 otherwise.
+
+    A coarse converter's values, scaled and printed with few digits, are on its grid to within a printing step only:
+    their common divisor is the printing step, but no value between two steps ever occurs.
+    """
+    single = gaps[gaps < (1.0 + 2.0 * OFF_GRID) * float(np.min(gaps))]
+    if single.size < FEWEST_SINGLE:
+        return 0.0
+    places = np.concatenate(([0.0], np.cumsum(np.round(gaps / np.median(single)))))
+    levels = np.concatenate(([0.0], np.cumsum(gaps)))
+    step, first = np.polyfit(places, levels, 1)
+    return float(step) if float(np.max(np.abs(levels - first - step * places))) <= OFF_GRID * step else 0.0
 
 
 def _common_divisor(one: float, other: float, tolerance: float) -> float:

@@ -97,5 +97,7 @@ def test_the_step_of_a_grid_is_found_and_none_where_there_is_none() -> None:
     values = 0.05 * np.sin(random.uniform(0.0, 6.28, 600))
     assert quantisation_step(np.round(values / 1e-6) * 1e-6) == pytest.approx(1e-6, rel=1e-3)
     assert quantisation_step(np.round(values / 3e-5).astype(np.float32) * np.float32(3e-5)) == pytest.approx(3e-5, 1e-3)
+    printed = np.round(np.round(values / 2.803e-5) * 2.803e-5 + 1.234e-3, 8)
+    assert quantisation_step(printed) == pytest.approx(2.803e-5, rel=1e-3), "scaled, then printed with few digits"
     assert quantisation_step(values) < 1e-8
     assert quantisation_step(np.zeros(100)) == 0.0
