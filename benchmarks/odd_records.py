@@ -5,7 +5,9 @@
 
 Each record is a damper with known damping, sampled and printed as test programs do, with what goes wrong: 2 to 12
 cycles, any rate, time stamps of few digits, jitter, missing cells, rows and stretches, doubled rows, rests, coarse
-position or force, several motions or a sweep in one file. It goes through import, identify, report, compare and export
+position or force, several motions or a sweep in one file. Seeds from 3000 on also have single spikes, a clipped or
+drifting force, and files written as laboratories do: decimal commas, a preamble, a row of units, a byte order mark,
+text columns, Windows line ends, empty lines at the end. It goes through import, identify, report, compare and export
 in this process. Counted: what is no error of ours (a traceback for a user) or a warning of numpy, and wrong damping: a
 value of a valid test without any remark that misses the truth by more than three stated standard deviations and 2 %.
 """
@@ -76,15 +78,26 @@ class Record:
     motions: list[tuple[float, float]]
     digits: int = 6
     traits: list[str] = field(default_factory=list)
+    written: frozenset[str] = frozenset()
 
     def write(self, file: Path) -> None:
         """As CSV; NaN as an empty cell."""
+        comma = "decimal comma" in self.written
+        sign, decimal = (";", ",") if comma else (",", ".")
+        text = ["ok"] if "text column" in self.written else []
         rows = zip(self.time_s.tolist(), self.x_mm.tolist(), self.force_N.tolist(), strict=True)
-        lines = [
-            f"{t:.{self.digits}f},{'' if math.isnan(x) else f'{x:.5f}'},{'' if math.isnan(f) else f'{f:.3f}'}"
-            for t, x, f in rows
-        ]
-        file.write_text("\n".join(("t_s,x_mm,F_N", *lines)) + "\n", encoding="utf-8")
+        lines = [sign.join(("t_s", "x_mm", "F_N", *(["state"] if text else [])))]
+        if "row of units" in self.written:
+            lines.append(sign.join(("s", "mm", "N", *(["-"] if text else []))))
+        if "preamble" in self.written:
+            lines = ["Damper test", "Operator: N.N.", "Date: 2026-03-04", "", *lines]
+        for t, x, f in rows:
+            cells = (f"{t:.{self.digits}f}", "" if math.isnan(x) else f"{x:.5f}", "" if math.isnan(f) else f"{f:.3f}")
+            lines.append(sign.join((*(cell.replace(".", decimal) for cell in cells), *text)))
+        lines += ["", ""] * ("empty lines" in self.written)
+        end = "\r\n" if "Windows line ends" in self.written else "\n"
+        encoding = "utf-8-sig" if "byte order mark" in self.written else "utf-8"
+        file.write_bytes((end.join(lines) + end).encode(encoding))
 
 
 @dataclass
@@ -99,6 +112,11 @@ class _Played:
 
 
 FINER = 8
+MORE_KINDS_FROM = 3000
+"""Seeds from which records have more kinds of damage; those below stay what they were."""
+WRITTEN = (
+    "decimal comma", "text column", "row of units", "preamble", "empty lines", "Windows line ends", "byte order mark",
+)
 
 
 def drawn(seed: int) -> Record:
@@ -109,7 +127,8 @@ def drawn(seed: int) -> Record:
         random.uniform(-50.0, 50.0), 10.0 ** random.uniform(2.0, 3.3), random.uniform(20.0, 400.0),
         random.uniform(4.0, 30.0) / played.slowest_m_s, random.uniform(0.0, 2000.0),
     )
-    return _damaged(_sampled(played, damper, random), random)
+    record = _damaged(_sampled(played, damper, random), random)
+    return record if seed < MORE_KINDS_FROM else _of_more_kinds(record, np.random.default_rng((seed, 38)))
 
 
 def _played(random: np.random.Generator) -> _Played:
@@ -202,6 +221,27 @@ def _damaged(record: Record, random: np.random.Generator) -> Record:
         record.traits.append("doubled row")
         rows = np.sort(np.append(rows, random.choice(rows)))
     record.time_s, record.x_mm, record.force_N = (each[rows] for each in (record.time_s, record.x_mm, record.force_N))
+    return record
+
+
+def _of_more_kinds(record: Record, random: np.random.Generator) -> Record:
+    """The record with spikes, a clipped or drifting force, and written in another way."""
+    span_N = float(np.nanmax(record.force_N) - np.nanmin(record.force_N))
+    if random.random() < 0.2:
+        record.traits.append("drift")
+        record.force_N = record.force_N + np.linspace(0.0, random.uniform(-0.3, 0.3) * span_N, record.force_N.size)
+    if random.random() < 0.2:
+        record.traits.append("clipped")
+        middle = float(np.nanmean(record.force_N))
+        record.force_N = np.minimum(record.force_N, middle + random.uniform(0.3, 0.49) * span_N)
+    if random.random() < 0.3:
+        record.traits.append("spike")
+        column = record.force_N if random.random() < 0.5 else record.x_mm
+        span = float(np.nanmax(column) - np.nanmin(column))
+        at = random.integers(0, column.size, random.integers(1, 4))
+        column[at] += random.choice((-1.0, 1.0)) * span * 10.0 ** random.uniform(-1.0, 1.0)
+    record.written = frozenset(name for name in WRITTEN if random.random() < 0.25)
+    record.traits += sorted(record.written)
     return record
 
 
