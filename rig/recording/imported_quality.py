@@ -104,12 +104,12 @@ def _spikes(test: TestSamples) -> Iterator[Reason]:
     for name, unit, factor, values in (
         ("force", "N", 1.0, test.force_N), ("displacement", "mm", 1e3, test.displacement_m)
     ):
-        found = spikes(values)
-        if not found:
+        places = spikes(values)
+        if not places:
             continue
-        first = found[0]
+        first = places[0]
         yield suspect(
-            "sensor-spike", f"{len(found)} single {name} sample(s) leave the signal and return to it, the first at "
+            "sensor-spike", f"{len(places)} single {name} sample(s) leave the signal and return to it, the first at "
             f"{test.time_s[first]:.6g} s with {factor * values[first]:.5g} {unit}: interference or a damaged row. Fix: "
             "correct the value in the source, or leave it empty",
         )

@@ -152,11 +152,11 @@ def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
     choices, times = test.choices, test.times
     period_s = float(np.median(np.diff(test.time_s)))
     velocity, method = velocity_of(test.time_s, test.displacement_m)
-    found = assess(TestSamples(
+    assessment = assess(TestSamples(
         test.time_s, test.displacement_m, test.force_N, velocity, test.current_A, test.nominal_current_A,
         test.current_measured,
     ), said.waveform)  # fmt: skip
-    motion = found.motion
+    motion = assessment.motion
     measured = motion is not None or said.waveform == RANDOM
     amplitude_m, frequency_Hz = _size(test, motion) if measured else (0.0, 0.0)
     channels = [
@@ -180,7 +180,7 @@ def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
             choices["temperature"].column,
         ))  # fmt: skip
     quality = PointQuality(
-        verdict=found.verdict, lost_samples=found.lost, coil_low_degC=low_degC, coil_high_degC=high_degC,
+        verdict=assessment.verdict, lost_samples=assessment.lost, coil_low_degC=low_degC, coil_high_degC=high_degC,
         skew=SkewQuality(value_s=0.0, std_s=0.0, method="as imported: one time base, not checked"),
         motion=MotionQuality(cycles=0) if motion is None else MotionQuality(
             cycles=motion.cycles, amplitude_m=motion.amplitude_m, frequency_Hz=motion.frequency_Hz,
@@ -190,7 +190,7 @@ def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
         time=None if times is None else time_quality(times),
     )
     return PointFile(
-        time_s=test.time_s, sample_rate_hz=1.0 / period_s, channels=channels, flags=found.flags,
+        time_s=test.time_s, sample_rate_hz=1.0 / period_s, channels=channels, flags=assessment.flags,
         test={
             "id": name, "waveform": said.waveform,
             "amplitude_m": amplitude_m, "frequency_Hz": frequency_Hz,

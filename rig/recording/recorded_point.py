@@ -172,21 +172,21 @@ class RecordedPoint:
         )
         if "velocity" not in arrays:
             arrays["velocity"] = velocity_of(time_s, displacement_m)[0]
-        found = assess(TestSamples(
+        assessment = assess(TestSamples(
             time_s - time_s[0], displacement_m, arrays["force"], arrays["velocity"], arrays["current"], current_A,
             measured,
         ), waveform)  # fmt: skip
         if not {"amplitude_m", "frequency_Hz"} <= set(description):
-            if found.motion is None:
+            if assessment.motion is None:
                 raise FileProblem(id, ["no whole cycle is in the displacement; give amplitude_m and frequency_Hz"])
-            sizes = {"amplitude_m": found.motion.amplitude_m, "frequency_Hz": found.motion.frequency_Hz}
+            sizes = {"amplitude_m": assessment.motion.amplitude_m, "frequency_Hz": assessment.motion.frequency_Hz}
             description = {**sizes, **description}
             description["test"] = {**description.get("test", {}), MOTION_MEASURED: True}
         if "verdict" not in description:
-            judged = found.verdict
-            description |= {"verdict": judged.verdict, "reasons": judged.reasons, "lost_samples": found.lost}
+            judged = assessment.verdict
+            description |= {"verdict": judged.verdict, "reasons": judged.reasons, "lost_samples": assessment.lost}
         stamps = None if times is None else time_quality(times)
-        description.setdefault("quality", PointQuality(verdict=found.verdict, time=stamps))
+        description.setdefault("quality", PointQuality(verdict=assessment.verdict, time=stamps))
         return cls(id=id, waveform=waveform, current_A=current_A, arrays=arrays, **description)
 
     def channel(self, name: str) -> FloatArray:

@@ -31,16 +31,16 @@ def spikes(values: FloatArray) -> list[int]:
     e[1:-1] = x[1:-1] - 0.5 * (x[:-2] + x[2:])
     size = np.abs(e)
     taken = np.zeros(x.size, bool)
-    found: list[int] = []
+    singles: list[int] = []
     best: list[int] = []
     for _ in range(MOST):
         at = int(np.argmax(np.where(taken, 0.0, size)))
         if size[at] == 0.0 or not _is_single(e, at):
             break
         taken[max(0, at - 1) : at + 2] = True
-        found.append(at)
+        singles.append(at)
         if size[at] > LARGER * float(np.max(size[~taken], initial=0.0)):
-            best = list(found)
+            best = list(singles)
     if not best:
         return []
     rest = np.delete(x, best)
