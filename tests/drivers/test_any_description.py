@@ -294,10 +294,10 @@ def test_roles_that_cannot_be_used_are_refused(roles: str, says: str) -> None:
     ],
 )  # fmt: skip
 def test_sizes_and_numbers_of_a_dbc_are_refused_before_they_cost_anything(old: str, new: str, says: str) -> None:
-    began_s = time.monotonic()
+    began_s = time.process_time()
     with pytest.raises(LocalProtocolError, match=says):
         parse_dbc(DBC.replace(old, new))
-    assert time.monotonic() - began_s < 5.0
+    assert time.process_time() - began_s < 5.0
 
 
 def test_an_outputs_quantity_is_one_value_and_a_supplys_fault_a_whole_bit() -> None:

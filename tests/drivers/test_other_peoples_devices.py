@@ -255,7 +255,7 @@ def driven() -> Iterator[Callable[[str, Device], ModbusActuator]]:
 
 def settled(actuator: ModbusActuator, state: int) -> ActuatorStatus:
     """Polls until it shows a state."""
-    deadline = time.monotonic() + 2.0
+    deadline = time.monotonic() + 30.0
     while (status := actuator.read_status()).state != state:
         assert time.monotonic() < deadline, (status.state, state)
     return status
