@@ -377,6 +377,8 @@ class StreamedActuator:
             if math.isfinite(status.position_m) and abs(status.position_m - held_m) > RESTS_M:
                 self._source.rest(status.position_m)
             self._guard.measured(self._source.last, now_s, catch_up=False)
+            if self._lead is not None:
+                self._lead.measured(self._source.last)
             return math.isfinite(status.position_m)
         rod, now_s = self._rod(status), self._now_s()
         if rod is None:

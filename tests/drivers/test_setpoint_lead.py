@@ -88,5 +88,9 @@ def test_a_lost_set_point_that_the_rod_is_found_at_is_where_the_device_is() -> N
     lead.lost(0.007)
     lead.measured(Setpoint(0.0069, 0.0))
     assert lead.sent(Setpoint(0.0069, 0.0), 0.06, 0.5).position_m == pytest.approx(0.0069)
+    lead.taken(0.002, 0.10)
+    lead.lost(0.007)
+    lead.measured(Setpoint(0.0069, 0.3))
+    assert lead.sent(Setpoint(0.0069, 0.3), 0.16, 0.5).position_m == pytest.approx(0.0099), "not back to the one before"
     lead.measured(Setpoint(0.05, 0.0))
-    assert lead.sent(Setpoint(0.05, 0.1), 0.08, 0.5).position_m == pytest.approx(0.0511, abs=2.1e-4)
+    assert lead.sent(Setpoint(0.05, 0.1), 0.18, 0.5).position_m == pytest.approx(0.0511, abs=2.1e-4)

@@ -388,6 +388,78 @@ def test_a_rod_at_rest_that_was_moved_in_a_gap_is_held_where_it_is(rod: Rod) -> 
     assert driver.breaks == 0
 
 
+class Positioner(Rod):
+    """A follower without a speed: it goes in a line to each position within a period, and rests there."""
+
+    takes_speed = False
+    loses = False
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.taken.append(self.taken[0])
+
+    def position_m(self) -> float:
+        (_, before), (at_s, setpoint) = self.taken[-2:]
+        share = min(1.0, (self.now_s - at_s) / 0.01)
+        return before.position_m + share * (setpoint.position_m - before.position_m)
+
+    def velocity_m_s(self) -> float:
+        (_, before), (at_s, setpoint) = self.taken[-2:]
+        return (setpoint.position_m - before.position_m) / 0.01 if self.now_s - at_s < 0.01 else 0.0
+
+    def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
+        status = super().follow(setpoint, watchdog_counter)
+        if self.loses:
+            raise NoAnswer("actuator", "here", "no answer")
+        return status
+
+
+@pytest.fixture
+def positioner(monkeypatch: pytest.MonkeyPatch) -> Positioner:
+    made = Positioner()
+    monkeypatch.setattr(clock, "elapsed_ns", lambda: round(1e9 * made.now_s))
+    return made
+
+
+@pytest.mark.parametrize("gap_s", [0.008, 0.02, 0.028, 0.1])
+@pytest.mark.parametrize(("order", "phase_s"), [(SINE, 1.34), (SINE, 1.37), (Move(0.08, 0.25), 0.2)])
+def test_a_positioner_whose_answer_was_lost_is_not_sent_back_nor_beyond_the_speed_of_the_motion(
+    positioner: Positioner, gap_s: float, order: Program | Move, phase_s: float
+) -> None:
+    driver = running(positioner, order, phase_s)
+    count, positioner.loses = len(positioner.taken), True
+    with pytest.raises(NoAnswer):
+        driver.exchange(1)
+    positioner.loses = False
+    positioner.now_s += gap_s
+    polled(positioner, driver, 0.06)
+    steps = [after.position_m - before.position_m for (_, before), (_, after) in pairwise(positioner.taken[count:])]
+    assert len(steps) > 4
+    assert min(steps) > -3e-4
+    assert max(steps) < 0.01 * 1.03 * 0.06 * 2.0 * math.pi * 1.5
+
+
+def test_a_positioner_at_rest_that_was_moved_in_a_gap_is_held_where_it_is(positioner: Positioner) -> None:
+    driver = running(positioner, Move(0.01, 0.1), 0.5)
+    positioner.now_s += 1.0
+    positioner.taken.append((positioner.now_s, Setpoint(0.02, 0.0)))
+    positioner.now_s += 0.1
+    polled(positioner, driver, 0.02)
+    assert positioner.taken[-1][1].position_m == pytest.approx(0.02, abs=1e-6)
+
+
+def test_a_positioner_that_moved_by_itself_begins_the_next_motion_where_it_is(positioner: Positioner) -> None:
+    driver = running(positioner, Move(0.01, 0.1), 0.5)
+    driver._release()
+    positioner.now_s += 1.0
+    positioner.taken.append((positioner.now_s, Setpoint(0.03, 0.0)))
+    positioner.now_s += 0.1
+    driver.read_status()
+    driver.send(Command.MOVE_TO, Move(0.031, 0.1))
+    polled(positioner, driver, 0.01)
+    assert positioner.taken[-1][1].position_m == pytest.approx(0.03, abs=3e-4)
+
+
 def test_an_actuator_with_a_generator_stays_as_it_is() -> None:
     driver = make_actuator("demo", ActuatorConnection("modbus-tcp://127.0.0.1:1"))
     assert not isinstance(driver, StreamedActuator)
