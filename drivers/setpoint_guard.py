@@ -172,10 +172,12 @@ class SetpointGuard:
         return max(0.0, math.copysign(1.0, velocity_m_s) * (end_m - position_m))
 
     def _leaves_travel(self, wanted: Setpoint) -> bool:
-        """It ends outside the travel one period later, or cannot be stopped within it."""
-        left_m, speed_m_s = self._left_m(*wanted), abs(wanted.velocity_m_s)
-        gone_m = max(speed_m_s * self._period_s, 0.5 * speed_m_s**2 / self._acceleration_m_s2)
-        return gone_m > left_m + SLACK_M
+        """It cannot be stopped within the travel: set-points brake it from the next one on, a period later."""
+        speed_m_s, limit = abs(wanted.velocity_m_s), self._acceleration_m_s2
+        gone_m, least_m_s = speed_m_s * self._period_s, limit * self._period_s
+        if speed_m_s > least_m_s:
+            gone_m += 0.5 * (speed_m_s - least_m_s) ** 2 / limit
+        return gone_m > self._left_m(*wanted) + SLACK_M
 
     def _stoppable(self, position_m: float, velocity_m_s: float, period_s: float) -> float:
         """The speed, or as much of it as can still be stopped within the travel after the coming period."""
