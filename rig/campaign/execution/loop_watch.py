@@ -1,4 +1,4 @@
-"""Looks from outside whether the campaign's loop still turns."""
+"""Watches the campaign's loop: whether it still turns, and since when it has turned without a pause."""
 
 from __future__ import annotations
 
@@ -11,6 +11,35 @@ LONGEST_TURN_S = 10.0
 The station has stopped the rig long before, but holds it under pressure for an application that may come back.
 """
 LOOK_S = 0.5
+
+
+class TurnClock:
+    """When the loop turned, by which the silence of other processes is measured.
+
+    A pause of the loop is not their silence: after one (a suspended machine, a starved process) they get the same time
+    again to report what they saw.
+
+    Args:
+        longest_pause_s: a longer time between two turns is a pause (wall s).
+
+    Attributes:
+        now_ns: when the present turn began (host's clock).
+    """
+
+    def __init__(self, longest_pause_s: float) -> None:
+        self.now_ns = 0
+        self._longest_pause_ns = int(1e9 * longest_pause_s)
+        self._since_ns = 0
+
+    def turn(self, now_ns: int) -> None:
+        """A turn begins."""
+        if now_ns - self.now_ns > self._longest_pause_ns:
+            self._since_ns = now_ns
+        self.now_ns = now_ns
+
+    def silent_ns(self, last_ns: int) -> int:
+        """For how long nothing has come since `last_ns` while the loop turned without a pause."""
+        return self.now_ns - max(last_ns, self._since_ns)
 
 
 class LoopWatch:

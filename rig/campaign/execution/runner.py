@@ -25,7 +25,7 @@ from drivers.clock import back_whenever, back_within
 from drivers.ring import Channel
 from rig.campaign.execution.action_executor import ActionExecutor, Outcome
 from rig.campaign.execution.campaign_context import CampaignContext
-from rig.campaign.execution.loop_watch import LoopWatch
+from rig.campaign.execution.loop_watch import LoopWatch, TurnClock
 from rig.campaign.execution.observer import LIVE
 from rig.campaign.operator_link import Signals
 from rig.campaign.preflight.proof_move import Baseline
@@ -98,7 +98,8 @@ class Runner:
         """Slugs of everything that stopped the rig in this session, first causes and later ones."""
         self._disturbed = ""
         """What kept this computer from streaming the motion that runs, or ran last; empty: nothing."""
-        self._turn_ns = self._beat_ns = self._progress_ns = 0
+        self._beat_ns = self._progress_ns = 0
+        self._turns = TurnClock(campaign.config.heartbeat_timeout_s)
         self._recorder_well = True
         self._wall_clock = WallClockWatch()
 
@@ -309,8 +310,8 @@ class Runner:
                 self._fault_once(because(disk_slug(error), "said", text=f"{file}: {error}"))
         newest_ns = executor.observer.last_host_ns.get(Channel.STATE)
         stale_s = STALE_HEARTBEATS * self._campaign.config.heartbeat_timeout_s
-        # By the time before the ring was read: what this process itself slept through since is nobody's silence.
-        if self.state.armed and newest_ns is not None and self._turn_ns - newest_ns > stale_s * 1e9:
+        # By the time before the ring was read: a pause of this process is not the silence of another one.
+        if self.state.armed and newest_ns is not None and self._turns.silent_ns(newest_ns) > stale_s * 1e9:
             self._fault_once(self._stale_cause(stale_s))
         if self._ring is not None and self._ring.lost > 0 and "lapped" not in self._said:
             self._said.add("lapped")
@@ -319,7 +320,7 @@ class Runner:
 
     def _stale_cause(self, stale_s: float) -> StopCause:
         """Why no status comes: the station's own beat in the ring tells whether it runs at all."""
-        if self._ring is not None and self._turn_ns - self._ring.writer_heartbeat_ns > 0.5e9 * stale_s:
+        if self._ring is not None and self._turns.now_ns - self._ring.writer_heartbeat_ns > 0.5e9 * stale_s:
             return because("host-silent", "station-silent", silent_s=stale_s / 2.0)
         return because("data-stale", "no-status", silent_s=stale_s)
 
@@ -357,7 +358,8 @@ class Runner:
             self._waiting.append(ev.Fault(stop, cause))
 
     def _beat(self) -> None:
-        self._turn_ns = now_ns = monotonic_ns()
+        now_ns = monotonic_ns()
+        self._turns.turn(now_ns)
         back_within(1e-9 * BEAT_NS)
         if now_ns - self._beat_ns < BEAT_NS or "gone" in self._said:
             return
