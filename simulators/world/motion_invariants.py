@@ -15,9 +15,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.register_maps.map_file import controller
 from rig.bench.model import Bench
 from rig.matrix.point import TestPoint
 from rig.matrix.streaming import peaks
+from simulators.plant.records import FOLLOW_S
 from simulators.world.view import STILL_M_S, Findings, View, bench_of, points_of
 from simulators.world.world import EVERY_S
 
@@ -38,6 +40,8 @@ HARDER_SHARE, HARDER_S = 0.10, 0.004
 """Above the limit of acceleration: as much as the speed's allowance; single milliseconds are the truth's resolution."""
 SETPOINT_S = 0.010
 """Of streamed set-points the mean over one interval counts: how a device goes within it is its own loop's business."""
+STOPS_ITSELF_S = 0.1
+"""By then a servo loop to which no set-point comes has stopped the rod."""
 STOPPING_M = 2e-3
 """Beyond the travel limits with the rest of a halt: the overshoot, and one poll at the speed of a turning rod."""
 REACTION_S = 0.10
@@ -106,6 +110,12 @@ class Motion:
         return min(limit_m_s, (1.0 + share) * self.speed_m_s + FASTER_M_S)
 
     @property
+    def goes_on_s(self) -> float:
+        """For how long a controller goes on after a set-point: with its speed, or to the position (simulated ones)."""
+        has_speed = controller(self.bench.actuator.register_map).setpoint_has_speed
+        return FOLLOW_S if has_speed else self.bench.actuator.setpoints_s or 0.0
+
+    @property
     def streamed(self) -> bool:
         """The controller follows set-points."""
         return self.bench.actuator.setpoints_s is not None
@@ -172,9 +182,24 @@ def acceleration_is_kept(view: View) -> Findings:
     whole = after[:, 0] - before[:, 0] < 1e9 * (over + 0.5) * EVERY_S
     harder = (np.abs(change_m_s2) > (1.0 + HARDER_SHARE) * limit_m_s2) & whole
     harder &= ~(slowing & (after[:, 5] == 0.0))
+    harder &= ~(slowing & _left_alone(view, motion, after[:, 0]))
     if np.count_nonzero(harder) > HARDER_S / EVERY_S:
         worst_m_s2, at_ns = _worst(after, harder, change_m_s2)
         yield f"{abs(worst_m_s2):.4g} m/s^2, allowed {limit_m_s2:.4g} m/s^2", at_ns
+
+
+def _left_alone(view: View, motion: Motion, at_ns: Rows) -> NDArray[np.bool_]:
+    """When a moving rod has gone on by itself as far as its controller lets it, since no set-point came.
+
+    The controller then stops it by its own servo loop, and no host can make that softer (docs/safety.md).
+    """
+    given = np.array(view.session.truth.setpoints)
+    if not len(given):
+        return np.zeros(len(at_ns), bool)
+    place = np.searchsorted(given[:, 0], at_ns, side="right") - 1
+    since_s = 1e-9 * (at_ns - given[place, 0])
+    moving = (place >= 0) & (np.abs(given[place, 2]) > MOVING_M_S)
+    return moving & (since_s > motion.goes_on_s) & (since_s < motion.goes_on_s + STOPS_ITSELF_S)
 
 
 def a_stop_has_its_travel(view: View) -> Findings:

@@ -10,6 +10,7 @@ import numpy as np
 
 from drivers.catalogue import make_actuator
 from drivers.connection import ActuatorConnection
+from rig.campaign.results import RigState
 from rig.errors import EXIT_REFUSED
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, StopKind
@@ -116,6 +117,13 @@ def _still_after_s(view: View) -> float:
     return max(STILL_AFTER_S, actuator.watchdog_s + fade_s + STOPPED_BY_S)
 
 
+def _cannot_be_stopped(view: View) -> bool:
+    """The controller ignores stops and leaves the pressure on, and the campaign reports that the state is unknown."""
+    answer = view.session.answer
+    reported = answer is None or answer.rig_state is RigState.UNKNOWN
+    return reported and view.faults_by_name() >= {"stop-ignored", "stop-ignored:pressure"}
+
+
 def stop_stays_stopped(view: View) -> Findings:
     """After a latched stop the rod comes to rest and the current goes, and neither comes back without a restart."""
     still_after_s = _still_after_s(view) + view.stalled_s
@@ -123,7 +131,7 @@ def stop_stays_stopped(view: View) -> Findings:
         t_ns = float(trip["t_ns"])
         until_ns = view.restarted_ns(t_ns)
         late = moving_by_itself(view, t_ns + still_after_s * 1e9, until_ns)
-        if len(late) and not view.faults_by_name() & {"second-master"}:
+        if len(late) and not view.faults_by_name() & {"second-master"} and not _cannot_be_stopped(view):
             yield f"the rod moves {1e-9 * (late[0, 0] - t_ns):.1f} s after the stop for {trip['slug']}", late[0, 0]
         gone_s = CURRENT_AFTER_S if view.hidden else CURRENT_AT_ONCE_S
         powered = view.between(float(trip["latched_ns"]) + gone_s * 1e9, until_ns)

@@ -99,6 +99,12 @@ def late_end(t_s: Array) -> Array:
     return np.clip(0.79 * (t_s - 1.0), 0.0, 0.0835)
 
 
+def left_alone(t_s: Array) -> Array:
+    """Led to 0.79 m/s within 0.1 s, until 1.0557 s, where the rod stands at once."""
+    since_s = np.clip(t_s - 0.9, 0.0, 0.1)
+    return np.clip(3.95 * since_s**2 + 0.79 * np.clip(t_s - 1.0, 0.0, None), 0.0, 0.0835)
+
+
 def shaken(t_s: Array) -> Array:
     """Little, but with 90 m/s^2 for milliseconds: a servo loop at a set-point, not what a generator commands."""
     return 0.0004 * np.sin(np.sqrt(90.0 / 0.0004) * t_s)
@@ -117,6 +123,11 @@ def shaken(t_s: Array) -> Array:
         (History(drifting), {"travel", "stopping-distance"}),
         (History(drifting, begun=((0.0, "second-master:offset"),)), set()),
         (History(late_end), {"acceleration", "stopping-distance"}),
+        (History(left_alone, setpoints=((0.99, 0.0320, 0.711), (1.0, 0.0395, 0.79))), {"stopping-distance"}),
+        (
+            History(left_alone, setpoints=((1.02, 0.0553, 0.79), (1.03, 0.0632, 0.79))),
+            {"acceleration", "stopping-distance"},
+        ),
         (History(late_end, bench="demo-bench.toml"), {"speed", "acceleration", "stopping-distance"}),
         (History(shaken), set()),
         (History(shaken, bench="demo-bench.toml"), {"acceleration"}),

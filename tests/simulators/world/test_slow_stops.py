@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matrices import matrix_text
 
+from rig.campaign.results import RigState
 from simulators.world.stop_invariants import stop_stays_stopped
 from simulators.world.view import View
 
@@ -19,7 +20,9 @@ BENCH = Path(__file__).resolve().parents[3] / "examples" / "demo-bench.toml"
 TRIP_NS = 1e12
 
 
-def session(root: Path, frequency: str, moves_s: float) -> View:
+def session(
+    root: Path, frequency: str, moves_s: float, faults: frozenset[str] = frozenset(), state: RigState = RigState.SAFE
+) -> View:
     """What a judge sees: a stop, after which the rod moves on for so long."""
     shutil.copy(BENCH, root / "bench.toml")
     (root / "matrix.toml").write_text(matrix_text("0 A", amplitude="10 mm", frequency=frequency), encoding="utf-8")
@@ -29,6 +32,7 @@ def session(root: Path, frequency: str, moves_s: float) -> View:
     trip = {"t_ns": TRIP_NS, "latched_ns": TRIP_NS, "slug": "modbus-write-lost"}
     seen = SimpleNamespace(
         world=SimpleNamespace(root=root),
+        session=SimpleNamespace(answer=SimpleNamespace(rig_state=state)),
         stalled_s=0.0,
         by_hand=False,
         hidden=False,
@@ -37,7 +41,7 @@ def session(root: Path, frequency: str, moves_s: float) -> View:
         pressed_ns=lambda _: math.inf,
         restarted_ns=lambda _: TRIP_NS + 20e9,
         faults=set,
-        faults_by_name=set,
+        faults_by_name=lambda: faults,
     )
     return cast("View", seen)
 
@@ -51,3 +55,17 @@ def test_a_stopped_rod_is_given_the_time_of_its_slowest_motion_and_no_more(
 ) -> None:
     """Of 0.25 Hz a controller that is left alone fades out for 4 s, after its watchdog's time."""
     assert bool(list(stop_stays_stopped(session(tmp_path, frequency, moves_s)))) is found
+
+
+@pytest.mark.parametrize(
+    ("faults", "state", "found"),
+    [
+        ({"stop-ignored", "stop-ignored:pressure"}, RigState.UNKNOWN, False),
+        ({"stop-ignored", "stop-ignored:pressure"}, RigState.SAFE, True),
+        ({"stop-ignored"}, RigState.UNKNOWN, True),
+    ],
+)
+def test_only_a_rod_that_nothing_stops_and_that_is_reported_so_may_move_on(
+    faults: set[str], state: RigState, found: bool, tmp_path: Path
+) -> None:
+    assert bool(list(stop_stays_stopped(session(tmp_path, "4 Hz", 4.5, frozenset(faults), state)))) is found
