@@ -199,7 +199,8 @@ def _left_alone(view: View, motion: Motion, at_ns: Rows) -> NDArray[np.bool_]:
     place = np.searchsorted(given[:, 0], at_ns, side="right") - 1
     since_s = 1e-9 * (at_ns - given[place, 0])
     moving = (place >= 0) & (np.abs(given[place, 2]) > MOVING_M_S)
-    return moving & (since_s > motion.goes_on_s) & (since_s < motion.goes_on_s + STOPS_ITSELF_S)
+    stopping = (since_s > motion.goes_on_s) & (since_s < motion.goes_on_s + STOPS_ITSELF_S)
+    return np.asarray(moving & stopping)
 
 
 def a_stop_has_its_travel(view: View) -> Findings:
