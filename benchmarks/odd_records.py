@@ -127,8 +127,10 @@ def drawn(seed: int) -> Record:
         random.uniform(-50.0, 50.0), 10.0 ** random.uniform(2.0, 3.3), random.uniform(20.0, 400.0),
         random.uniform(4.0, 30.0) / played.slowest_m_s, random.uniform(0.0, 2000.0),
     )
-    record = _damaged(_sampled(played, damper, random), random)
-    return record if seed < MORE_KINDS_FROM else _of_more_kinds(record, np.random.default_rng((seed, 38)))
+    record = _sampled(played, damper, random)
+    if seed >= MORE_KINDS_FROM:
+        record = _of_more_kinds(record, np.random.default_rng((seed, 38)))
+    return _damaged(record, random)
 
 
 def _played(random: np.random.Generator) -> _Played:
