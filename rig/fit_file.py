@@ -167,7 +167,7 @@ MAYBE = _or_null(_number)
 NUMBERS, TEXTS = _list(_number), _list(_text)
 ESTIMATE = _object({
     "value": MAYBE, "unit": _text, "low": MAYBE, "high": MAYBE, "simultaneous_low": MAYBE, "simultaneous_high": MAYBE,
-    "standard_error": MAYBE, "identifiable": _flag, "reason": _text, "variance_inflation": MAYBE,
+    "standard_error": MAYBE, "identifiable": _flag, "reason": _or_null(_text), "variance_inflation": MAYBE,
 }, ("value",))  # fmt: skip
 RESIDUAL = _object(dict.fromkeys(
     ("noise_N", "repeating_N", "memory_s", "portmanteau_p", "runs_p", "widening"), MAYBE
