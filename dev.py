@@ -8,8 +8,8 @@ python3 dev.py test tests/rig  some of the tests only
 python3 dev.py faults          the fault suite: every row of the matrix in virtual time, some on real processes
 python3 dev.py faults --rows   only the rows: exit code, first cause, times, 0 A, standstill and pressure in truth
 python3 dev.py faults --mutate [SLUG...]   each detector switched off: its test must fail
-python3 dev.py worlds [--seeds FIRST:END]   whole campaigns in virtual time, drawn from seeds; what must hold is checked
-python3 dev.py worlds --planted [NAME...]   bugs put in on purpose are looked for in random worlds (hours)
+python3 dev.py scenarios [--seeds FIRST:END]   whole campaigns in virtual time, drawn from seeds, with checks
+python3 dev.py scenarios --planted [NAME...]   planted bugs are searched for in random scenarios (hours)
 python3 dev.py coverage        branch coverage of all tests, processes they start included (slower than `test`)
 python3 dev.py docs [--out DIR]   the documentation as a site, in site/
 python3 dev.py pictures        the pictures in README.md again (wants chromium)
@@ -251,7 +251,7 @@ def coverage() -> int:
 
 
 def faults(arguments: list[str]) -> int:
-    """Run the fault suite and the injectors' own tests, the rows' worlds alone, or the mutation check."""
+    """Run the fault suite and the injectors' own tests, the rows' scenarios alone, or the mutation check."""
     if arguments[:1] == ["--mutate"]:
         return run(program("python"), "tests/faults/mutation.py", *arguments[1:])
     if arguments[:1] == ["--rows"]:
@@ -271,7 +271,7 @@ def main(arguments: list[str]) -> int:
     if command == "clean":
         shutil.rmtree(VENV, ignore_errors=True)
         return 0
-    if command not in {"demo", "test", "nightly", "faults", "worlds", "coverage", "rig", "install", "docs", "pictures"}:
+    if command not in {"demo", "test", "nightly", "faults", "scenarios", "coverage", "rig", "install", "docs", "pictures"}:
         print(__doc__)
         return 0 if command in {"help", "-h", "--help"} else 2
     install(peers=command in {"test", "nightly"})
@@ -283,12 +283,12 @@ def main(arguments: list[str]) -> int:
         return run(program("rig"), *rest)
     if command == "faults":
         return faults(rest)
-    if command == "worlds" and "--planted" in rest:
+    if command == "scenarios" and "--planted" in rest:
         rest.remove("--planted")
         script = "tests/simulators/world/planted/planted_search.py"
         return run(program("python"), script, *rest, PYTHONPATH=str(ROOT / "tests" / "faults"))
-    if command == "worlds":
-        return run(program("rig"), "worlds", *rest)
+    if command == "scenarios":
+        return run(program("rig"), "scenarios", *rest)
     if command == "nightly":
         return nightly()
     if command == "coverage":

@@ -71,7 +71,7 @@ class WireCount:
         self.lateness_s.append(late_s)
 
     def to_json(self) -> dict[str, Any]:
-        """For `wires` of `rig hybrid --benchmark --wires --json`."""
+        """For `wires` of `rig benchmark --wires --json`."""
         ordered = sorted(self.lateness_s)
         return {
             "steps": self.steps, "late_steps": self.late_steps,

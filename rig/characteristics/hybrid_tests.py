@@ -57,7 +57,7 @@ class HybridTest:
     told: Mapping[str, Any]
 
     def to_json(self) -> dict[str, Any]:
-        """The keys of one entry of `tests` in `hybrid.json` and `rig hybrid --json`."""
+        """The keys of one entry of `tests` in `hybrid.json` and `rig run --json`."""
         numbers, told = self.numbers, self.told
         delay_s = told.get("delay_s")
         return {

@@ -1,15 +1,17 @@
-"""`rig check`: every device of a bench looked at, and what is wrong with it said with cause and fix."""
+"""`rig check`: checks every device of a bench and reports each problem with its cause and its fix."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from rig.cli.listening import listen as listened
+from rig.cli.listening import listen_options
 from rig.cli.options import Command, json_option
 from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE, EXIT_REFUSED
@@ -31,24 +33,63 @@ MARKS = {"note": "  ", "warning": "! ", "failed": "X "}
         "rig check my-bench.toml --prove        (moves the rod by 2 mm)",
         "rig check my-bench.toml --simulate     (a simulated rig with its devices)",
         "rig check --simulate -- --fault register-layout",
+        "rig check --listen /dev/ttyUSB0        (what does this sensor send?)",
+        "rig check --listen socketcan:can0 --dbc my-ecu.dbc",
     ),
 )
-@click.argument("bench", type=click.Path(path_type=Path), required=False)
+@click.argument("bench", required=False)
 @click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
 @click.option(
     "--prove", is_flag=True,
-    help="Starve the watchdog and move the rod by 2 mm at 10 mm/s and 0 A: only on a rig that may move.",
+    help="Trigger the watchdog on purpose and move the rod by 2 mm at 10 mm/s and 0 A: only on a rig that may move.",
 )
 @click.option("--simulate", is_flag=True, help="Start a simulated rig (with the devices of BENCH) and check it.")
+@listen_options
 @json_option
-def command(bench: Path | None, simulator_args: tuple[str, ...], prove: bool, simulate: bool, as_json: bool) -> int:
-    """Check every device of BENCH: reachable, the right one, laid out as its file says, rates, noise, zero, watchdog.
+def command(
+    bench: str | None, simulator_args: tuple[str, ...], prove: bool, simulate: bool, listen: bool, as_json: bool,
+    **of_listening: Any,  # noqa: ANN401 - click's, by their names
+) -> int:  # fmt: skip
+    """Check every device of BENCH: reachable, identity, layout as its file states, rates, noise, zero, watchdog.
 
-    Nothing moves and no current flows without --prove. The watchdog is starved where there is no pressure, or with
-    --prove. Exit 0 where a campaign may begin, warnings included; exit 3 where something failed.
+    Nothing moves and no current flows without --prove. The watchdog is triggered only while there is no pressure, or
+    with --prove. Exit code 0: a campaign can begin, there may be warnings. Exit code 3: a check failed.
+
+    With --listen, BENCH is a serial port, socket://HOST:PORT, a CAN bus as INTERFACE:CHANNEL, or a file of captured
+    bytes or of `candump -l`. Nothing is sent: a device that must be polled stays silent. Exit code 0: a format was
+    found or fits. Exit code 5: none was.
     """
-    if bench is not None and str(bench).startswith("-"):
-        bench, simulator_args = None, (str(bench), *simulator_args)
+    if bench is not None and bench.startswith("-"):
+        simulator_args, bench = (bench, *simulator_args), None
+    _only_with_listen(of_listening, listen=listen)
+    if listen:
+        if prove or simulate or simulator_args:
+            raise click.UsageError("--listen only listens: leave --prove, --simulate and arguments after -- out")
+        return listened(bench, of_listening, as_json=as_json)
+    return _check(None if bench is None else Path(bench), simulator_args, prove=prove, simulate=simulate,
+                  as_json=as_json)  # fmt: skip
+
+
+def _only_with_listen(options: Mapping[str, object], *, listen: bool) -> None:
+    """Refuse options of `--listen` without it.
+
+    Raises:
+        UsageError: with their names.
+    """
+    names = {"captured": "from", "given": "format"}
+    given = [f"--{names.get(name, name)}" for name, value in options.items() if value is not None]
+    if given and not listen:
+        raise click.UsageError(f"{', '.join(given)}: only with --listen")
+
+
+def _check(
+    bench: Path | None, simulator_args: tuple[str, ...], *, prove: bool, simulate: bool, as_json: bool
+) -> int:
+    """Check the devices and show what was found; returns the exit code.
+
+    Raises:
+        UsageError: there is no bench, or there are arguments for a simulated rig where there is none.
+    """
     _check_usage(bench, simulator_args, simulate=simulate)
     from rig.bench.model import Bench
     from rig.check.check import check_bench
@@ -73,7 +114,7 @@ def _check_usage(bench: Path | None, simulator_args: tuple[str, ...], *, simulat
         UsageError: with what to write instead.
     """
     if bench is None and not simulate:
-        raise click.UsageError("which bench? rig check BENCH, or rig check --simulate")
+        raise click.UsageError("which bench? rig check BENCH, or rig check --simulate, or rig check --listen PORT")
     if simulator_args and not simulate:
         raise click.UsageError("arguments after -- belong to the simulated rig; with BENCH give them to `rig simulate`")
 

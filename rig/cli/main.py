@@ -32,32 +32,46 @@ from rig.errors import (
 
 OPERATOR_STOP = "sigint"
 
-# Command -> module that holds it as `command`, and its line in the help (so that the help loads no module).
-COMMANDS = {
-    "demo": ("rig.cli.demo", "Complete example on the simulated rig, in under a minute."),
-    "init": ("rig.cli.init", "A commented bench and matrix file to begin with."),
-    "check": ("rig.cli.check", "Check every device of a bench: reachable, the right one, healthy."),
-    "plan": ("rig.cli.plan", "Check every point of a matrix against the limits of a bench."),
-    "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
-    "page": ("rig.cli.page", "Serve the operator's page of a run."),
-    "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),
-    "import": ("rig.cli.importing", "Convert test files (CSV, MATLAB, MDF, TDMS) to a run."),
-    "report": ("rig.cli.report", "Write the report of a run as one HTML file."),
-    "compare": ("rig.cli.compare", "Runs side by side: what changed, what is within acceptance bands."),
-    "export": ("rig.cli.export", "Write a run or a fit in another program's format."),
-    "hybrid": ("rig.cli.hybrid", "Test the damper in a computed car, in real time; or run the published benchmark."),
-    "runs": ("rig.cli.runs", "List recorded runs."),
-    "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
-    "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),
-    "ride": ("rig.cli.ride", "Drive a car with fitted dampers: what differs, and how sure that is."),
-    "schema": ("rig.cli.schema", "JSON schemas of the files a user writes, for editors."),
-    "models": ("rig.cli.models", "List the damper models: equations, parameters, energy."),
-    "plugins": ("rig.cli.plugins", "List what other packages bring: drivers, models, methods, sections, exports."),
-    "sniff": ("rig.cli.sniff", "What comes on a port or a CAN bus, and the lines of a bench file that read it."),
-    "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
-    "explain": ("rig.cli.explain", "What a slug means: a fault, refusal or finding by its name."),
-    "worlds": ("rig.cli.worlds", "Try a matrix in simulated worlds, each with a bad day of its own."),
+# Heading -> command -> its module (with the click command as `command`) and its line in the help, so that the help
+# loads no module.
+GROUPS: dict[str, dict[str, tuple[str, str]]] = {
+    "Set up": {
+        "demo": ("rig.cli.demo", "Complete example on the simulated rig, in under a minute."),
+        "init": ("rig.cli.init", "Write a commented bench file and matrix file to start from."),
+        "check": ("rig.cli.check", "Check every device of a bench; --listen shows what a device sends."),
+        "plan": ("rig.cli.plan", "Check every point of a matrix against the limits of a bench."),
+    },
+    "Run": {
+        "run": ("rig.cli.run", "Run a matrix or a hybrid test, record it, identify the damper."),
+        "page": ("rig.cli.page", "Serve the operator's page of a run."),
+    },
+    "Results": {
+        "runs": ("rig.cli.runs", "List recorded runs."),
+        "report": ("rig.cli.report", "Write the report of a run (HTML, PDF)."),
+        "compare": ("rig.cli.compare", "Compare runs; check them against acceptance bands."),
+        "export": ("rig.cli.export", "Write a run or a fit in another program's format."),
+        "import": ("rig.cli.importing", "Convert test files (CSV, MATLAB, MDF, TDMS) to a run."),
+        "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
+    },
+    "Models": {
+        "identify": ("rig.cli.identify", "Fit damper models to recorded runs."),
+        "ride": ("rig.cli.ride", "Compare the ride of a car with fitted dampers, with uncertainty."),
+        "study": ("rig.cli.study", "Compare identification algorithms on recordings."),
+        "models": ("rig.cli.models", "List the damper models: equations, parameters, energy."),
+        "benchmark": ("rig.cli.hybrid_benchmark", "Run the published benchmark of real-time hybrid tests."),
+    },
+    "Tools": {
+        "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
+        "scenarios": ("rig.cli.scenarios", "Run a matrix in simulated scenarios with drawn faults."),
+        "explain": ("rig.cli.explain", "Explain a code: a fault, refusal or finding."),
+        "schema": ("rig.cli.schema", "Print JSON schemas of the files you write, for editors."),
+        "plugins": ("rig.cli.plugins", "List plug-ins: drivers, models, methods, sections, exports."),
+    },
 }
+COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
+
+# Names of earlier versions, kept until 2.0.
+RENAMED = {"sniff": ("check", "--listen"), "hybrid": ("run", "--hybrid"), "worlds": ("scenarios",)}
 
 EXAMPLES = (
     "rig demo",
@@ -73,7 +87,7 @@ EXIT_CODES = (
     ("4", "stopped by a fault or the operator; the rig is safe"),
     ("5", "finished, but some points are not valid"),
     ("6", "identification failed"),
-    ("7", "rig state unknown: go and look"),
+    ("7", "rig state unknown: inspect the rig before continuing"),
     ("8", "not within the acceptance bands"),
 )
 
@@ -87,7 +101,7 @@ class LazyGroup(click.Group):
     """A group that imports a command when it is called, and knows the others by their line of help only."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of a user's work."""
+        """Names in the order of the help."""
         del ctx
         return list(COMMANDS)
 
@@ -99,11 +113,23 @@ class LazyGroup(click.Group):
         command: click.Command = importlib.import_module(COMMANDS[cmd_name][0]).command
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command and its arguments; an earlier name is replaced by the present one, with a note."""
+        present = _present_spelling(args)
+        if present is not args and not ctx.resilient_parsing:
+            name = "check --listen" if args[0] == "sniff" else present[0]
+            say(f"rig: `rig {args[0]}` is now `rig {name}`; the old name will be removed in 2.0", err=True)
+        return super().resolve_command(ctx, present)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The list of commands, from the table alone."""
+        """The commands under their headings, from the table alone."""
         del ctx
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+        width = max(map(len, COMMANDS))
+        for heading, group in GROUPS.items():
+            with formatter.section(heading):
+                formatter.write_dl([(f"{name:<{width}}", line) for name, (_, line) in group.items()])
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Examples and exit codes."""
@@ -113,8 +139,36 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(EXIT_CODES))
 
 
+def _present_spelling(words: list[str]) -> list[str]:
+    """Command and arguments as this version spells them; the same list where nothing changed."""
+    if not words or words[0] not in RENAMED:
+        return words
+    own = words[: words.index("--")] if "--" in words else words
+    if words[0] == "hybrid" and "--benchmark" in own:
+        return ["benchmark", *(word for word in words[1:] if word != "--benchmark")]
+    return [*RENAMED[words[0]], *words[1:]]
+
+
+def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
+    """Print version and commit and end.
+
+    Raises:
+        Exit: always, where it is asked for.
+    """
+    del param
+    if not wanted or ctx.resilient_parsing:
+        return
+    from rig.version import described  # starts git in a checkout: only here
+
+    say(f"rig {described()}")
+    raise click.exceptions.Exit(EXIT_DONE)
+
+
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="rig", message="%(prog)s %(version)s")
+@click.option(
+    "--version", is_flag=True, expose_value=False, is_eager=True, callback=_show_version,
+    help="Show the version and the commit, and exit.",
+)
 def cli() -> None:
     """Controller for an MR-damper test rig: plan, run, record, identify."""
 

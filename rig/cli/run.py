@@ -13,6 +13,7 @@ import click
 from rig.cli.options import Command, RunPath, json_option, out_option
 from rig.cli.output import console, write_json
 from rig.cli.page import live_link, page_options, page_settings
+from rig.errors import FileProblem
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
         "rig run examples/table1.toml --bench my-bench.toml",
         "rig run examples/table1.toml --simulate --speed 50",
         "rig run examples/quick.toml --simulate -- --fault coil-open-short@3",
+        "rig run examples/hybrid-quarter.toml --simulate    (real-time hybrid test)",
         "rig run --resume logs/20260102T030405Z-MR-001-ab12cd",
     ),
 )
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
 @page_options
 @click.option("--hold", is_flag=True, help="With --page: begin only when Start is pressed there.")
 @click.option("--stay", is_flag=True, help="With --page: it stays open after the end, until closed there or Ctrl-C.")
+@click.option("--hybrid", "must_be_hybrid", is_flag=True, hidden=True)  # `rig run FILE` of earlier versions
 @click.option("--no-identify", is_flag=True, help="Record only; ignore [identify] in the matrix file.")
 @out_option
 @json_option
@@ -72,7 +75,7 @@ def command(
     page_address: str | None,
     page_cert: Path | None, page_key: Path | None,
     hold: bool, stay: bool,
-    out: Path, as_json: bool,
+    out: Path, as_json: bool, must_be_hybrid: bool,
 ) -> int:
     """Run MATRIX on a rig: check it, record every point, identify the damper, write the report.
 
@@ -97,6 +100,9 @@ def command(
 
     path = _matrix_path(matrix, resume)
     tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
+    if must_be_hybrid and tests.hybrid is None:
+        text = "has no table [hybrid], which states the car and the road of a hybrid test; docs/files.md describes it"
+        raise FileProblem(str(path), [text])
     simulator_args = following(tests, simulator_args, usual=simulate and bench is None and resume is None)
     bench, simulator_args = rig_of(bench, simulator_args, simulate=simulate)
     identify = tests.identify
@@ -116,7 +122,7 @@ def command(
     shown = console(as_json=as_json)
     with live_link(settings, held=hold) as live:
         result = run_job(options, identify if tests.wants_fit and not no_identify else None, shown, live)
-        _show(result, shown, as_json=as_json, page=live.url)
+        _show(result, shown, as_json=as_json, page=live.url, hybrid=tests.hybrid is not None)
         if stay:
             _stay(live, result)
     return result.exit_code
@@ -130,18 +136,22 @@ def _stay(live: RunLink, result: JobResult) -> None:
         live.stay(result.campaign)
 
 
-def _show(result: JobResult, shown: Console, *, as_json: bool, page: str | None) -> None:
+def _show(result: JobResult, shown: Console, *, as_json: bool, page: str | None, hybrid: bool) -> None:
     """Say how it ended, for people or as JSON.
 
     Whoever read the output may have left meanwhile: the exit code still says how the campaign ended.
     """
+    from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
     from rig.cli.words import ending
 
+    numbers = hybrid_numbers(result) if hybrid else {}
     with contextlib.suppress(OSError):
+        if hybrid and not as_json:
+            show_hybrid_tests(numbers, shown)
         if as_json:
             for style, text in ending(result.campaign):
                 shown.print(text, style=style, soft_wrap=True, markup=False)
-            write_json(result.to_json() | ({} if page is None else {"page": page}))
+            write_json(result.to_json() | numbers | ({} if page is None else {"page": page}))
         else:
             show_result(result, shown)
 

@@ -2,7 +2,7 @@
 
 The compiled loop goes on making set-points and modes; where the rod is and what force it has is this system's answer
 to them, exact over each step of the plant. It is linear about 0 and knows no pressure: it is there for
-`rig hybrid --benchmark --wires`, whose plant it is in process too (`rig.hybrid.transfer_system`).
+`rig benchmark --wires`, whose plant it is in process too (`rig.hybrid.transfer_system`).
 """
 
 from __future__ import annotations

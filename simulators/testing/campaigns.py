@@ -138,7 +138,7 @@ def run_campaign(files: Files, faults: tuple[str, ...], seed: int, root: Path) -
 
     Args:
         files: matrix, and bench or None for the usual simulated rig.
-        faults: what goes wrong, as `rig worlds --happening` has it; none: an undisturbed rig.
+        faults: what goes wrong, as `rig scenarios --event` has it; none: an undisturbed rig.
         seed: of noise, clocks and latencies.
         root: an empty folder.
 

@@ -1,4 +1,4 @@
-"""`rig worlds`: worlds of a range of seeds, in as many processes as there are cores."""
+"""`rig scenarios`: campaigns drawn from a range of seeds, in as many processes as there are cores."""
 
 from __future__ import annotations
 
@@ -25,41 +25,44 @@ FILE = click.Path(path_type=Path)
     cls=Command,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     examples=(
-        "rig worlds --seeds 0:1000 --bench my-bench.toml --matrix my-matrix.toml",
-        "rig worlds --seeds 17 --happening estop@3 --happening power-cut@9",
-        "rig worlds --seeds 17 --shrink",
+        "rig scenarios --seeds 0:1000 --bench my-bench.toml --matrix my-matrix.toml",
+        "rig scenarios --seeds 17 --event estop@3 --event power-cut@9",
+        "rig scenarios --seeds 17 --shrink",
     ),
 )
 @click.option("--seeds", default="0:20", show_default=True, metavar="FIRST:END",
-              help="Which worlds; END itself is not among them. One number: that world.")
-@click.option("--bench", type=FILE, help="Your bench file in place of the usual simulated rig's.")
-@click.option("--matrix", type=FILE, help="Your matrix in place of drawn ones.")
-@click.option("--happening", multiple=True, metavar="WHAT[@T[+D]]",
-              help="What happens, in place of what is drawn (repeatable): a row of the fault matrix T s after the "
-                   "first cycle begins, or application-killed, power-cut ... T s after the start; for D s.")
+              help="Scenarios to run, END excluded; a single number runs that scenario.")
+@click.option("--bench", type=FILE, help="Your bench file instead of the default simulated rig.")
+@click.option("--matrix", type=FILE, help="Your matrix file instead of drawn ones.")
+@click.option("--event", "events", multiple=True, metavar="WHAT[@T[+D]]",
+              help="An event instead of drawn ones (repeatable): a row of the fault matrix T s after the first cycle "
+                   "begins, or application-killed, power-cut ... T s after the start; it lasts D s.")
+@click.option("--happening", multiple=True, hidden=True)  # name of earlier versions, kept until 2.0
 @click.option("--actuator", type=click.Choice(["tcp", "rtu"]),
-              help="How the controller is reached; by default as your bench or what happens needs it, else drawn.")
-@click.option("--until", type=float, metavar="S", help="End each world after S virtual seconds; nothing is judged.")
-@click.option("--trace", type=FILE, help="Write every step of one world to this file.")
-@click.option("--shrink", is_flag=True, help="For each world that fails, look for the smallest one that still does.")
+              help="Connection of the controller.  [default: as your bench or the events need it, else drawn]")
+@click.option("--until", type=float, metavar="S", help="End each scenario after S virtual seconds, without checks.")
+@click.option("--trace", type=FILE, help="Write every step of one scenario to this file.")
+@click.option("--shrink", is_flag=True, help="Reduce each failing scenario to the smallest one that still fails.")
 @click.option("--jobs", type=click.IntRange(1, 1024), default=os.cpu_count() or 1, show_default=True,
-              help="Processes.")
+              help="Number of processes.")
 @json_option
 def command(
-    seeds: str, bench: Path | None, matrix: Path | None, happening: tuple[str, ...], as_json: bool, **ways: Any  # noqa: ANN401 - click's own
-) -> int:
-    """Run campaigns in simulated worlds drawn from seeds, and check what must hold in each.
+    seeds: str, bench: Path | None, matrix: Path | None, events: tuple[str, ...], happening: tuple[str, ...],
+    as_json: bool, **ways: Any,  # noqa: ANN401 - click's own
+) -> int:  # fmt: skip
+    """Run campaigns in scenarios drawn from seeds, and check the safety and data rules in each.
 
-    The whole program runs in virtual time with simulated devices; what happens in a world (faults, deaths of processes,
-    power cuts, a full disk, operator's signals) is drawn from its seed. The same seed is the same world, step by step.
+    The whole program runs in virtual time with simulated devices. The events of a scenario (faults, killed processes,
+    power cuts, a full disk, operator signals) are drawn from its seed; the same seed repeats the same scenario step by
+    step.
 
-    Exit code 5 when something did not hold in a world.
+    Exit code 5 when a check failed in a scenario.
     """
     from simulators.world.asked import Files, asked_for, seeds_of
 
     wanted = seeds_of(seeds)
     _check_usage(wanted, ways)
-    asked = asked_for(Files(matrix, bench), happening, ways["until"], ways["actuator"] or "")
+    asked = asked_for(Files(matrix, bench), (*events, *happening), ways["until"], ways["actuator"] or "")
     _check_trace(ways["trace"], asked)
     return _run(wanted, asked, ways, as_json=as_json)
 
@@ -71,9 +74,9 @@ def _check_usage(seeds: range, ways: dict[str, Any]) -> None:
         UsageError: with what to write instead.
     """
     if ways["trace"] is not None and len(seeds) > 1:
-        raise click.UsageError(f"--trace writes one world; name it: --seeds {seeds[0]}")
+        raise click.UsageError(f"--trace writes one scenario; name it: --seeds {seeds[0]}")
     if ways["shrink"] and (ways["until"] is not None or ways["trace"] is not None):
-        raise click.UsageError("--shrink needs a world that is judged; leave --until and --trace out")
+        raise click.UsageError("--shrink needs a complete scenario; leave --until and --trace out")
 
 
 def _check_trace(path: Path | None, asked: Asked) -> None:
@@ -119,4 +122,4 @@ def _run(seeds: range, asked: Asked, ways: dict[str, Any], *, as_json: bool) -> 
 
 if __name__ == "__main__":
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that nothing is left behind
-    sys.exit(answered(command, sys.argv[1:], "rig worlds"))
+    sys.exit(answered(command, sys.argv[1:], "rig scenarios"))

@@ -138,7 +138,7 @@ def asked_for(files: Files, happenings: Iterable[str], until_s: float | None, ac
         raise click.BadParameter(f"this bench reaches the controller by {given.actuator}", param_hint="--actuator")
     given = replace(given, actuator=given.actuator or actuator)
     _check_happenings(wanted, given)
-    options = [*files.options, *(word for text in words for word in ("--happening", text))]
+    options = [*files.options, *(word for text in words for word in ("--event", text))]
     if actuator:
         options += ["--actuator", actuator]
     if until_s is not None:
@@ -150,17 +150,17 @@ def _happening(text: str) -> Happening:
     try:
         happening = Happening.parse(text)
     except FileProblem as error:
-        raise click.BadParameter("; ".join(error.problems), param_hint="--happening") from None
+        raise click.BadParameter("; ".join(error.problems), param_hint="--event") from None
     times_s = [time_s for time_s in (happening.at_s, happening.lasts_s) if time_s is not None]
     if not all(0.0 <= time_s <= LATEST_S for time_s in times_s):
-        raise click.BadParameter(f"{text!r}: times are 0 to {LATEST_S:g} s", param_hint="--happening")
+        raise click.BadParameter(f"{text!r}: times are 0 to {LATEST_S:g} s", param_hint="--event")
     what, lasts_s = happening.what, happening.lasts_s
     if what in LASTS and not lasts_s:
         example = f"{what}@{happening.at_s:g}+0.5"
-        raise click.BadParameter(f"{text!r}: say for how long, such as {example}", param_hint="--happening")
+        raise click.BadParameter(f"{text!r}: say for how long, such as {example}", param_hint="--event")
     if happening.around and lasts_s is not None and what not in (*LASTS, "clock-step"):
         words = f"{text!r}: has no duration; write {what}@{happening.at_s:g}"
-        raise click.BadParameter(words, param_hint="--happening")
+        raise click.BadParameter(words, param_hint="--event")
     return happening
 
 
@@ -192,7 +192,7 @@ def _check_happenings(wanted: tuple[Happening, ...], given: Given) -> None:
         elif happening.what in NEEDS_AUXILIARY and not given.auxiliary:
             problem = "needs an auxiliary channel; give a --bench that has one"
         if problem:
-            raise click.BadParameter(f"{happening.what!r}: {problem}", param_hint="--happening")
+            raise click.BadParameter(f"{happening.what!r}: {problem}", param_hint="--event")
 
 
 def _link(happenings: Iterable[Happening]) -> str:

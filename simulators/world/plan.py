@@ -140,9 +140,9 @@ class Happening:
                 return cls(name, float(times[0]), float(times[2]) if times[1] else None)
             except ValueError:
                 expected = f"{text!r}: write {name}@SECONDS or {name}@SECONDS+DURATION"
-                raise FileProblem("--happening", [expected]) from None
+                raise FileProblem("--event", [expected]) from None
         if name.partition(":")[0] not in MATRIX:
-            raise FileProblem("--happening", [
+            raise FileProblem("--event", [
                 f"{name!r} is no row of the fault matrix (`rig simulate --list-faults` lists them) and none of "
                 f"{', '.join(AROUND)}"
             ])

@@ -86,7 +86,7 @@ def _words(smallest: WorldPlan, asked: Asked) -> str:
         needed[RECORD] = smallest.record
     words = ["rig", "worlds", "--seeds", str(smallest.seed), *files.options]
     happenings = tuple(map(str, smallest.happenings)) or (NOTHING,)
-    words += [word for happening in happenings for word in ("--happening", happening)]
+    words += [word for happening in happenings for word in ("--event", happening)]
     if not asked.given.actuator and not (smallest.kind and smallest.bench):
         words += ["--actuator", smallest.actuator]
     again = f"seed {smallest.seed}, smallest: {shlex.join(words)}"

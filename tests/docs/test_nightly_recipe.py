@@ -1,4 +1,4 @@
-"""The recipes for every night: the shell takes their lines, and `rig worlds` their options."""
+"""The recipes for every night: the shell takes their lines, and `rig scenarios` their options."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from simulators.world.asked import seeds_of
 from simulators.world.plan import AROUND
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs/how-to/try-your-matrix-in-worlds.md").read_text(encoding="utf-8")
-LINES = re.findall(r"^ *(?:- run: )?(rig worlds --.*?)(?:   .*)?$", PAGE, re.MULTILINE)
+LINES = re.findall(r"^ *(?:- run: )?(rig scenarios --.*?)(?:   .*)?$", PAGE, re.MULTILINE)
 
 
 def test_a_shell_takes_the_recipes(tmp_path: Path) -> None:
@@ -37,13 +37,13 @@ def test_a_shell_takes_the_recipes(tmp_path: Path) -> None:
 @pytest.mark.parametrize("line", LINES)
 def test_the_command_takes_the_options(line: str) -> None:
     words = shlex.split(line.partition(" > ")[0])
-    assert words[:2] == ["rig", "worlds"]
-    context = command.make_context("rig worlds", words[2:])
+    assert words[:2] == ["rig", "scenarios"]
+    context = command.make_context("rig scenarios", words[2:])
     assert context.params["seeds"]
 
 
 def test_everything_that_happens_around_the_devices_is_named() -> None:
     assert [what for what in AROUND if f"`{what}`" not in PAGE] == []
-    assert "worlds" in COMMANDS
-    options = {name for option in command.params for name in option.opts if name.startswith("--")}
+    assert "scenarios" in COMMANDS
+    options = {name for option in command.params for name in option.opts if not getattr(option, "hidden", False) and name.startswith("--")}
     assert [name for name in options - {"--help"} if f"`{name}" not in PAGE] == []

@@ -74,7 +74,7 @@ def test_a_world_of_a_seed_is_judged_and_says_how_to_run_it_again(world: RunWorl
     assert end.held, end.failed
     assert end.happenings == ("sigint@6",)
     assert end.exit_codes[-1] == 0
-    assert end.again.startswith("rig worlds --seeds 5 --matrix ")
+    assert end.again.startswith("rig scenarios --seeds 5 --matrix ")
 
 
 def test_a_rig_on_real_wires_answers_until_it_is_stopped(simulated_rig: StartRig) -> None:

@@ -15,6 +15,7 @@ import click
 import pytest
 from in_process import rig, rig_process
 
+from rig import __version__
 from rig.cli.main import COMMANDS, answered, foreign_packages
 from rig.errors import EXIT_DEFECT
 
@@ -52,10 +53,44 @@ def test_help_loads_nothing_heavy_and_costs_less_than_a_fifth_of_a_second_of_CPU
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_help_with_an_example_and_json(name: str) -> None:
-    result = (rig_process if name == "worlds" else rig)(name, "--help")
+    result = (rig_process if name == "scenarios" else rig)(name, "--help")
     assert result.returncode == 0, result.stderr
     assert re.search(rf"Examples?:\n +rig {name}", result.stdout), result.stdout
     assert "--json" in result.stdout or name == "simulate"
+
+
+@pytest.mark.parametrize(
+    ("old", "present"),
+    [
+        (("sniff", "--from", "{captured}"), ("check", "--listen", "{captured}")),
+        (("sniff", "{captured}", "--seconds", "2"), ("check", "--listen", "{captured}", "--seconds", "2")),
+        (("hybrid", TABLE1, "--simulate"), ("run", "--hybrid", TABLE1, "--simulate")),
+        (("hybrid", "--benchmark", "--plants", "0"), ("benchmark", "--plants", "0")),
+    ],
+)
+def test_a_command_by_its_earlier_name_does_the_same_and_names_the_present_one_once(
+    old: tuple[str, ...], present: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "captured").write_bytes(b"ST,+012.345 kN\r\n" * 40)
+    before, after = (
+        rig(*(word.format(captured=tmp_path / "captured") for word in words)) for words in (old, present)
+    )
+    note, rest = before.stderr.split("\n", 1)
+    assert f"`rig {old[0]}` is now `rig {' '.join(present[: 2 if old[0] == 'sniff' else 1])}`" in note
+    assert (before.returncode, before.stdout, rest) == (after.returncode, after.stdout, after.stderr)
+
+
+def test_options_of_listening_belong_to_it() -> None:
+    assert rig("check", DEMO, "--baud", "9600").returncode == 2
+    assert rig("check", "--listen").returncode == 2
+    assert rig("check", "--listen", "--prove", "/dev/null").returncode == 2
+
+
+def test_the_version_names_the_commit() -> None:
+    head = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False, cwd=ROOT).stdout
+    told = re.fullmatch(rf"rig {re.escape(__version__)}(?: \(commit ([0-9a-f]+)(?:-dirty)?\))?\n", rig("--version").stdout)
+    assert told
+    assert head.startswith(told[1] or "")
 
 
 def test_the_plan_refuses_table_1_on_the_papers_machine_with_exit_3_and_the_amplitudes_that_fit() -> None:
@@ -188,10 +223,6 @@ def test_a_damaged_run_is_remarked_and_hides_no_other(tmp_path: Path) -> None:
     runs = one_object(rig("runs", "--in", str(tmp_path), "--json"))["runs"]
     assert [run["id"] for run in runs] == ["bad", "empty"]
     assert all(run["remark"] for run in runs)
-
-
-def test_the_version_is_told() -> None:
-    assert re.fullmatch(r"rig \d+\.\d+\.\d+\n", rig("--version").stdout)
 
 
 def test_packages_of_the_same_name_from_another_project_are_named(tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from rig.cli.main import cli
 from rig.cli.options import continued
 
-COMMANDS = sorted(set(cli.list_commands(click.Context(cli))) - {"worlds"})
-"""`rig worlds` gives this process to another program, whose help it is."""
+COMMANDS = sorted(set(cli.list_commands(click.Context(cli))) - {"scenarios"})
+"""`rig scenarios` gives this process to another program, whose help it is."""
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])

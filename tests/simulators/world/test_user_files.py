@@ -93,7 +93,7 @@ def test_the_example_bench_is_reached_by_other_wires_and_that_is_told(tmp_path: 
     asked = asked_for(files(tmp_path, DEMO), (), None)
     assert "by slcan at 500 kbit/s in place of socketcan" in " ".join(asked.stood_in)
     assert {asked.plan(seed).actuator for seed in range(30)} == {"tcp"}
-    assert asked.again(7).startswith(f"rig worlds --seeds 7 --bench {tmp_path}/my-bench.toml --matrix {tmp_path}")
+    assert asked.again(7).startswith(f"rig scenarios --seeds 7 --bench {tmp_path}/my-bench.toml --matrix {tmp_path}")
 
 
 def test_things_happen_all_through_a_long_campaign(tmp_path: Path) -> None:

@@ -190,7 +190,7 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(MATRIX.replace('"0 A", ', ""), encoding="utf-8")
     done = worlds(
-        "--seeds", "3:5", "--matrix", "matrix.toml", "--happening", "sigint@3", "--happening", "estop@99",
+        "--seeds", "3:5", "--matrix", "matrix.toml", "--event", "sigint@3", "--event", "estop@99",
         "--jobs", "1", "--json", cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -214,16 +214,16 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
         (["--seeds", "a:b"], "expected FIRST:END"),
         (["--seeds", "-3:1"], "expected FIRST:END"),
         (["--seeds", "1_0:20"], "expected FIRST:END"),
-        (["--seeds", "1", "--happening", "e-stop@3"], "is no row of the fault matrix"),
-        (["--seeds", "1", "--happening", "power-cut@soon"], "write power-cut@SECONDS"),
-        (["--seeds", "1", "--happening", "power-cut@nan"], "times are 0 to"),
-        (["--seeds", "1", "--happening", "usb-renumber@1"], "ports with names do not exist in a world"),
-        (["--seeds", "1", "--happening", "rtu-crc@1", "--happening", "modbus-reset@1"], "reached by tcp"),
-        (["--seeds", "1", "--happening", "loadcell-pulled:auxiliary@1"], "needs an auxiliary channel"),
-        (["--seeds", "1", "--happening", "station-stalled@3"], "say for how long, such as station-stalled@3+0.5"),
-        (["--seeds", "1", "--happening", "pause@3+0"], "say for how long"),
-        (["--seeds", "1", "--happening", "disk-full@3+2"], "has no duration; write disk-full@3"),
-        (["--seeds", "1", "--happening", "rtu-crc@1", "--actuator", "tcp"], "this bench reaches it by tcp"),
+        (["--seeds", "1", "--event", "e-stop@3"], "is no row of the fault matrix"),
+        (["--seeds", "1", "--event", "power-cut@soon"], "write power-cut@SECONDS"),
+        (["--seeds", "1", "--event", "power-cut@nan"], "times are 0 to"),
+        (["--seeds", "1", "--event", "usb-renumber@1"], "ports with names do not exist in a world"),
+        (["--seeds", "1", "--event", "rtu-crc@1", "--event", "modbus-reset@1"], "reached by tcp"),
+        (["--seeds", "1", "--event", "loadcell-pulled:auxiliary@1"], "needs an auxiliary channel"),
+        (["--seeds", "1", "--event", "station-stalled@3"], "say for how long, such as station-stalled@3+0.5"),
+        (["--seeds", "1", "--event", "pause@3+0"], "say for how long"),
+        (["--seeds", "1", "--event", "disk-full@3+2"], "has no duration; write disk-full@3"),
+        (["--seeds", "1", "--event", "rtu-crc@1", "--actuator", "tcp"], "this bench reaches it by tcp"),
         (["--seeds", "1", "--until", "nan"], "expected a number of seconds above 0"),
         (["--seeds", "0:2", "--trace", "steps"], "--trace writes one world"),
         (["--seeds", "1", "--shrink", "--until", "3"], "--shrink needs a world that is judged"),
@@ -235,7 +235,7 @@ def test_what_no_world_can_begin_with_is_refused(
     arguments: list[str], says: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert answered(command, [*arguments, "--json"], "rig worlds") == 2
+    assert answered(command, [*arguments, "--json"], "rig scenarios") == 2
     out, err = capfd.readouterr()
     assert says in json.loads(out)["error"]
     assert says in err
@@ -245,7 +245,7 @@ def test_what_no_world_can_begin_with_is_refused(
 def test_a_matrix_that_the_rig_cannot_do_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(MATRIX.replace("6 mm", "80 mm"), encoding="utf-8")
-    assert answered(command, ["--matrix", str(matrix), "--json"], "rig worlds") == 3
+    assert answered(command, ["--matrix", str(matrix), "--json"], "rig scenarios") == 3
     told = json.loads(capfd.readouterr().out)
     assert (told["slug"], told["exit_code"]) == ("matrix-infeasible", 3)
     assert "above the bench's 0.8 m/s; " in told["error"]
@@ -257,10 +257,10 @@ def test_a_world_that_fails_is_told_with_the_command_that_runs_it_again(
 ) -> None:
     ended = Ended(17, (("points", "p001: told to be finished, and gone", 12.5),), "ab", 36.0, 7.0, (0,))
     monkeypatch.setattr(runs, "every", lambda *_: iter([replace(ended, seed=16, failed=()), ended]))
-    assert answered(command, ["--seeds", "16:18", "--happening", "power-cut@9", "--json"], "rig worlds") == 5
+    assert answered(command, ["--seeds", "16:18", "--event", "power-cut@9", "--json"], "rig scenarios") == 5
     out, err = capfd.readouterr()
     answer = json.loads(out)
-    again = "rig worlds --seeds 17 --happening power-cut@9"
+    again = "rig scenarios --seeds 17 --event power-cut@9"
     assert [(entry["seed"], entry["invariant"], entry["at_s"]) for entry in answer["failed"]] == [(17, "points", 12.5)]
     assert answer["failed"][0]["again"] == again
     assert answer["rig_hours"] == 0.02
@@ -279,7 +279,7 @@ def test_a_trace_is_never_written_over_a_file_that_is_read(tmp_path: Path, capfd
     matrix.write_text(MATRIX, encoding="utf-8")
     (tmp_path / "link").symlink_to(matrix)
     arguments = ["--seeds", "1", "--until", "0.1", "--matrix", str(matrix), "--trace", str(tmp_path / "link"), "--json"]
-    assert answered(command, arguments, "rig worlds") == 2
+    assert answered(command, arguments, "rig scenarios") == 2
     assert "name another file" in json.loads(capfd.readouterr().out)["error"]
     assert matrix.read_text(encoding="utf-8") == MATRIX
 
@@ -305,7 +305,7 @@ def test_a_smallest_world_is_told_with_the_command_that_runs_it(
     bench = Path("a bench.toml")
     shrink.tell_smallest(17, Asked(Given(bench="", usual=True), Files(bench=bench)))
     err = capfd.readouterr().err
-    again = "rig worlds --seeds 17 --bench 'a bench.toml' --matrix smallest-17.toml --happening nothing --actuator tcp"
+    again = "rig scenarios --seeds 17 --bench 'a bench.toml' --matrix smallest-17.toml --event nothing --actuator tcp"
     assert again in err
     assert err.rstrip().endswith(MATRIX.rstrip())
     assert asked_for(Files(), ["nothing"], None).plan(17).happenings == ()
@@ -332,7 +332,7 @@ def test_a_smallest_world_of_a_drawn_bench_is_told_with_its_bench(
     for name, text in zip(files[::2], files[1::2], strict=True):
         (tmp_path / name).write_text(text, encoding="utf-8")
     names = Files(tmp_path / f"smallest-{seed}.toml", tmp_path / f"smallest-{seed}-bench.toml")
-    assert f"--bench smallest-{seed}-bench.toml --matrix smallest-{seed}.toml --happening" in command
+    assert f"--bench smallest-{seed}-bench.toml --matrix smallest-{seed}.toml --event" in command
     plan = drawn(seed).fitted()
     again = asked_for(names, tuple(map(str, plan.happenings)) or ("nothing",), None).plan(seed)
     assert again.bench.rstrip() == plan.bench.rstrip()

@@ -1,4 +1,4 @@
-"""Planted bugs looked for in random worlds: `python3 dev.py worlds --planted [NAME...] [--seeds 0:200] [--shrink]`.
+"""Planted bugs looked for in random worlds: `python3 dev.py scenarios --planted [NAME...] [--seeds 0:200] [--shrink]`.
 
 With `--made` each in the world that was made for it, which must fail with the bug and hold without.
 

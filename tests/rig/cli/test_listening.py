@@ -1,4 +1,4 @@
-"""`rig sniff`: a stranger's device is listened to, never spoken to, and the lines it proposes work in a bench file."""
+"""`rig check --listen`: a stranger's device is listened to, never spoken to, and the lines it proposes work in a bench file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LINES = [f"ST,{5.0 * math.sin(k / 9.0):+08.3f} kN\r\n".encode() for k in range(1
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
-    code = main(["sniff", *arguments])
+    code = main(["check", "--listen", *arguments])
     return code, capsys.readouterr().out
 
 
@@ -34,7 +34,7 @@ def captured(folder: Path, data: bytes) -> str:
 def test_captured_lines_become_lines_of_a_bench_file_that_loads(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, told = run(capsys, "--from", captured(tmp_path, b"".join(LINES)[9:]), "--json")
+    code, told = run(capsys, captured(tmp_path, b"".join(LINES)[9:]), "--json")
     answer = json.loads(told)
     assert (code, answer["found"], answer["readings"], answer["damaged"]) == (0, True, 119, 0)
     assert answer["examples"][0]["value"] == pytest.approx(5.0 * math.sin(1 / 9.0), abs=6e-4)
@@ -53,14 +53,14 @@ def test_a_format_is_tried_on_captured_bytes(tmp_path: Path, capsys: pytest.Capt
     mine = tmp_path / "mine.toml"
     mine.write_text("columns = { value = [4, 11], unit = [13, 14] }\nunit = \"kN\"\n", encoding="utf-8")
     data = captured(tmp_path, b"".join(LINES[:50]) + b"ST,+01x.000 kN\r\n" + b"".join(LINES[50:]))
-    code, told = run(capsys, "--from", data, "--format", str(mine))
+    code, told = run(capsys, data, "--format", str(mine))
     assert code == 0
     assert "are 119 readings; 1 damaged" in told
     assert f"14 at {16 * 50}" in told
-    wrong, told = run(capsys, "--from", data, "--format", "optoncdt")
+    wrong, told = run(capsys, data, "--format", "optoncdt")
     assert wrong == 5
     mine.write_text("columns = { value = [4, 11] }\nunt = \"kN\"\ndecimals = 12\n", encoding="utf-8")
-    assert main(["sniff", "--from", data, "--format", str(mine)]) == 2
+    assert main(["check", "--listen", data, "--format", str(mine)]) == 2
     told = capsys.readouterr().err
     assert "mine.toml line 2: unt: unknown key 'unt'; did you mean unit?" in told
     assert "mine.toml line 3: decimals: must be 0..9" in told
@@ -93,7 +93,7 @@ def test_a_port_is_listened_to_and_nothing_is_sent(capsys: pytest.CaptureFixture
 
 
 def test_what_fits_nothing_is_told_with_what_to_try(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, told = run(capsys, "--from", captured(tmp_path, bytes(range(256)) * 3))
+    code, told = run(capsys, captured(tmp_path, bytes(range(256)) * 3))
     assert code == 5
     assert "no format fits; it begins 00 01 02" in told
     assert "add-a-sensor-format.md" in told
@@ -107,7 +107,7 @@ def test_a_log_of_a_bus_is_told_by_identifiers_and_decoded_by_a_dbc(
     log = "".join(f"({k / 10:.6f}) can0 122#3B01FA0046050300\n({k / 10:.6f}) can0 7FF#0{k % 10}\n" for k in range(20))
     path = tmp_path / "bus.log"
     path.write_text(log, encoding="utf-8")
-    code, told = run(capsys, "--from", str(path), "--dbc", str(dbc), "--json")
+    code, told = run(capsys, str(path), "--dbc", str(dbc), "--json")
     answer = json.loads(told)
     assert (code, answer["frames"], answer["unknown_identifiers"]) == (0, 40, [0x7FF])
     temperature = answer["identifiers"][0]
@@ -115,7 +115,7 @@ def test_a_log_of_a_bus_is_told_by_identifiers_and_decoded_by_a_dbc(
     assert temperature["signals"]["CoilTemperature"] == pytest.approx([31.5, 31.5])
     assert temperature["signals"]["Supply"] == pytest.approx([13.5, 13.5])
     assert temperature["period_ms"] == pytest.approx(100.0)
-    code, told = run(capsys, "--from", str(path))
+    code, told = run(capsys, str(path))
     assert "7FF" in told
     assert "bytes 0 change" in told
 

@@ -1,16 +1,15 @@
-"""`rig sniff`: what comes on a port or a CAN bus, and the lines of a bench file that read it. Nothing is sent."""
+"""`rig check --listen`: traffic on a port or a CAN bus, and the lines of a bench file that read it. Nothing is sent."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rig import units
-from rig.cli.options import Command, json_option
 from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, FileProblem, RigError
 
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
 
 SHOWN = 5
 LARGEST_FILE_BYTES = 1 << 20
+DEFAULTS = {"parity": "N", "bitrate": 500_000, "seconds": 1.0}
 FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 
 
@@ -27,41 +27,51 @@ class NothingHeard(RigError):
     """The port or the bus cannot be listened to."""
 
 
-@click.command(
-    name="sniff", cls=Command,
-    examples=(
-        "rig sniff /dev/ttyUSB0", "rig sniff socket://192.168.0.20:4001 --seconds 5",
-        "rig sniff --from captured.bin --format my-format.toml", "rig sniff socketcan:can0 --dbc my-ecu.dbc",
-    ),
-)  # fmt: skip
-@click.argument("port", required=False)
-@click.option("--from", "captured", type=FILE, help="Captured bytes, or a log of `candump -l`, in place of a port.")
-@click.option("--format", "given", metavar="FORMAT", help="Try this format (a name or a file) in place of guessing.")
-@click.option("--dbc", type=FILE, help="Decode CAN frames by this DBC.")
-@click.option("--baud", type=click.IntRange(300, 12_000_000), help="Listen at this rate alone.")
-@click.option("--parity", type=click.Choice(["N", "E", "O"]), default="N", show_default=True, help="Of a serial line.")
-@click.option("--bitrate", type=click.IntRange(10_000, 1_000_000), default=500_000, show_default=True, help="Of CAN.")
-@click.option("--seconds", type=click.FloatRange(0.1, 600.0), default=1.0, show_default=True,
-              help="How long to listen, at each rate.")
-@json_option
-def command(port: str | None, *, as_json: bool, **options: Any) -> int:  # noqa: ANN401 - click hands them over by name
-    """Listen to PORT (a serial port, socket://..., or a CAN bus as INTERFACE:CHANNEL) and say what comes there.
-
-    Exit code 0 when a format was found or fits, 5 when not. Nothing is ever sent: who must be asked is silent.
-    """
-    return _run(port, options, as_json=as_json)
+def listen_options(function: Callable[..., int]) -> Callable[..., int]:
+    """The options of `rig check --listen`."""
+    for option in reversed((
+        click.option("--listen", is_flag=True,
+                     help="Show the traffic on a port or CAN bus (in place of BENCH) and propose its lines of a bench file."),
+        click.option("--from", "captured", type=FILE, hidden=True),
+        click.option("--format", "given", metavar="FORMAT",
+                     help="With --listen: decode with this format (a name or a file) instead of guessing."),
+        click.option("--dbc", type=FILE, help="With --listen: decode CAN frames with this DBC file."),
+        click.option("--baud", type=click.IntRange(300, 12_000_000), help="With --listen: baud rate; default: try several."),
+        click.option("--parity", type=click.Choice(["N", "E", "O"]), help="With --listen and --baud: parity; default N."),
+        click.option("--bitrate", type=click.IntRange(10_000, 1_000_000),
+                     help="With --listen: bit rate of the CAN bus; default 500000."),
+        click.option("--seconds", type=click.FloatRange(0.1, 600.0),
+                     help="With --listen: time at each baud rate; default 1 s."),
+    )):  # fmt: skip
+        function = option(function)
+    return function
 
 
-def _run(port: str | None, options: Mapping[str, Any], *, as_json: bool) -> int:
-    """Listen or read, and say what it is.
+def listen(source: str | None, options: Mapping[str, Any], *, as_json: bool) -> int:
+    """Listen to a port or a CAN bus, or read captured traffic, and show what it is. Nothing is sent.
+
+    Args:
+        source: a serial port, `socket://HOST:PORT`, a CAN bus as INTERFACE:CHANNEL, or a file of captured bytes or of
+            `candump -l`.
+        options: by the names of `listen_options`; None where not given.
+
+    Returns:
+        0 when a format was found or fits, 5 when not.
 
     Raises:
-        UsageError: neither a port nor a file, or both.
+        UsageError: there is no source, or there are two.
+        NothingHeard: the port or the bus cannot be opened.
+        FileProblem: a file cannot be used.
     """
-    if (port is None) is (options["captured"] is None):
-        raise click.UsageError("give either a PORT or --from FILE")
-    frames = _can_frames(port, options)
-    answer = _can(frames, options["dbc"]) if frames is not None else _sensor(port, options)
+    options = {**options, **{name: value for name, value in DEFAULTS.items() if options[name] is None}}
+    captured = options["captured"]
+    if (source is None) is (captured is None):
+        raise click.UsageError("what to listen to? rig check --listen PORT, or a file of captured bytes")
+    if captured is None and source is not None and Path(source).is_file():
+        captured, source = Path(source), None
+    options["captured"] = captured
+    frames = _can_frames(source, options)
+    answer = _can(frames, options["dbc"]) if frames is not None else _sensor(source, options)
     if as_json:
         write_json(answer)
     else:

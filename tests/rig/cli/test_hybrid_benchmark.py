@@ -1,4 +1,4 @@
-"""`rig hybrid --benchmark`: what it answers, and what it does not take."""
+"""`rig benchmark`: what it answers, and what it does not take."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rig.matrix.model import load_matrix
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
     """Exit code, and what it printed."""
-    code = main(["hybrid", "--benchmark", *arguments])
+    code = main(["benchmark", *arguments])
     return code, capsys.readouterr().out
 
 

@@ -1,4 +1,4 @@
-"""`rig worlds`: campaigns in simulated worlds, in the place of this process."""
+"""`rig scenarios`: campaigns in drawn scenarios; replaces this process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rig.cli.options import Command
 
 
 @click.command(
-    name="worlds",
+    name="scenarios",
     cls=Command,
     add_help_option=False,
     context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False},

@@ -1,0 +1,41 @@
+"""The results of a run's hybrid tests, for the terminal and as JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rig.cli.job import JobResult
+
+
+def hybrid_numbers(result: JobResult) -> dict[str, Any]:
+    """Contents of `hybrid.json`; the same keys without values where there is none."""
+    from rig.characteristics.hybrid_tests import FILE, answer
+
+    path = Path(result.campaign.campaign) / FILE
+    if not path.is_file():
+        return answer(())
+    numbers: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return numbers
+
+
+def show_hybrid_tests(numbers: dict[str, Any], shown: Console) -> None:
+    from rich.table import Table
+
+    table = Table()
+    shares = ("tracking %", "body to 3 Hz %", "energy error %")
+    for heading in ("compensation", "law", "delay ms", *shares, "late", "verdict"):
+        table.add_column(heading, justify="left" if heading in {"compensation", "law", "verdict"} else "right")
+    for test in numbers["tests"]:
+        percent = (100.0 * value if value is not None else None for value in (
+            test["tracking_nrms"], test["reference_error"], test["energy_error"]
+        ))  # fmt: skip
+        cells = ["-" if value is None else f"{value:.3g}" for value in (test["delay_ms"], *percent)]
+        late = "-" if test["late_steps"] is None else f"{test['late_steps']} of {test['steps']}"
+        table.add_row(test["compensation"], test["law"], *cells, late, test["verdict"])
+    if numbers["tests"]:
+        shown.print(table)
