@@ -54,6 +54,7 @@ COMPILED = [
 LEAST_COVERAGE = 95
 UNSWEPT_MYPY = "import gc, mypy.__main__ as mypy; gc.disable(); gc.enable = gc.disable; mypy.console_entry()"
 """mypy without the garbage collector, which it switches on again: 13 of 47 s of processor time, for 0.8 GB more."""
+COMMANDS = ("demo", "test", "nightly", "faults", "scenarios", "coverage", "rig", "install", "docs", "pictures")
 SIDE_BY_SIDE = 2
 """Processes among which the tests without real processes and wires are divided."""
 
@@ -271,7 +272,7 @@ def main(arguments: list[str]) -> int:
     if command == "clean":
         shutil.rmtree(VENV, ignore_errors=True)
         return 0
-    if command not in {"demo", "test", "nightly", "faults", "scenarios", "coverage", "rig", "install", "docs", "pictures"}:
+    if command not in COMMANDS:
         print(__doc__)
         return 0 if command in {"help", "-h", "--help"} else 2
     install(peers=command in {"test", "nightly"})

@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).resolve().parent
 
 
 def commit() -> str | None:
-    """The commit of this checkout (`-dirty` behind it where files were changed), or of what was built; None if unknown."""
+    """The commit of this checkout (with `-dirty` where files were changed) or of the build; None if unknown."""
     if (PACKAGE.parent / ".git").exists():
         command = ["git", "-C", str(PACKAGE.parent), "describe", "--always", "--dirty", "--abbrev=10", "--exclude=*"]
         try:

@@ -63,11 +63,20 @@ def command(
         simulator_args, bench = (bench, *simulator_args), None
     _only_with_listen(of_listening, listen=listen)
     if listen:
-        if prove or simulate or simulator_args:
-            raise click.UsageError("--listen only listens: leave --prove, --simulate and arguments after -- out")
+        _only_listens(others=prove or simulate or bool(simulator_args))
         return listened(bench, of_listening, as_json=as_json)
     return _check(None if bench is None else Path(bench), simulator_args, prove=prove, simulate=simulate,
                   as_json=as_json)  # fmt: skip
+
+
+def _only_listens(*, others: bool) -> None:
+    """Refuse checks and a simulated rig with `--listen`.
+
+    Raises:
+        UsageError: there are any.
+    """
+    if others:
+        raise click.UsageError("--listen only listens: leave --prove, --simulate and arguments after -- out")
 
 
 def _only_with_listen(options: Mapping[str, object], *, listen: bool) -> None:

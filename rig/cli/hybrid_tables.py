@@ -24,6 +24,7 @@ def hybrid_numbers(result: JobResult) -> dict[str, Any]:
 
 
 def show_hybrid_tests(numbers: dict[str, Any], shown: Console) -> None:
+    """Print one line for each test: delay, tracking, difference from the reference, energy, late set-points."""
     from rich.table import Table
 
     table = Table()

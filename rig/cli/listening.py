@@ -31,13 +31,15 @@ def listen_options(function: Callable[..., int]) -> Callable[..., int]:
     """The options of `rig check --listen`."""
     for option in reversed((
         click.option("--listen", is_flag=True,
-                     help="Show the traffic on a port or CAN bus (in place of BENCH) and propose its lines of a bench file."),
+                     help="Show what a port or CAN bus (in place of BENCH) sends, and its lines of a bench file."),
         click.option("--from", "captured", type=FILE, hidden=True),
         click.option("--format", "given", metavar="FORMAT",
                      help="With --listen: decode with this format (a name or a file) instead of guessing."),
         click.option("--dbc", type=FILE, help="With --listen: decode CAN frames with this DBC file."),
-        click.option("--baud", type=click.IntRange(300, 12_000_000), help="With --listen: baud rate; default: try several."),
-        click.option("--parity", type=click.Choice(["N", "E", "O"]), help="With --listen and --baud: parity; default N."),
+        click.option("--baud", type=click.IntRange(300, 12_000_000),
+                     help="With --listen: baud rate; default: try several."),
+        click.option("--parity", type=click.Choice(["N", "E", "O"]),
+                     help="With --listen and --baud: parity; default N."),
         click.option("--bitrate", type=click.IntRange(10_000, 1_000_000),
                      help="With --listen: bit rate of the CAN bus; default 500000."),
         click.option("--seconds", type=click.FloatRange(0.1, 600.0),
@@ -54,6 +56,7 @@ def listen(source: str | None, options: Mapping[str, Any], *, as_json: bool) -> 
         source: a serial port, `socket://HOST:PORT`, a CAN bus as INTERFACE:CHANNEL, or a file of captured bytes or of
             `candump -l`.
         options: by the names of `listen_options`; None where not given.
+        as_json: print one JSON object.
 
     Returns:
         0 when a format was found or fits, 5 when not.

@@ -100,9 +100,8 @@ def command(
 
     path = _matrix_path(matrix, resume)
     tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
-    if must_be_hybrid and tests.hybrid is None:
-        text = "has no table [hybrid], which states the car and the road of a hybrid test; docs/files.md describes it"
-        raise FileProblem(str(path), [text])
+    if must_be_hybrid:
+        _refuse_without_hybrid(tests, path)
     simulator_args = following(tests, simulator_args, usual=simulate and bench is None and resume is None)
     bench, simulator_args = rig_of(bench, simulator_args, simulate=simulate)
     identify = tests.identify
@@ -126,6 +125,17 @@ def command(
         if stay:
             _stay(live, result)
     return result.exit_code
+
+
+def _refuse_without_hybrid(tests: Matrix, path: Path) -> None:
+    """Refuse a matrix without a hybrid test, as `rig hybrid` did.
+
+    Raises:
+        FileProblem: it has none.
+    """
+    if tests.hybrid is None:
+        text = "has no table [hybrid], which states the car and the road of a hybrid test; docs/files.md describes it"
+        raise FileProblem(str(path), [text])
 
 
 def _stay(live: RunLink, result: JobResult) -> None:

@@ -88,9 +88,10 @@ def test_options_of_listening_belong_to_it() -> None:
 
 def test_the_version_names_the_commit() -> None:
     head = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False, cwd=ROOT).stdout
-    told = re.fullmatch(rf"rig {re.escape(__version__)}(?: \(commit ([0-9a-f]+)(?:-dirty)?\))?\n", rig("--version").stdout)
-    assert told
-    assert head.startswith(told[1] or "")
+    form = rf"rig {re.escape(__version__)}(?: \(commit ([0-9a-f]+)(?:-dirty)?\))?\n"
+    shown = re.fullmatch(form, rig("--version").stdout)
+    assert shown
+    assert head.startswith(shown[1] or "")
 
 
 def test_the_plan_refuses_table_1_on_the_papers_machine_with_exit_3_and_the_amplitudes_that_fit() -> None:

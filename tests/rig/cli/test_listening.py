@@ -1,4 +1,4 @@
-"""`rig check --listen`: a stranger's device is listened to, never spoken to, and the lines it proposes work in a bench file."""
+"""`rig check --listen` only listens, and the lines of a bench file that it proposes can be loaded."""
 
 from __future__ import annotations
 
@@ -121,5 +121,5 @@ def test_a_log_of_a_bus_is_told_by_identifiers_and_decoded_by_a_dbc(
 
 
 def test_a_port_that_is_not_there_is_said(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["sniff", "/dev/no-such-port", "--baud", "9600"]) == 2
+    assert main(["check", "--listen", "/dev/no-such-port", "--baud", "9600"]) == 2
     assert "cannot open: No such file" in capsys.readouterr().err
