@@ -27,19 +27,20 @@ if TYPE_CHECKING:
 @click.argument("runs", nargs=-1, required=True, type=RunPath(), metavar="RUN...")
 @click.option(
     "--bands", type=click.Path(path_type=Path),
-    help="Acceptance bands file: every value passes or fails, with its margin; exit 8 where one does not pass.",
+    help="Acceptance bands file: every value passes or fails, with its margin; exit code 8 if one fails.",
 )  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path), help="Write the comparison as a page (HTML) to this file.")
-@click.option("--pdf", "on_paper", is_flag=True, help="With --out: the page on A4 too, in a PDF beside it.")
-@click.option("--all", "everything", is_flag=True, help="Show every value, not only what changed or did not pass.")
+@click.option("--out", type=click.Path(path_type=Path), help="Write the comparison as HTML to this file.")
+@click.option("--pdf", "on_paper", is_flag=True, help="With --out: also write a PDF (A4) next to it.")
+@click.option("--all", "everything", is_flag=True, help="Show every value, not only those that changed or failed.")
 @json_option
 def command(
     runs: tuple[Path, ...], bands: Path | None, out: Path | None, on_paper: bool, everything: bool, as_json: bool
 ) -> int:
-    """Hold recorded RUNs against the first of them, and against acceptance bands.
+    """Compare recorded RUNs with the first of them, and with acceptance bands.
 
-    A damper before and after endurance, two specimens, or one against bands. Only valid points count; motions that
-    were tested in both are compared by force at peak velocity, energy, damping and dynamic range, fits by parameters.
+    For a damper before and after endurance, for two specimens, or for one specimen and its tolerances. Only valid
+    points are used. Motions tested in both runs are compared by force at peak velocity, energy, damping and dynamic
+    range; fits by their parameters.
     """
     from rig.comparison import compare
 

@@ -27,7 +27,7 @@ MATRIX = Path(__file__).with_name("demo.toml")
 @out_option
 @json_option
 def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
-    """Complete example on the simulated rig, in under a minute: plan, run, identify, report.
+    """Run a complete example on the simulated rig, in under a minute: plan, run, identify, report.
 
     Only the devices are simulated; processes and sockets are real. The fit is compared with the true parameters of the
     simulated damper.

@@ -1,4 +1,4 @@
-"""`rig explain`: what a slug means, what was done, what to look at."""
+"""`rig explain`: what a code means, what was done, what to check."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ WIDTH = 100
 
 
 @click.command(name="explain", cls=Command, examples=("rig explain watchdog-absent", "rig explain | grep sensor"))
-@click.argument("slug", required=False)
+@click.argument("slug", metavar="[CODE]", required=False)
 @json_option
 def command(slug: str | None, as_json: bool) -> int:
-    """Say what SLUG means: a fault, refusal, finding or reason by its name. Without SLUG: list them all."""
+    """Explain CODE: a fault, refusal, finding or reason. Without CODE: list all codes."""
     return _show(slug, as_json=as_json)
 
 
@@ -42,7 +42,7 @@ def _show(slug: str | None, *, as_json: bool) -> int:
     if slug not in known:
         near = difflib.get_close_matches(slug, known, 3)
         hint = f"; did you mean {', '.join(near)}?" if near else "; `rig explain` lists them all"
-        raise click.UsageError(f"no slug {slug!r}{hint}")
+        raise click.UsageError(f"no code {slug!r}{hint}")
     answer = explained(slug)
     if as_json:
         write_json(asdict(answer))

@@ -27,16 +27,16 @@ from rig.errors import EXIT_DONE
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), required=True,
-    help="Folder for the files; made where it is not there.",
+    help="Folder for the files; created if missing.",
 )  # fmt: skip
 @json_option
 def command(source: Path, name: str, out: Path, as_json: bool) -> int:
-    """Write SOURCE in another format: a campaign directory, or the file of a fit.
+    """Write SOURCE (a campaign folder or a fit.json) in another format.
 
     c, modelica, octave and python are the fitted model as source code, fmi is an FMU 2.0 for co-simulation; table is
     its force over speed and current.
 
-    An unknown NAME lists those there are; `rig plugins` lists the ones that other packages bring.
+    `rig plugins` lists the formats of other packages.
     """
     from rig.export import export
 

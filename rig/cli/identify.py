@@ -63,11 +63,13 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
 )  # fmt: skip
 @click.option(
     "--current-law", type=click.Choice(LAWS), default="affine", show_default=True,
-    help="What the fluid feels of the current, for any model: the current itself, a law that bends, or all compared.",
+    help="Effect of the current, for any model: proportional (affine), a saturating or polynomial "
+         "law, one fit per current, or all compared.",
 )  # fmt: skip
 @click.option(
     "--temperature-law", type=click.Choice(TEMPERATURE_LAWS), default="none", show_default=True,
-    help="What warm oil weakens, by a recorded temperature: viscosity, yield force, both alike or each by itself.",
+    help="Parameters that depend on a recorded temperature: viscosity, yield force, both with a "
+         "common rate, or both separately.",
 )  # fmt: skip
 @click.option("--series-spring", is_flag=True, help="Add a spring in series: compliant mounts.")
 @click.option("--suspect", is_flag=True, help="Include suspect points; by default only valid points are fitted.")
@@ -86,7 +88,7 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
 @click.option("--population", type=click.IntRange(2), default=50, show_default=True, help="Candidates per generation.")
 @click.option(
     "--bounds", type=click.Choice(["model", "wide", "none"]), default="model", show_default=True,
-    help="Where a search looks: each parameter's own range, +-10,000 (SI) for all, or anywhere, as the papers do.",
+    help="Search range: each parameter's own range, +-10,000 (SI) for all, or unbounded as in the papers.",
 )  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed of stochastic methods.")
 @click.option("--profile", is_flag=True, help="Also compute profile likelihoods of the nonlinear parameters.")
@@ -94,14 +96,14 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
     "--profile-of", multiple=True, metavar="NAME",
     help="Also compute the profile likelihood of this parameter (repeatable).",
 )
-@click.option("--diagnose", is_flag=True, help="Look for what explains the misfit of an adequate fit too.")
+@click.option("--diagnose", is_flag=True, help="Search for causes of the misfit even if the fit is adequate.")
 @click.option(
     "--bootstrap", type=click.IntRange(20), metavar="N",
-    help="Draw the tests N times again (1000 for a publication): intervals that hold where no model fits.",
+    help="Bootstrap over tests with N samples (1000 for a publication): intervals that hold even if no model fits.",
 )  # fmt: skip
 @click.option(
     "--unseen", type=click.Choice(["pairs"]),
-    help="Also foretell each amplitude and frequency from the others: the error on motions not fitted.",
+    help="Leave-one-motion-out cross-validation: error at each amplitude and frequency, predicted from the others.",
 )
 @scheduler_option
 @json_option
@@ -120,9 +122,8 @@ def command(
 ) -> int:
     """Fit a damper model to RUNS and write fit.json into the first; an earlier fit.json is kept under another name.
 
-    A run is a campaign directory, a folder with exactly one campaign, or a point file.
-    Parameters that the tests do not determine are reported as not identifiable, with the reason. Exit 6 if nothing can
-    be fitted.
+    A run is a campaign directory, a folder with exactly one campaign, or a point file. Parameters that the tests do not
+    determine are reported as not identifiable, with the reason. Exit code 6 if no model can be fitted.
     """
     gc.set_threshold(SELDOM)
     from rig.identification import Method, identify_run

@@ -97,31 +97,32 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 )
 @click.option(
     "--no-value", "no_value", multiple=True, callback=_numbers, metavar="NUMBER",
-    help="Number that stands for no value, in place of the usual ones (-9999, 999.25, 9.9e37, ...), which are "
-    "recognised; none: there is none.",
+    help="Number that marks a missing value, instead of the usual ones (-9999, 999.25, 9.9e37, ...); "
+    "none: no such number.",
 )
 @click.option(
     "--rate", type=QuantityOption("frequency"), help="Sample rate, such as '1 kHz', where there is no column of time."
 )
-@click.option("--separator", callback=_separator, metavar="SIGN", help="CSV: between cells: one sign, tab or space.")
+@click.option("--separator", callback=_separator, metavar="SIGN", help="CSV: separator: one character, tab or space.")
 @click.option("--decimal", type=click.Choice([".", ","]), help="CSV: decimal sign.")
 @click.option(
     "--thousands", type=click.Choice([",", ".", "'", "space", "none"]),
-    help="CSV: sign between thousands (space: also a no-break one); none: there is none.",
+    help="CSV: thousands separator (space includes the no-break space).",
 )
 @click.option(
     "--event-rows", type=click.Choice(["refuse", "skip", "split"]), default="refuse", show_default=True,
-    help="CSV: rows of words between rows of numbers: leave them out, or make a test of each part between them.",
+    help="CSV: text rows between rows of numbers: skip them, or split the file there"
+    " into several tests.",
 )
-@click.option("--sheet", metavar="NAME", help="Excel: sheet of the test; all: a test of each sheet with a table.")
+@click.option("--sheet", metavar="NAME", help="Excel: sheet of the test; all: one test per sheet with a table.")
 @click.option("--encoding", metavar="NAME", help="CSV: encoding, such as cp1252 or utf-16-le.")
-@click.option("--header-line", type=click.IntRange(0, 2000), help="CSV: line of the names; 0: there are none.")
-@click.option("--units-line", type=click.IntRange(0, 2000), help="CSV: line of the units; 0: there are none.")
+@click.option("--header-line", type=click.IntRange(0, 2000), help="CSV: line with the column names; 0: none.")
+@click.option("--units-line", type=click.IntRange(0, 2000), help="CSV: line with the units; 0: none.")
 @click.option(
     "--accept", multiple=True, metavar="SLUG",
-    help="Take sizes as they are that no damper test has: units-time, units-displacement, units-force, sample-rate.",
+    help="Accept implausible magnitudes: units-time, units-displacement, units-force, sample-rate.",
 )
-@click.option("--dry-run", is_flag=True, help="Read, look at everything and show it; write nothing.")
+@click.option("--dry-run", is_flag=True, help="Read and check everything and show it; write nothing.")
 @click.option("--current", type=QuantityOption("current"), help="Coil current of all files, such as '0.5 A'.")
 @click.option(
     "--current-from-name", metavar="REGEX",
@@ -133,7 +134,7 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 )
 @click.option(
     "--ampere-per-volt", type=click.FloatRange(0.0, 100.0, min_open=True), default=1.0, show_default=True,
-    help="Current that the driver commands for a volt of the column `voltage`.",
+    help="Current commanded by the driver per volt of the column `voltage`.",
 )
 @click.option("--specimen", default="imported", show_default=True, help="Serial number of the damper.")
 @click.option("--mid-stroke", type=QuantityOption("length"), help="Mid-stroke position in the displacement column.")
@@ -164,11 +165,11 @@ def command(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Convert FILES of text (CSV, LVM), Excel, MATLAB, HDF5, MDF (MF4), TDMS or RPC III to a run; all of them or none.
+    """Convert FILES (CSV, LVM, Excel, MATLAB, HDF5, MF4, TDMS, RPC III) to a run; if one fails, none is converted.
 
-    How a CSV file is written (separator, decimal sign, encoding, lines of names and units, time stamps) is guessed and
-    shown; options say otherwise. Without --column the file's columns are listed. `rig identify` and `rig report` take
-    the run like a recorded one.
+    The layout of a CSV file (separator, decimal sign, encoding, header lines, time stamps) is detected and shown;
+    options override it. Without --column the file's columns are listed. `rig identify` and `rig report` treat the result like a
+    recorded run.
     """
     from rig.recording.foreign.foreign_file import Dialect
     from rig.recording.foreign_tests import WantedTests, read_tests

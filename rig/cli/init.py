@@ -69,15 +69,16 @@ OF_A_SUPPLY, NOT_OF_A_SUPPLY = frozenset({"supply_url"}), frozenset({"interface"
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path), default=Path(), metavar="[DIR]")
 @click.option("--actuator", metavar="NAME", help="Kind of controller: a preset, or the path of a register map.")
 @click.option("--ecu", metavar="NAME",
-              help="Current source: a preset, a DBC file (roles: NAME-roles.toml), a supply, by-hand.")
-@click.option("--force", metavar="FORMAT", help="What the load cell sends.")
-@click.option("--displacement", metavar="FORMAT", help="What the displacement sensor sends.")
-@click.option("--yes", is_flag=True, help="Ask nothing; what is not given is taken from the defaults.")
+              help="Current source: a preset, a DBC file (roles: NAME-roles.toml), a supply, or by-hand.")
+@click.option("--force", metavar="FORMAT", help="Data format of the load cell.")
+@click.option("--displacement", metavar="FORMAT", help="Data format of the displacement sensor.")
+@click.option("--yes", is_flag=True, help="Ask no questions; use the defaults for everything not given.")
 @json_option
 def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
-    """Write bench.toml, matrix.toml and their JSON schemas into DIR; nothing that is there is overwritten.
+    """Write bench.toml, matrix.toml and their JSON schemas into DIR; existing files are kept.
 
-    Without --yes it asks on a terminal. Both files load as they are: `rig plan` and `rig run --simulate` take them.
+    Without --yes it asks questions on a terminal. Both files are valid as written: `rig plan` and `rig run --simulate`
+    accept them.
     """
     answers = {question.key: given.get(question.key) or "" for question in QUESTIONS}
     _check_names(answers)

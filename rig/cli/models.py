@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @json_option
 def command(names: tuple[str, ...], as_json: bool) -> int:
-    """List the damper models, plug-ins too; with NAME their parameters as well.
+    """List the damper models, including plug-ins; with NAME also their parameters.
 
-    Each can be fitted (`rig identify --model NAME`) and drive the simulated rig (`[damper] model`, or `set`).
+    Each model can be fitted (`rig identify --model NAME`) and can be the simulated rig's damper (`[damper] model`, or
+    `set`).
     """
     from rig import dampers
 

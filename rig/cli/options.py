@@ -129,13 +129,13 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print one JS
 scheduler_option = click.option(
     "--scheduler",
     metavar="URL",
-    help="Dask scheduler (tcp://HOST:8786) for the searches; its workers need this software installed.",
+    help="Dask scheduler (tcp://HOST:8786) for the searches; its workers need this software.",
 )
 out_option = click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     default=LOGS,
     show_default=True,
-    help="Folder in which the run directory is created.",
+    help="Folder in which the run is created.",
 )
 run_argument = click.argument("run", type=RunPath())

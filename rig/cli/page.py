@@ -30,7 +30,7 @@ def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
     options = (
         click.option(
             "--page-address", metavar="HOST[:PORT]",
-            help="Where the page is opened; default 127.0.0.1, any free port. Another machine's name needs TLS.",
+            help="Address of the page; default 127.0.0.1 and any free port. Other machines can reach it only with TLS.",
         ),
         click.option("--page-cert", type=click.Path(path_type=Path), metavar="FILE", help="TLS certificate (PEM)."),
         click.option("--page-key", type=click.Path(path_type=Path), metavar="FILE", help="Its private key (PEM)."),
@@ -163,9 +163,9 @@ def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[
 def command(
     run: Path, page_address: str | None, page_cert: Path | None, page_key: Path | None, as_json: bool
 ) -> int:
-    """Serve the operator's page of RUN, a campaign that runs or has ended, until Ctrl-C or Close on the page.
+    """Serve the operator's page of RUN, running or finished, until Ctrl-C or Close on the page.
 
-    Prints its address as `page: URL`. The campaign does not notice the page, nor its end.
+    Prints the address as `page: URL`. The page does not affect the campaign.
     """
     import asyncio
     from dataclasses import replace

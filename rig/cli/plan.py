@@ -25,13 +25,13 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 @click.option("--bench", type=click.Path(path_type=Path), required=True, help="Bench file of the rig.")
 @click.option(
     "--all", "everything", is_flag=True,
-    help="Show every point; without it long plans are summarised by groups.",
+    help="Show every point; otherwise long plans are summarised by group.",
 )
 @json_option
 def command(matrix: Path, bench: Path, everything: bool, as_json: bool) -> int:
     """Check every point of MATRIX against the limits of a bench; nothing is connected.
 
-    Exit 3 if a point is infeasible; the reasons and the largest feasible amplitude are shown.
+    Exit code 3 if a point is outside a limit; the reasons and the largest amplitude that fits are shown.
     """
     from rig.cli.analysis_check import check_analysis
     from rig.cli.tables import PlanText

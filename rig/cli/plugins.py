@@ -36,10 +36,10 @@ class Kind:
 @click.command(name="plugins", cls=Command, examples=("rig plugins", "rig plugins --json"))
 @json_option
 def command(as_json: bool) -> int:
-    """List the plug-ins of every group with their package and state; each is loaded.
+    """List all plug-ins with their package and state; each one is loaded.
 
-    `ok`; `broken`: it cannot be used, with the reason; `shadowed`: this program has that name itself, and uses its own.
-    Exit code 2 when one is not ok.
+    States: `ok`; `broken`: cannot be used, with the reason; `shadowed`: a built-in of the same name is used instead.
+    Exit code 2 if one is not ok.
     """
     listed = _listed()
     if as_json:

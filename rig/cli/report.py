@@ -17,10 +17,10 @@ from rig.text_file import read_json
     "rig report logs/20260102T030405Z-MR-001-ab12cd --pdf",
 ))  # fmt: skip
 @run_argument
-@click.option("--pdf", "on_paper", is_flag=True, help="Write report.pdf too: A4, vectors, every page with its number.")
+@click.option("--pdf", "on_paper", is_flag=True, help="Also write report.pdf: A4, vector graphics, page numbers.")
 @json_option
 def command(run: Path, on_paper: bool, as_json: bool) -> int:
-    """Write report.html of RUN (a campaign directory): one self-contained file."""
+    """Write report.html of RUN (a campaign folder): one self-contained file."""
     from rig.report import write_report
 
     path = write_report(run).resolve()

@@ -43,19 +43,20 @@ if TYPE_CHECKING:
 )
 @click.option("--seed", type=click.IntRange(0), help="Seed of the simulated rig (with --simulate; default 0).")
 @click.option("--real-time", is_flag=True,
-              help="Rehearse with the time limits of hardware: the simulated rig does not wait for a busy computer.")
+              help="Apply the timing limits of hardware: the simulated rig does not wait for a busy computer.")
 @click.option(
     "--resume", type=RunPath(), metavar="RUN",
-    help="Continue the campaign in directory RUN; valid points are kept.",
+    help="Continue campaign RUN; valid points are kept.",
 )
 @click.option(
     "--requalified", metavar="TEXT",
-    help="With --resume after a stop that demands requalification (e-stop, broken coil): what was checked or replaced.",
+    help="With --resume, after a stop that requires requalification (e-stop, broken coil): what was "
+         "checked or replaced.",
 )
 @click.option("--page", "page", is_flag=True, help="Serve the operator's page; its address is printed as `page: URL`.")
 @page_options
-@click.option("--hold", is_flag=True, help="With --page: begin only when Start is pressed there.")
-@click.option("--stay", is_flag=True, help="With --page: it stays open after the end, until closed there or Ctrl-C.")
+@click.option("--hold", is_flag=True, help="With --page: begin when Start is pressed on the page.")
+@click.option("--stay", is_flag=True, help="With --page: keep the page open after the end, until Close or Ctrl-C.")
 @click.option("--hybrid", "must_be_hybrid", is_flag=True, hidden=True)  # `rig run FILE` of earlier versions
 @click.option("--no-identify", is_flag=True, help="Record only; ignore [identify] in the matrix file.")
 @out_option
@@ -80,10 +81,10 @@ def command(
     """Run MATRIX on a rig: check it, record every point, identify the damper, write the report.
 
     Ctrl-C stops the rig: coil to 0 A, motion faded out by the controller; finished points are kept. Ctrl-Z pauses after
-    the running point, Ctrl-Z again continues. --page does both in a browser, too.
+    the running point, Ctrl-Z again continues. --page offers both in a browser.
 
     --resume repeats all preflight checks, keeps the valid points and continues with the rest, on the campaign's own
-    bench or on a simulated rig again. It confirms that the cause of the stop was looked at and removed; the cause is
+    bench or on a simulated rig again. It confirms that the cause of the stop was inspected and removed; the cause is
     printed.
     """
     if resume is not None and matrix is not None and str(matrix).startswith("-"):

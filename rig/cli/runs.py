@@ -28,20 +28,21 @@ MOST_SHOWN = 200
     "--in", "folder", type=click.Path(path_type=Path), default=LOGS, show_default=True,
     help="Folder with the runs.",
 )
-@click.option("--specimen", metavar="TEXT", help="Only of this specimen; a pattern with * and ? for several.")
+@click.option("--specimen", metavar="TEXT", help="Specimen's serial number; * and ? are wildcards.")
 @click.option(
-    "--date", metavar="DATE", help="Only begun (UTC) in a year, month or day, 2026-11-23, or from one to another, "
-    "2026-11-01:2026-11-23; either side of the colon may be left out.",
+    "--date", metavar="DATE",
+        help="Start date (UTC): a year, month or day (2026-11-23), or a range (2026-11-01:2026-11-23, "
+             "open on either side).",
 )
-@click.option("--verdict", type=click.Choice(VERDICTS), help="Only where this is the worst verdict of the points.")
-@click.option("--model", metavar="NAME", help="Only where this model was fitted.")
+@click.option("--verdict", type=click.Choice(VERDICTS), help="Worst verdict of the run's points.")
+@click.option("--model", metavar="NAME", help="Fitted model.")
 @json_option
 def command(
     folder: Path, specimen: str | None, date: str | None, verdict: str | None, model: str | None, as_json: bool
 ) -> int:
-    """List the runs in a folder by name; all filters must hold.
+    """List the runs in a folder; several filters are combined with AND.
 
-    Summaries are kept in .rig-runs.sqlite in that folder. The files alone count: what has changed is read again.
+    Summaries are cached in .rig-runs.sqlite in that folder; runs that changed are read again.
     """
     runs = _listed(folder, RunFilter(specimen, date, verdict, model), None if as_json else MOST_SHOWN)
     if as_json:

@@ -19,8 +19,8 @@ from rig.cli.options import Command
 )
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def command(arguments: tuple[str, ...]) -> NoReturn:
-    """Run the simulated rig alone: `python -m simulators` with ARGUMENTS.
+    """Run only the simulated rig: `python -m simulators` with ARGUMENTS.
 
-    It prints the path of its bench file first, for `rig run --bench`; Ctrl-C ends it.
+    The first line printed is the path of its bench file, for `rig run --bench`. Ctrl-C ends it.
     """
     os.execv(sys.executable, [sys.executable, "-m", "simulators", *arguments])

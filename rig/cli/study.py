@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder of the results; an interrupted study in it is continued.  [default: logs/study-<file's name>]",
+    help="Folder for the results; an interrupted study in it is continued.  [default: logs/study-<file's name>]",
 )
 @click.option("--processes", type=click.IntRange(1, 1024), help="Worker processes.  [default: one per processor]")
 @scheduler_option
@@ -38,10 +38,10 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
     """Run the study FILE: tables, statistics and figures of both papers from its recordings.
 
     A benchmark file (examples/open-recordings.toml) fits every model and method to open recordings instead and writes
-    one table of what they foretell of unseen tests; what is to be downloaded is said.
+    one table of their errors on validation tests; it prints which files to download.
 
-    Writes tables (CSV), study.json and study.html. It can be interrupted: finished searches are kept, and the same
-    command continues.
+    Writes tables (CSV), study.json and study.html. After an interruption the same command continues; finished searches
+    are kept.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
