@@ -168,8 +168,8 @@ def command(
     """Convert FILES (CSV, LVM, Excel, MATLAB, HDF5, MF4, TDMS, RPC III) to a run; if one fails, none is converted.
 
     The layout of a CSV file (separator, decimal sign, encoding, header lines, time stamps) is detected and shown;
-    options override it. Without --column the file's columns are listed. `rig identify` and `rig report` treat the result like a
-    recorded run.
+    options override it. Without --column the file's columns are listed. `rig identify` and `rig report` treat the
+    result like a recorded run.
     """
     from rig.recording.foreign.foreign_file import Dialect
     from rig.recording.foreign_tests import WantedTests, read_tests
