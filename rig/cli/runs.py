@@ -31,7 +31,7 @@ MOST_SHOWN = 200
 @click.option("--specimen", metavar="TEXT", help="Specimen's serial number; * and ? are wildcards.")
 @click.option(
     "--date", metavar="DATE",
-    help="Start date (UTC): a year, month or day (2026-11-23), or a range (2026-11-01:2026-11-23, open on either side).",
+    help="Start date (UTC): a year, month or day (2026-11-23), or a range (2026-11-01:2026-11-23), also half open.",
 )
 @click.option("--verdict", type=click.Choice(VERDICTS), help="Worst verdict of the run's points.")
 @click.option("--model", metavar="NAME", help="Fitted model.")
