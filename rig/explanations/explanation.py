@@ -13,24 +13,24 @@ from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, FaultRow, StopKind
 
 DONE = {
-    StopKind.FADE_OUT: "Stopped (S2): the coil went to 0 A at once, the controller faded the motion out and holds.",
+    StopKind.FADE_OUT: "Stopped (S2): the coil went to 0 A at once, the controller faded the motion out and holds the position.",
     StopKind.HALT: "Stopped (SO), because the position is no longer trusted: the coil went to 0 A at once, the "
-    "controller halted without looking at its position.",
+    "controller halted without using its position.",
     StopKind.PRESSURE_OFF: "Stopped (S1): the coil went to 0 A at once, the controller faded the motion out, then the "
-    "pressure was taken away.",
-    Ending.WARN: "Flagged and noted; the campaign goes on.",
-    Ending.INVALID: "The running point is invalid; the campaign goes on, repeating it where [campaign] retries allows.",
+    "pressure was switched off.",
+    Ending.WARN: "Flagged and recorded; the campaign continues.",
+    Ending.INVALID: "The running point is invalid; the campaign continues and repeats it if [campaign] retries allows.",
     Ending.REFUSE: "Refused; nothing moved.",
 }
 """What follows from how a fault ends."""
 HALTED = "Stopped (S2): the coil went to 0 A at once, the controller's halt ramp ended the motion."
 """... where a hard limit was hit."""
-STAYS = "One alone is only flagged. When it stays: "
-KEPT = " What was recorded up to then is kept, the running point is invalid."
+STAYS = "A single occurrence is only flagged. If it persists: "
+KEPT = " Data recorded until then are kept, the running point is invalid."
 
 RESUME = {
-    "a": "Continue with `rig run --resume RUN`; with [campaign] retries the point restarts by itself.",
-    "c": "Continue with `rig run --resume RUN` once the cause is removed; typing it confirms that you looked.",
+    "a": "Continue with `rig run --resume RUN`; with [campaign] retries the point is repeated automatically.",
+    "c": "Continue with `rig run --resume RUN` once the cause is removed; the command confirms that you inspected it.",
     "n": 'Requalify the damper first; then `rig run --resume RUN --requalified "WHAT WAS CHECKED"`.',
 }
 """How to go on after a stop, by the row's class."""
