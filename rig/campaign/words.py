@@ -1,6 +1,6 @@
-"""The campaign's messages: one template for each thing that can be said of a cause, filled with its numbers.
+"""The campaign's messages: one template per message, filled with its numbers.
 
-Nothing is decided by what stands here: causes are told apart by their slug, and carry their numbers beside the words.
+Nothing depends on these texts: causes are distinguished by their slug and carry their numbers separately.
 """
 
 from __future__ import annotations
@@ -10,60 +10,60 @@ from rig import errors
 MESSAGES = {
     # At rest, before arming
     "few-samples": "{name}: {count} samples at rest, expected {fewest} or more, all finite",
-    "flagged-samples": "{name}: {count} samples at rest with the sensor's own overload or fault flag, expected none; "
-    "check it and its cable",
+    "flagged-samples": "{name}: {count} samples at rest with the sensor's overload or fault flag, expected none; "
+    "check sensor and cable",
     "rest-value": "{what}: {value:.3g} {unit}, allowed {limit:.3g} {unit}{advice}",
-    "force-zero": "load cell against the controller's own force input: {difference} N at rest, allowed {limit_N:.3g} N "
-    "for this test's force (blame: bench){advice}",
-    "current-zero": "the ECU reports {zero} mA while its output stage is off, allowed {limit_mA:.3g} mA (blame: bench)"
+    "force-zero": "load cell and controller force input differ by {difference} N at rest, allowed {limit_N:.3g} N "
+    "for this test's force (cause: bench){advice}",
+    "current-zero": "the ECU reports {zero} mA while its output stage is off, allowed {limit_mA:.3g} mA (cause: bench)"
     "{advice}",
-    "supply-not-zero": "the supply gives {zero} mA though nothing was set, allowed {limit_mA:.3g} mA (blame: bench); "
-    "switch its output off at the supply; one that cannot give 0 A cannot drive this coil; an offset of its "
-    "measurement goes into [checks] current_zero",
+    "supply-not-zero": "the supply delivers {zero} mA before any command, allowed {limit_mA:.3g} mA (cause: bench); "
+    "switch its output off at the supply; a supply that cannot deliver 0 A is not usable for this coil; enter an "
+    "offset of its measurement as [checks] current_zero",
     "rest-position": "LVDT at rest: {value_mm:.3g} mm, allowed {low_mm:g}..{high_mm:g} mm{advice}",
-    "few-rest-samples": "too few samples from the resting rig",
-    # The proof move
-    "lvdt-scale": "proof move: the LVDT shows {shown_mm:.3g} mm where the controller moved {moved_mm:.3g} mm; check "
-    "plugs, sign and sensitivity",
-    "force-sign": "proof move: the load cell shows {force_N:.3g} N less on the way up than down, but a damper resists; "
+    "few-rest-samples": "too few samples at rest",
+    # The check move
+    "lvdt-scale": "check move: the LVDT shows {shown_mm:.3g} mm, the controller moved {moved_mm:.3g} mm; check plugs, "
+    "sign and sensitivity",
+    "force-sign": "check move: the load cell shows {force_N:.3g} N less on the way up than down, but a damper opposes "
+    "motion; check plugs, sign and sensitivity",
+    "force-scale": "check move: the load cell shows a damper force of {force_N:.3g} N, the controller {own_N:.3g} N; "
     "check plugs, sign and sensitivity",
-    "force-scale": "proof move: the load cell shows a force of motion of {force_N:.3g} N, the controller {own_N:.3g} "
-    "N; check plugs, sign and sensitivity",
-    "no-proof-move": "the actuator did not carry out the proof move",
+    "no-proof-move": "the actuator did not perform the check move",
     # Against the first session
-    "no-signature": "its 0 A signature could not be measured",
-    "other-signature": "0 A signature {now}, in the campaign's first session {first}",
-    "stronger-damper": "0 A signature {now}, the prior predicts {expected}: the plan does not hold for this damper; "
-    "mount the right one, or correct the specimen's prior",
+    "no-signature": "the damper's force at 0 A could not be measured",
+    "other-signature": "force at 0 A: {now}, in the campaign's first session {first}",
+    "stronger-damper": "force at 0 A: {now}, the expected damper gives {expected}: the plan is not valid for this "
+    "damper; mount the right one, or correct `prior` of the specimen",
     "other-device": "{device}: {name} {now!r}, in the campaign's first session {first!r}",
     "no-coil-temperature": "the ECU reports no coil temperature",
     "too-hot-to-resume": "coil at {now_degC:.1f} degC; this campaign saw {lowest_degC:.1f} to {highest_degC:.1f} degC "
-    "and continues from {from_degC:.1f} to {to_degC:.1f} degC: let it cool down, then resume",
+    "and continues from {from_degC:.1f} to {to_degC:.1f} degC: let it cool, then resume",
     "too-cold-to-resume": "coil at {now_degC:.1f} degC; this campaign saw {lowest_degC:.1f} to {highest_degC:.1f} degC "
     "and continues from {from_degC:.1f} to {to_degC:.1f} degC: warm the room or the damper, then resume",
     # Preparing and running points
-    "still-cold": "{now_degC:.1f} degC after {warmed_s:.0f} s of warming up; the window begins at {low_degC:g} degC",
-    "never-cool": "{now_degC:.1f} degC; never cools to {highest_degC:.1f} degC by itself",
+    "still-cold": "{now_degC:.1f} degC after {warmed_s:.0f} s of warm-up; the window begins at {low_degC:g} degC",
+    "never-cool": "{now_degC:.1f} degC; will not cool to {highest_degC:.1f} degC without help",
     "cool-too-late": "{now_degC:.1f} degC; cools to {highest_degC:.1f} degC in {forecast_s:.0f} s, later than "
     "[temperature] longest allows",
-    "cooling-overdue": "the damper did not cool down in twice the forecast time",
+    "cooling-overdue": "the damper did not cool within twice the predicted time",
     "no-temperature": "the ECU reports no temperature",
     "no-negative-current": "the measured current does not follow the demagnetising sequence; it needs an ECU that "
     "drives both signs",
     "current-not-settled": "measured current did not reach {wanted_A:g} A in {limit_s:g} s",
     "current-not-zero": "the measured current did not return to 0 A",
-    "no-full-cycle": "the trial program showed no full cycle",
-    "ended-by-another": "{point}: the motion was ended by another master: {how}",
-    "program-overdue": "the motion program did not run to its end in time",
+    "no-full-cycle": "the trial motion contained no full cycle",
+    "ended-by-another": "{point}: another master ended the motion: {how}",
+    "program-overdue": "the motion program did not finish in time",
     "centre-overdue": "the actuator did not reach the centre",
-    "rest-overdue": "the controller's clock stands still",
+    "rest-overdue": "the controller's clock does not advance",
     "standstill-overdue": "the actuator did not come to rest",
     "pause-overdue": "paused for {hours:g} h: pressure off",
-    "unanswered": "{phase}: no proof from the station in time",
-    # The application's own
-    "finaliser-ended": "the finaliser process has ended; `rig recover` finishes what it left",
-    "file-unfinished": "its file is not finished; `rig recover` or resuming will finish it",
-    "records-lost": "{count} records overwritten unread",
+    "unanswered": "{phase}: no confirmation from the station in time",
+    # The rig software's own
+    "finaliser-ended": "the file-writing process has ended; `rig recover` completes the files",
+    "file-unfinished": "its file is not finished; `rig recover` or resuming completes it",
+    "records-lost": "{count} records overwritten before they were read",
     "station-silent": "the station has not run for {silent_s:g} s or longer",
     "no-status": "no status of the controller for {silent_s:g} s",
     # Notes of the sequencer
@@ -75,70 +75,70 @@ MESSAGES = {
     "spoiled": "{slug}: {detail}",
     "ask-current": "Set {wanted_A:.2f} A on the supply, then press Enter",
     "ask-zero": "Set 0 A on the supply and switch its output off, then press Enter",
-    "set-by-hand": "{said_A:.2f} A set by hand, confirmed by the operator",
-    "current-left": "nobody has confirmed that the current set by hand was taken away: it may still flow. Go to the "
-    "supply and switch its output off",
-    "by-hand-unanswered": "{wanted_A:g} A were asked for, and nobody confirmed it in {limit_s:g} s",
+    "set-by-hand": "{said_A:.2f} A set manually, confirmed by the operator",
+    "current-left": "not confirmed that the manual current was switched off: it may still flow. Go to the supply and "
+    "switch its output off",
+    "by-hand-unanswered": "{wanted_A:g} A were requested and not confirmed within {limit_s:g} s",
     "cooling-ecu": "waiting for the ECU to cool down: {cooled_s:g} s of at most {longest_s:g} s",
-    "left-to-station": "nothing more is asked of the station; its own watch and the controller's watchdog end the "
+    "left-to-station": "no further commands are sent; the station's monitoring and the controller's watchdog stop the "
     "motion: {detail}",
-    "state-unknown": "the rig's state is not known: {detail}",
-    "hydraulics-on": "the rig stands still at 0 A, but its hydraulics could not be switched off: {detail}",
+    "state-unknown": "the rig's state is unknown: {detail}",
+    "hydraulics-on": "the rig is at rest at 0 A, but its hydraulics could not be switched off: {detail}",
     "warming": "warming up from {from_degC:.1f} degC: {planned_s:.0f} s of motion",
     "cooling": "{point}: cooling down from {from_degC:.1f} to {to_degC:.1f} degC, about {planned_s:.0f} s of the rig's "
     "time",
     # Compensation of the amplitude
-    "cannot-reach": "{reached_mm:.4g} mm of {wanted_mm:.4g} mm reached ({off:+.1f} %), {aside_mm:+.3f} mm beside the "
-    "centre, with a command of {command_mm:.4g} mm: {why}",
-    "machine-cannot": "machine cannot: {why}",
+    "cannot-reach": "{reached_mm:.4g} mm of {wanted_mm:.4g} mm reached ({off:+.1f} %), centre off by {aside_mm:+.3f} "
+    "mm, with a command of {command_mm:.4g} mm: {why}",
+    "machine-cannot": "machine limit: {why}",
     "within-tolerance": "{point}: {reached_mm:.4g} mm of {wanted_mm:.4g} mm reached; within tolerance",
     "corrected": "{point}: {reached_mm:.4g} mm of {wanted_mm:.4g} mm reached; correction {step}: command "
     "{command_mm:.4g} mm",
-    "no-motion": "nothing moved",
-    "not-within": "not within {percent:g} % after {steps} corrections",
+    "no-motion": "no motion",
+    "not-within": "still outside {percent:g} % after {steps} corrections",
     "beyond-room": "a command of {command_mm:.4g} mm about {centre_mm:.4g} mm would be needed, beyond {limit}",
     "beyond-shift": "the centre would have to be moved by {wanted_mm:.4g} mm; {allowed_mm:.4g} mm are allowed",
-    "valve-saturated": "the valve is saturated: the speed needs more flow than it passes",
+    "valve-saturated": "the valve is saturated: the speed needs more flow than it can pass",
     "no-answer": "the motion does not follow a larger command (following error up to {error_mm:.3g} mm)",
     # What the operator reads beside the points
-    "resume-confirms": "resuming confirms that this was looked at and mended: {text}",
+    "resume-confirms": "resuming confirms that this was checked and fixed: {text}",
     "resuming": "resuming: {kept} points kept, {left} to run",
     "without-options": "the simulated rig is started without the earlier session's {names}",
     "requalified": "requalified: {text}",
     "at-the-end": "at the campaign's end: {error}",
-    "pause-asked": "pausing after the running point; Ctrl-Z again, or Start on the page, continues",
+    "pause-asked": "pause after the running point; continue with Ctrl-Z or with Start on the page",
     "pause-over": "continuing",
-    "clock-step": "the wall clock stepped by {stepped_s:+.3f} s; host_ns is not affected",
+    "clock-step": "the system time changed by {stepped_s:+.3f} s; recorded times (host_ns) are not affected",
     "station-late": "this computer was busy: monitoring paused for {late_ms:.0f} ms (pause {count}); samples that "
     "waited are flagged",
-    "points-files": "the points' files: {error}; `rig recover` finishes what is left",
-    "own-skews": "every point keeps its own skew: {why}",
-    "recorder-left": "the recorder: {error}; `rig recover` finishes what it left",
-    "dropped": "the motion was out of tolerance; its record is kept as {kept}, the point is run again",
+    "points-files": "point files: {error}; `rig recover` completes them",
+    "own-skews": "each point keeps its own sensor delay: {why}",
+    "recorder-left": "recorder: {error}; `rig recover` completes the files",
+    "dropped": "the motion was out of tolerance; the record is kept as {kept}, the point is repeated",
     "rig-goes-on": "the simulated rig still runs (process {process}){why}",
-    "drifted-apart": "{measured} and {own} drifted apart by {drift:+.3g} {unit} between start and end, both at rest "
-    "(limit {limit:.3g} {unit}, largest measured {peak:.4g} {unit}): one of the two zeros moved; check cable, mounting "
-    "and temperature of both, tare, and repeat the tests",
-    "force-left": "0 A could not be measured after the stop, and the force at rest went from {start:.4g} N to "
-    "{end:.4g} N (limit {limit:.3g} N): the coil may still have current; cut its supply, then look at the current "
-    "source and the way to it",
-    # Words from elsewhere: a device's, the station's, an exception's
+    "drifted-apart": "the difference between {measured} and {own} at rest drifted by {drift:+.3g} {unit} between start "
+    "and end (limit {limit:.3g} {unit}, largest measured {peak:.4g} {unit}): one of the two zeros drifted; check "
+    "cable, mounting and temperature of both, tare, and repeat the tests",
+    "force-left": "0 A could not be measured after the stop, and the force at rest changed from {start:.4g} N to "
+    "{end:.4g} N (limit {limit:.3g} N): current may still flow in the coil; disconnect its supply, then check the "
+    "current source and its connection",
+    # Text from elsewhere: a device, the station, an exception
     "said": "{text}",
 }
 EXCHANGED = {
-    "plugs": "load cell and LVDT are exchanged: swap their plugs",
+    "plugs": "load cell and LVDT are swapped: swap their plugs",
     "force-sign": "the load cell's sign is wrong",
     "lvdt-sign": "the LVDT's sign is wrong",
 }
 ADVICE = {
     "rest-value": "; tare it or check its cable",
-    "force-zero": "; one of the two is not zeroed, neither is proved: tare the load cell and the controller's input, "
-    "or write [checks] force_zero into the bench file",
-    "current-zero": "; its measurement and its command of 0 A disagree: have the ECU's current measurement zeroed, or "
-    "write [checks] current_zero into the bench file",
-    "rest-position": "; move the rod by hand or tare it",
+    "force-zero": "; one of the two has an offset: tare the load cell and the controller's input, "
+    "or set [checks] force_zero in the bench file",
+    "current-zero": "; its measurement is not zero at 0 A: zero the ECU's current measurement, or "
+    "set [checks] current_zero in the bench file",
+    "rest-position": "; move the rod manually, or tare the sensor",
 }
-"""What to do, where the cause is not an exchange of sensors."""
+"""What to do, unless swapped sensors are the cause."""
 
 
 def say(name: str, **values: object) -> str:

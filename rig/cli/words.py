@@ -1,4 +1,4 @@
-"""How a campaign ended, in words: what stopped it, how the rig stands now, what is not finished, how to go on."""
+"""How a campaign ended, in words: what stopped it, the rig's state, what is not finished, how to continue."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rig.campaign.stop_cause import OPERATOR, StopCause
 if TYPE_CHECKING:
     from rig.campaign.results import CampaignResult, PointResult, StopReport
 
-UNKNOWN = "THE RIG'S STATE IS UNKNOWN: {not_proved} could not be proved. Go and look."
+UNKNOWN = "THE RIG'S STATE IS UNKNOWN: {not_proved} could not be confirmed. Inspect the rig before continuing."
 
 
 def ending(result: CampaignResult) -> list[tuple[str, str]]:
@@ -48,14 +48,14 @@ def stopped_by(stop: StopReport, detail: str) -> str:
 def left(stop: StopReport, result: CampaignResult) -> str:
     """What is not finished."""
     waiting = sum(point.verdict == NOT_RUN for point in result.points)
-    said = f"{stop.unfinished} not finished" if stop.unfinished else "every point was run"
+    said = f"{stop.unfinished} not finished" if stop.unfinished else "all points were run"
     if stop.unfinished and any(point.id == stop.unfinished and point.verdict == NOT_RUN for point in result.points):
         waiting -= 1
-    return f"{said}, {waiting} not begun." if waiting > 0 else f"{said}."
+    return f"{said}, {waiting} not started." if waiting > 0 else f"{said}."
 
 
 def verdict_words(result: PointResult) -> str:
-    """A point's verdict and its reasons; a point that the operator stopped is nobody's fault."""
+    """A point's verdict and its reasons; a point that the operator stopped has no fault."""
     if result.verdict == INVALID and not OPERATOR.isdisjoint(result.slugs):
         return "not finished: stopped by operator"
     return "; ".join((result.verdict, *result.reasons))

@@ -117,7 +117,7 @@ def test_an_unknown_rig_state_is_shouted() -> None:
     console, text = terminal(is_terminal=False)
     ended = campaign(result("invalid"), stopped_by="sigkill", rig_state="unknown")
     show_result(JobResult(ended, None, None, None), console)
-    assert "Go and look" in text.getvalue()
+    assert "Inspect the rig" in text.getvalue()
     assert "Stopped by sigkill" in text.getvalue()
 
 
