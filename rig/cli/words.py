@@ -48,7 +48,7 @@ def stopped_by(stop: StopReport, detail: str) -> str:
 def left(stop: StopReport, result: CampaignResult) -> str:
     """What is not finished."""
     waiting = sum(point.verdict == NOT_RUN for point in result.points)
-    said = f"{stop.unfinished} not finished" if stop.unfinished else "all points were run"
+    said = f"{stop.unfinished} not finished" if stop.unfinished else "All points were run"
     if stop.unfinished and any(point.id == stop.unfinished and point.verdict == NOT_RUN for point in result.points):
         waiting -= 1
     return f"{said}, {waiting} not started." if waiting > 0 else f"{said}."

@@ -13,7 +13,8 @@ from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, FaultRow, StopKind
 
 DONE = {
-    StopKind.FADE_OUT: "Stopped (S2): the coil went to 0 A at once, the controller faded the motion out and holds the position.",
+    StopKind.FADE_OUT: "Stopped (S2): the coil went to 0 A at once, the controller faded the motion out and holds the "
+    "position.",
     StopKind.HALT: "Stopped (SO), because the position is no longer trusted: the coil went to 0 A at once, the "
     "controller halted without using its position.",
     StopKind.PRESSURE_OFF: "Stopped (S1): the coil went to 0 A at once, the controller faded the motion out, then the "

@@ -47,7 +47,7 @@ def test_a_zero_that_matters_to_the_test_is_refused_with_its_number_and_both_ins
         cause = judge_rest(rest(seed, zero_N, polls=polls), LIMITS)
         assert cause is not None
         assert cause.slug == "not-tared"
-        assert "load cell against the controller's own force input" in cause.detail
+        assert cause.message == "force-zero"
         assert "bench" in cause.detail
         number = float(cause.detail.split(": ")[1].split()[0])
         assert number == pytest.approx(zero_N, abs=50.0 if polls == 1 else 15.0)

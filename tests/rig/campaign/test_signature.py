@@ -101,12 +101,12 @@ def test_a_device_of_another_serial_number_is_named_a_reboot_is_not(tmp_path: Pa
     [
         (23.0, (), None),
         (32.9, (), None),
-        (33.1, (), "let it cool down"),
+        (33.1, (), "let it cool"),
         (12.9, (), "warm the room"),
         (44.0, (23.0, 35.0), None),
         (45.1, (23.0, 35.0), "23.0 to 35.0 degC"),
         (math.nan, (), "reports no coil temperature"),
-        (33.1, (math.nan,), "let it cool down"),
+        (33.1, (math.nan,), "let it cool"),
     ],
 )
 def test_a_campaign_goes_on_near_the_temperatures_it_has_seen(

@@ -135,7 +135,7 @@ def test_what_is_not_proved_is_named(change: dict[str, object], said: str) -> No
     console, text = terminal(is_terminal=False)
     ended = campaign(result("invalid"), stopped_by="sigint", rig_state="unknown")
     show_result(JobResult(replace(ended, stop=replace(STOPPED, **change)), None, None, None), console)
-    assert f"{said} could not be proved" in text.getvalue()
+    assert f"{said} could not be confirmed" in text.getvalue()
 
 
 def ended(stop: StopReport, detail: str, *points: PointResult) -> str:
@@ -164,7 +164,7 @@ def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
         ({"pressure_off": False, "pressure": "unknown"}, "HYDRAULICS NOT PROVED OFF"),
         ({"pressure_off": False, "pressure": "none"}, "actuator holds (no hydraulics to switch off)"),
         ({"moved": False, "pressure_off": False, "pressure": "on"}, "nothing had moved, HYDRAULICS STILL ON"),
-        ({"unfinished": ""}, "every point was run"),
+        ({"unfinished": ""}, "All points were run"),
         ({"slug": "estop", "resume": "n"}, '--requalified "WHAT WAS CHECKED"'),
         ({"slug": "ecu-silent"}, "Stopped by ecu-silent (S2), no status: "),
     ],
