@@ -48,8 +48,7 @@ def test_a_zero_that_matters_to_the_test_is_refused_with_its_number_and_both_ins
         assert cause is not None
         assert cause.slug == "not-tared"
         assert cause.message == "force-zero"
-        assert "bench" in cause.detail
-        number = float(cause.detail.split(": ")[1].split()[0])
+        number = float(str(cause.values["difference"]).split()[0])
         assert number == pytest.approx(zero_N, abs=50.0 if polls == 1 else 15.0)
 
 
