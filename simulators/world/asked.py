@@ -91,7 +91,7 @@ class Asked:
 
     def again(self, seed: int) -> str:
         """The command that runs the world of a seed again."""
-        return shlex.join(("rig", "worlds", "--seeds", str(seed), *self.options))
+        return shlex.join(("rig", "scenarios", "--seeds", str(seed), *self.options))
 
 
 def seeds_of(text: str) -> range:

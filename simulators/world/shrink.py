@@ -84,7 +84,7 @@ def _words(smallest: WorldPlan, asked: Asked) -> str:
         files = replace(files, bench=Path(f"smallest-{smallest.seed}-bench.toml"))
     if smallest.record:
         needed[RECORD] = smallest.record
-    words = ["rig", "worlds", "--seeds", str(smallest.seed), *files.options]
+    words = ["rig", "scenarios", "--seeds", str(smallest.seed), *files.options]
     happenings = tuple(map(str, smallest.happenings)) or (NOTHING,)
     words += [word for happening in happenings for word in ("--event", happening)]
     if not asked.given.actuator and not (smallest.kind and smallest.bench):

@@ -149,7 +149,7 @@ def test_a_stop_of_the_matrix_says_how_the_rig_was_stopped_and_how_to_go_on() ->
     broken_coil, frozen = explained("coil-open-short"), explained("actuator-frozen")
     assert "the coil went to 0 A at once" in broken_coil.done
     assert "--requalified" in broken_coil.resume
-    assert "without looking at its position" in frozen.done
+    assert "without using its position" in frozen.done
     assert (broken_coil.exit_code, explained("not-tared").exit_code, explained("config-absurd").exit_code) == (4, 3, 2)
 
 

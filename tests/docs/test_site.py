@@ -14,7 +14,7 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     done = subprocess.run(build, capture_output=True, text=True, timeout=600)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     front = (tmp_path / "site/index.html").read_text(encoding="utf-8")
-    assert "A test-rig controller for magneto-rheological dampers" in front
+    assert "a test-rig controller for magneto-rheological dampers" in front
     assert 'href="docs/how-to/import-tests.html"' in front
     assert (tmp_path / "site/docs/files.html").is_file()
     assert (tmp_path / "site/search/search_index.json").is_file()

@@ -179,7 +179,7 @@ def test_plans_are_drawn_and_kept_as_text() -> None:
 
 def worlds(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-P", "-m", "rig.cli.main", "worlds", *arguments], capture_output=True, text=True, timeout=170,
+        [sys.executable, "-P", "-m", "rig.cli.main", "scenarios", *arguments], capture_output=True, text=True, timeout=170,
         check=False, cwd=cwd,
     )  # fmt: skip
 
@@ -225,8 +225,8 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
         (["--seeds", "1", "--event", "disk-full@3+2"], "has no duration; write disk-full@3"),
         (["--seeds", "1", "--event", "rtu-crc@1", "--actuator", "tcp"], "this bench reaches it by tcp"),
         (["--seeds", "1", "--until", "nan"], "expected a number of seconds above 0"),
-        (["--seeds", "0:2", "--trace", "steps"], "--trace writes one world"),
-        (["--seeds", "1", "--shrink", "--until", "3"], "--shrink needs a world that is judged"),
+        (["--seeds", "0:2", "--trace", "steps"], "--trace writes one"),
+        (["--seeds", "1", "--shrink", "--until", "3"], "--shrink needs"),
         (["--matrix", "nowhere.toml"], "nowhere.toml: there is no such file"),
         (["--bench", "nowhere.toml"], "nowhere.toml: there is no such file"),
     ],
