@@ -179,8 +179,8 @@ def test_plans_are_drawn_and_kept_as_text() -> None:
 
 def worlds(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-P", "-m", "rig.cli.main", "scenarios", *arguments], capture_output=True, text=True, timeout=170,
-        check=False, cwd=cwd,
+        [sys.executable, "-P", "-m", "rig.cli.main", "scenarios", *arguments], capture_output=True, text=True,
+        timeout=170, check=False, cwd=cwd,
     )  # fmt: skip
 
 
