@@ -23,6 +23,7 @@ class Capabilities:
     Attributes:
         watchdog: how it notices that its host is gone.
         hydraulics: the host can take the pressure (or the drive's power) away, and see that it is gone.
+        low_pressure: it has a low pressure between off and full.
         lease: it obeys one host at a time.
         acquires, releases: it has such a command, whether or not it shows who holds the lease.
         acknowledge: its status names the last command and its result.
@@ -45,6 +46,7 @@ class Capabilities:
 
     watchdog: WatchdogKind
     hydraulics: bool
+    low_pressure: bool = True
     lease: bool = False
     acquires: bool = False
     releases: bool = False

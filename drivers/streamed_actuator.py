@@ -62,6 +62,8 @@ sent only after the rod was measured: meanwhile the device has gone on at the la
 only the rod shows which."""
 RESTS_M = 1e-3
 """A rod at rest that is farther from the set-point it was to hold is held where it is."""
+RESTING_POLLS, RESTING_M = 4, 1e-4
+"""A rod is at rest when the positions of so many polls are no farther apart."""
 
 
 @runtime_checkable
@@ -124,6 +126,8 @@ class StreamedActuator:
         self._seen: tuple[float, float] | None = None
         self._following = False
         self._refused = False
+        self._stopped = self._withheld = False
+        self._polled_m: deque[float] = deque(maxlen=RESTING_POLLS)
         self._made: tuple[int, int] | None = None
         self._count = 0
         self._program_id = 0
@@ -263,6 +267,7 @@ class StreamedActuator:
 
     def _stop(self, command: Command, now_s: float) -> None:
         """Fade or halt; after a gap neither goes on from the motion: the rod is measured and braked."""
+        self._stopped = True
         self.look_for_gap()
         if self.broken_off:
             return
@@ -309,16 +314,17 @@ class StreamedActuator:
         """
         if self._state not in HOLDING or not math.isfinite(self._stands_m):
             raise LocalProtocolError(f"set-points while the device does not hold (state {self._state})")
-        if not self._following:
+        if not self._following or self._withheld:
             self._source.rest(self._stands_m)
             self._guard.begin(Setpoint(self._stands_m, 0.0), self._now_s())
             if self._lead is not None:
                 self._lead.begin(self._stands_m)
             self._following, self.broken_off = True, False
+        self._stopped = self._withheld = False
 
     def _release(self) -> None:
         """The device is on its own: what it was to do is over."""
-        self._following = self._refused = self.broken_off = False
+        self._following = self._refused = self.broken_off = self._stopped = self._withheld = False
         self._seen = None
         self.last, self.taken_m = None, math.nan
         self._source.rest(self._stands_m if math.isfinite(self._stands_m) else 0.0)
@@ -332,6 +338,9 @@ class StreamedActuator:
             DriverError: it cannot be reached.
         """
         self.look_for_gap()
+        if self._withholds():
+            feeds = watchdog_counter is not None and not self._silence_stops
+            return self._shown(self._device.exchange(watchdog_counter or 0) if feeds else self._device.read_status())
         if self.broken_off or self.silent_s > self._regular_s > 0.0:
             status = self._shown(self._device.read_status())
             if not self._following or not self._measure(status):
@@ -347,6 +356,16 @@ class StreamedActuator:
         self._lag.add(setpoint, status.position_m)
         self.taken_m = status.setpoint_m
         return self._shown(status)
+
+    def _withholds(self) -> bool:
+        """After a stop, no set-point goes to a rod that rests elsewhere: the last ones were not taken, the next may be.
+
+        The device holds the rod by itself. The next motion begins where it does.
+        """
+        if self._stopped and not self._withheld and not self.in_motion and len(self._polled_m) == RESTING_POLLS:
+            low_m, high_m, held_m = min(self._polled_m), max(self._polled_m), self._source.last.position_m
+            self._withheld = high_m - low_m < RESTING_M and abs(high_m - held_m) > RESTS_M
+        return self._withheld
 
     def _sent(self, setpoint: Setpoint, now_s: float, watchdog_counter: int | None) -> ActuatorStatus:
         """Send a set-point, as the device takes it.
@@ -415,6 +434,7 @@ class StreamedActuator:
 
     def _shown(self, status: ActuatorStatus) -> ActuatorStatus:
         """The device's status with the motion that is streamed to it."""
+        self._polled_m.append(status.position_m)
         self._state = status.state
         held_m = status.position_m if math.isnan(status.setpoint_m) else status.setpoint_m
         if math.isfinite(held_m):

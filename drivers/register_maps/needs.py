@@ -26,6 +26,7 @@ def capabilities(quantities: Quantities, words: Words, recipes: Recipes, watchdo
     return Capabilities(
         watchdog=watchdog,
         hydraulics=Command.HYDRAULICS_ON in commands and Command.HYDRAULICS_OFF in commands,
+        low_pressure=Command.HYDRAULICS_LOW in commands,
         lease="owner" in quantities and {Command.ACQUIRE, Command.RELEASE} <= commands.keys(),
         acquires=Command.ACQUIRE in commands,
         releases=Command.RELEASE in commands,

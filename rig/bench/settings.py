@@ -158,6 +158,12 @@ class ActuatorConfig(Settings):
         connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
         return make_actuator(self.register_map, connection).capabilities.hydraulics
 
+    @property
+    def has_low_pressure(self) -> bool:
+        """It has a low pressure between off and full."""
+        connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
+        return make_actuator(self.register_map, connection).capabilities.low_pressure
+
     @cached_property
     def setpoints_s(self) -> float | None:
         """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own.

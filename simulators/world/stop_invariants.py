@@ -232,7 +232,8 @@ def stops_have_a_cause(view: View) -> Findings:
         begun = {fault for _, fault in view.begun(latched_ns)}
         for fault in begun:
             causes |= {fault.partition(":")[0]} | OTHER_NAMES.get(fault, set())
-        if view.hiding_places(begun) & WAY:
+        halted = any(what in FOREIGN for what in around)  # it takes no set-points then, and may not show why
+        if halted or view.hiding_places(begun) & WAY:
             causes |= GAPS_IN_SETPOINTS
         if "estop" in begun and view.hiding_places(begun - {"estop"}) & WAY:
             causes.add("ecu-overtemp")  # What opens the contactor too was not to be heard of: the ECU's own word is.
@@ -351,6 +352,8 @@ def refused_before_it_moves(view: View) -> Findings:
 def a_watcher_that_stands_is_noticed(view: View) -> Findings:
     """The rig is stopped when the application or the station stands still for long while the rod moves."""
     trips = [float(trip["latched_ns"]) for trip in view.station("trip")]
+    if any(happening.what in DISK for _, happening in view.session.happened):  # the journal could not be written
+        trips += [line.host_ns for line in view.session.truth.log if line.code in STOPS]
     for at_ns, happening in view.session.happened:
         if (happening.lasts_s or 0.0) < WATCHERS.get(happening.what, math.inf):
             continue

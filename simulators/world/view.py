@@ -30,7 +30,8 @@ UNSEEN = frozenset({"modbus", "rtu", "controller", "can", "ecu"})
 """Places of the fault matrix where a fault may hide whether the rig has stopped."""
 WAY = frozenset({"modbus", "rtu", "controller"})
 """Those of the way to the controller."""
-STUCK_CURRENT = frozenset({"current-stuck"})
+STUCK_CURRENT = frozenset({"current-stuck", "supply-not-zero"})
+"""Rows in which no command takes the current away."""
 PLAIN = frozenset({"second-master:span", "second-master:offset", "second-master:jumps", "ecu-overtemp:coil"})
 """Faults at those places that hide nothing."""
 PRESSING = frozenset({"load-train:jammed"})

@@ -388,6 +388,46 @@ def test_a_rod_at_rest_that_was_moved_in_a_gap_is_held_where_it_is(rod: Rod) -> 
     assert driver.breaks == 0
 
 
+class Deaf(Rod):
+    """It acknowledges set-points, and loses them for a while."""
+
+    loses = False
+
+    def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
+        taken = list(self.taken)
+        status = super().follow(setpoint, watchdog_counter)
+        if self.loses:
+            self.taken = taken
+            return self.read_status()
+        return status
+
+
+@pytest.mark.parametrize("stop", [Command.FADE_STOP, Command.HALT])
+@pytest.mark.parametrize("phase_s", [0.7, 0.95, 1.2])
+def test_a_stopped_rod_does_not_move_when_set_points_arrive_again(
+    monkeypatch: pytest.MonkeyPatch, stop: Command, phase_s: float
+) -> None:
+    """It stopped by itself elsewhere; the next motion begins there (seed 1031183: 1.7 mm after the proof)."""
+    rod = Deaf()
+    monkeypatch.setattr(clock, "elapsed_ns", lambda: round(1e9 * rod.now_s))
+    driver = running(rod, SINE, phase_s)
+    rod.loses = True
+    polled(rod, driver, 0.03)
+    driver.send(stop)
+    polled(rod, driver, 1.5)
+    assert not driver.in_motion
+    rests_m = rod.position_m()
+    assert driver.last is not None
+    assert abs(driver.last.position_m - rests_m) > 1e-3
+    rod.loses = False
+    polled(rod, driver, 0.3)
+    assert rod.position_m() == rests_m
+    driver.send(Command.MOVE_TO, Move(0.0, 0.05))
+    count = len(rod.taken)
+    polled(rod, driver, 0.5)
+    assert rod.taken[count][1].position_m == pytest.approx(rests_m, abs=1e-4)
+
+
 class Positioner(Rod):
     """A follower without a speed: it goes in a line to each position within a period, and rests there."""
 

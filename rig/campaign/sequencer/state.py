@@ -150,6 +150,12 @@ def _at_the_pace_of(before: tuple[float, float], now_degC: float, goal_degC: flo
 NO_CONDITIONS = Conditions()
 
 
+def _pressure_while_asked(bench: Bench) -> str:
+    """The pressure while the operator is at the supply: off in place of a low one that the controller does not have."""
+    wanted = bench.ecu.pressure_while_asked
+    return "off" if wanted == "low" and not bench.actuator.has_low_pressure else wanted
+
+
 def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
     """The conditions a matrix asks for on a bench."""
     points, temperature = matrix.points(), matrix.temperature
@@ -157,7 +163,7 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
         tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
         ceilings={point.id: _ceiling(point, matrix, bench) for point in points if point.kind == "loop"},
         demagnetise=matrix.campaign.demagnetise,
-        hand=Hand(bench.ecu.pressure_while_asked, bench.ecu.answer_within_s) if bench.ecu.by_hand else None,
+        hand=Hand(_pressure_while_asked(bench), bench.ecu.answer_within_s) if bench.ecu.by_hand else None,
     )
     if temperature is None:
         return conditions

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from matrices import matrix_text
 
+from rig.bench.model import Bench
 from rig.campaign.results import RigState
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Request
-from rig.campaign.sequencer.state import Conditions, Hand, Phase, State, start_state
+from rig.campaign.sequencer.state import Conditions, Hand, Phase, State, conditions_of, start_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.stop_cause import StopCause
 from rig.faults.row import StopKind
+from rig.matrix.model import load_matrix
 from rig.matrix.point import TestPoint
+from simulators.world.drawn_rig import bench_file
 
 SINE = TestPoint("p001", "sine", 0.02, 2.0, 0.0, cycles=3)
 UP = (
@@ -115,3 +120,16 @@ def test_after_a_stop_it_is_asked_to_be_taken_away_without_pressure_and_silence_
         unsaid, actions = through(state, event)
         assert (unsaid.phase, unsaid.rig_state) == (Phase.ENDED, RigState.UNKNOWN)
         assert any("may still flow" in action.text for action in actions if isinstance(action, act.Note))
+
+
+@pytest.mark.parametrize(("register_map", "pressure"), [("demo", "low"), ("delta-rmc", "off")])
+def test_a_controller_with_one_pressure_is_switched_off_in_place_of_low(
+    register_map: str, pressure: str, tmp_path: Path
+) -> None:
+    """Its campaign waited 10 s for a pressure that it does not have, and was refused (seed 1031375)."""
+    source = {"by_hand": True, "pressure_while_asked": "low"}
+    (tmp_path / "bench.toml").write_text(bench_file(register_map, source=source), encoding="utf-8")
+    (tmp_path / "matrix.toml").write_text(matrix_text("1 A", amplitude="5 mm", frequency="1 Hz"), encoding="utf-8")
+    hand = conditions_of(load_matrix(tmp_path / "matrix.toml"), Bench.load(tmp_path / "bench.toml")).hand
+    assert hand is not None
+    assert hand.pressure == pressure
