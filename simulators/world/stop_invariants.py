@@ -57,6 +57,7 @@ OTHER_NAMES = {
     "sensor-stuck": {"sensor-saturated"},
     "sensor-stuck:lvdt": {"sensor-saturated"},
     "modbus-mismatch": {"rtu-crc"},
+    "stop-ignored:pressure": {"hydraulics"},
     "sample-gap": {"loadcell-pulled"},
     "sample-gap:lvdt": {"lvdt-pulled"},
 }
@@ -216,6 +217,15 @@ def a_stop_fault_is_noticed(view: View) -> Findings:
             yield f"{line.text} was not noticed", line.host_ns
 
 
+def _sees_the_chain(view: View) -> bool:
+    """The controller has an input for the emergency stop chain."""
+    bench = bench_of(view)
+    if bench is None:
+        return True
+    actuator = bench.actuator
+    return make_actuator(actuator.register_map, ActuatorConnection(actuator.url)).capabilities.e_stop_input
+
+
 def stops_have_a_cause(view: View) -> Findings:
     """The rig is stopped in the name of something that has happened."""
     for trip in view.station("trip")[:1]:
@@ -235,6 +245,8 @@ def stops_have_a_cause(view: View) -> Findings:
         halted = any(what in FOREIGN for what in around)  # it takes no set-points then, and may not show why
         if halted or view.hiding_places(begun) & WAY:
             causes |= GAPS_IN_SETPOINTS
+        if "estop" in begun and not _sees_the_chain(view):
+            causes |= {"controller-trip", "ecu-overtemp"}  # its trip has no name, and the ECU loses its supply
         if "estop" in begun and view.hiding_places(begun - {"estop"}) & WAY:
             causes.add("ecu-overtemp")  # What opens the contactor too was not to be heard of: the ECU's own word is.
         if trip["slug"] not in causes and not (begun and trip["slug"] in OF_ANY_FAULT):

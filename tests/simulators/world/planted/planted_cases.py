@@ -104,6 +104,26 @@ FAST = matrix_text("0 A", amplitude="60 mm", frequency="2 Hz", cycles=5)
 """0.75 m/s, halted at 3 m/s^2 from anywhere: as far as 90 mm."""
 STREAMED = bench_file("demo-streamed", limits={"speed": "2 m/s", "force": "9 kN"})
 SINE = matrix_text("0 A", amplitude="60 mm", frequency="1.5 Hz", cycles=5)
+SWEEP = """format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[matrix]
+current = ["0 A"]
+waveform = ["sweep"]
+[matrix.sweep]
+first_frequency = "1 Hz"
+last_frequency = "3 Hz"
+first_amplitude = "20 mm"
+last_amplitude = "7 mm"
+duration = "3 s"
+ramp = "500 ms"
+[campaign]
+retries = 0
+[identify]
+enabled = false
+"""
 BUSY = ("modbus-busy@0.5+0.33",)
 CASES: dict[str, Case] = {
     "S1-hangs": Case("ends", ("disk-full@4",)),
@@ -155,6 +175,7 @@ CASES: dict[str, Case] = {
     "halt-by-clock": Case("setpoints", BUSY, 3, matrix=SINE, bench=STREAMED),
     "fade-by-clock": Case("slows-down", BUSY, 3, matrix=SINE, bench=STREAMED),
     "rod-not-measured": Case("setpoints", BUSY, 3, matrix=SINE, bench=STREAMED),
+    "lost-set-points": Case("slows-down", ("modbus-write-lost@0.5+0.25",), 3, matrix=SWEEP, bench=STREAMED),
     "fades-nothing": Case("slows-down", PULLED, 3, matrix=SINE, bench=STREAMED),
     "stopping-distance": Case("stopping-distance", matrix=FAST, bench=LONG_HALT),
     "pressure-assumed": Case("rest", ("stop-ignored:pressure@0.3", "loadcell-pulled@0.5")),

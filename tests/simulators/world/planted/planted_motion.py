@@ -45,6 +45,7 @@ MOTION: dict[str, tuple[Edit, ...]] = {
     ),
     "fade-by-clock": (NO_GAP, UNGUARDED),
     "rod-not-measured": (UNMEASURED,),
+    "lost-set-points": (Edit(ACTUATOR, "        if self._withholds():\n", "        if False:\n"),),
     "fades-nothing": (Edit(ACTUATOR, "            self._source.fade(now_s)\n", "            pass\n"),),
     # The end
     "pressure-assumed": (
