@@ -14,32 +14,34 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from campaign_process import run
 
 from rig.recording.run import Run
-from rig.report import write_report
-from rig.report.pdf import write_pdf
+from rig.document.pdf import pdf
+from rig.report.document import written_report
 
+T = TypeVar("T")
 TABLE_1 = Path(__file__).resolve().parent.parent / "examples" / "table1.toml"
 MB = 1e6
 
 
-def timed(make: Callable[[], Path]) -> tuple[Path, float]:
-    """What was made, and the CPU time (s) of the second of two times: the first loads the libraries."""
+def timed(make: Callable[[], T]) -> tuple[T, float]:
+    """What was made, and the CPU time (s) of the second of two runs: the first one loads the libraries."""
     make()
     before = time.process_time()
-    path = make()
-    return path, time.process_time() - before
+    made = make()
+    return made, time.process_time() - before
 
 
 def told(folder: Path) -> None:
-    page, page_s = timed(lambda: write_report(folder))
-    paper, paper_s = timed(lambda: write_pdf(page))
-    pages = len(re.findall(rb"/Type\s*/Page\b", paper.read_bytes()))
+    (page, document), page_s = timed(lambda: written_report(folder))
+    paper, paper_s = timed(lambda: pdf(document))
+    pages = len(re.findall(rb"/Type\s*/Page\b", paper))
     print(f"{len(Run.open(folder).points)} points")
     print(f"page  {page_s:.2f} s of CPU, {page.stat().st_size / MB:.2f} MB")
-    print(f"PDF   {paper_s:.2f} s of CPU, {paper.stat().st_size / MB:.2f} MB, {pages} pages")
+    print(f"PDF   {paper_s:.2f} s of CPU, {len(paper) / MB:.2f} MB, {pages} pages")
 
 
 def main() -> None:

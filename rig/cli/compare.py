@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.cli.options import Command, RunPath, json_option
-from rig.cli.output import console, on_a4, say, write_json
+from rig.cli.output import console, say, write_json, write_pdf
 from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED
 
 if TYPE_CHECKING:
@@ -71,10 +71,12 @@ def _check_page(out: Path | None, *, on_paper: bool) -> None:
 def _written(compared: Comparison, page: Path, *, on_paper: bool) -> list[str]:
     """Write the page, and the PDF if that is wanted; their paths."""
     from rig.recording.atomic_write import write_text_durably
-    from rig.report.comparison import comparison_page
+    from rig.document import html
+    from rig.report.comparison import comparison_document
 
-    write_text_durably(page, comparison_page(compared))
-    return [str(page), *([str(on_a4(page))] if on_paper else [])]
+    document = comparison_document(compared)
+    write_text_durably(page, html.page(document))
+    return [str(page), *([str(write_pdf(document, page))] if on_paper else [])]
 
 
 def _show(compared: Comparison, *, everything: bool) -> None:

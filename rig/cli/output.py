@@ -15,7 +15,11 @@ from typing import TYPE_CHECKING
 from rig.errors import RigError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from rich.console import Console
+
+    from rig.document.blocks import Block, Document
 
 PLAIN_WIDTH = 132
 
@@ -89,17 +93,30 @@ def say(text: object, *, err: bool = False) -> None:
     stream.flush()
 
 
-def on_a4(report: Path) -> Path:
-    """The PDF of a page of ours, beside it.
+def write_pdf(document: Document, page: Path) -> Path:
+    """Write a document as a PDF next to its page; the PDF's path.
 
     Raises:
-        RigError: its library is not installed, or its fonts are missing.
+        RigError: the library is not installed.
+        OSError: the file cannot be written.
     """
     try:
-        from rig.report.pdf import write_pdf
+        from rig.document.pdf import pdf
     except ImportError as error:
         raise RigError(
-            f"{report} is written, but no PDF: {error.name or 'reportlab'} is missing; install it with "
-            "pip install 'reportlab>=4.2', or print the page with a browser (it has a style for A4)"
+            f"{page} is written, the PDF is not: {error.name or 'reportlab'} is not installed. Fix: pip install "
+            "'reportlab>=4.2', or print the page with a browser (it has a style for A4)"
         ) from error
-    return write_pdf(report)
+    from rig.recording.atomic_write import write_durably
+
+    path = page.with_suffix(".pdf")
+    write_durably(path, pdf(document))
+    return path
+
+
+def show(blocks: Iterable[Block], on: Console) -> None:
+    """Print blocks of a document as wide as the console."""
+    from rig.document.terminal import lines
+
+    for line, style in lines(blocks, on.width):
+        on.print(line, style=style, markup=False, highlight=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""`rig report`: the report of a run, written again, as a page and on paper."""
+"""`rig report`: write the report of a run again, as HTML and PDF."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from rig.cli.options import Command, json_option, run_argument
-from rig.cli.output import on_a4, say, write_json
+from rig.cli.output import say, write_json, write_pdf
 from rig.errors import EXIT_DONE
 from rig.text_file import read_json
 
@@ -17,14 +17,15 @@ from rig.text_file import read_json
     "rig report logs/20260102T030405Z-MR-001-ab12cd --pdf",
 ))  # fmt: skip
 @run_argument
-@click.option("--pdf", "on_paper", is_flag=True, help="Also write report.pdf: A4, vector graphics, page numbers.")
+@click.option("--pdf", "on_paper", is_flag=True, help="Also write report.pdf: A4, vector graphics, bookmarks, page numbers.")
 @json_option
 def command(run: Path, on_paper: bool, as_json: bool) -> int:
     """Write report.html of RUN (a campaign folder): one self-contained file."""
-    from rig.report import write_report
+    from rig.report.document import written_report
 
-    path = write_report(run).resolve()
-    paper = on_a4(path) if on_paper else None
+    report, document = written_report(run)
+    path = report.resolve()
+    paper = write_pdf(document, path) if on_paper else None
     if as_json:
         characteristics = read_json(path.parent / "characteristics.json")
         answer = {"campaign": str(run.resolve()), "report": str(path), "pdf": None if paper is None else str(paper)}

@@ -1,6 +1,7 @@
-"""The report of a run: one self-contained HTML file that a person reads, made from recorded points and their fit.
+"""The report of a run as a document (`rig.document`), made from recorded points and their fit.
 
-Nothing is measured, judged or fitted here; what is shown comes from `rig.recording` and `rig.identification`.
+Nothing is measured or fitted here; what is shown comes from `rig.recording`, `rig.characteristics` and
+`rig.identification`.
 """
 
 from rig.report.document import write_report

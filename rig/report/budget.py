@@ -1,4 +1,4 @@
-"""An uncertainty budget for each channel: what stands behind a number in the report, and what nobody stated."""
+"""An uncertainty budget for each channel: its contributions, and those that are not stated."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.characteristics.loop import LoopCharacteristics
+from rig.document.blocks import Blocks, Column, Heading, section, table
+from rig.document.numbers import NOTHING, number
 from rig.identification.models.measurement import Measurement
-from rig.recording.hdf5.reading import channel_attributes
 from rig.recording.quality.cross_checks import checked, instruments_of
 from rig.recording.quality.instrument_checks import deviations, trusted, zero_change
 from rig.recording.recorded_point import RecordedPoint
-from rig.report.fragment import NOTHING, heading, number, table, text
-from rig.report.loops import PointView
+from rig.report.instruments import AUXILIARIES, sensors_of
+from rig.report.views import PointView
 from rig.signals.loop_shape import noise_of
 
 NOT_STATED = math.nan
@@ -42,12 +43,12 @@ class Channel:
     shares: tuple[Share, ...]
 
     @property
-    def together(self) -> float:
-        """Standard uncertainty: the root of the summed squares of what is known."""
+    def combined(self) -> float:
+        """Standard uncertainty: root of the summed squares of the known contributions."""
         return math.hypot(*(share.value for share in self.shares if math.isfinite(share.value)))
 
 
-def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> str:
+def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> Blocks:
     """Standard uncertainties of every channel at its peak, in the loop whose force changes fastest.
 
     Args:
@@ -60,16 +61,15 @@ def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> 
         if view.measured is not None and view.point.id in steepest and view.point.quality.loop.span_N is not None
     ]
     if not known:
-        return ""
+        return []
     point, measured = max(known, key=lambda pair: steepest[pair[0].id])
     note = (
-        f"Standard uncertainties at the peak of point {text(point.id)}, where force changes fastest. "
+        f"Standard uncertainties at the peak of point {point.id}, where the force changes fastest. "
         "Contributions marked \"not stated\" are missing from the total."
     )
-    parts = [heading("Uncertainty budget", note)]
     drift_N = _drift_N([view.point for view in views])
-    parts += [_table(channel) for channel in channels_of(point, measured, steepest[point.id], drift_N)]
-    return "".join(parts)
+    channels = channels_of(point, measured, steepest[point.id], drift_N)
+    return [*section("Uncertainty budget", note), *(block for channel in channels for block in _table(channel))]
 
 
 def channels_of(
@@ -81,14 +81,14 @@ def channels_of(
         point: the point.
         measured: its measurement, with the skew that is left.
         steepest_N_s: greatest rate of change of its mean cycle's force, N/s.
-        drift_N: standard uncertainty by the zero's drift over the campaign (N); NaN: nobody could tell.
+        drift_N: standard uncertainty by zero drift over the campaign (N); NaN where unknown.
     """
     return [_force(point, measured, steepest_N_s, drift_N), _displacement(point, measured), *_current(point),
             *_temperature(point), *_auxiliaries(point)]
 
 
 def _drift_N(points: Sequence[RecordedPoint]) -> float:
-    """Standard uncertainty (N) by the load cell's drifting zero: anywhere in what it moved by over the campaign."""
+    """Standard uncertainty (N) by the load cell's zero drift, uniform over the drift of the campaign."""
     group = max(instruments_of(points).values(), key=len, default=[])
     if not group:
         return NOT_STATED
@@ -105,11 +105,11 @@ def _force(point: RecordedPoint, measured: Measurement, steepest_N_s: float, dri
     timing_N = steepest_N_s * measured.skew_std_s
     return Channel("Force", "N", peak_N, (
         _certificate(peak_N, point.test.get("force_uncertainty_percent")),
-        Share("zero", _known(point.quality.rest.force_zero_std_N), "rest before the first motion: length, noise"),
-        Share("drift of the zero", drift_N, "against the controller's force input, over the campaign"),
+        Share("zero", _known(point.quality.rest.force_zero_std_N), "rest before the first motion: its duration and noise"),
+        Share("zero drift", drift_N, "against the controller's force input, over the campaign"),
         Share("noise of one sample", _known(loop.noise_N), "neighbouring samples"),
-        Share("timing, at the reversals", timing_N, "skew left, times the force's steepest measured change"),
-        Share("scatter between cycles", _known(loop.scatter_N), "cycle against cycle"),
+        Share("timing, at the reversals", timing_N, "remaining sensor delay times the steepest measured change of the force"),
+        Share("variation between cycles", _known(loop.scatter_N), "differences between cycles"),
     ))
 
 
@@ -120,17 +120,17 @@ def _displacement(point: RecordedPoint, measured: Measurement) -> Channel:
     return Channel("Displacement", "mm", peak_mm, (
         _certificate(peak_mm, point.test.get("displacement_uncertainty_percent")),
         Share("noise of one sample", 1e3 * noise_of(point.displacement_m), "neighbouring samples"),
-        Share("timing, at peak velocity", timing_mm, "clock, times the measured peak velocity"),
+        Share("timing, at peak velocity", timing_mm, "clock uncertainty times the measured peak velocity"),
     ))
 
 
 def _current(point: RecordedPoint) -> Iterator[Channel]:
-    """The coil's current as the ECU measures it; its calibration is the ECU's own and nowhere stated."""
+    """The coil's current as the ECU measures it; the ECU's calibration is not stated."""
     current = point.quality.current
     if current.mean_A is not None:
         yield Channel("Coil current", "A", abs(current.mean_A), (
             Share("calibration", NOT_STATED, "the ECU"),
-            Share("scatter of one sample", _known(current.std_A), "over the point"),
+            Share("SD of one sample", _known(current.std_A), "over the point"),
         ))
 
 
@@ -147,10 +147,9 @@ def _temperature(point: RecordedPoint) -> Iterator[Channel]:
 
 def _auxiliaries(point: RecordedPoint) -> Iterator[Channel]:
     """Auxiliary channels that have a calibration."""
-    for name in (f"auxiliary_{n}" for n in range(1, 8)):
-        attributes = {} if point.path is None else channel_attributes(point.path, name)
-        if "serial_number" not in attributes:
-            continue
+    sensors = sensors_of(point)
+    for name in (name for name in AUXILIARIES if name in sensors):
+        attributes = sensors[name]
         values = point.channel(name)
         known = values[np.isfinite(values)]
         if known.size == 0:
@@ -171,15 +170,14 @@ def _certificate(peak: float, percent: object) -> Share:
     return Share("calibration", share, "certificate")
 
 
-def _table(channel: Channel) -> str:
+def _table(channel: Channel) -> Blocks:
     sums = (
-        Share("together (k = 1)", channel.together, ""), Share("expanded (k = 2)", 2.0 * channel.together, ""),
+        Share("combined (k = 1)", channel.combined, ""), Share("expanded (k = 2)", 2.0 * channel.combined, ""),
     )
     rows = [
-        ("", [text(share.what), number(share.value, 3) if math.isfinite(share.value) else "not stated",
-              number(100.0 * share.value / channel.peak, 2) if channel.peak > 0.0 else NOTHING, text(share.origin)])
+        [share.what, number(share.value, 3) if math.isfinite(share.value) else "not stated",
+         number(100.0 * share.value / channel.peak, 2) if channel.peak > 0.0 else NOTHING, share.origin]
         for share in (*channel.shares, *sums)
     ]
-    title = f"{text(channel.title)}, peak {number(channel.peak, 4)} {text(channel.unit)}"
-    head = ["Contribution", text(channel.unit), "% of peak", "Known from"]
-    return heading(title, level=3) + table(head, rows, (1, 2))
+    head = ["Contribution", Column("Value", channel.unit, True), Column("Share", "% of peak", True), "Source"]
+    return [Heading(f"{channel.title}, peak {number(channel.peak, 4)} {channel.unit}", 3), table(head, rows)]

@@ -1,4 +1,4 @@
-"""Runs beside each other as one self-contained page: verdict first, bands, loops over each other, changes."""
+"""Runs compared, as a document: verdict first, then acceptance bands, loops, values and their changes."""
 
 from __future__ import annotations
 
@@ -10,42 +10,52 @@ from rig.comparison.changes import Change
 from rig.comparison.differences import MotionRow
 from rig.comparison.judgement import Judgement, Result, State
 from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES, Reading
-from rig.report.chart import Chart, Trace
-from rig.report.document import views_of
-from rig.report.fragment import (
-    NOTHING,
-    PLUS_MINUS,
-    block,
-    box,
-    card,
-    chip,
-    fact,
-    heading,
-    key,
-    key_line,
-    number,
-    page,
+from rig.document import html
+from rig.document.blocks import (
+    Blocks,
+    Card,
+    Cards,
+    Column,
+    Document,
+    Fact,
+    Facts,
+    Figures,
+    Heading,
+    Keys,
+    Note,
+    Paragraph,
+    section,
     table,
-    text,
 )
-from rig.report.loops import DISPLACEMENT, FORCE, VELOCITY, Loop
-from rig.report.style import current_colour
+from rig.document.figure import Figure, Trace
+from rig.document.numbers import NOTHING, PLUS_MINUS, number
+from rig.document.style import current_colour
+from rig.document.words import FAIR, GOOD, POOR, Key, Label, Severity, Strong, Words
+from rig.report.document import views_of
+from rig.report.loops import DISPLACEMENT, FORCE, VELOCITY
+from rig.report.views import Loop
 
-CHIP = {State.PASSED: "good", State.FAILED: "poor", State.UNSURE: "fair", State.MISSING: "fair"}
+SEVERITIES: dict[State, Severity] = {State.PASSED: GOOD, State.FAILED: POOR, State.UNSURE: FAIR, State.MISSING: FAIR}
 MOST_DRAWN = 24
+EXPANDED = f"{PLUS_MINUS} (k = 2)"
 
 
 def comparison_page(compared: Comparison) -> str:
-    """The page; nothing is loaded from anywhere."""
+    """The comparison as an HTML page; nothing is loaded from anywhere."""
+    return html.page(comparison_document(compared))
+
+
+def comparison_document(compared: Comparison) -> Document:
+    """The comparison as a document."""
     names = [_label(compared, index) for index in range(len(compared.runs))]
-    parts = [
-        heading("Comparison of damper tests", " \N{MIDDLE DOT} ".join(text(name) for name in names), 1),
-        _facts(compared), *(box("warn", text(remark)) for remark in compared.remarks),
-    ]
+    blocks: Blocks = [
+        *section("Comparison of damper tests", " \N{MIDDLE DOT} ".join(names), 1), _facts(compared),
+        *(Note(FAIR, remark) for remark in compared.remarks),
+    ]  # fmt: skip
     if compared.judgement is not None:
-        parts.append(_bands(compared.judgement, several=len(compared.runs) > 1))
-    parts += [_loops(compared, names), _changes(compared, names), _parameters(compared, names)]
-    return page("Comparison of damper tests", "".join(parts))
+        blocks += _bands(compared.judgement, several=len(compared.runs) > 1)
+    blocks += [*_loops(compared, names), *_changes(compared, names), *_parameters(compared, names)]
+    return Document("Comparison of damper tests", blocks)
 
 
 def _label(compared: Comparison, index: int) -> str:
@@ -53,60 +63,57 @@ def _label(compared: Comparison, index: int) -> str:
     return f"{run.specimen}: {run.name}" if run.specimen else run.name
 
 
-def _facts(compared: Comparison) -> str:
+def _facts(compared: Comparison) -> Facts:
     facts = []
     if (judged := compared.judgement) is not None:
         bad = len(judged.not_passed)
         facts.append(
-            fact("Accepted", f"by {text(judged.bands.name)}", "good") if judged.passed
-            else fact("Not accepted", f"by {text(judged.bands.name)}: {bad} of {len(judged.results)} values", "poor")
+            Fact("PASS", f"against {judged.bands.name}", GOOD) if judged.passed
+            else Fact("FAIL", f"against {judged.bands.name}: {bad} of {len(judged.results)} values", POOR)
         )
         known = [result.margin_percent for result in judged.results if math.isfinite(result.margin_percent)]
         if known:
-            facts.append(fact(f"{number(min(known), 3)} %", "least margin, of the nearer limit"))
-    both = sum(all(row.loops) for row in compared.rows)
+            facts.append(Fact(f"{number(min(known), 3)} %", "smallest margin, relative to the nearer limit"))
     if len(compared.runs) > 1:
-        facts.append(fact(f"{both} of {len(compared.rows)}", "motions that every run has"))
+        both = sum(all(row.loops) for row in compared.rows)
+        facts.append(Fact(f"{both} of {len(compared.rows)}", "motions tested in every run"))
         for quantity in LOOP_QUANTITIES[:3]:
             summary = compared.summary(len(compared.runs) - 1, quantity.key)
             if summary is not None and math.isfinite(summary.median_percent):
                 middle = f"{number(summary.median_percent, 3)} %"
-                facts.append(fact(middle, f"{text(quantity.title.lower())}: median change, last against first"))
-    return block("facts", "".join(facts))
+                facts.append(Fact(middle, f"{quantity.title.lower()}: median change, last run against first"))
+    return Facts(tuple(facts))
 
 
-def _bands(judgement: Judgement, *, several: bool) -> str:
+def _bands(judgement: Judgement, *, several: bool) -> Blocks:
     ordered = sorted(judgement.results, key=lambda result: (result.state == State.PASSED, _or_last(result.margin)))
-    rows = [("", _result(result, several)) for result in ordered]
     head = [
-        "Result", "Quantity", "Where", *(["Run"] if several else []), "Value", f"{PLUS_MINUS} (k = 2)", "From", "To",
-        "Unit", "Margin", "Margin %", "Remark",
+        "Result", "Quantity", "Where", *(["Run"] if several else []), Column("Value", "", True),
+        Column(EXPANDED, "", True), Column("From", "", True), Column("To", "", True), "Unit", Column("Margin", "", True),
+        Column("Margin", "%", True), "Remark",
     ]  # fmt: skip
-    first = 4 if several else 3
-    note = (
-        "Margin: to the nearer limit, negative outside. "
-        + ("A value passes only where the margin is at least its expanded uncertainty (ISO 14253-1)."
-           if judgement.bands.decision == "guarded" else "The uncertainty does not enter the decision.")
+    decision = (
+        "A value passes only if the margin is at least its expanded uncertainty (ISO 14253-1)."
+        if judgement.bands.decision == "guarded" else "The uncertainty is not part of the decision."
     )  # fmt: skip
-    return heading(f"Acceptance bands: {text(judgement.bands.name)}", note) + table(
-        head, rows, (first, first + 1, first + 2, first + 3, first + 5, first + 6)
-    )
+    note = f"Margin: distance to the nearer limit, negative outside. {decision}"
+    rows = [_result(result, several) for result in ordered]
+    return [*section(f"Acceptance bands: {judgement.bands.name}", note), table(head, rows)]
 
 
-def _result(result: Result, several: bool) -> list[str]:
+def _result(result: Result, several: bool) -> list[Words]:
     where = result.where + (f" ({', '.join(result.points)})" if result.points else "")
     remark = "; ".join(part for part in (result.why, result.note) if part)
     quantity = f"change of {result.quantity}" if result.change else result.quantity
     return [
-        chip(result.state, CHIP[result.state]), text(quantity), text(where), *([text(result.run)] if several else []),
-        number(result.value), number(result.expanded, 2),
-        number(result.low), number(result.high), text("" if result.unit == "1" else result.unit),
-        number(result.margin, 3), number(result.margin_percent, 3), text(remark),
+        Label(str(result.state), SEVERITIES[result.state]), quantity, where, *([result.run] if several else []),
+        number(result.value), number(result.expanded, 2), number(result.low), number(result.high),
+        "" if result.unit == "1" else result.unit, number(result.margin, 3), number(result.margin_percent, 3), remark,
     ]  # fmt: skip
 
 
-def _loops(compared: Comparison, names: Sequence[str]) -> str:
-    """The loops of every motion over each other, one colour a run."""
+def _loops(compared: Comparison, names: Sequence[str]) -> Blocks:
+    """The loops of every motion in one figure, one colour for each run."""
     drawn = [
         {view.point.id: view.loop for view in views_of(run.run, None)[0] if view.loop is not None}
         for run in compared.runs
@@ -116,15 +123,17 @@ def _loops(compared: Comparison, names: Sequence[str]) -> str:
         over_u, over_v = _traces(row, drawn, names)
         if over_u:
             title = row.motion.label
-            pair = (Chart(DISPLACEMENT, FORCE, over_u, title=f"Force over displacement, {title}").svg()
-                    + Chart(VELOCITY, FORCE, over_v, title=f"Force over velocity, {title}").svg())  # fmt: skip
-            cards.append(card(f"<b>{text(title)}</b>", block("pair", pair)))
+            pair = (
+                Figure(DISPLACEMENT, FORCE, over_u, title=f"Force over displacement, {title}"),
+                Figure(VELOCITY, FORCE, over_v, title=f"Force over velocity, {title}"),
+            )
+            cards.append(Card(Strong(title), (Figures(pair, across=2),)))
     if not cards:
-        return ""
-    keys = "".join(key(text(name), current_colour(index, len(names))) for index, name in enumerate(names))
+        return []
+    keys = tuple(Key(name, current_colour(index, len(names))) for index, name in enumerate(names))
     more = len(compared.rows) - MOST_DRAWN
     note = "One cycle from the middle of each test." + (f" {more} more motions: in the tables." if more > 0 else "")
-    return heading("Loops over each other", note) + key_line("", keys) + block("cards", "".join(cards))
+    return [*section("Loops of all runs", note), Keys(keys), Cards(tuple(cards), large=True)]
 
 
 def _traces(
@@ -135,63 +144,62 @@ def _traces(
         loop = None if reading is None else drawn[index].get(reading.ids[0])
         if loop is not None:
             colour = current_colour(index, len(names))
-            over_u.append(Trace(loop.displacement_mm, loop.force_N, "m", names[index], colour))
-            over_v.append(Trace(loop.velocity_m_s, loop.force_N, "m", names[index], colour))
+            over_u.append(Trace(loop.displacement_mm, loop.force_N, name=names[index], colour=colour))
+            over_v.append(Trace(loop.velocity_m_s, loop.force_N, name=names[index], colour=colour))
     return over_u, over_v
 
 
-def _changes(compared: Comparison, names: Sequence[str]) -> str:
-    """A table a quantity: every motion, every run, change against the first."""
-    parts = []
+def _changes(compared: Comparison, names: Sequence[str]) -> Blocks:
+    """A table for each quantity: every motion, every run, change against the first."""
+    parts: Blocks = []
     for quantity in LOOP_QUANTITIES:
         rows = []
         for row in compared.rows:
             readings = [None if loop is None else loop.values.get(quantity.key) for loop in row.loops]
             if any(readings):
                 changes = [compared.change(index, quantity.key, row) for index in range(1, len(names))]
-                rows.append(("", [text(row.motion.label), *_cells(readings, changes, quantity.unit)]))
+                rows.append([row.motion.label, *_cells(readings, changes, quantity.unit)])
         unit = "" if quantity.unit == "1" else f", {quantity.unit}"
-        parts.append(_quantity_table(f"{quantity.title}{unit}", "Motion", rows, names))
+        parts += _quantity_table(f"{quantity.title}{unit}", "Motion", rows, names)
     singles = [
-        ("", [text(quantity.title), *_cells(
+        [quantity.title, *_cells(
             [run.singles.get(quantity.key) for run in compared.runs],
             [compared.single_change(index, quantity.key) for index in range(1, len(names))], quantity.unit,
-        )])
+        )]
         for quantity in SINGLE_QUANTITIES if any(quantity.key in run.singles for run in compared.runs)
     ]  # fmt: skip
-    parts.append(_quantity_table("Slow triangle at 0 A, N", "Quantity", singles, names))
-    body = "".join(parts)
-    note = "In bold: more than the expanded uncertainty of the difference."
-    return heading("Values and changes", note if len(names) > 1 else "") + body if body else ""
+    parts += _quantity_table("Slow triangle at 0 A, N", "Quantity", singles, names)
+    note = "Bold: more than the expanded uncertainty of the difference."
+    return [*section("Values and changes", note if len(names) > 1 else ""), *parts] if parts else []
 
 
-def _parameters(compared: Comparison, names: Sequence[str]) -> str:
+def _parameters(compared: Comparison, names: Sequence[str]) -> Blocks:
     rows = []
     for name in compared.parameter_names:
         fitted = [run.parameters.get(name) for run in compared.runs]
         unit = next((one.unit for one in fitted if one is not None), "")
         readings = [None if one is None or one.why else one.reading for one in fitted]
         changes = [compared.parameter_change(index, name) for index in range(1, len(names))]
-        rows.append(("", [text(f"{name} {unit}"), *_cells(readings, changes, unit)]))
+        rows.append([f"{name} {unit}", *_cells(readings, changes, unit)])
     return _quantity_table("Fitted parameters", "Parameter", rows, names, level=2)
 
 
 def _quantity_table(
-    title: str, first: str, rows: Sequence[tuple[str, Sequence[str]]], names: Sequence[str], level: int = 3,
-) -> str:  # fmt: skip
+    title: str, first: str, rows: Sequence[Sequence[Words]], names: Sequence[str], level: int = 3,
+) -> Blocks:  # fmt: skip
     if not rows:
-        return ""
-    head = [first, text(names[0])]
+        return []
+    head = [first, names[0]]
     for name in names[1:]:
-        head += [text(name), "Change", f"{PLUS_MINUS} (k = 2)"]
-    return heading(text(title), level=level) + table(head, rows, range(1, len(head)))
+        head += [name, "Change", EXPANDED]
+    return [Heading(title, level), table(head, rows, range(1, len(head)))]
 
 
-def _cells(readings: Sequence[Reading | None], changes: Sequence[Change | None], unit: str) -> list[str]:
-    cells = [_reading(readings[0])]
+def _cells(readings: Sequence[Reading | None], changes: Sequence[Change | None], unit: str) -> list[Words]:
+    cells: list[Words] = [_reading(readings[0])]
     for reading, one in zip(readings[1:], changes, strict=True):
         shown, expanded = (NOTHING, NOTHING) if one is None else _change(one, unit)
-        cells += [_reading(reading), f"<b>{shown}</b>" if one is not None and one.differs else shown, expanded]
+        cells += [_reading(reading), Strong(shown) if one is not None and one.differs else shown, expanded]
     return cells
 
 
@@ -202,8 +210,7 @@ def _change(one: Change, unit: str) -> tuple[str, str]:
     shown_unit = "" if shown_unit == "1" else shown_unit
     cells = ((value, 3), (COVERAGE * std, 2))
     shown, expanded = (
-        f"{number(size, digits)} {text(shown_unit)}".rstrip() if math.isfinite(size) else NOTHING
-        for size, digits in cells
+        f"{number(size, digits)} {shown_unit}".rstrip() if math.isfinite(size) else NOTHING for size, digits in cells
     )
     return shown, expanded
 

@@ -1,61 +1,121 @@
-"""The report as a whole: its parts in order, its head, warnings and provenance; written beside the run."""
+"""The report as a whole: its sections in order, its head, warnings and provenance, written into the run's directory."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import rig.dampers
-from rig.characteristics import characterise
-from rig.characteristics.hybrid_tests import hybrid_tests, write_hybrid
+from rig.characteristics import Characteristics, characterise
+from rig.characteristics.hybrid_tests import HybridTest, hybrid_tests, write_hybrid
 from rig.dampers import DamperModel
 from rig.dampers.temperature_law import law_of_entries
+from rig.document import html
+from rig.document.blocks import Blocks, Details, Document, Fact, Facts, Heading, Items, Note, Paragraph, Properties, section
+from rig.document.numbers import NOTHING, number
+from rig.document.words import FAIR, GOOD, PLAIN, POOR, Code, Severity, Strong
 from rig.errors import RigError
 from rig.fit_file import FIT
 from rig.fit_file import read_fit as read_fit_file
 from rig.recording.atomic_write import write_text_durably
-from rig.recording.journal.campaign_log import read_lines
+from rig.recording.journal.campaign_log import read_log
 from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.run import Run
-from rig.report import fit as fit_part
+from rig.report import fit as fit_sections
 from rig.report import loops, standard
 from rig.report.budget import budget
 from rig.report.events import events
-from rig.report.fragment import (
-    NOTHING,
-    block,
-    box,
-    bullet_list,
-    data_list,
-    details,
-    fact,
-    heading,
-    number,
-    page,
-    text,
-)
-from rig.report.hybrid import hybrid_part
-from rig.report.instruments import calibrations, doubts_of, instruments
-from rig.report.loops import PointView, REFERENCE_degC, view_of
+from rig.report.hybrid import hybrid_section
+from rig.report.instruments import calibrations, doubts_of, instruments, sensors_of
 from rig.report.over_current import parameters_over_current
-from rig.report.plugin_sections import brought_sections
-from rig.report.point_tables import achieved_table, conditions, points_table, time_base
-from rig.report.signals import signals_part
+from rig.report.plugin_sections import installed_sections
+from rig.report.point_tables import achieved_table, conditions, points_table, time_base, time_base_words
+from rig.report.signals import signals_section
 from rig.report.specimen import described_specimen, specimen_of
 from rig.report.traces import time_traces
+from rig.report.views import PointView, REFERENCE_degC, placed_views, view_of
 
 JsonObject = Mapping[str, Any]
 SHOWN_WARNINGS = 5
-LACKS = "-without-"
-"""In slugs of what a device cannot do."""
+MISSING = "-without-"
+"""In the codes of functions that a device does not support."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """All that the report's sections show, read and computed once.
+
+    Attributes:
+        run: the campaign.
+        fit: `fit.json` as an object; None without a fit.
+        views: what is drawn of each point.
+        remark: why the fit's curves are not drawn; empty where they are.
+        characteristics: the standard damper tests.
+        hybrid: the hybrid tests.
+        log: the journal's events; None where there is no journal.
+        sensors: attributes of the calibrated channels, of the first point that was recorded here.
+    """
+
+    run: Run
+    fit: JsonObject | None
+    views: Sequence[PointView]
+    remark: str
+    characteristics: Characteristics
+    hybrid: Sequence[HybridTest]
+    log: Sequence[JsonObject] | None
+    sensors: Mapping[str, Mapping[str, Any]]
+
+    @classmethod
+    def of(cls, run: Run) -> Material:
+        """Read and compute it.
+
+        Raises:
+            FileProblem: `fit.json` is not one of ours.
+        """
+        fit = read_fit(run.path)
+        views, remark = views_of(run, fit)
+        measured = {view.point.id: view.measured for view in views if view.measured is not None}
+        characteristics = characterise(run, measured)
+        recorded = next((point for point in run.points if point.path is not None and not point.imported), None)
+        return cls(
+            run, fit, placed_views(views, characteristics.loops), remark, characteristics, hybrid_tests(run),
+            read_log(run.path) if (run.path / "journal.jsonl").is_file() else None,
+            {} if recorded is None else sensors_of(recorded),
+        )  # fmt: skip
+
+
+def report_of(of: Material) -> Document:
+    """The report as a document.
+
+    Args:
+        of: what it shows.
+    """
+    run, fit, views = of.run, of.fit, of.views
+    blocks = [
+        *header(run, fit), *doubts_of(run.points), *warnings(run, fit), *([Note(FAIR, of.remark)] if of.remark else []),
+        *hybrid_section(of.hybrid), *signals_section(views), *loops.overview(views),
+    ]
+    if fit is not None:
+        blocks += [*fit_sections.parameters(fit), *parameters_over_current(fit)]
+    blocks += [*loops.details(views, fitted=any(map(_has_fit, views))), *time_traces(views)]
+    if fit is not None:
+        blocks += fit_sections.quality(fit)
+    blocks += [
+        *standard.standard_tests(of.characteristics), *points_table(views), *achieved_table(run.points),
+        *conditions(run.points, of.log or ()), *instruments(run, of.sensors), *time_base(run.points),
+        *budget(views, of.characteristics.loops), *calibrations(of.sensors), *unsupported(of.log or ()), *events(of.log),
+        *installed_sections(run, fit), *described_specimen(run), *provenance(run, fit),
+    ]  # fmt: skip
+    return Document(f"Damper test report {run.path.name}", blocks)
 
 
 def write_report(run_dir: Path) -> Path:
     """Write `report.html` into a campaign's directory, from its points and, if there is one, its `fit.json`.
 
-    What is measured without a model goes into `characteristics.json` beside it, hybrid tests into `hybrid.json`.
+    What is measured without a model is written to `characteristics.json` there, hybrid tests to `hybrid.json`.
 
     Args:
         run_dir: the campaign's directory.
@@ -67,35 +127,21 @@ def write_report(run_dir: Path) -> Path:
         FileProblem: the directory is no run, or `fit.json` is not one of ours.
         OSError: the report cannot be written.
     """
-    run = Run.open(run_dir)
-    fit = read_fit(run.path)
-    views, remark = views_of(run, fit)
-    characteristics = characterise(run, {view.point.id: view.measured for view in views if view.measured is not None})
-    views = loops.placed_views(views, characteristics.loops)
-    hybrid = hybrid_tests(run)
-    if hybrid:
-        write_hybrid(run, hybrid)
-    parts = [
-        header(run, fit), doubts_of(run), warnings(run, fit), remark, hybrid_part(hybrid), signals_part(views),
-        loops.overview(views),
-    ]
-    if fit is not None:
-        parts += [fit_part.parameters(fit), parameters_over_current(fit)]
-    parts.append(loops.details(views, fitted=any(_has_fit(view) for view in views)))
-    parts.append(time_traces(views))
-    if fit is not None:
-        parts.append(fit_part.quality(fit))
-    parts += [
-        standard.standard_tests(characteristics), points_table(views), achieved_table(run.points),
-        conditions(run), instruments(run), time_base(run), budget(views, characteristics.loops),
-        calibrations(run), lacking(run), events(run), *brought_sections(run, fit), described_specimen(run),
-        provenance(run, fit),
-    ]
-    numbers = json.dumps(characteristics.to_json(), indent=1, allow_nan=False)
+    path, _ = written_report(run_dir)
+    return path
+
+
+def written_report(run_dir: Path) -> tuple[Path, Document]:
+    """As `write_report`, and the report as a document for other writers."""
+    material = Material.of(Run.open(run_dir))
+    run, document = material.run, report_of(material)
+    if material.hybrid:
+        write_hybrid(run, material.hybrid)
+    numbers = json.dumps(material.characteristics.to_json(), indent=1, allow_nan=False)
     write_text_durably(run.path / "characteristics.json", numbers + "\n")
     path = run.path / "report.html"
-    write_text_durably(path, page(f"Damper test report {run.path.name}", "".join(parts)))
-    return path
+    write_text_durably(path, html.page(document))
+    return path, document
 
 
 def read_fit(folder: Path) -> dict[str, Any] | None:
@@ -108,7 +154,7 @@ def read_fit(folder: Path) -> dict[str, Any] | None:
 
 
 def views_of(run: Run, fit: Mapping[str, Any] | None) -> tuple[list[PointView], str]:
-    """What to show of every point, and a remark where the fit's curves cannot be computed again."""
+    """What to show of every point, and why the fit's curves are not drawn; empty where they are."""
     model, values, remark = _fitted_model(fit)
     error = (fit or {}).get("error") or {}
     kept = {entry.get("id"): entry for entry in error.get("per_test") or ()}
@@ -132,9 +178,9 @@ def _fitted_model(fit: Mapping[str, Any] | None) -> tuple[DamperModel | None, di
         model = rig.dampers.model(str(fit.get("model")), fit.get("hysteresis", "kwok"))
         missing = [name for name in model.names if name not in values and name != "eta"]
     except RigError as error:
-        return None, {}, box("warn", f"The fit's curves are not drawn: {text(error)}")
+        return None, {}, f"The fit's curves are not drawn: {error}"
     if missing:
-        return None, {}, box("warn", f"The fit's curves are not drawn: fit.json lacks {text(', '.join(missing))}.")
+        return None, {}, f"The fit's curves are not drawn: {', '.join(missing)} missing in fit.json."
     if warmth := law_of_entries(fit.get("temperature"), fit["parameters"]):
         values[REFERENCE_degC] = warmth.reference_degC
     return model, values, ""
@@ -144,122 +190,128 @@ def _has_fit(view: PointView) -> bool:
     return view.loop is not None and view.loop.fitted_N is not None
 
 
-def header(run: Run, fit: JsonObject | None) -> str:
+def header(run: Run, fit: JsonObject | None) -> Blocks:
     """Title, what was tested, and the result in a few numbers."""
     campaign = run.campaign
     origin = "imported tests" if _any(run, "imported") else "simulated rig" if _simulated(run) else "test rig"
     started = campaign.get("created") or _first(run, "started_utc")
     described = " \N{MIDDLE DOT} ".join(
-        text(part) for part in dict.fromkeys((origin, _first(run, "bench"), started, run.path.name)) if part
+        str(part) for part in dict.fromkeys((origin, _first(run, "bench"), started, run.path.name)) if part
     )
     valid = _count(run, "valid")
     planned = campaign.get("points")  # identifiers; of an import: its files, which may hold no test
     total = max(len(run.points), sum(isinstance(one, str) for one in planned) if isinstance(planned, list) else 0)
-    facts = [*_verdict(fit), fact(f"{valid} of {total}", "points valid", _kind(valid == total))]
+    facts = [*_verdict(fit), Fact(f"{valid} of {total}", "points valid", _severity(valid == total))]
     facts += [
-        fact(str(_count(run, verdict)), f"{'point' if _count(run, verdict) == 1 else 'points'} {verdict}", kind)
-        for verdict, kind in (("suspect", "fair"), ("invalid", "poor")) if _count(run, verdict)
+        Fact(str(_count(run, verdict)), f"{'point' if _count(run, verdict) == 1 else 'points'} {verdict}", severity)
+        for verdict, severity in (("suspect", FAIR), ("invalid", POOR)) if _count(run, verdict)
     ]
-    facts.append(_lost(run))
-    if fit is not None:
-        error = fit.get("error") or {}
-        facts.append(fact(text(fit.get("model", NOTHING)), f"model, by {text(fit.get('method', NOTHING))}"))
-        facts.append(fact(f"{number(error.get('nrmse_percent_of_peak'), 3)} %", "error of peak force, mean of tests"))
-        facts.append(fact(f"{number(error.get('rmse_N'), 3)} N", "RMS error"))
-        if (apart := error.get("holdout")) is not None:
-            facts.append(fact(f"{number(apart.get('nrmse_percent_of_peak'), 3)} %", _of_unseen(apart)))
-        if (unseen := fit.get("unseen")) is not None:
-            mean = f"{number(unseen.get('nrmse_percent_of_peak'), 3)} %"
-            facts.append(fact(mean, "error, each motion from the others"))
-    name = specimen_of(run) or run.path.name
-    title = heading(f"Damper test report: {text(name)}", described, 1)
-    return title + block("facts", "".join(facts))
+    facts += [*_lost(run), *_errors(fit)]
+    title = Heading(f"Damper test report: {specimen_of(run) or run.path.name}", 1)
+    return [title, Paragraph(described, small=True), Facts(tuple(facts))]
 
 
-def _of_unseen(apart: JsonObject) -> str:
-    """What the error on held-out tests is, and the mean without those that are foretold by extrapolation."""
+def _errors(fit: JsonObject | None) -> list[Fact]:
+    """The model, and its errors on fitted and other tests."""
+    if fit is None:
+        return []
+    error, method = fit.get("error") or {}, str(fit.get("method", NOTHING))
+    facts = [
+        Fact(str(fit.get("model", NOTHING)), f"model ({fit_sections.METHODS.get(method, method)})"),
+        Fact(f"{number(error.get('nrmse_percent_of_peak'), 3)} %", "error of peak force, mean of tests"),
+        Fact(f"{number(error.get('rmse_N'), 3)} N", "RMS error"),
+    ]
+    if (apart := error.get("holdout")) is not None:
+        facts.append(Fact(f"{number(apart.get('nrmse_percent_of_peak'), 3)} %", _of_validation(apart)))
+    if (unseen := fit.get("unseen")) is not None:
+        mean = f"{number(unseen.get('nrmse_percent_of_peak'), 3)} %"
+        facts.append(Fact(mean, "error, leave-one-motion-out cross-validation"))
+    return facts
+
+
+def _of_validation(apart: JsonObject) -> str:
+    """What the error on validation tests is, and the mean without extrapolated ones."""
     tests = apart.get("per_test") or ()
     outside = sum(bool(test.get("beyond")) for test in tests)
     if not outside:
-        return "error on held-out tests"
+        return "error on validation tests"
     within = apart.get("within_nrmse_percent_of_peak")
     if within is None:
-        return "error on held-out tests, all beyond the fitted data: extrapolation"
-    apart_from = f"without the {outside} of {len(tests)} beyond the fitted data"
-    return f"error on held-out tests; {number(within, 3)} % {apart_from}"
+        return "error on validation tests, all outside the fitted data (extrapolated)"
+    without = f"without the {outside} of {len(tests)} outside the fitted data"
+    return f"error on validation tests; {number(within, 3)} % {without}"
 
 
-def _verdict(fit: JsonObject | None) -> list[str]:
+def _verdict(fit: JsonObject | None) -> list[Fact]:
     """Whether the fit can be used, first of all."""
     if fit is None:
         return []
     if fit.get("adequate") is False:
-        return [fact("Does not fit", "model error exceeds the repeatability of the tests", "poor")]
+        return [Fact("Does not fit", "model error exceeds the repeatability of the tests", POOR)]
     unknown = sum(not entry.get("identifiable", True) for entry in fit["parameters"].values())
     if fit.get("adequate") is None:
-        return [fact("Not judged", "no test has two whole cycles beside its first and last to compare the fit with")]
+        return [Fact("Not evaluated", "no test has two whole cycles between its first and last for comparison")]
     known = f"{len(fit['parameters']) - unknown} of {len(fit['parameters'])} parameters identified"
-    return [fact("Fits", f"to the tests' scatter; {known}", "good")]
+    return [Fact("Fits", f"within measurement noise; {known}", GOOD)]
 
 
-def _lost(run: Run) -> str:
+def _lost(run: Run) -> list[Fact]:
     """Lost samples; a count of 0 is good news only where a loss would have been counted."""
     lost = sum(point.lost_samples for point in run.points)
     by = {point.quality.loss_counted_by or "" for point in run.points if not point.imported}
-    if not by and lost:  # imported tests
-        return fact(str(lost), "rows missing", _kind(False))
+    if not by:  # imported tests
+        return [Fact(str(lost), "rows missing", FAIR)] if lost else []
     if lost or by == {"sequence"}:
-        return fact(str(lost), "samples lost", _kind(lost == 0))
-    if by <= {"sequence", "rate"} and by:
-        return fact(str(lost), "samples lost, counted against the nominal rate: single ones may be missed")
-    if not by:
-        return ""
-    return fact("not known", "samples lost: not known, a sensor's format has no sequence number", "fair")
+        return [Fact(str(lost), "samples lost", _severity(lost == 0))]
+    if by <= {"sequence", "rate"}:
+        return [Fact(str(lost), "samples lost, counted against the nominal rate: single ones may be missed")]
+    return [Fact("unknown", "samples lost: a sensor's format has no sequence number", FAIR)]
 
 
-def _kind(good: bool) -> str:
-    return "good" if good else "fair"
+def _severity(good: bool) -> Severity:
+    return GOOD if good else FAIR
 
 
-def warnings(run: Run, fit: JsonObject | None) -> str:
+def warnings(run: Run, fit: JsonObject | None) -> Blocks:
     """Everything a reader must know before believing the rest."""
-    boxes = [box("bad", text(line)) for line in run.unreadable]
-    if _count(run, "invalid"):
-        left_out = " and were left out of the fit" if fit is not None else ""
-        boxes.append(box("bad", f"{_count(run, 'invalid')} point(s) are invalid{left_out}."))
-    if _count(run, "suspect"):
-        boxes.append(box(
-            "warn", f"{_count(run, 'suspect')} point(s) are suspect and were left out of the fit; "
-            "<code>rig identify --suspect</code> takes them in.",
-        ))
+    notes: Blocks = [Note(POOR, line) for line in run.unreadable]
+    if count := _count(run, "invalid"):
+        left_out = " and not used for the fit" if fit is not None else ""
+        notes.append(Note(POOR, f"{_points(count)} invalid{left_out}."))
+    if count := _count(run, "suspect"):
+        use = Code("rig identify --suspect")
+        notes.append(Note(FAIR, (f"{_points(count)} suspect and not used for the fit; ", use, " uses them.")))
     if fit is None:
-        boxes.append(box("warn", "No fit is in this run: what follows is measured only."))
-    else:
-        if fit.get("adequate") is False:
-            boxes.append(box(
-                "bad",
-                "<b>The model does not fit.</b> Its error exceeds the repeatability of the tests: "
-                "do not use the parameters as properties of the damper.",
-            ))
-        remarks = [box("warn", text(warning)) for warning in fit.get("warnings") or ()]
-        boxes += remarks[:SHOWN_WARNINGS]
-        if more := remarks[SHOWN_WARNINGS:]:
-            boxes.append(details(f"{len(more)} more warnings", "".join(more)))
-    return "".join(boxes)
+        return [*notes, Note(FAIR, "This run has no fit: the report shows measurements only.")]
+    if fit.get("adequate") is False:
+        notes.append(Note(POOR, (
+            Strong("The model does not fit."), " Its error exceeds the repeatability of the tests: do not use the "
+            "parameters as properties of the damper.",
+        )))  # fmt: skip
+    remarks = [Note(FAIR, warning) for warning in fit.get("warnings") or ()]
+    notes += remarks[:SHOWN_WARNINGS]
+    if more := remarks[SHOWN_WARNINGS:]:
+        notes.append(Details(f"{len(more)} more warnings", tuple(more)))
+    return notes
 
 
-def lacking(run: Run) -> str:
-    """What the rig's devices cannot do, as it was said at connect; nothing where they lack nothing."""
-    told = read_lines(run.path) if (run.path / "journal.jsonl").is_file() else []
-    said = {
-        str(line.get("slug")): str(line.get("detail")) for line in told
-        if line.get("event") == "station" and LACKS in str(line.get("slug"))
+def _points(count: int) -> str:
+    return f"{count} point is" if count == 1 else f"{count} points are"
+
+
+def unsupported(log: Sequence[JsonObject]) -> Blocks:
+    """Functions that the rig's devices do not support, as reported at connect; empty where there are none."""
+    stated = {
+        str(line.get("slug")): str(line.get("detail")) for line in log
+        if line.get("event") == "station" and MISSING in str(line.get("slug"))
     }
-    listed = [f"{slug}: {detail}" for slug, detail in said.items()]
-    return heading("What this rig lacks", "said at connect") + bullet_list(listed) if said else ""
+    if not stated:
+        return []
+    listed = Items(tuple(f"{slug}: {detail}" for slug, detail in stated.items()))
+    return [*section("Functions that this rig does not support", "As reported at connect."), listed]
 
 
-def provenance(run: Run, fit: JsonObject | None) -> str:
+def provenance(run: Run, fit: JsonObject | None) -> Blocks:
     """Where all this comes from: software, bench, devices, calibrations, hashes."""
     shared = {
         key: value for key, value in (run.points[0].provenance.items() if run.points else ())
@@ -270,14 +322,14 @@ def provenance(run: Run, fit: JsonObject | None) -> str:
         **{key: value for key, value in run.campaign.items() if isinstance(value, (str, int, float))},
     }
     methods = sorted({point.quality.skew.method for point in run.points if point.quality.skew.method is not None})
-    shown["time alignment"] = "; ".join(methods)
+    shown["time alignment"] = "; ".join(map(time_base_words, methods))
     if fit is not None:
         shown["fit"] = f"{fit.get('evaluations', NOTHING)} evaluations, {number(fit.get('wall_s'), 3)} s"
     note = (
-        "Each point's file holds its raw samples, calibrations and clock models: "
-        "<code>points/*.h5</code> (HDF5; h5dump, xarray, MATLAB, Octave)."
+        "Each point's file holds its raw samples, calibrations and clock models: ", Code("points/*.h5"),
+        " (HDF5; h5dump, xarray, MATLAB, Octave).",
     )
-    return heading("Provenance", note) + data_list(shown)
+    return [*section("Provenance", note), Properties(shown)]
 
 
 def _first(run: Run, name: str) -> str:

@@ -1,4 +1,4 @@
-"""The report's part about how the fitted parameters depend on the coil's current."""
+"""The report's section on how the fitted parameters depend on the coil's current."""
 
 from __future__ import annotations
 
@@ -10,33 +10,36 @@ import numpy as np
 
 import rig.dampers
 from rig.dampers import DamperModel
+from rig.document.blocks import Blocks, Card, Cards, Figures, Heading, Keys
+from rig.document.figure import Axis, Figure, Style, Trace
+from rig.document.numbers import CONFIDENCE
+from rig.document.style import FITTED, MEASURED, RESIDUAL
+from rig.document.words import Key, Strong
 from rig.errors import RigError
-from rig.report.chart import Chart, Trace
-from rig.report.fragment import CONFIDENCE, card, charts, heading, key, key_line, text
-from rig.report.style import FITTED, MEASURED, RESIDUAL
 from rig.signals.arrays import FloatArray
 from rig.signals.test_set import rounded_levels
 
 JsonObject = Mapping[str, Any]
-CURRENT = "Current A"
+CURRENT = Axis("Current", "A")
 WIDTH, HEIGHT, PLACES = 300, 200, 61
 
 
-def parameters_over_current(fit: JsonObject) -> str:
+def parameters_over_current(fit: JsonObject) -> Blocks:
     """Every parameter that changes with the current, with its 95 % band; nothing where none does."""
-    drawn = parameter_charts(fit)
+    drawn = parameter_figures(fit)
     if not drawn:
-        return ""
+        return []
     by_current = "relations" in (fit.get("current") or {})
-    keys = key("relation" if by_current else "fitted", MEASURED) + (
-        key("each current's fit, 95 %", FITTED) if by_current else key("95 %", RESIDUAL)
+    keys = (
+        Key("relation" if by_current else "fitted", MEASURED),
+        Key("fit of each current, 95 %", FITTED) if by_current else Key("95 %", RESIDUAL),
     )
-    cards = [card(f"<b>{text(name)}</b>", chart.svg()) for name, chart in drawn.items()]
-    return heading("Parameters over current") + key_line("", keys) + charts(cards)
+    cards = tuple(Card(Strong(name), (Figures((figure,)),)) for name, figure in drawn.items())
+    return [Heading("Parameters over current"), Keys(keys), Cards(cards)]
 
 
-def parameter_charts(fit: JsonObject) -> dict[str, Chart]:
-    """The charts by the parameters' names; empty where the fit knows one current only."""
+def parameter_figures(fit: JsonObject) -> dict[str, Figure]:
+    """The figures by the parameters' names; empty for a fit at one current."""
     current = fit.get("current") or {}
     if "relations" in current:
         return _by_relations(fit, current)
@@ -50,7 +53,7 @@ def parameter_charts(fit: JsonObject) -> dict[str, Chart]:
     return _affine(fit, model, np.linspace(max(low, 0.0) if low > -1e-2 else low, high, PLACES))
 
 
-def _affine(fit: JsonObject, model: DamperModel, current_A: FloatArray) -> dict[str, Chart]:
+def _affine(fit: JsonObject, model: DamperModel, current_A: FloatArray) -> dict[str, Figure]:
     """Base + slope I^power for every parameter with a slope, and its band by the covariance."""
     values, drawn = fit.get("parameters") or {}, {}
     bases = dict.fromkeys(parameter.at_zero for parameter in model.parameters if parameter.at_zero)
@@ -60,15 +63,17 @@ def _affine(fit: JsonObject, model: DamperModel, current_A: FloatArray) -> dict[
             continue
         columns = np.array([current_A**power for _, power in members])
         line = np.array([values[name]["value"] for name, _ in members]) @ columns
-        traces = [Trace(current_A, line, "m", base)]
+        traces = [Trace(current_A, line, name=base)]
         covariance = _covariance(fit, [name for name, _ in members])
         if covariance is not None:
             half = CONFIDENCE * np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", columns, covariance, columns), 0.0))
             least = 0.0 if base in model.non_negative else -math.inf
-            traces += [Trace(current_A, np.maximum(line + side * half, least), "e", "95 %") for side in (-1.0, 1.0)]
+            traces += [
+                Trace(current_A, np.maximum(line + side * half, least), Style.RESIDUAL, "95 %") for side in (-1.0, 1.0)
+            ]
         title = _common(base, [name for name, power in members if power])
         unit = values[base].get("unit", "")
-        drawn[title] = Chart(CURRENT, f"{title} {unit}", traces, WIDTH, HEIGHT, title=f"{title} over current")
+        drawn[title] = Figure(CURRENT, Axis(title, str(unit)), traces, WIDTH, HEIGHT, title=f"{title} over current")
     return drawn
 
 
@@ -93,7 +98,7 @@ def _covariance(fit: JsonObject, names: list[str]) -> FloatArray | None:
     return np.asarray(matrix * np.outer(scale, scale))
 
 
-def _by_relations(fit: JsonObject, current: JsonObject) -> dict[str, Chart]:
+def _by_relations(fit: JsonObject, current: JsonObject) -> dict[str, Figure]:
     """One fit a current: its values with their intervals, and the relation through them."""
     at_A, drawn = [float(value) for value in current.get("currents_A") or ()], {}
     for name, relation in (current.get("relations") or {}).items():
@@ -104,15 +109,15 @@ def _by_relations(fit: JsonObject, current: JsonObject) -> dict[str, Chart]:
             continue
         grid = np.linspace(min(at_A), max(at_A), PLACES)
         line = np.polynomial.polynomial.polyval(grid, np.array(relation["coefficients"], float))
-        traces = [Trace(grid, line, "m", f"{name}, relation")]
+        traces = [Trace(grid, line, name=f"{name}, relation")]
         reach = 0.006 * (max(at_A) - min(at_A) or 1.0)
         for value, entry in known:
             ends = [entry[end] if isinstance(entry.get(end), (int, float)) else entry["value"]
                     for end in ("low", "high")]  # fmt: skip
             label = f"{name} at {value:g} A"
-            traces.append(Trace(np.full(2, value), np.array(ends, float), "m", label, FITTED))
+            traces.append(Trace(np.full(2, value), np.array(ends, float), name=label, colour=FITTED))
             tick = np.full(2, float(entry["value"]))
-            traces.append(Trace(value + reach * np.array([-1.0, 1.0]), tick, "m", label, FITTED))
+            traces.append(Trace(value + reach * np.array([-1.0, 1.0]), tick, name=label, colour=FITTED))
         unit = known[0][1].get("unit", "")
-        drawn[name] = Chart(CURRENT, f"{name} {unit}", traces, WIDTH, HEIGHT, title=f"{name} over current")
+        drawn[name] = Figure(CURRENT, Axis(name, str(unit)), traces, WIDTH, HEIGHT, title=f"{name} over current")
     return drawn

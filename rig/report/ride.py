@@ -1,48 +1,56 @@
-"""The report of a ride study: plots and tables like the c-FOA paper's Figures 12 and 13 and Table 5."""
+"""A ride study as a document: plots and tables like the c-FOA paper's Figures 12 and 13 and Table 5."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from rig.report.chart import Chart, Trace
-from rig.report.fragment import (
-    block,
-    box,
-    card,
-    charts,
-    data_list,
-    fact,
-    heading,
-    key,
-    key_line,
-    number,
-    page,
+from rig.document import html
+from rig.document.blocks import (
+    Block,
+    Blocks,
+    Card,
+    Cards,
+    Document,
+    Fact,
+    Facts,
+    Figures,
+    Heading,
+    Keys,
+    Note,
+    Paragraph,
+    Properties,
+    section,
     table,
-    text,
 )
-from rig.report.style import current_colour
+from rig.document.figure import Axis, Figure, Style, Trace
+from rig.document.numbers import number
+from rig.document.style import current_colour
+from rig.document.words import FAIR, Key, Strong, Words
 from rig.signals.arrays import FloatArray
 from rig.vehicle.answer import extrapolations
 from rig.vehicle.response import BANDS
 from rig.vehicle.ride import RideStudy
 
-LEVELS = {
-    "heave": "Heave, dB of 1 (m/s^2)/m", "pitch": "Pitch, dB of 1 (rad/s^2)/m", "roll": "Roll, dB of 1 (rad/s^2)/m",
-}
+UNITS = {"heave": "dB of 1 (m/s^2)/m", "pitch": "dB of 1 (rad/s^2)/m", "roll": "dB of 1 (rad/s^2)/m"}
 PRINTED_dB = {"4-8 Hz": 5.0, "0-18 Hz": 12.0}
-"""What the c-FOA paper prints as largest differences of its three fits (section 4.2)."""
+"""Largest differences of the c-FOA paper's three fits, as printed there (section 4.2)."""
 SPEEDS_M_S = np.linspace(-0.3, 0.3, 121)
 PAPER_FITS = tuple(f"cfoa-table5-fit{count}" for count in (1, 2, 3))
+FEWEST_SAMPLES = 8
+"""Monte Carlo samples from which on a band is drawn."""
 
 
 def ride_page(study: RideStudy) -> str:
-    """One self-contained HTML page."""
-    parts = [
-        heading(f"Ride: {text(study.car.name)} on {text(study.road.name)}", level=1),
-        _facts(study), _warnings(study), _curves(study), _responses(study), _differences(study), _numbers(study),
-        _parameters(study), _provenance(study),
-    ]
-    return page(f"Ride: {study.car.name}", "".join(parts))
+    """The study as a self-contained HTML page."""
+    return html.page(ride_document(study))
+
+
+def ride_document(study: RideStudy) -> Document:
+    """The study as a document."""
+    return Document(f"Ride: {study.car.name}", [
+        Heading(f"Ride: {study.car.name} on {study.road.name}", 1), _facts(study), *warnings(study), *_curves(study),
+        *_responses(study), *differences(study), *numbers(study), *_parameters(study), *_provenance(study),
+    ])  # fmt: skip
 
 
 def _colours(study: RideStudy) -> dict[str, str]:
@@ -50,7 +58,7 @@ def _colours(study: RideStudy) -> dict[str, str]:
     return {name: current_colour(index, len(names)) for index, name in enumerate(names)}
 
 
-def _facts(study: RideStudy) -> str:
+def _facts(study: RideStudy) -> Facts:
     facts = []
     for band in BANDS:
         known = [
@@ -60,45 +68,52 @@ def _facts(study: RideStudy) -> str:
         ]  # fmt: skip
         if known:
             value, motion, pair = max(known)
-            between = text(" / ".join(pair))
-            facts.append(fact(f"{number(value, 3)} dB", f"largest difference in {band}: {motion}, {between}"))
-    return block("facts", "".join(facts))
+            between = " / ".join(pair)
+            facts.append(Fact(f"{number(value, 3)} dB", f"largest difference in {band}: {motion}, {between}"))
+    return Facts(tuple(facts))
 
 
-def _warnings(study: RideStudy) -> str:
-    lines = [f"{text(variant.name)}: {text(variant.fit.remark)}" for variant in study.variants if variant.fit.remark]
-    lines += [text(line) for line in extrapolations(study)]
+def warnings(study: RideStudy) -> list[Note]:
+    """What a reader has to know of the numbers."""
+    lines = [f"{variant.name}: {variant.fit.remark}" for variant in study.variants if variant.fit.remark]
+    lines += extrapolations(study)
     if study.car.estimate:
-        lines.append(f"The numbers of this car are an estimate: {text(study.car.source)}.")
+        lines.append(f"The parameters of this car are an estimate: {study.car.source}.")
     if not study.step_close:
-        lines.append("The smallest step still changes the numbers by more than 1 %: a damper's force all but jumps.")
-    return "".join(box("warn", line) for line in lines)
+        lines.append(
+            f"Even a step of {1e3 * study.step_s:g} ms changes the numbers by more than 1 %: the force of a damper is nearly "
+            "discontinuous."
+        )
+    return [Note(FAIR, line) for line in lines]
 
 
-def _keys(study: RideStudy) -> str:
-    return key_line("", "".join(key(text(name), colour) for name, colour in _colours(study).items()))
+def _keys(study: RideStudy) -> Keys:
+    return Keys(tuple(Key(name, colour) for name, colour in _colours(study).items()))
 
 
-def _curves(study: RideStudy) -> str:
+def _curves(study: RideStudy) -> Blocks:
     """Force over velocity at mid-stroke (Figure 12)."""
     colours = _colours(study)
     traces = [
         Trace(
             SPEEDS_M_S, variant.fit.damper.model.force_at(
                 variant.fit.damper.values, SPEEDS_M_S, variant.control.current_A
-            ), "m", variant.name, colours[variant.name],
+            ), name=variant.name, colour=colours[variant.name],
         )
         for variant in study.variants
     ]
-    chart = Chart("Velocity m/s", "Force N", traces, 480, 320, title="Force over velocity")
-    return heading("Force over velocity at mid-stroke") + _keys(study) + charts([card("", chart.svg())])
+    figure = Figure(Axis("Velocity", "m/s"), Axis("Force", "N"), traces, 480, 320, title="Force over velocity")
+    return [Heading("Force over velocity at mid-stroke"), _keys(study), Cards((Card("", (Figures((figure,)),)),))]
 
 
-def _responses(study: RideStudy) -> str:
+def _responses(study: RideStudy) -> Blocks:
     """Responses of every phase (Figures 13a to c)."""
     colours = _colours(study)
-    parts = [heading("Response of the body", "Acceleration for the road's height under the front left wheel (H1); gaps "
-                     "where the motion does not follow the road.")]  # fmt: skip
+    note = (
+        "Acceleration relative to the height of the road under the front left wheel (H1); gaps where the motion does not "
+        "follow the road."
+    )
+    parts: Blocks = [*section("Response of the body", note), _keys(study)]
     for phase, by_name in study.driven.items():
         cards = []
         for motion in study.own.body:
@@ -109,19 +124,20 @@ def _responses(study: RideStudy) -> str:
                 drawn = [level for level in levels if level is not None]
                 if not drawn:
                     continue
-                traces.append(Trace(frequency_Hz, drawn[0], "m", name, colours[name]))
-                if len(drawn) > 8:
+                traces.append(Trace(frequency_Hz, drawn[0], name=name, colour=colours[name]))
+                if len(drawn) > FEWEST_SAMPLES:
                     for edge in band(np.array(drawn[1:])):
-                        traces.append(Trace(frequency_Hz, edge, "q", f"{name}, 95 %", colours[name]))
+                        traces.append(Trace(frequency_Hz, edge, Style.OVERLAID, f"{name}, 95 %", colours[name]))
             if traces:
-                chart = Chart("Frequency Hz", LEVELS[motion], traces, 420, 280, title=f"{motion}, {phase}")
-                cards.append(card(f"<b>{motion}</b>", chart.svg()))
-        parts.append(heading(phase, level=3) + charts(cards))
-    return parts[0] + _keys(study) + "".join(parts[1:])
+                axis = Axis(motion.capitalize(), UNITS[motion])
+                figure = Figure(Axis("Frequency", "Hz"), axis, traces, 420, 280, title=f"{motion}, {phase}")
+                cards.append(Card(Strong(motion), (Figures((figure,)),)))
+        parts += [Heading(phase, 3), Cards(tuple(cards))]
+    return parts
 
 
 def band(drawn: FloatArray) -> FloatArray:
-    """The 95 % of draws (members, n) at each place, (2, n); a gap where none of them has a value."""
+    """The central 95 % of samples (members, n) at each frequency, (2, n); a gap where none of them has a value."""
     edges = np.full((2, drawn.shape[1]), np.nan)
     known = np.any(np.isfinite(drawn), axis=0)
     if np.any(known):
@@ -129,23 +145,23 @@ def band(drawn: FloatArray) -> FloatArray:
     return edges
 
 
-def _differences(study: RideStudy) -> str:
+def differences(study: RideStudy) -> Blocks:
+    """The largest differences of any two dampers, by motion and band; empty for one damper."""
     if not study.pairs():
-        return ""
+        return []
     paper = {variant.name for variant in study.variants} == set(PAPER_FITS)
-    rows = []
+    rows: list[list[Words]] = []
     for motion in study.own.body:
-        for band in BANDS:
+        for name in BANDS:
             for pair in study.pairs():
-                cells = [motion, band, text(" / ".join(pair))]
+                cells: list[Words] = [motion, name, " / ".join(pair)]
                 for phase in study.driven:
-                    apart = study.difference(phase, motion, band, pair)
+                    apart = study.difference(phase, motion, name, pair)
                     cells.append("not excited" if apart is None else _with_interval(apart))
-                rows.append(("", [*cells, f"up to {PRINTED_dB[band]:g}"] if paper else cells))
-    head = ["motion", "band", "between", *study.driven, *(["printed in the paper"] if paper else [])]
-    return heading("Largest differences, dB", "95 % interval from the fits' uncertainty in brackets.") + table(
-        head, rows
-    )
+                rows.append([*cells, f"up to {PRINTED_dB[name]:g}"] if paper else cells)
+    head = ["Motion", "Band", "Dampers", *study.driven, *(["Printed in the paper"] if paper else [])]
+    return [*section("Largest differences, dB", "In brackets: 95 % interval from the uncertainty of the fits."),
+            table(head, rows)]  # fmt: skip
 
 
 def _with_interval(known: tuple[float, tuple[float, float] | None]) -> str:
@@ -154,7 +170,8 @@ def _with_interval(known: tuple[float, tuple[float, float] | None]) -> str:
     return number(value, 3) + within
 
 
-def _numbers(study: RideStudy) -> str:
+def numbers(study: RideStudy) -> Blocks:
+    """Comfort, grip, travel, power and heat of each damper."""
     names = {
         f"weighted_rms {motion}": f"{motion} weighted RMS, {'m/s^2' if motion == 'heave' else 'rad/s^2'}"
         for motion in study.own.body
@@ -163,34 +180,36 @@ def _numbers(study: RideStudy) -> str:
         "damper_power_W": "damper power, W", "damper_heat_J": "damper heat, J",
     }  # fmt: skip
     rows = [
-        ("", [text(title), *(_with_interval(study.number(variant.name, name)) for variant in study.variants)])
+        [title, *(_with_interval(study.number(variant.name, name)) for variant in study.variants)]
         for name, title in names.items()
     ]
-    return heading("Comfort, grip, heat", "Weighting of ISO 2631-1:1997: Wk for heave, We for pitch and roll.") + table(
-        ["", *(text(variant.name) for variant in study.variants)], rows, range(1, len(study.variants) + 1)
-    )
+    note = "Weighting of ISO 2631-1:1997: Wk for heave, We for pitch and roll."
+    return [*section("Comfort, grip, heat", note), _by_variant(study, rows)]
 
 
-def _parameters(study: RideStudy) -> str:
+def _by_variant(study: RideStudy, rows: list[list[str]]) -> Block:
+    head = ["Quantity", *(variant.name for variant in study.variants)]
+    return table(head, rows, range(1, len(head)))
+
+
+def _parameters(study: RideStudy) -> Blocks:
     """Parameters side by side (Table 5), where all dampers are of one model."""
     models = {variant.fit.damper.model.name for variant in study.variants}
     if len(models) != 1:
-        return ""
+        return []
     model = study.variants[0].fit.damper.model
     rows = [
-        ("", [text(f"{parameter.name}, {parameter.unit}"), *(
+        [f"{parameter.name}, {parameter.unit}", *(
             number(variant.fit.damper.values[parameter.name]) for variant in study.variants
-        )])
+        )]
         for parameter in model.parameters
     ]  # fmt: skip
-    return heading("Parameters", text(model.equation)) + table(
-        ["", *(text(variant.name) for variant in study.variants)], rows, range(1, len(study.variants) + 1)
-    )
+    return [Heading("Parameters"), Paragraph(model.equation, small=True), _by_variant(study, rows)]
 
 
-def _provenance(study: RideStudy) -> str:
-    return heading("What was driven") + data_list({
+def _provenance(study: RideStudy) -> Blocks:
+    return [Heading("Car and road"), Properties({
         "car": f"{study.car.name} ({study.car.kind})", "source": study.car.source, "road": study.road.name,
         "speed": f"{study.road.speed_m_s:g} m/s", "step": f"{1e3 * study.step_s:g} ms",
         "natural frequencies": ", ".join(f"{value:.2f} Hz" for value in study.own.modes_Hz()),
-    })
+    })]  # fmt: skip

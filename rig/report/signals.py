@@ -1,4 +1,4 @@
-"""The report's part on signals: motions without cycles, each beside the set-points that asked for it."""
+"""The report's section on signals: motions without cycles, compared with their set-points."""
 
 from __future__ import annotations
 
@@ -6,43 +6,47 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rig.document.blocks import Blocks, Card, Cards, Column, Figures, Keys, section, table
+from rig.document.figure import Axis, Figure, Trace, thinned
+from rig.document.numbers import NOTHING, number
+from rig.document.style import MEASURED, OVERLAID, RESIDUAL
+from rig.document.words import Key, Strong, Words, verdict
 from rig.recording.layout import SIGNAL
 from rig.recording.quality.tracking import SignalQuality
 from rig.recording.recorded_point import RecordedPoint
-from rig.report.chart import Chart, Trace, thinned
-from rig.report.fragment import NOTHING, card, charts, chip, heading, key, key_line, number, table, text
-from rig.report.loops import PointView, named
-from rig.report.style import MEASURED, OVERLAID, RESIDUAL
+from rig.report.views import PointView, named
 from rig.signals.arrays import FloatArray
 
 HEAD = (
-    "Point", "Signal", "Largest mm", "Duration s", "Judged s", "Up to Hz", "I A", "Tracking %", "Delay ms",
-    "Span reached %", "Fit's error %", "Verdict",
-)
+    Column("Point"), Column("Signal"), Column("Largest displacement", "mm", True), Column("Duration", "s", True),
+    Column("Evaluated", "s", True), Column("Highest frequency", "Hz", True), Column("I", "A", True),
+    Column("Tracking error", "%", True), Column("Delay", "ms", True), Column("Span achieved", "%", True),
+    Column("Fit error", "%", True), Column("Verdict"),
+)  # fmt: skip
 NOTE = (
-    "Each was streamed set-point by set-point. Judged and fitted is what lies between the ramps. Tracking: distance of "
-    "the rod from its target, RMS, as a share of the target's about its mean, the delay taken off. The fitted model "
-    "runs freely from the motion's beginning."
+    "Each was streamed set-point by set-point. The time between the ramps is evaluated and fitted. Tracking error: RMS "
+    "distance of the rod from its target without the delay, relative to the RMS of the target about its mean. The fitted "
+    "model is simulated freely from the beginning of the motion."
 )
 SHOWN_S = 2.0
-"""Of rod and target, about the middle: more is not legible."""
+"""Of rod and target, about the middle: a longer time is not legible."""
 MOST_DRAWN = 1500
 
 
-def signals_part(views: Sequence[PointView]) -> str:
+def signals_section(views: Sequence[PointView]) -> Blocks:
     """Table and plots of the run's signals; empty without any."""
     shown = [view for view in views if view.point.kind == SIGNAL]
     if not shown:
-        return ""
-    parts = [heading("Signals", NOTE), table(HEAD, [("", _row(view)) for view in shown], range(2, 11))]
-    drawn = [made for view in shown if (made := _plots(view.point)) is not None]
+        return []
+    parts: Blocks = [*section("Signals", NOTE), table(HEAD, [_row(view) for view in shown])]
+    drawn = tuple(made for view in shown if (made := _plots(view.point)) is not None)
     if drawn:
-        keys = key("rod", MEASURED) + key("target", OVERLAID) + key("rod minus target", RESIDUAL)
-        parts += [key_line("", keys), charts(drawn)]
-    return "".join(parts)
+        keys = (Key("rod", MEASURED), Key("target", OVERLAID), Key("rod minus target", RESIDUAL))
+        parts += [Keys(keys), Cards(drawn)]
+    return parts
 
 
-def _row(view: PointView) -> tuple[str, ...]:
+def _row(view: PointView) -> tuple[Words, ...]:
     point, quality = view.point, view.point.quality.signal or SignalQuality()
     judged_s = (
         None if quality.judged_start_s is None or quality.judged_end_s is None
@@ -54,8 +58,8 @@ def _row(view: PointView) -> tuple[str, ...]:
         view.error.get("nrmse_percent_of_peak"),
     )
     return (
-        text(point.id), text(named(point)), *(NOTHING if value is None else number(value, 4) for value in values),
-        chip(point.verdict, point.verdict),
+        point.id, named(point), *(NOTHING if value is None else number(value, 4) for value in values),
+        verdict(point.verdict),
     )
 
 
@@ -63,7 +67,7 @@ def _times(value: float | None, factor: float) -> float | None:
     return None if value is None else factor * value
 
 
-def _plots(point: RecordedPoint) -> str | None:
+def _plots(point: RecordedPoint) -> Card | None:
     """Rod and target over a short time, and their distance over all of it; None where they were not recorded."""
     quality, sent, target = point.quality.signal, point.raw("signal_time"), point.raw("signal_target")
     if quality is None or quality.start_s is None or sent is None or target is None:
@@ -78,19 +82,17 @@ def _plots(point: RecordedPoint) -> str | None:
     )
     near = np.abs(elapsed_s - 0.5 * elapsed_s[-1]) <= 0.5 * SHOWN_S
     rows = thinned(len(elapsed_s), MOST_DRAWN)
-    follow = Chart(
-        "Time s", "Extension mm",
+    time = Axis("Time", "s")
+    follow = Figure(
+        time, Axis("Extension", "mm"),
         [_trace(elapsed_s[near], target_m[near], "target", OVERLAID),
          _trace(elapsed_s[near], rod_m[near], "rod", MEASURED)],
         480, 220, title=f"{point.id}: rod and target",
     )
     left = _trace(elapsed_s[rows], (rod_m - target_m)[rows], "rod minus target", RESIDUAL)
-    apart = Chart(
-        "Time s", "Off mm", [left],
-        480, 160, title=f"{point.id}: rod minus target",
-    )
-    return card(f"<b>{text(point.id)}</b><span>{text(named(point))}</span>", follow.svg(), apart.svg())
+    apart = Figure(time, Axis("Deviation", "mm"), [left], 480, 160, title=f"{point.id}: rod minus target")
+    return Card((Strong(point.id), f" {named(point)}"), (Figures((follow, apart)),))
 
 
 def _trace(time_s: FloatArray, values_m: FloatArray, name: str, colour: str) -> Trace:
-    return Trace(time_s, 1e3 * values_m, "m", name, colour)
+    return Trace(time_s, 1e3 * values_m, name=name, colour=colour)

@@ -1,4 +1,4 @@
-"""The report's standard damper tests: peak-velocity plot, energy, damping, dynamic range, friction, the coil's lag."""
+"""The report's standard damper tests: peak-velocity plot, energy, damping, dynamic range, friction, coil lag."""
 
 from __future__ import annotations
 
@@ -9,57 +9,63 @@ import numpy as np
 
 from rig.characteristics import Characteristics
 from rig.characteristics.loop import LoopCharacteristics, Measured
+from rig.document.blocks import Blocks, Card, Cards, Column, Figures, Heading, Keys, Paragraph, section, table
+from rig.document.figure import Axis, Figure, Trace
+from rig.document.numbers import NOTHING, PLUS_MINUS, number, plus_minus
+from rig.document.style import current_colour
+from rig.document.words import Key, Strong, Words
 from rig.identification.points.current_steps import CurrentLag
-from rig.report.chart import Chart, Trace
-from rig.report.fragment import NOTHING, PLUS_MINUS, card, charts, heading, key, key_line, lead, number, table, text
-from rig.report.style import current_colour
+from rig.signals.estimate import Estimate
 
-PEAK_SPEED = "Peak velocity m/s"
+PEAK_SPEED = Axis("Peak velocity", "m/s")
+SHORT_DASH = np.array([0.985, 1.015])
+"""A single loop is drawn as a short dash, from and to so many times its speed."""
 
 
-def standard_tests(characteristics: Characteristics) -> str:
+def standard_tests(characteristics: Characteristics) -> Blocks:
     """Everything measured of the damper itself, without a model; empty where there is nothing."""
     loops = characteristics.loops
-    body = _plots(loops) + _loops_table(loops) + _ranges(characteristics) + _special(characteristics)
+    body = [*_plots(loops), *_loops_table(loops), *_ranges(characteristics), *_special(characteristics)]
     if not body:
-        return ""
+        return []
     note = (
-        f"Measured, no model involved. {PLUS_MINUS} is one standard uncertainty from the scatter over the cycles; the "
-        "uncertainty of calibrations comes on top. Forces are mean forces at peak velocity, in extension (rebound) and "
-        "compression (jounce)."
+        f"Measured without a model. {PLUS_MINUS} is one standard uncertainty from the variation over the cycles, without "
+        "the uncertainty of calibrations. Forces are mean forces at peak velocity, in extension (rebound) and compression."
     )
-    left_out = lead(f"Not measured: {text('; '.join(characteristics.left_out))}.") if characteristics.left_out else ""
-    remarks = lead(f"Remarks: {text('; '.join(characteristics.remarks))}.") if characteristics.remarks else ""
-    return heading("Standard damper tests", note) + body + left_out + remarks
+    if characteristics.left_out:
+        body.append(Paragraph(f"Not measured: {'; '.join(characteristics.left_out)}.", small=True))
+    if characteristics.remarks:
+        body.append(Paragraph(f"Remarks: {'; '.join(characteristics.remarks)}.", small=True))
+    return [*section("Standard damper tests", note), *body]
 
 
 TITLES = {"force": "Peak-velocity plot (PVP)", "energy": "Energy per cycle", "damping": "Equivalent viscous damping"}
 
 
-def plots(loops: Sequence[LoopCharacteristics]) -> dict[str, Chart]:
-    """Over peak velocity, one line a current: `force` (rebound and jounce); none of one loop.
+def plots(loops: Sequence[LoopCharacteristics]) -> dict[str, Figure]:
+    """Over peak velocity, one line for each current: `force` (rebound and compression); empty for a single loop.
 
-    `energy` and `damping`, which grow with the stroke and fall with it, have a line for each amplitude.
+    `energy`, which grows with the stroke, and `damping`, which falls with it, have a line for each amplitude.
     """
     if len(loops) < 2:
         return {}
     return {
-        "force": _chart(loops, "Force N", lambda loop: (loop.rebound_N, loop.jounce_N)),
-        "energy": _chart(loops, "Energy J", lambda loop: (loop.energy_J,), _amplitude),
-        "damping": _chart(loops, "Damping N s/m", lambda loop: (loop.equivalent_damping_N_s_m,), _amplitude),
+        "force": _figure(loops, Axis("Force", "N"), lambda loop: (loop.rebound_N, loop.jounce_N)),
+        "energy": _figure(loops, Axis("Energy", "J"), lambda loop: (loop.energy_J,), _amplitude),
+        "damping": _figure(loops, Axis("Damping", "N s/m"), lambda loop: (loop.equivalent_damping_N_s_m,), _amplitude),
     }
 
 
-def _plots(loops: Sequence[LoopCharacteristics]) -> str:
-    cards = [_titled(TITLES[name], chart) for name, chart in plots(loops).items()]
+def _plots(loops: Sequence[LoopCharacteristics]) -> Blocks:
+    cards = tuple(Card(Strong(TITLES[name]), (Figures((figure,)),)) for name, figure in plots(loops).items())
     if not cards:
-        return ""
+        return []
     currents = sorted({loop.level_A for loop in loops})
-    keys = "".join(
-        key(f"{number(current)} A", current_colour(index, len(currents))) for index, current in enumerate(currents)
+    keys = tuple(
+        Key(f"{number(current)} A", current_colour(index, len(currents))) for index, current in enumerate(currents)
     )
     strokes = " and amplitude (energy, damping)" if len({_amplitude(loop) for loop in loops}) > 1 else ""
-    return key_line(f"One line a current{strokes}.", keys) + charts(cards)
+    return [Keys(keys, f"One line for each current{strokes}. "), Cards(cards)]
 
 
 def _amplitude(loop: LoopCharacteristics) -> str:
@@ -72,92 +78,96 @@ def _any(loop: LoopCharacteristics) -> str:
     return ""
 
 
-def _chart(
-    loops: Sequence[LoopCharacteristics], label: str, values: Callable[[LoopCharacteristics], tuple[Measured, ...]],
+def _figure(
+    loops: Sequence[LoopCharacteristics], axis: Axis, values: Callable[[LoopCharacteristics], tuple[Measured, ...]],
     apart: Callable[[LoopCharacteristics], str] = _any,
-) -> Chart:
-    """A line for each current, waveform and what stands `apart`, over peak velocity; a single loop is a short dash."""
+) -> Figure:
+    """A line for each current, waveform and value of `apart`, over peak velocity."""
     currents = sorted({loop.level_A for loop in loops})
     traces = []
     for line in dict.fromkeys((loop.level_A, loop.waveform, apart(loop)) for loop in loops):
-        alike = sorted(
+        members = sorted(
             (loop for loop in loops if (loop.level_A, loop.waveform, apart(loop)) == line),
             key=lambda loop: loop.peak_speed_m_s,
         )
-        speeds = np.array([loop.peak_speed_m_s for loop in alike])
-        for column in zip(*(values(loop) for loop in alike), strict=True):
+        speeds = np.array([loop.peak_speed_m_s for loop in members])
+        for column in zip(*(values(loop) for loop in members), strict=True):
             height = np.array([point.value for point in column])
-            if len(alike) == 1:
-                speeds, height = speeds[0] * np.array([0.985, 1.015]), np.repeat(height, 2)
+            if len(members) == 1:
+                speeds, height = speeds[0] * SHORT_DASH, np.repeat(height, 2)
             colour = current_colour(currents.index(line[0]), len(currents))
-            traces.append(Trace(speeds, height, "m", f"{line[0]:g} A, {line[1]}{line[2]}", colour))
-    return Chart(PEAK_SPEED, label, traces, 400, 270, title=f"{label} over peak velocity")
+            traces.append(Trace(speeds, height, name=f"{line[0]:g} A, {line[1]}{line[2]}", colour=colour))
+    return Figure(PEAK_SPEED, axis, traces, 400, 270, title=f"{axis.label} over peak velocity")
 
 
-def _titled(title: str, chart: Chart) -> str:
-    return card(f"<b>{text(title)}</b>", chart.svg())
-
-
-def _loops_table(loops: Sequence[LoopCharacteristics]) -> str:
+def _loops_table(loops: Sequence[LoopCharacteristics]) -> Blocks:
     if not loops:
-        return ""
-    head = ["Point", "Waveform", "A mm", "f Hz", "I A", "Peak m/s", "Rebound N", "Jounce N", "Energy J",
-            "Damping N s/m", "Force scatter N"]
+        return []
+    head = [
+        Column("Point"), Column("Waveform"), Column("A", "mm", True), Column("f", "Hz", True), Column("I", "A", True),
+        Column("Peak velocity", "m/s", True), Column("Rebound", "N", True), Column("Compression", "N", True),
+        Column("Energy", "J", True), Column("Damping", "N s/m", True), Column("Force SD", "N", True),
+    ]  # fmt: skip
     rows = [
-        ("", [
-            text(loop.id), text(loop.waveform), number(1e3 * loop.amplitude_m), number(loop.frequency_Hz),
+        [
+            loop.id, loop.waveform, number(1e3 * loop.amplitude_m), number(loop.frequency_Hz),
             number(loop.current_A), number(loop.peak_speed_m_s, 3), _measured(loop.rebound_N), _measured(loop.jounce_N),
             _measured(loop.energy_J), _measured(loop.equivalent_damping_N_s_m), number(loop.force_scatter_N, 2),
-        ])
+        ]
         for loop in sorted(loops, key=lambda loop: (loop.level_A, loop.peak_speed_m_s))
-    ]
-    note = "Loops at 0 A are the damper's zero-current signature. Force scatter: from cycle to cycle at equal phase."
-    return table(head, rows, tuple(range(2, 11))) + lead(note)
+    ]  # fmt: skip
+    note = "Loops at 0 A are the damper's zero-current signature. Force SD: from cycle to cycle at equal phase."
+    return [table(head, rows), Paragraph(note, small=True)]
 
 
-def _ranges(characteristics: Characteristics) -> str:
+def _ranges(characteristics: Characteristics) -> Blocks:
     if not characteristics.dynamic_range:
-        return ""
-    head = ["Waveform", "A mm", "f Hz", "I A", "Rebound", "Jounce"]
+        return []
+    head = [
+        Column("Waveform"), Column("A", "mm", True), Column("f", "Hz", True), Column("I", "A", True),
+        Column("Rebound", "", True), Column("Compression", "", True),
+    ]  # fmt: skip
     rows = [
-        ("", [
-            text(dynamic.motion[0]), number(1e3 * dynamic.motion[1]), number(dynamic.motion[2]),
-            number(dynamic.current_A),
-            f"{number(dynamic.rebound, 4)} {PLUS_MINUS} {number(dynamic.std, 2)}", number(dynamic.jounce, 4),
-        ])
+        [
+            dynamic.motion[0], number(1e3 * dynamic.motion[1]), number(dynamic.motion[2]), number(dynamic.current_A),
+            _with_std(dynamic.rebound, dynamic.std), number(dynamic.jounce, 4),
+        ]
         for dynamic in characteristics.dynamic_range
-    ]
-    note = "Force at peak velocity over that of the same motion at 0 A, the static force taken off both."
-    return heading("Dynamic range", note, 3) + table(head, rows, (1, 2, 3, 4, 5))
+    ]  # fmt: skip
+    note = "Force at peak velocity divided by that of the same motion at 0 A, both without the static force."
+    return [*section("Dynamic range", note, 3), table(head, rows)]
 
 
-def _special(characteristics: Characteristics) -> str:
-    rows = []
+def _special(characteristics: Characteristics) -> Blocks:
+    rows: list[list[Words]] = []
     for test in characteristics.friction:
         speed = f"{number(1e3 * test.speed_m_s, 3)} mm/s"
-        rows.append(("", [text(test.id), "Gas force (static)", _measured(test.gas_force_N), "N", f"at {speed}"]))
-        rows.append(("", [
-            text(test.id), "Friction", _measured(test.friction_N), "N", f"half the force's width at {speed}, 0 A",
-        ]))
-        rows.append(("", [
-            text(test.id), "Stiffness", _measured(test.stiffness_N_m), "N/m", "slope of the static force, mid-stroke",
-        ]))
+        rows += [
+            [test.id, "Gas force (static)", _measured(test.gas_force_N), "N", f"at {speed}"],
+            [test.id, "Friction", _measured(test.friction_N), "N", f"half the width of the force loop at {speed}, 0 A"],
+            [test.id, "Stiffness", _measured(test.stiffness_N_m), "N/m", "slope of the static force at mid-stroke"],
+        ]
     if characteristics.lag is not None:
         rows += _lag_rows(characteristics.lag)
     if not rows:
-        return ""
-    head = ["Point", "Quantity", "Value", "Unit", "How"]
-    return heading("Gas force, friction, coil lag", level=3) + table(head, rows, (2,))
+        return []
+    head = ["Point", "Quantity", "Value", "Unit", "Method"]
+    return [Heading("Gas force, friction, coil lag", 3), table(head, rows, (2,))]
 
 
-def _lag_rows(lag: CurrentLag) -> list[tuple[str, list[str]]]:
+def _lag_rows(lag: CurrentLag) -> list[list[Words]]:
     value = f"{number(lag.eta_1_s, 5)} {PLUS_MINUS} {number(lag.std_1_s, 2)}"
-    rows = [("", [NOTHING, "Coil lag eta", value, "1/s", f"{lag.steps} current steps, command to measured current"])]
+    rows: list[list[Words]] = [
+        [NOTHING, "Coil lag eta", value, "1/s", f"{lag.steps} current steps, command to measured current"],
+    ]
     if lag.delay_s is not None:
-        rows.append(("", [NOTHING, "Command delay", number(1e3 * lag.delay_s, 3), "ms", "host to coil, median"]))
+        rows.append([NOTHING, "Command delay", number(1e3 * lag.delay_s, 3), "ms", "host to coil, median"])
     return rows
 
 
-def _measured(value: Measured, digits: int = 4) -> str:
-    spread = f" {PLUS_MINUS} {number(value.std, 2)}" if math.isfinite(value.std) else ""
-    return f"{number(value.value, digits)}{spread}"
+def _measured(value: Measured) -> str:
+    return _with_std(value.value, value.std)
+
+
+def _with_std(value: float, std: float) -> str:
+    return plus_minus(Estimate(value, std)) if math.isfinite(std) and std > 0.0 else number(value)

@@ -1,4 +1,4 @@
-"""The report's part that shows tests over time: the whole test, and one cycle with the fit over it."""
+"""The report's section of tests over time: the whole test, and one cycle with the fit."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rig.document.blocks import Blocks, Card, Cards, Figures, Keys, section
+from rig.document.figure import Axis, Figure, Style, Trace
+from rig.document.style import FITTED, MEASURED
+from rig.document.words import Key, Strong
 from rig.errors import RigError
 from rig.recording.layout import SIGNAL
-from rig.report.chart import Chart, Trace
-from rig.report.fragment import block, card, heading, key, key_line, text
-from rig.report.loops import FORCE, PointView, motion_of
-from rig.report.style import FITTED, MEASURED
+from rig.report.views import PointView, motion_of
 from rig.signals.arrays import FloatArray
 
 MOST_CURRENTS = 6
@@ -21,20 +22,18 @@ COLUMNS = 240
 WIDTH, HEIGHT = 610, 96
 
 
-def time_traces(views: Sequence[PointView]) -> str:
+def time_traces(views: Sequence[PointView]) -> Blocks:
     """The fastest test of each current (of at most six, spread evenly); nothing where none can be drawn."""
     cards = []
     for view in chosen(views):
-        strips = [chart.svg() for chart in trace_charts(view).values()]
-        point = view.point
-        words = f"{motion_of(view)}, {point.current_A:g} A"
-        cards.append(card(f"<b>{text(point.id)}</b><span>{text(words)}</span>", *strips))
+        title = (Strong(view.point.id), f" {motion_of(view)}, {view.point.current_A:g} A")
+        cards.append(Card(title, (Figures(tuple(trace_figures(view).values())),)))
     if not cards:
-        return ""
+        return []
     fitted = any(view.loop is not None and view.loop.fitted_N is not None for view in chosen(views))
-    keys = key("measured", MEASURED) + (key("fitted", FITTED, dashed=True) if fitted else "")
+    keys = (Key("measured", MEASURED), *([Key("fitted", FITTED, dashed=True)] if fitted else []))
     note = "The fastest test of each current, from its first to its last sample; below, one cycle from its middle."
-    return heading("Time traces", note) + key_line("", keys) + block("cards", "".join(cards))
+    return [*section("Time traces", note), Keys(keys), Cards(tuple(cards), large=True)]
 
 
 def chosen(views: Sequence[PointView]) -> list[PointView]:
@@ -57,27 +56,29 @@ def _speed(view: PointView) -> float:
     return view.point.amplitude_m * view.point.frequency_Hz
 
 
-def trace_charts(view: PointView) -> dict[str, Chart]:
-    """A test's charts over time by name: `displacement`, `force`, `current`, `cycle`."""
+def trace_figures(view: PointView) -> dict[str, Figure]:
+    """A test's figures over time by name: `displacement`, `force`, `current`, `cycle`."""
     point, drawn = view.point, {}
-    channels = {"displacement": ("Displacement mm", 1e3), "force": (FORCE, 1.0), "current": ("Current A", 1.0)}
+    channels = {"displacement": ("mm", 1e3), "force": ("N", 1.0), "current": ("A", 1.0)}
     try:
         time_s = point.time_s
         values = {"displacement": point.displacement_m, "force": point.force_N, "current": point.current_measured_A}
     except RigError:
         return {}
-    for name, (label, scale) in channels.items():
+    for name, (unit, scale) in channels.items():
         at_s, drawn_values = envelope(time_s, scale * values[name])
-        trace = Trace(at_s - at_s[0], drawn_values, "m thin", name)
-        drawn[name] = Chart(f"{label} over time s", "", [trace], WIDTH, HEIGHT, title=f"{label} over time, {point.id}")
+        title, time = f"{name.capitalize()} over time, {point.id}", Axis(f"{name.capitalize()} ({unit}) over time", "s")
+        drawn[name] = Figure(
+            time, Axis(), [Trace(at_s - at_s[0], drawn_values, Style.THIN, name)], WIDTH, HEIGHT, title=title
+        )
     loop = view.loop
     if loop is not None and point.frequency_Hz > 0.0 and point.kind != SIGNAL:
         at_ms = 1e3 * loop.phase / point.frequency_Hz
-        traces = [Trace(at_ms, loop.force_N, "m", "measured")]
+        traces = [Trace(at_ms, loop.force_N, name="measured")]
         if loop.fitted_N is not None:
-            traces.append(Trace(at_ms, loop.fitted_N, "p", "fitted"))
-        label = f"{FORCE} over time in the cycle ms"
-        drawn["cycle"] = Chart(label, "", traces, WIDTH, 130, title=f"One cycle of {point.id}")
+            traces.append(Trace(at_ms, loop.fitted_N, Style.FITTED, "fitted"))
+        time = Axis("Force (N) over time in the cycle", "ms")
+        drawn["cycle"] = Figure(time, Axis(), traces, WIDTH, 130, title=f"One cycle of {point.id}")
     return drawn
 
 

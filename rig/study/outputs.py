@@ -7,13 +7,30 @@ import dataclasses
 import io
 import json
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig.document import html
+from rig.document.blocks import (
+    Blocks,
+    Contents,
+    Details,
+    Document,
+    Figures,
+    Heading,
+    Items,
+    Listing,
+    Paragraph,
+    Properties,
+    table,
+)
+from rig.document.drawing import drawing_of
+from rig.document.figure import Figure, Panels
+from rig.document.svg import standalone
+from rig.document.words import Code, Strong
 from rig.recording.atomic_write import inner_folder, write_text_durably
-from rig.report.fragment import bullet_list, code_block, data_list, details, table, text
 from rig.study.provenance import CITE_PAPERS, CITE_SOFTWARE, METHODS
 from rig.study.settings import TITLES, KruskalWallis
 
@@ -81,25 +98,23 @@ FIGURE_TITLES = {
     "paper2-figure-relations": "Paper 2, Table 1 drawn: parameters against current, and their relations to it",
 }
 COMPARED = (
-    "What of the papers' statements holds on these recordings. The papers' own are not public: orders and ratios are "
-    "compared, never sizes."
+    "Which of the papers' statements hold on these recordings. The papers' own recordings are not public: orders and "
+    "ratios are compared, not magnitudes."
 )
 SYNTHETIC = (
-    "The recordings are synthetic: simulated dampers with known parameters (truth) and white noise. Searched models "
-    "can fit these to their noise, which none does with a real damper: what is said here of algorithms need not hold "
-    "there, and nothing here tells how well a model fits a real damper."
+    "The recordings are synthetic: simulated dampers with known parameters (truth) and white noise. The searched models "
+    "can fit them to within the noise, which no model does with a real damper: the statements on algorithms may not hold "
+    "there, and these results do not show how well a model fits a real damper."
 )
 NOT_DRAWN = (
-    "Not here: photographs, schemes and flow charts (Figures 1, 2, 6 and 7; paper 2, Figures 1 to 7 and 9), which "
-    "show nothing that is computed."
+    "Not included: photographs, schemes and flow charts (Figures 1, 2, 6 and 7; paper 2, Figures 1 to 7 and 9), which "
+    "contain no computed results."
 )
 HYPOTHESIS = (
-    "Hypothesis: all settings draw from one distribution. Over all settings it is honest; over best-tuned settings "
-    "only (as the paper does) it is not: the settings were chosen on the same values."
+    "Null hypothesis: all settings have the same distribution. The test is unbiased over all settings; over best-tuned "
+    "settings only (as in the paper) it is biased, because the settings were chosen on the same values."
 )
 SIGNIFICANT = 0.05
-FIGURE_STYLE = ".figure path { fill:unset; } .figure svg { max-width:65rem; }"
-"""Drawn figures carry their own colours; the report's sheet is for its own charts."""
 SEVERAL = {"Paper 2, Table 1", "Paper 2, relations"}
 
 
@@ -107,7 +122,7 @@ def write_outputs(
     folder: Path,
     title: str,
     tables: Sequence[Table],
-    figures: Mapping[str, str],
+    figures: Mapping[str, Figure | Panels],
     tests: Mapping[str, KruskalWallis | None],
     facts: Mapping[str, Any],
 ) -> Path:
@@ -117,7 +132,7 @@ def write_outputs(
         folder: Where; made if it is missing.
         title: Of the page.
         tables: All tables.
-        figures: Name -> SVG.
+        figures: By name.
         tests: What was compared -> Kruskal-Wallis test, None where it cannot be done.
         facts: About the study: name, recordings, tests, samples, searches, repeats, left_out, wall_s, `made` (from
             `provenance`); `summary` in place of a sentence made of them.
@@ -130,11 +145,11 @@ def write_outputs(
         text = io.StringIO(newline="")
         csv.writer(text).writerows([part.columns, *part.rows])
         write_text_durably(written / f"{part.name}.csv", text.getvalue())
-    for name, svg in figures.items():
-        write_text_durably(drawn / f"{name}.svg", svg)
+    for name, figure in figures.items():
+        write_text_durably(drawn / f"{name}.svg", standalone(drawing_of(figure)))
     write_text_durably(folder / "study.json", json.dumps(as_json(tables, tests, facts), indent=2) + "\n")
     page = folder / "study.html"
-    write_text_durably(page, _page(title, tables, figures, tests, facts))
+    write_text_durably(page, html.page(study_document(title, tables, figures, tests, facts)))
     return page
 
 
@@ -177,62 +192,50 @@ def _plain(cell: object) -> object:
     return None if isinstance(cell, float) and not math.isfinite(cell) else cell
 
 
-def _page(
+def study_document(
     title: str,
     tables: Sequence[Table],
-    figures: Mapping[str, str],
+    figures: Mapping[str, Figure | Panels],
     tests: Mapping[str, KruskalWallis | None],
     facts: Mapping[str, Any],
-) -> str:
-    from rig.report.fragment import page
-
-    parts = [f"<style>{FIGURE_STYLE}</style><h1>{text(title)}</h1><p class='lead'>{text(_summary(facts))}</p>"]
-    made = f"Written {facts['made']['written_utc']} UTC by {facts['made']['software']}"
-    more = "<a href='#made'>how this was made</a>, <a href='#cite'>how to cite</a>"
-    parts.append(f"<p class='lead'>{text(made)}: {more}.</p>")
-    parts += [f"<p class='lead'>{text(line)}</p>" for line in facts["left_out"]]
-    parts += [f"<p class='lead'>{SYNTHETIC}</p>"] if facts["recordings"] == "synthetic" else []
-    parts += [_html_findings(facts["findings"])] if facts.get("findings") else []
-    parts.append(_contents(tables, figures, tests))
-    parts += [_html_table(part) for part in tables]
+) -> Document:
+    """The study as a document; arguments as of `write_outputs`."""
+    made = f"Written {facts['made']['written_utc']} UTC by {facts['made']['software']}."
+    lines = [_summary(facts), made, *facts["left_out"], *([SYNTHETIC] if facts["recordings"] == "synthetic" else [])]
+    blocks: Blocks = [Heading(title, 1), *(Paragraph(line, small=True) for line in lines)]
+    blocks += _findings(facts["findings"]) if facts.get("findings") else []
+    blocks.append(Contents())
+    blocks += [block for part in tables for block in _table(part)]
     if tests:
-        parts.append(f"<h2 id='kruskal-wallis'>Kruskal-Wallis test</h2><p class='lead'>{HYPOTHESIS}</p>")
-    parts += [_html_test(name, test) for name, test in tests.items()]
-    for name, svg in figures.items():
-        parts.append(f"<h2 id='{name}'>{text(FIGURE_TITLES.get(name, name))}</h2><div class='figure'>{svg}</div>")
-    parts += [f"<p class='lead'>{NOT_DRAWN}</p>"] if facts.get("findings") else []
-    return page(title, "".join([*parts, _made(facts), _cite(facts)]))
+        blocks += [
+            Heading("Kruskal-Wallis test", name="kruskal-wallis", listed="Kruskal-Wallis test"),
+            Paragraph(HYPOTHESIS, small=True), *(block for name, test in tests.items() for block in _test(name, test)),
+        ]  # fmt: skip
+    for name, figure in figures.items():
+        caption = FIGURE_TITLES.get(name, name)
+        blocks += [Heading(caption, name=name, listed=caption), Figures((figure,))]
+    blocks += [Paragraph(NOT_DRAWN, small=True)] if facts.get("findings") else []
+    return Document(title, [*blocks, *_made(facts), *_cite(facts)])
 
 
-def _html_findings(statements: Sequence[Mapping[str, str]]) -> str:
-    """What of the papers holds on these recordings, in words."""
-    said = "".join(
-        f"<li><b>{text(one['slug'])}: {text(one['verdict'])}.</b> {text(one['text'])}</li>" for one in statements
-    )
-    return f"<h2 id='findings'>Findings</h2><p class='lead'>{text(COMPARED)}</p><ul>{said}</ul>"
+def _findings(statements: Sequence[Mapping[str, str]]) -> Blocks:
+    """Which of the papers' statements hold on these recordings."""
+    items = tuple((Strong(f"{one['slug']}: {one['verdict']}."), f" {one['text']}") for one in statements)
+    return [Heading("Findings", name="findings"), Paragraph(COMPARED, small=True), Items(items)]
 
 
-def _html_table(part: Table) -> str:
+def _table(part: Table) -> Blocks:
     numeric = [
         place for place in range(len(part.columns)) if any(isinstance(row[place], int | float) for row in part.rows)
     ]
-    rows = [("", [text(written(cell)) for cell in row]) for row in part.rows]
-    note = f"<p class='lead'>{text(part.note)}</p>" if part.note else ""
-    head = f"<h2 id='{part.name}'>{text(part.heading)}</h2><p>{text(part.title)}</p>"
-    return head + table([text(column) for column in part.columns], rows, numeric) + note
-
-
-def _contents(tables: Sequence[Table], figures: Mapping[str, str], tests: Collection[str]) -> str:
-    places = {part.name: f"{part.heading}{_suffix(part)}" for part in tables}
-    places |= {"kruskal-wallis": "Kruskal-Wallis test"} if tests else {}
-    places |= {**{name: FIGURE_TITLES.get(name, name) for name in figures}}
-    places |= {"made": "How this was made", "cite": "How to cite"}
-    links = " | ".join(f"<a href='#{name}'>{text(label)}</a>" for name, label in places.items())
-    return f"<nav>{links}</nav>"
+    made = table(part.columns, [[written(cell) for cell in row] for row in part.rows], numeric)
+    note: Blocks = [Paragraph(part.note, small=True)] if part.note else []
+    heading = Heading(part.heading, name=part.name, listed=f"{part.heading}{_suffix(part)}")
+    return [heading, Paragraph(part.title), made, *note]
 
 
 def _suffix(part: Table) -> str:
-    """What tells apart tables of one heading, for the list of contents."""
+    """What distinguishes tables of one heading, for the list of contents."""
     return f", {part.title.rpartition(', ')[2].partition(' (')[0]}" if part.heading in SEVERAL else ""
 
 
@@ -245,26 +248,26 @@ def _summary(facts: Mapping[str, Any]) -> str:
     )
 
 
-def _html_test(name: str, test: KruskalWallis | None) -> str:
+def _test(name: str, test: KruskalWallis | None) -> Blocks:
     if test is None:
-        return f"<p>{text(name)}: not possible (too few values, or all equal).</p>"
+        return [Paragraph(f"{name}: not possible (too few values, or all equal).")]
     ranked = sorted(test.mean_ranks.items(), key=lambda entry: entry[1])
-    head = f"<p>{text(name)}: H = {test.statistic:.3f}, p = {test.p:.3g}. {text(test.note)}</p>"
-    ranks = table(["setting", "mean rank"], [("", [text(setting), f"{rank:.1f}"]) for setting, rank in ranked], (1,))
-    return head + ranks + (_html_pairs(test) if test.pairs else "")
+    ranks = table(["setting", "mean rank"], [[setting, f"{rank:.1f}"] for setting, rank in ranked], (1,))
+    stated = Paragraph(f"{name}: H = {test.statistic:.3f}, p = {test.p:.3g}. {test.note}")
+    return [stated, ranks, *(_pairs(test) if test.pairs else [])]
 
 
-def _html_pairs(test: KruskalWallis) -> str:
+def _pairs(test: KruskalWallis) -> Blocks:
     """The pairs that differ, after Holm; the others counted."""
     clear = [pair for pair in test.pairs if pair.p_holm < SIGNIFICANT]
-    counted = f"{len(clear)} of {len(test.pairs)} pairs differ (p &lt; {SIGNIFICANT:g})"
-    said = f"<p>Dunn's test with Holm's correction: {counted}.</p>"
-    rows = [("", [text(pair.first), text(pair.second), f"{pair.z:.2f}", f"{pair.p_holm:.2g}"]) for pair in clear]
-    return said + (table(["lower ranks", "higher ranks", "z", "p after Holm"], rows, (2, 3)) if rows else "")
+    counted = f"{len(clear)} of {len(test.pairs)} pairs differ (p < {SIGNIFICANT:g})"
+    stated = Paragraph(f"Dunn's test with Holm's correction: {counted}.")
+    rows = [[pair.first, pair.second, f"{pair.z:.2f}", f"{pair.p_holm:.2g}"] for pair in clear]
+    return [stated, *([table(["lower ranks", "higher ranks", "z", "p after Holm"], rows, (2, 3))] if rows else [])]
 
 
-def _made(facts: Mapping[str, Any]) -> str:
-    """Date, versions, machine, seed, the command and the study file (HTML).
+def _made(facts: Mapping[str, Any]) -> Blocks:
+    """Date, versions, machine, seed, the command and the study file.
 
     Args:
         facts: About the study, with `made`.
@@ -283,15 +286,17 @@ def _made(facts: Mapping[str, Any]) -> str:
         "fingerprint": f"{made['fingerprint']} (of the study's decisions and its recordings)",
     }
     again = (
-        "Again, with the file below (finished searches in the folder are kept; with the same versions, seed "
+        "To repeat it with the file below (finished searches in the folder are kept; with the same versions, seed "
         "and kind of processor every search returns the same value, only the times differ):"
     )
-    file = details("The study file", code_block(made["file"]))
-    return f"<h2 id='made'>How this was made</h2>{data_list(pairs)}<p>{again}</p>{code_block(made['command'])}{file}"
+    return [
+        Heading("How this was made", name="made", listed="How this was made"), Properties(pairs), Paragraph(again),
+        Listing(made["command"]), Details("The study file", (Listing(made["file"]),)),
+    ]  # fmt: skip
 
 
-def _cite(facts: Mapping[str, Any]) -> str:
-    """The software, the papers or the recordings' sources, and what each method follows (HTML).
+def _cite(facts: Mapping[str, Any]) -> Blocks:
+    """The software, the papers or the recordings' sources, and what each method follows.
 
     Args:
         facts: About the study; `recordings` is a list of sources where it is a benchmark.
@@ -301,10 +306,9 @@ def _cite(facts: Mapping[str, Any]) -> str:
         f"Recordings {one['name']}: {one['title']}. {one['source']}. Licence: {one['licence']}. Split: {one['split']}."
         for one in facts["recordings"] if of_benchmark and one["complete"]
     ]  # fmt: skip
-    cited = bullet_list([CITE_SOFTWARE, *(sources if of_benchmark else CITE_PAPERS)])
-    models = "Each damper model's source: <code>rig models NAME</code>."
-    head = f"<h2 id='cite'>How to cite</h2>{cited}<p class='lead'>{models}</p>"
+    cited = Items((CITE_SOFTWARE, *(sources if of_benchmark else CITE_PAPERS)))
+    models = Paragraph(("Each damper model's source: ", Code("rig models NAME"), "."), small=True)
+    head: Blocks = [Heading("How to cite", name="cite", listed="How to cite"), cited, models]
     if of_benchmark:
         return head
-    rows = [("", [text(TITLES[name]), text(source)]) for name, source in METHODS.items()]
-    return head + table(["method", "follows"], rows)
+    return [*head, table(["method", "follows"], [[TITLES[name], source] for name, source in METHODS.items()])]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rig.dampers import model
-from rig.report.ride import PRINTED_dB
+from rig.document.figure import Axis, Figure, Panels, Style, Trace
+from rig.document.style import category_colour
+from rig.report.ride import UNITS, PRINTED_dB
+from rig.study.loop_figures import HALF, WHOLE
 from rig.study.outputs import Cell, Table
 from rig.study.recordings import TABLE1_AMPLITUDE_M
 from rig.study.settings import TITLES, Lines, best_lines
@@ -22,15 +24,12 @@ from rig.vehicle.response import BANDS
 from rig.vehicle.ride import NotComparable, RideStudy, ride_study
 from rig.vehicle.road_file import load_road
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 PRINTED = {"c_foa": "cfoa-table5-fit1", "ga": "cfoa-table5-fit2", "pso": "cfoa-table5-fit3"}
 CAR, ROAD = "compact-suv", "paper-sweep"
 FREQUENCY_HZ, RATE_HZ = 0.5, 1000.0
 """Of the sine behind Figure 12: that of Figure 10."""
 ETA_1_S = 25.0
-"""Of the coil, as the paper prints it: tests at constant current cannot tell it, and the ride's is constant too."""
+"""Of the coil, as the paper prints it: tests at constant current do not determine it, and the ride's is constant too."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +47,8 @@ class Rides:
     reason: str = ""
 
     @property
-    def told(self) -> list[tuple[str, RideStudy]]:
-        """The rides there are, by what their fits are called."""
+    def named(self) -> list[tuple[str, RideStudy]]:
+        """The rides by the names of their fits."""
         return [("printed fits", self.printed), *([("this study's fits", self.ours)] if self.ours else [])]
 
 
@@ -101,11 +100,11 @@ def ride_table(driven: Rides) -> Table:
     for motion in driven.printed.own.body:
         for band in BANDS:
             cells: list[Cell] = [motion, band]
-            for _, ride in driven.told:
+            for _, ride in driven.named:
                 cells += largest(ride, motion, band)
             rows.append((*cells, PRINTED_dB[band]))
     columns: tuple[str, ...] = ("motion", "band")
-    for name, _ in driven.told:
+    for name, _ in driven.named:
         columns += (f"{name} / dB", "between")
     note = (
         f"Car {driven.printed.car.name}, an estimate; road {driven.printed.road.name}: the paper prints neither the "
@@ -136,58 +135,49 @@ def largest(ride: RideStudy, motion: str, band: str) -> tuple[float | None, str]
     return max(apart) if apart else (None, "")
 
 
-def _by_method(driven: Rides) -> Iterator[tuple[str, RideStudy, str, str]]:
-    """Every fit: its name, its ride, line style and colour; one colour a method."""
-    for (_, ride), style in zip(driven.told, ("-", "--"), strict=False):
+def _by_method(driven: Rides) -> Iterator[tuple[str, RideStudy, Style, str]]:
+    """Every fit: its name, its ride, line style and colour; one colour for each method."""
+    for (_, ride), style in zip(driven.named, (Style.MEASURED, Style.FITTED), strict=False):
         for variant in ride.variants:
             method = variant.name.partition(", ")[0]
-            colour = f"C{[TITLES[name] for name in PRINTED].index(method)}"
-            yield variant.name, ride, style, colour
+            yield variant.name, ride, style, category_colour([TITLES[name] for name in PRINTED].index(method))
 
 
-def ride_figures(driven: Rides, new: Callable[[float], Figure]) -> dict[str, Figure]:
+def ride_figures(driven: Rides) -> dict[str, Figure | Panels]:
     """Figure 12, force over velocity, and Figure 13, responses and road.
 
     Args:
         driven: The rides.
-        new: Makes an empty figure of a height (inch).
     """
-    return {"figure-12": _force_figure(driven, new(4.0)), "figure-13": _response_figure(driven, new(6.5))}
+    return {"figure-12": _force_figure(driven), "figure-13": _response_figure(driven)}
 
 
-def _force_figure(driven: Rides, figure: Figure) -> Figure:
-    axes = figure.subplots()
-    phase = 2.0 * np.pi * FREQUENCY_HZ * np.arange(0.0, 1.0 / FREQUENCY_HZ, 1.0 / RATE_HZ)
+def _force_figure(driven: Rides) -> Figure:
     omega = 2.0 * np.pi * FREQUENCY_HZ
+    phase = omega * np.arange(0.0, 1.0 / FREQUENCY_HZ, 1.0 / RATE_HZ)
     u_m, v_m_s = TABLE1_AMPLITUDE_M * np.sin(phase), omega * TABLE1_AMPLITUDE_M * np.cos(phase)
+    traces, title = [], ""
     for name, ride, style, colour in _by_method(driven):
         variant = next(one for one in ride.variants if one.name == name)
         damper, current_A = variant.fit.damper, variant.control.current_A
         force_N = damper.model.force(damper.values, u_m, v_m_s, -(omega**2) * u_m, current_A, 1.0 / RATE_HZ)
-        axes.plot(v_m_s, force_N, style, color=colour, linewidth=1, label=name)
-        axes.set_title(f"I = {current_A:g} A, {FREQUENCY_HZ:g} Hz, {1e3 * TABLE1_AMPLITUDE_M:g} mm", fontsize=9)
-    axes.set_xlabel("velocity / (m/s)")
-    axes.set_ylabel("force / N")
-    axes.grid(visible=True, alpha=0.3)
-    axes.legend(fontsize=7)
-    return figure
+        traces.append(Trace(v_m_s, force_N, style, name, colour))
+        title = f"I = {current_A:g} A, {FREQUENCY_HZ:g} Hz, {1e3 * TABLE1_AMPLITUDE_M:g} mm"
+    return Figure(Axis("Velocity", "m/s"), Axis("Force", "N"), traces, WHOLE, 340, title, legend=True)
 
 
-def _response_figure(driven: Rides, figure: Figure) -> Figure:
-    panels = figure.subplots(2, 2).flat
-    units = {"heave": "dB of 1 (m/s^2)/m", "pitch": "dB of 1 (rad/s^2)/m", "roll": "dB of 1 (rad/s^2)/m"}
-    for axes, motion in zip(panels, driven.printed.own.body, strict=False):
+def _response_figure(driven: Rides) -> Panels:
+    made = []
+    for motion in driven.printed.own.body:
+        traces = []
         for name, ride, style, colour in _by_method(driven):
             response = ride.driven["chosen"][name].responses[0]
             level_dB = response.level_dB[motion]
             if level_dB is not None:
-                axes.plot(response.frequency_Hz, level_dB, style, color=colour, linewidth=1, label=name)
-        axes.set_xlabel("frequency / Hz", fontsize=8)
-        axes.set_ylabel(f"{motion}, {units[motion]}", fontsize=8)
-        axes.grid(visible=True, alpha=0.3)
-    figure.axes[0].legend(fontsize=7)
+                traces.append(Trace(response.frequency_Hz, level_dB, style, name, colour))
+        axis = Axis(motion.capitalize(), UNITS[motion])
+        made.append(Figure(Axis("Frequency", "Hz"), axis, traces, HALF, 300, legend=not made))
     time_s, height_m, _ = driven.printed.road.under(driven.printed.car, driven.printed.step_s)
-    figure.axes[3].plot(time_s[::5], 1e3 * height_m[::5, 0], linewidth=0.5)
-    figure.axes[3].set_xlabel("time / s", fontsize=8)
-    figure.axes[3].set_ylabel("road under the front left wheel / mm", fontsize=8)
-    return figure
+    height = Trace(time_s[::5], 1e3 * height_m[::5, 0], Style.THIN)
+    made.append(Figure(Axis("Time", "s"), Axis("Road, front left wheel", "mm"), [height], HALF, 300))
+    return Panels(tuple(made), title="Response of the car")

@@ -22,7 +22,7 @@ from rig.identification.uncertainty.temperature_term import TemperatureTerm
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
+    from rig.document.figure import Panels
 
     from rig.identification.application.controller import Controller
     from rig.identification.application.motion_table import Table
@@ -290,11 +290,11 @@ class FitPlots:
     def __init__(self, fit: Found) -> None:
         self._fit = fit
 
-    def loops(self) -> Figure:
-        """Measured and modelled loops of the fitted tests, as a matplotlib figure (`figure.savefig("loops.pdf")`).
+    def loops(self) -> Panels:
+        """Measured and modelled loops of the fitted tests; `save("loops.svg")` or `.pdf` writes them.
 
         Raises:
-            IdentificationFailed: matplotlib is not installed, or there is nothing to draw.
+            IdentificationFailed: there is nothing to draw.
             FileProblem: a test's file, which a loaded fit names, cannot be read.
         """
         from rig.identification.application.drawing import loops

@@ -1,0 +1,458 @@
+"""Documents as PDF: A4, lines and letters as vectors, bookmarks, every page with its number. No browser is needed."""
+
+from __future__ import annotations
+
+import html
+import io
+import itertools
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cache
+from typing import Any
+
+from reportlab.graphics import renderPDF
+from reportlab.graphics import shapes as graphics
+from reportlab.lib.colors import HexColor
+from reportlab.lib.pagesizes import A4
+from reportlab.lib.styles import ParagraphStyle
+from reportlab.lib.units import mm
+from reportlab.pdfbase.pdfmetrics import getFont, registerFont, registerFontFamily, stringWidth
+from reportlab.pdfbase.ttfonts import TTFError, TTFont
+from reportlab.pdfgen.canvas import Canvas
+from reportlab.platypus import CondPageBreak, Flowable, Preformatted, SimpleDocTemplate, Spacer
+from reportlab.platypus import Paragraph as Flow
+from reportlab.platypus import Table as Grid
+
+from rig.document import style
+from rig.document.blocks import (
+    Block,
+    Card,
+    Cards,
+    Column,
+    Contents,
+    Details,
+    Document,
+    Facts,
+    Figures,
+    Heading,
+    Items,
+    Keys,
+    Listing,
+    Markup,
+    Note,
+    Paragraph,
+    Properties,
+    Table,
+)
+from rig.document.drawing import OPACITY, STROKES, Drawing, Letters, drawing_of
+from rig.document.drawing import Line as Stroked
+from rig.document.figure import Style
+from rig.document.svg import LETTERS
+from rig.document.words import PLAIN, Code, Key, Label, Shade, Span, Strong, Words, parts, plain
+
+MARGIN = 11 * mm
+BOTTOM = 13 * mm
+WIDTH = A4[0] - 2 * MARGIN
+FRAME = 6.0
+"""Padding of the library's frames, points."""
+FONTS = {
+    "Sheet": ("DejaVuSans.ttf", "arial.ttf", "Vera.ttf"), "Sheet-Bold": ("DejaVuSans-Bold.ttf", "arialbd.ttf", "VeraBd.ttf"),
+    "Sheet-Mono": ("DejaVuSansMono.ttf", "consola.ttf", "Vera.ttf"),
+}  # fmt: skip
+"""The first that the system has; Bitstream Vera comes with ReportLab and has Latin letters only."""
+INK, SOFT, LINE = HexColor(style.INK), HexColor(style.SOFT), HexColor(style.LINE)
+LARGE, SMALL = 3, 4
+"""Cards side by side."""
+HIGH_CARD, LOW_CARD, FEW_ROWS, TITLE = 52 * mm, 40 * mm, 24 * mm, 12 * mm
+"""What must fit below a heading, else it begins a page."""
+GAP = 2 * mm
+SPACE = "\N{NO-BREAK SPACE}"
+SIZE, PADDING = 6.0, 2.2
+"""Of table cells: letters and the room beside them, points."""
+FINEST, SMALLEST = 0.25, 4.3
+"""Of a figure's lines and letters, points."""
+TEXT, LABEL = 11.5, 12.5
+"""Of a figure's letters, pixels, as on screen."""
+LINE_CAP_BUTT, LINE_CAP_ROUND = 0, 1
+
+Flowables = list[Any]
+
+
+def pdf(document: Document) -> bytes:
+    """A document as a PDF."""
+    _fonts()
+    target = io.BytesIO()
+    template = SimpleDocTemplate(
+        target, pagesize=A4, leftMargin=MARGIN - FRAME, rightMargin=MARGIN - FRAME, topMargin=MARGIN,
+        bottomMargin=BOTTOM,
+        title=_known(document.title), creator="mr-damper-rig",
+    )  # fmt: skip
+    template.build(list(_flow(document.blocks, WIDTH)), canvasmaker=_NumberedCanvas)
+    return target.getvalue()
+
+
+def figure_pdf(drawing: Drawing) -> bytes:
+    """A figure alone, on a page of its size."""
+    _fonts()
+    return bytes(renderPDF.drawToString(_drawn(drawing, drawing.width * 0.75)))
+
+
+class _NumberedCanvas(Canvas):  # type: ignore[misc]  # the library has no annotations
+    """A canvas that knows how many pages there are when it writes their numbers: all are kept until the end.
+
+    `marks` are the headings of the page so far: level, title, height on the page (points).
+    """
+
+    def __init__(self, *arguments: object, **options: object) -> None:
+        super().__init__(*arguments, **options)
+        self._kept: list[dict[str, Any]] = []
+        self.marks: list[tuple[int, str, float]] = []
+
+    def showPage(self) -> None:
+        """Keep the page."""
+        self._kept.append(dict(self.__dict__))
+        self._startPage()
+        self.marks = []
+
+    def save(self) -> None:
+        """Write every page with its number and its bookmarks."""
+        level, count = -1, itertools.count()
+        for number, state in enumerate(self._kept, start=1):
+            self.__dict__.update(state)
+            self.setFont("Sheet", 7)
+            self.setFillColor(SOFT)
+            self.drawString(MARGIN, 7 * mm, str(self._doc.info.title)[:110])
+            self.drawRightString(A4[0] - MARGIN, 7 * mm, f"page {number} of {len(self._kept)}")
+            for wanted, title, top in self.marks:
+                level = min(wanted, level + 1)  # an outline may not skip a level
+                name = f"heading{next(count)}"
+                self.bookmarkHorizontalAbsolute(name, top)
+                self.addOutlineEntry(title, name, level, closed=level > 0)
+            super().showPage()
+        super().save()
+
+
+class _Bookmark(Flowable):  # type: ignore[misc]  # the library has no annotations
+    """Marks where a heading is; draws nothing."""
+
+    width = height = 0.0
+
+    def __init__(self, level: int, title: str) -> None:
+        super().__init__()
+        self._mark = level, title
+
+    def wrap(self, *_room: float) -> tuple[float, float]:
+        """It takes no room."""
+        return 0.0, 0.0
+
+    def draw(self) -> None:
+        """Leave the mark on the canvas."""
+        self.canv.marks.append((*self._mark, self.canv.absolutePosition(0.0, 0.0)[1]))
+
+
+@cache
+def _fonts() -> None:
+    for name, files in FONTS.items():
+        for file in files:
+            try:
+                registerFont(TTFont(name, file))
+            except TTFError:
+                continue
+            break
+    registerFontFamily("Sheet", normal="Sheet", bold="Sheet-Bold", italic="Sheet", boldItalic="Sheet-Bold")
+
+
+@cache
+def _has(letter: str) -> bool:
+    return letter.isspace() or ord(letter) in getFont("Sheet").face.charToGlyph
+
+
+def _known(text: str) -> str:
+    """A text with letters that the font lacks without their accents, or as `?`."""
+    if all(map(_has, set(text))):
+        return text
+    return "".join(
+        letter if _has(letter) else unicodedata.normalize("NFKD", letter).encode("ascii", "ignore").decode() or "?"
+        for letter in text
+    )
+
+
+@cache
+def _style(name: str) -> ParagraphStyle:
+    size, leading, before, after, colour = {
+        "h1": (14, 17, 0, 1, INK), "h2": (10.5, 13, 7, 2, INK), "h3": (8.5, 10.5, 4, 1.5, INK),
+        "p": (7, 8.6, 0, 2, INK), "lead": (6.5, 8, 0, 2, SOFT), "card": (6.5, 8, 0, 1, INK),
+        "fact": (7, 10, 0, 0, SOFT), "cell": (6, 7.2, 0, 0, INK), "right": (6, 7.2, 0, 0, INK),
+        "head": (6, 7.2, 0, 0, INK), "headright": (6, 7.2, 0, 0, INK),
+    }[name]  # fmt: skip
+    bold = name in {"h1", "h2", "h3", "head", "headright"}
+    return ParagraphStyle(
+        name, fontName="Sheet-Bold" if bold else "Sheet", fontSize=size, leading=leading, spaceBefore=before,
+        spaceAfter=after, textColor=colour, alignment=2 if name.endswith("right") else 0,
+    )  # fmt: skip
+
+
+def inline(words: Words) -> str:
+    """A text with the markup of the library's paragraphs."""
+    return "".join(_text(part) if isinstance(part, str) else _span(part) for part in parts(words))
+
+
+def _text(value: object) -> str:
+    return html.escape(_known(str(value))).replace("\n", "<br/>")
+
+
+def _span(span: Span) -> str:
+    content = _text(span)
+    match span:
+        case Strong():
+            return f"<b>{content}</b>"
+        case Code():
+            return f'<font name="Sheet-Mono">{content}</font>'
+        case Label():
+            paper, ink = style.LABELS[span.severity]
+            return f'<font backColor="{paper}" color="{ink}">{SPACE}{content}{SPACE}</font>'
+        case Shade():
+            return f'<font backColor="{style.shade_colour(span.share)}">{SPACE}{content}{SPACE}</font>'
+        case Key():
+            sign = "\N{EN DASH} \N{EN DASH}" if span.dashed else "\N{EM DASH}\N{EM DASH}"
+            return f'<font color="{span.colour}"><b>{sign}</b></font> {content}{SPACE * 4} '
+    return content
+
+
+def _flow(blocks: Iterable[Block], width: float) -> Iterator[Any]:
+    """Blocks one below the other; a heading is not left alone at the end of a page."""
+    listed = list(blocks)
+    for place, block in enumerate(listed):
+        if isinstance(block, Heading) and block.level > 1:
+            least = max(map(_least, listed[place + 1 : place + 4]), default=FEW_ROWS)
+            yield CondPageBreak(least + (TITLE if block.level == 2 else 0))
+        yield from _WRITERS[type(block)](block, width)
+
+
+def _least(block: Block) -> float:
+    """The height (points) that the first part of a block needs."""
+    if isinstance(block, Cards):
+        return float(HIGH_CARD if block.large else LOW_CARD)
+    return float(HIGH_CARD if isinstance(block, Figures) else FEW_ROWS)
+
+
+def _heading(block: Heading, _width: float) -> Iterator[Any]:
+    yield _Bookmark(block.level - 1, _known(plain(block.title)))
+    yield Flow(inline(block.title), _style(f"h{block.level}"))
+
+
+def _paragraph(block: Paragraph, _width: float) -> Iterator[Any]:
+    yield Flow(inline(block.words), _style("lead" if block.small else "p"))
+
+
+def _note(block: Note, width: float) -> Iterator[Any]:
+    yield Grid([[[Flow(inline(block.words), _style("p"))]]], colWidths=[width], style=[
+        ("LINEBEFORE", (0, 0), (0, -1), 3, HexColor(style.BARS[block.severity])),
+        ("LEFTPADDING", (0, 0), (-1, -1), 7), ("TOPPADDING", (0, 0), (-1, -1), 1), ("BOTTOMPADDING", (0, 0), (-1, -1), 1),
+    ])  # fmt: skip
+    yield Spacer(0, 1 * mm)
+
+
+BASE: list[tuple[Any, ...]] = [
+    ("FONT", (0, 0), (-1, -1), "Sheet", SIZE, 7.2), ("VALIGN", (0, 0), (-1, -1), "TOP"),
+    ("LINEBELOW", (0, 0), (-1, -1), 0.4, LINE), ("LEFTPADDING", (0, 0), (-1, -1), PADDING),
+    ("RIGHTPADDING", (0, 0), (-1, -1), PADDING), ("TOPPADDING", (0, 0), (-1, -1), 0.7),
+    ("BOTTOMPADDING", (0, 0), (-1, -1), 1.2),
+]  # fmt: skip
+
+
+def _table(block: Table, width: float) -> Iterator[Any]:
+    if block.title:
+        yield Flow(_text(block.title), _style("h3"))
+    head = [column.label for column in block.columns]
+    widths = column_widths([head, *([_measured(cell) for cell in row.cells] for row in block.rows)], width)
+    styles = ["right" if column.numeric else "cell" for column in block.columns]
+    cells = [[
+        Flow(_head(column), _style("headright" if column.numeric else "head")) for column in block.columns
+    ]]  # fmt: skip
+    for row in block.rows:
+        cells.append([_cell(*one) for one in zip(row.cells, widths, styles, strict=True)])
+    right = [("ALIGN", (place, 1), (place, -1), "RIGHT") for place, name in enumerate(styles) if name == "right"]
+    shade = [("BACKGROUND", (0, 0), (-1, 0), HexColor(style.SHADE))]
+    yield Grid(cells, colWidths=widths, repeatRows=1, hAlign="LEFT", style=[*BASE, *right, *shade])
+    yield Spacer(0, GAP)
+
+
+def _head(column: Column) -> str:
+    unit = f' <font name="Sheet" color="{style.SOFT}">{_text(column.unit)}</font>' if column.unit else ""
+    return _text(column.title) + unit
+
+
+def _measured(words: Words) -> str:
+    """A cell's text with the room that its labels take."""
+    return _known(plain(words)) + SPACE * 2 * sum(isinstance(part, (Label, Shade)) for part in parts(words))
+
+
+def _cell(words: Words, width: float, name: str) -> Any:  # noqa: ANN401 - the library's
+    """A plain text where it fits on one line, else a paragraph, which takes longer to lay out."""
+    if isinstance(words, str) and "\n" not in words and _wide(known := _known(words)) <= width - 2 * PADDING:
+        return known
+    return Flow(inline(words), _style(name))
+
+
+def column_widths(texts: Sequence[Sequence[str]], width: float) -> list[float]:
+    """As wide as the longest text; where that is too much, long columns shrink, at most to their longest word.
+
+    Args:
+        texts: of every cell, row by row, the head first.
+        width: of all columns together, points.
+
+    Returns:
+        Widths in points, together at most `width`.
+    """
+    head = [_wide(text, bold=True) for text in texts[0]]
+    least = [max((_wide(word, bold=True) for word in text.split()), default=0.0) for text in texts[0]]
+    wanted = list(least)
+    for row in texts[1:]:
+        for place, text in enumerate(row):
+            least[place] = max([least[place], *(_wide(word) for word in text.split())])
+            wanted[place] = max(wanted[place], least[place], *(_wide(line) for line in text.split("\n")))
+    generous = [max(pair) for pair in zip(wanted, head, strict=True)]
+    padded = [[one + 2 * PADDING + 1.0 for one in row] for row in (generous, wanted, least)]
+    for most, low in itertools.pairwise(padded):
+        over, room = sum(most) - width, sum(most) - sum(low)
+        if over <= 0.0:
+            return most
+        if room >= over:
+            return [one - over * (one - end) / room for one, end in zip(most, low, strict=True)]
+    return [one * width / sum(padded[-1]) for one in padded[-1]]
+
+
+def _wide(text: str, *, bold: bool = False) -> float:
+    return float(stringWidth(text, "Sheet-Bold" if bold else "Sheet", SIZE)) + 0.5
+
+
+def _facts(block: Facts, width: float) -> Iterator[Any]:
+    cells = []
+    for fact in block.facts:
+        colour = style.INK if fact.severity == PLAIN else style.LABELS[fact.severity][1]
+        value = f'<font size="10" color="{colour}"><b>{inline(fact.value)}</b></font>'
+        cells.append([Flow(f"{value}<br/>{inline(fact.meaning)}", _style("fact"))])
+    if cells:
+        yield _grid(cells, max(1, min(4, len(cells))), width)
+
+
+def _keys(block: Keys, _width: float) -> Iterator[Any]:
+    label = f"{_text(block.label)}{SPACE * 3}" if block.label else ""
+    yield Flow(label + inline(block.keys), _style("p"))
+
+
+def _figures(block: Figures, width: float) -> Iterator[Any]:
+    if block.across == 1:
+        yield from (_drawn(drawing_of(figure), width) for figure in block.figures)
+        return
+    share = width / block.across
+    drawn = [[_drawn(drawing_of(figure), share)] for figure in block.figures]
+    rows = [drawn[start : start + block.across] for start in range(0, len(drawn), block.across)]
+    rows[-1] += [[] for _ in range(block.across - len(rows[-1]))]
+    bare = [(f"{side}PADDING", (0, 0), (-1, -1), 0) for side in ("LEFT", "RIGHT", "TOP", "BOTTOM")]
+    yield Grid(rows, colWidths=[share] * block.across, style=bare)
+
+
+def _cards(block: Cards, width: float) -> Iterator[Any]:
+    columns = LARGE if block.large else SMALL
+    yield _grid([_card(card, width / columns - 2 * GAP) for card in block.cards], columns, width)
+
+
+def _card(card: Card, width: float) -> Flowables:
+    title = [Flow(inline(card.title), _style("card"))] if card.title else []
+    return [*title, *_flow(card.blocks, width)]
+
+
+def _grid(cards: list[Flowables], columns: int, width: float) -> Grid:
+    """Cards in rows, framed; a row is never cut by the end of a page."""
+    rows = [[*cards[start : start + columns]] for start in range(0, len(cards), columns)]
+    rows[-1] += [[] for _ in range(columns - len(rows[-1]))]
+    frames = [
+        ("BOX", (index % columns, index // columns), (index % columns, index // columns), 0.5, LINE)
+        for index in range(len(cards))
+    ]
+    padding = [(f"{side}PADDING", (0, 0), (-1, -1), GAP / 2) for side in ("LEFT", "RIGHT", "TOP", "BOTTOM")]
+    return Grid(
+        rows, colWidths=[width / columns] * columns, style=[("VALIGN", (0, 0), (-1, -1), "TOP"), *frames, *padding]
+    )
+
+
+def _properties(block: Properties, width: float) -> Iterator[Any]:
+    pairs = [(_known(name), value) for name, value in block.shown]
+    first = min(0.3 * width, max((_wide(name) for name, _ in pairs), default=0.0) + 3 * PADDING)
+    cells = [[Flow(_text(name), _style("cell")), Flow(_text(value), _style("cell"))] for name, value in pairs]
+    if cells:
+        yield Grid(cells, colWidths=[first, width - first], hAlign="LEFT", style=BASE)
+
+
+def _items(block: Items, _width: float) -> Iterator[Any]:
+    for item in block.items:
+        yield Flow(f"\N{BULLET} {inline(item)}", _style("p"))
+
+
+def _listing(block: Listing, _width: float) -> Iterator[Any]:
+    mono = ParagraphStyle("pre", fontName="Sheet-Mono", fontSize=6, leading=7.2)
+    yield Preformatted(_known(block.text), mono, maxLineLength=140)
+
+
+def _details(block: Details, width: float) -> Iterator[Any]:
+    """What is folded on screen is printed."""
+    yield Flow(_text(block.summary), _style("lead"))
+    yield from _flow(block.blocks, width)
+
+
+def _markup(block: Markup, width: float) -> Iterator[Any]:
+    yield from _flow(block.blocks, width)
+
+
+def _nothing(_block: Contents, _width: float) -> Iterator[Any]:
+    """The bookmarks are the contents."""
+    yield from ()
+
+
+_WRITERS: dict[type[Block], Callable[[Any, float], Iterator[Any]]] = {
+    Heading: _heading, Paragraph: _paragraph, Note: _note, Table: _table, Facts: _facts, Keys: _keys, Figures: _figures,
+    Cards: _cards, Properties: _properties, Items: _items, Listing: _listing, Details: _details, Markup: _markup,
+    Contents: _nothing,
+}  # fmt: skip
+
+
+def _drawn(drawing: Drawing, width: float) -> graphics.Drawing:
+    """A drawing as wide as said (points)."""
+    scale = width / drawing.width
+    canvas = graphics.Drawing(width, drawing.height * scale)
+    group = graphics.Group(transform=(scale, 0, 0, -scale, 0, drawing.height * scale))
+    for mark in drawing.marks:
+        group.add(_letters(mark, scale) if isinstance(mark, Letters) else _path(mark, scale))
+    canvas.add(group)
+    return canvas
+
+
+def _path(line: Stroked, scale: float) -> graphics.Path:
+    stroke = STROKES[line.kind]
+    colour = HexColor(line.colour or stroke.colour)
+    filled = line.kind == Style.AREA
+    path = graphics.Path(
+        fillColor=colour if filled else None, fillOpacity=OPACITY if filled else None, strokeColor=None if filled else colour,
+        strokeWidth=max(stroke.width, FINEST / scale), strokeDashArray=list(stroke.dashes) or None, strokeLineJoin=1,
+        strokeLineCap=LINE_CAP_ROUND if line.kind == Style.POINTS else LINE_CAP_BUTT,
+    )  # fmt: skip
+    for piece in line.pieces:
+        (x, y), *rest = piece.tolist()
+        path.moveTo(x, y)
+        for x, y in rest or ((x, y),):
+            path.lineTo(x, y)
+    return path
+
+
+def _letters(mark: Letters, scale: float) -> graphics.Group:
+    """A text, turned upright again inside the mirrored drawing."""
+    size, colour = (LABEL, style.INK) if mark.large else (TEXT, LETTERS)
+    text = graphics.String(
+        0, 0, _known(mark.text), fontName="Sheet", fontSize=max(size, SMALLEST / scale), fillColor=HexColor(colour),
+        textAnchor=mark.anchor,
+    )  # fmt: skip
+    turned = (0, -1, -1, 0) if mark.turned else (1, 0, 0, -1)
+    return graphics.Group(text, transform=(*turned, mark.x, mark.y))
+

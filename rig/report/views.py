@@ -1,0 +1,152 @@
+"""What the report shows of each point: its loop, thinned for drawing, and its errors in the fit, made once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from rig.characteristics.loop import LoopCharacteristics
+from rig.dampers import DamperModel
+from rig.dampers.temperature_law import COMMON, VISCOUS, YIELD, TemperatureLaw
+from rig.document.figure import thinned
+from rig.errors import RigError, evaluating
+from rig.identification.models.coil import with_lag
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.softening import force_change_N
+from rig.identification.points.preparation import prepare
+from rig.recording.layout import HYBRID, SIGNAL
+from rig.recording.quality.campaign_delay import PointSkew
+from rig.recording.recorded_point import RecordedPoint
+from rig.signals.arrays import FloatArray
+
+DRAWN_OF_CYCLE, DRAWN_OF_RECORD = 300, 1500
+"""Samples at most: a record has many reversals, which fewer samples would cut off."""
+REFERENCE_degC = "reference_degC"
+"""Key of a fit's values: the temperature at which they hold, where a law says what another one does."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One cycle, thinned for drawing (k,): mm about mid-stroke, m/s, N; `fitted_N` None where there is no fit.
+
+    `phase` runs from 0 to 1 over the cycle.
+    """
+
+    phase: FloatArray
+    displacement_mm: FloatArray
+    velocity_m_s: FloatArray
+    force_N: FloatArray
+    fitted_N: FloatArray | None
+
+
+@dataclass(frozen=True)
+class PointView:
+    """A point, its loop (None when it cannot be drawn, and `why`), and its errors in the fit by `fit.json`'s keys.
+
+    `placed` is the level of current (A) and the motion (amplitude in m, frequency in Hz) to which a loop belongs.
+    """
+
+    point: RecordedPoint
+    loop: Loop | None
+    why: str = ""
+    error: Mapping[str, Any] = field(default_factory=dict)
+    held_out: bool = False
+    measured: Measurement | None = field(default=None, repr=False)
+    placed: tuple[float, tuple[float, float]] | None = None
+
+    @property
+    def level_A(self) -> float:
+        """The level of current to which the point belongs (A)."""
+        return self.point.current_A if self.placed is None else self.placed[0]
+
+    @property
+    def group(self) -> str:
+        """The motion to which the point belongs, in words."""
+        return motion_of(self) if self.placed is None else motion_words(self.point.waveform, *self.placed[1])
+
+
+def placed_views(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> list[PointView]:
+    """The points with the level of current and the motion to which the standard tests say that they belong."""
+    known = {loop.id: (loop.level_A, loop.group) for loop in loops}
+    return [replace(view, placed=known.get(view.point.id)) for view in views]
+
+
+def view_of(
+    point: RecordedPoint, model: DamperModel | None, values: Mapping[str, float], error: Mapping[str, Any] | None,
+    *, held_out: bool = False, skew: PointSkew | None = None,
+) -> PointView:
+    """Prepare a point for drawing; what keeps it from being drawn is said, never hidden.
+
+    `skew` is what the campaign as a whole knows of the sensors' delays, as for the fit. `values` are those of the fit's
+    parameters, and where it has a temperature law `REFERENCE_degC`.
+    """
+    if point.kind == "current_step":
+        return PointView(point, None, "the rod stood still; the current was stepped", error or {}, held_out)
+    if point.kind == "hybrid":
+        return PointView(point, None, "a hybrid test: its motion has no cycles", error or {}, held_out)
+    try:
+        with evaluating("it"):
+            measured = prepare(point, skew)
+            if "eta" in values:
+                measured = with_lag(measured, values["eta"])
+            fitted = None if model is None else _curve_N(model, values, measured)
+            loop = _middle_cycle(measured, fitted)
+    except RigError as problem:
+        return PointView(point, None, str(problem), error or {}, held_out)
+    return PointView(point, loop, "", error or {}, held_out, measured)
+
+
+def _curve_N(model: DamperModel, values: Mapping[str, float], measured: Measurement) -> FloatArray:
+    """The fitted force (N), (n,), at the recorded temperatures where the fit follows them."""
+    own = {name: value for name, value in values.items() if name in model.names}
+    force_N = modelled_force(model, own, measured)
+    if REFERENCE_degC not in values:
+        return force_N
+    rates = {name: values[name] for name in (VISCOUS, YIELD, COMMON) if name in values}
+    return force_N + force_change_N(model, own, TemperatureLaw(values[REFERENCE_degC], rates), measured)
+
+
+def _middle_cycle(measured: Measurement, fitted_N: FloatArray | None) -> Loop:
+    count = len(measured.u_m)
+    per_cycle = min(measured.samples_per_cycle or count, count)
+    start = (count // per_cycle // 2) * per_cycle
+    start = min(start, count - per_cycle)
+    cyclic = measured.samples_per_cycle > 0
+    chosen = start + thinned(min(per_cycle + 1, count - start), DRAWN_OF_CYCLE if cyclic else DRAWN_OF_RECORD)
+    force = np.where(measured.scored, measured.force_N, np.nan)
+    if fitted_N is not None and not cyclic:  # a record's ends are driven, and not judged
+        fitted_N = np.where(measured.scored, fitted_N, np.nan)
+    return Loop(
+        phase=(chosen - start) / per_cycle, displacement_mm=1e3 * measured.u_m[chosen],
+        velocity_m_s=measured.v_m_s[chosen], force_N=force[chosen],
+        fitted_N=None if fitted_N is None else fitted_N[chosen],
+    )
+
+
+def motion_of(view: PointView) -> str:
+    """A point's motion as people say it: "sine, 50 mm, 1 Hz"; of what has no frequency, "road iso8608-c, 10 mm"."""
+    point = view.point
+    if not has_frequency(point):
+        return f"{named(point)}, {1e3 * point.amplitude_m:.3g} mm"
+    return motion_words(point.waveform, point.amplitude_m, point.frequency_Hz)
+
+
+def motion_words(waveform: str, amplitude_m: float, frequency_Hz: float) -> str:
+    """A motion as people say it: "sine, 50 mm, 1 Hz"."""
+    return f"{waveform}, {1e3 * amplitude_m:.4g} mm, {frequency_Hz:.4g} Hz"
+
+
+def has_frequency(point: RecordedPoint) -> bool:
+    """Whether it is known by its frequency; a signal's counts how often it crosses its mean."""
+    return point.kind not in {SIGNAL, HYBRID}
+
+
+def named(point: RecordedPoint) -> str:
+    """What moved, by name: "sine", "road iso8608-c", "hybrid test"."""
+    record = str(point.test.get("record", ""))
+    name = "hybrid test" if point.kind == HYBRID else point.waveform
+    return name if record in {"", name} else f"{name} {record}"
