@@ -18,8 +18,8 @@ from typing import TypeVar
 
 from campaign_process import run
 
-from rig.recording.run import Run
 from rig.document.pdf import pdf
+from rig.recording.run import Run
 from rig.report.document import written_report
 
 T = TypeVar("T")

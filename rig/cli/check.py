@@ -6,23 +6,15 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from rig.cli.listening import listen as listened
 from rig.cli.listening import listen_options
 from rig.cli.options import Command, json_option
-from rig.cli.output import console, write_json
+from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE, EXIT_REFUSED
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from rig.check.finding import CheckReport, DeviceReport
-
-STYLES = {"ok": "green", "warning": "yellow", "failed": "bold red"}
-MARKS = {"note": "  ", "warning": "! ", "failed": "X "}
 
 
 @click.command(
@@ -112,7 +104,9 @@ def _check(
     if as_json:
         write_json(report.to_json())
     else:
-        show(report, shown)
+        from rig.cli.check_tables import check_blocks
+
+        show(check_blocks(report), shown)
     return EXIT_DONE if report.passed else EXIT_REFUSED
 
 
@@ -149,63 +143,3 @@ def _bench_file(
         yield simulated.bench_path
     finally:
         simulated.stop()
-
-
-def show(report: CheckReport, shown: Console) -> None:
-    """A table of the devices, then every finding with what to do about it."""
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("device", "verdict", "rate", "latency", "jitter", "noise", "resolution", "at rest"):
-        table.add_column(heading, justify="left" if heading in {"device", "verdict"} else "right")
-    for device in report.devices:
-        style = STYLES[device.verdict]
-        table.add_row(device.name, f"[{style}]{device.verdict}[/]", *_numbers(device))
-    shown.print(table)
-    _histograms(report, shown)
-    for device in report.devices:
-        for finding in sorted(device.findings, key=lambda finding: -finding.severity):
-            severity = finding.severity.name.lower()
-            style = STYLES.get(severity, "dim")
-            text = f"{MARKS[severity]}{device.name}: {finding.slug}: {finding.text}"
-            shown.print(text, style=style, soft_wrap=True, markup=False)
-            shown.print(f"    -> {finding.fix}", soft_wrap=True, markup=False)
-    watchdog_ms = next((d.numbers["watchdog_ms"] for d in report.devices if "watchdog_ms" in d.numbers), None)
-    if isinstance(watchdog_ms, float):
-        shown.print(f"watchdog proved: it tripped after {watchdog_ms:.0f} ms", soft_wrap=True)
-    if report.passed:
-        told = "checked and moved" if report.proved else "checked; nothing was moved"
-        shown.print(f"{report.bench}: {told}", style="green", soft_wrap=True, markup=False)
-    else:
-        shown.print(f"{report.bench}: `rig run` would refuse this rig", style="bold red", soft_wrap=True, markup=False)
-
-
-def _histograms(report: CheckReport, shown: Console) -> None:
-    """Of each device how many per cent of its answers or arrivals lie in each bin of lateness."""
-    from rich.table import Table
-
-    histograms = {device.name: device.numbers.get("latency_histogram") for device in report.devices}
-    known = {name: bins for name, bins in histograms.items() if isinstance(bins, list)}
-    if not known:
-        return
-    table = Table(box=None, pad_edge=False, header_style="bold", title="latency, % of values", title_justify="left")
-    table.add_column("up to (ms)")
-    for edge, _ in next(iter(known.values())):
-        table.add_column("more" if edge is None else f"{edge:g}", justify="right")
-    for name, bins in known.items():
-        total = sum(count for _, count in bins) or 1
-        table.add_row(name, *(f"{100 * count / total:.0f}" if count else "." for _, count in bins))
-    shown.print(table)
-
-
-def _numbers(device: DeviceReport) -> tuple[str, ...]:
-    """The table's numbers of one device; empty where there are none."""
-    numbers, unit = device.numbers, str(device.numbers.get("unit", ""))
-
-    def cell(value: object, unit: str, digits: int = 3) -> str:
-        return f"{value:.{digits}g} {unit}" if isinstance(value, float) and value == value else ""
-
-    return (
-        cell(device.rate_Hz, "Hz", 4), cell(device.latency_ms, "ms"), cell(numbers.get("jitter_ms"), "ms"),
-        cell(numbers.get("noise"), unit), cell(numbers.get("resolution"), unit), cell(numbers.get("at_rest"), unit),
-    )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.cli.options import Command, RunPath, json_option
-from rig.cli.output import console, say, write_json, write_pdf
+from rig.cli.output import console, say, show, write_json, write_pdf
 from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED
 
 if TYPE_CHECKING:
@@ -70,8 +70,8 @@ def _check_page(out: Path | None, *, on_paper: bool) -> None:
 
 def _written(compared: Comparison, page: Path, *, on_paper: bool) -> list[str]:
     """Write the page, and the PDF if that is wanted; their paths."""
-    from rig.recording.atomic_write import write_text_durably
     from rig.document import html
+    from rig.recording.atomic_write import write_text_durably
     from rig.report.comparison import comparison_document
 
     document = comparison_document(compared)
@@ -80,8 +80,6 @@ def _written(compared: Comparison, page: Path, *, on_paper: bool) -> list[str]:
 
 
 def _show(compared: Comparison, *, everything: bool) -> None:
-    from rig.cli.comparison_tables import comparison_lines
+    from rig.cli.comparison_tables import comparison_blocks
 
-    shown = console()
-    for line, style in comparison_lines(compared, shown.width, everything=everything):
-        shown.print(line, style=style, markup=False, soft_wrap=True)
+    show(comparison_blocks(compared, everything=everything), console())

@@ -1,53 +1,57 @@
-"""A comparison as text for any width: the verdict first, what did not pass, what changed; then every remark."""
+"""A comparison in short, as blocks of a document: the verdict first, what did not pass, what changed, remarks."""
 
 from __future__ import annotations
 
 import math
-import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
-from rig.cli.tables import BAD, GOOD, HEAD, LOOK, PLAIN, Line
 from rig.comparison.changes import Change
 from rig.comparison.differences import Comparison
 from rig.comparison.judgement import PERCENT, Judgement, Result, State
 from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES
+from rig.document.blocks import Block, Blocks, Column, Heading, Note, Paragraph, table
+from rig.document.terminal import Line, lines
+from rig.document.words import FAIR, GOOD, POOR
 
-STYLES = {State.PASSED: GOOD, State.FAILED: BAD, State.UNSURE: LOOK, State.MISSING: LOOK}
+SEVERITIES = {State.PASSED: GOOD, State.FAILED: POOR, State.UNSURE: FAIR, State.MISSING: FAIR}
 NOTHING = "-"
 
 
 def comparison_lines(compared: Comparison, width: int, *, everything: bool) -> Iterator[Line]:
     """The lines and their styles, none longer than `width` where its words allow."""
+    return lines(comparison_blocks(compared, everything=everything), width)
+
+
+def comparison_blocks(compared: Comparison, *, everything: bool) -> Blocks:
+    """Verdict, runs, changes against the first, remarks."""
+    blocks: Blocks = []
     if compared.judgement is not None:
-        yield from _judged(compared.judgement, len(compared.runs) > 1, width, everything=everything)
+        blocks += _judged(compared.judgement, len(compared.runs) > 1, everything=everything)
     for index, run in enumerate(compared.runs):
         label = "first" if index == 0 and len(compared.runs) > 1 else f"run {index + 1}"
-        yield from _wrapped(f"{label}: {run.name}, specimen {run.specimen or 'unknown'}", width, PLAIN)
+        blocks.append(Paragraph(f"{label}: {run.name}, specimen {run.specimen or 'unknown'}"))
     for index in range(1, len(compared.runs)):
-        yield ("", PLAIN)
-        yield from _changes(compared, index, width, everything=everything)
-    for remark in compared.remarks:
-        yield from _wrapped(f"remark: {remark}", width, LOOK)
+        blocks += _changes(compared, index, everything=everything)
+    return blocks + [Note(FAIR, f"remark: {remark}") for remark in compared.remarks]
 
 
-def _judged(judgement: Judgement, several: bool, width: int, *, everything: bool) -> Iterator[Line]:
+def _judged(judgement: Judgement, several: bool, *, everything: bool) -> Blocks:
     total, bad = len(judgement.results), judgement.not_passed
     if judgement.passed:
         least = min(judgement.results, key=lambda result: _or_infinite(result.margin_percent))
-        told = f"ACCEPTED by {judgement.bands.name}: all {total} values within their bands; least margin: "
-        yield from _wrapped(told + f"{least.quantity}, {_margin(least)}", width, GOOD)
+        stated = f"PASS against {judgement.bands.name}: all {total} values within their bands; smallest margin: "
+        verdict = Note(GOOD, stated + f"{least.quantity}, {_margin(least)}")
     else:
         kinds = [f"{count} {state}" for state in (State.FAILED, State.UNSURE, State.MISSING)
                  if (count := sum(result.state == state for result in bad))]  # fmt: skip
-        yield from _wrapped(
-            f"NOT ACCEPTED by {judgement.bands.name}: {len(bad)} of {total} values not passed ({', '.join(kinds)})",
-            width, BAD,
+        verdict = Note(
+            POOR, f"FAIL against {judgement.bands.name}: {len(bad)} of {total} values not passed ({', '.join(kinds)})",
         )  # fmt: skip
-    for result in judgement.results if everything else bad:
-        yield from _wrapped(_result(result, several), width, STYLES[result.state])
+    shown = judgement.results if everything else bad
+    blocks: Blocks = [verdict, *(Note(SEVERITIES[result.state], _result(result, several)) for result in shown)]
     if not everything and len(bad) < total:
-        yield from _wrapped(f"{total - len(bad)} passed; --all shows them", width, PLAIN)
-    yield ("", PLAIN)
+        blocks.append(Paragraph(f"{total - len(bad)} passed; --all shows them"))
+    return [*blocks, Paragraph("")]
 
 
 def _result(result: Result, several: bool) -> str:
@@ -87,11 +91,19 @@ def _margin(result: Result) -> str:
     return told if math.isnan(share) or result.unit == "%" else f"{told} ({_number(share, 3)} %)"
 
 
-def _changes(compared: Comparison, index: int, width: int, *, everything: bool) -> Iterator[Line]:
-    """What of one run differs from the first: a line a quantity, then the motions and parameters that differ."""
-    yield (f"{compared.runs[index].name} against the first", HEAD)
-    rows: list[tuple[str, ...]] = [("quantity", "tests", "differ", "median", "largest", "at")]
-    listed: list[tuple[str, ...]] = [("motion", "quantity", "first", "now", "change", "+-")]
+SUMMARY = (
+    Column("quantity"), Column("tests", "", True), Column("differ", "", True), Column("median", "", True),
+    Column("largest", "", True), Column("at"),
+)  # fmt: skip
+LISTED = (
+    Column("motion"), Column("quantity"), Column("first", "", True), Column("now", "", True),
+    Column("change", "", True), Column("+-", "", True),
+)  # fmt: skip
+
+
+def _changes(compared: Comparison, index: int, *, everything: bool) -> Blocks:
+    """Differences of one run from the first: a line for each quantity, then the motions and parameters that differ."""
+    rows, listed = list[tuple[str, ...]](), list[tuple[str, ...]]()
     for quantity in LOOP_QUANTITIES:
         summary = compared.summary(index, quantity.key)
         if summary is None:
@@ -114,12 +126,12 @@ def _changes(compared: Comparison, index: int, width: int, *, everything: bool) 
             fitted = [compared.runs[place].parameters[name] for place in (0, index)]
             first, now = (one.reading.value for one in fitted)
             listed.append(("fit", name, *_cells(first, now, one_change, fitted[0].unit)))
-    yield from _table(rows, width, left=(0, 5))
-    if len(listed) > 1:
-        yield ("", PLAIN)
-        yield from _table(listed, width, left=(0, 1))
-    elif len(rows) > 1:
-        yield ("nothing differs by more than its expanded uncertainty", GOOD)
+    shown: list[Block] = [table(SUMMARY, rows)] if rows else []
+    if listed:
+        shown.append(table(LISTED, listed))
+    elif rows:
+        shown.append(Note(GOOD, "nothing differs by more than its expanded uncertainty"))
+    return [Paragraph(""), Heading(f"{compared.runs[index].name} against the first", 3), *shown]
 
 
 def _cells(first: float, now: float, changed: Change, unit: str) -> tuple[str, str, str, str]:
@@ -135,24 +147,6 @@ def _change(changed: Change, unit: str) -> tuple[str, str]:
 
 def _with(shown: str, unit: str) -> str:
     return shown if shown == NOTHING else f"{shown} {unit}".rstrip()
-
-
-def _table(rows: Sequence[tuple[str, ...]], width: int, left: Sequence[int]) -> Iterator[Line]:
-    """Aligned columns; where they do not fit, the first or last text column goes onto a line of its own."""
-    if len(rows) < 2:
-        return
-    sizes = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    narrow = sum(sizes) + 2 * (len(sizes) - 1) > width
-    widest = max(left, key=lambda column: sizes[column])
-    for number, row in enumerate(rows):
-        cells = [
-            text.ljust(size) if column in left else text.rjust(size)
-            for column, (text, size) in enumerate(zip(row, sizes, strict=True)) if not (narrow and column == widest)
-        ]  # fmt: skip
-        if narrow and number and (widest != 0 or row[0] != rows[number - 1][0]):
-            yield from _wrapped(row[widest], width, PLAIN)
-        indent = "  " if narrow and number else ""
-        yield ((indent + "  ".join(cells)).rstrip(), HEAD if number == 0 else PLAIN)
 
 
 def _or_infinite(value: float) -> float:
@@ -174,8 +168,3 @@ def _signed(value: float, unit: str) -> str:
     if not math.isfinite(value):
         return NOTHING
     return _with("0" if value == 0.0 else f"{value:+.3g}", unit)
-
-
-def _wrapped(text: str, width: int, style: str) -> Iterator[Line]:
-    for line in textwrap.wrap(text, max(20, width), subsequent_indent="  ", break_on_hyphens=False):
-        yield (line, style)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from rig.cli.options import Command, json_option
-from rig.cli.output import console, say, write_json
+from rig.cli.output import console, say, show, write_json
 from rig.errors import EXIT_DONE, EXIT_REFUSED
 
 if TYPE_CHECKING:
@@ -164,27 +164,23 @@ def _plain(result: Result) -> dict[str, Any]:
 
 
 def _show(results: list[Result], earthquake: str) -> None:
-    from rich.table import Table
-
+    from rig.document.blocks import Block, Column, Head, Paragraph, Row, table
     from rig.hybrid.published import CRITERIA
 
-    table = Table(title=f"earthquake: {earthquake}", title_justify="left")
-    for heading in ("case", "Hz", "compensator"):
-        table.add_column(heading, no_wrap=True)
-    for heading in CRITERIA:
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("verdict")
+    head: list[Head] = ["case", "Hz", "compensator", *(Column(name, "", True) for name in CRITERIA), "verdict"]
+    rows = []
     for result in results:
-        row = [str(result.case), str(result.rate_Hz), result.compensator]
-        table.add_row(*row, *_cells(result.criteria), _said(result))
+        named = (str(result.case), str(result.rate_Hz), result.compensator)
+        rows.append(Row((*named, *_cells(result.criteria), _verdict(result))))
         if result.published:
-            table.add_row("", "", "  published", *_cells(result.published), "", style="dim")
-    shown = console()
-    shown.print(table)
+            rows.append(Row(("", "", "  published", *_cells(result.published), ""), faded=True))
     delays = {result.case: f"{result.critical_delay_ms:.1f} ms (case {result.case})" for result in results}
-    shown.print(f"unstable where the specimen's force is late by {', '.join(delays.values())}")
-    for line in DESCRIPTION:
-        shown.print(line)
+    blocks: list[Block] = [
+        table(head, rows, title=f"Earthquake: {earthquake}"),
+        Paragraph(f"The test is unstable if the specimen's force is late by {', '.join(delays.values())}."),
+        *(Paragraph(line) for line in DESCRIPTION),
+    ]
+    show(blocks, console())
 
 
 def _cells(values: dict[str, float]) -> list[str]:
@@ -193,7 +189,7 @@ def _cells(values: dict[str, float]) -> list[str]:
     return [f"{values[name]:.1f}" if name in values else "" for name in CRITERIA]
 
 
-def _said(result: Result) -> str:
+def _verdict(result: Result) -> str:
     if result.stopped:
         return f"unstable: {result.stopped} of {result.plants}, from {result.first_stop_s:.1f} s"
     limits = ", ".join(f"{name} {result.criteria[name]:.1f} of {limit:g} %" for name, limit in result.asked.items())

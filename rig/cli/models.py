@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rig.cli.options import Command, json_option
-from rig.cli.output import console, write_json
+from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
@@ -69,8 +69,9 @@ def _parameter(parameter: Parameter, damper: DamperModel) -> dict[str, Any]:
 
 def _show(damper: DamperModel, *, whole: bool) -> None:
     from rich.padding import Padding
-    from rich.table import Table
     from rich.text import Text
+
+    from rig.document.blocks import Column, Head, table
 
     shown = console()
     shown.print(f"{damper.name}", style="bold", markup=False)
@@ -82,12 +83,12 @@ def _show(damper: DamperModel, *, whole: bool) -> None:
                     soft_wrap=not shown.is_terminal)  # fmt: skip
     if not whole:
         return
-    table = Table()
-    for title in ("parameter", "unit", "role", "demonstration", "warm oil", "meaning"):
-        table.add_column(title, justify="right" if title == "demonstration" else "left", overflow="fold")
-    for entry in (_parameter(parameter, damper) for parameter in damper.parameters):
-        table.add_row(
+    head: list[Head] = ["parameter", "unit", "role", Column("demonstration", "", True), "warm oil", "meaning"]
+    rows = [
+        [
             entry["name"], entry["unit"], entry["role"], f"{entry['demonstration']:g}", entry["softens"] or "",
             entry["meaning"],
-        )
-    shown.print(table)
+        ]
+        for entry in (_parameter(parameter, damper) for parameter in damper.parameters)
+    ]  # fmt: skip
+    show([table(head, rows)], shown)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.cli.options import Command, json_option
-from rig.cli.output import console, write_json
+from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE, EXIT_USAGE
 
 if TYPE_CHECKING:
@@ -103,19 +103,15 @@ def _entry(plug_in: PlugIn, kind: Kind) -> dict[str, str]:
 
 
 def _show(listed: list[dict[str, str]]) -> None:
-    from rich.table import Table
+    from rig.document.blocks import Paragraph, table
 
     shown = console()
     if not listed:
         shown.print("no plug-ins are installed", markup=False)
         return
-    table = Table()
-    for name in ("kind", "name", "package", "entry point", "state"):
-        table.add_column(name, overflow="fold")
-    for entry in listed:
-        package = f"{entry['package']} {entry['version']}"
-        table.add_row(entry["kind"], entry["name"], package, entry["entry_point"], entry["state"])
-    shown.print(table)
-    for entry in listed:
-        if entry["problem"]:
-            shown.print(f"{entry['name']} ({entry['group']}): {entry['problem']}", markup=False, soft_wrap=True)
+    rows = [
+        [entry["kind"], entry["name"], f"{entry['package']} {entry['version']}", entry["entry_point"], entry["state"]]
+        for entry in listed
+    ]
+    problems = [f"{one['name']} ({one['group']}): {one['problem']}" for one in listed if one["problem"]]
+    show([table(["kind", "name", "package", "entry point", "state"], rows), *map(Paragraph, problems)], shown)

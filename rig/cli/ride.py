@@ -8,14 +8,11 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.cli.options import Command, QuantityOption, json_option
-from rig.cli.output import console, say, write_json
+from rig.cli.output import console, say, show, write_json
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from rig.vehicle.laws import Law
-    from rig.vehicle.ride import RideStudy
 
 LAW_NAMES = ("passive", "skyhook", "groundhook", "hybrid", "inverse")
 
@@ -78,11 +75,9 @@ def command(
     if as_json:
         write_json(answer)
         return EXIT_DONE
-    shown = console()
-    for table in tables(study):
-        shown.print(table)
-    for line in remarks(study):
-        shown.print(line)
+    from rig.report.ride import differences, numbers, warnings
+
+    show([*differences(study), *numbers(study), *warnings(study)], console())
     if out is not None:
         click.echo(out.resolve())
     return EXIT_DONE
@@ -99,52 +94,3 @@ def _check_currents(given: dict[str, float]) -> None:
 def _progress(done: int, of: int) -> None:
     if done == of or done % 20 == 0:
         say(f"{done}/{of} rides", err=True)
-
-
-def tables(study: RideStudy) -> list[Table]:
-    """What differs, and each damper's numbers."""
-    from rich.table import Table
-
-    from rig.vehicle.response import BANDS
-
-    differences = Table(title=f"Largest difference, dB (95 % interval): {study.car.name}, {study.road.name}")
-    for column in ("motion", "band", "between", *study.driven):
-        differences.add_column(column)
-    for motion in study.own.body:
-        for band in BANDS:
-            for pair in study.pairs():
-                cells = [_told(study.difference(phase, motion, band, pair)) for phase in study.driven]
-                differences.add_row(motion, band, " / ".join(pair), *cells)
-    single = Table(title="Each damper on the chosen road")
-    names = ("weighted_rms heave", "tyre_load_variation", "travel_m", "damper_power_W")
-    titles = ("weighted RMS m/s^2", "tyre load variation", "travel mm", "damper power W")
-    for column in ("damper", *titles):
-        single.add_column(column)
-    for variant in study.variants:
-        values = [study.number(variant.name, name)[0] for name in names]
-        values[2] *= 1e3
-        single.add_row(variant.name, *(f"{value:.3g}" for value in values))
-    return [differences, single] if study.pairs() else [single]
-
-
-def remarks(study: RideStudy) -> list[str]:
-    """What a reader has to know of the numbers."""
-    from rig.vehicle.answer import extrapolations
-
-    lines = [f"{variant.name}: {variant.fit.remark}" for variant in study.variants if variant.fit.remark]
-    lines += extrapolations(study)
-    if study.car.estimate:
-        lines.append(f"{study.car.name}: the numbers of this car are an estimate")
-    if not study.step_close:
-        lines.append(
-            f"a step of {1e3 * study.step_s:g} ms still changes the numbers by more than 1 %: a damper's force all but "
-            "jumps with the sign of its speed"
-        )
-    return lines
-
-
-def _told(difference: tuple[float, tuple[float, float] | None] | None) -> str:
-    if difference is None:
-        return "-"
-    value, interval = difference
-    return f"{value:.1f}" if interval is None else f"{value:.1f} ({interval[0]:.1f} to {interval[1]:.1f})"

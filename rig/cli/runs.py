@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from rig.cli.options import LOGS, Command, json_option
-from rig.cli.output import console, write_json
+from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE, DataWarning, FileProblem
 from rig.recording.run_index import VERDICTS, RunFilter, listed
 
@@ -64,34 +64,29 @@ def _listed(folder: Path, wanted: RunFilter, last: int | None) -> list[dict[str,
 
 
 def _show(runs: list[dict[str, Any]], folder: Path) -> None:
-    from rich.table import Table
+    from rig.document.blocks import Column, Paragraph, table
 
     shown = console()
     if not runs:
         shown.print(f"no such runs in {folder}", markup=False)
         return
     wide, unfinished = shown.width >= WIDE, any(run["unfinished"] for run in runs)
-    table = Table()
-    table.add_column("run", no_wrap=True, overflow="ignore", min_width=max(len(run["id"]) for run in runs))
-    for name in (("specimen", "started") if wide else ()):
-        table.add_column(name, overflow="fold")
-    table.add_column("verdict", min_width=len("suspect"))
-    table.add_column("valid", justify="right", no_wrap=True)
-    if unfinished:
-        table.add_column("to recover", justify="right")
-    table.add_column("fit: error % of peak", justify="right", overflow="fold")
+    head = [
+        Column("run"), *((Column("specimen"), Column("started")) if wide else ()), Column("verdict"),
+        Column("valid", "", True), *([Column("to recover", "", True)] if unfinished else []),
+        Column("fit: error % of peak", "", True),
+    ]  # fmt: skip
+    rows = []
     for run in runs:
         error = run["nrmse_percent_of_peak"]
         cells = [run["id"], *((run["specimen"], run["started"][:10]) if wide else ()), run["verdict"]]
         cells += [f"{run['valid']}/{run['points']}", *([str(run["unfinished"])] if unfinished else [])]
-        table.add_row(*cells, "-" if error is None else f"{run['model']} {error:.3g}")
-    shown.print(table)
-    for run in runs:
-        if run["remark"]:
-            shown.print(f"{run['id']}: {run['remark']}", markup=False, soft_wrap=True)
-    shown.print("give a command a name, a part of one, `last` or -1, -2 ...: rig report last", markup=False)
+        rows.append([*cells, "-" if error is None else f"{run['model']} {error:.3g}"])
+    notes = [f"{run['id']}: {run['remark']}" for run in runs if run["remark"]]
+    notes.append("give a command a name, a part of one, `last` or -1, -2 ...: rig report last")
     if len(runs) == MOST_SHOWN:
-        shown.print(f"the last {MOST_SHOWN}; filters or --json show others", markup=False)
+        notes.append(f"the last {MOST_SHOWN}; filters or --json show others")
+    show([table(head, rows), *map(Paragraph, notes)], shown)
 
 
 def _summary(place: Path) -> dict[str, Any]:

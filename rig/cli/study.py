@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.cli.options import Command, json_option, scheduler_option
-from rig.cli.output import console, write_json
+from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
@@ -57,11 +57,11 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
     with _resumable(folder), Progress(*columns, console=console(as_json=True)) as bar:
         task = bar.add_task("searches", total=None, left="")
 
-        def show(progress: StudyProgress) -> None:
+        def follow(progress: StudyProgress) -> None:
             left = "" if progress.seconds_left is None else f"{_minutes(progress.seconds_left)} left"
             bar.update(task, description=progress.doing, completed=progress.done, total=progress.total, left=left)
 
-        outcome = run_study(file, folder, processes, show, scheduler)
+        outcome = run_study(file, folder, processes, follow, scheduler)
     if as_json:
         results = plain(outcome.tables, outcome.kruskal_wallis, outcome.facts)
         write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **results})
@@ -98,22 +98,23 @@ def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -
     with Progress(*columns, console=console(as_json=True)) as bar:
         task = bar.add_task("fits", total=None)
 
-        def show(progress: StudyProgress) -> None:
+        def follow(progress: StudyProgress) -> None:
             bar.update(task, completed=progress.done, total=progress.total)
 
-        outcome = run_benchmark(file, folder, processes, show)
+        outcome = run_benchmark(file, folder, processes, follow)
     if as_json:
         results = plain([outcome.table], {}, outcome.facts)
         write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **results})
         return EXIT_DONE
+    from rig.document.blocks import Column, Head, Paragraph, table
+
+    head: list[Head] = [
+        *outcome.table.columns[:3], Column("validation error", "% of peak", True),
+        Column("variance explained", "%", True),
+    ]  # fmt: skip
+    rows = [[written(cell) for cell in row[:5]] for row in outcome.table.rows]
     shown = console()
-    for row in outcome.table.rows:
-        cells = [written(cell) for cell in row[:5]]
-        said = zip(cells[3:], ("% of peak", "% of variance"), strict=True)
-        unseen = [f"{cell} {what}" for cell, what in said if cell]
-        shown.print(f"{cells[0]:<12}  {', '.join(cells[1:3]):<54}  {', '.join(unseen)}", markup=False, soft_wrap=True)
-    for line in outcome.facts["left_out"]:
-        shown.print(line, markup=False, soft_wrap=True)
+    show([table(head, rows), *map(Paragraph, outcome.facts["left_out"])], shown)
     shown.print(f"page: {outcome.page}", soft_wrap=True)
     return EXIT_DONE
 

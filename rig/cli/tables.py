@@ -1,17 +1,20 @@
-"""A plan as text for any width: the verdict first, then the points as a table or in blocks, then every reason in full.
+"""A plan as blocks of a document: the verdict first, then the points as a table, then every reason in full.
 
 A plan of many points is shown by groups: how many points, over which range, the first and the last of them.
 """
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rich.segment import Segment
 from rich.style import Style
+
+from rig.document.blocks import Block, Blocks, Column, Note, Paragraph, Row, table
+from rig.document.terminal import Line, lines
+from rig.document.words import FAIR, GOOD, PLAIN, POOR
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -22,20 +25,14 @@ FEW = 40
 """Up to so many points all rows are shown."""
 FIRST, LAST = 3, 2
 """Of a longer group, so many rows from its beginning and its end."""
-NARROWEST = 20
 NO_VALUE = "-"
 
-HEADINGS = (
-    ("point", ""), ("verdict", ""), ("waveform", ""), ("ampl.", "mm"), ("freq.", "Hz"), ("current", "A"),
-    ("speed", "m/s"), ("accel.", "m/s^2"), ("force", "N"), ("heat", "J"), ("time", ""),
+COLUMNS = (
+    Column("point"), Column("verdict"), Column("waveform"), Column("ampl.", "mm", True), Column("freq.", "Hz", True),
+    Column("current", "A", True), Column("speed", "m/s", True), Column("accel.", "m/s^2", True),
+    Column("force", "N", True), Column("heat", "J", True), Column("time", "", True),
 )  # fmt: skip
-LEFT = frozenset({0, 1, 2})
-GOOD, BAD, LOOK, PLAIN, HEAD = "green", "red", "yellow", "", "bold"
-
 COLOURS = {"valid": "green", "feasible": "green", "suspect": "yellow", "infeasible": "red", "invalid": "red"}
-
-Line = tuple[str, str]
-"""A text without line end, and its style."""
 
 
 def duration(seconds: float) -> str:
@@ -79,28 +76,26 @@ class PlanText:
 
     def lines(self, width: int) -> Iterator[Line]:
         """The lines and their styles, none longer than `width` characters."""
-        width = max(NARROWEST, width)
-        yield from _verdict(self.plan, width)
-        items = self.plan.judged
-        if self.everything or len(items) <= FEW:
-            yield ("", PLAIN)
-            yield from _rows(items, self.plan, width)
-        else:
-            yield from _groups(items, self.plan, width)
-        for text in self.plan.warnings:
-            yield from _wrapped(f"warning: {text}", width, LOOK)
+        return lines(plan_blocks(self.plan, everything=self.everything), width)
 
 
-def _verdict(plan: Plan, width: int) -> Iterator[Line]:
+def plan_blocks(plan: Plan, *, everything: bool = False) -> Blocks:
+    """The plan; of a long one the first and last rows of each group, or `everything`."""
+    items = plan.judged
+    shown = _rows(items, plan) if everything or len(items) <= FEW else _groups(items, plan)
+    return [*_verdict(plan), *shown, *(Note(FAIR, f"warning: {text}") for text in plan.warnings)]
+
+
+def _verdict(plan: Plan) -> Blocks:
     bad, total = sum(not item.feasible for item in plan.points), len(plan.points)
-    told = f"all {total} points feasible" if bad == 0 else f"{bad} of {total} points infeasible"
+    stated = f"all {total} points feasible" if bad == 0 else f"{bad} of {total} points infeasible"
     if plan.warm_up is not None and not plan.warm_up.feasible:
-        told += ", warm-up infeasible"
-    yield from _wrapped(told, width, GOOD if plan.feasible else BAD)
+        stated += ", warm-up infeasible"
     heat = "" if plan.energy_J is None else f"; {energy(plan.energy_J)} of heat"
-    yield from _wrapped(
-        f"{plan.specimen} on {plan.bench_name}; {_rig_time(plan)}{heat}; force {plan.prediction}", width, PLAIN
-    )
+    return [
+        Note(GOOD if plan.feasible else POOR, stated),
+        Paragraph(f"{plan.specimen} on {plan.bench_name}; {_rig_time(plan)}{heat}; force {plan.prediction}"),
+    ]
 
 
 def _rig_time(plan: Plan) -> str:
@@ -109,23 +104,22 @@ def _rig_time(plan: Plan) -> str:
     return f"{duration(plan.recorded_s)} of motion; how long warming up and cooling down take is unknown"
 
 
-def _groups(items: Sequence[PlannedPoint], plan: Plan, width: int) -> Iterator[Line]:
+def _groups(items: Sequence[PlannedPoint], plan: Plan) -> Blocks:
     """Points of one verdict and one set of causes together."""
     groups: dict[tuple[str, ...], list[PlannedPoint]] = {}
     for item in items:
         groups.setdefault(tuple(cause.slug for cause in item.causes), []).append(item)
-    shown = 0
+    shown, blocks = 0, list[Block]()
     for slugs, members in groups.items():
         verdict = f"infeasible ({', '.join(slugs)})" if slugs else "feasible"
         count = f"{len(members)} point{'s' if len(members) > 1 else ''}"
-        yield ("", PLAIN)
-        yield from _wrapped(f"{verdict}: {count}, {_ranges(members)}", width, BAD if slugs else GOOD)
         few = len(members) <= FIRST + LAST + 1
         rows = members if few else [*members[:FIRST], *members[-LAST:]]
         shown += len(rows)
-        yield from _rows(rows, plan, width, left_out=0 if few else len(members) - len(rows))
-    yield ("", PLAIN)
-    yield from _wrapped(f"{shown} of {len(items)} rows shown; --all shows all of them, --json as data", width, PLAIN)
+        blocks += [Paragraph(""), Note(POOR if slugs else GOOD, f"{verdict}: {count}, {_ranges(members)}")]
+        blocks += _rows(rows, plan, left_out=0 if few else len(members) - len(rows))
+    stated = f"{shown} of {len(items)} rows shown; --all shows all of them, --json as data"
+    return [*blocks, Paragraph(""), Paragraph(stated)]
 
 
 def _ranges(items: Sequence[PlannedPoint]) -> str:
@@ -141,26 +135,15 @@ def _ranges(items: Sequence[PlannedPoint]) -> str:
     )
 
 
-def _rows(items: Sequence[PlannedPoint], plan: Plan, width: int, left_out: int = 0) -> Iterator[Line]:
-    """A table where it fits, else a block for each point; then the reasons. `left_out` rows follow the first ones."""
-    cells = [_cells(item) for item in items]
-    widths = [max(map(len, column)) for column in zip(*zip(*HEADINGS, strict=True), *cells, strict=True)]
-    gap = 2 if sum(widths) + 2 * (len(widths) - 1) <= width else 1
-    table = sum(widths) + gap * (len(widths) - 1) <= width
-    if table:
-        for row in zip(*HEADINGS, strict=True):
-            yield (_aligned(row, widths, gap), HEAD)
-    for index, (item, row) in enumerate(zip(items, cells, strict=True)):
-        style = PLAIN if item.feasible else BAD
-        if left_out and index == FIRST:
-            yield (f"... {left_out} more ...", PLAIN)
-        if table:
-            yield (_aligned(row, widths, gap), style)
-        else:
-            yield from _block(item, width, style)
-    for item in items:
-        if not item.feasible:
-            yield from _wrapped(f"{item.point.id}: {_why(item, item is plan.warm_up)}", width, BAD)
+def _rows(items: Sequence[PlannedPoint], plan: Plan, left_out: int = 0) -> Blocks:
+    """A table, then the reasons of points outside limits. `left_out` rows follow the first ones."""
+    rows = [Row(_cells(item), PLAIN if item.feasible else POOR) for item in items]
+    if left_out:
+        rows.insert(FIRST, Row((f"... {left_out} more ...", *[""] * (len(COLUMNS) - 1))))
+    reasons = [
+        Note(POOR, f"{item.point.id}: {_why(item, item is plan.warm_up)}") for item in items if not item.feasible
+    ]
+    return [table(COLUMNS, rows), *reasons]
 
 
 def _cells(item: PlannedPoint) -> tuple[str, ...]:
@@ -174,40 +157,12 @@ def _cells(item: PlannedPoint) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _aligned(row: Sequence[str], widths: Sequence[int], gap: int) -> str:
-    padded = [text.ljust(size) if column in LEFT else text.rjust(size)
-              for column, (text, size) in enumerate(zip(row, widths, strict=True))]  # fmt: skip
-    return (" " * gap).join(padded).rstrip()
-
-
-def _block(item: PlannedPoint, width: int, style: str) -> Iterator[Line]:
-    name, verdict, waveform, *values = _cells(item)
-    amplitude, frequency, current, speed, acceleration, force, heat, time = values
-    yield from _wrapped(f"{name} {verdict}", width, style)
-    often = () if frequency == NO_VALUE else (f"{frequency} Hz",)
-    parts = (
-        f"{waveform} {amplitude} mm", *often, f"{current} A", f"speed {speed} m/s",
-        f"accel. {acceleration} m/s^2", f"force {force}{'' if force == 'unknown' else ' N'}",
-        f"heat {heat}{'' if heat == 'unknown' else ' J'}", time,
-    )  # fmt: skip
-    glued = ", ".join(part.replace(" ", "\0") for part in parts)
-    for text, _ in _wrapped(glued, width - 2, PLAIN):
-        yield (f"  {text.strip()}".replace("\0", " "), PLAIN)
-
-
 def _why(item: PlannedPoint, warm_up: bool) -> str:
     """A point's reasons; a warm-up that does not warm enough needs more amplitude, not another that fits."""
     if item.would_fit_m is None and warm_up:
         return "; ".join(item.reasons)
     fit = "no amplitude would fit" if item.would_fit_m is None else f"{item.would_fit_m * 1e3:.2f} mm would fit"
     return "; ".join((*item.reasons, fit))
-
-
-def _wrapped(text: str, width: int, style: str) -> Iterator[Line]:
-    """Lines of at most `width`; the second and later ones are indented."""
-    indent = "  " if width > NARROWEST else ""
-    for line in textwrap.wrap(text, width, subsequent_indent=indent, break_on_hyphens=False):
-        yield (line, style)
 
 
 def plan_table(plan: Plan) -> list[PlanText]:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from rig.document.figure import Figure, Panels
 from rig.document.numbers import number
 from rig.document.words import PLAIN, Key, Severity, Words
+
+if TYPE_CHECKING:
+    from rig.document.figure import Figure, Panels  # these load numpy, which a list of runs does not need
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,10 @@ class Column:
     def label(self) -> str:
         """Title and unit in one line."""
         return f"{self.title} {self.unit}".rstrip()
+
+
+Head = str | Column
+"""A column by its title alone, or with unit and alignment."""
 
 
 @dataclass(frozen=True)
@@ -166,8 +173,8 @@ class Markup:
 
 
 Block = (
-    Heading | Paragraph | Note | Table | Facts | Keys | Figures | Cards | Properties | Items | Listing | Details | Contents
-    | Markup
+    Heading | Paragraph | Note | Table | Facts | Keys | Figures | Cards | Properties | Items | Listing | Details
+    | Contents | Markup
 )
 Blocks = list[Block]
 
@@ -191,7 +198,8 @@ def section(title: Words, note: Words = "", level: int = 2) -> Blocks:
 
 
 def table(
-    columns: Sequence[str | Column], rows: Sequence[Sequence[Words] | Row], numeric: Sequence[int] = (), title: str = "",
+    columns: Sequence[Head], rows: Sequence[Sequence[Words] | Row], numeric: Sequence[int] = (),
+    title: str = "",
 ) -> Table:
     """A table from titles and cells; `numeric` are the places of the columns of numbers that are given by title."""
     heads = [

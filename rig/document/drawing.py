@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.document.figure import Axis, Figure, Panels, Range, Style, Trace
 from rig.document.numbers import MINUS
@@ -171,9 +172,9 @@ class _Frame:
         if self.figure.x.limits is not None:
             y, x = _cut(y, x, self.x_range)
         points = np.column_stack([self.at_x(x), self.at_y(y)]).round(1)
-        good = np.isfinite(points).all(axis=1)
-        new = np.ones(len(points), bool)
-        new[1:] = (points[1:] != points[:-1]).any(axis=1)  # NaN differs from itself: gaps stay
+        good: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
+        moved = np.any(np.diff(points, axis=0) != 0.0, axis=1)  # NaN is not 0: gaps stay
+        new = np.concatenate(([True], moved)) if len(points) else moved
         points, good = points[new], good[new]
         if trace.style == Style.POINTS:
             return Line(trace.style, tuple(points[good][:, np.newaxis, :]), trace.colour, trace.name)

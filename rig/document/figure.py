@@ -186,8 +186,9 @@ def box_plot(values: Sequence[float], place: float) -> list[Trace]:
     x = [low, high, high, low, low, gap, first, low, gap, high, last]
     y = np.array([-BOX, -BOX, BOX, BOX, -BOX, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     drawn = [
-        Trace(np.array(x), place + y, Style.THIN), Trace(np.full(2, middle), place + np.array([-BOX, BOX]), Style.FITTED),
-    ]  # fmt: skip
+        Trace(np.array(x), place + y, Style.THIN),
+        Trace(np.full(2, middle), place + np.array([-BOX, BOX]), Style.FITTED),
+    ]
     return [*drawn, Trace(outliers, np.full(len(outliers), place), Style.POINTS)] if len(outliers) else drawn
 
 

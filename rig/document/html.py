@@ -195,11 +195,13 @@ table {{ border-collapse:collapse; width:100%; font-size:15px; }}
 caption {{ text-align:left; font-weight:600; padding:5px 12px; }}
 th,td {{ padding:5px 12px; text-align:left; border-bottom:1px solid var(--line); vertical-align:top; }}
 tr:last-child td {{ border-bottom:0; }}
-th {{ background:var(--shade); font-weight:600; vertical-align:bottom; }} th .unit {{ font-weight:400; color:var(--soft); }}
+th {{ background:var(--shade); font-weight:600; vertical-align:bottom; }}
+th .unit {{ font-weight:400; color:var(--soft); }}
 td.n,th.n {{ text-align:right; font-variant-numeric:tabular-nums; }} td.n {{ white-space:nowrap; }}
 tr.faded td {{ color:var(--soft); background:#faf7f2; }}
 .chip {{ display:inline-block; border-radius:5px; padding:0 8px; font-size:14px; font-weight:600; white-space:nowrap; }}
-.note {{ padding:8px 14px; margin:8px 0; border-radius:4px; background:var(--paper); border-left:5px solid var(--line); }}
+.note {{ padding:8px 14px; margin:8px 0; border-radius:4px; }}
+.note {{ background:var(--paper); border-left:5px solid var(--line); }}
 .note.good {{ background:#eaf7f0; border-color:{BARS[GOOD]}; }}
 .note.fair,.warn {{ background:#fff8e1; border-left:5px solid {BARS[FAIR]}; }}
 .note.poor,.bad {{ background:#fdecea; border-left:5px solid {BARS[POOR]}; }}

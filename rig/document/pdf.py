@@ -56,7 +56,8 @@ WIDTH = A4[0] - 2 * MARGIN
 FRAME = 6.0
 """Padding of the library's frames, points."""
 FONTS = {
-    "Sheet": ("DejaVuSans.ttf", "arial.ttf", "Vera.ttf"), "Sheet-Bold": ("DejaVuSans-Bold.ttf", "arialbd.ttf", "VeraBd.ttf"),
+    "Sheet": ("DejaVuSans.ttf", "arial.ttf", "Vera.ttf"),
+    "Sheet-Bold": ("DejaVuSans-Bold.ttf", "arialbd.ttf", "VeraBd.ttf"),
     "Sheet-Mono": ("DejaVuSansMono.ttf", "consola.ttf", "Vera.ttf"),
 }  # fmt: skip
 """The first that the system has; Bitstream Vera comes with ReportLab and has Latin letters only."""
@@ -248,7 +249,8 @@ def _paragraph(block: Paragraph, _width: float) -> Iterator[Any]:
 def _note(block: Note, width: float) -> Iterator[Any]:
     yield Grid([[[Flow(inline(block.words), _style("p"))]]], colWidths=[width], style=[
         ("LINEBEFORE", (0, 0), (0, -1), 3, HexColor(style.BARS[block.severity])),
-        ("LEFTPADDING", (0, 0), (-1, -1), 7), ("TOPPADDING", (0, 0), (-1, -1), 1), ("BOTTOMPADDING", (0, 0), (-1, -1), 1),
+        ("LEFTPADDING", (0, 0), (-1, -1), 7), ("TOPPADDING", (0, 0), (-1, -1), 1),
+        ("BOTTOMPADDING", (0, 0), (-1, -1), 1),
     ])  # fmt: skip
     yield Spacer(0, 1 * mm)
 
@@ -434,15 +436,16 @@ def _path(line: Stroked, scale: float) -> graphics.Path:
     colour = HexColor(line.colour or stroke.colour)
     filled = line.kind == Style.AREA
     path = graphics.Path(
-        fillColor=colour if filled else None, fillOpacity=OPACITY if filled else None, strokeColor=None if filled else colour,
+        fillColor=colour if filled else None, fillOpacity=OPACITY if filled else None,
+        strokeColor=None if filled else colour,
         strokeWidth=max(stroke.width, FINEST / scale), strokeDashArray=list(stroke.dashes) or None, strokeLineJoin=1,
         strokeLineCap=LINE_CAP_ROUND if line.kind == Style.POINTS else LINE_CAP_BUTT,
     )  # fmt: skip
     for piece in line.pieces:
-        (x, y), *rest = piece.tolist()
-        path.moveTo(x, y)
-        for x, y in rest or ((x, y),):
-            path.lineTo(x, y)
+        first, *rest = piece.tolist()
+        path.moveTo(*first)
+        for point in rest or (first,):
+            path.lineTo(*point)
     return path
 
 

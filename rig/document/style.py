@@ -17,7 +17,8 @@ CATEGORIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", 
 
 INK, SOFT, LINE, SHADE, GRID, FRAME = "#1c2430", "#5b6675", "#d8dee6", "#f4f6f9", "#e6eaef", "#9aa5b1"
 LABELS: dict[Severity, tuple[str, str]] = {
-    GOOD: ("#d9f2e3", "#0b5d33"), FAIR: ("#fdf0c4", "#6b4e00"), POOR: ("#fbdcd7", "#8c1d10"), PLAIN: ("#e6ebf2", "#38455a"),
+    GOOD: ("#d9f2e3", "#0b5d33"), FAIR: ("#fdf0c4", "#6b4e00"), POOR: ("#fbdcd7", "#8c1d10"),
+    PLAIN: ("#e6ebf2", "#38455a"),
 }  # fmt: skip
 """Background and letters of labels."""
 BARS: dict[Severity, str] = {GOOD: "#1e8e5a", FAIR: "#e0a030", POOR: "#c0392b", PLAIN: LINE}

@@ -56,7 +56,8 @@ def _line(mark: Line) -> str:
     colour = f' style="{rule}:{mark.colour}"' if mark.colour else ""
     name = f"<title>{html.escape(mark.name)}</title>" if mark.name else ""
     ends = "h0" if mark.kind == Style.POINTS else ""
-    return f'<path class="{mark.kind}"{colour} d="{"".join(_piece(piece) + ends for piece in mark.pieces)}">{name}</path>'
+    pieces = "".join(_piece(piece) + ends for piece in mark.pieces)
+    return f'<path class="{mark.kind}"{colour} d="{pieces}">{name}</path>'
 
 
 def _piece(points: FloatArray) -> str:

@@ -64,7 +64,8 @@ def _heading(block: Heading, width: int) -> Iterator[Line]:
 
 
 def _paragraph(block: Paragraph, width: int) -> Iterator[Line]:
-    yield from wrapped(block.words, width)
+    """An empty one is an empty line."""
+    yield from wrapped(block.words, width) if block.words else [("", "")]
 
 
 def _note(block: Note, width: int) -> Iterator[Line]:

@@ -1,4 +1,4 @@
-"""Text of a document: plain strings and spans with a meaning (strong, code, label, shade). Writers escape and colour."""
+"""Text of a document: plain strings and spans with a meaning (strong, code, label, shade); writers escape it."""
 
 from __future__ import annotations
 

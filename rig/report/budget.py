@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.characteristics.loop import LoopCharacteristics
-from rig.document.blocks import Blocks, Column, Heading, section, table
+from rig.document.blocks import Blocks, Column, Head, Heading, section, table
 from rig.document.numbers import NOTHING, number
 from rig.identification.models.measurement import Measurement
 from rig.recording.quality.cross_checks import checked, instruments_of
@@ -105,10 +105,10 @@ def _force(point: RecordedPoint, measured: Measurement, steepest_N_s: float, dri
     timing_N = steepest_N_s * measured.skew_std_s
     return Channel("Force", "N", peak_N, (
         _certificate(peak_N, point.test.get("force_uncertainty_percent")),
-        Share("zero", _known(point.quality.rest.force_zero_std_N), "rest before the first motion: its duration and noise"),
+        Share("zero", _known(point.quality.rest.force_zero_std_N), "rest before the first motion: duration, noise"),
         Share("zero drift", drift_N, "against the controller's force input, over the campaign"),
         Share("noise of one sample", _known(loop.noise_N), "neighbouring samples"),
-        Share("timing, at the reversals", timing_N, "remaining sensor delay times the steepest measured change of the force"),
+        Share("timing, at the reversals", timing_N, "remaining sensor delay times the steepest change of force"),
         Share("variation between cycles", _known(loop.scatter_N), "differences between cycles"),
     ))
 
@@ -179,5 +179,6 @@ def _table(channel: Channel) -> Blocks:
          number(100.0 * share.value / channel.peak, 2) if channel.peak > 0.0 else NOTHING, share.origin]
         for share in (*channel.shares, *sums)
     ]
-    head = ["Contribution", Column("Value", channel.unit, True), Column("Share", "% of peak", True), "Source"]
+    value, part = Column("Value", channel.unit, True), Column("Share", "% of peak", True)
+    head: list[Head] = ["Contribution", value, part, "Source"]
     return [Heading(f"{channel.title}, peak {number(channel.peak, 4)} {channel.unit}", 3), table(head, rows)]

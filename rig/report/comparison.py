@@ -20,10 +20,10 @@ from rig.document.blocks import (
     Fact,
     Facts,
     Figures,
+    Head,
     Heading,
     Keys,
     Note,
-    Paragraph,
     section,
     table,
 )
@@ -87,10 +87,10 @@ def _facts(compared: Comparison) -> Facts:
 
 def _bands(judgement: Judgement, *, several: bool) -> Blocks:
     ordered = sorted(judgement.results, key=lambda result: (result.state == State.PASSED, _or_last(result.margin)))
-    head = [
+    head: list[Head] = [
         "Result", "Quantity", "Where", *(["Run"] if several else []), Column("Value", "", True),
-        Column(EXPANDED, "", True), Column("From", "", True), Column("To", "", True), "Unit", Column("Margin", "", True),
-        Column("Margin", "%", True), "Remark",
+        Column(EXPANDED, "", True), Column("From", "", True), Column("To", "", True), "Unit",
+        Column("Margin", "", True), Column("Margin", "%", True), "Remark",
     ]  # fmt: skip
     decision = (
         "A value passes only if the margin is at least its expanded uncertainty (ISO 14253-1)."
@@ -189,7 +189,7 @@ def _quantity_table(
 ) -> Blocks:  # fmt: skip
     if not rows:
         return []
-    head = [first, names[0]]
+    head: list[Head] = [first, names[0]]
     for name in names[1:]:
         head += [name, "Change", EXPANDED]
     return [Heading(title, level), table(head, rows, range(1, len(head)))]

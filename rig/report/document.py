@@ -14,9 +14,21 @@ from rig.characteristics.hybrid_tests import HybridTest, hybrid_tests, write_hyb
 from rig.dampers import DamperModel
 from rig.dampers.temperature_law import law_of_entries
 from rig.document import html
-from rig.document.blocks import Blocks, Details, Document, Fact, Facts, Heading, Items, Note, Paragraph, Properties, section
+from rig.document.blocks import (
+    Blocks,
+    Details,
+    Document,
+    Fact,
+    Facts,
+    Heading,
+    Items,
+    Note,
+    Paragraph,
+    Properties,
+    section,
+)
 from rig.document.numbers import NOTHING, number
-from rig.document.words import FAIR, GOOD, PLAIN, POOR, Code, Severity, Strong
+from rig.document.words import FAIR, GOOD, POOR, Code, Severity, Strong
 from rig.errors import RigError
 from rig.fit_file import FIT
 from rig.fit_file import read_fit as read_fit_file
@@ -106,8 +118,8 @@ def report_of(of: Material) -> Document:
     blocks += [
         *standard.standard_tests(of.characteristics), *points_table(views), *achieved_table(run.points),
         *conditions(run.points, of.log or ()), *instruments(run, of.sensors), *time_base(run.points),
-        *budget(views, of.characteristics.loops), *calibrations(of.sensors), *unsupported(of.log or ()), *events(of.log),
-        *installed_sections(run, fit), *described_specimen(run), *provenance(run, fit),
+        *budget(views, of.characteristics.loops), *calibrations(of.sensors), *unsupported(of.log or ()),
+        *events(of.log), *installed_sections(run, fit), *described_specimen(run), *provenance(run, fit),
     ]  # fmt: skip
     return Document(f"Damper test report {run.path.name}", blocks)
 

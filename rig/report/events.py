@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rig.document.blocks import Blocks, Column, Paragraph, section, table
+from rig.document.blocks import Blocks, Column, Head, Paragraph, section, table
 from rig.document.numbers import NOTHING, number
 from rig.document.words import Code
 
@@ -48,7 +48,8 @@ def events(log: Sequence[Mapping[str, Any]] | None) -> Blocks:
         for one in happened[:MOST_ROWS]
     ]  # fmt: skip
     more = len(happened) - len(rows)
-    head = ["First, UTC", "Last, UTC", "Event", "Code or name", Column("Count", "", True), "Text or values of the last one"]
+    count = Column("Count", "", True)
+    head: list[Head] = ["First, UTC", "Last, UTC", "Event", "Code or name", count, "Last text or values"]
     rest: Blocks = [Paragraph(f"{more} more kinds are in journal.jsonl.", small=True)] if more > 0 else []
     return [*title, table(head, rows), *rest]
 

@@ -19,6 +19,7 @@ from rig.document.blocks import (
     Column,
     Details,
     Figures,
+    Head,
     Heading,
     Keys,
     Listing,
@@ -75,7 +76,7 @@ def parameters(fit: JsonObject) -> Blocks:
             known.append([name, value, interval, half, *_bootstrapped(fit, name), unit, meaning])
         else:
             unknown.append([name, value, unit, meaning, entry.get("reason") or "the data do not determine it"])
-    head = ["Parameter", "Value", "95 % interval", Column(PLUS_MINUS, "%", True), *again, "Unit", "Meaning"]
+    head: list[Head] = ["Parameter", "Value", "95 % interval", Column(PLUS_MINUS, "%", True), *again, "Unit", "Meaning"]
     parts: Blocks = [Heading("Fitted parameters"), *_equation(fit), table(head, known, (1, 2))]
     if unknown:
         parts.append(Heading("Not identifiable from these data", 3))
@@ -114,16 +115,16 @@ def quality(fit: JsonObject) -> Blocks:
     tests += [(test, validation_words(test)) for test in (error.get("holdout") or {}).get("per_test") or ()]
     if not any("energy_J" in test for test, _ in tests):
         return []
-    head = [
+    head: list[Head] = [
         Column("Test"), Column("Error", "%", True), Column("RMS error", "N", True), Column("Cycle SD", "N", True),
         Column("Noise", "N", True), Column("Systematic residual", "N", True), Column("Whiteness p", "", True),
         Column("Energy", "J", True), Column("Modelled", "J", True), Column("Remark"),
     ]  # fmt: skip
     note = (
-        "Cycle SD: standard deviation of the force from cycle to cycle. Noise and systematic residual: the parts of the "
-        "residual that change and that repeat with every cycle; the model misses the latter. Whiteness p: probability of "
-        "such a residual if it were pure noise, at the rate of the noise. Energy: dissipated in a mean cycle, measured "
-        "and modelled."
+        "Cycle SD: standard deviation of the force from cycle to cycle. Noise, systematic residual: the parts of the "
+        "residual that change and that repeat with every cycle; the model does not describe the latter. Whiteness p: "
+        "probability of such a residual if it were pure noise, at the rate of the noise. Energy: dissipated in a mean "
+        "cycle, measured and modelled."
     )
     rows = [_test_row(test, remark) for test, remark in tests]
     return [*section("Quality of the fit", note), *_passivity(fit), table(head, rows), *_correlation(fit)]
@@ -150,8 +151,8 @@ def _test_row(test: JsonObject, remark: str) -> list[Words]:
         white = Label(number(least, 2) if good else f"< {SMALLEST_WHITE_P:g}", GOOD if good else FAIR)
     return [
         str(test.get("id", "")), number(test.get("nrmse_percent_of_peak"), 3), number(test.get("rmse_N"), 3),
-        number(test.get("noise_N"), 3), number(residual.get("noise_N"), 3), number(residual.get("repeating_N"), 2), white,
-        number(test.get("energy_J")), number(test.get("modelled_energy_J")), remark,
+        number(test.get("noise_N"), 3), number(residual.get("noise_N"), 3), number(residual.get("repeating_N"), 2),
+        white, number(test.get("energy_J")), number(test.get("modelled_energy_J")), remark,
     ]  # fmt: skip
 
 
@@ -168,7 +169,8 @@ def _half_percent(value: object, low: object, high: object) -> Words:
     if not (isinstance(value, float) and isinstance(low, float) and isinstance(high, float) and value != 0.0):
         return NOTHING
     percent = 50.0 * abs((high - low) / value)
-    return Label(number(percent, 2), GOOD if percent <= WELL_KNOWN_PERCENT else FAIR if percent <= KNOWN_PERCENT else POOR)
+    severity = GOOD if percent <= WELL_KNOWN_PERCENT else FAIR if percent <= KNOWN_PERCENT else POOR
+    return Label(number(percent, 2), severity)
 
 
 def _diagnosis(fit: JsonObject) -> Blocks:
@@ -181,10 +183,10 @@ def _diagnosis(fit: JsonObject) -> Blocks:
         for cause in causes
     ]  # fmt: skip
     note = (
-        "Each cause was fitted separately, together with the damper; the first explains most. The shares do not add up. "
-        f"{NOTHING}: found in the tests themselves, without a share of the misfit."
+        "Each cause was fitted separately, together with the damper; the first explains most. The shares do not add "
+        f"up. {NOTHING}: found in the tests themselves, without a share of the misfit."
     )
-    head = [Column("Cause"), Column("Finding"), Column("Explains", "%", True), Column("Next step")]
+    head: list[Head] = [Column("Cause"), Column("Finding"), Column("Explains", "%", True), Column("Next step")]
     return [*section("Probable causes of the misfit", note, 3), table(head, rows)]
 
 
@@ -242,7 +244,8 @@ def _correlation(fit: JsonObject) -> Blocks:
     stated = f"Correlation above {STRONG_CORRELATION:g}: {', '.join(strong[:MOST_PAIRS])}." if strong else (
         f"No two parameters have a correlation above {STRONG_CORRELATION:g}."
     )  # fmt: skip
-    matrix = table(["", *names], [[a, *(_heat(rows[a].get(b)) for b in names)] for a in names], range(1, len(names) + 1))
+    cells = [[a, *(_heat(rows[a].get(b)) for b in names)] for a in names]
+    matrix = table(["", *names], cells, range(1, len(names) + 1))
     condition = f"Condition number of the scaled normal equations: {number(fit.get('condition'), 3)}."
     return [Paragraph(f"{stated} {condition}"), Details("Correlation of the parameters", (matrix,))]
 
@@ -288,7 +291,7 @@ def selection(fit: JsonObject) -> Blocks:
     if beyond:
         notes.insert(0, f"Validation tests outside the fitted data (extrapolated): {_outside_words(beyond)}.")
     within = [Column("Without extrapolated tests", "%", True)] if beyond else []
-    head = [Column("Model"), Column("Validation error", "%", True), *within, Column("BIC", "", True)]
+    head: list[Head] = [Column("Model"), Column("Validation error", "%", True), *within, Column("BIC", "", True)]
     return [Heading("Models compared", 3), table(head, rows), *(Paragraph(note, small=True) for note in notes)]
 
 
@@ -310,10 +313,10 @@ def cross_validation(fit: JsonObject) -> Blocks:
         cells = [_cell([test for test in here if float(test["current_A"]) == current]) for current in currents]
         name = f"{number(1e3 * motion[0], 3)} mm {number(motion[1], 3)} Hz"
         rows.append([name, *cells, number(pair["nrmse_percent_of_peak"], 3)])
-    head = ["Motion left out", *(f"{number(current, 3)} A" for current in currents), "Mean"]
+    head: list[Head] = ["Motion left out", *(f"{number(current, 3)} A" for current in currents), "Mean"]
     note = (
-        "Each amplitude and frequency predicted by a fit of the same model to the others; error in % of the test's peak "
-        f"force. Mean of all tests: {number(unseen.get('nrmse_percent_of_peak'), 3)} %."
+        "Each amplitude and frequency predicted by a fit of the same model to the others; error in % of the test's "
+        f"peak force. Mean of all tests: {number(unseen.get('nrmse_percent_of_peak'), 3)} %."
     )
     made = table(head, rows, range(1, len(head)))
     return [*section("Leave-one-motion-out cross-validation", note, 3), made, *_extrapolated(unseen)]
@@ -335,4 +338,5 @@ def _extrapolated(unseen: JsonObject) -> Blocks:
         return []
     within = unseen.get("within_nrmse_percent_of_peak")
     without = f" Without them: {number(within, 3)} %." if within is not None else " There are no others."
-    return [Paragraph(f"{MARK} Outside the data of the others (extrapolated): {_outside_words(beyond)}.{without}", True)]
+    stated = f"{MARK} Outside the data of the others (extrapolated): {_outside_words(beyond)}.{without}"
+    return [Paragraph(stated, small=True)]

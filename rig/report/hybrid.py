@@ -23,8 +23,8 @@ HEAD = (
 NOTE = (
     "The damper moves as in the simulated car. Delay: of the rod behind its set-points, measured before the test. "
     "Tracking error: rod against target, RMS relative to the target's. Body and wheel: difference from the whole car, "
-    "computed with the assumed damper, in these bands. If the tested damper differs from the assumed one, the difference "
-    "is the result and not an error of the test."
+    "computed with the assumed damper, in these bands. If the tested damper differs from the assumed one, the "
+    "difference is the result and not an error of the test."
 )
 SHOWN_S = 2.0
 """Of the tracking, about the middle of the test: a longer time is not legible."""

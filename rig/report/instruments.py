@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rig.campaign.preflight.zero_return import read_zero_checks
-from rig.document.blocks import Blocks, Column, Heading, Note, Row, section, table
+from rig.document.blocks import Blocks, Column, Head, Heading, Note, Row, section, table
 from rig.document.numbers import NOTHING, PLUS_MINUS, number, signed
 from rig.document.words import FAIR, GOOD, PLAIN, POOR, Code, Label, Strong
 from rig.recording.hdf5.reading import channel_attributes
@@ -43,7 +43,7 @@ def instruments(run: Run, sensors: Sensors) -> Blocks:
         f"{PLUS_MINUS} is one standard deviation. Two instruments that agree may have the same error, so this is no "
         "calibration. The bench file's ", Code("[checks]"), " sets what is allowed.",
     )  # fmt: skip
-    head = ["Instrument", "Property", "Compared with", Column("Difference", "", True), "Allowed", "Result"]
+    head: list[Head] = ["Instrument", "Property", "Compared with", Column("Difference", "", True), "Allowed", "Result"]
     return [*section("Sensor cross-checks", note), table(head, [_row(check) for check in checks])]
 
 
@@ -88,7 +88,8 @@ def doubts_of(points: Sequence[RecordedPoint]) -> Blocks:
 
 def _row(check: CrossCheck) -> Row:
     return Row((
-        check.instrument, check.what, check.against, signed(check.difference) or NOTHING, signed(check.allowed) or NOTHING,
+        check.instrument, check.what, check.against, signed(check.difference) or NOTHING,
+        signed(check.allowed) or NOTHING,
         Label(str(check.state), SEVERITIES.get(check.state, GOOD)),
     ), faded=check.state == CheckState.UNCHECKED)  # fmt: skip
 

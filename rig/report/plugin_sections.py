@@ -127,7 +127,8 @@ class _Reader(HTMLParser):
     def _table(self) -> Table:
         head, *rows = self._rows
         filled = [[*row, *[""] * (len(head) - len(row))][: len(head)] for row in rows]
-        numeric = [place for place in range(len(head)) if all(row[place][:1] in "0123456789.+-\u2212" for row in filled)]
+        first = "0123456789.+-\N{MINUS SIGN}"
+        numeric = [place for place in range(len(head)) if all(row[place][:1] in first for row in filled)]
         return table(head, filled, numeric)
 
     def _end_text(self) -> None:

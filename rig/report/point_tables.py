@@ -167,9 +167,9 @@ def achieved_table(points: Sequence[RecordedPoint]) -> Blocks:
     if not moved:
         return []
     note = (
-        f"Means over the full cycles, {PLUS_MINUS} standard deviation from cycle to cycle. Phase: measured displacement "
-        "against the controller's set-point. Distortion: harmonics 2 to 9 in addition to those of the ideal waveform. "
-        "The values of each cycle are in the point's file."
+        f"Means over the full cycles, {PLUS_MINUS} standard deviation from cycle to cycle. Phase: measured "
+        "displacement against the controller's set-point. Distortion: harmonics 2 to 9 in addition to those of the "
+        "ideal waveform. The values of each cycle are in the point's file."
     )
     return [*section("Achieved motion and current", note), point_table(ACHIEVED, _views(moved))]
 
@@ -244,7 +244,8 @@ def _checked(view: PointView) -> str:
     skew = view.point.quality.skew
     if skew.state is None:  # recorded by an earlier version
         return NOTHING if skew.checked is None else "yes" if skew.checked else "no"
-    return {"checked": "yes", "declared": "declared, not checked", "doubted": "contradicted"}.get(skew.state, skew.state)
+    words = {"checked": "yes", "declared": "declared, not checked", "doubted": "contradicted"}
+    return words.get(skew.state, skew.state)
 
 
 def _remaining_delay(view: PointView) -> str:
@@ -274,11 +275,11 @@ def time_base(points: Sequence[RecordedPoint]) -> Blocks:
     if not points:
         return []
     note = (
-        "All samples are on the controller's clock. Force delay: delay of the force behind the displacement in addition "
-        "to the delays that the bench file declares; it is corrected. Delays checked: the controller's own record of "
-        "force and position confirms or corrects them. Declared, not checked: that record is not accurate enough. "
-        "Contradicted: that record disagrees with the declared delays, and the remaining delay includes the difference. "
-        "Arrival delay: delay that pairing samples by arrival would have left (real time only). Intervals are 95 %."
+        "All samples are on the controller's clock. Force delay: delay of the force behind the displacement in "
+        "addition to the delays that the bench file declares; it is corrected. Delays checked: the controller's own "
+        "record of force and position confirms or corrects them. Declared, not checked: that record is not accurate "
+        "enough. Contradicted: that record disagrees with the declared delays, and the remaining delay includes the "
+        "difference. Arrival delay: what pairing samples by arrival would have left (real time only). Intervals: 95 %."
     )
     return [
         *section("Time base and sensor delays", note), *_pooled(points), *_not_stated(points),

@@ -81,8 +81,8 @@ def warnings(study: RideStudy) -> list[Note]:
         lines.append(f"The parameters of this car are an estimate: {study.car.source}.")
     if not study.step_close:
         lines.append(
-            f"Even a step of {1e3 * study.step_s:g} ms changes the numbers by more than 1 %: the force of a damper is nearly "
-            "discontinuous."
+            f"Even a step of {1e3 * study.step_s:g} ms changes the numbers by more than 1 %: the force of a damper is "
+            "nearly discontinuous."
         )
     return [Note(FAIR, line) for line in lines]
 
@@ -110,8 +110,8 @@ def _responses(study: RideStudy) -> Blocks:
     """Responses of every phase (Figures 13a to c)."""
     colours = _colours(study)
     note = (
-        "Acceleration relative to the height of the road under the front left wheel (H1); gaps where the motion does not "
-        "follow the road."
+        "Acceleration relative to the height of the road under the front left wheel (H1); gaps where the motion does "
+        "not follow the road."
     )
     parts: Blocks = [*section("Response of the body", note), _keys(study)]
     for phase, by_name in study.driven.items():

@@ -29,8 +29,8 @@ def standard_tests(characteristics: Characteristics) -> Blocks:
     if not body:
         return []
     note = (
-        f"Measured without a model. {PLUS_MINUS} is one standard uncertainty from the variation over the cycles, without "
-        "the uncertainty of calibrations. Forces are mean forces at peak velocity, in extension (rebound) and compression."
+        f"Measured without a model. {PLUS_MINUS} is one standard uncertainty from the variation over the cycles, "
+        "without that of calibrations. Forces are mean forces at peak velocity, in extension (rebound) and compression."
     )
     if characteristics.left_out:
         body.append(Paragraph(f"Not measured: {'; '.join(characteristics.left_out)}.", small=True))

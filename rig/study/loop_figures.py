@@ -79,7 +79,7 @@ def _slowest(tests: Sequence[Measurement]) -> tuple[float, list[Measurement]]:
 
 
 def recorded_figure(tests: Sequence[Measurement]) -> Panels:
-    """Figure 5, and paper 2's Figure 8: force over speed and extension at the lowest frequency, a loop for each current.
+    """Figure 5, paper 2's Figure 8: force over speed and extension at the lowest frequency, a line for each current.
 
     Args:
         tests: The recordings.
@@ -118,8 +118,8 @@ def fitted_figure(study: StudyFile, results: Lines, tests: Sequence[Measurement]
             Trace(x, cycle.force_N, name=recorded(study.data), colour=RESIDUAL),
             Trace(x, modelled_force(damper, fit["parameters"], cycle), name=fit["title"], colour=FITTED),
         ]
-        title, axis = f"I = {test.nominal_current_A:g} A, {lowest_Hz:g} Hz", VELOCITY if over == "velocity" else EXTENSION
-        made.append(Figure(axis, FORCE, traces, HALF, 250, title, legend=True))
+        title = f"I = {test.nominal_current_A:g} A, {lowest_Hz:g} Hz"
+        made.append(Figure(VELOCITY if over == "velocity" else EXTENSION, FORCE, traces, HALF, 250, title, legend=True))
     return Panels(tuple(made))
 
 

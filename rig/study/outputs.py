@@ -102,9 +102,9 @@ COMPARED = (
     "ratios are compared, not magnitudes."
 )
 SYNTHETIC = (
-    "The recordings are synthetic: simulated dampers with known parameters (truth) and white noise. The searched models "
-    "can fit them to within the noise, which no model does with a real damper: the statements on algorithms may not hold "
-    "there, and these results do not show how well a model fits a real damper."
+    "The recordings are synthetic: simulated dampers with known parameters (truth) and white noise. The searched "
+    "models can fit them to within the noise, which no model does with a real damper: the statements on algorithms may "
+    "not hold there, and these results do not show how well a model fits a real damper."
 )
 NOT_DRAWN = (
     "Not included: photographs, schemes and flow charts (Figures 1, 2, 6 and 7; paper 2, Figures 1 to 7 and 9), which "

@@ -29,7 +29,7 @@ CAR, ROAD = "compact-suv", "paper-sweep"
 FREQUENCY_HZ, RATE_HZ = 0.5, 1000.0
 """Of the sine behind Figure 12: that of Figure 10."""
 ETA_1_S = 25.0
-"""Of the coil, as the paper prints it: tests at constant current do not determine it, and the ride's is constant too."""
+"""Of the coil, as the paper prints it: tests at constant current do not determine it; the ride's is constant too."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def _force_figure(driven: Rides) -> Figure:
 
 
 def _response_figure(driven: Rides) -> Panels:
-    made = []
+    made = list[Figure]()
     for motion in driven.printed.own.body:
         traces = []
         for name, ride, style, colour in _by_method(driven):

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any, Self
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
-from rig.cli.tables import BAD, GOOD, LOOK, duration
+from rig.cli.tables import duration
+from rig.document import words as severity
+from rig.document.terminal import STYLES
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from simulators.world.asked import Asked
     from simulators.world.runs import Ended
 
+GOOD, LOOK, BAD = STYLES[severity.GOOD], STYLES[severity.FAIR], STYLES[severity.POOR]
 LINES = 20
 """Where there is no terminal, so many lines tell how far it is."""
 LONGEST_WORDS = 1000

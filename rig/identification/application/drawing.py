@@ -27,7 +27,7 @@ def loops(law: Law, tests: Sequence[Measurement]) -> Panels:
         raise IdentificationFailed("no loops to draw: this fit holds no tests and names no files of them")
     currents = [float(np.mean(test.current_A)) for test in tests]
     levels = sorted(set(currents))
-    over_u, over_v = [], []
+    over_u, over_v = list[Trace](), list[Trace]()
     for test, current_A in zip(map(first_cycle, tests), currents, strict=True):
         colour, name = current_colour(levels.index(current_A), len(levels)), f"{test.id}, {current_A:.2f} A"
         measured, force_N = np.where(test.scored, test.force_N, np.nan), law.force_of(test)

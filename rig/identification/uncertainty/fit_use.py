@@ -22,8 +22,8 @@ from rig.identification.uncertainty.temperature_term import TemperatureTerm
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rig.document.figure import Panels
 
+    from rig.document.figure import Panels
     from rig.identification.application.controller import Controller
     from rig.identification.application.motion_table import Table
 
