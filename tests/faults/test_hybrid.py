@@ -11,8 +11,9 @@ from watched_campaign import Ending
 from world_campaign import Setting, begin
 
 from rig.characteristics.hybrid_tests import answer, hybrid_tests, write_hybrid
+from rig.document.html import fragment
 from rig.recording.run import Run
-from rig.report.hybrid import hybrid_part
+from rig.report.hybrid import hybrid_section
 from simulators.world.stage import Stage
 
 EXAMPLE = (Path(__file__).resolve().parents[2] / "examples" / "hybrid-quarter.toml").read_text(encoding="utf-8")
@@ -50,7 +51,7 @@ def test_the_rod_follows_and_the_body_answers_as_the_whole_car_does(tmp_path: Pa
     rows = (ending.folder / "reference" / "hybrid-model.csv").read_text(encoding="utf-8").splitlines()
     assert rows[0].startswith("time_s,target_m,seen_m,body_m,wheel_m,reference_extension_m")
     assert len(rows) > 390
-    assert "hybrid-none" in hybrid_part(tests)
+    assert "hybrid-none" in fragment(hybrid_section(tests))
 
 
 @pytest.mark.apart

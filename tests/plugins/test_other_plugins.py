@@ -12,6 +12,9 @@ import pytest
 
 from rig import dampers
 from rig.cli.main import main
+from rig.document.blocks import Heading, Items, Listing, Markup, Note, Paragraph, Table
+from rig.document.html import fragment
+from rig.document.words import POOR, plain
 from rig.errors import FileProblem
 from rig.export import EXPORTERS, export
 from rig.matrix.model import load_matrix
@@ -19,7 +22,7 @@ from rig.optimisers import METHODS, minimise
 from rig.plugins import PlugInProblem
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
-from rig.report.plugin_sections import brought_sections
+from rig.report.plugin_sections import blocks_of, installed_sections
 
 if TYPE_CHECKING:
     from conftest import Install
@@ -120,12 +123,29 @@ def test_a_section_comes_into_the_report_and_a_failing_one_is_a_remark(
     my_lab: Path, install: Install, run: Run
 ) -> None:
     install("ill-lab", {"mr_rig.report_sections": {"ill": "ill_lab:section"}}, "def section(run, fit): 1 / 0")
-    first, second = brought_sections(run, None)
-    assert "ill-lab 1.0" in first
-    assert "ZeroDivisionError" in first
+    install("old-lab", {"mr_rig.report_sections": {"old": "old_lab:section"}}, (
+        "from rig.report.fragment import box, heading, table, text\n"
+        "def section(run, fit): return heading('Old', 'a <b>note</b>') + box('bad', text('<&>')) + "
+        "table(['Point', 'J'], [('', ['p001', '2.5'])], (1,))"
+    ))  # fmt: skip
+    first, *second, old = installed_sections(run, None)
+    assert isinstance(first, Note)
+    assert "ill-lab 1.0" in plain(first.words)
+    assert "ZeroDivisionError" in plain(first.words)
     # Work of F = c v over a cycle: pi c omega A^2 = pi * 1000 * 2 pi * 1e-4 J, less the last of 100 samples.
-    assert "<td>p001</td>" in second
-    assert 1.9 < float(second.partition('<td class="n">')[2].partition("<")[0]) < 2.0
+    (made,) = (block for block in second if isinstance(block, Table))
+    assert made.rows[0].cells[0] == "p001"
+    assert 1.9 < float(plain(made.rows[0].cells[1])) < 2.0
+    # HTML of earlier plug-ins is in the page as it is, and as blocks in the other formats
+    assert isinstance(old, Markup)
+    assert old.html in fragment([old])
+    title, note, doubt, listed = old.blocks
+    assert (title, note) == (Heading("Old"), Paragraph("a note", small=True))
+    assert doubt == Note(POOR, "<&>")
+    assert isinstance(listed, Table)
+    assert [column.numeric for column in listed.columns] == [False, True]
+    assert listed.rows[0].cells == ("p001", "2.5")
+    assert blocks_of("loose <ul><li>a</li></ul><pre>x\ny</pre>") == [Paragraph("loose"), Items(("a",)), Listing("x\ny")]
 
 
 def test_a_run_is_exported_as_csv_with_its_numbers(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

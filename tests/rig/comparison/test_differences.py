@@ -173,7 +173,7 @@ def test_the_page_begins_with_the_verdict_and_shows_loops_over_each_other_and_ev
     page = comparison_page(compare([before, after], path))
     assert "<script" not in page
     assert not re.search(r"<link|<img|@import|url\(|src=|href=", page)
-    order = ["Not accepted", "Acceptance bands: drawing 4711", "Loops over each other", "Values and changes", "Fitted"]
+    order = ["FAIL", "Acceptance bands: drawing 4711", "Loops of all runs", "Values and changes", "Fitted"]
     places = [page.index(words) for words in order]
     assert places == sorted(places)
     (u, v) = re.findall(r"<svg.*?</svg>", page)
@@ -196,7 +196,7 @@ def test_the_page_is_put_on_paper_too(
     assert (told["report"], told["pdf"]) == (str(page), str(page.with_suffix(".pdf")))
     sheets = pypdf.PdfReader(told["pdf"]).pages
     text = "\n".join(sheet.extract_text() for sheet in sheets)
-    assert all(words in text for words in ("Not accepted", "drawing 4711", "sine, 20 mm, 1 Hz, 0.5 A", "page 1 of"))
+    assert all(words in text for words in ("FAIL", "drawing 4711", "sine, 20 mm, 1 Hz, 0.5 A", "page 1 of"))
     assert main(["compare", *runs, "--pdf"]) == 2
     assert "--out FILE.html" in capsys.readouterr().err
     assert main(["compare", *runs, "--json"]) == 0

@@ -11,6 +11,7 @@ import pytest
 
 from rig.cli.fit_tables import fit_tables
 from rig.dampers import parameter_set
+from rig.document.html import fragment
 from rig.errors import IdentificationFailed
 from rig.identification import Fit, Measurement, identify
 from rig.identification.runs import write_fit
@@ -58,9 +59,9 @@ def test_terminal_and_report_show_both_intervals(drawn: Fit) -> None:
     fit = drawn.to_json()
     table = next(part for part in fit_tables(fit) if hasattr(part, "columns") and "Fit:" in str(part.title))
     assert [str(column.header) for column in table.columns][-1] == "95 %, tests drawn 60 times"
-    assert "tests drawn 60 times" in reported(fit)
+    assert "60 bootstrap samples" in fragment(reported(fit))
     fit["bootstrap"] = None
-    assert "tests drawn" not in reported(fit)
+    assert "bootstrap" not in fragment(reported(fit))
 
 
 def test_the_band_of_the_covariance_is_that_of_linear_least_squares(tests: list[Measurement]) -> None:

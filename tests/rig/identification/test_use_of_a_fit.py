@@ -340,7 +340,7 @@ def test_the_equation_has_every_number_with_its_unit_and_names_what_is_not_known
 
 def test_the_loops_are_drawn_with_one_measured_and_one_modelled_line_a_test(fit: Fit, tmp_path: Path) -> None:
     figure = fit.plot.loops()
-    assert [len(axis.lines) for axis in figure.axes] == [40, 40]
+    assert [len(axis.traces) for axis in figure.figures] == [40, 40]
     figure.savefig(tmp_path / "loops.svg")
     assert (tmp_path / "loops.svg").stat().st_size > 10_000
     write_fit(fit, tmp_path)

@@ -54,14 +54,14 @@ def test_the_skews_share_is_that_of_the_reversals(run: Run) -> None:
     assert shares["timing, at the reversals"] > 5.0 * YIELD_N * 2.0 * math.pi * SKEW_STD_S
     assert shares["calibration"] == pytest.approx(5.0)
     known = [value for value in shares.values() if math.isfinite(value)]
-    assert force.together == pytest.approx(math.hypot(*known))
+    assert force.combined == pytest.approx(math.hypot(*known))
     assert math.isnan(shares["zero"])
-    assert math.isnan(shares["drift of the zero"])
+    assert math.isnan(shares["zero drift"])
 
 
 def test_the_zero_and_its_drift_are_in_the_forces_budget(run: Run) -> None:
     force = channels_of(run.points[0], prepare(run.points[0]), 1.0, 4.0)[0]
-    assert {share.what: share.value for share in force.shares}["drift of the zero"] == 4.0
+    assert {share.what: share.value for share in force.shares}["zero drift"] == 4.0
     quality = run.points[0].quality
     known = replace(run.points[0], quality=replace(quality, rest=RestQuality(force_zero_std_N=0.7)))
     force = channels_of(known, prepare(known), 1.0)[0]
@@ -71,8 +71,8 @@ def test_the_zero_and_its_drift_are_in_the_forces_budget(run: Run) -> None:
 def test_current_temperature_and_calibrated_auxiliaries_have_budgets_of_their_own(run: Run) -> None:
     channels = {channel.title: channel for channel in channels_of(run.points[0], prepare(run.points[0]), 1.0)}
     assert set(channels) == {"Force", "Displacement", "Coil current", "Coil temperature", "pressure"}
-    assert channels["Coil current"].together == pytest.approx(0.004)
-    assert channels["Coil temperature"].together == pytest.approx(3.0 / math.sqrt(12.0))
+    assert channels["Coil current"].combined == pytest.approx(0.004)
+    assert channels["Coil temperature"].combined == pytest.approx(3.0 / math.sqrt(12.0))
     assert channels["pressure"].peak == pytest.approx(5.0, rel=1e-3)
     assert channels["pressure"].shares[0].value == pytest.approx(0.1, rel=1e-3)
     peak_m_s = AMPLITUDE_M * 2.0 * math.pi

@@ -1,10 +1,18 @@
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
-from rig.report.chart import Chart, Trace, span, thinned, tick_text, ticks
-from rig.report.fragment import number
+from rig.document.drawing import decades, drawing_of, tick_text, ticks
+from rig.document.figure import Axis, Figure, Style, Trace, box_plot, span, thinned
+from rig.document.numbers import number
+from rig.document.svg import svg
+
+
+def drawn(*traces: Trace, x: Axis = Axis("x"), y: Axis = Axis("y")) -> str:  # noqa: B008 - a frozen value
+    return svg(drawing_of(Figure(x, y, traces)))
 
 
 @pytest.mark.parametrize("limits", [(0.0, 1.0), (-0.63, 0.63), (-1234.0, 5678.0), (1e-6, 3e-6), (-2.0, -1.9)])
@@ -28,24 +36,23 @@ def test_the_range_of_nothing_can_still_be_drawn() -> None:
 
 def test_a_line_is_broken_where_nothing_was_measured() -> None:
     y = np.array([0.0, 1.0, np.nan, 1.0, 0.0])
-    svg = Chart("x", "y", [Trace(np.arange(5.0), y, "m")]).svg()
-    assert svg.split('class="m" d="')[1].split('"')[0].count("M") == 2
+    assert drawn(Trace(np.arange(5.0), y)).split('class="m" d="')[1].split('"')[0].count("M") == 2
 
 
 def test_a_value_without_neighbours_is_a_cross() -> None:
     """Damping of a single speed is one value: as a line it would not be seen."""
-    svg = Chart("x", "y", [Trace(np.arange(4.0), np.array([1.0, 2.0, np.nan, 0.5]), "m")]).svg()
-    line, cross = svg.split('class="m" d="M')[1].split('"')[0].split("M", 1)
+    shown = drawn(Trace(np.arange(4.0), np.array([1.0, 2.0, np.nan, 0.5])))
+    line, cross = shown.split('class="m" d="M')[1].split('"')[0].split("M", 1)
     assert "L" in line
     across, down = cross.split("M")
-    left, right = float(across.split()[0]), float(across.split("H")[1])
+    left, right = float(across.split()[0]), float(across.split("L")[1].split()[0])
     assert right - left == pytest.approx(6.0)
     assert float(down.split()[0]) == pytest.approx((left + right) / 2.0, abs=0.1)
 
 
 def test_higher_values_are_drawn_higher() -> None:
-    svg = Chart("x", "y", [Trace(np.array([0.0, 1.0]), np.array([0.0, 1.0]), "m")]).svg()
-    first, second = svg.split('class="m" d="M')[1].split('"')[0].split("L")
+    shown = drawn(Trace(np.array([0.0, 1.0]), np.array([0.0, 1.0])))
+    first, second = shown.split('class="m" d="M')[1].split('"')[0].split("L")
     assert float(second.split()[1]) < float(first.split()[1])
     assert float(second.split()[0]) > float(first.split()[0])
 
@@ -62,3 +69,36 @@ def test_thinning_keeps_both_ends() -> None:
 ])
 def test_numbers_are_written_as_people_write_them(value: object, shown: str) -> None:
     assert number(value) == shown
+
+
+def test_a_curve_is_cut_off_where_it_leaves_the_limits_that_were_set() -> None:
+    """Profiles were drawn through the frame and over the text beside it."""
+    steep = Trace(np.arange(5.0), np.array([0.0, 4.0, 40.0, 4.0, 0.0]))
+    (line,) = [mark for mark in drawing_of(Figure(Axis("x"), Axis("y", limits=(0.0, 8.0)), [steep])).marks
+               if getattr(mark, "kind", "") == Style.MEASURED]  # fmt: skip
+    heights = np.concatenate([piece[:, 1] for piece in line.pieces])  # type: ignore[union-attr]
+    assert len(line.pieces) == 2  # type: ignore[union-attr]
+    assert heights.min() >= 8.0
+    assert heights.min() == pytest.approx(8.0, abs=0.05), "up to the frame itself"
+
+
+def test_a_logarithmic_axis_has_equal_steps_for_equal_factors_and_round_ticks() -> None:
+    assert decades((0.5, 2000.0)) == [1.0, 10.0, 100.0, 1000.0]
+    assert decades((1.0, 20.0)) == [1.0, 2.0, 5.0, 10.0, 20.0]
+    assert len(decades((1.2, 1.4))) >= 3
+    x = np.array([1.0, 10.0, 100.0, -1.0])
+    path = drawn(Trace(x, np.arange(4.0)), x=Axis("x", log=True)).split('class="m" d="M')[1].split('"')[0]
+    places = [float(pair.split()[0]) for pair in path.split("L")]
+    assert len(places) == 3, "what is not positive has no place"
+    assert places[1] - places[0] == pytest.approx(places[2] - places[1], abs=0.11)
+
+
+def test_a_box_plot_has_quartiles_whiskers_and_outliers() -> None:
+    box, middle, outliers = box_plot([1.0, 2.0, 3.0, 4.0, 5.0, 40.0], 2.0)
+    assert (np.nanmin(box.x), np.nanmax(box.x)) == (1.0, 5.0)
+    assert middle.x.tolist() == [3.5, 3.5]
+    assert (outliers.x.tolist(), outliers.y.tolist()) == ([40.0], [2.0])
+    names = ("first", "second", "third")
+    shown = drawn(box, middle, outliers, y=Axis(names=names))
+    heights = [float(re.findall(rf'y="([\d.]+)"[^>]*>{name}<', shown)[0]) for name in names]
+    assert heights == sorted(heights), "the first one is on top"

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.recording.journal.campaign_log import CampaignLog
+from rig.document.html import fragment
+from rig.recording.journal.campaign_log import CampaignLog, read_log
 from rig.recording.quality.point_quality import PointQuality
 from rig.recording.recorded_point import RecordedPoint
-from rig.recording.run import Run
 from rig.report.point_tables import conditions
 
 TIME_S = np.arange(0.0, 4.0, 0.004)
@@ -27,8 +27,8 @@ def a_point(commanded_mm: float | None) -> RecordedPoint:
     )  # fmt: skip
 
 
-def test_a_servo_that_falls_short_is_stated_with_its_uncertainty_and_correction(tmp_path: Path) -> None:
-    page = conditions(Run(tmp_path, (a_point(32.4),)))
+def test_a_servo_that_falls_short_is_stated_with_its_uncertainty_and_correction() -> None:
+    page = fragment(conditions([a_point(32.4)], ()))
     for words in ("92.59 \N{PLUS-MINUS SIGN} 0.006", ">8<", ">41.2<", ">43.7<"):
         assert words in page, page
 
@@ -40,14 +40,14 @@ def test_what_the_campaign_waited_for_is_told_in_its_own_words(tmp_path: Path) -
         {"event": "info", "text": "pause after the running point"},
     ]
     (tmp_path / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
-    page = conditions(Run(tmp_path, (a_point(30.0),)))
+    page = fragment(conditions([a_point(30.0)], read_log(tmp_path)))
     assert page.count("<li>") == 1
     assert "cooling down from 55 to 44.8 degC" in page
 
 
 @pytest.mark.parametrize("commanded_mm", [None, 0.0])
-def test_tests_without_a_command_have_no_such_section(tmp_path: Path, commanded_mm: float | None) -> None:
-    assert conditions(Run(tmp_path, (a_point(commanded_mm),))) == ""
+def test_tests_without_a_command_have_no_such_section(commanded_mm: float | None) -> None:
+    assert conditions([a_point(commanded_mm)], ()) == []
 
 
 def test_a_campaign_of_an_earlier_program_shows_its_waits_and_corrections(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_a_campaign_of_an_earlier_program_shows_its_waits_and_corrections(tmp_pa
     log.write("info", text="paused before p001")
     log.write("info", text=corrected)
     log.close()
-    page = conditions(Run(tmp_path, (a_point(30.0),)))
+    page = fragment(conditions([a_point(30.0)], read_log(tmp_path)))
     assert waited in page
     assert corrected in page
     assert "paused before" not in page

@@ -52,3 +52,6 @@ def test_a_figure_is_an_svg_file_of_its_own_with_its_style(run: Path, tmp_path: 
     (style,) = root.findall("{http://www.w3.org/2000/svg}style")
     assert ".m {" in str(style.text)
     assert chart._repr_svg_() == (tmp_path / "loop.svg").read_text(encoding="utf-8")
+    assert chart.save(tmp_path / "loop.pdf").read_bytes().startswith(b"%PDF")
+    with pytest.raises(ValueError, match=r"\.png"):
+        chart.save(tmp_path / "loop.png")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from rig.document.html import fragment
 from rig.report.fit import parameters
 
 
@@ -31,8 +32,8 @@ def test_every_motion_and_current_has_its_error_and_what_lies_beyond_is_marked_a
         {"amplitude_m": fast[0], "frequency_Hz": fast[1], "tests": 1, "nrmse_percent_of_peak": 9.0},
     ]
     mean = {"nrmse_percent_of_peak": 6.88, "within_nrmse_percent_of_peak": 6.17}
-    html = parameters({"unseen": {**mean, "per_pair": pairs, "per_test": tests}})
-    assert cells(html[html.index("Foretold from the others") :]) == [
+    html = fragment(parameters({"unseen": {**mean, "per_pair": pairs, "per_test": tests}}))
+    assert cells(html[html.index("Leave-one-motion-out") :]) == [
         ["Motion left out", "0 A", "1 A", "Mean"],
         ["20 mm 0.5 Hz", "5", "7.5", "6.17"],
         ["5 mm 4 Hz", "–", "9*", "9"],
@@ -42,4 +43,4 @@ def test_every_motion_and_current_has_its_error_and_what_lies_beyond_is_marked_a
 
 
 def test_a_fit_that_foretold_nothing_says_nothing() -> None:
-    assert "Foretold" not in parameters({"unseen": None})
+    assert "Leave-one-motion-out" not in fragment(parameters({"unseen": None}))

@@ -17,7 +17,7 @@ from rig.recording.quality.point_quality import PointQuality, Tolerances
 from rig.recording.quality.verdict import Verdict
 from rig.report import write_report
 
-TABLE = "What this bench can cross-check"
+TABLE = "Sensor cross-checks"
 
 
 def record(folder: Path, number: int, gain: float = 1.0, **quality: object) -> None:

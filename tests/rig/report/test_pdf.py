@@ -3,20 +3,36 @@ from __future__ import annotations
 import io
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pypdf
 import pytest
 
 from rig.cli.main import main
-from rig.report.chart import Chart, Trace
-from rig.report.fragment import block, box, card, charts, details, heading, number, page, table, text
-from rig.report.html_tree import tree_of
-from rig.report.pdf import pdf_of, write_pdf
+from rig.document.blocks import (
+    Card,
+    Cards,
+    Details,
+    Document,
+    Figures,
+    Heading,
+    Items,
+    Listing,
+    Note,
+    Paragraph,
+    Properties,
+    table,
+)
+from rig.document.figure import Axis, Figure, Trace
+from rig.document.numbers import number
+from rig.document.pdf import pdf as pdf_of
+from rig.document.words import FAIR, POOR, Strong
 
 A4_WIDTH, A4_HEIGHT = 595.3, 841.9
 X = np.linspace(0.0, 1.0, 50)
-CHART = Chart("Velocity m/s", "Force N", [Trace(X, np.sin(9.0 * X), "m", "measured", "#2fb47c")])
+CURVE = Trace(X, np.sin(9.0 * X), name="measured", colour="#2fb47c")
+FIGURES = Figures((Figure(Axis("Velocity", "m/s"), Axis("Force", "N"), [CURVE]),))
 
 
 def read(pdf: bytes) -> pypdf.PdfReader:
@@ -36,15 +52,15 @@ def letters(reader: pypdf.PdfReader) -> list[tuple[str, float, float]]:
 @pytest.fixture(scope="module")
 def pdf() -> bytes:
     wide = [f"column {k} of many" for k in range(14)]
-    rows = [("", [text(f"p{row:03d}"), *(number(1e3 * np.sin(row + k), 5) for k in range(13))]) for row in range(120)]
-    body = "".join([
-        heading("Damper test report: &lt;script&gt;", "simulated rig", 1), box("bad", "<b>The model does not fit.</b>"),
-        heading("A long table"), table(wide, rows, range(1, 14)),
-        details("9 more warnings", box("warn", "warning nine")),
-        heading("Loops"), block("cards", "".join(card(f"<b>p{k}</b>", CHART.svg()) for k in range(9))),
-        heading("Charts"), charts([card("<b>chart</b>", CHART.svg())] * 3),
-    ])  # fmt: skip
-    return pdf_of(page("Damper test report <x>", body), "Damper test report <x>")
+    rows = [[f"p{row:03d}", *(number(1e3 * np.sin(row + k), 5) for k in range(13))] for row in range(120)]
+    return pdf_of(Document("Damper test report <x>", [
+        Heading("Damper test report: <script>", 1), Paragraph("simulated rig", small=True),
+        Note(POOR, Strong("The model does not fit.")), Heading("A long table"), table(wide, rows, range(1, 14)),
+        Details("9 more warnings", (Note(FAIR, "warning nine"),)),
+        Heading("Loops"), Cards(tuple(Card(Strong(f"p{k}"), (FIGURES,)) for k in range(9)), large=True),
+        Heading("Charts"), Cards((Card(Strong("chart"), (FIGURES,)),) * 3),
+        Properties({"operator": "Jos\u00e9 \u4e2d", "empty": ""}), Items(("an item",)), Listing("[[point]]\n  x = 1"),
+    ]))  # fmt: skip
 
 
 def test_every_page_is_A4_and_has_its_number(pdf: bytes) -> None:
@@ -71,30 +87,39 @@ def test_charts_are_vectors_and_letters_are_letters(pdf: bytes) -> None:
     reader = read(pdf)
     assert [image for sheet in reader.pages for image in sheet.images] == []
     told = "".join(sheet.extract_text() for sheet in reader.pages)
-    assert told.count("Velocity m/s") == 12
+    assert told.count("Velocity (m/s)") == 12
     drawn = b"".join(sheet.get_contents().get_data() for sheet in reader.pages)  # type: ignore[union-attr]
     assert drawn.count(b" l") >= 12 * 49, "twelve curves of fifty points"
 
 
-def test_the_tree_of_a_page_survives_ends_without_a_beginning() -> None:
-    root = tree_of("<main><div class='a b'>one<br>two</p><b>three</b></div></section></main>")
-    (node,) = root.elements("div")
-    assert node.kinds == {"a", "b"}
-    assert node.text == "onetwothree"
+def test_headings_are_bookmarks_that_lead_to_their_pages(pdf: bytes) -> None:
+    reader = read(pdf)
+    found = [(str(one.title), reader.get_destination_page_number(one)) for one in flat(reader.outline)]
+    assert [title for title, _ in found] == ["Damper test report: <script>", "A long table", "Loops", "Charts"]
+    for title, page in found:
+        assert title in reader.pages[page].extract_text()  # type: ignore[index]
 
 
-def test_the_command_writes_the_pdf_beside_the_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    report = tmp_path / "report.html"
-    report.write_text(page("R & D", heading("Title", level=1)), encoding="utf-8")
-    assert write_pdf(report) == tmp_path / "report.pdf"
-    assert read((tmp_path / "report.pdf").read_bytes()).metadata.title == "R & D"  # type: ignore[union-attr]
+def flat(outline: list[Any]) -> list[Any]:
+    return [one for part in outline for one in (flat(part) if isinstance(part, list) else [part])]
+
+
+def test_letters_that_a_font_lacks_are_replaced_and_the_title_is_in_the_properties(pdf: bytes) -> None:
+    reader = read(pdf)
+    text = "".join(sheet.extract_text() for sheet in reader.pages)
+    assert reader.metadata.title == "Damper test report <x>"  # type: ignore[union-attr]
+    assert "Jos\u00e9 ?" in text
+    assert "an item" in text
+    assert "[[point]]" in text
+    assert "empty" not in text
 
 
 def test_without_its_library_the_command_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("rig.report.write_report", lambda run: tmp_path / "report.html")
-    monkeypatch.delitem(sys.modules, "rig.report.pdf", raising=False)
+    report = (tmp_path / "report.html", Document("x"))
+    monkeypatch.setattr("rig.report.document.written_report", lambda run: report)
+    monkeypatch.delitem(sys.modules, "rig.document.pdf", raising=False)
     monkeypatch.setitem(sys.modules, "reportlab.lib.colors", None)
     assert main(["report", str(tmp_path), "--pdf"]) == 2
     assert "pip install" in capsys.readouterr().err

@@ -126,7 +126,7 @@ def test_a_real_fit_shows_quality_profiles_and_the_next_test(run: Path) -> None:
     profiles = page[page.index("Profile likelihoods"):page.index("<h2>Parameters over current")]
     assert len(lines(profiles, "m")) == 1
     assert len(lines(profiles, "e")[0]) == 2
-    assert "[[point]]" in page[page.index("What to test next"):]
+    assert "[[point]]" in page[page.index("Proposed next tests"):]
 
 
 def test_many_warnings_are_folded_and_none_is_lost(run: Path) -> None:
@@ -137,8 +137,8 @@ def test_many_warnings_are_folded_and_none_is_lost(run: Path) -> None:
 
 def test_verdicts_reasons_and_errors_of_every_point_are_in_the_table(run: Path) -> None:
     page = written(run, fit_of())
-    assert page.count('class="chip valid"') >= 4
-    assert '<span class="chip invalid">invalid</span>' in page
+    assert page.count('class="chip good"') >= 4
+    assert '<span class="chip poor">invalid</span>' in page
     assert "estop: &lt;stopped&gt; &amp; held" in page
     assert "0.321" in page
     assert "2 of 3" in page
@@ -171,13 +171,13 @@ def test_unseen_tests_beyond_the_fitted_data_are_marked_with_what_lay_beyond(run
         score | {"model": "bingham", "holdout_nrmse_percent_of_peak": 66.6, "within_nrmse_percent_of_peak": 4.32},
     ]
     page = written(run, fit)
-    assert "error on held-out tests; 3.21 % without the 1 of 2 beyond the fitted data" in page
-    assert "held out, beyond the fitted data: current, velocity" in page
-    assert "Unseen tests beyond the data of their fit, so foretold by extrapolation: p002 (current)." in page
-    assert "Without those beyond the data %" in page
+    assert "error on validation tests; 3.21 % without the 1 of 2 outside the fitted data" in page
+    assert "validation, outside the fitted data: current, velocity" in page
+    assert "Validation tests outside the fitted data (extrapolated): p002 (current)." in page
+    assert "Without extrapolated tests" in page
     assert page.index(">3.21<") < page.index(">4.32<")
     fit["error"]["holdout"] |= {"per_test": [apart], "within_nrmse_percent_of_peak": None}
-    assert "all beyond the fitted data: extrapolation" in written(run, fit)
+    assert "all outside the fitted data (extrapolated)" in written(run, fit)
 
 
 def test_held_out_tests_are_scored_apart(run: Path) -> None:
@@ -185,14 +185,14 @@ def test_held_out_tests_are_scored_apart(run: Path) -> None:
     apart = {"id": "p002", "file": "", "rmse_N": 5.0, "nrmse_percent_of_peak": 4.56}
     fit["error"]["holdout"] = {"rmse_N": 5.0, "mae_N": 4.0, "nrmse_percent_of_peak": 4.56, "per_test": [apart]}
     page = written(run, fit)
-    assert "error on held-out tests" in page
-    assert '<div class="remark">held out</div>' in page
-    assert '<span class="chip plain">held out</span>' in page
+    assert "error on validation tests" in page
+    assert "<td>validation</td>" in page
+    assert '<span class="chip plain">validation</span>' in page
 
 
 def test_a_run_without_a_fit_is_reported_as_measured(run: Path) -> None:
     page = written(run, None)
-    assert "No fit is in this run" in page
+    assert "This run has no fit" in page
     assert lines(page, "p") == []
     assert len(lines(page, "m")) > 3
 

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rig.document.numbers import between, number
+from rig.document.style import SEQUENCE, current_colour
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.recorded_point import RecordedPoint
 from rig.report import write_report
-from rig.report.events import happenings
-from rig.report.fragment import between, number
-from rig.report.loops import details, loop_charts, motion_of, view_of
-from rig.report.over_current import parameter_charts
-from rig.report.style import SEQUENCE, current_colour
+from rig.report.events import campaign_events
+from rig.report.loops import details, loop_figures
+from rig.report.over_current import parameter_figures
 from rig.report.traces import envelope
+from rig.report.views import motion_of, view_of
 
 
 @pytest.fixture
@@ -96,7 +97,7 @@ def test_numbers_have_the_digits_that_are_known_and_no_more(run: Path) -> None:
 def test_time_traces_show_the_whole_test_with_its_highest_peak(run: Path) -> None:
     page = write_report(run).read_text(encoding="utf-8")
     part = page[page.index("Time traces"):page.index("Test points")]
-    for label in ("Force N over time s", "Displacement mm over", "Current A over", "time in the cycle ms"):
+    for label in ("Force (N) over time (s)", "Displacement (mm) over", "Current (A) over", "time in the cycle (ms)"):
         assert label in part
     values = np.sin(np.arange(10_000) / 500.0)
     values[7003] = 9.0
@@ -118,14 +119,14 @@ def fit_of(current: dict[str, Any] | None = None, **parameters: dict[str, Any]) 
 def test_a_parameter_over_current_is_its_line_with_a_band_by_the_covariance() -> None:
     fit = fit_of(Fya={"value": 50.0, "unit": "N", "standard_error": 3.0},
                  Fyb={"value": 200.0, "unit": "N/A", "standard_error": 4.0})  # fmt: skip
-    line, low, high = parameter_charts(fit)["Fy"].traces
+    line, low, high = parameter_figures(fit)["Fy"].traces
     assert line.x[[0, -1]].tolist() == [0.0, 2.0]
     assert line.y[[0, -1]] == pytest.approx([50.0, 450.0])
     # var at 2 A: 3^2 + 2^2 4^2 + 2 (2) (-0.5) (3) (4) = 9 + 64 - 24 = 49
     assert high.y[-1] - line.y[-1] == pytest.approx(1.96 * 7.0)
     assert line.y[0] - low.y[0] == pytest.approx(1.96 * 3.0)
     fit["tested"] = {"current_A": [0.5, 0.5]}
-    assert parameter_charts(fit) == {}
+    assert parameter_figures(fit) == {}
 
 
 def test_a_fit_for_each_current_shows_every_value_beside_the_relation() -> None:
@@ -135,7 +136,7 @@ def test_a_fit_for_each_current_shows_every_value_beside_the_relation() -> None:
         **{"Fy at 0 A": {"value": 12.0, "low": 8.0, "high": 16.0, "unit": "N"},
            "Fy at 2 A": {"value": 208.0, "low": None, "high": None, "unit": "N"}},
     )  # fmt: skip
-    chart = parameter_charts(fit)["Fy"]
+    chart = parameter_figures(fit)["Fy"]
     assert chart.traces[0].y[-1] == pytest.approx(210.0)
     assert chart.traces[1].y.tolist() == [8.0, 16.0]
     assert [trace.name for trace in chart.traces[1::2]] == ["Fy at 0 A", "Fy at 2 A"]
@@ -147,7 +148,7 @@ def test_a_zero_has_no_sign() -> None:
 
 def test_events_that_are_alike_are_told_once_with_their_number() -> None:
     log = [{"utc": f"2026-01-01T10:00:0{k}", "event": "station", "what": "late", "count": k} for k in range(5)]
-    (one,) = happenings([{"event": "phase"}, *log])
+    (one,) = campaign_events([{"event": "phase"}, *log])
     assert (one.count, one.first[-1], one.last[-1]) == (5, "0", "4")
 
 
@@ -194,8 +195,8 @@ def test_a_record_is_told_by_its_name_and_drawn_with_its_reversals_where_it_is_j
     assert view.loop is not None
     turns = np.count_nonzero(np.diff(np.sign(np.diff(view.loop.displacement_mm))))
     assert turns == pytest.approx(200, abs=4), "every one of 20 s at 5 Hz"
-    assert loop_charts(view).keys() == {"displacement", "velocity"}
+    assert loop_figures(view).keys() == {"displacement", "velocity"}
     hybrid = replace(point, waveform="hold", test={"kind": "hybrid"})
     shown = view_of(hybrid, None, {}, None)
     assert motion_of(shown) == "hybrid test, 10 mm"
-    assert details([shown], fitted=False) == "", "it has a part of its own"
+    assert details([shown], fitted=False) == [], "it has its own section"

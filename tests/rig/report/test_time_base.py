@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from rig.document.html import fragment
 from rig.recording.quality.point_quality import PointQuality
 from rig.recording.recorded_point import RecordedPoint
-from rig.recording.run import Run
 from rig.report.point_tables import time_base
 
 
@@ -23,13 +21,13 @@ def a_point(*, checked: bool, **quality: float) -> RecordedPoint:
 
 
 @pytest.mark.parametrize(("checked", "word"), [(True, "yes"), (False, "no")])
-def test_each_point_says_whether_its_delays_were_checked(tmp_path: Path, checked: bool, word: str) -> None:
-    page = time_base(Run(tmp_path, (a_point(checked=checked),)))
+def test_each_point_says_whether_its_delays_were_checked(checked: bool, word: str) -> None:
+    page = fragment(time_base([a_point(checked=checked)]))
     assert f">{word}</td>" in page
 
 
-def test_a_sensor_whose_delay_nobody_stated_is_named(tmp_path: Path) -> None:
-    page = time_base(Run(tmp_path, (a_point(checked=False, displacement_declared_delay_s=0.0),)))
+def test_a_sensor_whose_delay_nobody_stated_is_named() -> None:
+    page = fragment(time_base([a_point(checked=False, displacement_declared_delay_s=0.0)]))
     assert "states no <code>delay</code> for force:" in page
     stated = a_point(checked=False, displacement_declared_delay_s=0.0, force_declared_delay_s=0.0002)
-    assert "states no" not in time_base(Run(tmp_path, (stated,)))
+    assert "states no" not in fragment(time_base([stated]))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from matplotlib.figure import Figure
 
+from rig.document.figure import Figure, Panels
 from rig.study.findings import findings
 from rig.study.ride_of_fits import ride_figures, ride_table, rides
 from rig.study.study_file import load_study
@@ -27,9 +27,10 @@ def test_the_printed_fits_differ_as_the_page_on_rides_says(small_study: Path) ->
     claim = next(one for one in findings(study, {}, {}, {}, driven) if one.slug == "ride-of-fits")
     assert claim.verdict == "holds"
     assert "4.1 dB in 4-8 Hz and 27 dB up to 18 Hz (in pitch)" in claim.text
-    drawn = ride_figures(driven, lambda height: Figure(figsize=(9.0, height)))
-    assert [len(figure.axes) for figure in drawn.values()] == [1, 4]
-    assert len(drawn["figure-12"].axes[0].lines) == 3
+    curves, panels = ride_figures(driven).values()
+    assert isinstance(curves, Figure)
+    assert isinstance(panels, Panels)
+    assert (len(curves.traces), len(panels.figures)) == (3, 4)
 
 
 def test_a_study_without_a_ride_drives_nothing(small_study: Path) -> None:

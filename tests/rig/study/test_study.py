@@ -124,12 +124,12 @@ def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_stud
     assert tuned is not None
     assert len(tuned.pairs) == 3
     page = outcome.page.read_text()
-    assert page.index("id='findings'") < page.index("id='table-01'")
-    assert all(f"id='figure-{name}'" in page for name in ("04", "05", "08-pair", "10", "11"))
+    assert page.index('id="findings"') < page.index('id="table-01"')
+    assert all(f'id="figure-{name}"' in page for name in ("04", "05", "08-pair", "10", "11"))
     assert "Kruskal-Wallis" in page
     assert page.count("<svg") == 13
-    assert all(f"<h2 id='{section}'>" in page for section in ("made", "cite"))
-    assert all(f"class='lead'>{word}" in page for word in ("Written ", "The recordings are synthetic"))
+    assert all(f'<h2 id="{section}">' in page for section in ("made", "cite"))
+    assert all(f'class="lead">{word}' in page for word in ("Written ", "The recordings are synthetic"))
     assert "doi 10.1177/1687814020950546" in page
     assert "keep_every = 40" in page  # the study file itself
     assert outcome.facts["made"]["seed"] == 3

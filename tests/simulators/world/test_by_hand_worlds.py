@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from matrices import matrix_text
 
+from rig.document.html import fragment
+from rig.recording.journal.campaign_log import read_log
 from rig.recording.run import Run
-from rig.report.document import lacking
+from rig.report.document import unsupported
 from simulators.world.asked import Files, asked_for
 from simulators.world.plan import Happening
 from simulators.world.runs import Ended, live
@@ -50,7 +52,7 @@ def test_a_matrix_runs_and_its_files_say_that_nobody_measured_the_current(tmp_pa
     run = Run.open(world.folder)
     (point,) = run.points
     assert (point.verdict, point.quality.current.mean_A, point.quality.current.told_by) == ("valid", None, "operator")
-    assert "ecu-without-measurement: nobody measures" in lacking(run)
+    assert "ecu-without-measurement: nobody measures" in fragment(unsupported(read_log(run.path)))
 
 
 def test_a_stop_takes_the_pressure_away_and_then_has_the_current_taken_away(tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from matrices import matrix_text
 
-from rig.recording.run import Run
-from rig.report.document import lacking
+from rig.document.html import fragment
+from rig.recording.journal.campaign_log import read_log
+from rig.report.document import unsupported
 from simulators.world.asked import Files, asked_for
 from simulators.world.plan import Happening
 from simulators.world.runs import Ended, live
@@ -78,7 +79,7 @@ def test_a_matrix_runs_on_a_supply_described_by_a_file(tmp_path: Path) -> None:
     assert world.folder is not None
     said = {line["slug"] for line in world.journal if "-without-" in str(line.get("slug"))}
     assert {"ecu-without-timeout", "ecu-without-coil-temperature", "ecu-without-error-queue"} <= said
-    assert "ecu-without-timeout: the supply has no time-out of its own" in lacking(Run.open(world.folder))
+    assert "ecu-without-timeout: the supply has no time-out of its own" in fragment(unsupported(read_log(world.folder)))
 
 
 @pytest.mark.few(1)
