@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rig.cli.options import Command, json_option, out_option
-from rig.cli.output import console, write_json
+from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
@@ -59,8 +59,7 @@ def _show_beside_truth(fit: dict[str, Any], truth_path: Path, shown: Console) ->
     from rig.cli.fit_tables import fit_tables, inside
 
     truth = _true_parameters(truth_path)
-    for part in fit_tables(fit, truth):
-        shown.print(part)
+    show(fit_tables(fit, truth), shown)
     judged = [inside(entry, truth.get(name)) for name, entry in fit["parameters"].items()]
     held, counted = judged.count(True), sum(item is not None for item in judged)
     text = f"{held} of {counted} identifiable parameters have the truth inside their 95 % interval (1 in 20 is outside)"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rig.cli.options import Command, MethodName, RunPath, json_option, scheduler_option
-from rig.cli.output import console, write_json
+from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, TEMPERATURE_LAWS
 
@@ -153,8 +153,7 @@ def command(
         return EXIT_DONE
     from rig.cli.fit_tables import fit_tables
 
-    for part in fit_tables(fit.to_json()):
-        console().print(part)
+    show(fit_tables(fit.to_json()), console())
     if fit.path is not None:
         click.echo(fit.path.resolve())
     return EXIT_DONE

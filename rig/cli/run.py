@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.cli.options import Command, RunPath, json_option, out_option
-from rig.cli.output import console, write_json
+from rig.cli.output import console, show, write_json
 from rig.cli.page import live_link, page_options, page_settings
 from rig.errors import FileProblem
 
@@ -291,8 +291,7 @@ def show_result(result: JobResult, shown: Console) -> None:
     for style, text in ending(campaign):
         shown.print(Text(text, style=style), soft_wrap=True)
     if result.fit is not None:
-        for part in fit_tables(json.loads(result.fit.read_text(encoding="utf-8"))):
-            shown.print(part)
+        show(fit_tables(json.loads(result.fit.read_text(encoding="utf-8"))), shown)
     if result.error is not None:
         shown.print(Text(f"not identified: {result.error}", style="red"))
     show_paths(result, shown)

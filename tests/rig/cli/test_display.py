@@ -15,6 +15,7 @@ from rig.campaign.results import CampaignFinding, CampaignResult, PointResult, S
 from rig.cli.display import LiveDisplay, PlainDisplay, display_for
 from rig.cli.fit_tables import fit_tables, inside
 from rig.cli.job import JobResult
+from rig.cli.output import show
 from rig.cli.run import show_result
 from rig.cli.tables import duration
 from rig.matrix.model import load_matrix
@@ -211,11 +212,10 @@ FIT = {
 
 def test_a_fit_beside_the_truth_says_what_is_inside_what_cannot_be_found_and_what_does_not_fit() -> None:
     console, text = terminal(is_terminal=False)
-    for part in fit_tables(FIT, {"m": 4.5, "eta": 25.0}):
-        console.print(part)
+    show(fit_tables(FIT, {"m": 4.5, "eta": 25.0}), console)
     shown = text.getvalue()
     for expected in ("95 % interval (each parameter", "3.7 to 3.9", "NO", "eta cannot be identified: constant current",
-                     "held-out", "exceeds the repeatability", "warning: saturated"):  # fmt: skip
+                     "validation", "exceeds the repeatability", "warning: saturated"):  # fmt: skip
         assert expected in shown, expected
 
 
@@ -223,8 +223,7 @@ def test_a_fit_beside_the_truth_says_what_is_inside_what_cannot_be_found_and_wha
 def test_nothing_can_be_held_out_of_a_single_test(tests: int) -> None:
     console, text = terminal(is_terminal=False)
     error = {"rmse_N": 5.0, "nrmse_percent_of_peak": 1.0, "per_test": [{}] * tests}
-    for part in fit_tables(FIT | {"error": error}):
-        console.print(part)
+    show(fit_tables(FIT | {"error": error}), console)
     assert ("--holdout" in text.getvalue()) == (tests == 2)
 
 
@@ -239,15 +238,13 @@ def test_a_fit_shows_its_ranking_its_numbers_each_held_out_test_and_what_to_try(
                       score | {"model": "bingham", "holdout_nrmse_percent_of_peak": None, "rmse_N": None}],
         "error": seen | {"holdout": {"rmse_N": 61.5, "nrmse_percent_of_peak": 7.25, "per_test": tests}},
     }  # fmt: skip
-    for part in fit_tables(fit):
-        console.print(part)
+    show(fit_tables(fit), console)
     shown = text.getvalue()
     for expected in ("best first", "kwok", "3.5", "bingham", "c = 812 N s/m", "p007", "7.25", "61.5"):
         assert expected in shown, expected
     assert "try:" not in shown
     console, text = terminal(is_terminal=False)
-    for part in fit_tables(FIT | {"error": seen | {"holdout": None}}):
-        console.print(part)
+    show(fit_tables(FIT | {"error": seen | {"holdout": None}}), console)
     assert "--model all" in text.getvalue()
     assert "--holdout" in text.getvalue()
 

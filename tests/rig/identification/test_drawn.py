@@ -11,6 +11,7 @@ import pytest
 
 from rig.cli.fit_tables import fit_tables
 from rig.dampers import parameter_set
+from rig.document.blocks import Table
 from rig.document.html import fragment
 from rig.errors import IdentificationFailed
 from rig.identification import Fit, Measurement, identify
@@ -57,8 +58,8 @@ def test_no_draws_are_made_that_nobody_asked_for(tests: list[Measurement]) -> No
 
 def test_terminal_and_report_show_both_intervals(drawn: Fit) -> None:
     fit = drawn.to_json()
-    table = next(part for part in fit_tables(fit) if hasattr(part, "columns") and "Fit:" in str(part.title))
-    assert [str(column.header) for column in table.columns][-1] == "95 %, tests drawn 60 times"
+    table = next(part for part in fit_tables(fit) if isinstance(part, Table) and "Fit:" in part.title)
+    assert table.columns[-1].title == "95 %, 60 bootstrap samples"
     assert "60 bootstrap samples" in fragment(reported(fit))
     fit["bootstrap"] = None
     assert "bootstrap" not in fragment(reported(fit))

@@ -1,6 +1,5 @@
 """Unseen tests that lie beyond the data of their fit are told as what they are, and rank no models unsaid."""
 
-import io
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from rig.cli.fit_tables import fit_tables
 from rig.dampers import model, parameter_set
+from rig.document.terminal import lines
 from rig.identification import Fit, Measurement, identify
 from rig.identification.models.solving import Method
 from rig.identification.selection import candidates_of, compare, doubts_of
@@ -24,11 +23,8 @@ SEPARABLE = Method("separable")
 
 def shown(fit: Fit) -> str:
     """What the terminal shows, in one line."""
-    text = io.StringIO()
-    console = Console(file=text, width=240)
-    for part in fit_tables(json.loads(json.dumps(fit.to_json()))):
-        console.print(part)
-    return " ".join(text.getvalue().split())
+    shown = lines(fit_tables(json.loads(json.dumps(fit.to_json()))), 240)
+    return " ".join(" ".join(text.split()) for text, _ in shown)
 
 
 def scores_of(names: list[str], tests: list[Measurement]) -> tuple[ModelScore, ...]:
@@ -89,8 +85,8 @@ def test_where_nothing_lies_within_the_ranking_is_by_information_and_says_so(two
     assert [score.bic for score in fit.selection] == sorted(score.bic for score in fit.selection)
     assert [getattr(text, "slug", "") for text in fit.warnings].count("ranked-unseen-by-none") == 1
     text = shown(fit)
-    assert "error on unseen tests (extrapolation only), % of peak" in text
-    assert "beyond the data of their fit (extrapolation): p001: current; p002: current" in text
+    assert "validation error (extrapolation only) % of peak" in text
+    assert "outside the fitted data (extrapolated): p001: current; p002: current" in text
     regression = next(one for one in fit.references if one.name == "regression")
     assert regression.within_nrmse_percent_of_peak is None
 
@@ -123,14 +119,14 @@ def test_a_held_out_test_says_in_what_it_lies_beyond_the_fitted_ones(make_synthe
     entry = fit.to_json()["error"]
     assert [test.get("beyond") for test in entry["holdout"]["per_test"]] == [[], ["current_A"]]
     assert all("beyond" not in test for test in entry["per_test"])
-    assert "% without the 1 of 2 beyond the data of their fit" in shown(fit)
+    assert "% without the 1 of 2 outside the fitted data" in shown(fit)
     written = tmp_path / "fit.json"
     written.write_text(json.dumps(fit.to_json()))
     assert Fit.load(written).holdout == fit.holdout
     alone = identify([test for test in tests if test.nominal_current_A < 2.0], holdout=[tests[-1]])
     assert alone.holdout is not None
     assert alone.holdout.within_nrmse_percent_of_peak is None
-    assert "all of it extrapolation" in shown(alone)
+    assert "all of them outside the fitted data (extrapolated)" in shown(alone)
     assert fit.tested is not None
     assert alone.tested is not None
     assert (fit.tested.band.source, alone.tested.band.source) == ("held-out tests", "fitted tests")
