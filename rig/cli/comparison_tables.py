@@ -131,7 +131,7 @@ def _changes(compared: Comparison, index: int, *, everything: bool) -> Blocks:
         shown.append(table(LISTED, listed))
     elif rows:
         shown.append(Note(GOOD, "nothing differs by more than its expanded uncertainty"))
-    return [Paragraph(""), Heading(f"{compared.runs[index].name} against the first", 3), *shown]
+    return [Heading(f"{compared.runs[index].name} against the first", 3), *shown]
 
 
 def _cells(first: float, now: float, changed: Change, unit: str) -> tuple[str, str, str, str]:

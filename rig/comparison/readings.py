@@ -54,7 +54,7 @@ class Quantity:
 
 LOOP_QUANTITIES = (
     Quantity("rebound_force", "Force at peak velocity, rebound", "N"),
-    Quantity("jounce_force", "Force at peak velocity, jounce", "N"),
+    Quantity("jounce_force", "Force at peak velocity, compression", "N"),
     Quantity("energy", "Energy per cycle", "J", by_displacement=True, powers=(1.0, 0.0)),
     Quantity("damping", "Equivalent viscous damping", "N s/m", by_displacement=True, powers=(-1.0, -1.0)),
     Quantity("dynamic_range", "Dynamic range, rebound", "1", by_force=False, speed_power=0.0),

@@ -10,10 +10,12 @@ from rig.document.blocks import (
     Blocks,
     Card,
     Cards,
+    Column,
     Document,
     Fact,
     Facts,
     Figures,
+    Head,
     Heading,
     Keys,
     Note,
@@ -23,7 +25,7 @@ from rig.document.blocks import (
     table,
 )
 from rig.document.figure import Axis, Figure, Style, Trace
-from rig.document.numbers import number
+from rig.document.numbers import NOTHING, number
 from rig.document.style import current_colour
 from rig.document.words import FAIR, Key, Strong, Words
 from rig.signals.arrays import FloatArray
@@ -78,7 +80,7 @@ def warnings(study: RideStudy) -> list[Note]:
     lines = [f"{variant.name}: {variant.fit.remark}" for variant in study.variants if variant.fit.remark]
     lines += extrapolations(study)
     if study.car.estimate:
-        lines.append(f"The parameters of this car are an estimate: {study.car.source}.")
+        lines.append(f"The parameters of this car are not measured: {study.car.source}.")
     if not study.step_close:
         lines.append(
             f"Even a step of {1e3 * study.step_s:g} ms changes the numbers by more than 1 %: the force of a damper is "
@@ -154,14 +156,17 @@ def differences(study: RideStudy) -> Blocks:
     for motion in study.own.body:
         for name in BANDS:
             for pair in study.pairs():
-                cells: list[Words] = [motion, name, " / ".join(pair)]
+                cells: list[Words] = [motion, name, *pair]
                 for phase in study.driven:
                     apart = study.difference(phase, motion, name, pair)
-                    cells.append("not excited" if apart is None else _with_interval(apart))
-                rows.append([*cells, f"up to {PRINTED_dB[name]:g}"] if paper else cells)
-    head = ["Motion", "Band", "Dampers", *study.driven, *(["Printed in the paper"] if paper else [])]
-    return [*section("Largest differences, dB", "In brackets: 95 % interval from the uncertainty of the fits."),
-            table(head, rows)]  # fmt: skip
+                    cells.append(NOTHING if apart is None else _with_interval(apart))
+                rows.append([*cells, f"{PRINTED_dB[name]:g}"] if paper else cells)
+    phases = (Column(phase, "", True) for phase in study.driven)
+    head: list[Head] = ["Motion", "Band", "Damper", "Against", *phases]
+    if paper:
+        head.append(Column("Paper", "up to", True))
+    note = f"In brackets: 95 % interval from the uncertainty of the fits. {NOTHING}: not excited by the road."
+    return [*section("Largest differences, dB", note), table(head, rows)]
 
 
 def _with_interval(known: tuple[float, tuple[float, float] | None]) -> str:
