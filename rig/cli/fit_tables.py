@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from rig.cli.tables import number
-from rig.dampers.covered import in_words
 from rig.document.blocks import Block, Blocks, Column, Listing, Note, Paragraph, Row, Table, table
 from rig.document.words import FAIR, PLAIN, POOR
 from rig.matrix.methods import FEW_MODELS
+from rig.report.fit import cross_validation, extrapolated_words, outside, selection
 
 INADEQUATE = (
     "Model error exceeds the repeatability of the tests: the values are a best fit, the intervals do not include model "
@@ -42,63 +42,9 @@ def fit_tables(fit: Mapping[str, Any], truth: Mapping[str, float] | None = None)
     formula = fit.get("formula") or fit.get("equation")
     equation: Blocks = [Paragraph(str(formula))] if formula else []
     parameters = table(head, rows, title=f"Fit: {fit['model']} by {fit['method']}")
-    return [*_ranking(fit), parameters, *equation, *_held_out(fit), *_pairs(fit), *_remarks(fit), *_to_try(fit)]
-
-
-REFERENCES = {"mean_cycle": "no model: other cycles of its test", "regression": "no model: regression"}
-
-
-def _ranking(fit: Mapping[str, Any]) -> Blocks:
-    """The models compared, best first, and why one of them was given up; none where there is one."""
-    scores = fit.get("selection") or ()
-    if len(scores) < 2:
-        return []
-    beyond: Mapping[str, Sequence[str]] = next((entry["beyond"] for entry in scores if entry.get("beyond")), {})
-    some = any(entry.get("within_nrmse_percent_of_peak") is not None for entry in scores)
-    apart = ("without extrapolated tests",) if beyond and some else ()
-    only = "" if some or not beyond else " (extrapolation only)"
-    head = [
-        Column("model"), Column(f"validation error{only}", "% of peak", True),
-        *(Column(name, "% of peak", True) for name in apart), Column("RMSE", "N", True), Column("parameters", "", True),
+    return [
+        *selection(fit), parameters, *equation, *_held_out(fit), *cross_validation(fit), *_remarks(fit), *_to_try(fit),
     ]  # fmt: skip
-    rows = []
-
-    def errors(entry: Mapping[str, Any]) -> list[str]:
-        keys = ("holdout_nrmse_percent_of_peak", *("within_nrmse_percent_of_peak" for _ in apart))
-        return ["-" if entry.get(key) is None else number(entry[key], 3) for key in keys]
-
-    for entry in scores:
-        rmse = "-" if entry.get("rmse_N") is None else number(entry["rmse_N"], 3)
-        cells = (str(entry["model"]), *errors(entry), rmse, str(entry.get("parameters", "-")))
-        rows.append(Row(cells, FAIR if entry.get("reason") else PLAIN))
-    for entry in fit.get("references") or ():
-        shown = errors(entry)
-        if entry.get("holdout_nrmse_percent_of_peak") is None:
-            shown[0] = str(entry.get("reason"))
-        rows.append(Row((REFERENCES.get(entry["name"], entry["name"]), *shown, "-", "-"), faded=True))
-    reasons = [Note(FAIR, str(entry["reason"])) for entry in scores if entry.get("reason")]
-    tests = "; ".join(f"{test}: {outside(names)}" for test, names in beyond.items())
-    extrapolated = [Paragraph(f"validation tests outside the fitted data (extrapolated): {tests}")] if tests else []
-    return [table(head, rows, title="Models compared, best first"), *extrapolated, *reasons]
-
-
-def outside(names: Sequence[str] | None) -> str:
-    """The quantities in which a test lies outside the fitted data; `-` where a file does not state them."""
-    if names is None:
-        return "-"
-    return in_words(names) or "no"
-
-
-def _apart(summary: Mapping[str, Any]) -> str:
-    """How many of the validation tests are extrapolated, and the mean without them; empty where none is."""
-    tests = summary["per_test"]
-    beyond = sum(bool(test.get("beyond")) for test in tests)
-    if not beyond:
-        return ""
-    within = summary.get("within_nrmse_percent_of_peak")
-    if within is None:
-        return ", all of them outside the fitted data (extrapolated)"
-    return f"; {number(within, 3)} % without the {beyond} of {len(tests)} outside the fitted data"
 
 
 def _held_out(fit: Mapping[str, Any]) -> list[Table]:
@@ -114,33 +60,9 @@ def _held_out(fit: Mapping[str, Any]) -> list[Table]:
     for test in tests:
         values = (test.get(key) for key in ("nrmse_percent_of_peak", "rmse_N", "noise_N"))
         numbers = ("-" if value is None else number(value, 3) for value in values)
-        rows.append([str(test.get("id", "-")), *numbers, outside(test.get("beyond"))])
+        inside = "-" if test.get("beyond") is None else "no"
+        rows.append([str(test.get("id", "-")), *numbers, outside(test.get("beyond")) or inside])
     return [table(head, rows, title="Validation tests")]
-
-
-def _pairs(fit: Mapping[str, Any]) -> list[Table]:
-    """The error of each amplitude and frequency, predicted from the others; empty where that was not requested."""
-    unseen = fit.get("unseen")
-    if not unseen:
-        return []
-    mean_error = f"{number(unseen['nrmse_percent_of_peak'], 3)} % of peak on average"
-    head = [
-        Column("amplitude", "mm", True), Column("frequency", "Hz", True), Column("tests", "", True),
-        Column("error", "% of peak", True), Column("worst test"), Column("its error", "% of peak", True),
-        Column("outside the others"),
-    ]  # fmt: skip
-    rows = []
-    for pair in unseen["per_pair"]:
-        motion = pair["amplitude_m"], pair["frequency_Hz"]
-        tests = [test for test in unseen["per_test"] if (test["amplitude_m"], test["frequency_Hz"]) == motion]
-        worst = max(tests, key=lambda test: float(test["nrmse_percent_of_peak"]))
-        errors = (pair["nrmse_percent_of_peak"], worst["nrmse_percent_of_peak"])
-        mean, most = (number(error, 3) for error in errors)
-        quantities = list(dict.fromkeys(name for test in tests for name in test.get("beyond") or ()))
-        extrapolated = outside(None if all(test.get("beyond") is None for test in tests) else quantities)
-        cells = number(1e3 * motion[0]), number(motion[1]), str(pair["tests"]), mean, str(worst["id"]), most
-        rows.append([*cells, extrapolated])
-    return [table(head, rows, title=f"Leave-one-motion-out cross-validation: {mean_error}{_apart(unseen)}")]
 
 
 def _to_try(fit: Mapping[str, Any]) -> Blocks:
@@ -172,7 +94,7 @@ def _remarks(fit: Mapping[str, Any]) -> Blocks:
         lines.append(Paragraph(f"{grouped['statement']}; {len(grouped['motions'])} motion(s)"))
     if holdout := error.get("holdout"):
         measures = f"RMSE {number(holdout['rmse_N'], 3)} N, {number(holdout['nrmse_percent_of_peak'], 3)} % of peak"
-        lines.append(Paragraph(f"error over validation tests: {measures}{_apart(holdout)}"))
+        lines.append(Paragraph(f"error over validation tests: {measures}{extrapolated_words(holdout)}"))
     if fit.get("adequate") is False:
         lines.append(Note(POOR, INADEQUATE))
     for name, entry in (fit.get("profiles") or {}).items():

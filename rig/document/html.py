@@ -6,25 +6,7 @@ import html
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rig.document.blocks import (
-    Block,
-    Card,
-    Cards,
-    Contents,
-    Details,
-    Document,
-    Facts,
-    Figures,
-    Heading,
-    Items,
-    Keys,
-    Listing,
-    Markup,
-    Note,
-    Paragraph,
-    Properties,
-    Table,
-)
+from rig.document import blocks as b
 from rig.document.drawing import drawing_of
 from rig.document.style import BARS, COLD, DARKEST, LABELS, WARM
 from rig.document.svg import SVG_RULES, svg
@@ -33,9 +15,9 @@ from rig.document.words import FAIR, GOOD, PLAIN, POOR, Code, Key, Label, Shade,
 NOTES = {GOOD: "note good", FAIR: "note fair", POOR: "note poor", PLAIN: "note"}
 
 
-def page(document: Document) -> str:
+def page(document: b.Document) -> str:
     """A complete page."""
-    body = "".join(_contents(document) if isinstance(block, Contents) else _block(block) for block in document.blocks)
+    body = "".join(_contents(document) if isinstance(block, b.Contents) else _block(block) for block in document.blocks)
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
@@ -43,7 +25,7 @@ def page(document: Document) -> str:
     )
 
 
-def fragment(blocks: Iterable[Block]) -> str:
+def fragment(blocks: Iterable[b.Block]) -> str:
     """Blocks as a part of a page."""
     return "".join(map(_block, blocks))
 
@@ -76,24 +58,24 @@ def _span(span: Span) -> str:
     return content
 
 
-def _block(block: Block) -> str:
+def _block(block: b.Block) -> str:
     return _WRITERS[type(block)](block)
 
 
-def _heading(block: Heading) -> str:
+def _heading(block: b.Heading) -> str:
     anchor = f' id="{_text(block.name)}"' if block.name else ""
     return f"<h{block.level}{anchor}>{inline(block.title)}</h{block.level}>"
 
 
-def _paragraph(block: Paragraph) -> str:
+def _paragraph(block: b.Paragraph) -> str:
     return f'<p class="lead">{inline(block.words)}</p>' if block.small else f"<p>{inline(block.words)}</p>"
 
 
-def _note(block: Note) -> str:
+def _note(block: b.Note) -> str:
     return f'<div class="{NOTES[block.severity]}">{inline(block.words)}</div>'
 
 
-def _table(block: Table) -> str:
+def _table(block: b.Table) -> str:
     numeric = [' class="n"' if column.numeric else "" for column in block.columns]
     head = "".join(
         f"<th{kind}>{_text(column.title)}" + (f' <span class="unit">{_text(column.unit)}</span>' if column.unit else "")
@@ -109,7 +91,7 @@ def _table(block: Table) -> str:
             f'<tbody>{"".join(rows)}</tbody></table></div>')  # fmt: skip
 
 
-def _facts(block: Facts) -> str:
+def _facts(block: b.Facts) -> str:
     facts = "".join(
         f'<div class="fact{"" if fact.severity == PLAIN else f" {fact.severity}"}"><b>{inline(fact.value)}</b>'
         f"<span>{inline(fact.meaning)}</span></div>" for fact in block.facts
@@ -117,54 +99,54 @@ def _facts(block: Facts) -> str:
     return f'<div class="facts">{facts}</div>'
 
 
-def _keys(block: Keys) -> str:
+def _keys(block: b.Keys) -> str:
     return f'<p class="key">{_text(block.label)}{inline(block.keys)}</p>'
 
 
-def _figures(block: Figures) -> str:
+def _figures(block: b.Figures) -> str:
     drawn = "".join(svg(drawing_of(figure)) for figure in block.figures)
     return f'<div class="pair">{drawn}</div>' if block.across > 1 else drawn
 
 
-def _card(card: Card) -> str:
+def _card(card: b.Card) -> str:
     header = f"<header>{inline(card.title)}</header>" if card.title else ""
     return f'<div class="card">{header}{fragment(card.blocks)}</div>'
 
 
-def _cards(block: Cards) -> str:
+def _cards(block: b.Cards) -> str:
     return f'<div class="{"cards" if block.large else "charts"}">{"".join(map(_card, block.cards))}</div>'
 
 
-def _properties(block: Properties) -> str:
+def _properties(block: b.Properties) -> str:
     lines = "".join(f"<dt>{_text(name)}</dt><dd>{_text(value)}</dd>" for name, value in block.shown)
     return f'<div class="wide"><dl class="data">{lines}</dl></div>'
 
 
-def _items(block: Items) -> str:
+def _items(block: b.Items) -> str:
     return "<ul>" + "".join(f"<li>{inline(item)}</li>" for item in block.items) + "</ul>"
 
 
-def _listing(block: Listing) -> str:
+def _listing(block: b.Listing) -> str:
     return f"<pre>{html.escape(block.text)}</pre>"
 
 
-def _details(block: Details) -> str:
+def _details(block: b.Details) -> str:
     return f"<details><summary>{_text(block.summary)}</summary>{fragment(block.blocks)}</details>"
 
 
-def _contents(document: Document) -> str:
+def _contents(document: b.Document) -> str:
     links = " | ".join(f'<a href="#{_text(block.name)}">{_text(block.listed)}</a>' for block in document.listed)
     return f"<nav>{links}</nav>"
 
 
-def _markup(block: Markup) -> str:
+def _markup(block: b.Markup) -> str:
     return block.html
 
 
-_WRITERS: dict[type[Block], Callable[[Any], str]] = {
-    Heading: _heading, Paragraph: _paragraph, Note: _note, Table: _table, Facts: _facts, Keys: _keys, Figures: _figures,
-    Cards: _cards, Properties: _properties, Items: _items, Listing: _listing, Details: _details, Markup: _markup,
-    Contents: lambda block: "",
+_WRITERS: dict[type[b.Block], Callable[[Any], str]] = {
+    b.Heading: _heading, b.Paragraph: _paragraph, b.Note: _note, b.Table: _table, b.Facts: _facts, b.Keys: _keys,
+    b.Figures: _figures, b.Cards: _cards, b.Properties: _properties, b.Items: _items, b.Listing: _listing,
+    b.Details: _details, b.Markup: _markup, b.Contents: lambda block: "",
 }  # fmt: skip
 
 _CHIPS = "\n".join(f".chip.{kind} {{ background:{paper}; color:{ink}; }}" for kind, (paper, ink) in LABELS.items())

@@ -23,27 +23,8 @@ from reportlab.platypus import CondPageBreak, Flowable, Preformatted, SimpleDocT
 from reportlab.platypus import Paragraph as Flow
 from reportlab.platypus import Table as Grid
 
+from rig.document import blocks as b
 from rig.document import style
-from rig.document.blocks import (
-    Block,
-    Card,
-    Cards,
-    Column,
-    Contents,
-    Details,
-    Document,
-    Facts,
-    Figures,
-    Heading,
-    Items,
-    Keys,
-    Listing,
-    Markup,
-    Note,
-    Paragraph,
-    Properties,
-    Table,
-)
 from rig.document.drawing import OPACITY, STROKES, Drawing, Letters, drawing_of
 from rig.document.drawing import Line as Stroked
 from rig.document.figure import Style
@@ -79,7 +60,7 @@ LINE_CAP_BUTT, LINE_CAP_ROUND = 0, 1
 Flowables = list[Any]
 
 
-def pdf(document: Document) -> bytes:
+def pdf(document: b.Document) -> bytes:
     """A document as a PDF."""
     _fonts()
     target = io.BytesIO()
@@ -220,33 +201,33 @@ def _span(span: Span) -> str:
     return content
 
 
-def _flow(blocks: Iterable[Block], width: float) -> Iterator[Any]:
+def _flow(blocks: Iterable[b.Block], width: float) -> Iterator[Any]:
     """Blocks one below the other; a heading is not left alone at the end of a page."""
     listed = list(blocks)
     for place, block in enumerate(listed):
-        if isinstance(block, Heading) and block.level > 1:
+        if isinstance(block, b.Heading) and block.level > 1:
             least = max(map(_least, listed[place + 1 : place + 4]), default=FEW_ROWS)
             yield CondPageBreak(least + (TITLE if block.level == 2 else 0))
         yield from _WRITERS[type(block)](block, width)
 
 
-def _least(block: Block) -> float:
+def _least(block: b.Block) -> float:
     """The height (points) that the first part of a block needs."""
-    if isinstance(block, Cards):
+    if isinstance(block, b.Cards):
         return float(HIGH_CARD if block.large else LOW_CARD)
-    return float(HIGH_CARD if isinstance(block, Figures) else FEW_ROWS)
+    return float(HIGH_CARD if isinstance(block, b.Figures) else FEW_ROWS)
 
 
-def _heading(block: Heading, _width: float) -> Iterator[Any]:
+def _heading(block: b.Heading, _width: float) -> Iterator[Any]:
     yield _Bookmark(block.level - 1, _known(plain(block.title)))
     yield Flow(inline(block.title), _style(f"h{block.level}"))
 
 
-def _paragraph(block: Paragraph, _width: float) -> Iterator[Any]:
+def _paragraph(block: b.Paragraph, _width: float) -> Iterator[Any]:
     yield Flow(inline(block.words), _style("lead" if block.small else "p"))
 
 
-def _note(block: Note, width: float) -> Iterator[Any]:
+def _note(block: b.Note, width: float) -> Iterator[Any]:
     yield Grid([[[Flow(inline(block.words), _style("p"))]]], colWidths=[width], style=[
         ("LINEBEFORE", (0, 0), (0, -1), 3, HexColor(style.BARS[block.severity])),
         ("LEFTPADDING", (0, 0), (-1, -1), 7), ("TOPPADDING", (0, 0), (-1, -1), 1),
@@ -263,7 +244,7 @@ BASE: list[tuple[Any, ...]] = [
 ]  # fmt: skip
 
 
-def _table(block: Table, width: float) -> Iterator[Any]:
+def _table(block: b.Table, width: float) -> Iterator[Any]:
     if block.title:
         yield Flow(_text(block.title), _style("h3"))
     head = [column.label for column in block.columns]
@@ -280,7 +261,7 @@ def _table(block: Table, width: float) -> Iterator[Any]:
     yield Spacer(0, GAP)
 
 
-def _head(column: Column) -> str:
+def _head(column: b.Column) -> str:
     unit = f' <font name="Sheet" color="{style.SOFT}">{_text(column.unit)}</font>' if column.unit else ""
     return _text(column.title) + unit
 
@@ -329,7 +310,7 @@ def _wide(text: str, *, bold: bool = False) -> float:
     return float(stringWidth(text, "Sheet-Bold" if bold else "Sheet", SIZE)) + 0.5
 
 
-def _facts(block: Facts, width: float) -> Iterator[Any]:
+def _facts(block: b.Facts, width: float) -> Iterator[Any]:
     cells = []
     for fact in block.facts:
         colour = style.INK if fact.severity == PLAIN else style.LABELS[fact.severity][1]
@@ -339,12 +320,12 @@ def _facts(block: Facts, width: float) -> Iterator[Any]:
         yield _grid(cells, max(1, min(4, len(cells))), width)
 
 
-def _keys(block: Keys, _width: float) -> Iterator[Any]:
+def _keys(block: b.Keys, _width: float) -> Iterator[Any]:
     label = f"{_text(block.label)}{SPACE * 3}" if block.label else ""
     yield Flow(label + inline(block.keys), _style("p"))
 
 
-def _figures(block: Figures, width: float) -> Iterator[Any]:
+def _figures(block: b.Figures, width: float) -> Iterator[Any]:
     if block.across == 1:
         yield from (_drawn(drawing_of(figure), width) for figure in block.figures)
         return
@@ -356,12 +337,12 @@ def _figures(block: Figures, width: float) -> Iterator[Any]:
     yield Grid(rows, colWidths=[share] * block.across, style=bare)
 
 
-def _cards(block: Cards, width: float) -> Iterator[Any]:
+def _cards(block: b.Cards, width: float) -> Iterator[Any]:
     columns = LARGE if block.large else SMALL
     yield _grid([_card(card, width / columns - 2 * GAP) for card in block.cards], columns, width)
 
 
-def _card(card: Card, width: float) -> Flowables:
+def _card(card: b.Card, width: float) -> Flowables:
     title = [Flow(inline(card.title), _style("card"))] if card.title else []
     return [*title, *_flow(card.blocks, width)]
 
@@ -380,7 +361,7 @@ def _grid(cards: list[Flowables], columns: int, width: float) -> Grid:
     )
 
 
-def _properties(block: Properties, width: float) -> Iterator[Any]:
+def _properties(block: b.Properties, width: float) -> Iterator[Any]:
     pairs = [(_known(name), value) for name, value in block.shown]
     first = min(0.3 * width, max((_wide(name) for name, _ in pairs), default=0.0) + 3 * PADDING)
     cells = [[Flow(_text(name), _style("cell")), Flow(_text(value), _style("cell"))] for name, value in pairs]
@@ -388,35 +369,35 @@ def _properties(block: Properties, width: float) -> Iterator[Any]:
         yield Grid(cells, colWidths=[first, width - first], hAlign="LEFT", style=BASE)
 
 
-def _items(block: Items, _width: float) -> Iterator[Any]:
+def _items(block: b.Items, _width: float) -> Iterator[Any]:
     for item in block.items:
         yield Flow(f"\N{BULLET} {inline(item)}", _style("p"))
 
 
-def _listing(block: Listing, _width: float) -> Iterator[Any]:
+def _listing(block: b.Listing, _width: float) -> Iterator[Any]:
     mono = ParagraphStyle("pre", fontName="Sheet-Mono", fontSize=6, leading=7.2)
     yield Preformatted(_known(block.text), mono, maxLineLength=140)
 
 
-def _details(block: Details, width: float) -> Iterator[Any]:
+def _details(block: b.Details, width: float) -> Iterator[Any]:
     """What is folded on screen is printed."""
     yield Flow(_text(block.summary), _style("lead"))
     yield from _flow(block.blocks, width)
 
 
-def _markup(block: Markup, width: float) -> Iterator[Any]:
+def _markup(block: b.Markup, width: float) -> Iterator[Any]:
     yield from _flow(block.blocks, width)
 
 
-def _nothing(_block: Contents, _width: float) -> Iterator[Any]:
+def _nothing(_block: b.Contents, _width: float) -> Iterator[Any]:
     """The bookmarks are the contents."""
     yield from ()
 
 
-_WRITERS: dict[type[Block], Callable[[Any, float], Iterator[Any]]] = {
-    Heading: _heading, Paragraph: _paragraph, Note: _note, Table: _table, Facts: _facts, Keys: _keys, Figures: _figures,
-    Cards: _cards, Properties: _properties, Items: _items, Listing: _listing, Details: _details, Markup: _markup,
-    Contents: _nothing,
+_WRITERS: dict[type[b.Block], Callable[[Any, float], Iterator[Any]]] = {
+    b.Heading: _heading, b.Paragraph: _paragraph, b.Note: _note, b.Table: _table, b.Facts: _facts, b.Keys: _keys,
+    b.Figures: _figures, b.Cards: _cards, b.Properties: _properties, b.Items: _items, b.Listing: _listing,
+    b.Details: _details, b.Markup: _markup, b.Contents: _nothing,
 }  # fmt: skip
 
 

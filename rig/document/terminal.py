@@ -10,23 +10,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
-from rig.document.blocks import (
-    Block,
-    Cards,
-    Contents,
-    Details,
-    Facts,
-    Figures,
-    Heading,
-    Items,
-    Keys,
-    Listing,
-    Markup,
-    Note,
-    Paragraph,
-    Properties,
-    Table,
-)
+from rig.document import blocks as b
 from rig.document.words import FAIR, GOOD, PLAIN, POOR, Severity, Words, plain
 
 Line = tuple[str, str]
@@ -39,15 +23,15 @@ FOLDED = 14
 """Characters to which a column of text is folded before rows become blocks."""
 
 
-def lines(blocks: Iterable[Block], width: int) -> Iterator[Line]:
+def lines(blocks: Iterable[b.Block], width: int) -> Iterator[Line]:
     """The lines of some blocks and their styles, none longer than `width` (20 at least) where its words allow."""
     width, before = max(NARROWEST, width), False
     for block in blocks:
-        apart = isinstance(block, (Heading, Table))
+        apart = isinstance(block, (b.Heading, b.Table))
         for count, line in enumerate(_WRITERS[type(block)](block, width)):
             if count == 0 and apart and before:
                 yield "", ""
-            before = not isinstance(block, Heading)
+            before = not isinstance(block, b.Heading)
             yield line
 
 
@@ -59,57 +43,57 @@ def wrapped(text: Words, width: int, style: str = "") -> Iterator[Line]:
             yield line, style
 
 
-def _heading(block: Heading, width: int) -> Iterator[Line]:
+def _heading(block: b.Heading, width: int) -> Iterator[Line]:
     yield from wrapped(block.title, width, HEAD)
 
 
-def _paragraph(block: Paragraph, width: int) -> Iterator[Line]:
+def _paragraph(block: b.Paragraph, width: int) -> Iterator[Line]:
     """An empty one is an empty line."""
     yield from wrapped(block.words, width) if block.words else [("", "")]
 
 
-def _note(block: Note, width: int) -> Iterator[Line]:
+def _note(block: b.Note, width: int) -> Iterator[Line]:
     yield from wrapped(block.words, width, STYLES[block.severity])
 
 
-def _facts(block: Facts, width: int) -> Iterator[Line]:
+def _facts(block: b.Facts, width: int) -> Iterator[Line]:
     for fact in block.facts:
         yield from wrapped(f"{plain(fact.value)}: {plain(fact.meaning)}", width, STYLES[fact.severity])
 
 
-def _cards(block: Cards, width: int) -> Iterator[Line]:
+def _cards(block: b.Cards, width: int) -> Iterator[Line]:
     for card in block.cards:
         yield from lines(card.blocks, width)
 
 
-def _properties(block: Properties, width: int) -> Iterator[Line]:
+def _properties(block: b.Properties, width: int) -> Iterator[Line]:
     for name, value in block.shown:
         yield from wrapped(f"{name}: {value}", width)
 
 
-def _items(block: Items, width: int) -> Iterator[Line]:
+def _items(block: b.Items, width: int) -> Iterator[Line]:
     for item in block.items:
         yield from wrapped(f"- {plain(item)}", width)
 
 
-def _listing(block: Listing, _width: int) -> Iterator[Line]:
+def _listing(block: b.Listing, _width: int) -> Iterator[Line]:
     yield from ((line, "cyan") for line in block.text.splitlines())
 
 
-def _details(block: Details, width: int) -> Iterator[Line]:
+def _details(block: b.Details, width: int) -> Iterator[Line]:
     yield from wrapped(block.summary, width)
     yield from lines(block.blocks, width)
 
 
-def _markup(block: Markup, width: int) -> Iterator[Line]:
+def _markup(block: b.Markup, width: int) -> Iterator[Line]:
     yield from lines(block.blocks, width)
 
 
-def _nothing(_block: Block, _width: int) -> Iterator[Line]:
+def _nothing(_block: b.Block, _width: int) -> Iterator[Line]:
     yield from ()
 
 
-def _table(block: Table, width: int) -> Iterator[Line]:
+def _table(block: b.Table, width: int) -> Iterator[Line]:
     yield from wrapped(block.title, width, HEAD) if block.title else ()
     cells = [tuple(map(plain, row.cells)) for row in block.rows]
     heads = [[column.label] for column in block.columns]
@@ -128,7 +112,7 @@ def _lines_of(head: Sequence[str], place: int, cells: Sequence[Sequence[str]]) -
     return [*head, *(line for row in cells for line in row[place].split("\n"))]
 
 
-def _folded_sizes(block: Table, cells: Sequence[Sequence[str]], width: int) -> list[int]:
+def _folded_sizes(block: b.Table, cells: Sequence[Sequence[str]], width: int) -> list[int]:
     """Widths of the columns with heads and texts folded; empty where not even that fits."""
     sizes, least = [], []
     for place, column in enumerate(block.columns):
@@ -150,7 +134,7 @@ def _folded(text: str, size: int) -> list[str]:
 
 
 def _aligned(
-    block: Table, heads: Sequence[Sequence[str]], cells: Sequence[Sequence[str]], sizes: Sequence[int], gap: int,
+    block: b.Table, heads: Sequence[Sequence[str]], cells: Sequence[Sequence[str]], sizes: Sequence[int], gap: int,
 ) -> Iterator[Line]:
     right = [column.numeric for column in block.columns]
 
@@ -170,7 +154,7 @@ def _aligned(
         yield from ((line, style) for line in row(folded))
 
 
-def _blocks(block: Table, cells: Sequence[Sequence[str]], width: int) -> Iterator[Line]:
+def _blocks(block: b.Table, cells: Sequence[Sequence[str]], width: int) -> Iterator[Line]:
     """Each row as a line of its first one or two texts and, indented, its other values with title and unit."""
     named = next((place for place, column in enumerate(block.columns) if column.numeric), 1)
     named = max(1, min(named, 2))
@@ -186,8 +170,8 @@ def _blocks(block: Table, cells: Sequence[Sequence[str]], width: int) -> Iterato
             yield f"  {line}".replace("\0", " "), ""
 
 
-_WRITERS: dict[type[Block], Callable[[Any, int], Iterator[Line]]] = {
-    Heading: _heading, Paragraph: _paragraph, Note: _note, Table: _table, Facts: _facts, Keys: _nothing,
-    Figures: _nothing, Cards: _cards, Properties: _properties, Items: _items, Listing: _listing, Details: _details,
-    Markup: _markup, Contents: _nothing,
+_WRITERS: dict[type[b.Block], Callable[[Any, int], Iterator[Line]]] = {
+    b.Heading: _heading, b.Paragraph: _paragraph, b.Note: _note, b.Table: _table, b.Facts: _facts, b.Keys: _nothing,
+    b.Figures: _nothing, b.Cards: _cards, b.Properties: _properties, b.Items: _items, b.Listing: _listing,
+    b.Details: _details, b.Markup: _markup, b.Contents: _nothing,
 }  # fmt: skip

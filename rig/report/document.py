@@ -234,24 +234,12 @@ def _errors(fit: JsonObject | None) -> list[Fact]:
         Fact(f"{number(error.get('rmse_N'), 3)} N", "RMS error"),
     ]
     if (apart := error.get("holdout")) is not None:
-        facts.append(Fact(f"{number(apart.get('nrmse_percent_of_peak'), 3)} %", _of_validation(apart)))
+        meaning = f"error on validation tests{fit_sections.extrapolated_words(apart)}"
+        facts.append(Fact(f"{number(apart.get('nrmse_percent_of_peak'), 3)} %", meaning))
     if (unseen := fit.get("unseen")) is not None:
         mean = f"{number(unseen.get('nrmse_percent_of_peak'), 3)} %"
         facts.append(Fact(mean, "error, leave-one-motion-out cross-validation"))
     return facts
-
-
-def _of_validation(apart: JsonObject) -> str:
-    """What the error on validation tests is, and the mean without extrapolated ones."""
-    tests = apart.get("per_test") or ()
-    outside = sum(bool(test.get("beyond")) for test in tests)
-    if not outside:
-        return "error on validation tests"
-    within = apart.get("within_nrmse_percent_of_peak")
-    if within is None:
-        return "error on validation tests, all outside the fitted data (extrapolated)"
-    without = f"without the {outside} of {len(tests)} outside the fitted data"
-    return f"error on validation tests; {number(within, 3)} % {without}"
 
 
 def _verdict(fit: JsonObject | None) -> list[Fact]:

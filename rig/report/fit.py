@@ -31,7 +31,7 @@ from rig.document.blocks import (
 from rig.document.figure import Axis, Figure, Style, Trace
 from rig.document.numbers import NOTHING, PLUS_MINUS, between, number, signed
 from rig.document.style import FITTED, MEASURED, RESIDUAL
-from rig.document.words import FAIR, GOOD, POOR, Key, Label, Shade, Strong, Words
+from rig.document.words import FAIR, GOOD, PLAIN, POOR, Key, Label, Shade, Strong, Words
 from rig.errors import RigError
 from rig.signals.arrays import FloatArray
 
@@ -272,27 +272,45 @@ REFERENCES = {
 
 
 def selection(fit: JsonObject) -> Blocks:
-    """The models compared, best first; empty for a single one."""
+    """The models compared, best first, and why one was given up; empty for a single model."""
     entries: Sequence[JsonObject] = fit.get("selection") or ()
     if len(entries) < 2:
         return []
     beyond: Mapping[str, Sequence[str]] = next((entry["beyond"] for entry in entries if entry.get("beyond")), {})
-    keys = ["holdout_nrmse_percent_of_peak", *(["within_nrmse_percent_of_peak"] if beyond else [])]
-    rows = [
-        [str(entry.get("model")), *(number(entry.get(key), 3) for key in keys), number(entry.get("bic"), 6)]
-        for entry in entries
-    ]
-    rows += [
-        [REFERENCES.get(str(entry.get("name")), str(entry.get("name"))),
-         *(number(entry.get(key), 3) for key in keys), NOTHING]
-        for entry in fit.get("references") or ()
+    some = any(entry.get("within_nrmse_percent_of_peak") is not None for entry in entries)
+    keys = ["holdout_nrmse_percent_of_peak", *(["within_nrmse_percent_of_peak"] if beyond and some else [])]
+    rows = []
+    for entry in entries:
+        values = (number(entry.get(key), 3) for key in (*keys, "rmse_N"))
+        cells = (str(entry.get("model")), *values, str(entry.get("parameters", NOTHING)), number(entry.get("bic"), 6))
+        rows.append(Row(cells, FAIR if entry.get("reason") else PLAIN))
+    for entry in fit.get("references") or ():
+        error, *within = (number(entry.get(key), 3) for key in keys)
+        error = str(entry.get("reason")) if entry.get(keys[0]) is None and entry.get("reason") else error
+        name = REFERENCES.get(str(entry.get("name")), str(entry.get("name")))
+        rows.append(Row((name, error, *within, NOTHING, NOTHING, NOTHING), faded=True))
+    head = [
+        Column("Model"), Column("Validation error" + ("" if some or not beyond else " (extrapolated)"), "%", True),
+        *(Column("Without extrapolated tests", "%", True) for _ in keys[1:]), Column("RMS error", "N", True),
+        Column("Parameters", "", True), Column("BIC", "", True),
     ]  # fmt: skip
     notes = [str(entry["reason"]) for entry in entries if entry.get("reason")]
     if beyond:
         notes.insert(0, f"Validation tests outside the fitted data (extrapolated): {_outside_words(beyond)}.")
-    within = [Column("Without extrapolated tests", "%", True)] if beyond else []
-    head: list[Head] = [Column("Model"), Column("Validation error", "%", True), *within, Column("BIC", "", True)]
-    return [Heading("Models compared", 3), table(head, rows), *(Paragraph(note, small=True) for note in notes)]
+    stated = (Paragraph(note, small=True) for note in notes)
+    return [Heading("Models compared, best first", 3), table(head, rows), *stated]
+
+
+def extrapolated_words(summary: JsonObject) -> str:
+    """How many of some validation tests are extrapolated, and the mean without them; empty where none is."""
+    tests = summary.get("per_test") or ()
+    beyond = sum(bool(test.get("beyond")) for test in tests)
+    if not beyond:
+        return ""
+    within = summary.get("within_nrmse_percent_of_peak")
+    if within is None:
+        return ", all outside the fitted data (extrapolated)"
+    return f"; {number(within, 3)} % without the {beyond} of {len(tests)} outside the fitted data"
 
 
 def _outside_words(beyond: Mapping[str, Sequence[str]]) -> str:
@@ -315,8 +333,8 @@ def cross_validation(fit: JsonObject) -> Blocks:
         rows.append([name, *cells, number(pair["nrmse_percent_of_peak"], 3)])
     head: list[Head] = ["Motion left out", *(f"{number(current, 3)} A" for current in currents), "Mean"]
     note = (
-        "Each amplitude and frequency predicted by a fit of the same model to the others; error in % of the test's "
-        f"peak force. Mean of all tests: {number(unseen.get('nrmse_percent_of_peak'), 3)} %."
+        "Each amplitude and frequency predicted by a fit of the same model to the others; error in % of the test's peak "
+        f"force. Mean of all tests: {number(unseen.get('nrmse_percent_of_peak'), 3)} %{extrapolated_words(unseen)}."
     )
     made = table(head, rows, range(1, len(head)))
     return [*section("Leave-one-motion-out cross-validation", note, 3), made, *_extrapolated(unseen)]
@@ -332,11 +350,9 @@ def _cell(tests: Sequence[JsonObject]) -> Words:
 
 
 def _extrapolated(unseen: JsonObject) -> Blocks:
-    """Which of the tests lie outside the data of the others, and the mean without them."""
+    """Which of the tests are outside the data of the others."""
     beyond = {str(test["id"]): test["beyond"] for test in unseen["per_test"] if test.get("beyond")}
     if not beyond:
         return []
-    within = unseen.get("within_nrmse_percent_of_peak")
-    without = f" Without them: {number(within, 3)} %." if within is not None else " There are no others."
-    stated = f"{MARK} Outside the data of the others (extrapolated): {_outside_words(beyond)}.{without}"
+    stated = f"{MARK} Outside the data of the others (extrapolated): {_outside_words(beyond)}."
     return [Paragraph(stated, small=True)]

@@ -85,8 +85,8 @@ def test_where_nothing_lies_within_the_ranking_is_by_information_and_says_so(two
     assert [score.bic for score in fit.selection] == sorted(score.bic for score in fit.selection)
     assert [getattr(text, "slug", "") for text in fit.warnings].count("ranked-unseen-by-none") == 1
     text = shown(fit)
-    assert "validation error (extrapolation only) % of peak" in text
-    assert "outside the fitted data (extrapolated): p001: current; p002: current" in text
+    assert "Validation error (extrapolated) %" in text
+    assert "outside the fitted data (extrapolated): p001 (current); p002 (current)" in text
     regression = next(one for one in fit.references if one.name == "regression")
     assert regression.within_nrmse_percent_of_peak is None
 
@@ -126,7 +126,7 @@ def test_a_held_out_test_says_in_what_it_lies_beyond_the_fitted_ones(make_synthe
     alone = identify([test for test in tests if test.nominal_current_A < 2.0], holdout=[tests[-1]])
     assert alone.holdout is not None
     assert alone.holdout.within_nrmse_percent_of_peak is None
-    assert "all of them outside the fitted data (extrapolated)" in shown(alone)
+    assert "all outside the fitted data (extrapolated)" in shown(alone)
     assert fit.tested is not None
     assert alone.tested is not None
     assert (fit.tested.band.source, alone.tested.band.source) == ("held-out tests", "fitted tests")
@@ -148,7 +148,7 @@ def test_each_pair_foretold_says_where_it_lay_beyond_the_others(make_synthetic: 
     assert beyond == {0.5: (), 1.0: (), 2.0: ("velocity_m_s",)}
     within = [test.nrmse_percent_of_peak for test in fit.unseen.per_test if test.frequency_Hz < 2.0]
     assert fit.unseen.within_nrmse_percent_of_peak == pytest.approx(np.mean(within))
-    assert "without the 3 of 9 beyond the data of their fit" in shown(fit)
+    assert "without the 3 of 9 outside the fitted data" in shown(fit)
     written = tmp_path / "fit.json"
     written.write_text(json.dumps(fit.to_json()))
     assert Fit.load(written).unseen == fit.unseen
