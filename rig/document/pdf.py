@@ -45,7 +45,7 @@ FONTS = {
 INK, SOFT, LINE = HexColor(style.INK), HexColor(style.SOFT), HexColor(style.LINE)
 LARGE, SMALL = 3, 4
 """Cards side by side."""
-HIGH_CARD, LOW_CARD, FEW_ROWS, TITLE = 52 * mm, 40 * mm, 24 * mm, 12 * mm
+HIGH_CARD, LOW_CARD, FEW_ROWS, TITLE = 52 * mm, 37 * mm, 24 * mm, 12 * mm
 """What must fit below a heading, else it begins a page."""
 GAP = 2 * mm
 SPACE = "\N{NO-BREAK SPACE}"
@@ -248,8 +248,12 @@ def _table(block: b.Table, width: float) -> Iterator[Any]:
     if block.title:
         yield Flow(_text(block.title), _style("h3"))
     head = [column.label for column in block.columns]
-    widths = column_widths([head, *([_measured(cell) for cell in row.cells] for row in block.rows)], width)
     styles = ["right" if column.numeric else "cell" for column in block.columns]
+    measured = (
+        [_measured(cell, whole=name == "right") for cell, name in zip(row.cells, styles, strict=True)]
+        for row in block.rows
+    )
+    widths = column_widths([head, *measured], width)
     cells = [[
         Flow(_head(column), _style("headright" if column.numeric else "head")) for column in block.columns
     ]]  # fmt: skip
@@ -266,9 +270,10 @@ def _head(column: b.Column) -> str:
     return _text(column.title) + unit
 
 
-def _measured(words: Words) -> str:
-    """A cell's text with the room that its labels take."""
-    return _known(plain(words)) + SPACE * 2 * sum(isinstance(part, (Label, Shade)) for part in parts(words))
+def _measured(words: Words, *, whole: bool) -> str:
+    """A cell's text with the room that its labels take; a `whole` one is not folded."""
+    text = _known(plain(words)) + SPACE * 2 * sum(isinstance(part, (Label, Shade)) for part in parts(words))
+    return text.replace(" ", SPACE) if whole else text
 
 
 def _cell(words: Words, width: float, name: str) -> Any:  # noqa: ANN401 - the library's

@@ -333,7 +333,7 @@ def cross_validation(fit: JsonObject) -> Blocks:
         rows.append([name, *cells, number(pair["nrmse_percent_of_peak"], 3)])
     head: list[Head] = ["Motion left out", *(f"{number(current, 3)} A" for current in currents), "Mean"]
     note = (
-        "Each amplitude and frequency predicted by a fit of the same model to the others; error in % of the test's peak "
+        "Each amplitude and frequency predicted by a fit of the same model to the others; error in % of the peak "
         f"force. Mean of all tests: {number(unseen.get('nrmse_percent_of_peak'), 3)} %{extrapolated_words(unseen)}."
     )
     made = table(head, rows, range(1, len(head)))
