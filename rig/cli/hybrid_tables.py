@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rig.cli.output import show
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -25,18 +27,20 @@ def hybrid_numbers(result: JobResult) -> dict[str, Any]:
 
 def show_hybrid_tests(numbers: dict[str, Any], shown: Console) -> None:
     """Print one line for each test: delay, tracking, difference from the reference, energy, late set-points."""
-    from rich.table import Table
+    from rig.document.blocks import Column, table
 
-    table = Table()
-    shares = ("tracking %", "body to 3 Hz %", "energy error %")
-    for heading in ("compensation", "law", "delay ms", *shares, "late", "verdict"):
-        table.add_column(heading, justify="left" if heading in {"compensation", "law", "verdict"} else "right")
+    head = (
+        Column("compensation"), Column("law"), Column("delay", "ms", True), Column("tracking", "%", True),
+        Column("body to 3 Hz", "%", True), Column("energy error", "%", True), Column("late", "", True),
+        Column("verdict"),
+    )  # fmt: skip
+    rows = []
     for test in numbers["tests"]:
         percent = (100.0 * value if value is not None else None for value in (
             test["tracking_nrms"], test["reference_error"], test["energy_error"]
         ))  # fmt: skip
         cells = ["-" if value is None else f"{value:.3g}" for value in (test["delay_ms"], *percent)]
         late = "-" if test["late_steps"] is None else f"{test['late_steps']} of {test['steps']}"
-        table.add_row(test["compensation"], test["law"], *cells, late, test["verdict"])
-    if numbers["tests"]:
-        shown.print(table)
+        rows.append([test["compensation"], test["law"], *cells, late, test["verdict"]])
+    if rows:
+        show([table(head, rows)], shown)

@@ -151,7 +151,6 @@ def differences(study: RideStudy) -> Blocks:
     """The largest differences of any two dampers, by motion and band; empty for one damper."""
     if not study.pairs():
         return []
-    paper = {variant.name for variant in study.variants} == set(PAPER_FITS)
     rows: list[list[Words]] = []
     for motion in study.own.body:
         for name in BANDS:
@@ -160,12 +159,13 @@ def differences(study: RideStudy) -> Blocks:
                 for phase in study.driven:
                     apart = study.difference(phase, motion, name, pair)
                     cells.append(NOTHING if apart is None else _with_interval(apart))
-                rows.append([*cells, f"{PRINTED_dB[name]:g}"] if paper else cells)
+                rows.append(cells)
     phases = (Column(phase, "", True) for phase in study.driven)
     head: list[Head] = ["Motion", "Band", "Damper", "Against", *phases]
-    if paper:
-        head.append(Column("Paper", "up to", True))
     note = f"In brackets: 95 % interval from the uncertainty of the fits. {NOTHING}: not excited by the road."
+    if {variant.name for variant in study.variants} == set(PAPER_FITS):
+        printed = ", ".join(f"up to {value:g} dB in {name}" for name, value in PRINTED_dB.items())
+        note += f" The same differences as printed in the paper: {printed}."
     return [*section("Largest differences, dB", note), table(head, rows)]
 
 

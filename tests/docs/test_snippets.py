@@ -91,7 +91,7 @@ def test_the_recipe_of_the_page_on_comparing_runs() -> None:
     Path("bands.toml").write_text(bands)
     names: dict[str, object] = {}
     exec(recipe, names)
-    assert "Not accepted" not in str(names["page"])
-    assert "Accepted" in str(names["page"])
+    assert ">FAIL<" not in str(names["page"])
+    assert ">PASS<" in str(names["page"])
     changes = {result.quantity: result.value for result in names["compared"].judgement.results}
     assert changes == pytest.approx({"rebound_force": -10.0, "energy": -10.0}, abs=0.05)
