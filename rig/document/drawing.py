@@ -211,11 +211,11 @@ def _cut(along: FloatArray, across: FloatArray, limits: Range) -> tuple[FloatArr
 
 def _share(value: FloatArray | float, limits: Range, *, log: bool) -> FloatArray:
     """Where a value is between its limits, 0 to 1; NaN where a logarithmic axis has no place for it."""
-    found = np.asarray(value, np.float64)
+    values = np.asarray(value, np.float64)
     if not log:
-        return np.asarray((found - limits[0]) / (limits[1] - limits[0]))
+        return np.asarray((values - limits[0]) / (limits[1] - limits[0]))
     low, high = math.log10(limits[0]), math.log10(limits[1])
-    return np.asarray((np.log10(np.where(found > 0.0, found, np.nan)) - low) / (high - low))
+    return np.asarray((np.log10(np.where(values > 0.0, values, np.nan)) - low) / (high - low))
 
 
 def _ticks(axis: Axis, limits: Range) -> list[tuple[float, str]]:

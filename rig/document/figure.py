@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,44 +65,7 @@ class Trace:
 
 
 @dataclass(frozen=True)
-class _Drawable:
-    """What has a text alternative and can be saved and shown."""
-
-    def save(self, path: Path | str) -> Path:
-        """Write it as a file, `.svg` or `.pdf`.
-
-        Raises:
-            ValueError: another kind of file.
-            OSError: the file cannot be written.
-        """
-        from rig.document.drawing import drawing_of  # these write what is declared here
-        from rig.document.svg import standalone
-
-        file = Path(path)
-        if file.suffix not in {".svg", ".pdf"}:
-            raise ValueError(f"{file.name}: got {file.suffix or 'no ending'}, expected .svg or .pdf")
-        drawing = drawing_of(self)  # type: ignore[arg-type]  # Figure and Panels alone are made of it
-        if file.suffix == ".svg":
-            file.write_text(standalone(drawing), encoding="utf-8")
-        else:
-            from rig.document.pdf import figure_pdf
-
-            file.write_bytes(figure_pdf(drawing))
-        return file
-
-    def savefig(self, path: Path | str) -> Path:
-        """As `save`; deprecated."""
-        return self.save(path)
-
-    def _repr_svg_(self) -> str:
-        from rig.document.drawing import drawing_of
-        from rig.document.svg import standalone
-
-        return standalone(drawing_of(self))  # type: ignore[arg-type]
-
-
-@dataclass(frozen=True)
-class Figure(_Drawable):
+class Figure:
     """Series over two axes, `width` x `height` pixels; `legend` draws the named series below, else `Keys` tell them."""
 
     x: Axis
@@ -126,7 +88,7 @@ class Figure(_Drawable):
 
 
 @dataclass(frozen=True)
-class Panels(_Drawable):
+class Panels:
     """Figures of one size in rows, `across` side by side, as one figure. Their titles are drawn above each."""
 
     figures: tuple[Figure, ...]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rig.document.figure import Figure
+from rig.document.plot import Plot
 from rig.recording.run import Run
 from rig.report import loops, standard
 from rig.report.document import Material
@@ -12,7 +12,7 @@ from rig.report.over_current import parameter_figures
 from rig.report.traces import chosen, trace_figures
 
 
-def figures(run: Path | str | Run) -> dict[str, Figure]:
+def figures(run: Path | str | Run) -> dict[str, Plot]:
     """Every figure of a run's report by its name.
 
     Args:
@@ -37,4 +37,5 @@ def figures(run: Path | str | Run) -> dict[str, Figure]:
         drawn |= {f"traces/{view.point.id}/{name}": figure for name, figure in trace_figures(view).items()}
     drawn |= {f"parameters/{name}": figure for name, figure in parameter_figures(material.fit or {}).items()}
     plots = standard.plots(material.characteristics.loops)
-    return drawn | {f"standard/{name}": figure for name, figure in plots.items()}
+    drawn |= {f"standard/{name}": figure for name, figure in plots.items()}
+    return {name: Plot(figure) for name, figure in drawn.items()}

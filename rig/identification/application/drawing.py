@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rig.document.figure import Axis, Figure, Panels, Style, Trace
+from rig.document.plot import Plot
 from rig.document.style import current_colour
 from rig.errors import IdentificationFailed
 from rig.identification.application.law import Law
@@ -17,7 +18,7 @@ MOST_NAMED = 12
 """Tests that a legend still lists."""
 
 
-def loops(law: Law, tests: Sequence[Measurement]) -> Panels:
+def loops(law: Law, tests: Sequence[Measurement]) -> Plot:
     """Force over displacement and over velocity, one cycle of every test: measured as a line, modelled dashed.
 
     Raises:
@@ -34,7 +35,7 @@ def loops(law: Law, tests: Sequence[Measurement]) -> Panels:
         for traces, along in ((over_u, 1e3 * test.u_m), (over_v, test.v_m_s)):
             traces += [Trace(along, measured, name=name, colour=colour), Trace(along, force_N, Style.OVERLAID)]
     force, legend = Axis("Force", "N"), len(tests) <= MOST_NAMED
-    return Panels((
+    return Plot(Panels((
         Figure(Axis("Displacement about mid-stroke", "mm"), force, over_u, WIDTH, HEIGHT),
         Figure(Axis("Velocity", "m/s"), force, over_v, WIDTH, HEIGHT, legend=legend),
-    ), title=f"{law.model.name}: measured (lines), modelled (dashed)")  # fmt: skip
+    ), title=f"{law.model.name}: measured (lines), modelled (dashed)"))  # fmt: skip

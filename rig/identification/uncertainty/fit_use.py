@@ -23,7 +23,7 @@ from rig.identification.uncertainty.temperature_term import TemperatureTerm
 if TYPE_CHECKING:
     import pandas as pd
 
-    from rig.document.figure import Panels
+    from rig.document.plot import Plot
     from rig.identification.application.controller import Controller
     from rig.identification.application.motion_table import Table
 
@@ -290,7 +290,7 @@ class FitPlots:
     def __init__(self, fit: Found) -> None:
         self._fit = fit
 
-    def loops(self) -> Panels:
+    def loops(self) -> Plot:
         """Measured and modelled loops of the fitted tests; `save("loops.svg")` or `.pdf` writes them.
 
         Raises:
