@@ -23,7 +23,7 @@ from drivers.catalogue import (
 from drivers.connection import ActuatorAddress, LinkKind
 from drivers.plugins import CURRENT_SOURCES, BrokenPlugIn
 from protocols.errors import ProtocolError
-from rig.bench.quantity import Problem
+from rig.files.quantity import Problem
 
 SCHEMES = ("socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
 """What pyserial's `serial_for_url` takes before "://"; a test compares this list with it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Protocol
 
-from rig.bench.quantity import Problem
+from rig.files.quantity import Problem
 
 _NOT_BESIDE = (
     "interface", "channel", "roles", "serial_number", "url", "supply", "baudrate", "voltage_limit_V", "identity",

@@ -15,13 +15,12 @@ from rig import units
 from rig.bench import named_files
 from rig.bench.address import command_timeout_s, current_range_A, status_period_s
 from rig.bench.controller_limits import controller_limits
-from rig.bench.problems import load_section
-from rig.bench.quantity import Problem, Quantity
-from rig.bench.section import Section
+from rig.files.loader import load_section
+from rig.files.quantity import Problem, Quantity
+from rig.files.section import Section
 from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
 from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Margins, Station
 from rig.bench.supply_settings import supply_of
-from rig.bench.unread import as_far_as_read
 
 ZERO_SHARE_OF_RANGE = 0.0025
 CHANGE_OF_ZERO = 0.4
@@ -140,9 +139,10 @@ class Bench(Section):
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
-        yield from as_far_as_read(
+        for check in (
             self._shared_ports, self._shared_names, self._ranges, self._held_limits, self._current, self._periods
-        )
+        ):
+            yield from check()
 
     def _sensors(self) -> dict[tuple[str | int, ...], SensorConfig]:
         sensors: dict[tuple[str | int, ...], SensorConfig] = {("load_cell",): self.load_cell, ("lvdt",): self.lvdt}

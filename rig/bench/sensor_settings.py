@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from drivers.connection import LineSettings
 from rig import units
 from rig.bench import address
-from rig.bench.quantity import Check, Problem, Problems, Quantity, Settings, Text, Wording, key
+from rig.files.quantity import Check, Problem, Problems, Quantity, Settings, Text, Wording, key
 
 # A limit outside these is a slip of the pen, not a damper test rig (fault row `config-absurd`).
 Force = Annotated[float, Quantity("force", "0 N", "200 kN", above=True)]

@@ -21,7 +21,7 @@ from drivers.catalogue import make_actuator, watchdog_time_s
 from drivers.connection import ActuatorConnection
 from rig.bench import address
 from rig.bench.hand_settings import hand_problems_of
-from rig.bench.quantity import Check, Problem, Quantity, Settings, Text, key
+from rig.files.quantity import Check, Problem, Quantity, Settings, Text, key
 from rig.bench.sensor_settings import (
     Auxiliary,
     Delay,

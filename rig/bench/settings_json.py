@@ -13,7 +13,7 @@ import typing
 from datetime import date
 from typing import Annotated, Any, Literal, TypeVar
 
-from rig.bench.quantity import Settings
+from rig.files.quantity import Settings
 from rig.bench.settings import StationConfig
 from rig.errors import RigError
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from drivers.catalogue import SupplyDescription, supply, supply_problems
 from drivers.connection import ActuatorAddress, LinkKind
 from protocols.errors import LocalProtocolError
-from rig.bench.quantity import Problem
+from rig.files.quantity import Problem
 
 
 class SupplyEntries(Protocol):

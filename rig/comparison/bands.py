@@ -8,10 +8,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rig.bench.problems import load_section
-from rig.bench.quantity import Problem, Quantity
-from rig.bench.section import Section
-from rig.bench.unread import as_far_as_read
+from rig.files.loader import load_section
+from rig.files.quantity import Problem, Quantity
+from rig.files.section import Section
 from rig.comparison.readings import QUANTITIES, LoopReading
 
 Change = Annotated[float, Quantity("ratio", "0 %", "1000 %", above=True)]
@@ -93,9 +92,7 @@ class JounceForce(ForceLimits, LoopBand):
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
-        yield from as_far_as_read(super().problems, self._negative)
-
-    def _negative(self) -> Iterator[Problem]:
+        yield from super().problems()
         if self.low is not None and self.low >= 0.0:
             yield ("low",), (
                 "forces in jounce are negative here: a damper that gives 900 to 1100 N has "

@@ -16,9 +16,8 @@ from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from rig.bench.model import Bench
-from rig.bench.quantity import Problem, Quantity
-from rig.bench.section import Section
-from rig.bench.unread import as_far_as_read
+from rig.files.quantity import Problem, Quantity
+from rig.files.section import Section
 from rig.hybrid.delay_probe import Probe
 from rig.hybrid.hybrid_motion import PAUSE_S, RETURN_S, HybridOrder
 from rig.hybrid.motion_bounds import Bounds
@@ -91,7 +90,7 @@ class HybridRoad(RoadFile):
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`; a recorded road is told already, with those that may stand in its place."""
         if self.profile is None and self.drive is None:
-            yield from as_far_as_read(super().problems, self._short)
+            yield from (*super().problems(), *self._short())
 
     def _short(self) -> Iterator[Problem]:
         for name in self.kinds:

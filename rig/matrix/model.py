@@ -17,10 +17,9 @@ from typing import Any, Literal
 from pydantic import Field
 
 from rig.bench.model import Bench
-from rig.bench.problems import WrongKind, load_section
-from rig.bench.quantity import Problem
-from rig.bench.section import Section
-from rig.bench.unread import as_far_as_read
+from rig.files.loader import WrongKind, load_section
+from rig.files.quantity import Problem
+from rig.files.section import Section
 from rig.errors import FileProblem, FileProblems
 from rig.matrix import named_files
 from rig.matrix.hybrid_table import HybridTable
@@ -189,11 +188,11 @@ class Matrix(Section):
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
-        miscounted = [*as_far_as_read(self._counted)]
+        miscounted = [*self._counted()]
         yield from miscounted
-        yield from as_far_as_read(self._heat_known, self._damper_assumed, self._current_tells_force)
+        yield from (*self._heat_known(), *self._damper_assumed(), *self._current_tells_force())
         if not miscounted:  # there may be millions of them
-            yield from as_far_as_read(self._unique_ids)
+            yield from self._unique_ids()
 
     def _counted(self) -> Iterator[Problem]:
         sweep = self.sweep

@@ -10,10 +10,9 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, PrivateAttr, field_validator
 
-from rig.bench.places import close_match
-from rig.bench.quantity import Problem, Quantity, Wording
-from rig.bench.section import Section
-from rig.bench.unread import NotRead, as_far_as_read
+from rig.files.places import close_match
+from rig.files.quantity import Problem, Quantity, Wording
+from rig.files.section import Section
 from rig.errors import FileProblem
 from rig.matrix.assumed_damper import ENDING, AssumedDamper, is_fit_file, of_fit, of_set
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, TEMPERATURE_LAWS, check_method, method_names
@@ -77,7 +76,7 @@ class Specimen(Section):
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`; a fit is read here."""
-        yield from as_far_as_read(self._one_forecast, self._fit_read)
+        yield from (*self._one_forecast(), *self._fit_read())
 
     def _one_forecast(self) -> Iterator[Problem]:
         if self.prior is not None and self.max_force_N is not None:
@@ -92,18 +91,8 @@ class Specimen(Section):
 
     @property
     def assumed(self) -> AssumedDamper | None:
-        """The damper of `prior`; None without one.
-
-        Raises:
-            NotRead: the fit could not be read.
-        """
-        if self.prior is None:
-            return None
-        if not is_fit_file(self.prior):
-            return of_set(self.prior)
-        if self._fitted is None:
-            raise NotRead
-        return self._fitted
+        """The damper of `prior`; None without one."""
+        return of_set(self.prior) if self.prior is not None and not is_fit_file(self.prior) else self._fitted
 
 
 class Sweep(Section):
@@ -157,7 +146,7 @@ class Sweep(Section):
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
-        yield from as_far_as_read(self._described, self._product, self._seeded)
+        yield from (*self._described(), *self._product(), *self._seeded())
 
     def _described(self) -> Iterator[Problem]:
         """Every signal that is asked for has its table, and no other."""

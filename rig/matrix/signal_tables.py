@@ -15,10 +15,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr
 
-from rig.bench.problems import load_section
-from rig.bench.quantity import Problem, Quantity
-from rig.bench.section import Section, located
-from rig.bench.unread import UNREAD, NotRead
+from rig.files.loader import load_section
+from rig.files.quantity import Problem, Quantity
+from rig.files.section import Section, located
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
 from rig.matrix.record_file import LARGEST_BYTES, read_record
@@ -73,19 +72,15 @@ class SignalTable(Section, ABC):
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`: every record is made, or it is said why it cannot be; of a list each at its place."""
-        self._records = UNREAD  # type: ignore[assignment]  # how many there are is known once each was made
-        makers, records = self._makers(), list[Record]()
-        for where, make in makers:
+        records: list[Record] = []
+        for where, make in self._makers():
             try:
                 records.append(make())
-            except NotRead:
-                continue
             except NoRecord as error:
                 yield where, str(error)
             except FileProblem as error:
                 yield from ((where, problem) for problem in error.problems)
-        if len(records) == len(makers):
-            self._records = tuple(records)
+        self._records = tuple(records)
 
     @abstractmethod
     def _makers(self) -> list[Maker]: ...

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rig.bench.toml_source import read_toml
 from rig.document.blocks import Blocks, Heading, Paragraph, Properties
 from rig.errors import FileProblem
+from rig.files.toml_source import read_toml
 from rig.recording.run import Run, read_words
 
 PEOPLE = ("operator", "notes")

@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rig.bench.places import problem_at
-from rig.bench.problems import load_section
-from rig.bench.quantity import Problem
-from rig.bench.section import Section
+from rig.files.places import problem_at
+from rig.files.loader import load_section
+from rig.files.quantity import Problem
+from rig.files.section import Section
 from rig.errors import FileProblem, IdentificationFailed
 from rig.identification.pairs import LEFT_OUT as PAIRS
 from rig.identification.points.whole_record import last_share
@@ -126,7 +126,7 @@ def load_benchmark(path: Path) -> BenchmarkFile:
 
 def is_benchmark(path: Path) -> bool:
     """Whether a file that is to be studied is a benchmark's; what is wrong with it is told when it is loaded."""
-    from rig.bench.problems import TABLES
-    from rig.bench.toml_source import read_toml
+    from rig.files.loader import TABLES
+    from rig.files.toml_source import read_toml
 
     return bool(read_toml(path).data.keys() & TABLES["benchmark"])

@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rig.bench.places import problem_at
-from rig.bench.problems import load_section
-from rig.bench.quantity import Problem, Quantity
-from rig.bench.section import Section
+from rig.files.places import problem_at
+from rig.files.loader import load_section
+from rig.files.quantity import Problem, Quantity
+from rig.files.section import Section
 from rig.dampers import PARAMETER_SETS
 from rig.errors import FileProblem
 

@@ -9,10 +9,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rig.bench.problems import load_section
-from rig.bench.quantity import Problem, Quantity
-from rig.bench.section import Section
-from rig.bench.unread import as_far_as_read
+from rig.files.loader import load_section
+from rig.files.quantity import Problem, Quantity
+from rig.files.section import Section
 from rig.vehicle.shipped import found, names_in
 
 FOLDER = Path(__file__).parent / "cars"
@@ -80,7 +79,7 @@ class Car(Section):
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
-        incomplete = [*as_far_as_read(self._missing, self._beside)]
+        incomplete = [*self._missing(), *self._beside()]
         yield from incomplete
         if not incomplete and self.kind == "full":
             yield from self._beyond_its_size()

@@ -12,8 +12,8 @@ from can.interfaces import BACKENDS
 
 from rig.bench import address
 from rig.bench.model import Bench
-from rig.bench.problems import TABLES
-from rig.bench.section import fields_of, key_of
+from rig.files.loader import TABLES
+from rig.files.section import fields_of, key_of
 from rig.comparison.bands import Bands
 from rig.matrix.model import Matrix
 from rig.study.benchmark_file import BenchmarkFile

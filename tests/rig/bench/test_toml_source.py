@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocols.toml_lines import scan_lines
-from rig.bench.toml_source import SIZE_LIMIT_BYTES, read_toml
+from rig.files.toml_source import SIZE_LIMIT_BYTES, read_toml
 from rig.errors import FileProblem
 
 TEXT = '''# a comment = 1

@@ -18,24 +18,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from rig import units
-from rig.bench.quantity import Check, Problem, Quantity, Settings
-from rig.bench.unread import UNREAD, as_far_as_read
-
-
-def _let_unread_pass(schema: Any) -> None:  # noqa: ANN401 - a table's schema, of whatever layers
-    """Take an entry that could not be read, whatever it should be; `schema` is changed in place."""
-    while schema["type"] not in {"model-fields", "dataclass-args"}:
-        schema = schema["schema"]
-    fields = schema["fields"]
-    for field in fields.values() if isinstance(fields, dict) else fields:
-        # What is left out is filled in by the outermost layer, which has to stay there.
-        layer = field["schema"] if field["schema"]["type"] == "default" else field
-        if layer["schema"].get("function", {}).get("function") is not _as_read:
-            layer["schema"] = core_schema.no_info_wrap_validator_function(_as_read, layer["schema"])
-
-
-def _as_read(value: object, handler: Callable[[object], object]) -> object:
-    return value if value is UNREAD else handler(value)
+from rig.files.quantity import Problem, Quantity, Settings
 
 
 class Section(BaseModel):
@@ -52,19 +35,13 @@ class Section(BaseModel):
         return folded(cls, data)
 
     def problems(self) -> Iterable[Problem]:
-        """What its entries, each right by itself, say wrong together; a check ends at an entry that was not read."""
+        """What entries that are each valid contradict in each other; called when every entry of the table is valid."""
         return ()
 
     @model_validator(mode="after")
     def _together(self) -> Self:
         _check(self)
         return self
-
-    @classmethod
-    def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        result: CoreSchema = handler(source)
-        _let_unread_pass(handler.resolve_ref_schema(result))
-        return result
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
@@ -173,20 +150,18 @@ def _check(table: Section | Settings) -> None:
     Raises:
         wrong: with every problem.
     """
-    problems = tuple(as_far_as_read(table.problems))
+    problems = tuple(table.problems())
     if problems:
         wrong: Exception = located(problems)
         raise wrong
 
 
-def _core_schema_of(table: type[Settings], source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+def settings_schema(table: type[Settings], source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
     """The validator's schema of a table of settings: unit suffixes first, its entries, what they say together last."""
     result = handler(source)
     definition: dict[str, Any] = handler.resolve_ref_schema(result)  # type: ignore[assignment]  # changed in place
     own: Any = {**definition, "strict": False}  # its entries are strict; the table itself comes as a mapping
     name = own.pop("ref", None)
-
-    _let_unread_pass(own)
 
     def together(value: Any) -> Any:  # noqa: ANN401 - an instance of `table`
         _check(value)
@@ -199,16 +174,11 @@ def _core_schema_of(table: type[Settings], source: object, handler: GetCoreSchem
     return result
 
 
-def _json_schema_of(table: type[Settings], schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+def settings_json_schema(table: type[Settings], schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
     """The JSON schema of a table of settings."""
     result = handler(schema)
     with_suffixes(table, handler.resolve_ref_schema(result))
     return result
-
-
-Check.located = located
-Settings.core_schema_of = _core_schema_of
-Settings.json_schema_of = _json_schema_of
 
 
 def _with_unit(value: object, unit: str, key: str) -> object:

@@ -9,9 +9,9 @@ from typing import get_args
 from pydantic.fields import FieldInfo
 
 from protocols.toml_lines import Place
-from rig.bench.quantity import Settings
-from rig.bench.section import Section, Table, fields_of, key_of, suffixed_keys
-from rig.bench.toml_source import TomlSource, printable
+from rig.files.quantity import Settings
+from rig.files.section import Section, Table, fields_of, key_of, suffixed_keys
+from rig.files.toml_source import TomlSource, printable
 
 
 def problem_at(source: TomlSource, place: Place, message: str) -> str:

@@ -11,11 +11,10 @@ from pydantic.fields import FieldInfo
 
 from protocols.toml_lines import Place
 from rig import units
-from rig.bench.places import as_written, close_match, dotted, field_at, keys_of, problem_at, section_in, shown, value_at
-from rig.bench.quantity import Quantity, Text, Wording
-from rig.bench.section import Section, Table, constraints, fields_of, key_of, quantity_of, suffixed_keys
-from rig.bench.toml_source import TomlSource, read_toml
-from rig.bench.unread import UNREAD, NotRead
+from rig.files.places import as_written, close_match, dotted, field_at, keys_of, problem_at, section_in, shown, value_at
+from rig.files.quantity import Quantity, Text, Wording
+from rig.files.section import Section, Table, constraints, fields_of, key_of, quantity_of, suffixed_keys
+from rig.files.toml_source import TomlSource, read_toml
 from rig.errors import FileProblem
 
 if TYPE_CHECKING:
@@ -118,67 +117,11 @@ def load_section(
     try:
         return model.model_validate(data), source
     except ValidationError as error:
-        details = _with_hidden(error, data, model, source)
+        details = _without_echoes(error.errors(include_url=False), model)
         lines = [line for item in details[:MOST_SHOWN] for line in _lines(item, model, source)]
         if len(details) > MOST_SHOWN:
-            lines.append(f"{len(details) - MOST_SHOWN} more wrong entries are not shown; mend these first")
+            lines.append(f"{len(details) - MOST_SHOWN} further errors omitted; fix these first")
         raise FileProblem(str(path), lines, "config-absurd") from error
-
-
-def _with_hidden(
-    error: ValidationError, data: Mapping[str, Any], model: type[Section], source: TomlSource
-) -> list[ErrorDetails]:
-    """What is wrong, and what it hides: the validator checks what entries say together once each of them is right.
-
-    So those that are wrong are put there as unread, and the rest is looked at again, until nothing more is found.
-    """
-    told: dict[str, ErrorDetails] = {}
-    while True:
-        wrong = error.errors(include_url=False)
-        fresh = {str((item["loc"], item["msg"], item.get("ctx"))): item for item in _without_echoes(wrong, model)}
-        places = [place for item in wrong for place in _places(item, model, source)]
-        if fresh.keys() <= told.keys() or len(told | fresh) > MOST_SHOWN or () in places:
-            return [*(told | fresh).values()]
-        told |= fresh
-        for place in places:
-            data = _unread_at(data, place, model, source)
-        try:
-            model.model_validate(data)
-        except (NotRead, TypeError):  # compiled functions refuse an unread entry by its type
-            return [*told.values()]
-        except ValidationError as hidden:
-            error = hidden
-        else:
-            return [*told.values()]
-
-
-def _unread_at(data: Mapping[str, Any], place: Place, model: Table, source: TomlSource) -> Mapping[str, Any]:
-    """The data with what could not be read at a place, for the innermost key on the way there.
-
-    An unknown key is taken out; the key that was meant is given, and could not be read.
-    """
-    keys: Place = ()
-    for part in place:
-        if not isinstance(value_at(source.data, keys), dict | list | tuple):
-            break
-        keys = (*keys, part)
-    while isinstance(keys[-1], int):
-        keys = keys[:-1]
-    section, field = field_at(model, keys)
-    written = keys if field is None else as_written(keys, section, source)
-    meant = _meant(section, str(keys[-1])) if field is None else str(keys[-1])
-    changed: Mapping[str, Any] = _changed(data, keys[:-1], str(written[-1]), {meant: UNREAD} if meant else {})
-    return changed
-
-
-def _changed(data: Any, place: Place, gone: str, instead: dict[str, object]) -> Any:  # noqa: ANN401 - of any depth
-    """The data with another entry in place of the one that is called `gone`, in the table at a place."""
-    if data is UNREAD:
-        return data
-    if not place:
-        return {key: value for key, value in data.items() if key != gone} | instead
-    inside = {place[0]: _changed(data[place[0]], place[1:], gone, instead)}
-    return {**data, **inside} if isinstance(data, dict) else tuple(inside.get(k, item) for k, item in enumerate(data))
 
 
 def _without_echoes(details: list[ErrorDetails], model: Table) -> list[ErrorDetails]:
@@ -208,20 +151,6 @@ def _place(detail: ErrorDetails, source: TomlSource) -> Place:
         if isinstance(part, int) or "[" not in part or value_at(source.data, (*place, part)) is not None:
             place = (*place, part)
     return place
-
-
-def _places(detail: ErrorDetails, model: Table, source: TomlSource) -> list[Place]:
-    """`_place`, or the places inside it that a check of the whole table names; the table of an entry that it misses."""
-    outer, problems = _place(detail, source), (detail.get("ctx") or {}).get("problems")
-    if problems is None:
-        return [outer]
-    places = [(*outer, *inside) for inside, _ in problems]
-    return [place if not place or _stands_at(place, model, source) else place[:-1] for place in places]
-
-
-def _stands_at(place: Place, model: Table, source: TomlSource) -> bool:
-    section, field = field_at(model, place)
-    return value_at(source.data, place if field is None else as_written(place, section, source)) is not None
 
 
 def _lines(detail: ErrorDetails, model: Table, source: TomlSource) -> list[str]:

@@ -148,8 +148,6 @@ class Check:
 
     check: Callable[[Any], Any]
     alone: bool = False
-    located: ClassVar[Callable[..., Any]]
-    """How the validator is told problems with their places: set by `rig.bench.section`, which loads the validator."""
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         from pydantic_core import core_schema
@@ -168,7 +166,9 @@ class Check:
         try:
             return self.check(value)
         except Problems as problems:
-            error: Exception = Check.located(problems.problems)
+            from rig.files.section import located  # loads the validator, which has called this
+
+            error: Exception = located(problems.problems)
             raise error from problems
 
 
@@ -187,19 +187,17 @@ class Settings:
     __pydantic_config__: ClassVar[Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
 
     def problems(self) -> Iterator[Problem]:
-        """What its entries, each right by itself, say wrong together."""
+        """What entries that are each valid contradict in each other."""
         yield from ()
-
-    core_schema_of: ClassVar[Callable[..., Any]]
-    json_schema_of: ClassVar[Callable[..., Any]]
-    """How the validator reads a table: set by `rig.bench.section`, which loads the validator."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        schema: CoreSchema = Settings.core_schema_of(cls, source, handler)
-        return schema
+        from rig.files.section import settings_schema  # loads the validator, which has called this
+
+        return settings_schema(cls, source, handler)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        result: JsonSchemaValue = Settings.json_schema_of(cls, schema, handler)
-        return result
+        from rig.files.section import settings_json_schema  # loads the validator, which has called this
+
+        return settings_json_schema(cls, schema, handler)
