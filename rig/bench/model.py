@@ -15,12 +15,12 @@ from rig import units
 from rig.bench import named_files
 from rig.bench.address import command_timeout_s, current_range_A, status_period_s
 from rig.bench.controller_limits import controller_limits
-from rig.files.loader import load_section
-from rig.files.quantity import Problem, Quantity
-from rig.files.section import Section
 from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
 from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Margins, Station
 from rig.bench.supply_settings import supply_of
+from rig.files.loader import load_section
+from rig.files.quantity import Problem, Quantity
+from rig.files.section import Section
 
 ZERO_SHARE_OF_RANGE = 0.0025
 CHANGE_OF_ZERO = 0.4

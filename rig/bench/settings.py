@@ -21,7 +21,6 @@ from drivers.catalogue import make_actuator, watchdog_time_s
 from drivers.connection import ActuatorConnection
 from rig.bench import address
 from rig.bench.hand_settings import hand_problems_of
-from rig.files.quantity import Check, Problem, Quantity, Settings, Text, key
 from rig.bench.sensor_settings import (
     Auxiliary,
     Delay,
@@ -33,6 +32,7 @@ from rig.bench.sensor_settings import (
     Timeout,
 )
 from rig.bench.supply_settings import supply_of, supply_problems_of
+from rig.files.quantity import Check, Problem, Quantity, Settings, Text, key
 
 ECU_STATUS_Hz = 100.0
 HAND_SILENT_S = 0.5

@@ -13,9 +13,9 @@ import typing
 from datetime import date
 from typing import Annotated, Any, Literal, TypeVar
 
-from rig.files.quantity import Settings
 from rig.bench.settings import StationConfig
 from rig.errors import RigError
+from rig.files.quantity import Settings
 
 T = TypeVar("T")
 

@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from rig.comparison.readings import QUANTITIES, LoopReading
 from rig.files.loader import load_section
 from rig.files.quantity import Problem, Quantity
 from rig.files.section import Section
-from rig.comparison.readings import QUANTITIES, LoopReading
 
 Change = Annotated[float, Quantity("ratio", "0 %", "1000 %", above=True)]
 Ratio = Annotated[float, Field(ge=0.0, le=1000.0)]

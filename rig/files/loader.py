@@ -11,11 +11,11 @@ from pydantic.fields import FieldInfo
 
 from protocols.toml_lines import Place
 from rig import units
+from rig.errors import FileProblem
 from rig.files.places import as_written, close_match, dotted, field_at, keys_of, problem_at, section_in, shown, value_at
 from rig.files.quantity import Quantity, Text, Wording
 from rig.files.section import Section, Table, constraints, fields_of, key_of, quantity_of, suffixed_keys
 from rig.files.toml_source import TomlSource, read_toml
-from rig.errors import FileProblem
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

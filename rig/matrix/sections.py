@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, PrivateAttr, field_validator
 
+from rig.errors import FileProblem
 from rig.files.places import close_match
 from rig.files.quantity import Problem, Quantity, Wording
 from rig.files.section import Section
-from rig.errors import FileProblem
 from rig.matrix.assumed_damper import ENDING, AssumedDamper, is_fit_file, of_fit, of_set
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, TEMPERATURE_LAWS, check_method, method_names
 from rig.matrix.signal_tables import FileTable, RoadTable, SignalTable, SweepTable

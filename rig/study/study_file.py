@@ -9,12 +9,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rig.files.places import problem_at
-from rig.files.loader import load_section
-from rig.files.quantity import Problem, Quantity
-from rig.files.section import Section
 from rig.dampers import PARAMETER_SETS
 from rig.errors import FileProblem
+from rig.files.loader import load_section
+from rig.files.places import problem_at
+from rig.files.quantity import Problem, Quantity
+from rig.files.section import Section
 
 Method = Literal[
     "c_foa", "c_foa printed", "foa", "ga", "ga feasible", "de", "de 5", "pso", "i_abc", "ga_standard", "ga_kwok",

@@ -12,9 +12,9 @@ from can.interfaces import BACKENDS
 
 from rig.bench import address
 from rig.bench.model import Bench
+from rig.comparison.bands import Bands
 from rig.files.loader import TABLES
 from rig.files.section import fields_of, key_of
-from rig.comparison.bands import Bands
 from rig.matrix.model import Matrix
 from rig.study.benchmark_file import BenchmarkFile
 from rig.study.study_file import StudyFile

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from rig.bench.model import Bench
+from rig.cli.main import COMMANDS, EXIT_CODES
 from rig.files.section import Section
 from rig.files.toml_source import _frozen
-from rig.cli.main import COMMANDS, EXIT_CODES
 from rig.matrix.model import Matrix
 from rig.units import ALIASES, UNITS
 
