@@ -23,7 +23,7 @@ from drivers.register_maps.map_file import controller, controller_names, is_map_
 from drivers.ring import Channel
 from drivers.roles import Actuator, ActuatorLimits, Sensor
 from drivers.sample_stream import SampleScale
-from drivers.sensor_formats import described_format, is_file
+from drivers.sensor_formats import described_format
 from drivers.sensor_formats import wire_text as sensor_wire_text
 from drivers.serial_sensor import BINARY, CLOCKED, USUAL, SerialSensor
 from drivers.streamed_actuator import as_actuator
@@ -287,7 +287,7 @@ class SensorConnection:
         baudrate: Bd.
         name: device name for messages, as in the bench file.
         channel: ring channel 1..9.
-        format: name of a format, path of its file, or its table.
+        format: name of a format, or its table.
         scale: from the wire to SI, and its rate.
         framing: what else belongs to its serial line; the baud rate in it counts for nothing.
     """
@@ -312,7 +312,7 @@ def register_sensor(name: str, maker: SensorMaker) -> None:
 
 
 def sensor_format_names() -> tuple[str, ...]:
-    """Every name that a sensor's `format` may have, beside a file's name and a table."""
+    """Every name that a sensor's `format` may have, in addition to a file's name and a table."""
     return tuple(dict.fromkeys((*BINARY, *TABLES, *_SENSORS, *plugins.names(plugins.SENSORS))))
 
 
@@ -331,7 +331,7 @@ def make_sensor(connection: SensorConnection) -> Sensor:
     given = connection.format
     if isinstance(given, str) and given in _SENSORS:
         return _SENSORS[given](connection)
-    if isinstance(given, str) and given not in (*BINARY, *TABLES) and not is_file(given):
+    if isinstance(given, str) and given not in (*BINARY, *TABLES):
         brought: Sensor | None = plugins.made(plugins.SENSORS, given, Sensor, connection)
         if brought is not None:
             return brought

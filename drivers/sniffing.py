@@ -68,7 +68,7 @@ def tried(data: bytes, given: Given, name: str = "") -> Match:
 
     Args:
         data: as received; may begin and end inside of a line or frame.
-        given: a format's name, its file's path, or its table.
+        given: a format's name, or its table.
         name: for a table.
 
     Raises:

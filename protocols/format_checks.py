@@ -14,10 +14,13 @@ from typing import Any
 from protocols.binary_format import LETTERS, LONGEST_FRAME, BinaryFormat, Field
 from protocols.checksums import CHECKSUMS
 from protocols.errors import LocalProtocolError
-from protocols.format_keys import Place, Problem, Table
 from protocols.line_example import HOLES, checksum_digits, fitting, parts, widths
 from protocols.line_format import LineFormat
 from protocols.patterns import Pattern, PatternError
+
+Place = tuple[str | int, ...]
+Problem = tuple[Place, str]
+"""Where in the table, and what is wrong there with what would be right."""
 
 _MARK = "{address}"
 _FORM = re.compile(r"[<>=^]?[-+ ]?0?\d{0,2}(?:\.\d{1,2})?[a-zA-Z]?")
@@ -31,25 +34,23 @@ TRIED = (0.0, 1.0, -1.0)
 """Numbers of which one at least must fit into a line."""
 
 
-def pattern_of(values: Mapping[str, Any], table: Table, problems: list[Problem]) -> str | None:
+def pattern_of(values: Mapping[str, Any], problems: list[Problem]) -> str | None:
     """The pattern of a line format, as it is stated or made from its columns; None where there is none.
 
     Args:
-        values: entries that can be used.
-        table: all entries.
+        values: the format's entries.
         problems: what is wrong is added.
     """
     address = re.escape(str(values.get("address", "")))
-    if "columns" in table:
-        if "pattern" in table:
+    if "columns" in values:
+        if "pattern" in values:
             problems.append((("columns",), "a pattern is given too; keep one of the two"))
-        made = _of_columns(values, problems) if "columns" in values else None
+        made = _of_columns(values, problems)
         return None if made is None else _compiled(made, problems)
-    if "separator" in table:
+    if "separator" in values:
         problems.append((("separator",), "needs columns, such as columns = { value = 2, unit = 3 }"))
-    if "pattern" not in table:
-        problems.append(((), "key 'pattern' is missing (or columns; a binary format needs fields or packed)"))
     if "pattern" not in values:
+        problems.append(((), "key 'pattern' is missing (or columns; a binary format needs fields or packed)"))
         return None
     pattern = str(values["pattern"]).replace(_MARK, address)
     if (depth := max(accumulate((letter == "(") - (letter == ")") for letter in pattern), default=0)) > MOST_NESTED:

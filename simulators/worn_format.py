@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.sensor_formats import FRAME16, described_format, is_file, table_of
+from drivers.sensor_formats import FRAME16, described_format
 from protocols.errors import LocalProtocolError
-from protocols.format_keys import FormatProblems
 from protocols.line_format import LineFormat
 from protocols.sensor_format import SensorFormat
 from protocols.sensor_presets import TABLES
 from rig import units
 from rig.errors import FileProblem
+from rig.files.described import described as read_description
+from rig.files.described import is_file
 from simulators import frame_writer, line_writer
 from simulators.frame_writer import FrameWriter
 from simulators.line_writer import LineWriter
@@ -68,13 +70,12 @@ def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> 
     if given in OWN:
         return replace(options, format=OWN[0])
     given = str(Path(given).absolute()) if is_file(given) else given
+    own = read_description("sensor-format", given)
     try:
-        described = described_format(given)
-        table = table_of(given)
-    except FormatProblems as error:
-        raise FileProblem(f"{whose} {given}", [_told(place, text) for place, text in error.problems]) from error
+        described = described_format(own)
     except LocalProtocolError as error:
         raise FileProblem(whose, [str(error)]) from error
+    table = own if isinstance(own, Mapping) else TABLES[own]
     low, high = span_of(described)
     zero = 0.0 if low < 0.0 else 0.5 * (low + high)
     half = min(high - zero, zero - low)
@@ -98,10 +99,6 @@ def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> 
         offset=options.offset * ratio, drift_per_s=options.drift_per_s * ratio, hum=options.hum * ratio,
         crosstalk_per_A=options.crosstalk_per_A * ratio, clip=options.clip * ratio,
     )  # fmt: skip
-
-
-def _told(place: tuple[str | int, ...], text: str) -> str:
-    return f"{'.'.join(map(str, place))}: {text}" if place else text
 
 
 def _per_si(described: SensorFormat, *, stated: bool, half: float, options: SensorOptions) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Iterator
@@ -11,9 +10,11 @@ from datetime import date
 from typing import Annotated, Any, Literal
 
 from drivers.connection import LineSettings
+from protocols.near_miss import near_names
 from rig import units
 from rig.bench import address
-from rig.files.quantity import Check, Problem, Problems, Quantity, Settings, Text, Wording, key
+from rig.files.described import described, is_file
+from rig.files.quantity import Check, Description, Problem, Quantity, Settings, Text, Wording, key
 
 # A limit outside these is a slip of the pen, not a damper test rig (fault row `config-absurd`).
 Force = Annotated[float, Quantity("force", "0 N", "200 kN", above=True)]
@@ -148,32 +149,21 @@ class Calibration(Settings):
             yield (ways[0] if ways else "sensitivity",), f"the load {way_out}" if slope < 0.0 else "it has no slope"
 
 
-def _known_format(value: object) -> str | dict[str, Any]:
+def _known_format(value: str) -> str:
     from drivers.catalogue import check_sensor_format, sensor_format_names
     from drivers.plugins import BrokenPlugIn
-    from drivers.sensor_formats import described_format, is_file
-    from protocols.format_keys import FormatProblems
 
-    if isinstance(value, str) and not is_file(value):
-        known = list(sensor_format_names())
-        if value not in known:
-            meant = difflib.get_close_matches(value, known, n=1, cutoff=0.6)
-            said = f"did you mean {meant[0]}? " if meant else ""
-            raise ValueError(
-                f"unknown format; {said}known: {', '.join(known)}, a file's name that ends in .toml, or a table that "
-                f"describes the format"
-            )
-        try:
-            check_sensor_format(value)
-        except BrokenPlugIn as error:
-            raise ValueError(str(error)) from error
-        return value
-    if not isinstance(value, (str, dict)):
-        raise ValueError("must be the name of a format or of a file in quotes, or a table that describes the format")
+    known = sensor_format_names()
+    if value not in known:
+        near = near_names(value, known)
+        raise ValueError(
+            f"unknown format; {f'did you mean {near[0]}? ' if near else ''}known: {', '.join(known)}, a file's name "
+            f"that ends in .toml, or a table that describes the format"
+        )
     try:
-        described_format(value)
-    except FormatProblems as error:
-        raise Problems(error.problems) from error
+        check_sensor_format(value)
+    except BrokenPlugIn as error:
+        raise ValueError(str(error)) from error
     return value
 
 
@@ -188,7 +178,7 @@ class SensorConfig(Settings):
     parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="of a serial line"))
     data_bits: Literal[7, 8] = field(default=8, metadata=key(description="of a serial line"))
     stop_bits: Literal[1, 2] = field(default=1, metadata=key(description="of a serial line"))
-    format: Annotated[str | dict[str, Any], Check(_known_format, alone=True)] = field(
+    format: Annotated[str | dict[str, Any], Description("sensor-format", _known_format)] = field(
         default="frame16",
         metadata=key(
             description="a format's name, the name of a file that ends in .toml (from the bench file's folder), or a "
@@ -209,6 +199,16 @@ class SensorConfig(Settings):
         metadata=key("bandwidth", description="where sensor and conditioner have lost 3 dB; the plan looks at it"),
     )
     calibration: Calibration
+
+    @property
+    def described(self) -> str | dict[str, Any]:
+        """Its format as drivers take it: a name, or the table of a description.
+
+        Raises:
+            FileProblem: its file cannot be used any more.
+        """
+        table: str | dict[str, Any] = described("sensor-format", self.format)
+        return table
 
     @property
     def line(self) -> LineSettings:
@@ -256,9 +256,8 @@ class SensorConfig(Settings):
 
     def _unit_problems(self) -> Iterator[Problem]:
         """The format's unit, where it states one, is the calibration's."""
-        from drivers.sensor_formats import is_file, stated_unit
-
-        unit, given = stated_unit(self.format), self.calibration
+        given, table = self.calibration, self.described
+        unit = "" if isinstance(table, str) else str(table.get("unit", ""))
         if not unit:
             return
         for name in ("points", "rated_output", "zero"):

@@ -253,7 +253,7 @@ def _written(ring: Path) -> bool:
 
 
 def station_config(bench: Bench, matrix: Matrix | None, ring_path: Path) -> StationConfig:
-    """What the station is told: the bench's settings as they are, its limits narrowed to the specimen's travel.
+    """The station's settings: the bench's, limits narrowed to the specimen's travel, files of descriptions as tables.
 
     Args:
         bench: the bench.
@@ -268,9 +268,9 @@ def station_config(bench: Bench, matrix: Matrix | None, ring_path: Path) -> Stat
         **vars(bench.clock),
         actuator=bench.actuator,
         ecu=bench.ecu,
-        load_cell=bench.load_cell,
-        lvdt=bench.lvdt,
-        auxiliary=bench.auxiliary,
+        load_cell=replace(bench.load_cell, format=bench.load_cell.described),
+        lvdt=replace(bench.lvdt, format=bench.lvdt.described),
+        auxiliary=tuple(replace(sensor, format=sensor.described) for sensor in bench.auxiliary),
         limits=limits,
         ring_path=str(ring_path),
     )

@@ -180,13 +180,10 @@ def _tried(data: bytes, given: str) -> Match:
     """
     from drivers.sniffing import tried
     from protocols.errors import LocalProtocolError
-    from protocols.format_keys import FormatProblems
+    from rig.files.described import described
 
     try:
-        return tried(data, given)
-    except FormatProblems as error:
-        told = [f"{'.'.join(map(str, place))}: {text}" if place else text for place, text in error.problems]
-        raise FileProblem(given, told) from error
+        return tried(data, described("sensor-format", given), given)
     except LocalProtocolError as error:
         raise FileProblem("--format", [str(error)]) from error
 

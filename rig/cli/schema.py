@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rig.cli.options import Command, json_option
 from rig.cli.output import write_json
 from rig.errors import EXIT_DONE
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 
 def _bench() -> dict[str, Any]:
@@ -66,9 +69,17 @@ def _supply() -> dict[str, Any]:
 
 
 def _sensor_format() -> dict[str, Any]:
-    from protocols.sensor_format import json_schema
+    from rig.files.sensor_format import FrameFormatFile, LineFormatFile
 
-    return json_schema()
+    return _either(LineFormatFile, FrameFormatFile)
+
+
+def _either(*models: type[BaseModel]) -> dict[str, Any]:
+    """The schema of a file of one of several kinds."""
+    from pydantic.json_schema import models_json_schema
+
+    _, definitions = models_json_schema([(model, "validation") for model in models], by_alias=True)
+    return {"anyOf": [{"$ref": f"#/$defs/{model.__name__}"} for model in models], **definitions}
 
 
 SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {

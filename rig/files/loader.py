@@ -13,12 +13,12 @@ from protocols.toml_lines import Place
 from rig import units
 from rig.errors import FileProblem
 from rig.files.places import as_written, close_match, dotted, field_at, keys_of, problem_at, section_in, shown, value_at
-from rig.files.quantity import Quantity, Text, Wording
+from rig.files.quantity import Problem, Quantity, Text, Wording
 from rig.files.section import Section, Table, constraints, fields_of, key_of, quantity_of, suffixed_keys
 from rig.files.toml_source import TomlSource, read_toml
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from pydantic_core import ErrorDetails
@@ -114,14 +114,28 @@ def load_section(
             if source.data.keys() & tables:
                 raise WrongKind(path, other, kind)
     data = source.data if located is None else located(source.data, path.absolute().parent)
+    made, problems = validated(data, model)
+    if made is None:
+        raise FileProblem(str(path), lines_of(source, problems), "config-absurd")
+    return made, source
+
+
+def validated(data: Mapping[str, Any], model: type[M]) -> tuple[M | None, list[Problem]]:
+    """The data as a model, or None and what is wrong: where in the data (keys as they are written), and what."""
     try:
-        return model.model_validate(data), source
+        return model.model_validate(data), []
     except ValidationError as error:
         details = _without_echoes(error.errors(include_url=False), model)
-        lines = [line for item in details[:MOST_SHOWN] for line in _lines(item, model, source)]
-        if len(details) > MOST_SHOWN:
-            lines.append(f"{len(details) - MOST_SHOWN} further errors omitted; fix these first")
-        raise FileProblem(str(path), lines, "config-absurd") from error
+        return None, [problem for item in details for problem in _problems(item, model, data)]
+
+
+def lines_of(source: TomlSource, problems: Sequence[Problem]) -> list[str]:
+    """What is wrong with a file, a line for each entry in the file's order (the first `MOST_SHOWN` of them)."""
+    problems = sorted(problems, key=lambda problem: source.line(problem[0]) or 0)
+    lines = [problem_at(source, place, message) for place, message in problems[:MOST_SHOWN]]
+    if len(problems) > MOST_SHOWN:
+        lines.append(f"{len(problems) - MOST_SHOWN} further errors omitted; fix these first")
+    return lines
 
 
 def _without_echoes(details: list[ErrorDetails], model: Table) -> list[ErrorDetails]:
@@ -144,31 +158,34 @@ def _meant(section: Table, key: str) -> str:
     return suffixed.get(meant, (meant,))[0]
 
 
-def _place(detail: ErrorDetails, source: TomlSource) -> Place:
+def _place(detail: ErrorDetails, data: object) -> Place:
     """Where something is wrong; of several things the validator may have tried, none is named."""
     place: Place = ()
     for part in detail["loc"]:
-        if isinstance(part, int) or "[" not in part or value_at(source.data, (*place, part)) is not None:
+        holder = value_at(data, place)
+        tried = "[" in part if isinstance(part, str) else not isinstance(holder, (tuple, list))
+        if not tried or value_at(data, (*place, part)) is not None:
             place = (*place, part)
     return place
 
 
-def _lines(detail: ErrorDetails, model: Table, source: TomlSource) -> list[str]:
+def _problems(detail: ErrorDetails, model: Table, data: object) -> list[Problem]:
+    """Places and messages of one thing that the validator has found."""
     context: dict[str, Any] = detail.get("ctx") or {}
+    place = _place(detail, data)
     if "problems" in context:
-        return [problem_at(source, (*detail["loc"], *place), message) for place, message in context["problems"]]
-    place = _place(detail, source)
-    section, field = field_at(model, place)
+        return [((*place, *inside), message) for inside, message in context["problems"]]
+    section, field = field_at(model, detail["loc"])
     written = place
     if field is not None and quantity_of(field) is not None:
-        written = as_written(place, section, source)
+        written = as_written(place, section, data)
     if detail["type"] in _UNKNOWN:
         message = _unknown_key(model, section, str(place[-1]))
     elif detail["type"] == "missing":
         message = _missing(field, place)
     else:
         message = _message(detail, field)
-    return [problem_at(source, written, message)]
+    return [(written, message)]
 
 
 def _unknown_key(model: Table, section: Table, key: str) -> str:

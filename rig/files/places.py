@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
-from typing import get_args
+from typing import get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
@@ -53,37 +53,54 @@ def keys_of(section: Table) -> list[str]:
 
 
 def field_at(model: Table, place: Place) -> tuple[Table, FieldInfo | None]:
-    """The section that holds a place, and its field there (None for an unknown key)."""
-    section, field = model, None
+    """The section that holds a place, and its field there (None for an unknown key).
+
+    Args:
+        model: of the file.
+        place: as the validator names it: of several tables that may be there, the one that was tried is in brackets.
+    """
+    section, field, tried, named = model, None, "", False
     for part in place:
         if isinstance(part, int):
             continue
+        if part.startswith("["):
+            tried = part
+            continue
+        if named:  # of a table whose keys are names of the user's
+            named = False
+            continue
         if field is not None:
-            inner = section_in(field.annotation)
+            inner = section_in(field.annotation, tried)
             if inner is None:
                 return section, field
-            section = inner
+            section, tried = inner, ""
         field = next((f for name, f in fields_of(section).items() if key_of(section, name) == part), None)
         if field is None:
             return section, None
+        named = _names_tables(field.annotation)
     return section, field
 
 
-def section_in(annotation: object) -> Table | None:
-    """The table that a field holds, alone, in a list or beside others; None where it holds none."""
+def _names_tables(annotation: object) -> bool:
+    """Whether a field holds tables by names that the user gives."""
+    return get_origin(annotation) is dict or any(map(_names_tables, get_args(annotation)))
+
+
+def section_in(annotation: object, tried: str = "") -> Table | None:
+    """The table that a field holds, alone, in a list or as one of several (the one called `tried`); else None."""
     if isinstance(annotation, type) and issubclass(annotation, (Section, Settings)):
-        return annotation
-    return next(filter(None, map(section_in, get_args(annotation))), None)
+        return annotation if not tried or tried == f"[{annotation.__name__}]" else None
+    return next(filter(None, (section_in(one, tried) for one in get_args(annotation))), None)
 
 
-def as_written(place: Place, section: Table, source: TomlSource) -> Place:
+def as_written(place: Place, section: Table, data: object) -> Place:
     """The place with the key as it stands in the file: `amplitude` may be written `amplitude_mm`."""
     index = max(i for i, part in enumerate(place) if isinstance(part, str))
-    if value_at(source.data, place[: index + 1]) is not None:
+    if value_at(data, place[: index + 1]) is not None:
         return place
     for written, (key, _) in suffixed_keys(section).items():
         candidate = (*place[:index], written)
-        if key == place[index] and value_at(source.data, candidate) is not None:
+        if key == place[index] and value_at(data, candidate) is not None:
             return (*candidate, *place[index + 1 :])
     return place
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import typing
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
@@ -128,7 +128,9 @@ def folded(table: Table, data: object) -> object:
 
 
 def with_suffixes(table: Table, schema: JsonSchemaValue) -> JsonSchemaValue:
-    """The JSON schema of a table whose quantities may carry the unit in the key."""
+    """The JSON schema of a table whose quantities may carry the unit in the key; TOML has no null."""
+    for entry in schema.get("properties", {}).values():
+        _without_null(entry)
     suffixed = suffixed_keys(table)
     if suffixed:
         number = {"type": "number"}
@@ -137,6 +139,21 @@ def with_suffixes(table: Table, schema: JsonSchemaValue) -> JsonSchemaValue:
         bare = {key for key, _ in suffixed.values()}
         schema["required"] = [key for key in schema.get("required", []) if key not in bare]
     return schema
+
+
+def _without_null(entry: dict[str, Any]) -> None:
+    """Leave out what stands for "not given" in the program; `entry` is changed in place."""
+    if (kinds := entry.get("anyOf")) is None:
+        return
+    given = [kind for kind in kinds if kind != {"type": "null"}]
+    if entry.get("default", ...) is None:
+        del entry["default"]
+    if len(given) > 1:
+        entry["anyOf"] = given
+        return
+    del entry["anyOf"]
+    for key, value in given[0].items():
+        entry.setdefault(key, value)
 
 
 def located(problems: Sequence[Problem]) -> PydanticCustomError:

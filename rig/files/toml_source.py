@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -66,7 +67,7 @@ def read_toml(path: Path) -> TomlSource:
         raise FileProblem(str(path), [_not_toml(str(error), text)]) from error
     except ValueError as error:
         raise FileProblem(str(path), [f"not valid TOML: {error}"]) from error
-    source = TomlSource(path, text, {key: _frozen(value) for key, value in data.items()}, scan_lines(text))
+    source = TomlSource(path, text, frozen(data), scan_lines(text))
     if (place := _huge_number(source.data)) is not None:
         line = source.line(place)
         raise FileProblem(str(path), [f"{f'line {line}: ' if line else ''}a whole number of more than 64 bits"])
@@ -91,11 +92,12 @@ def _not_toml(told: str, text: str) -> str:
     return f"line {number}: not valid TOML: {printable(line, 60) or 'empty line'}: {why}"
 
 
-def _frozen(value: object) -> object:
-    if isinstance(value, list):
-        return tuple(_frozen(item) for item in value)
-    if isinstance(value, dict):
-        return {key: _frozen(item) for key, item in value.items()}
+def frozen(value: Any) -> Any:  # noqa: ANN401 - whatever TOML holds
+    """A value with its lists as tuples."""
+    if isinstance(value, (list, tuple)):
+        return tuple(frozen(item) for item in value)
+    if isinstance(value, Mapping):
+        return {key: frozen(item) for key, item in value.items()}
     return value
 
 

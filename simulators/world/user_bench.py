@@ -17,7 +17,7 @@ from drivers import plugins
 from drivers.connection import ActuatorAddress, LinkKind
 from drivers.devices.source import is_dbc
 from drivers.register_maps.map_file import controller_names, is_map_file
-from drivers.sensor_formats import FRAME16, described_format, is_file
+from drivers.sensor_formats import FRAME16, described_format
 from protocols.errors import LocalProtocolError
 from protocols.sensor_format import SensorFormat
 from protocols.sensor_presets import TABLES
@@ -227,12 +227,12 @@ def _format(sensor: SensorConfig) -> str | SensorFormat:
     Raises:
         LocalProtocolError: none can be written so.
     """
-    given = sensor.format
-    if isinstance(given, str) and given not in (FRAME16, *TABLES) and not is_file(given):
+    given = sensor.described
+    if isinstance(given, str) and given not in (FRAME16, *TABLES):
         given = _stood_for(given)
     if given == FRAME16:
         return FRAME16
-    if isinstance(given, str) and not is_file(given) and given not in TABLES:
+    if isinstance(given, str) and given not in TABLES:
         known = ", ".join((FRAME16, *TABLES))
         raise LocalProtocolError(f"{given!r} has a driver of its own; allowed in a world: {known}, a file or a table")
     described = described_format(given)

@@ -24,11 +24,11 @@ from drivers.register_maps.map_file import read_map
 from drivers.register_maps.proof import unproved
 from drivers.ring import RECORD
 from drivers.roles import ActuatorLimits, WatchdogAction
-from drivers.sensor_formats import described_format
 from protocols.errors import LocalProtocolError, RemoteProtocolError
-from protocols.format_keys import FormatProblems
 from protocols.line_format import LineDecoder, LineFormat
 from protocols.sensor_format import from_description
+from rig.errors import FileProblem
+from rig.files.descriptions import problems_of, table_of
 from rig.station.interlocks.current_interlock import thrown_away
 
 HUGE = 10**400
@@ -37,19 +37,13 @@ VALUE = r"(?P<value>[+-]?\d+\.\d)"
 
 
 def refused_format(table: dict[str, Any]) -> str:
-    with pytest.raises(FormatProblems) as told:
-        from_description(table)
-    return str(told.value)
+    return "; ".join(f"{'.'.join(map(str, place))}: {text}" for place, text in problems_of("sensor-format", table))
 
 
 @pytest.mark.parametrize(
     ("table", "says"),
     [
-        ({"pattern": VALUE, "scale": HUGE}, "scale: must be a finite number"),
-        ({"pattern": VALUE, "scale": math.nan}, "scale: must be a finite number"),
-        ({"sync": [1], "length": 4, "fields": {"value": {"at": 1, "type": "u8", "fault_values": [HUGE]}}}, "finite"),
-        ({"base": ["x"]}, "base: no format"),
-        ({"kind": [1], "pattern": VALUE}, "kind: expected text"),
+        ({"kind": [1], "pattern": VALUE}, "kind: must be 'lines' or 'frames'"),
         ({"pattern": "(" * 480 + VALUE + ")" * 480}, "nested 481 deep"),
         ({"columns": {"value": 256}, "separator": ";", "maximum_length": 256}, "too many columns"),
         ({"columns": {"value": 1}, "separator": "é"}, "one character of ASCII"),
@@ -93,8 +87,8 @@ def test_a_class_in_brackets_is_re2s_and_nothing_is_warned_of() -> None:
 def test_a_file_with_a_number_of_5000_digits_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(f"pattern = '(?P<value>1)'\nscale = {'1' * 5000}\n")
-    with pytest.raises(FormatProblems, match="not valid TOML"):
-        described_format(str(path))
+    with pytest.raises(FileProblem, match="not valid TOML"):
+        table_of("sensor-format", path)
 
 
 MAP = """

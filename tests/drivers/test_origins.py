@@ -85,7 +85,7 @@ def test_a_phase_is_the_meaning_of_its_codes_and_inputs_of_the_state_that_shows_
     ("a-plug-in", "a-plug-in"),
 ])  # fmt: skip
 def test_a_format_states_how_it_reads_the_number_on_the_wire(given: object, stated: str) -> None:
-    assert wire_text(given) == stated  # type: ignore[arg-type]  # names and tables, as a bench file has them
+    assert wire_text(given, given) == stated  # type: ignore[arg-type]  # names and tables, as a bench file has them
 
 
 def test_a_set_point_in_milliamperes_and_a_state_that_no_device_reports_are_stated_as_such() -> None:

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from protocols.binary_decoder import BinaryDecoder
 from protocols.binary_format import BinaryFormat
 from protocols.checksums import CHECKSUMS
-from protocols.format_keys import FormatProblems
 from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
-from protocols.sensor_format import from_description
+from protocols.sensor_format import FormatProblems, from_description
 
 
 def binary(**table: object) -> BinaryFormat:
@@ -165,8 +164,8 @@ VALUE = {"value": {"at": 1, "type": "u16"}}
         ({"sync": [1], "length": 4, "fields": VALUE, "stuffing": "dle"}, [("stuffing",)]),
         ({"sync": [1], "length": 4, "fields": {"value": {"at": 1, "type": "u8", "bits": [4, 9]}}},
          [("fields", "value", "bits")]),
-        ({"sync": [1], "length": 6, "fields": {"value": {"at": 1, "type": "f32", "scale": 0}, "weight": {}}},
-         [("fields", "weight")]),
+        ({"sync": [1], "length": 6, "fields": {"value": {"at": 1, "type": "f32", "scale": 0}}},
+         [("fields", "value", "scale")]),
         ({"sync": [1], "length": 6, "fields": {"value": {"at": 1, "type": "u8", "overload_values": [300]}}},
          [("fields", "value", "overload_values")]),
         ({"packed": ["0vvvvvvv", "0vvvvvvv"]}, [("packed",)]),

@@ -20,11 +20,10 @@ from hypothesis import strategies as st
 from drivers.sniffing import tried
 from protocols.binary_decoder import BinaryDecoder
 from protocols.binary_format import SIZES, BinaryFormat
-from protocols.format_keys import FormatProblems
 from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
 from protocols.line_example import _letter
 from protocols.line_format import LineDecoder, LineFormat
-from protocols.sensor_format import from_description, preset
+from protocols.sensor_format import FormatProblems, from_description, preset
 from protocols.sensor_presets import TABLES
 
 _parser: Any = importlib.import_module("re._parser")

@@ -344,7 +344,7 @@ def _sensor(sensor: SensorConfig, unit: str, long_name: str) -> SensorContext:
         due="" if calibration.due is None else calibration.due.isoformat(),
         uncertainty_percent=calibration.uncertainty_percent,
         overdue=calibration.due is not None and calibration.due < utc_now().date(),
-        format=sensor_wire_text(sensor.format),
+        format=sensor_wire_text(sensor.described, sensor.format),
         bandwidth_Hz=sensor.bandwidth_Hz,
     )
 

@@ -9,12 +9,12 @@ import pytest
 
 from drivers.sensor_formats import described_format
 from protocols.binary_format import BinaryFormat
-from protocols.format_keys import FormatProblems
 from rig.bench.model import Bench
 from rig.bench.settings_json import from_json
 from rig.campaign.kept_files import keep_bench
 from rig.campaign.machine_resources import station_config
 from rig.errors import FileProblem
+from rig.files.descriptions import table_of
 from rig.matrix.model import load_matrix
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -56,10 +56,11 @@ def test_a_format_s_file_is_looked_for_beside_the_bench_file(tmp_path: Path, mon
     path = bench(tmp_path / "lab", BY_FILE)
     monkeypatch.chdir(tmp_path)
     loaded = Bench.load(path)
-    assert isinstance(described_format(loaded.load_cell.format), BinaryFormat)
+    assert isinstance(described_format(loaded.load_cell.described), BinaryFormat)
     assert loaded.load_cell.line.parity == "E"
     config = station_config(loaded, MATRIX, tmp_path / "ring")
-    assert from_json(config.to_json()) == config
+    path.with_name("cell.toml").unlink()  # the station reads no file: the table goes with its settings
+    assert isinstance(described_format(from_json(config.to_json()).load_cell.format), BinaryFormat)
 
 
 def test_the_bench_is_another_one_when_its_format_s_content_changes(tmp_path: Path) -> None:
@@ -84,13 +85,14 @@ def test_every_problem_of_a_format_s_file_is_told_with_its_line(tmp_path: Path) 
     problems = refused(bench(tmp_path, BY_FILE, described=wrong))
     assert len(problems) == 3
     assert all('load_cell.format = "cell.toml"' in problem for problem in problems)
-    assert "cell.toml line 3: length_: unknown key 'length_'; did you mean length?" in problems[0]
-    assert "cell.toml line 4: checksum: must be one of none, xor" in problems[1]
-    assert "cell.toml line 7: fields.value.type: must be one of" in problems[2]
+    assert "cell.toml: line 3: length_ = 10: unknown key; did you mean length?" in problems[0]
+    assert 'cell.toml: line 4: checksum = "crc16-modbis"' in problems[1]
+    assert "did you mean crc16-modbus?" in problems[1]
+    assert 'cell.toml: line 7: fields.value.type = "i33"' in problems[2]
 
 
 @pytest.mark.parametrize(
-    ("described", "says"), [("a = [", "cell.toml: not valid TOML"), ("x" * 70_000, "larger than a format ever is")]
+    ("described", "says"), [("a = [", "cell.toml: not valid TOML"), ("x" * 270_000, "larger than 256 KiB")]
 )
 def test_a_file_that_is_no_format_is_refused(tmp_path: Path, described: str, says: str) -> None:
     assert says in refused(bench(tmp_path, BY_FILE, described=described))[0]
@@ -98,13 +100,13 @@ def test_a_file_that_is_no_format_is_refused(tmp_path: Path, described: str, say
 
 def test_a_pipe_in_place_of_a_format_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.toml")
-    with pytest.raises(FormatProblems, match="is no file"):
-        described_format(str(tmp_path / "pipe.toml"))
+    with pytest.raises(FileProblem, match="is a pipe"):
+        table_of("sensor-format", tmp_path / "pipe.toml")
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     (problem,) = refused(bench(tmp_path, ('format = "frame16"', 'format = "other.toml"')))
-    assert "other.toml: cannot be read: No such file" in problem
+    assert "other.toml: there is no such file" in problem
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from rig.bench.model import Bench
 from rig.cli.main import COMMANDS, EXIT_CODES
 from rig.files.section import Section
-from rig.files.toml_source import _frozen
+from rig.files.toml_source import frozen
 from rig.matrix.model import Matrix
 from rig.units import ALIASES, UNITS
 
@@ -59,8 +59,8 @@ def test_the_readme_is_read_in_a_few_minutes() -> None:
 def test_the_readmes_matrix_is_table_1() -> None:
     (snippet,) = re.findall(r"```toml\n(.*?)```", README, re.DOTALL)
     head = 'format = 1\n[specimen]\nserial_number = "MR-001"\nstroke = "170 mm"\nprior = "demo"\n'
-    shown = Matrix.model_validate(_frozen(tomllib.loads(head + snippet)))
-    table1 = Matrix.model_validate(_frozen(tomllib.loads((ROOT / "examples" / "table1.toml").read_text())))
+    shown = Matrix.model_validate(frozen(tomllib.loads(head + snippet)))
+    table1 = Matrix.model_validate(frozen(tomllib.loads((ROOT / "examples" / "table1.toml").read_text())))
     assert shown.points() == table1.points()
 
 

@@ -37,10 +37,10 @@ STREAMED = Bench.load(EXAMPLES / "streamed-bench.toml")
 def matrix(point: str, specimen: str = "", tail: str = "") -> Matrix:
     import tomllib
 
-    from rig.files.toml_source import _frozen
+    from rig.files.toml_source import frozen
 
     text = f'format = 1\n[specimen]\nserial_number = "A"\nstroke = "170 mm"\n{specimen}\n[[point]]\n{point}\n{tail}'
-    return Matrix.model_validate(_frozen(tomllib.loads(text)))
+    return Matrix.model_validate(frozen(tomllib.loads(text)))
 
 
 def one(amplitude: str, frequency: str, *, waveform: str = "sine", current: str = "0 A", specimen: str = "") -> Matrix:

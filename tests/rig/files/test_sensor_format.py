@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
 
-from protocols.format_keys import FormatProblems
-from protocols.sensor_format import from_description, json_schema
+from protocols.sensor_format import from_description
+from rig.cli.schema import SCHEMAS
+from rig.files.descriptions import problems_of
 
 LINE: dict[str, Any] = {"pattern": r"(?P<value>[+-]\d{5})"}
 COLUMNS: dict[str, Any] = {"columns": {"value": [1, 6]}}
@@ -48,7 +50,7 @@ def test_these_are_right_before_one_thing_is_changed(table: dict[str, Any]) -> N
         (LINE | {"scale": 0.0}, "scale", "must not be 0"),
         (LINE | {"maximum_length": 5}, "maximum_length", "shortest line has 6 characters"),
         (LINE | {"length": 7}, "length", "longest line has 6 characters"),
-        (LINE | {"decimal_mark": ";"}, "decimal_mark", 'must be one of ".", ","'),
+        (LINE | {"decimal_mark": ";"}, "decimal_mark", "must be '.' or ','"),
         (LINE | {"sign": "separate"}, "sign", "needs a group (?P<sign>...)"),
         (COLUMNS | {"status": {"S": "ok"}}, "status", "needs a column status"),
         (LINE | {"units": {"kN": 1000.0}}, "units", "needs a group (?P<unit>...)"),
@@ -99,25 +101,31 @@ def test_these_are_right_before_one_thing_is_changed(table: dict[str, Any]) -> N
         (FRAME | {"sync": "\\x02"}, "sync", "a backslash is itself in single quotes"),
         (FRAME | {"sync": "µ"}, "sync", "expected ASCII text"),
         (FRAME | {"sync": [300]}, "sync", "bytes from 0 to 0xFF"),
-        (LINE | {"scale": True}, "scale", "expected a number"),
-        (FRAME | {"length": 6.5}, "length", "expected a whole number"),
-        (value(signed=1), "fields.value.signed", "expected true or false"),
-        (value(valid=[3]), "fields.value.valid", "expected two numbers [lowest, highest]"),
-        (value(bits=[3, 1]), "fields.value.bits", "the first not behind the last"),
-        (value(fault_values=7), "fields.value.fault_values", "expected a list of"),
-        (LINE | {"units": {}}, "units", "expected a table of"),
-        (LINE | {"units": {"kN": "x"}}, "units", "expected a number"),
+        ({"patterns": "x"}, "patterns", "did you mean pattern?"),
+        (LINE | {"overload_tokens": "OVL"}, "overload_tokens", "must be a list in [ ]"),
+        (LINE | {"decimals": 10}, "decimals", "allowed: 0 to 9"),
+        (LINE | {"checksum": "xor-hexx"}, "checksum", "did you mean xor-hex?"),
+        (LINE | {"scale": math.nan}, "scale", "must be a finite number"),
+        (LINE | {"base": ["x"]}, "base", "must be a text in quotes"),
+        (LINE | {"scale": True}, "scale", "must be a number"),
+        (FRAME | {"length": 6.5}, "length", "must be a whole number (allowed: 1 to 256)"),
+        (value(signed=1), "fields.value.signed", "must be true or false"),
+        (value(valid=[3]), "fields.value.valid.1", "missing"),
+        (value(bits=[3, 1]), "fields.value.bits", "the first not after the last"),
+        (value(fault_values=7), "fields.value.fault_values", "must be a list in [ ]"),
+        (LINE | {"units": {}}, "units", "is empty"),
+        (LINE | {"units": {"kN": "x"}}, "units.kN", "must be a number"),
     ],
 )
 def test_one_thing_that_is_wrong_is_told_at_its_place(table: dict[str, Any], place: str, says: str) -> None:
-    with pytest.raises(FormatProblems) as told:
-        from_description(table)
-    problems = [(".".join(map(str, where)), text) for where, text in told.value.problems]
+    problems = [(".".join(map(str, where)), text) for where, text in problems_of("sensor-format", table)]
     assert any(where == place and says in text for where, text in problems), problems
 
 
 def test_the_schema_has_both_kinds_and_every_field() -> None:
-    lines, frames = json_schema()["anyOf"]
+    schema = SCHEMAS["sensor-format"]()["$defs"]
+    lines, frames = schema["LineFormatFile"], schema["FrameFormatFile"]
     assert {"pattern", "decimal_mark", "checksum_over"} <= lines["properties"].keys()
-    assert frames["properties"]["fields"]["properties"].keys() == {"value", "status", "sequence", "time"}
+    assert frames["properties"]["fields"]["$ref"].endswith("Fields")
+    assert schema["Fields"]["properties"].keys() == {"value", "status", "sequence", "time"}
     assert lines["properties"]["decimal_mark"]["enum"] == [".", ","]

@@ -1,0 +1,99 @@
+"""Descriptions of devices (sensor formats, supplies, roles of signals, register maps): a file or a table of one.
+
+The entries are checked here, by their models; what they say together is checked by the driver or protocol that is made
+of the plain table. Neither reads a file: what a bench file names is read here, once, and goes on as its table.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rig.errors import FileProblem
+from rig.files.described import is_file
+from rig.files.loader import lines_of, validated
+from rig.files.quantity import Problem
+from rig.files.section import Section
+from rig.files.toml_source import frozen, read_toml
+
+Plain = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of description.
+
+    Attributes:
+        model: what a table must fit.
+        problems: what valid entries contradict in each other.
+    """
+
+    model: Callable[[Plain], type[Section]]
+    problems: Callable[[Plain], Iterable[Problem]]
+
+
+def _sensor_format() -> Kind:
+    from protocols.sensor_format import format_problems
+    from rig.files.sensor_format import model_of
+
+    return Kind(model_of, format_problems)
+
+
+_KINDS: Mapping[str, Callable[[], Kind]] = {"sensor-format": _sensor_format}
+"""Kinds by the names of `rig schema`; each imports what it describes when it is first used."""
+
+
+@functools.cache
+def kind_named(name: str) -> Kind:
+    """The kind of that name."""
+    return _KINDS[name]()
+
+
+def problems_of(kind: str, table: Plain) -> list[Problem]:
+    """What is wrong with a table: with its entries, else with what they say together."""
+    found, whole = kind_named(kind), frozen(table)
+    _, problems = validated(whole, found.model(whole))
+    return problems or list(found.problems(whole))
+
+
+def table_of(kind: str, path: str | Path) -> dict[str, Any]:
+    """The checked table of a file, with the file's name as its `name` where it states none.
+
+    Raises:
+        FileProblem: it cannot be read, or with every wrong entry of it.
+    """
+    path = Path(path)
+    try:
+        about = path.stat()
+        stamp = (about.st_mtime_ns, about.st_size)
+    except OSError:
+        stamp = (0, 0)
+    return _table_of(kind, path, stamp)
+
+
+@functools.lru_cache(maxsize=64)
+def _table_of(kind: str, path: Path, stamp: tuple[int, int]) -> dict[str, Any]:
+    """Asked for at several places while a bench is read and planned; read again when the file is another one.
+
+    Raises:
+        FileProblem: see `table_of`.
+    """
+    del stamp
+    source = read_toml(path)
+    if problems := problems_of(kind, source.data):
+        raise FileProblem(str(path), lines_of(source, problems))
+    return {"name": path.stem, **source.data}
+
+
+def entry_problems(kind: str, given: Any) -> list[Problem]:  # noqa: ANN401 - a file's name or a table
+    """What is wrong with a description that a file names or holds; of a file of its own each with that file's line."""
+    if not is_file(given):
+        return problems_of(kind, given)
+    try:
+        table_of(kind, given)
+    except FileProblem as error:
+        return [((), f"{Path(given).name}: {problem}") for problem in error.problems]
+    return []
