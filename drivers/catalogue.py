@@ -17,9 +17,10 @@ from drivers.connection import ActuatorConnection, CanAddress, LineSettings
 from drivers.current_source import CurrentSource
 from drivers.devices.source import current_source, current_source_names, current_source_problems, is_dbc
 from drivers.devices.supply import SupplyConnection, SupplyDescription
-from drivers.devices.supply_file import supply, supply_names, supply_problems
+from drivers.devices.supply_file import supply, supply_names
 from drivers.errors import UnknownDevice
-from drivers.register_maps.map_file import controller, controller_names, is_map_file
+from drivers.register_maps.map_file import Described as RegisterMap
+from drivers.register_maps.map_file import controller, controller_names
 from drivers.ring import Channel
 from drivers.roles import Actuator, ActuatorLimits, Sensor
 from drivers.sample_stream import SampleScale
@@ -34,7 +35,6 @@ __all__ = [
     "SupplyConnection",
     "SupplyDescription",
     "actuator_names",
-    "analogue_output_schema",
     "check_actuator",
     "check_current_source",
     "check_sensor_format",
@@ -54,13 +54,11 @@ __all__ = [
     "make_supply",
     "own_names",
     "register_actuator",
-    "register_map_schema",
     "register_sensor",
     "sensor_format_names",
     "sensor_wire_text",
     "supply",
     "supply_names",
-    "supply_problems",
     "unheld_limits",
     "watchdog_time_s",
 ]
@@ -98,50 +96,37 @@ def known_current_source_names() -> tuple[str, ...]:
 
 
 def check_actuator(name: str) -> None:
-    """Hold a known actuator's description against what its driver needs; a driver of its own is loaded.
+    """Load the driver of a known actuator that is a plug-in's; the others need no look.
 
     Raises:
-        LocalProtocolError: it cannot be read, contradicts itself, or lacks what it declares.
         BrokenPlugIn: its driver cannot be used.
     """
-    if name in controller_names() or is_map_file(name):
-        controller(name)
-    elif name not in _REGISTERED:
+    if name not in controller_names() and name not in _REGISTERED:
         plugins.maker_of(plugins.ACTUATORS, name)
 
 
-def watchdog_time_s(name: str) -> float:
-    """After how long the watchdog of a known actuator trips by itself (s); 0: it is told, or its map does not say.
+def _has_map(given: RegisterMap) -> bool:
+    """Whether an actuator is one with a register map, not one with a driver of its own."""
+    return not isinstance(given, str) or (given not in _REGISTERED and given in controller_names())
 
-    Raises:
-        LocalProtocolError: its map cannot be used.
+
+def watchdog_time_s(given: RegisterMap) -> float:
+    """Time after which the watchdog of an actuator trips, where it is fixed and its map states it; else 0 (s).
+
+    Args:
+        given: a name, or the table of a register map.
     """
-    mapped = name not in _REGISTERED and (name in controller_names() or is_map_file(name))
-    return controller(name).fixed_watchdog_s if mapped else 0.0
+    return controller(given).fixed_watchdog_s if _has_map(given) else 0.0
 
 
-def unheld_limits(name: str, limits: ActuatorLimits) -> list[str]:
-    """Why the registers of a known actuator cannot hold limits; empty where they can, or it has no register map.
+def unheld_limits(given: RegisterMap, limits: ActuatorLimits) -> list[str]:
+    """Why the registers of an actuator cannot hold limits; empty where they can, or it has no register map.
 
-    Raises:
-        LocalProtocolError: its map cannot be used.
+    Args:
+        given: a name, or the table of a register map.
+        limits: of the rig.
     """
-    mapped = name not in _REGISTERED and (name in controller_names() or is_map_file(name))
-    return controller(name).unheld_limits(limits) if mapped else []
-
-
-def register_map_schema() -> dict[str, Any]:
-    """The JSON schema of the files that `register_map` may name."""
-    from drivers.register_maps.schema import schema
-
-    return schema()
-
-
-def analogue_output_schema() -> dict[str, Any]:
-    """The JSON schema of the files by which `supply` may name an analogue output."""
-    from drivers.register_maps.schema import output_schema
-
-    return output_schema()
+    return controller(given).unheld_limits(limits) if _has_map(given) else []
 
 
 def check_current_source(name: str) -> None:
@@ -204,16 +189,21 @@ def ecu_roles_schema() -> dict[str, Any]:
     return schema()
 
 
-def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
+def make_actuator(given: RegisterMap, connection: ActuatorConnection) -> Actuator:
     """The driver of a kind of actuator; nothing is opened. One that only follows set-points is streamed them.
+
+    Args:
+        given: a name, or the table of a register map.
+        connection: how to reach it.
 
     Raises:
         UnknownDevice: no device of that name; the known ones are listed.
         BrokenPlugIn: it is a plug-in's, and that cannot be used.
     """
-    if name in _REGISTERED:
-        return as_actuator(_REGISTERED[name](connection), connection.motion)
-    if name not in controller_names() and not is_map_file(name):
+    if isinstance(given, str) and not _has_map(given):
+        name = given
+        if name in _REGISTERED:
+            return as_actuator(_REGISTERED[name](connection), connection.motion)
         brought: Actuator | None = plugins.made(plugins.ACTUATORS, name, Actuator, connection)
         if brought is not None:
             return as_actuator(brought, connection.motion)
@@ -222,7 +212,7 @@ def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
         )
     from drivers.modbus_actuator import ModbusActuator
 
-    return as_actuator(ModbusActuator(connection, controller(name)), connection.motion)
+    return as_actuator(ModbusActuator(connection, controller(given)), connection.motion)
 
 
 def make_current_source(name: str, roles: str | Mapping[str, Any] | None, bus: CanAddress) -> CurrentSource:

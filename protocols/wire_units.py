@@ -40,6 +40,19 @@ ALIASES: Mapping[str, str] = {
 }  # fmt: skip
 
 
+def seconds(text: str) -> float:
+    """A time with its unit, such as "500 ms", in s.
+
+    Raises:
+        ValueError: it is not a time.
+    """
+    number = text.strip().rstrip("abcdefghijklmnopqrstuvwxyzµμ ")
+    unit = unit_of(text.strip()[len(number) :].strip())
+    if unit is None or unit[0] != "time":
+        raise ValueError(f"{text!r} is not a time such as \"500 ms\"")
+    return float(number) * unit[1]
+
+
 def unit_of(name: str) -> tuple[str, float] | None:
     """What a unit measures and its factor to SI; None for one that is not known."""
     return UNITS.get(ALIASES.get(name, name))

@@ -16,6 +16,7 @@ import click
 from drivers.connection import ActuatorAddress, LinkKind
 from rig.errors import EXIT_USAGE, FileProblem, RigError
 from rig.faults.matrix import MATRIX
+from rig.files.described import described, is_file
 from simulators.schedule import (
     STREAMED,
     WITHIN_S,
@@ -232,11 +233,13 @@ def _supply(given: str) -> str:
     Raises:
         FileProblem: unknown, or everything that is wrong with the file.
     """
-    from drivers.devices.supply_file import supply_problems
+    from drivers.devices.supply_file import supply_names
 
-    problems = supply_problems(given) if given else []
-    if problems:
-        raise FileProblem(f"--supply {given}", [text for _, text in problems])
+    if is_file(given):
+        described("supply", given)
+    elif given and given not in supply_names():
+        known = ", ".join(supply_names())
+        raise FileProblem("--supply", [f"{given!r} is not known; known: {known}, or a file NAME.toml"])
     return given
 
 

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from drivers.connection import ActuatorAddress, LinkKind
-from drivers.devices.supply_file import is_file, supply
+from drivers.devices.supply_file import supply
+from rig.files.described import described as read_description
+from rig.files.described import is_file
 from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
 from simulators.toml_text import toml_text
@@ -146,7 +148,7 @@ def supply_lines(
     """
     if by_hand:
         return ["[ecu]", "by_hand = true", f'pressure_while_asked = "{by_hand}"', f'rehearsal = "{url}"']
-    described = supply(given)
+    described = supply(read_description("supply", given))
     name = str(Path(given).absolute()) if isinstance(given, str) and is_file(given) else given
     poll_ms = max(FASTEST_POLL_MS, SUPPLY_POLL_MS / max(1.0, speed))
     lines = [

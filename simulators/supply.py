@@ -18,6 +18,7 @@ from drivers.devices.supply import SupplyDescription
 from drivers.devices.supply_file import supply
 from protocols.patterns import Pattern
 from protocols.scpi import Command
+from rig.files.described import described as read_description
 from simulators.ecu import Ecu
 from simulators.ecu_firmware import EcuFault
 from simulators.output_module import SimulatedOutput
@@ -289,7 +290,7 @@ def simulated_supply(
     """A supply that says it is of its description's kind; None where nothing is given."""
     if not given:
         return None
-    described = supply(given)
+    described = supply(read_description("supply", given))
     if described.output is not None:
         return SimulatedOutput(ecu, described, described.output, serial_number)
     maker, model = described.maker or "SIMULATED", (described.model or described.name).split(",")[0]

@@ -6,9 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.register_maps.controller_map import ControllerMap
-from drivers.register_maps.map_file import controller, is_map_file
+from drivers.register_maps.map_file import controller
 from protocols.errors import LocalProtocolError
 from rig.errors import FileProblem
+from rig.files.described import described, is_file
 from simulators.options import ControllerOptions, RigOptions
 
 OWN = ("demo", "demo-streamed")
@@ -24,9 +25,9 @@ def worn_map(options: ControllerOptions) -> ControllerMap | None:
     if not options.register_map:
         return None
     try:
-        return controller(options.register_map)
+        return controller(described("register-map", options.register_map))
     except LocalProtocolError as error:
-        raise FileProblem(options.register_map, getattr(error, "problems", [str(error)])) from error
+        raise FileProblem(options.register_map, [str(error)]) from error
 
 
 def appearing_as(options: RigOptions, name: str) -> RigOptions:
@@ -41,7 +42,7 @@ def appearing_as(options: RigOptions, name: str) -> RigOptions:
     """
     if name in OWN:
         return replace(options, controller=replace(options.controller, generator=name == OWN[0], register_map=""))
-    path = str(Path(name).absolute()) if is_map_file(name) else name
+    path = str(Path(name).absolute()) if is_file(name) else name
     own = replace(options.controller, register_map=path)
     worn = worn_map(own)
     generator = worn is None or worn.capabilities.generator

@@ -1,4 +1,4 @@
-"""The file of an analogue output on Modbus, read without trust: everything wrong with it at once, with its place."""
+"""An analogue output on Modbus from its table, or everything that its entries contradict, with its place."""
 
 from __future__ import annotations
 
@@ -6,25 +6,20 @@ from collections.abc import Mapping
 from typing import Any
 
 from drivers.current_source import SourceFault
-from drivers.devices.output import CURRENT, ENABLE, FAULT_BITS, IDENTITY, MEASURED, AnalogueOutput, OutputWatchdog
-from drivers.devices.supply import PARITIES, SupplyCommands, SupplyDescription, SupplyLink
-from drivers.register_maps.entries import Table, nearest
+from drivers.devices.output import CURRENT, ENABLE, FAULT_BITS, MEASURED, AnalogueOutput, OutputWatchdog
+from drivers.devices.supply import SupplyCommands, SupplyDescription, SupplyLink, current_range
+from drivers.register_maps.entries import Kept, Problem, Table
 from drivers.register_maps.quantity import COIL, FLOATS, HOLDING, Quantity, Value
 from drivers.register_maps.read_meanings import number_of, read_bits
 from drivers.register_maps.read_quantities import read_modbus, read_quantities
 from drivers.register_maps.read_recipes import read_values
 from drivers.register_maps.recipe import WATCHDOG, Recipe, Write
-from protocols.toml_lines import Place
+from protocols.near_miss import meant
 
-Problems = list[tuple[Place, str]]
 Quantities = Mapping[str, Quantity]
 
-TABLES = ("link", "range", "modbus", "quantities", "identity", "faults", "prepare", "watchdog")
-KEYS = ("format", "maker", "model", "tried", "settling_ms", *TABLES)
-KNOWN = (CURRENT, MEASURED, ENABLE, FAULT_BITS, *IDENTITY)
 ZERO_A = 0.010
 """By so much the number that stands for 0 A may be off."""
-LARGEST_A, LONGEST_MS, BAUD = 1000.0, 10_000.0, (300, 12_000_000)
 
 
 def is_output(given: Mapping[str, Any]) -> bool:
@@ -32,27 +27,13 @@ def is_output(given: Mapping[str, Any]) -> bool:
     return "quantities" in given or "modbus" in given
 
 
-class _Kept:
-    """Problems with their places."""
-
-    def __init__(self) -> None:
-        self.problems: Problems = []
-
-    def add(self, place: Place, message: str) -> None:
-        """Keep a problem of an entry, once."""
-        if (place, message) not in self.problems:
-            self.problems.append((place, message))
-
-
-def read_output(given: Mapping[str, Any], name: str) -> tuple[SupplyDescription | None, Problems]:
+def read_output(given: Mapping[str, Any], name: str) -> tuple[SupplyDescription | None, list[Problem]]:
     """An output's description, or None and everything that is wrong with it."""
-    kept = _Kept()
+    kept = Kept()
     top = Table(kept, (), given)
-    top.only(KEYS)
-    top.whole("format", 1, 1, 1)
     modbus = read_modbus(top.table("modbus"))
-    quantities = read_quantities(top.table("quantities", needed="where are its values?"), modbus)
-    current_A = _range(top.table("range", needed="write current_A = [0, 2], the lowest and highest current"))
+    quantities = read_quantities(top.table("quantities"), modbus)
+    current_A = current_range(given["range"]["current_A"])
     faults = read_bits(top.table("faults"), SourceFault, quantities.get(FAULT_BITS), FAULT_BITS, quantities)
     for one in quantities.values():
         if one.values > 1:
@@ -63,47 +44,19 @@ def read_output(given: Mapping[str, Any], name: str) -> tuple[SupplyDescription 
         _watchdog(top.table("watchdog"), quantities) if "watchdog" in top else None,
     )
     _needs(top, output, current_A)
-    texts = {key: top.text(key) for key in ("maker", "model", "tried")}
-    settling_s = 1e-3 * _within(top, "settling_ms", 300.0, 1.0, LONGEST_MS)
-    link = _link(top.table("link"))
-    if kept.problems or current_A is None:
+    link = top.table("link")
+    if kept.problems:
         return None, kept.problems
     return SupplyDescription(
-        name, link, SupplyCommands(), current_A, maker=texts["maker"], model=texts["model"], tried=texts["tried"],
-        settling_s=settling_s, output=output,
+        name, SupplyLink(baudrate=link.get("baudrate", 9600), parity=link.get("parity", "N")), SupplyCommands(),
+        current_A, maker=top.get("maker", ""), model=top.get("model", ""), tried=top.get("tried", ""),
+        settling_s=1e-3 * top.get("settling_ms", 300.0), output=output,
     ), []  # fmt: skip
-
-
-def _range(table: Table) -> tuple[float, float] | None:
-    table.only(("current_A",))
-    ends: Any = table.given.get("current_A")
-    numbers = isinstance(ends, (list, tuple)) and len(ends) == 2 and all(
-        isinstance(end, int | float) and not isinstance(end, bool) and abs(end) <= LARGEST_A for end in ends
-    )
-    if not numbers or not ends[0] < ends[1]:
-        table.add("current_A", "must be the lowest and the highest current (A), such as current_A = [0, 2]")
-        return None
-    return float(ends[0]), float(ends[1])
-
-
-def _within(table: Table, key: str, default: float, low: float, high: float) -> float:
-    value = table.number(key, default)
-    if not low <= value <= high:
-        table.add(key, f"{value:g} must be a number from {low:g} to {high:g}")
-        return default
-    return value
-
-
-def _link(table: Table) -> SupplyLink:
-    table.only(("baudrate", "parity"))
-    return SupplyLink(
-        baudrate=table.whole("baudrate", 9600, *BAUD) or 9600, parity=table.text("parity", "N", PARITIES)
-    )
 
 
 def _identity(table: Table, quantities: Quantities) -> dict[str, Value]:
     """What must be shown: quantity -> value (SI, or a text)."""
-    table.only(list(quantities))
+    table.named(quantities, "quantities")
     named = {name: quantities[name] for name in table if name in quantities}
     for name, quantity in named.items():
         if not quantity.read:
@@ -127,20 +80,16 @@ def _written(table: Table, key: str, quantities: Quantities, names: tuple[str, .
 
 
 def _watchdog(table: Table, quantities: Quantities) -> OutputWatchdog:
-    table.only(("time_s", "start", "stop", "feed"))
-    if "time_s" not in table:
-        table.add(None, "time_s is missing; write after how many seconds the output goes to 0 A by itself")
-    time_s = _within(table, "time_s", 1.0, 0.1, 60.0)
     start, stop = (_written(table, key, quantities) for key in ("start", "stop"))
-    return OutputWatchdog(time_s, start, stop, _written(table, "feed", quantities, WATCHDOG))
+    return OutputWatchdog(table.get("time_s"), start, stop, _written(table, "feed", quantities, WATCHDOG))
 
 
-def _needs(top: Table, output: AnalogueOutput, current_A: tuple[float, float] | None) -> None:
+def _needs(top: Table, output: AnalogueOutput, current_A: tuple[float, float]) -> None:
     """What entries that are right by themselves say wrong together, and what nothing can be run without."""
     table, quantities = top.table("quantities"), output.quantities
     if CURRENT not in quantities:
         if CURRENT not in table:
-            near = nearest(CURRENT, list(quantities))
+            near = meant(CURRENT, quantities)
             table.add(None, f'current is missing: current = {{address = 0, scale = 0.001, unit = "A"}}; {near}')
         return
     current, measured = quantities[CURRENT], quantities.get(MEASURED)
@@ -159,7 +108,7 @@ def _needs(top: Table, output: AnalogueOutput, current_A: tuple[float, float] | 
         table.add(FAULT_BITS, "is bits: a whole number without scale that can be read")
     if not any(one.read for one in quantities.values()):
         table.add(None, "nothing of it can be read: it could not even be told that it is there; give one that can")
-    if current_A is not None and current.space == HOLDING and current.type != "string":
+    if current.space == HOLDING and current.type != "string":
         _zero(top, current, current_A, switched=enable is not None)
 
 

@@ -5,6 +5,7 @@ A preset and a user's file have the same form; `supply_file` reads both.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.current_source import SourceIdentity
@@ -150,6 +151,12 @@ class SupplyConnection:
     baudrate: int | None = None
     identity: str = ""
     device_id: int = 1
+
+
+def current_range(given: Sequence[float]) -> tuple[float, float]:
+    """Lowest and highest set-point of a list of two."""
+    low, high = given
+    return float(low), float(high)
 
 
 def identity_of(answer: str) -> SourceIdentity:

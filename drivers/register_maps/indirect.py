@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from drivers.register_maps.access_plan import Written
-from drivers.register_maps.entries import Table, nearest
-from drivers.register_maps.quantity import BITS, HOLDING, LAST_ADDRESS, SPACES, Quantity
+from drivers.register_maps.entries import Table
+from drivers.register_maps.quantity import BITS, HOLDING, LAST_ADDRESS, Quantity
+from protocols.near_miss import meant
 
-KEYS = ("pointers", "data", "quantities", "function", "pointer_registers", "pointer_offset")
 MOST = 123
 
 
@@ -73,31 +73,26 @@ def read_indirect(table: Table, quantities: Mapping[str, Quantity], first: Mappi
         quantities: of the file.
         first: what the file calls the first register of each space.
     """
-    table.only(KEYS)
     if not table.given:
         return None
-    space = table.text("function", HOLDING, SPACES)
-    start = first[HOLDING]
-    pointers = table.whole("pointers", None, start, start + LAST_ADDRESS)
-    data = table.whole("data", None, first[space], first[space] + LAST_ADDRESS)
-    names = table.given.get("quantities")
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
-        table.add("quantities", 'must be a list of quantities, such as ["state", "position"]')
-        return None
+    space = table.get("function", HOLDING)
+    pointers, data = table.get("pointers") - first[HOLDING], table.get("data") - first[space]
+    for key, address in (("pointers", pointers), ("data", data)):
+        if not 0 <= address <= LAST_ADDRESS:
+            low = first[HOLDING if key == "pointers" else space]
+            table.add(key, f"must be a whole number of {low} to {low + LAST_ADDRESS}")
+            return None
     listed: list[Quantity] = []
-    for name in names:
+    for name in table.get("quantities"):
         quantity = quantities.get(name)
         if quantity is None:
-            table.add("quantities", f"{name!r} is not among [quantities]; {nearest(name, quantities)}")
+            table.add("quantities", f"{name!r} is not among [quantities]; {meant(name, quantities)}")
         elif quantity.space in BITS:
             table.add("quantities", f"{name!r} is no register")
         else:
             listed.append(quantity)
-    width = table.whole("pointer_registers", 1, 1, 2) or 1
-    offset = table.whole("pointer_offset", 0, -LAST_ADDRESS, 0xFFFFFF) or 0
-    if pointers is None or data is None or space in BITS:
-        return None
-    result = Indirect(space, pointers - start, data - first[space], tuple(listed), width, offset)
+    width = table.get("pointer_registers", 1)
+    result = Indirect(space, pointers, data, tuple(listed), width, table.get("pointer_offset", 0))
     count = len(result.addresses)
     if result.pointers + count * width > LAST_ADDRESS + 1 or result.data + count > LAST_ADDRESS + 1:
         table.add(None, f"its {count} registers reach beyond the last one, 65535")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.register_maps.controller_map import Recipes, Words
-from drivers.register_maps.entries import Source
+from drivers.register_maps.entries import Kept
 from drivers.register_maps.meanings import word
 from drivers.register_maps.quantity import Quantity, Value
 from drivers.register_maps.read_quantities import LIMITS, ROLES
@@ -69,7 +69,7 @@ def _asks_for(recipe: Recipe, name: str) -> bool:
     return any(isinstance(step, Write) and name in step.values.values() for step in recipe)
 
 
-def check(source: Source, quantities: Quantities, words: Words, recipes: Recipes, watchdog: WatchdogKind) -> None:
+def check(source: Kept, quantities: Quantities, words: Words, recipes: Recipes, watchdog: WatchdogKind) -> None:
     """Hold what a map says against what every rig needs; keeps every problem."""
     commands = recipes.commands
     if "position" not in quantities:
@@ -89,7 +89,7 @@ def check(source: Source, quantities: Quantities, words: Words, recipes: Recipes
     _numbers(source, quantities, words)
 
 
-def _stops(source: Source, commands: Mapping[Command, Recipe]) -> None:
+def _stops(source: Kept, commands: Mapping[Command, Recipe]) -> None:
     """A stop goes out at once, and does not do what begins a motion."""
     for stop in STOPS:
         recipe = commands.get(stop)
@@ -102,7 +102,7 @@ def _stops(source: Source, commands: Mapping[Command, Recipe]) -> None:
                 source.add(("commands", word(stop)), f"is the same as {word(other)}: it would stop nothing")
 
 
-def _motions(source: Source, words: Words, recipes: Recipes) -> None:
+def _motions(source: Kept, words: Words, recipes: Recipes) -> None:
     commands = recipes.commands
     generator = Command.START in commands
     if not generator and not recipes.setpoint:
@@ -122,7 +122,7 @@ def _motions(source: Source, words: Words, recipes: Recipes) -> None:
         source.add(("commands", "move-to"), "its target is missing: write $target")
 
 
-def _program(source: Source, start: Recipe, words: Words) -> None:
+def _program(source: Kept, start: Recipe, words: Words) -> None:
     place = ("commands", "start")
     low_and_high = _asks_for(start, "$low") and _asks_for(start, "$high")
     if not (_asks_for(start, "$amplitude") or _asks_for(start, "$peak_to_peak") or low_and_high):
@@ -145,7 +145,7 @@ def _program(source: Source, start: Recipe, words: Words) -> None:
         )
 
 
-def _pressure(source: Source, words: Words, commands: Mapping[Command, Recipe]) -> None:
+def _pressure(source: Kept, words: Words, commands: Mapping[Command, Recipe]) -> None:
     on, off = Command.HYDRAULICS_ON in commands, Command.HYDRAULICS_OFF in commands
     if on is not off:
         missing = "hydraulics-off" if on else "hydraulics-on"
@@ -164,7 +164,7 @@ def _pressure(source: Source, words: Words, commands: Mapping[Command, Recipe]) 
     _pressure_codes(source, words)
 
 
-def _pressure_codes(source: Source, words: Words) -> None:
+def _pressure_codes(source: Kept, words: Words) -> None:
     """A code of `state` that shows a motion or a hold does not show at the same time that there is no pressure."""
     held = {code: state for state, codes in words.states.codes.codes.items() for code in codes}
     for pressure, rule in words.pressure.rules.items():
@@ -177,7 +177,7 @@ def _pressure_codes(source: Source, words: Words) -> None:
                 )
 
 
-def _numbers(source: Source, quantities: Quantities, words: Words) -> None:
+def _numbers(source: Kept, quantities: Quantities, words: Words) -> None:
     """Codes that a quantity needs to mean something."""
     for name, codes, table in (
         ("phase", words.phases, "phase"), ("result", words.results, "results"),
@@ -190,7 +190,7 @@ def _numbers(source: Source, quantities: Quantities, words: Words) -> None:
         source.add(("results",), "done is missing: by which code does the device say that it has taken a command?")
 
 
-def check_identity(source: Source, expected: Mapping[str, Value], quantities: Quantities) -> None:
+def check_identity(source: Kept, expected: Mapping[str, Value], quantities: Quantities) -> None:
     """Hold the values that prove the device against the quantities that show them."""
     for name, value in expected.items():
         quantity = quantities[name]

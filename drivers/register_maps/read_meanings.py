@@ -7,16 +7,16 @@ from enum import IntEnum, IntFlag
 from typing import Any, TypeVar
 
 from drivers.register_maps.condition import COMPARISONS, Condition, Test
-from drivers.register_maps.entries import Table, nearest
+from drivers.register_maps.entries import Table, listed
 from drivers.register_maps.meanings import Bits, Codes, PressureRules, StateRule, States, word
 from drivers.register_maps.quantity import Quantity, Value
 from drivers.roles import Pressure, State
+from protocols.near_miss import meant
 
 Quantities = Mapping[str, Quantity]
 Meaning = TypeVar("Meaning", bound=IntEnum)
 
 LARGEST_CODE = (1 << 32) - 1
-CONDITION_KEYS = ("quantity", "bit", *COMPARISONS)
 
 
 def read_condition(table: Table, key: str, quantities: Quantities, names: Collection[str] = ()) -> Condition:
@@ -28,22 +28,15 @@ def read_condition(table: Table, key: str, quantities: Quantities, names: Collec
         quantities: of the file.
         names: what a recipe may ask for, without the "$".
     """
-    given = table.given.get(key)
-    tests: list[Any] = given if isinstance(given, list) else [given]
-    if not tests or not all(isinstance(test, Mapping) for test in tests):
-        table.add(key, 'must be a condition such as {quantity = "ready", equals = 1}, or a list of those that all hold')
-        return Condition()
-    read = (_test(Table(table.source, (*table.place, key), test), quantities, names) for test in tests)
+    read = (_test(Table(table.source, (*table.place, key), test), quantities, names) for test in listed(table.get(key)))
     return Condition(tuple(test for test in read if test is not None))
 
 
 def _test(table: Table, quantities: Quantities, names: Collection[str]) -> Test | None:
-    table.only(CONDITION_KEYS)
-    name = table.text("quantity")
+    name = table.get("quantity")
     quantity = quantities.get(name)
     if quantity is None:
-        if name or "quantity" not in table:
-            table.add(None, f"quantity {name!r} is not among [quantities]; {nearest(name, quantities)}")
+        table.add(None, f"quantity {name!r} is not among [quantities]; {meant(name, quantities)}")
         return None
     if not quantity.read:
         table.add(None, f"{name!r} cannot be read: its access is \"w\"")
@@ -51,7 +44,9 @@ def _test(table: Table, quantities: Quantities, names: Collection[str]) -> Test 
         table.add(None, f"{name!r} is a text; conditions look at numbers")
     if quantity.values > 1:
         table.add(None, f"{name!r} has {quantity.values} values; a condition looks at one number")
-    bit = table.whole("bit", None, 0, 16 * quantity.length - 1) if "bit" in table else None
+    bit = table.get("bit")
+    if bit is not None and bit >= 16 * quantity.length:
+        table.add("bit", f"{name!r} has the bits 0 to {16 * quantity.length - 1}")
     if bit is not None and not quantity.whole:
         table.add("bit", f"{name!r} is no whole number without scale: it has no bits")
     given = [comparison for comparison in COMPARISONS if comparison in table]
@@ -59,46 +54,35 @@ def _test(table: Table, quantities: Quantities, names: Collection[str]) -> Test 
         table.add(None, f"one comparison at a time: {', '.join(given)}; several conditions stand in a list")
     if not given:
         return Test(quantity, "not_equals", (0,), bit)
-    wanted = table.given[given[0]]
-    listed = wanted if given[0] == "one_of" and isinstance(wanted, list) and wanted else [wanted]
-    values = [number_of(table, given[0], one, quantity if bit is None else None, names) for one in listed]
+    wanted = listed(table.get(given[0]))
+    values = [number_of(table, given[0], one, quantity if bit is None else None, names) for one in wanted]
     return Test(quantity, given[0], tuple(values), bit)
 
 
-def number_of(table: Table, key: str, given: object, quantity: Quantity | None, names: Collection[str]) -> Value:
+def number_of(table: Table, key: str, given: Value, quantity: Quantity | None, names: Collection[str]) -> Value:
     """A number in a quantity's unit as SI, true and false as 1 and 0, or "$" and one of `names`."""
-    if isinstance(given, str) and given.startswith("$"):
+    if isinstance(given, str):
+        if not given.startswith("$"):
+            table.add(key, f'{given!r:.40} must be a number, true, false or a name such as "$target"')
+            return 0
         if given[1:] not in names:
-            table.add(key, f"{given} is nothing that is known here; {nearest(given, [f'${name}' for name in names])}")
+            table.add(key, f"{given} is nothing that is known here; {meant(given, [f'${name}' for name in names])}")
             return 0
         return given
     if isinstance(given, bool):
         return int(given)
-    if not isinstance(given, int | float) or given != given or abs(given) > 1e300:
-        table.add(key, f'{given!r:.40} must be a number, true, false or a name such as "$target"')
-        return 0
     return given if quantity is None or quantity.factor == 1.0 else given * quantity.factor
 
 
 def read_codes(table: Table, meaning: type[Meaning]) -> Codes:
     """A table word = code, or word = [codes]."""
     members = {word(member): member for member in meaning}
-    table.only(members)
-    result: dict[IntEnum, tuple[int, ...]] = {}
     owners: dict[int, str] = {}
-    for name in table:
-        codes = _codes(table, name, owners)
-        if name in members and codes:
-            result[members[name]] = codes
-    return Codes(meaning, result)
+    return Codes(meaning, {members[name]: _codes(table, name, owners) for name in table})
 
 
 def _codes(table: Table, name: str, owners: dict[int, str]) -> tuple[int, ...]:
-    given = table.given[name]
-    codes = given if isinstance(given, list) else [given]
-    if not codes or any(type(code) is not int or not 0 <= code <= LARGEST_CODE for code in codes):
-        table.add(name, f"{given!r:.40} must be a code (a whole number from 0), or a list of codes")
-        return ()
+    codes = listed(table.get(name))
     for code in codes:
         if owners.setdefault(code, name) != name:
             table.add(name, f"{owners[code]} and {name} are both {code}; a code has one meaning")
@@ -108,12 +92,11 @@ def _codes(table: Table, name: str, owners: dict[int, str]) -> tuple[int, ...]:
 def read_states(table: Table, quantities: Quantities) -> States:
     """The table [state]: codes of the quantity `state`, or conditions."""
     members = {word(member): member for member in State}
-    table.only(members)
     rules: list[StateRule] = []
     owners: dict[int, str] = {}
     codes: dict[IntEnum, tuple[int, ...]] = {}
     for name in table:
-        member, given = members.get(name, State.HOLD), table.given[name]
+        member, given = members[name], table.get(name)
         if given is True:
             rules.append(StateRule(member, condition=Condition()))
         elif _is_condition(given):
@@ -132,13 +115,10 @@ def read_states(table: Table, quantities: Quantities) -> States:
 def read_pressure(table: Table, quantities: Quantities) -> PressureRules:
     """The table [pressure]: codes of the quantity `state`, or conditions; empty where there is none."""
     members = {word(member): member for member in (Pressure.OFF, Pressure.LOW, Pressure.ON)}
-    table.only(members)
     rules: dict[Pressure, StateRule] = {}
     owners: dict[int, str] = {}
     for name in table:
-        member, given = members.get(name), table.given[name]
-        if member is None:
-            continue
+        member, given = members[name], table.get(name)
         if _is_condition(given):
             rules[member] = StateRule(member, condition=read_condition(table, name, quantities))
         else:
@@ -151,7 +131,7 @@ def read_pressure(table: Table, quantities: Quantities) -> PressureRules:
 
 
 def _is_condition(given: Any) -> bool:  # noqa: ANN401 - any TOML value
-    return isinstance(given, Mapping) or (isinstance(given, list) and any(isinstance(one, Mapping) for one in given))
+    return any(isinstance(one, Mapping) for one in listed(given))
 
 
 def read_bits(table: Table, meaning: type[IntFlag], quantity: Quantity | None, named: str, all_of: Quantities) -> Bits:
@@ -165,18 +145,17 @@ def read_bits(table: Table, meaning: type[IntFlag], quantity: Quantity | None, n
         all_of: the file's quantities, for conditions.
     """
     members = {word(member): member for member in meaning}
-    table.only(members)
     places: dict[int, int] = {}
     conditions: list[tuple[int, Condition]] = []
     for name in table:
-        given = table.given[name]
-        member = int(members.get(name, 0))
+        given = table.get(name)
+        member = int(members[name])
         if _is_condition(given):
             conditions.append((member, read_condition(table, name, all_of)))
             continue
         most = 15 if quantity is None else 16 * quantity.length - 1
-        bits = given if isinstance(given, list) else [given]
-        if not bits or any(type(bit) is not int or not 0 <= bit <= most for bit in bits):
+        bits = listed(given)
+        if max(bits) > most:
             table.add(name, f"{given!r:.40} must be a bit of {named} (a whole number of 0 to {most}) or a condition")
             continue
         if quantity is None:

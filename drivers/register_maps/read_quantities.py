@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from drivers.register_maps.access_plan import Rules
-from drivers.register_maps.entries import Table, nearest
+from drivers.register_maps.entries import Table
 from drivers.register_maps.quantity import (
     BITS,
     COIL,
@@ -23,14 +23,6 @@ from protocols.wire_units import UNITS, unit_of
 
 ORDERS = ("big", "little")
 ACCESS = ("r", "w", "rw")
-MODBUS_KEYS = (
-    "word_order", "byte_order", "function", "first_address", "write_function", "coil_function", "largest_gap",
-    "largest_read", "unreadable", "read_while_writing",
-)  # fmt: skip
-QUANTITY_KEYS = (
-    "address", "function", "type", "scale", "offset", "unit", "word_order", "byte_order", "access", "write_function",
-    "length", "bit", "count", "description",
-)  # fmt: skip
 
 ROLES: Mapping[str, str] = {
     "state": "", "position": "length", "velocity": "speed", "setpoint": "length", "servo_error": "length",
@@ -73,33 +65,16 @@ class Modbus:
 
 def read_modbus(table: Table) -> Modbus:
     """The table [modbus]."""
-    table.only(MODBUS_KEYS)
-    first = table.given.get("first_address", 0)
-    if isinstance(first, Mapping):
-        below = table.table("first_address")
-        below.only(SPACES)
-        starts = {space: below.whole(space, 0, 0, 499_999) or 0 for space in SPACES}
-    else:
-        start = table.whole("first_address", 0, 0, 499_999) or 0
-        starts = dict.fromkeys(SPACES, start)
+    first = table.get("first_address", 0)
+    starts = {space: first.get(space, 0) if isinstance(first, Mapping) else first for space in SPACES}
     holding = starts[HOLDING]
-    unreadable = tuple((low - holding, high - holding) for low, high in table.pairs("unreadable"))
+    unreadable = tuple((low - holding, high - holding) for low, high in table.get("unreadable", ()))
     return Modbus(
-        table.text("word_order", "big", ORDERS), table.text("byte_order", "big", ORDERS),
-        table.text("function", HOLDING, SPACES), starts,
-        _function(table, "write_function", 16, (6, 16)), _function(table, "coil_function", 5, (5, 15)),
-        Rules(table.whole("largest_gap", 8, 0, 124) or 0, table.whole("largest_read", 125, 1, 125) or 125, unreadable,
-              tuple(starts.items())),
-        table.truth("read_while_writing", default=False),
+        table.get("word_order", "big"), table.get("byte_order", "big"), table.get("function", HOLDING), starts,
+        table.get("write_function", 16), table.get("coil_function", 5),
+        Rules(table.get("largest_gap", 8), table.get("largest_read", 125), unreadable, tuple(starts.items())),
+        table.get("read_while_writing", False),
     )  # fmt: skip
-
-
-def _function(table: Table, key: str, default: int, among: tuple[int, ...]) -> int:
-    value = table.given.get(key, default)
-    if value not in among or isinstance(value, bool):
-        table.add(key, f"{value!r:.40} is not {' or '.join(map(str, among))}")
-        return default
-    return int(value)
 
 
 def read_quantities(table: Table, modbus: Modbus) -> dict[str, Quantity]:
@@ -109,7 +84,6 @@ def read_quantities(table: Table, modbus: Modbus) -> dict[str, Quantity]:
         if not _NAME.fullmatch(name):
             table.add(name, "is no name: letters, digits and _, a letter first, such as servo_error")
         entry = table.table(name)
-        entry.only(QUANTITY_KEYS)
         quantity = _quantity(name, entry, modbus)
         if quantity is not None:
             _check(quantity, entry)
@@ -119,55 +93,51 @@ def read_quantities(table: Table, modbus: Modbus) -> dict[str, Quantity]:
 
 
 def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
-    space = entry.text("function", modbus.space, SPACES)
+    space = entry.get("function", modbus.space)
     bits = space in BITS
-    first = modbus.first_address[space]
-    address = entry.whole("address", None, first, first + LAST_ADDRESS)
-    bit = entry.whole("bit", None, 0, 15) if "bit" in entry else None
-    kind = entry.text("type", "bit" if bits else "u16", tuple(TYPES))
-    if address is None or (bits and kind != "bit"):
-        if bits and kind != "bit":
-            entry.add("type", f"{kind!r}: a {space} holds one bit; leave type out")
+    address = entry.get("address") - modbus.first_address[space]
+    bit = entry.get("bit")
+    kind = entry.get("type", "bit" if bits else "u16")
+    if bits and kind != "bit":
+        entry.add("type", f"{kind!r}: a {space} holds one bit; leave type out")
+        return None
+    if not 0 <= address <= LAST_ADDRESS:
+        first = modbus.first_address[space]
+        entry.add("address", f"{entry.get('address')} must be a whole number of {first} to {first + LAST_ADDRESS}")
         return None
     if kind == "bit" and not bits:
         if bit is None:
             entry.add("type", "'bit' lies in a coil or a discrete input; of a register say which: bit = 0 to 15")
             return None
         kind = "u16"
-    access = entry.text("access", "r" if space in READ_ONLY or bit is not None else "rw", ACCESS)
-    function = modbus.coil_function if space == COIL else modbus.write_function
-    if "write_function" in entry:
-        function = _function(entry, "write_function", function, (5, 15) if space == COIL else (6, 16))
-    length = (entry.whole("length", None, 1, 120) or 1) if kind == "string" else max(1, TYPES[kind][1])
-    if "length" in entry and kind != "string":
+    access = entry.get("access", "r" if space in READ_ONLY or bit is not None else "rw")
+    function = entry.get("write_function", modbus.coil_function if space == COIL else modbus.write_function)
+    if function not in ((5, 15) if space == COIL else (6, 16)):
+        entry.add("write_function", f"{function} is not {'5 or 15' if space == COIL else '6 or 16'}")
+    if kind == "string" and "length" not in entry:
+        entry.add(None, "length is missing; write length = a whole number of 1 to 120")
+    elif "length" in entry and kind != "string":
         entry.add("length", "only a string has one; a table of values says count")
+    length = entry.get("length", 1) if kind == "string" else max(1, TYPES[kind][1])
     return Quantity(
-        name, space, address - first, kind, length, entry.whole("count", 1, 1, 120) or 1, _scale(entry),
-        entry.number("offset", 0.0), _factor(entry), measures(entry),
-        entry.text("word_order", modbus.word_order, ORDERS), entry.text("byte_order", modbus.byte_order, ORDERS),
+        name, space, address, kind, length, entry.get("count", 1), _scale(entry), float(entry.get("offset", 0.0)),
+        unit[1] if (unit := unit_of(entry.get("unit", ""))) else 1.0, measures(entry),
+        entry.get("word_order", modbus.word_order), entry.get("byte_order", modbus.byte_order),
         bit, "r" in access, "w" in access, function,
     )  # fmt: skip
 
 
 def _scale(entry: Table) -> float:
-    scale = entry.number("scale", 1.0)
+    scale = float(entry.get("scale", 1.0))
     if scale == 0.0:
         entry.add("scale", "0 makes every value 0; write what one count is worth, such as 0.001")
         return 1.0
     return scale
 
 
-def _factor(entry: Table) -> float:
-    name = entry.text("unit", "")
-    unit = unit_of(name)
-    if unit is None:
-        entry.add("unit", f"{name!r:.20} is not known; {nearest(name, [one for one in UNITS if one])}")
-    return 1.0 if unit is None else unit[1]
-
-
 def measures(entry: Table) -> str:
     """What an entry's unit measures; empty where it has none."""
-    unit = unit_of(str(entry.given.get("unit", "")))
+    unit = unit_of(entry.get("unit", ""))
     return "" if unit is None else unit[0]
 
 

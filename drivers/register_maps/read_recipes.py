@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 from drivers.capabilities import WatchdogKind
-from drivers.register_maps.entries import Table, nearest
+from drivers.register_maps.entries import Table, listed
 from drivers.register_maps.meanings import word
 from drivers.register_maps.quantity import HOLDING, Quantity, Value
 from drivers.register_maps.read_meanings import number_of, read_condition
@@ -23,11 +23,11 @@ from drivers.register_maps.recipe import (
     names_for,
 )
 from drivers.roles import Command
+from protocols.near_miss import meant
 
 Quantities = Mapping[str, Quantity]
 
 STEPS = ("write", "wait", "pause", "recipe")
-STEP_KEYS = (*STEPS, "within", "span", "description")
 COMMANDS = {word(command): command for command in Command if command is not Command.NONE}
 LONGEST_SPAN = 123
 MOST_CALLS = 500
@@ -61,40 +61,26 @@ class Recipes:
             names: what it may ask for, without the "$".
             under: the named recipes that led here.
         """
-        given = table.given.get(key)
-        steps = given if isinstance(given, list) else [given]
-        if not all(isinstance(step, Mapping) for step in steps):
-            table.add(key, 'must be a step such as {write = {command = 3}}, or a list of steps')
-            return ()
+        given = table.get(key)
         result: list[Step] = []
-        for place, step in enumerate(steps):
-            where = (*table.place, key, place) if isinstance(given, list) else (*table.place, key)
+        for place, step in enumerate(listed(given)):
+            where = (*table.place, key) if isinstance(given, Mapping) else (*table.place, key, place)
             result += self._step(Table(table.source, where, step), names, under)
         return tuple(result)
 
     def _step(self, step: Table, names: Collection[str], under: tuple[str, ...]) -> Recipe:
-        step.only(STEP_KEYS)
-        given = [key for key in STEPS if key in step]
-        if len(given) != 1:
-            step.add(None, f"a step is one of {', '.join(STEPS)}; this one has {' and '.join(given) or 'none'}")
-            return ()
-        if "within" in step and given[0] != "wait":
-            step.add("within", "belongs to a wait")
-        if given[0] == "pause":
-            return (Pause(step.time_s("pause", 0.05)),)
-        if given[0] == "wait":
-            if "within" not in step:
-                step.add(None, 'a wait needs an end: write within = "1 s" beside it')
-            lasts_s = step.time_s("within", 1.0)
-            return (Wait(read_condition(step, "wait", self._quantities, names), lasts_s),)
-        if given[0] == "recipe":
+        if "pause" in step:
+            return (Pause(step.time_s("pause")),)
+        if "wait" in step:
+            return (Wait(read_condition(step, "wait", self._quantities, names), step.time_s("within")),)
+        if "recipe" in step:
             return self._call(step, names, under)
         return (Write(read_values(step, "write", self._quantities, names), self._span(step)),)
 
     def _call(self, step: Table, names: Collection[str], under: tuple[str, ...]) -> Recipe:
-        name = step.text("recipe")
+        name = step.get("recipe")
         if name not in self._named:
-            step.add(None, f"recipe {name!r} is not among [recipes]; {nearest(name, list(self._named))}")
+            step.add(None, f"recipe {name!r} is not among [recipes]; {meant(name, self._named)}")
             return ()
         if name in under:
             step.add(None, f"a recipe that runs itself: {' -> '.join((*under, name))}; it would never end")
@@ -116,11 +102,9 @@ class Recipes:
     def _span(self, step: Table) -> tuple[int, int] | None:
         if "span" not in step:
             return None
-        given = step.given["span"]
+        given = step.get("span")
         inside = [self._quantities[name] for name in step.table("write") if name in self._quantities]
-        if not isinstance(given, list) or len(given) != 2 or not all(
-            isinstance(name, str) and name in self._quantities for name in given
-        ):
+        if not all(name in self._quantities for name in given):
             step.add("span", "must be two quantities, [first, last]: all registers from one to the other are written")
             return None
         first, last = (self._quantities[name] for name in given)
@@ -139,13 +123,11 @@ class Recipes:
 def read_values(step: Table, key: str, quantities: Quantities, names: Collection[str]) -> dict[Quantity, Value]:
     """What a step writes: quantity -> number (SI) or name with its "$"."""
     written = step.table(key)
-    if not written.given:
-        step.add(key, "must be a table of quantities and their values, such as {command = 3, target = \"$target\"}")
     result: dict[Quantity, Value] = {}
     for name in written:
         quantity = quantities.get(name)
         if quantity is None:
-            written.add(name, f"is not among [quantities]; {nearest(name, quantities)}")
+            written.add(name, f"is not among [quantities]; {meant(name, quantities)}")
             continue
         if not quantity.written:
             written.add(name, f"cannot be written: its access is \"r\" ({quantity.space})")
@@ -178,20 +160,17 @@ def _check_name(written: Table, key: str, name: str, quantity: Quantity) -> None
 
 def read_commands(table: Table, recipes: Recipes) -> dict[Command, Recipe]:
     """The table [commands]."""
-    table.only(COMMANDS)
-    result: dict[Command, Recipe] = {}
+    result: dict[Command, Recipe] = {
+        COMMANDS[key]: recipes.read(table, key, names_for(COMMANDS[key])) for key in table
+    }
     for key in table:
-        if key in COMMANDS:
-            result[COMMANDS[key]] = recipes.read(table, key, names_for(COMMANDS[key]))
-    for key in table:
-        if key in COMMANDS and not any(isinstance(step, Write) for step in result[COMMANDS[key]]):
+        if not any(isinstance(step, Write) for step in result[COMMANDS[key]]):
             table.add(key, "writes nothing: the device would not know of it")
     return result
 
 
 def read_setpoint(table: Table, recipes: Recipes) -> Recipe:
     """The table [setpoint]; empty where there is none."""
-    table.only(("write", "span"))
     if not table.given:
         return ()
     steps = recipes.read(Table(table.source, (), {"setpoint": table.given}), "setpoint", SETPOINT)
@@ -208,9 +187,8 @@ def read_watchdog(table: Table, recipes: Recipes, streams: bool) -> tuple[Watchd
         recipes: reads steps.
         streams: set-points are sent one by one.
     """
-    table.only(("kind", "write", "span", "time"))
-    kind = table.text("kind", "none", KINDS)
-    time_s = table.time_s("time", 0.0) if "time" in table else 0.0
+    kind = table.get("kind", "none")
+    time_s = table.time_s("time")
     steps: Recipe = ()
     if "write" in table:
         given = {key: table.given[key] for key in ("write", "span") if key in table}
@@ -227,7 +205,6 @@ def read_watchdog(table: Table, recipes: Recipes, streams: bool) -> tuple[Watchd
 
 def read_table(table: Table, recipes: Recipes) -> tuple[Recipe, int]:
     """The table [table]: how a table waveform is loaded, and how many values one write takes; () and 0 without."""
-    table.only(("write", "span"))
     if not table.given:
         return (), 0
     steps = recipes.read(Table(table.source, (), {"table": table.given}), "table", TABLE)

@@ -19,6 +19,7 @@ from drivers.catalogue import (
     is_dbc,
     known_current_source_names,
     own_names,
+    supply_names,
 )
 from drivers.connection import ActuatorAddress, LinkKind
 from drivers.plugins import CURRENT_SOURCES, BrokenPlugIn
@@ -96,14 +97,24 @@ def modbus_url(text: str) -> str:
 
 
 def known_actuator(name: str) -> str:
-    """Check the name of a kind of actuator, or the path of a register map (it ends in .toml), and its description.
+    """Check the name of a kind of actuator, in place of the file of a register map.
 
     Raises:
-        ValueError: unknown; the known ones are named. Or its description cannot be used.
+        ValueError: unknown; the known ones are named. Or its driver cannot be used.
     """
-    if not name.casefold().endswith(".toml"):
-        _known(name, actuator_names(), '; a register map of your own is named by its file, such as "my-map.toml"')
-    return _described(name, check_actuator)
+    return _described(
+        _known(name, actuator_names(), '; a register map of your own is named by its file, such as "my-map.toml"'),
+        check_actuator,
+    )
+
+
+def known_supply(name: str) -> str:
+    """Check the name of a preset of a supply, in place of a file or a table.
+
+    Raises:
+        ValueError: unknown; the known ones are named.
+    """
+    return _known(name, supply_names(), ", or a file NAME.toml")
 
 
 def known_current_source(name: str) -> str:

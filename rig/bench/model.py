@@ -17,7 +17,6 @@ from rig.bench.address import command_timeout_s, current_range_A, status_period_
 from rig.bench.controller_limits import controller_limits
 from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
 from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Margins, Station
-from rig.bench.supply_settings import supply_of
 from rig.files.loader import load_section
 from rig.files.quantity import Problem, Quantity
 from rig.files.section import Section
@@ -183,12 +182,12 @@ class Bench(Section):
     def _held_limits(self) -> list[Problem]:
         """The limits that are written to the controller, against the registers that hold them."""
         limits = controller_limits(self.limits, Margins().speed, self.actuator)
-        unheld = unheld_limits(self.actuator.register_map, limits)
+        unheld = unheld_limits(self.actuator.described, limits)
         return [(("actuator", "register_map"), f"cannot be told a limit of this bench: {text}") for text in unheld]
 
     def _current(self) -> list[Problem]:
         """The limit against what the current source gives."""
-        described = supply_of(self.ecu.supply)
+        described = self.ecu.described_supply
         if self.ecu.by_hand:
             return self._hands()
         if described is not None:

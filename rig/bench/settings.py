@@ -11,13 +11,13 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import date
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from drivers.catalogue import make_actuator, watchdog_time_s
+from drivers.catalogue import SupplyDescription, make_actuator, supply, watchdog_time_s
 from drivers.connection import ActuatorConnection
 from rig.bench import address
 from rig.bench.hand_settings import hand_problems_of
@@ -31,8 +31,9 @@ from rig.bench.sensor_settings import (
     SensorConfig,
     Timeout,
 )
-from rig.bench.supply_settings import supply_of, supply_problems_of
-from rig.files.quantity import Check, Problem, Quantity, Settings, Text, key
+from rig.bench.supply_settings import supply_problems_of
+from rig.files.described import described
+from rig.files.quantity import Check, Description, Problem, Quantity, Settings, Text, key
 
 ECU_STATUS_Hz = 100.0
 HAND_SILENT_S = 0.5
@@ -122,7 +123,9 @@ class ActuatorConfig(Settings):
     )
     parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="of a serial line (modbus-rtu)"))
     device_id: int = field(default=1, metadata=key(ge=0, le=255, description="on a serial line 1 to 247"))
-    register_map: Annotated[str, Check(address.known_actuator)] = "demo"
+    register_map: Annotated[str | dict[str, Any], Description("register-map", address.known_actuator, tables=False)] = (
+        "demo"
+    )
     poll_s: Annotated[float, Quantity("time", "2 ms", "100 ms")] = field(default=0.010, metadata=key("poll"))
     timeout_s: Timeout = field(default=0.040, metadata=key("timeout"))
     stale_after_s: Timeout = field(default=0.150, metadata=key("stale_after"))
@@ -152,11 +155,26 @@ class ActuatorConfig(Settings):
         link = ("url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s", "setpoint_late_s")
         return dict.fromkeys(link, True)
 
+    @cached_property
+    def described(self) -> str | dict[str, Any]:
+        """Its register map as drivers take it: a name, or the table of a file.
+
+        Raises:
+            FileProblem: its file cannot be used any more.
+        """
+        table: str | dict[str, Any] = described("register-map", self.register_map)
+        return table
+
+    @property
+    def map_name(self) -> str:
+        """Its register map as the bench file names it; of a table the map's own name."""
+        return self.register_map if isinstance(self.register_map, str) else str(self.register_map.get("name"))
+
     @property
     def takes_pressure_away(self) -> bool:
         """It can be told to take the hydraulic pressure away."""
         connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
-        return make_actuator(self.register_map, connection).capabilities.hydraulics
+        return make_actuator(self.described, connection).capabilities.hydraulics
 
     @property
     def has_low_pressure(self) -> bool:
@@ -171,18 +189,18 @@ class ActuatorConfig(Settings):
         Looked up once: a plan asks for each of its points.
         """
         connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
-        return None if make_actuator(self.register_map, connection).capabilities.generator else self.poll_s
+        return None if make_actuator(self.described, connection).capabilities.generator else self.poll_s
 
     @property
     def makes_triangles(self) -> bool:
         """It moves in triangles, not in sines alone."""
-        return make_actuator(self.register_map, ActuatorConnection(self.url)).capabilities.triangle
+        return make_actuator(self.described, ActuatorConnection(self.url)).capabilities.triangle
 
     def problems(self) -> Iterator[Problem]:
         """A serial line has the device id, and the watchdog has tripped by the time the station counts on it."""
         if self.url.startswith("modbus-rtu") and not 1 <= self.device_id <= LAST_SERIAL_ID:
             yield ("device_id",), f"is no device on a serial line: 1 to {LAST_SERIAL_ID} there"
-        own_s = watchdog_time_s(self.register_map)
+        own_s = watchdog_time_s(self.described)
         if own_s > self.watchdog_s:
             yield ("watchdog",), (
                 f"is shorter than the controller's own, which its register map says trips after {1e3 * own_s:g} ms; "
@@ -201,17 +219,6 @@ class ActuatorConfig(Settings):
         As long as three late set-points in a row take, which stop the rig.
         """
         return self.late_setpoint_s + 3.0 * self.poll_s
-
-
-def _own_or_preset(value: object) -> object:
-    """A preset's name, a file's or a table; what is in it is looked at by `EcuConfig.problems`.
-
-    Raises:
-        ValueError: it is none of these.
-    """
-    if not isinstance(value, (str, Mapping)):
-        raise ValueError("must be a preset's or a file's name in quotes, or a table that describes a supply")
-    return value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,7 +251,7 @@ class EcuConfig(Settings):
     url: Annotated[str, Text(256), Check(address.supply_url)] | None = field(
         default=None, metadata=key(examples=["tcp://192.168.0.20:5025", "/dev/ttyUSB2"], description="of a supply")
     )
-    supply: Annotated[str | dict[str, Any], Check(_own_or_preset, alone=True)] | None = field(
+    supply: Annotated[str | dict[str, Any], Description("supply", address.known_supply)] | None = field(
         default=None,
         metadata=key(
             examples=["generic-scpi", "my-supply.toml"],
@@ -281,6 +288,15 @@ class EcuConfig(Settings):
     )
 
     @property
+    def described_supply(self) -> SupplyDescription | None:
+        """The description of its supply; None where it is none.
+
+        Raises:
+            FileProblem: its file cannot be used any more.
+        """
+        return None if self.supply is None else supply(described("supply", self.supply))
+
+    @property
     def port(self) -> str:
         """Where it is: the supply's port, a serial CAN adapter's, interface and channel; empty: in somebody's hand."""
         if self.by_hand:
@@ -292,8 +308,8 @@ class EcuConfig(Settings):
     @property
     def measured(self) -> bool:
         """Somebody measures the current: else it is what a person said, or what an output was told."""
-        described = None if self.by_hand else supply_of(self.supply)
-        return not self.by_hand and (described is None or described.measures)
+        source = None if self.by_hand else self.described_supply
+        return not self.by_hand and (source is None or source.measures)
 
     @property
     def silent_after_s(self) -> float:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, Protocol
 
-from drivers.catalogue import SupplyDescription, supply, supply_problems
+from drivers.catalogue import SupplyDescription
 from drivers.connection import ActuatorAddress, LinkKind
-from protocols.errors import LocalProtocolError
 from rig.files.quantity import Problem
 
 
@@ -21,6 +20,10 @@ class SupplyEntries(Protocol):
     @property
     def supply(self) -> str | dict[str, Any] | None:
         """Its language: a preset, the path of a file, a table."""
+
+    @property
+    def described_supply(self) -> SupplyDescription | None:
+        """What it describes."""
 
     @property
     def voltage_limit_V(self) -> float | None:
@@ -42,14 +45,6 @@ class SupplyEntries(Protocol):
 _CAN_ONLY = ("interface", "channel", "roles", "serial_number")
 
 
-def supply_of(given: str | Mapping[str, Any] | None) -> SupplyDescription | None:
-    """The description of a bench's supply; None where it has none, or one with problems."""
-    try:
-        return None if given is None else supply(given)
-    except LocalProtocolError:
-        return None
-
-
 def supply_problems_of(config: SupplyEntries) -> Iterator[Problem]:
     """What is wrong with an `[ecu]` that is a supply: its description, and what must be stated beside it."""
     if config.url is None:
@@ -60,9 +55,7 @@ def supply_problems_of(config: SupplyEntries) -> Iterator[Problem]:
         if getattr(config, name) is not None:
             instead = "; write identity" if name == "serial_number" else ""
             yield (name,), f"belongs to a current controller on CAN; this one is a supply{instead}"
-    for place, text in () if config.supply is None else supply_problems(config.supply):
-        yield ("supply", *place), text
-    described = supply_of(config.supply)
+    described = config.described_supply
     if described is not None:
         yield from _link(config.url, described)
         yield from _voltage(config, described)

@@ -31,6 +31,7 @@ from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.errors import Refused
+from rig.files.described import described
 from rig.matrix.model import Matrix
 from rig.station.client import StationClient, StationLost
 
@@ -266,8 +267,8 @@ def station_config(bench: Bench, matrix: Matrix | None, ring_path: Path) -> Stat
     return StationConfig(
         **vars(bench.station),
         **vars(bench.clock),
-        actuator=bench.actuator,
-        ecu=bench.ecu,
+        actuator=replace(bench.actuator, register_map=bench.actuator.described),
+        ecu=replace(bench.ecu, supply=described("supply", bench.ecu.supply)),
         load_cell=replace(bench.load_cell, format=bench.load_cell.described),
         lvdt=replace(bench.lvdt, format=bench.lvdt.described),
         auxiliary=tuple(replace(sensor, format=sensor.described) for sensor in bench.auxiliary),

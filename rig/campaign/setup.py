@@ -21,7 +21,6 @@ from typing import Any
 from drivers.catalogue import clocked_format_names
 from rig import __version__
 from rig.bench.model import Bench
-from rig.bench.supply_settings import supply_of
 from rig.campaign.confirmation import EarlierStop, resume_command
 from rig.campaign.kept_files import keep_bench, keep_matrix, kept_hashes
 from rig.campaign.machine_resources import locked
@@ -331,7 +330,7 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
         Refused: temperatures that nobody measures (`source-without-temperature`), or currents that it does not drive
             (`source-without-negative-current`).
     """
-    described = supply_of(bench.ecu.supply)
+    described = bench.ecu.described_supply
     if described is None and not bench.ecu.by_hand:
         return
     if matrix.temperature is not None:

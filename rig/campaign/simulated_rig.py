@@ -58,9 +58,9 @@ def wearing(path: Path) -> tuple[str, ...]:
         raise FileProblem(str(path), problems, "config-absurd")
     actuator, ecu, limits = bench.actuator, bench.ecu, bench.limits
     link = "rtu" if actuator.url.startswith("modbus-rtu") else "tcp"
-    arguments = ["--actuator", STREAMED if actuator.register_map == "demo-streamed" else link]
-    if actuator.register_map not in {"demo", "demo-streamed"}:
-        arguments += ["--register-map", actuator.register_map]
+    arguments = ["--actuator", STREAMED if actuator.map_name == "demo-streamed" else link]
+    if actuator.map_name not in {"demo", "demo-streamed"}:
+        arguments += ["--register-map", actuator.map_name]
     if isinstance(ecu.roles, str):
         arguments += ["--dbc", ecu.dbc, "--ecu-roles", ecu.roles]
     if ecu.by_hand:

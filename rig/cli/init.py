@@ -199,12 +199,10 @@ def _template(ecu: str) -> str:
         return "by_hand.toml"
     if not _is_supply(ecu):
         return "ecu.toml"
-    from drivers.catalogue import supply, supply_problems
+    from drivers.catalogue import supply
+    from rig.files.described import described
 
-    problems = supply_problems(ecu)
-    if problems:
-        raise FileProblem(ecu, [text for _, text in problems])
-    return "supply.toml" if supply(ecu).output is None else "output.toml"
+    return "supply.toml" if supply(described("supply", ecu)).output is None else "output.toml"
 
 
 def _is_supply(answer: str) -> bool:

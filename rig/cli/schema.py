@@ -46,9 +46,9 @@ def _bands() -> dict[str, Any]:
 
 
 def _register_map() -> dict[str, Any]:
-    from drivers.catalogue import register_map_schema
+    from rig.files.register_map import RegisterMapFile
 
-    return register_map_schema()
+    return RegisterMapFile.model_json_schema(by_alias=True)
 
 
 def _ecu_roles() -> dict[str, Any]:
@@ -58,14 +58,9 @@ def _ecu_roles() -> dict[str, Any]:
 
 
 def _supply() -> dict[str, Any]:
-    from drivers.catalogue import analogue_output_schema
-    from rig.bench.supply_schema import SUPPLY
+    from rig.files.supply import OutputFile, SupplyFile
 
-    lines = {key: value for key, value in SUPPLY.items() if key not in {"$schema", "title"}}
-    registers = analogue_output_schema()
-    definitions = registers.pop("$defs")
-    about = {key: SUPPLY[key] for key in ("$schema", "title")}
-    return {**about, "anyOf": [lines, registers], "$defs": definitions}
+    return _either(SupplyFile, OutputFile)
 
 
 def _sensor_format() -> dict[str, Any]:

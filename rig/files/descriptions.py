@@ -17,7 +17,7 @@ from rig.files.described import is_file
 from rig.files.loader import lines_of, validated
 from rig.files.quantity import Problem
 from rig.files.section import Section
-from rig.files.toml_source import frozen, read_toml
+from rig.files.toml_source import TomlSource, frozen, read_toml
 
 Plain = Mapping[str, Any]
 
@@ -42,14 +42,30 @@ def _sensor_format() -> Kind:
     return Kind(model_of, format_problems)
 
 
-_KINDS: Mapping[str, Callable[[], Kind]] = {"sensor-format": _sensor_format}
+def _supply() -> Kind:
+    from drivers.devices.supply_file import supply_description_problems
+    from rig.files.supply import model_of
+
+    return Kind(model_of, supply_description_problems)
+
+
+def _register_map() -> Kind:
+    from drivers.register_maps.map_file import map_problems
+    from rig.files.register_map import RegisterMapFile
+
+    return Kind(lambda _: RegisterMapFile, map_problems)
+
+
+KINDS: Mapping[str, Callable[[], Kind]] = {
+    "sensor-format": _sensor_format, "supply": _supply, "register-map": _register_map,
+}  # fmt: skip
 """Kinds by the names of `rig schema`; each imports what it describes when it is first used."""
 
 
 @functools.cache
 def kind_named(name: str) -> Kind:
     """The kind of that name."""
-    return _KINDS[name]()
+    return KINDS[name]()
 
 
 def problems_of(kind: str, table: Plain) -> list[Problem]:
@@ -82,10 +98,18 @@ def _table_of(kind: str, path: Path, stamp: tuple[int, int]) -> dict[str, Any]:
         FileProblem: see `table_of`.
     """
     del stamp
-    source = read_toml(path)
+    return checked(kind, read_toml(path))
+
+
+def checked(kind: str, source: TomlSource) -> dict[str, Any]:
+    """The table of a file's text.
+
+    Raises:
+        FileProblem: with every wrong entry of it.
+    """
     if problems := problems_of(kind, source.data):
-        raise FileProblem(str(path), lines_of(source, problems))
-    return {"name": path.stem, **source.data}
+        raise FileProblem(str(source.path), lines_of(source, problems))
+    return {"name": source.path.stem, **source.data}
 
 
 def entry_problems(kind: str, given: Any) -> list[Problem]:  # noqa: ANN401 - a file's name or a table

@@ -10,9 +10,17 @@ import dataclasses
 import functools
 import typing
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Self, get_args
+from typing import Any, ClassVar, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    create_model,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
@@ -28,6 +36,7 @@ class Section(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    units_in_keys: ClassVar[bool] = True
 
     @model_validator(mode="before")
     @classmethod
@@ -46,6 +55,41 @@ class Section(BaseModel):
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         return with_suffixes(cls, handler.resolve_ref_schema(handler(schema)))
+
+
+class Description(Section):
+    """Base of a table of a device's description, which drivers take as it is written: its keys carry no units."""
+
+    units_in_keys: ClassVar[bool] = False
+
+
+class OneOrMore:
+    """Annotation of a list in whose place one of its entries may be: `Annotated[tuple[int, ...], OneOrMore()]`."""
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_before_validator_function(
+            lambda value: value if isinstance(value, tuple) else (value,), handler(source)
+        )
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        several = handler(schema)
+        return {"anyOf": [several["items"], {**several, "minItems": 1}]}
+
+
+def table_of_words(name: str, about: str, words: Iterable[str], entry: Any, **more: Any) -> type[Description]:  # noqa: ANN401 - types
+    """A table of a description whose keys are words of the program, each of them optional.
+
+    Args:
+        name: of the class.
+        about: its docstring.
+        words: the keys.
+        entry: the type of what they hold.
+        more: of `pydantic.create_model`: further fields.
+    """
+    fields: Any = {
+        word.replace("-", "_"): (entry | None, Field(None, alias=word if "-" in word else None)) for word in words
+    }
+    return create_model(name, __base__=Description, __doc__=about, **fields, **more)
 
 
 Table = type[Any]
@@ -81,6 +125,8 @@ def suffixed_keys(table: Table) -> Mapping[str, tuple[str, str]]:
 @functools.cache
 def _suffixed_keys(table: Table) -> Mapping[str, tuple[str, str]]:
     keys: dict[str, tuple[str, str]] = {}
+    if not getattr(table, "units_in_keys", True):
+        return keys
     for name, field in fields_of(table).items():
         quantity = quantity_of(field)
         if quantity is not None:

@@ -57,7 +57,15 @@ def read_toml(path: Path) -> TomlSource:
     Raises:
         FileProblem: missing, not a file, too large, not UTF-8, nested beyond sense, or not TOML; with the line.
     """
-    text = read_text(path, SIZE_LIMIT_BYTES)
+    return parse_toml(path, read_text(path, SIZE_LIMIT_BYTES))
+
+
+def parse_toml(path: Path, text: str) -> TomlSource:
+    """The values and lines of a file's text.
+
+    Raises:
+        FileProblem: nested beyond sense, or not TOML; with the line.
+    """
     problem = structure_problem(text)
     if problem is not None:
         raise FileProblem(str(path), [problem])
@@ -65,7 +73,7 @@ def read_toml(path: Path) -> TomlSource:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise FileProblem(str(path), [_not_toml(str(error), text)]) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FileProblem(str(path), [f"not valid TOML: {error}"]) from error
     source = TomlSource(path, text, frozen(data), scan_lines(text))
     if (place := _huge_number(source.data)) is not None:

@@ -191,7 +191,7 @@ def _leaves_no_trace(view: View, at_ns: float) -> bool:
     if bench is None or not len(rows):
         return False
     actuator = bench.actuator
-    shows = make_actuator(actuator.register_map, ActuatorConnection(actuator.url)).capabilities.acknowledge
+    shows = make_actuator(actuator.described, ActuatorConnection(actuator.url)).capabilities.acknowledge
     halts_s = np.max(np.abs(rows[:, 1])) / actuator.halt_deceleration_m_s2
     return not shows and bool(halts_s < 2.0 * actuator.poll_s)
 

@@ -16,7 +16,7 @@ from typing import Any
 from drivers import plugins
 from drivers.connection import ActuatorAddress, LinkKind
 from drivers.devices.source import is_dbc
-from drivers.register_maps.map_file import controller_names, is_map_file
+from drivers.register_maps.map_file import controller_names
 from drivers.sensor_formats import FRAME16, described_format
 from protocols.errors import LocalProtocolError
 from protocols.sensor_format import SensorFormat
@@ -26,6 +26,7 @@ from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import ActuatorConfig
 from rig.errors import FileProblem
+from rig.files.described import is_file
 from rig.matrix.assumed_damper import is_fit_file
 from rig.matrix.model import Matrix
 from rig.matrix.sections import Specimen
@@ -167,10 +168,10 @@ def _unlike(bench: Bench) -> Iterator[str]:
             'world: modbus-tcp:// and modbus-rtu:. Try the matrix on a copy of this file with such a controller'
         )  # fmt: skip
     for key, group, name, device in (
-        ("actuator.register_map", plugins.ACTUATORS, actuator.register_map, "controller"),
+        ("actuator.register_map", plugins.ACTUATORS, actuator.map_name, "controller"),
         ("ecu.dbc", plugins.CURRENT_SOURCES, ecu.dbc, "current source"),
     ):
-        if is_dbc(name) or (group == plugins.ACTUATORS and (is_map_file(name) or name in controller_names())):
+        if is_dbc(name) or (group == plugins.ACTUATORS and (is_file(name) or name in controller_names())):
             continue
         if name != DEMO and plugins.simulated_as(group, name) != DEMO:
             yield (
@@ -341,8 +342,8 @@ def _controller(usual: ControllerOptions, bench: Bench, reach_m: float) -> Contr
 
 def _map_of(bench: Bench) -> str:
     """The register map as which the simulated controller appears: the bench's, or what stands for a plug-in's."""
-    name = bench.actuator.register_map
-    return name if is_map_file(name) or name in controller_names() else DEMO
+    name = bench.actuator.map_name
+    return name if is_file(name) or name in controller_names() else DEMO
 
 
 def _input(usual: InputOptions, actuator: ActuatorConfig) -> InputOptions:

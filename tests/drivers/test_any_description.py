@@ -17,10 +17,8 @@ from drivers.devices.dbc_file import parse_dbc
 from drivers.devices.ecu_description import EcuDescription
 from drivers.devices.ecu_roles import describe
 from drivers.devices.role_reading import RoleProblems
-from drivers.devices.supply_file import read_supply
 from drivers.register_maps.controller_map import ControllerMap
-from drivers.register_maps.entries import MapProblem, Source
-from drivers.register_maps.map_file import read_map
+from drivers.register_maps.map_file import controller
 from drivers.register_maps.proof import unproved
 from drivers.ring import RECORD
 from drivers.roles import ActuatorLimits, WatchdogAction
@@ -28,7 +26,8 @@ from protocols.errors import LocalProtocolError, RemoteProtocolError
 from protocols.line_format import LineDecoder, LineFormat
 from protocols.sensor_format import from_description
 from rig.errors import FileProblem
-from rig.files.descriptions import problems_of, table_of
+from rig.files.descriptions import checked, problems_of, table_of
+from rig.files.toml_source import parse_toml
 from rig.station.interlocks.current_interlock import thrown_away
 
 HUGE = 10**400
@@ -121,7 +120,7 @@ TABLES
 def read(quantities: str = "", tables: str = "", top: str = "", halt: str = "command = 3") -> ControllerMap:
     text = MAP.replace("QUANTITIES", quantities).replace("TABLES", tables)
     text = text.replace("halt = {write = {command = 3}}", f"halt = {{write = {{{halt}}}}}")
-    return read_map(Source(Path("mine.toml"), top + text))
+    return controller(checked("register-map", parse_toml(Path("mine.toml"), top + text)))
 
 
 FED = (
@@ -139,7 +138,7 @@ FED = (
         ({"quantities": 'config_hash = {address = 40, type = "string", length = 2}'}, "config_hash is a number"),
         ({"quantities": 'boot_count = {address = 40, type = "f32"}'}, "boot_count is a whole number"),
         ({"quantities": 'clock = {address = 40, scale = 5e-324, unit = "us"}'}, "is not a measurement"),
-        ({"quantities": f'velocity = {{address = 40, scale = {HUGE}, unit = "mm/s"}}'}, "must be a finite number"),
+        ({"quantities": f'velocity = {{address = 40, scale = {HUGE}, unit = "mm/s"}}'}, "more than 64 bits"),
         ({"quantities": "many = {address = 40, count = 3}", "halt": "many = 3"}, "only a [table] writes such"),
         ({"quantities": "many = {address = 40, count = 3}", "tables": "[identity]\nmany = 3"}, "it has 3 values"),
         ({"quantities": 'many = {address = 40, count = 3}', "tables": '[faults]\nsensor = {quantity = "many"}'},
@@ -151,8 +150,8 @@ FED = (
         ({"tables": "[identity]\nstate = 1"}, "does not prove which device this is"),
         ({"quantities": 'speed_max = {address = 40, access = "r"}'}, "it is written and read back"),
         ({"quantities": 'speed_max = {address = 40, access = "w"}'}, "it is written and read back"),
-        ({"top": 'base = "demo"\nwithout = ["name.x"]\n'}, "'name.x' is nothing that demo has"),
-        ({"top": 'base = "demo"\nwithout = ["format.1"]\n'}, "'format.1' is nothing that demo has"),
+        ({"top": 'base = "demo"\nwithout = ["name.x"]\n'}, "'name.x' is not an entry of demo"),
+        ({"top": 'base = "demo"\nwithout = ["format.1"]\n'}, "'format.1' is not an entry of demo"),
         ({"quantities": 'alive = {address = 60, type = "i16"}', "tables": FED}, "$counter is 0 to 65535"),
         ({"quantities": 'alive = {address = 60, function = "coil"}', "tables": FED}, '"$toggle"'),
         ({"quantities": "alive = {address = 60, scale = 10}", "tables": FED}, "$counter is 0 to 65535"),
@@ -163,7 +162,7 @@ FED = (
     ],
 )  # fmt: skip
 def test_a_map_that_could_not_be_driven_is_refused(given: dict[str, str], says: str) -> None:
-    with pytest.raises(MapProblem) as told:
+    with pytest.raises(FileProblem) as told:
         read(**given)
     assert says in str(told.value)
 
@@ -171,16 +170,16 @@ def test_a_map_that_could_not_be_driven_is_refused(given: dict[str, str], says: 
 def test_a_span_of_anything_but_two_names_is_refused() -> None:
     text = MAP.replace("QUANTITIES", "").replace("TABLES", "")
     text = text.replace("halt = {write = {command = 3}}", 'halt = {write = {command = 3}, span = [["a"], "b"]}')
-    with pytest.raises(MapProblem, match="must be two quantities"):
-        read_map(Source(Path("mine.toml"), text))
+    with pytest.raises(FileProblem, match="span"):
+        checked("register-map", parse_toml(Path("mine.toml"), text))
 
 
 def test_codes_of_waveforms_fit_their_register() -> None:
     text = MAP.replace("QUANTITIES", "wave = {address = 60}")
     text = text.replace("TABLES", "[waveforms]\nsine = 1\ntriangle = 70000")
     text = text.replace("command = 2}}", 'command = 2, wave = "$waveform"}}')
-    with pytest.raises(MapProblem, match=r"waveforms\.triangle: 70000 does not fit wave"):
-        read_map(Source(Path("mine.toml"), text))
+    with pytest.raises(FileProblem, match=r"waveforms\.triangle = 70000: 70000 does not fit wave"):
+        checked("register-map", parse_toml(Path("mine.toml"), text))
 
 
 def test_a_clock_and_a_watchdog_time_of_floats_may_show_anything() -> None:
@@ -297,12 +296,12 @@ def test_sizes_and_numbers_of_a_dbc_are_refused_before_they_cost_anything(old: s
 def test_an_outputs_quantity_is_one_value_and_a_supplys_fault_a_whole_bit() -> None:
     current = {"address": 0, "scale": 0.001, "unit": "A"}
     output = {"quantities": {"current": current, "enable": {"address": 5, "count": 3}}, "range": {"current_A": [0, 2]}}
-    assert "is one value: take count out" in [text for _, text in read_supply(output, "mine")[1]]
+    assert "is one value: take count out" in [text for _, text in problems_of("supply", output)]
     supply = {
         "commands": {"set_current": "CURR {current_A}", "measure_current": "MEAS?", "read_faults": "F?"},
         "range": {"current_A": [0, 5]}, "faults": {"short": 1.5},
     }  # fmt: skip
-    assert any("1.5 is no bit" in text for _, text in read_supply(supply, "mine")[1])
+    assert problems_of("supply", supply) == [(("faults", "short"), "must be a whole number (allowed: 0 to 31)")]
 
 
 def test_limits_that_the_registers_cannot_hold_are_found_before_the_rig_is_armed() -> None:

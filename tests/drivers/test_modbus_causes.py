@@ -8,8 +8,8 @@ from __future__ import annotations
 import socket
 import struct
 import threading
+import tomllib
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
@@ -17,8 +17,7 @@ from drivers.connection import ActuatorConnection, LinkKind
 from drivers.errors import DriverError, LocalEcho, NoAnswer, OtherAnswer, RequestRefused, WrongLayout
 from drivers.modbus_actuator import ModbusActuator
 from drivers.modbus_link import ModbusLink
-from drivers.register_maps.entries import Source
-from drivers.register_maps.map_file import read_map
+from drivers.register_maps.map_file import controller
 from protocols.modbus import encode_rtu
 from rig.station.interlocks.link_faults import link_slug
 from rig.station.threads.devices import slug_of, with_fix
@@ -107,7 +106,7 @@ def with_holes(holes: set[int], refused: bytes | None, longest: int = 125) -> An
 def refusal(answer: Answer, peer: Callable[..., Peer], text: str = TEXT, **how: bool) -> DriverError:
     """What connecting ends in, as the station does it."""
     made = peer(answer, **how)
-    actuator = ModbusActuator(ActuatorConnection(made.url, 1, 0.05), read_map(Source(Path("mine.toml"), text)))
+    actuator = ModbusActuator(ActuatorConnection(made.url, 1, 0.05), controller(tomllib.loads(text)))
     try:
         actuator.open()
         actuator.read_identity()
@@ -163,7 +162,7 @@ def test_a_device_that_says_nothing_at_all_is_no_matter_of_the_map(peer: Callabl
 def test_in_operation_nothing_is_looked_into(peer: Callable[..., Peer]) -> None:
     holes: set[int] = set()
     made = peer(with_holes(holes, EXCEPTION_2))
-    actuator = ModbusActuator(ActuatorConnection(made.url, 1, 0.2), read_map(Source(Path("mine.toml"), TEXT)))
+    actuator = ModbusActuator(ActuatorConnection(made.url, 1, 0.2), controller(tomllib.loads(TEXT)))
     actuator.open()
     actuator.read_identity()
     actuator.read_status()

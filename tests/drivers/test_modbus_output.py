@@ -13,9 +13,10 @@ import pytest
 
 from drivers.current_source import SourceFault, SourceState, SourceStatus
 from drivers.devices.supply import SupplyConnection, supply_lacks
-from drivers.devices.supply_file import read_supply, supply
+from drivers.devices.supply_file import supply
 from drivers.errors import DriverError
 from drivers.modbus_output import ModbusOutput
+from rig.files.descriptions import problems_of
 
 FILE = """
 maker = "Acme"
@@ -293,33 +294,31 @@ def test_without_a_measurement_the_value_read_back_is_told_and_all_that_is_missi
         ('scale = 0.001, unit = "A"', 'scale = 0.001, unit = "mm"', "quantities.current", 'unit = "A"'),
         ('scale = 0.001, unit = "A"', 'offset = 0.5, unit = "A"', "quantities.current", "nearest to 0 A"),
         ("scale = 0.001", "scale = 0.00001", "quantities.current", "cannot hold 2 A"),
-        ("[0, 2]", "[2, 0]", "range.current_A", "lowest and the highest"),
+        ("[0, 2]", "[2, 0]", "range.current_A", "the first must be below the second"),
         ('{address = 0x64,', '{address = 0x64, access = "r",', "quantities.current", "is written"),
         ("{guard = 500}", "{current = 0}", "watchdog.start", "only a point of the matrix and a stop"),
         ("{guard = 500}", "{guarded = 500}", "watchdog.start.guarded", "did you mean guard"),
         ('"$toggle"', '"$current"', "watchdog.feed.alive", "nothing that is known here"),
-        ("time_s = 0.5", "time_s = 0", "watchdog.time_s", "0.1 to 60"),
+        ("time_s = 0.5", "time_s = 0", "watchdog.time_s", "allowed: 0.1 to 60"),
         ("kind = 0x00020001", "kid = 1", "identity.kid", "did you mean kind"),
         ("address = 20,", "address = 65535,", "quantities.measured_current.address", "beyond the last one"),
         ("[watchdog]", "[watchdg]", "watchdg", "did you mean watchdog"),
     ],
 )
 def test_what_is_wrong_in_its_file_is_told_with_its_place(before: str, after: str, place: str, says: str) -> None:
-    described, problems = read_supply(tomllib.loads(FILE.replace(before, after)), "mine")
-    assert described is None
+    problems = problems_of("supply", tomllib.loads(FILE.replace(before, after)))
     assert any(".".join(map(str, where)) == place and says in text for where, text in problems), problems
 
 
 def test_an_output_that_nothing_brings_to_zero_is_refused() -> None:
     live_zero = FILE.replace("[0, 2]", "[0.4, 2]")
-    assert read_supply(tomllib.loads(live_zero), "mine")[0] is not None, "it is switched off by enable"
+    assert problems_of("supply", tomllib.loads(live_zero)) == [], "it is switched off by enable"
     without = live_zero.replace("enable = ", "other = ")
-    described, problems = read_supply(tomllib.loads(without), "mine")
-    assert described is None
+    problems = problems_of("supply", tomllib.loads(without))
     assert any("nothing would take the coil's current away" in text for _, text in problems)
 
 
 def test_nothing_to_read_is_refused() -> None:
     text = '[range]\ncurrent_A = [0, 2]\n[quantities]\ncurrent = {address = 1, scale = 0.001, unit = "A", access = "w"}'
-    _, problems = read_supply(tomllib.loads(text), "mine")
+    problems = problems_of("supply", tomllib.loads(text))
     assert any("nothing of it can be read" in text for _, text in problems)

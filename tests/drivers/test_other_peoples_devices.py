@@ -10,8 +10,8 @@ import asyncio
 import struct
 import threading
 import time
+import tomllib
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,8 +20,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.connection import ActuatorConnection
 from drivers.modbus_actuator import ModbusActuator
-from drivers.register_maps.entries import Source
-from drivers.register_maps.map_file import read_map
+from drivers.register_maps.map_file import controller
 from drivers.roles import ActuatorStatus, Command, Pressure, State
 from drivers.setpoint_generator import Setpoint
 
@@ -237,7 +236,7 @@ def driven() -> Iterator[Callable[[str, Device], ModbusActuator]]:
 
     def make(text: str, device: Device) -> ModbusActuator:
         port = asyncio.run_coroutine_threadsafe(serve(device), loop).result(5.0)
-        described = read_map(Source(Path("theirs.toml"), text))
+        described = controller(tomllib.loads(text))
         made.append(ModbusActuator(ActuatorConnection(f"modbus-tcp://127.0.0.1:{port}", 1, 0.5), described))
         made[-1].open()
         made[-1].read_identity()

@@ -10,11 +10,13 @@ import pytest
 from test_register_map_file import SMALLEST, problems, read
 
 from drivers.register_maps.controller_map import ControllerMap
-from drivers.register_maps.map_file import controller, load_map
+from drivers.register_maps.map_file import controller
 from drivers.roles import ActuatorStatus, FaultBit, Pressure, State
+from rig.files.descriptions import table_of
 from simulators.worn_status import WornStatus, taken
 
 MAPS = Path(__file__).parents[1] / "simulators" / "maps"
+PULSES = controller(table_of("register-map", MAPS / "pulses.toml"))
 OFF, LOW, ON, UNKNOWN = Pressure.OFF, Pressure.LOW, Pressure.ON, Pressure.UNKNOWN
 
 
@@ -43,8 +45,8 @@ def state_of(text: str) -> ControllerMap:
         (controller("demo"), {"state": 7, "inputs": 5}, State.TRIPPED, ON),
         (controller("demo"), {"state": 0, "inputs": 5}, State.OFF, ON),
         (controller("demo"), {"state": 1, "inputs": 3}, State.LOW, LOW),
-        (load_map(MAPS / "pulses.toml"), {"fault": 1, "drive_ready": 0}, State.TRIPPED, OFF),
-        (load_map(MAPS / "pulses.toml"), {"fault": 1, "drive_ready": 1}, State.TRIPPED, UNKNOWN),
+        (PULSES, {"fault": 1, "drive_ready": 0}, State.TRIPPED, OFF),
+        (PULSES, {"fault": 1, "drive_ready": 1}, State.TRIPPED, UNKNOWN),
         (state_of("[state]\ntripped = 9\nhold = 1\nrunning = 3\noff = true"), {"state": 9}, State.TRIPPED, UNKNOWN),
         (state_of("[state]\ntripped = 9\nhold = 1\nrunning = 3\noff = true"), {"state": 0}, State.OFF, OFF),
         (state_of("[state]\nhold = 1\nrunning = 3\noff = 0"), {"state": 0, "alarms": 1}, State.TRIPPED, OFF),
@@ -74,7 +76,8 @@ def test_watchdog_and_trip_are_facts_of_their_own() -> None:
 @pytest.mark.parametrize("name", ["demo", "demo-streamed", "float-drive", "delta-rmc", "pulses", "handshake"])
 @pytest.mark.parametrize("pressure", [OFF, ON])
 def test_the_simulated_controller_shows_its_pressure_behind_a_trip(name: str, pressure: Pressure) -> None:
-    made = load_map(MAPS / f"{name}.toml") if name in {"pulses", "handshake"} else controller(name)
+    own = name in {"pulses", "handshake"}
+    made = controller(table_of("register-map", MAPS / f"{name}.toml") if own else name)
     registers: dict[tuple[str, int], int] = {}
     inputs = 5 if pressure is ON else 1
     WornStatus(made).show(registers, State.TRIPPED, State.HOLD, int(FaultBit.INTERNAL), inputs, pressure)

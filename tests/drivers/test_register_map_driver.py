@@ -6,16 +6,15 @@ import socket
 import struct
 import threading
 import time
+import tomllib
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
 from drivers.connection import ActuatorConnection, MotionTerms
 from drivers.errors import WrongLayout
 from drivers.modbus_actuator import ModbusActuator
-from drivers.register_maps.entries import Source
-from drivers.register_maps.map_file import read_map
+from drivers.register_maps.map_file import controller
 from drivers.register_maps.quantity import Quantity
 from drivers.roles import Command, Move, Program, Result, State, Waveform
 from drivers.streamed_actuator import as_actuator
@@ -138,7 +137,7 @@ def device() -> Iterator[Device]:
 
 
 def driven(device: Device, text: str) -> ModbusActuator:
-    actuator = ModbusActuator(ActuatorConnection(device.url, timeout_s=1.0), read_map(Source(Path("m.toml"), text)))
+    actuator = ModbusActuator(ActuatorConnection(device.url, timeout_s=1.0), controller(tomllib.loads(text)))
     device.driven.append(actuator)
     actuator.open()
     return actuator

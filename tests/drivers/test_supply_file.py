@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from drivers.current_source import SourceFault
-from drivers.devices.supply_file import supply, supply_names, supply_problems
+from drivers.devices.supply_file import FOLDER, supply, supply_names
+from rig.errors import FileProblem
+from rig.files.descriptions import KINDS, entry_problems, problems_of, table_of
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/how-to/connect-a-power-supply.md").read_text(encoding="utf-8")
@@ -47,9 +49,16 @@ def test_every_preset_is_read_and_stands_in_the_documentation(name: str) -> None
     assert ("unverified" in row) == (described.tried == "unverified")
 
 
-def test_everything_wrong_in_a_file_is_told_at_once_with_its_line(tmp_path: Path) -> None:
+def told(tmp_path: Path, text: str) -> list[str]:
     path = tmp_path / "my-supply.toml"
-    path.write_text("""format = 1
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(FileProblem) as refused:
+        table_of("supply", path)
+    return refused.value.problems
+
+
+def test_every_wrong_entry_of_a_file_is_told_at_once_with_its_line(tmp_path: Path) -> None:
+    problems = told(tmp_path, """format = 1
 settling_ms = 0
 [link]
 terminator = ";"
@@ -61,9 +70,6 @@ voltage_V = [0]
 [commands]
 set_current = "CURR 1"
 measure_current = ["MEAS:CURR?", "MEAS?"]
-output_on = "OUTP {current_A} ON"
-clear = "*CLS?"
-local = "SYST:LOC {time}"
 [answers]
 current = "[0-9"
 voltage = "[0-9]+"
@@ -72,55 +78,79 @@ on = 1
 over-temperature = 40
 [watchdog]
 time_s = 100
-""", encoding="utf-8")
-    told = [text for _, text in supply_problems(str(path))]
+""")
     for line, says in {
-        2: "settling_ms: must be a number from 1 to 10000",
-        4: "link.terminator: must be one of",
-        5: "link.parity: must be one of 'N', 'E', 'O'",
-        6: "link.bautrate: unknown key; did you mean baudrate?",
-        8: "range.current_A: the first must be below the second",
-        9: "range.voltage_V: must be a list of lowest and highest",
-        11: 'commands.set_current: does not carry the current; write for example "... {current_A:.3f}"',
-        12: "commands.measure_current: must be one command",
-        13: "commands.output_on: carries current, which is not known here",
-        14: "commands.clear: is a query (?)",
-        15: "commands.local: {time} means nothing here",
-        17: "answers.current: is not a valid regular expression",
-        18: "answers.voltage: must have the number in a group named value",
-        19: "answers.on: must be a list of texts",
-        21: "faults.over-temperature: must be a number from 0 to 31",
-        23: "watchdog.time_s: must be a number from 0.1 to 60",
+        2: "settling_ms = 0: too small (allowed: 1.0 to 10000.0)",
+        4: 'link.terminator = ";": must be',
+        5: "link.parity = \"X\": must be 'N', 'E' or 'O'",
+        6: "link.bautrate = 9600: unknown key; did you mean baudrate?",
+        8: "range.current_A = [5, 0]: the first must be below the second",
+        9: "range.voltage_V[2]: missing",
+        14: 'answers.current = "[0-9": is not a valid regular expression',
+        15: 'answers.voltage = "[0-9]+": must have the number in a group named value',
+        16: "answers.on = 1: must be a text in quotes",
+        18: "faults.over-temperature = 40: too large (allowed: 0 to 31)",
+        19: "watchdog.start: missing",
+        20: "watchdog.time_s = 100: too large (allowed: 0.1 to 60.0)",
     }.items():
-        assert any(text.startswith(f"my-supply.toml, line {line}: {says}") for text in told), (line, told)
-    assert any("watchdog.start: is missing" in text for text in told)
-    assert any("commands.output_off: is missing; a supply that has one of the two has both" in text for text in told)
-    assert any("faults: means bits of an answer: write the question as read_faults" in text for text in told)
+        assert any(text.startswith(f"line {line}: {says}") for text in problems), (line, problems)
+
+
+def test_everything_that_commands_contradict_is_told_at_once_with_its_line(tmp_path: Path) -> None:
+    problems = told(tmp_path, """[range]
+current_A = [0, 5]
+[commands]
+set_current = "CURR 1"
+measure_current = ["MEAS:CURR?", "MEAS?"]
+output_on = "OUTP {current_A} ON"
+clear = "*CLS?"
+local = "SYST:LOC {time}"
+[faults]
+over-temperature = 4
+""")
+    for line, says in {
+        4: 'commands.set_current = "CURR 1": does not carry the current; write for example "... {current_A:.3f}"',
+        5: 'commands.measure_current = ["MEAS:CURR?", "MEAS?"]: must be one command',
+        6: 'commands.output_on = "OUTP {current_A} ON": carries current, which is not known here',
+        7: 'commands.clear = "*CLS?": is a query (?)',
+        8: 'commands.local = "SYST:LOC {time}": {time} means nothing here',
+        9: "faults: means bits of an answer: write the question as read_faults",
+    }.items():
+        assert any(text.startswith(f"line {line}: {says}") for text in problems), (line, problems)
+    assert any("commands.output_off: is missing; a supply that has one of the two" in text for text in problems)
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
         (SMALLEST.replace("[0, 5]", "[0.1, 5]"), "this supply cannot give 0 A"),
-        (SMALLEST.replace('measure_current = "I?"\n', ""), "0 A could not be proved"),
+        (SMALLEST.replace('measure_current = "I?"\n', ""), "commands.measure_current: missing"),
         (SMALLEST.replace("[0, 5]", "[0, 0]"), "the first must be below the second"),
-        ("x = [", "not TOML"),
+        ("x = [", "not valid TOML"),
         ("a." * 20 + "b = 1", "parts"),
         ("commands = 5", "must be a table"),
     ],
 )
 def test_what_would_leave_the_coil_with_current_is_refused(tmp_path: Path, text: str, says: str) -> None:
-    path = tmp_path / "my-supply.toml"
-    path.write_text(text, encoding="utf-8")
-    assert any(says in told for _, told in supply_problems(str(path)))
+    problems = told(tmp_path, text)
+    assert any(says in problem for problem in problems), problems
 
 
 def test_zero_beside_the_range_is_reached_by_the_switch() -> None:
     given = tomllib.loads(SMALLEST.replace("[0, 5]", "[0.1, 5]") + 'output_on = "ON"\noutput_off = "OFF"\n')
     assert not supply(given).drives_zero
-    assert supply_problems(given) == []
+    assert problems_of("supply", given) == []
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    ((_, text),) = supply_problems(str(tmp_path / "gone.toml"))
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_file_that_is_not_there_is_named(tmp_path: Path, kind: str) -> None:
+    ((_, text),) = entry_problems(kind, str(tmp_path / "gone.toml"))
     assert "gone.toml: there is no such file" in text
+
+
+@pytest.mark.parametrize(("kind", "ending"), [("supply", "_supply.toml"), ("register-map", "_controller.toml")])
+def test_descriptions_that_come_with_the_program_fit_their_models(kind: str, ending: str) -> None:
+    shipped = sorted(FOLDER.glob(f"*{ending}"))
+    assert shipped
+    for path in shipped:
+        assert problems_of(kind, tomllib.loads(path.read_text(encoding="utf-8"))) == [], path

@@ -6,7 +6,7 @@ Any address, type, order of words and bytes, first address, gap, function, recip
 from __future__ import annotations
 
 import asyncio
-from pathlib import Path
+import tomllib
 
 import numpy as np
 import pytest
@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from drivers.connection import ActuatorConnection, MotionTerms
 from drivers.modbus_actuator import ModbusActuator
 from drivers.register_maps.controller_map import ControllerMap
-from drivers.register_maps.entries import Source
-from drivers.register_maps.map_file import read_map
+from drivers.register_maps.map_file import controller
 from drivers.register_maps.quantity import BITS, TYPES
 from drivers.roles import ActuatorLimits, Command, Program, State, WatchdogAction, Waveform
 from drivers.setpoint_generator import Setpoint
@@ -172,7 +171,7 @@ def served(made: ControllerMap) -> None:
 @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
 @given(text=maps())
 def test_a_drawn_map_is_served(text: str) -> None:
-    served(read_map(Source(Path("drawn.toml"), text)))
+    served(controller(tomllib.loads(text)))
 
 
 SMALL = """
@@ -217,7 +216,7 @@ write = {alive = "$counter"}
     ],
 )
 def test_places_that_were_refused_once_are_served(places: str) -> None:
-    served(read_map(Source(Path("small.toml"), SMALL.replace("PLACES", places))))
+    served(controller(tomllib.loads(SMALL.replace("PLACES", places))))
 
 
 MEASURED = """power = {address = 5}
@@ -236,7 +235,7 @@ serial = {address = 44, type = "u64"}"""
 )
 def test_what_a_condition_looks_at_is_shown_as_it_is_measured(faults: str) -> None:
     text = SMALL.replace("PLACES", MEASURED).replace("[faults]", f"[faults]\n{faults}")
-    made = read_map(Source(Path("small.toml"), text + "[identity]\nlow = 1\nhigh = 1\nserial = 0x0102030405060708\n"))
+    made = controller(tomllib.loads(text + "[identity]\nlow = 1\nhigh = 1\nserial = 0x0102030405060708\n"))
     served(made)
     options = RigOptions()
     actuator = Actuator(Plant(options), options.controller, DeviceClock(0.0, 0.0), lambda *_: None)

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.register_maps.map_file import load_map
+from drivers.register_maps.map_file import controller
 from drivers.register_maps.quantity import Quantity
 from drivers.roles import Command
+from rig.files.descriptions import table_of
 from simulators.actuator import Actuator
 from simulators.clock import DeviceClock
 from simulators.options import RigOptions
@@ -61,7 +62,7 @@ def written(scripts: Scripts, **values: int) -> list[tuple[Command, bool]]:
 
 
 def test_a_command_is_known_by_its_constants_and_its_request_is_taken_back_without_another() -> None:
-    worn = load_map(MAPS / "handshake.toml")
+    worn = controller(table_of("register-map", MAPS / "handshake.toml"))
     scripts = Scripts(scripts_of(worn.recipes.commands), lambda quantity, value: raw_of(quantity, float(value)))
     assert written(scripts, p1=1, p2=2) == [(Command.MOVE_TO, False)]
     assert written(scripts, alive=1) == [], "not of a command"

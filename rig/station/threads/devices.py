@@ -34,7 +34,6 @@ from drivers.sample_stream import SampleScale
 from protocols.errors import ProtocolError
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import EcuConfig, StationConfig
-from rig.bench.supply_settings import supply_of
 from rig.station.errors import StationRefused
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
 from rig.station.interlocks.channel_interlock import ChannelInterlock, ChannelLimits
@@ -106,7 +105,7 @@ class Devices:
             supervisor,
             append,
         )
-        driver = make_actuator(given_actuator.register_map, ActuatorConnection(
+        driver = make_actuator(given_actuator.described, ActuatorConnection(
             given_actuator.url, given_actuator.device_id, given_actuator.timeout_s, owner_id,
             given_actuator.baudrate, given_actuator.parity,
             motion_terms(config),
@@ -226,7 +225,7 @@ def _current_source(given: EcuConfig) -> CurrentSource:
     """The driver of the coil's current source: a person, a supply where its address is stated, else on CAN."""
     if given.by_hand:
         return make_hand_source(given.rehearsal)
-    described = supply_of(given.supply)
+    described = given.described_supply
     if given.url is None or described is None:
         return make_current_source(given.dbc, given.roles, CanAddress(
             given.interface or "", given.channel or "", given.bitrate, given.interface_options
