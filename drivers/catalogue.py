@@ -15,7 +15,8 @@ from typing import Any
 from drivers import plugins
 from drivers.connection import ActuatorConnection, CanAddress, LineSettings
 from drivers.current_source import CurrentSource
-from drivers.devices.source import current_source, current_source_names, current_source_problems, is_dbc
+from drivers.devices.dbc_file import DbcText
+from drivers.devices.source import Given, current_source, current_source_names
 from drivers.devices.supply import SupplyConnection, SupplyDescription
 from drivers.devices.supply_file import supply, supply_names
 from drivers.errors import UnknownDevice
@@ -41,11 +42,8 @@ __all__ = [
     "clocked_format_names",
     "current_source_names",
     "current_source_period_s",
-    "current_source_problems",
     "current_source_range_A",
     "current_source_timeout_s",
-    "ecu_roles_schema",
-    "is_dbc",
     "known_current_source_names",
     "make_actuator",
     "make_current_source",
@@ -152,41 +150,37 @@ def check_sensor_format(name: str) -> None:
         plugins.maker_of(plugins.SENSORS, name)
 
 
-def current_source_range_A(name: str, roles: str | Mapping[str, Any] | None) -> tuple[float, float]:
-    """Lowest and highest current (A) that the set-point of a current source can hold; a plug-in's says so itself.
+def _is_described(given: Given) -> bool:
+    """Whether a current source is one of a DBC and roles, not one with a driver of its own."""
+    return isinstance(given, DbcText) or given in current_source_names()
 
-    Raises:
-        LocalProtocolError: it cannot be used.
+
+def current_source_range_A(given: Given, roles: Mapping[str, Any] | None) -> tuple[float, float]:
+    """Lowest and highest current (A) that the set-point of a current source can hold; of a plug-in's all.
+
+    Args:
+        given: a name, or a user's DBC.
+        roles: of a user's DBC.
     """
-    if name not in current_source_names() and not is_dbc(name):
+    if not _is_described(given):
         return -math.inf, math.inf
-    described = current_source(name, roles)
+    described = current_source(given, roles)
     return described.low_A, described.high_A
 
 
-def current_source_period_s(name: str, roles: str | Mapping[str, Any] | None) -> float:
-    """How often a current source tells its current (s of its clock); 0 for a plug-in's, which says so when it runs.
+def current_source_period_s(given: Given, roles: Mapping[str, Any] | None) -> float:
+    """How often a current source reports its current (s of its clock); 0 for a plug-in's, which states it at run time.
 
-    Raises:
-        LocalProtocolError: it cannot be used.
+    Args:
+        given: a name, or a user's DBC.
+        roles: of a user's DBC.
     """
-    return current_source(name, roles).timing.status_s if name in current_source_names() or is_dbc(name) else 0.0
+    return current_source(given, roles).timing.status_s if _is_described(given) else 0.0
 
 
-def current_source_timeout_s(name: str, roles: str | Mapping[str, Any] | None) -> float | None:
-    """After so long without a command a described current source goes to 0 A by itself (s); None: not stated.
-
-    Raises:
-        LocalProtocolError: it cannot be used.
-    """
-    return current_source(name, roles).command_timeout_s
-
-
-def ecu_roles_schema() -> dict[str, Any]:
-    """The JSON schema of a roles file."""
-    from drivers.devices.ecu_roles_schema import ecu_roles_schema as schema
-
-    return schema()
+def current_source_timeout_s(given: DbcText, roles: Mapping[str, Any] | None) -> float | None:
+    """Time without a command after which a user's current source goes to 0 A itself (s); None: not stated."""
+    return current_source(given, roles).command_timeout_s
 
 
 def make_actuator(given: RegisterMap, connection: ActuatorConnection) -> Actuator:
@@ -215,12 +209,12 @@ def make_actuator(given: RegisterMap, connection: ActuatorConnection) -> Actuato
     return as_actuator(ModbusActuator(connection, controller(given)), connection.motion)
 
 
-def make_current_source(name: str, roles: str | Mapping[str, Any] | None, bus: CanAddress) -> CurrentSource:
+def make_current_source(given: Given, roles: Mapping[str, Any] | None, bus: CanAddress) -> CurrentSource:
     """The driver of a current source on CAN; nothing is opened.
 
     Args:
-        name: of a kind of current source, or the path of a DBC file.
-        roles: of a DBC file: path of the roles file, or its contents.
+        given: the name of a kind of current source, or a user's DBC.
+        roles: of a user's DBC.
         bus: where it is.
 
     Raises:
@@ -228,10 +222,10 @@ def make_current_source(name: str, roles: str | Mapping[str, Any] | None, bus: C
         LocalProtocolError: a DBC and its roles cannot be used.
         BrokenPlugIn: it is a plug-in's, and that cannot be used.
     """
-    if name not in current_source_names() and not is_dbc(name):
-        given = (bus.interface, bus.channel, bus.bitrate)
+    if isinstance(given, str) and not _is_described(given):
+        name, address = given, (bus.interface, bus.channel, bus.bitrate)
         further = {"roles": roles, "options": dict(bus.options)}
-        brought: CurrentSource | None = plugins.made(plugins.CURRENT_SOURCES, name, CurrentSource, *given, **further)
+        brought: CurrentSource | None = plugins.made(plugins.CURRENT_SOURCES, name, CurrentSource, *address, **further)
         if brought is not None:
             return brought
         raise UnknownDevice(
@@ -240,7 +234,7 @@ def make_current_source(name: str, roles: str | Mapping[str, Any] | None, bus: C
     from drivers.can_current_source import CanCurrentSource
     from drivers.can_port import CanPort
 
-    described = current_source(name, roles)
+    described = current_source(given, roles)
     return CanCurrentSource(CanPort(bus, fd=described.fd), described)
 
 

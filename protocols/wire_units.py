@@ -5,39 +5,72 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from typing import NamedTuple
 
 INCH_M = 0.0254
 POUND_FORCE_N = 4.4482216152605
 STANDARD_GRAVITY_M_S2 = 9.80665
 
-UNITS: Mapping[str, tuple[str, float]] = {
-    "m": ("length", 1.0), "mm": ("length", 1e-3), "cm": ("length", 1e-2), "um": ("length", 1e-6),
-    "in": ("length", INCH_M), "mil": ("length", 1e-3 * INCH_M),
-    "m/s": ("speed", 1.0), "mm/s": ("speed", 1e-3), "cm/s": ("speed", 1e-2), "um/s": ("speed", 1e-6),
-    "mm/min": ("speed", 1e-3 / 60.0), "m/min": ("speed", 1.0 / 60.0), "in/s": ("speed", INCH_M),
-    "in/min": ("speed", INCH_M / 60.0),
-    "m/s^2": ("acceleration", 1.0), "mm/s^2": ("acceleration", 1e-3), "in/s^2": ("acceleration", INCH_M),
-    "g": ("acceleration", STANDARD_GRAVITY_M_S2),
-    "N": ("force", 1.0), "kN": ("force", 1e3), "mN": ("force", 1e-3), "daN": ("force", 10.0), "MN": ("force", 1e6),
-    "lbf": ("force", POUND_FORCE_N), "kip": ("force", 1e3 * POUND_FORCE_N), "ozf": ("force", POUND_FORCE_N / 16.0),
-    "gf": ("force", 1e-3 * STANDARD_GRAVITY_M_S2), "kgf": ("force", STANDARD_GRAVITY_M_S2),
-    "tf": ("force", 1e3 * STANDARD_GRAVITY_M_S2),
-    "Pa": ("pressure", 1.0), "kPa": ("pressure", 1e3), "MPa": ("pressure", 1e6), "bar": ("pressure", 1e5),
-    "mbar": ("pressure", 100.0), "psi": ("pressure", POUND_FORCE_N / INCH_M**2),
-    "Hz": ("frequency", 1.0), "kHz": ("frequency", 1e3), "mHz": ("frequency", 1e-3), "rpm": ("frequency", 1.0 / 60.0),
-    "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6), "ns": ("time", 1e-9), "min": ("time", 60.0),
-    "h": ("time", 3600.0),
-    "A": ("current", 1.0), "mA": ("current", 1e-3), "uA": ("current", 1e-6), "kA": ("current", 1e3),
-    "V": ("voltage", 1.0), "mV": ("voltage", 1e-3), "uV": ("voltage", 1e-6), "kV": ("voltage", 1e3),
-    "1": ("number", 1.0), "%": ("number", 1e-2), "cycles": ("number", 1.0), "": ("", 1.0),
+class Unit(NamedTuple):
+    """What a unit measures, and SI for a number in it: number * scale + offset (a temperature in degC)."""
+
+    dimension: str
+    scale: float
+    offset: float = 0.0
+
+
+UNITS: Mapping[str, Unit] = {
+    "m": Unit("length", 1.0), "mm": Unit("length", 1e-3), "cm": Unit("length", 1e-2), "um": Unit("length", 1e-6),
+    "in": Unit("length", INCH_M), "mil": Unit("length", 1e-3 * INCH_M),
+    "m/s": Unit("speed", 1.0), "mm/s": Unit("speed", 1e-3), "cm/s": Unit("speed", 1e-2), "um/s": Unit("speed", 1e-6),
+    "mm/min": Unit("speed", 1e-3 / 60.0), "m/min": Unit("speed", 1.0 / 60.0), "in/s": Unit("speed", INCH_M),
+    "in/min": Unit("speed", INCH_M / 60.0),
+    "m/s^2": Unit("acceleration", 1.0), "mm/s^2": Unit("acceleration", 1e-3), "in/s^2": Unit("acceleration", INCH_M),
+    "g": Unit("acceleration", STANDARD_GRAVITY_M_S2),
+    "N": Unit("force", 1.0), "kN": Unit("force", 1e3), "mN": Unit("force", 1e-3), "daN": Unit("force", 10.0),
+    "MN": Unit("force", 1e6),
+    "lbf": Unit("force", POUND_FORCE_N), "kip": Unit("force", 1e3 * POUND_FORCE_N),
+    "ozf": Unit("force", POUND_FORCE_N / 16.0),
+    "gf": Unit("force", 1e-3 * STANDARD_GRAVITY_M_S2), "kgf": Unit("force", STANDARD_GRAVITY_M_S2),
+    "tf": Unit("force", 1e3 * STANDARD_GRAVITY_M_S2),
+    "Pa": Unit("pressure", 1.0), "kPa": Unit("pressure", 1e3), "MPa": Unit("pressure", 1e6),
+    "bar": Unit("pressure", 1e5),
+    "mbar": Unit("pressure", 100.0), "psi": Unit("pressure", POUND_FORCE_N / INCH_M**2),
+    "Hz": Unit("frequency", 1.0), "kHz": Unit("frequency", 1e3), "mHz": Unit("frequency", 1e-3),
+    "rpm": Unit("frequency", 1.0 / 60.0),
+    "s": Unit("time", 1.0), "ms": Unit("time", 1e-3), "us": Unit("time", 1e-6), "ns": Unit("time", 1e-9),
+    "min": Unit("time", 60.0),
+    "h": Unit("time", 3600.0),
+    "A": Unit("current", 1.0), "mA": Unit("current", 1e-3), "uA": Unit("current", 1e-6), "kA": Unit("current", 1e3),
+    "V": Unit("voltage", 1.0), "mV": Unit("voltage", 1e-3), "uV": Unit("voltage", 1e-6), "kV": Unit("voltage", 1e3),
+    "degC": Unit("temperature", 1.0), "K": Unit("temperature", 1.0, -273.15),
+    "degF": Unit("temperature", 5.0 / 9.0, -160.0 / 9.0),
+    "1": Unit("number", 1.0), "%": Unit("number", 1e-2), "cycles": Unit("number", 1.0), "": Unit("", 1.0),
 }  # fmt: skip
-"""Unit -> what it measures, and SI for one of it."""
+"""Every unit by name."""
 
 ALIASES: Mapping[str, str] = {
     "µm": "um", "μm": "um", "µs": "us", "μs": "us", "m/s2": "m/s^2", "m/s²": "m/s^2", "mm/s2": "mm/s^2",
     "mm/s²": "mm/s^2", "inch": "in", "ips": "in/s", "lb": "lbf", "kp": "kgf", "-": "1",
 }  # fmt: skip
+
+
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S.*?)\s*", re.ASCII)
+
+
+def quantity(text: str) -> tuple[float, str]:
+    """SI value and dimension of a number with its unit, such as "500 ms".
+
+    Raises:
+        ValueError: it is not a number with a known unit.
+    """
+    match = _QUANTITY.fullmatch(text)
+    unit = None if match is None else unit_of(match[2])
+    if match is None or unit is None:
+        raise ValueError(f"{text!r} is not a number with a known unit, such as \"500 ms\"")
+    return float(match[1]) * unit.scale + unit.offset, unit.dimension
 
 
 def seconds(text: str) -> float:
@@ -46,13 +79,12 @@ def seconds(text: str) -> float:
     Raises:
         ValueError: it is not a time.
     """
-    number = text.strip().rstrip("abcdefghijklmnopqrstuvwxyzµμ ")
-    unit = unit_of(text.strip()[len(number) :].strip())
-    if unit is None or unit[0] != "time":
-        raise ValueError(f"{text!r} is not a time such as \"500 ms\"")
-    return float(number) * unit[1]
+    value, dimension = quantity(text)
+    if dimension != "time":
+        raise ValueError(f"{text!r} is not a time, such as \"500 ms\"")
+    return value
 
 
-def unit_of(name: str) -> tuple[str, float] | None:
-    """What a unit measures and its factor to SI; None for one that is not known."""
+def unit_of(name: str) -> Unit | None:
+    """A unit by its name or another spelling; None for one that is not known."""
     return UNITS.get(ALIASES.get(name, name))

@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 
 from protocols import wire_units
+from protocols.wire_units import Unit as Unit  # of this module, too
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(rf"({NUMBER})\s*(\S.*)?", re.ASCII)
@@ -16,15 +17,6 @@ _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+")
 
 class UnitProblem(ValueError):
     """A text is not the quantity that is wanted; the message says what would fit."""
-
-
-@dataclass(frozen=True)
-class Unit:
-    """SI value = number * scale + offset."""
-
-    dimension: str
-    scale: float
-    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -66,14 +58,13 @@ DIMENSIONS = {
 
 def _shared(*names: str) -> dict[str, Unit]:
     """Units that third-party devices use too."""
-    return {name: Unit(*wire_units.UNITS[name]) for name in names}
+    return {name: wire_units.UNITS[name] for name in names}
 
 
 UNITS = {
     **_shared("m", "mm", "cm", "um", "m/s", "mm/s", "cm/s", "m/s^2", "mm/s^2", "N", "kN", "mN", "Hz", "kHz", "mHz",
               "s", "ms", "us", "min", "h", "Pa", "kPa", "MPa", "bar"),
-    "degC": Unit("temperature", 1.0), "K": Unit("temperature", 1.0, -273.15),
-    **_shared("A", "mA", "V", "mV"),
+    **_shared("degC", "K", "A", "mA", "V", "mV"),
     "ohm": Unit("resistance", 1.0), "mohm": Unit("resistance", 1e-3), "kohm": Unit("resistance", 1e3),
     "kg": Unit("mass", 1.0), "g": Unit("mass", 1e-3),
     "J": Unit("energy", 1.0), "kJ": Unit("energy", 1e3), "MJ": Unit("energy", 1e6),

@@ -249,14 +249,15 @@ def worn(dbc: Path | None, roles: Path | None) -> WornEcuFiles | None:
     Raises:
         FileProblem: one without the other, or they cannot be used: everything that is wrong.
     """
-    from drivers.devices.source import current_source_problems
+    from rig.files.ecu_roles import ecu_problems
     from simulators.worn_ecu import WornEcuFiles
 
     if dbc is None and roles is None:
         return None
     if dbc is None or roles is None:
         raise FileProblem("--dbc", ["needs --ecu-roles beside it, and the other way round"])
-    problems = current_source_problems(str(dbc), str(roles))
+    described("ecu-roles", str(roles))
+    problems = ecu_problems(str(dbc), str(roles))
     if problems:
         raise FileProblem("--dbc", [text for _, text in problems])
     return WornEcuFiles(dbc.absolute(), roles.absolute())

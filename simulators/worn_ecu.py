@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from drivers.can_library import import_can
-from drivers.devices.dbc_file import DBC_ENCODING
-from drivers.devices.description_file import read_description, read_text
 from drivers.devices.ecu_description import EcuDescription
 from drivers.devices.source import current_source
 from protocols.can_signals import Signal
 from protocols.errors import RemoteProtocolError
+from rig.files.described import dbc_text, described
 from simulators.ecu_protection import seal_of
 from simulators.ecu_wire import EXTENDED, Command, Frame, Shown
 
@@ -65,14 +64,15 @@ class WornEcu:
     """
 
     def __init__(self, dbc: Path, roles: Path | Mapping[str, Any]) -> None:
-        given = read_description(roles) if isinstance(roles, Path) else roles
-        self.described: EcuDescription = current_source(str(dbc), given)
+        given = described("ecu-roles", str(roles) if isinstance(roles, Path) else roles)
+        text = dbc_text(dbc)
+        self.described: EcuDescription = current_source(text, given)
         self.command_timeout_s = self.described.command_timeout_s
         import_can()  # before cantools, which would have it load its MF4 reader, and with that pandas
         from cantools.database.can import Database
 
         database = Database(strict=False)
-        database.add_dbc_string(read_text(dbc, DBC_ENCODING))
+        database.add_dbc_string(text.text)
         self._messages = {message.name: message for message in database.messages}
         protection: Mapping[str, Any] = given.get("protection", {})
         self._seals = {

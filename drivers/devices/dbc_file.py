@@ -28,6 +28,19 @@ _SIGNAL = re.compile(r"^\s*SG_\s+(\w+)\s")
 
 
 @dataclass(frozen=True)
+class DbcText:
+    """A DBC file as it was read: its name, and its text."""
+
+    name: str
+    text: str
+
+    @property
+    def stem(self) -> str:
+        """Its name without the ending."""
+        return self.name.rpartition(".")[0] or self.name
+
+
+@dataclass(frozen=True)
 class DbcSignal:
     """A signal of a message.
 

@@ -39,6 +39,7 @@ from drivers.devices.sent_frames import sent_frames
 from protocols.can_signals import FrameReader, Placed, Signal
 from protocols.e2e import Protection
 from protocols.slcan import FD_LENGTHS
+from protocols.wire_units import seconds
 
 SENT_ROLES = (COMMAND, ENABLE, CLEAR)
 MEASURED = {CURRENT: "current", COIL: "temperature", ECU: "temperature", SUPPLY: "voltage", CLOCK: "time"}
@@ -52,8 +53,6 @@ ROLE_KEYS: Mapping[str, tuple[str, ...]] = {
     SERIAL: ("signal",), FIRMWARE: ("signal",), LAYOUT: ("signal", "value"), BOOTS: ("signal",),
 }
 """Every role, and the keys of its table; a text stands for `signal` alone."""
-TABLES = ("constants", "protection", "periods")
-PLAIN_KEYS = ("sending", "command_timeout")
 SENDING = ("cyclic", "on-change")
 ZERO_A = 0.02
 """So far from 0 A the nearest step of the set-point may be."""
@@ -82,7 +81,6 @@ class _Roles:
     def __init__(self, reading: Reading, roles: Mapping[str, Any]) -> None:
         self._reading = reading
         self._roles = roles
-        reading.only(roles, (*ROLE_KEYS, *TABLES, *PLAIN_KEYS), ())
         self._tables = {role: self._table(role) for role in ROLE_KEYS if role in roles}
         self._found = {role: named for role in self._tables if (named := self._find(role)) is not None}
         self._fault_signals: list[tuple[str, Found, frozenset[int], SourceFault]] = []
@@ -94,20 +92,17 @@ class _Roles:
             RoleProblems: with everything that is wrong.
         """
         reading, named = self._reading, self._found
-        for role in (COMMAND, CURRENT):
-            if role not in self._roles:
-                reading.wrong((role,), 'is missing; write "Message.signal" with the names of the DBC')
         on_off = {role: self._on_off(role) for role in (ENABLE, CLEAR) if role in named}
         states, fault_bits = self._states(), self._faults()
         low_A, high_A = self._range()
         protections, periods = self._protections(), self._periods()
         sent = sent_frames(reading, {role: named[role] for role in SENT_ROLES if role in named}, on_off,
-                           self._roles.get("constants"), protections)  # fmt: skip
+                           self._roles.get("constants", {}), protections)  # fmt: skip
         heard = self._heard(protections, periods)
         self._check_messages(protections, periods, {frame.name for frame in sent})
         timeout = self._roles.get("command_timeout")
-        timeout_s = None if timeout is None else reading.seconds(timeout, ("command_timeout",))
-        cyclic = reading.choice(self._roles.get("sending", SENDING[0]), SENDING, ("sending",)) == SENDING[0]
+        timeout_s = None if timeout is None else seconds(timeout)
+        cyclic = self._roles.get("sending", SENDING[0]) == SENDING[0]
         if not cyclic and timeout_s is not None:
             reading.wrong(("sending",), "with a command_timeout it goes to 0 A between two changes; send cyclic")
         layout = self._layout()
@@ -125,17 +120,11 @@ class _Roles:
 
     def _table(self, role: str) -> Mapping[str, Any]:
         given = self._roles[role]
-        if isinstance(given, str):
-            return {"signal": given}
-        table = self._reading.table(given, (role,))
-        self._reading.only(table, ROLE_KEYS[role], (role,))
-        return table
+        return {"signal": given} if isinstance(given, str) else given
 
     def _find(self, role: str) -> Found | None:
         table, place = self._tables[role], (role,)
-        if "signal" not in table:
-            if role != FAULTS and isinstance(self._roles[role], str | Mapping):
-                self._reading.wrong(place, 'signal is missing; write signal = "Message.signal"')
+        if "signal" not in table:  # of faults, each with a signal of its own
             return None
         named = self._reading.find(table["signal"], (role, "signal") if "signal" in self._as_table(role) else place)
         if named is None:
@@ -213,11 +202,10 @@ class _Roles:
         else:
             bits[1 << bit] = meaning
 
-    def _fault_signal(self, given: object, meaning: SourceFault, place: Place) -> None:
+    def _fault_signal(self, given: str | Mapping[str, Any], meaning: SourceFault, place: Place) -> None:
         """A fault with a signal of its own: "Message.signal", or {signal = ..., value = ...}."""
         table = given if isinstance(given, Mapping) else {"signal": given}
-        self._reading.only(table, ("signal", "value"), place)
-        named = self._reading.find(table.get("signal"), place)
+        named = self._reading.find(table["signal"], place)
         if named is None:
             return
         if named.signal.is_float:
@@ -246,23 +234,17 @@ class _Roles:
         return low_A, high_A
 
     def _protections(self) -> dict[str, Protection]:
-        given = self._reading.table(self._roles.get("protection"), ("protection",))
-        made: dict[str, Protection] = {}
-        for name, table in given.items():
-            message = self._reading.messages.get(name)
-            if message is None:
-                self._reading.only([name], tuple(self._reading.messages), ("protection",))
-                continue
-            made[name] = read_protection(self._reading, message, self._reading.table(table, ("protection", name)))
-        return made
+        given, messages = self._roles.get("protection", {}), self._reading.messages
+        self._reading.of_messages(given, ("protection",))
+        return {
+            name: read_protection(self._reading, messages[name], table)
+            for name, table in given.items() if name in messages
+        }
 
     def _periods(self) -> dict[str, float]:
-        given = self._reading.table(self._roles.get("periods"), ("periods",))
-        self._reading.only(given, tuple(self._reading.messages), ("periods",))
-        return {
-            name: period_s for name, text in given.items()
-            if name in self._reading.messages and (period_s := self._reading.seconds(text, ("periods", name)))
-        }  # fmt: skip
+        given = self._roles.get("periods", {})
+        self._reading.of_messages(given, ("periods",))
+        return {name: seconds(text) for name, text in given.items() if name in self._reading.messages}
 
     def _heard(self, protections: Mapping[str, Protection], periods: Mapping[str, float]) -> dict[int, HeardMessage]:
         """The messages that are read, each with what is wanted of it."""

@@ -26,15 +26,13 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "e2e-11": ("profile", "data_id", "data_id_mode", "counter", "crc", "nibble", "offset"),
 }
 _LONGEST_CRC = 32
-_IDS = 16
 
 
 def read_protection(reading: Reading, message: DbcMessage, given: Mapping[str, Any]) -> Protection:
     """The protection of one message; none and a problem where it cannot be used."""
     place: Place = ("protection", message.name)
-    profile = reading.choice(given.get("profile"), PROFILES, (*place, "profile"))
+    profile = given["profile"]
     before = len(reading.problems)
-    reading.only(given, KEYS[profile], place)
     if profile == "none":
         return Protection()
     made = _own(reading, message, given, profile) if profile.startswith("counter") else _e2e(
@@ -53,7 +51,7 @@ def _own(reading: Reading, message: DbcMessage, given: Mapping[str, Any], profil
     if counter is None:
         return None
     highest = int(counter.high)
-    top = reading.whole(given.get("counter_max"), 1, highest, (*place, "counter_max"), highest)
+    top = reading.whole(given.get("counter_max", highest), 1, highest, (*place, "counter_max"))
     if top is None:
         return None
     if profile == "counter":
@@ -74,27 +72,20 @@ def _own(reading: Reading, message: DbcMessage, given: Mapping[str, Any], profil
 def _crc(reading: Reading, given: Mapping[str, Any], width: int, place: Place) -> Crc | None:
     highest = (1 << width) - 1
     numbers = [
-        reading.whole(given.get(key), least, highest, (*place, key), default)
-        for key, least, default in (("polynomial", 1, None), ("initial", 0, 0), ("final_xor", 0, 0))
+        reading.whole(given.get(key, 0), least, highest, (*place, key))
+        for key, least in (("polynomial", 1), ("initial", 0), ("final_xor", 0))
     ]
-    reflected = given.get("reflected", False)
-    if not isinstance(reflected, bool):
-        reading.wrong((*place, "reflected"), "must be true or false")
-        return None
     polynomial, initial, final = numbers
     if polynomial is None or initial is None or final is None:
         return None
-    return Crc(width, polynomial, initial, final, reflected)
+    return Crc(width, polynomial, initial, final, given.get("reflected", False))
 
 
 def _covered(reading: Reading, given: Mapping[str, Any], size: int, place: Place) -> Covered | None:
-    length = reading.whole(given.get("data_id_bytes"), 1, 4, (*place, "data_id_bytes"), 2)
-    first = reading.whole(given.get("first_byte"), 0, size - 1, (*place, "first_byte"), 0)
-    last = reading.whole(given.get("last_byte"), 0, size - 1, (*place, "last_byte"), size - 1)
+    length = reading.whole(given.get("data_id_bytes", 2), 1, 4, (*place, "data_id_bytes"))
+    first = reading.whole(given.get("first_byte", 0), 0, size - 1, (*place, "first_byte"))
+    last = reading.whole(given.get("last_byte", size - 1), 0, size - 1, (*place, "last_byte"))
     in_front = given.get("data_id_first", True)
-    if not isinstance(in_front, bool):
-        reading.wrong((*place, "data_id_first"), "must be true or false")
-        return None
     if length is None or first is None or last is None:
         return None
     data_id: int | None = -1
@@ -108,7 +99,7 @@ def _e2e(reading: Reading, message: DbcMessage, given: Mapping[str, Any], profil
     place: Place = ("protection", message.name)
     wide = profile == "e2e-5"
     header = 3 if wide else 2
-    offset = reading.whole(given.get("offset"), 0, max(0, message.size - header), (*place, "offset"), 0)
+    offset = reading.whole(given.get("offset", 0), 0, max(0, message.size - header), (*place, "offset"))
     if message.size < header:
         reading.wrong(place, f"{profile} needs {header} bytes, {message.name} has {message.size}")
         return None
@@ -121,11 +112,9 @@ def _e2e(reading: Reading, message: DbcMessage, given: Mapping[str, Any], profil
     if checksum is None or counter is None or not _fits(reading, message, profile, checksum, counter):
         return None
     if profile == "e2e-2":
-        data_ids = _data_ids(reading, given, place)
-        return None if data_ids is None else profile_2(data_ids, counter, checksum)
-    mode = reading.choice(given.get("data_id_mode", "both"), MODES if profile == "e2e-1" else ("both", "nibble"),
-                          (*place, "data_id_mode"))  # fmt: skip
-    data_id = reading.whole(given.get("data_id"), 0, 0xFFF if mode == "nibble" else 0xFFFF, (*place, "data_id"))
+        return profile_2(list(given["data_ids"]), counter, checksum)
+    mode = given.get("data_id_mode", "both")
+    data_id = reading.whole(given["data_id"], 0, 0xFFF if mode == "nibble" else 0xFFFF, (*place, "data_id"))
     if data_id is None:
         return None
     if wide:
@@ -136,17 +125,6 @@ def _e2e(reading: Reading, message: DbcMessage, given: Mapping[str, Any], profil
         if nibble is None:
             return None
     return (profile_1 if profile == "e2e-1" else profile_11)(data_id, counter, checksum, mode, nibble)
-
-
-def _data_ids(reading: Reading, given: Mapping[str, Any], place: Place) -> list[int] | None:
-    data_ids = given.get("data_ids")
-    if not isinstance(data_ids, list | tuple) or len(data_ids) != _IDS or not all(
-        type(item) is int and 0 <= item <= 0xFF for item in data_ids
-    ):
-        said = "profile 2 has a list of 16 data ids, one a counter value, each 0 to 255 (0xFF)"
-        reading.wrong((*place, "data_ids"), said)
-        return None
-    return list(data_ids)
 
 
 def _fits(reading: Reading, message: DbcMessage, profile: str, checksum: Signal, counter: Signal) -> bool:
@@ -177,11 +155,7 @@ def _named(
         if default is None:
             reading.wrong(place, f"is missing; write the name of a signal of {message.name}")
         return default
-    name = given[key]
-    if not isinstance(name, str):
-        reading.wrong(place, f"must be the name of a signal of {message.name} in quotes")
-        return None
-    named = reading.signal(message, name.removeprefix(f"{message.name}."), place)
+    named = reading.signal(message, given[key].removeprefix(f"{message.name}."), place)
     return None if named is None else replace(named.signal, signed=False, is_float=False, scale=1.0, offset=0.0)
 
 

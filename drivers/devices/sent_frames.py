@@ -12,8 +12,6 @@ from protocols.can_signals import FrameWriter, Placed, Signal
 from protocols.e2e import Protection
 from protocols.errors import LocalProtocolError
 
-LARGEST = 1.7e308
-"""Largest number of a constant: a whole number of TOML may be beyond every float."""
 Page = tuple[tuple[str, int], ...]
 """Numbers of multiplexers, by name, that one frame of a message has."""
 
@@ -22,7 +20,7 @@ def sent_frames(
     reading: Reading,
     roles: Mapping[str, Found],
     on_off: Mapping[str, tuple[int, int]],
-    constants: object,
+    constants: Mapping[str, Any],
     protections: Mapping[str, Protection],
 ) -> tuple[SentFrame, ...]:
     """Every frame that is sent, in the order of the roles; one for each page that a role or a constant is on.
@@ -51,11 +49,10 @@ def sent_frames(
     return tuple(frames)
 
 
-def _constants(reading: Reading, given: object) -> list[tuple[Found, int, Place]]:
+def _constants(reading: Reading, given: Mapping[str, Any]) -> list[tuple[Found, int, Place]]:
     """The entries of [constants]: "Message.signal" = value, or a table for each message."""
-    table = reading.table(given, ("constants",))
-    entries: list[tuple[str, object, Place]] = []
-    for key, value in table.items():
+    entries: list[tuple[str, Any, Place]] = []
+    for key, value in given.items():
         if isinstance(value, Mapping):
             entries += [(f"{key}.{name}", inner, ("constants", key, name)) for name, inner in value.items()]
         else:
@@ -73,7 +70,7 @@ def _constant(reading: Reading, named: Found, value: Any, place: Place) -> int |
     """The bits of a constant: a name of the DBC, a whole number as on the wire; of a float the value itself."""
     signal = named.signal
     if signal.is_float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not -LARGEST <= value <= LARGEST:
+        if isinstance(value, bool | str):
             reading.wrong(place, f"{signal.name} is a float; must be a number")
             return None
         try:

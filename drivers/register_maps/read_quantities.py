@@ -121,7 +121,7 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
     length = entry.get("length", 1) if kind == "string" else max(1, TYPES[kind][1])
     return Quantity(
         name, space, address, kind, length, entry.get("count", 1), _scale(entry), float(entry.get("offset", 0.0)),
-        unit[1] if (unit := unit_of(entry.get("unit", ""))) else 1.0, measures(entry),
+        1.0 if (unit := unit_of(entry.get("unit", ""))) is None else unit.scale, measures(entry),
         entry.get("word_order", modbus.word_order), entry.get("byte_order", modbus.byte_order),
         bit, "r" in access, "w" in access, function,
     )  # fmt: skip
@@ -138,7 +138,7 @@ def _scale(entry: Table) -> float:
 def measures(entry: Table) -> str:
     """What an entry's unit measures; empty where it has none."""
     unit = unit_of(entry.get("unit", ""))
-    return "" if unit is None else unit[0]
+    return "" if unit is None else unit.dimension
 
 
 def _check(quantity: Quantity, entry: Table) -> None:
@@ -156,7 +156,7 @@ def _check(quantity: Quantity, entry: Table) -> None:
     wanted = ROLES.get(name) or LIMITS.get(name) or ""
     given = measures(entry)
     if wanted and given and given != wanted:
-        known = [unit for unit, (measured, _) in UNITS.items() if measured == wanted]
+        known = [name for name, unit in UNITS.items() if unit.dimension == wanted]
         entry.add("unit", f"{name} is a {wanted}; its unit is one of {', '.join(known)}")
     if name in ROLES and not quantity.read:
         entry.add("access", f"{name} is part of the status: it must be readable")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 from urllib.parse import urlsplit
@@ -12,18 +11,16 @@ from drivers.catalogue import (
     actuator_names,
     check_actuator,
     check_current_source,
-    current_source_period_s,
-    current_source_problems,
-    current_source_range_A,
-    current_source_timeout_s,
-    is_dbc,
     known_current_source_names,
     own_names,
     supply_names,
 )
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.devices.dbc_file import DbcText
 from drivers.plugins import CURRENT_SOURCES, BrokenPlugIn
 from protocols.errors import ProtocolError
+from protocols.near_miss import near_names
+from rig.files.described import is_dbc
 from rig.files.quantity import Problem
 
 SCHEMES = ("socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
@@ -117,21 +114,23 @@ def known_supply(name: str) -> str:
     return _known(name, supply_names(), ", or a file NAME.toml")
 
 
-def known_current_source(name: str) -> str:
+def known_current_source(name: str | DbcText) -> str | DbcText:
     """Check the name of a kind of current source against those there is a description of, and that description.
 
-    A DBC file is looked at together with its roles (`ecu_problems`).
+    A DBC file is checked together with its roles (`ecu_problems`); the station has its text.
 
     Raises:
-        ValueError: unknown; the known ones are named. Or its description cannot be used.
+        ValueError: unknown; the known ones are named. Or its driver cannot be used.
     """
-    if is_dbc(name):
+    if not isinstance(name, str) or is_dbc(name):
         return name
     return _described(_known(name, known_current_source_names()), check_current_source)
 
 
-def ecu_problems(dbc: str, roles: str | Mapping[str, Any] | None) -> Iterator[Problem]:
-    """What a current source's DBC and roles say wrong, each by itself and together."""
+def ecu_problems(dbc: str | DbcText, roles: str | Mapping[str, Any] | None) -> Iterator[Problem]:
+    """What a current source's DBC and roles state wrong, each separately and together; of the station's nothing."""
+    if isinstance(dbc, DbcText):
+        return
     if not is_dbc(dbc):
         if roles is not None and (dbc in own_names(CURRENT_SOURCES) or not isinstance(roles, Mapping)):
             yield ("roles",), f'says what the signals of a DBC file mean; "{dbc}" has its own. Take it out'
@@ -141,22 +140,18 @@ def ecu_problems(dbc: str, roles: str | Mapping[str, Any] | None) -> Iterator[Pr
             "[ecu.roles]; docs/how-to/connect-an-ecu-by-dbc.md"
         )  # fmt: skip
     else:
-        yield from current_source_problems(dbc, roles)
+        from rig.files.ecu_roles import ecu_problems as problems  # loads the validator, which has called this
+
+        yield from problems(dbc, roles)
 
 
-def current_range_A(dbc: str, roles: str | Mapping[str, Any] | None) -> tuple[float, float]:
-    """Lowest and highest current (A) that the set-point of a current source can hold."""
-    return current_source_range_A(dbc, roles)
+def no_name(name: str) -> str:
+    """Refuse the name of a description of which none come with the program.
 
-
-def status_period_s(dbc: str, roles: str | Mapping[str, Any] | None) -> float:
-    """How often a current source tells its current (s of its clock)."""
-    return current_source_period_s(dbc, roles)
-
-
-def command_timeout_s(dbc: str, roles: str | Mapping[str, Any] | None) -> float | None:
-    """After so long without a command an ECU goes to 0 A by itself (s), where a roles file states it."""
-    return current_source_timeout_s(dbc, roles) if is_dbc(dbc) else None
+    Raises:
+        ValueError: always.
+    """
+    raise ValueError(f'{name!r} is not the name of a file; write one that ends in .toml, such as "ecu-roles.toml"')
 
 
 def _known(name: str, known: tuple[str, ...], way: str = "") -> str:
@@ -214,4 +209,4 @@ def _address(text: str) -> str:
 
 
 def _close(name: str, known: tuple[str, ...]) -> str | None:
-    return next(iter(difflib.get_close_matches(name, known, n=1, cutoff=0.6)), None)
+    return next(iter(near_names(name, known)), None)

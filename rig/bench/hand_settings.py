@@ -32,7 +32,7 @@ class HandEntries(Protocol):
         """Further arguments of a CAN interface."""
 
     @property
-    def dbc(self) -> str:
+    def dbc_name(self) -> str:
         """The kind of a current controller."""
 
 
@@ -50,6 +50,6 @@ def hand_problems_of(config: HandEntries) -> Iterator[Problem]:
         if getattr(config, name) is not None:
             written = name.removesuffix("_V")
             yield (written,), f"does not belong beside by_hand = true; take {written} or by_hand out"
-    if config.interface_options or config.dbc != "demo":
+    if config.interface_options or config.dbc_name != "demo":
         name = "interface_options" if config.interface_options else "dbc"
         yield (name,), f"does not belong beside by_hand = true; take {name} or by_hand out"

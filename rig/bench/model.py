@@ -10,10 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from drivers.catalogue import unheld_limits
+from drivers.catalogue import current_source_period_s, current_source_range_A, unheld_limits
 from rig import units
 from rig.bench import named_files
-from rig.bench.address import command_timeout_s, current_range_A, status_period_s
 from rig.bench.controller_limits import controller_limits
 from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
 from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Margins, Station
@@ -193,7 +192,7 @@ class Bench(Section):
         if described is not None:
             low_A, high_A = described.current_A
         else:
-            low_A, high_A = current_range_A(self.ecu.dbc, self.ecu.roles)
+            low_A, high_A = current_source_range_A(*self.ecu.described_source)
         if self.limits.current_A <= high_A and (-self.limits.current_A >= low_A or low_A >= 0.0):
             return []
         held = f"{units.show(low_A, 'A')} to {units.show(high_A, 'A')}"
@@ -225,13 +224,13 @@ class Bench(Section):
 
     def _ecu_periods(self) -> list[Problem]:
         """Of a current controller on CAN; those of a supply are its own entries'."""
-        told = 2.0 * status_period_s(self.ecu.dbc, self.ecu.roles) / self.clock.device_rate
+        told = 2.0 * current_source_period_s(*self.ecu.described_source) / self.clock.device_rate
         asked = 2.0 * self.ecu.command_period_s
         for shortest, what in ((asked, "status frames"), (told, "periods of the measured current")):
             if self.ecu.stale_after_s < shortest:
                 message = f"is less than two {what}; allowed: at least {units.show(shortest, 'ms')}"
                 return [(("ecu", "stale_after"), message)]
-        own_s = command_timeout_s(self.ecu.dbc, self.ecu.roles)
+        own_s = self.ecu.own_timeout_s
         if own_s is not None and 2.0 * self.ecu.command_period_s > own_s:
             waits, longest = units.show(own_s, "ms"), units.show(0.5 * own_s, "ms")
             message = f"is too long for an ECU that waits {waits}; allowed: at most {longest}"

@@ -17,8 +17,15 @@ from datetime import date
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from drivers.catalogue import SupplyDescription, make_actuator, supply, watchdog_time_s
+from drivers.catalogue import (
+    SupplyDescription,
+    current_source_timeout_s,
+    make_actuator,
+    supply,
+    watchdog_time_s,
+)
 from drivers.connection import ActuatorConnection
+from drivers.devices.dbc_file import DbcText
 from rig.bench import address
 from rig.bench.hand_settings import hand_problems_of
 from rig.bench.sensor_settings import (
@@ -32,7 +39,7 @@ from rig.bench.sensor_settings import (
     Timeout,
 )
 from rig.bench.supply_settings import supply_problems_of
-from rig.files.described import described
+from rig.files.described import dbc_text, described, is_dbc
 from rig.files.quantity import Check, Description, Problem, Quantity, Settings, Text, key
 
 ECU_STATUS_Hz = 100.0
@@ -237,10 +244,10 @@ class EcuConfig(Settings):
     interface_options: dict[str, str | int | float | bool] = field(
         default_factory=dict, metadata=key(description="further arguments of the interface, by python-can's names")
     )
-    dbc: Annotated[str, Check(address.known_current_source)] = field(
+    dbc: Annotated[str | DbcText, Check(address.known_current_source, written=str)] = field(
         default="demo", metadata=key(examples=["ecu.dbc"], description="a known kind, or a DBC file")
     )
-    roles: str | dict[str, Any] | None = field(
+    roles: Annotated[str | dict[str, Any], Description("ecu-roles", address.no_name)] | None = field(
         default=None, metadata=key(examples=["ecu-roles.toml"], description="what the signals of a DBC file mean")
     )
     command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = field(
@@ -286,6 +293,27 @@ class EcuConfig(Settings):
     rehearsal: Annotated[str, Text(256), Check(address.supply_url)] | None = field(
         default=None, metadata=key(description="by hand on a simulated rig, which writes it: where its supply is")
     )
+
+    @property
+    def dbc_name(self) -> str:
+        """Its DBC, or its kind, as the bench file names it; of the station's the file's own name."""
+        return self.dbc if isinstance(self.dbc, str) else self.dbc.name
+
+    @property
+    def described_source(self) -> tuple[str | DbcText, dict[str, Any] | None]:
+        """A current controller on CAN as drivers take it: its name, or its DBC with the table of its roles.
+
+        Raises:
+            FileProblem: a file cannot be used any more.
+        """
+        dbc = dbc_text(self.dbc) if isinstance(self.dbc, str) and is_dbc(self.dbc) else self.dbc
+        return dbc, described("ecu-roles", self.roles)
+
+    @property
+    def own_timeout_s(self) -> float | None:
+        """Time without a command after which an ECU goes to 0 A itself (s), where a roles file states it."""
+        dbc, roles = self.described_source
+        return current_source_timeout_s(dbc, roles) if isinstance(dbc, DbcText) else None
 
     @property
     def described_supply(self) -> SupplyDescription | None:

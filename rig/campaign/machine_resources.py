@@ -261,14 +261,14 @@ def station_config(bench: Bench, matrix: Matrix | None, ring_path: Path) -> Stat
         matrix: the matrix, for the specimen; None where it is not known: the bench's limits hold.
         ring_path: where the station makes its ring.
     """
-    limits = bench.limits
+    limits, (dbc, roles) = bench.limits, bench.ecu.described_source
     if matrix is not None:
         limits = limits.within_stroke(matrix.specimen.stroke_m, matrix.specimen.mid_stroke_m)
     return StationConfig(
         **vars(bench.station),
         **vars(bench.clock),
         actuator=replace(bench.actuator, register_map=bench.actuator.described),
-        ecu=replace(bench.ecu, supply=described("supply", bench.ecu.supply)),
+        ecu=replace(bench.ecu, dbc=dbc, roles=roles, supply=described("supply", bench.ecu.supply)),
         load_cell=replace(bench.load_cell, format=bench.load_cell.described),
         lvdt=replace(bench.lvdt, format=bench.lvdt.described),
         auxiliary=tuple(replace(sensor, format=sensor.described) for sensor in bench.auxiliary),

@@ -62,7 +62,7 @@ def wearing(path: Path) -> tuple[str, ...]:
     if actuator.map_name not in {"demo", "demo-streamed"}:
         arguments += ["--register-map", actuator.map_name]
     if isinstance(ecu.roles, str):
-        arguments += ["--dbc", ecu.dbc, "--ecu-roles", ecu.roles]
+        arguments += ["--dbc", ecu.dbc_name, "--ecu-roles", ecu.roles]
     if ecu.by_hand:
         arguments += ["--by-hand", ecu.pressure_while_asked]
     if isinstance(ecu.supply, str):

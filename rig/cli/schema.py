@@ -52,9 +52,10 @@ def _register_map() -> dict[str, Any]:
 
 
 def _ecu_roles() -> dict[str, Any]:
-    from drivers.catalogue import ecu_roles_schema
+    from rig.files.ecu_roles import RolesFile
 
-    return ecu_roles_schema()
+    schema: dict[str, Any] = RolesFile.model_json_schema(by_alias=True)
+    return schema
 
 
 def _supply() -> dict[str, Any]:

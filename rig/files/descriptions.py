@@ -56,8 +56,15 @@ def _register_map() -> Kind:
     return Kind(lambda _: RegisterMapFile, map_problems)
 
 
+def _ecu_roles() -> Kind:
+    from rig.files.ecu_roles import RolesFile
+
+    return Kind(lambda _: RolesFile, lambda _: ())  # what they contradict shows with their DBC: `ecu_problems`
+
+
 KINDS: Mapping[str, Callable[[], Kind]] = {
     "sensor-format": _sensor_format, "supply": _supply, "register-map": _register_map,
+    "ecu-roles": _ecu_roles,
 }  # fmt: skip
 """Kinds by the names of `rig schema`; each imports what it describes when it is first used."""
 

@@ -144,16 +144,18 @@ class Problems(ValueError):
 class Check:
     """Annotation with a check of its own: a function that returns the value, or raises ValueError with what would fit.
 
-    For a table it raises `Problems`. With `alone` nothing else looks at the value, whatever its type.
+    For a table it raises `Problems`. With `alone` nothing else looks at the value, whatever its type; `written` is its
+    type in the file where that is another.
     """
 
     check: Callable[[Any], Any]
     alone: bool = False
+    written: Any = None
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         from pydantic_core import core_schema
 
-        inner = handler(source)
+        inner = handler(source) if self.written is None else handler.generate_schema(self.written)
         if self.alone:
             return core_schema.no_info_plain_validator_function(self._placed, json_schema_input_schema=inner)
         return core_schema.no_info_after_validator_function(self._placed, inner)

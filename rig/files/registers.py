@@ -11,7 +11,7 @@ from drivers.register_maps.quantity import SPACES, TYPES
 from drivers.register_maps.read_meanings import LARGEST_CODE
 from drivers.register_maps.read_quantities import ACCESS, ORDERS
 from protocols.near_miss import meant
-from protocols.wire_units import ALIASES, UNITS, unit_of
+from protocols.wire_units import ALIASES, UNITS
 from rig.files.quantity import Check, Quantity
 from rig.files.section import Description, OneOrMore
 
@@ -26,9 +26,12 @@ Space = Literal[SPACES]  # type: ignore[valid-type]  # the same
 Time = Annotated[float, Quantity("time", "0 s", "600 s", above=True)]
 
 
+_UNITS = tuple(name for name, unit in UNITS.items() if unit.dimension != "temperature")
+
+
 def _unit(name: str) -> str:
-    if unit_of(name) is None:
-        raise ValueError(f"unknown unit; {meant(name, [unit for unit in UNITS if unit])}")
+    if ALIASES.get(name, name) not in _UNITS:
+        raise ValueError(f"unknown unit; {meant(name, filter(None, _UNITS))}")
     return name
 
 
@@ -57,7 +60,7 @@ def _codes_or_condition(value: object) -> str:
     return "[all]" if value is True else "[Condition]" if _is_condition(value) else "[numbers]"
 
 
-Unit = Annotated[str, Check(_unit), Field(json_schema_extra={"enum": [*UNITS, *ALIASES]})]
+Unit = Annotated[str, Check(_unit), Field(json_schema_extra={"enum": [*_UNITS, *ALIASES]})]
 Value = Annotated[bool | int | float | str, Check(_value, alone=True)]
 Values = Annotated[dict[str, Value], Field(min_length=1)]
 Range = Annotated[tuple[int, int], Check(_range)]

@@ -15,7 +15,6 @@ from typing import Any
 
 from drivers import plugins
 from drivers.connection import ActuatorAddress, LinkKind
-from drivers.devices.source import is_dbc
 from drivers.register_maps.map_file import controller_names
 from drivers.sensor_formats import FRAME16, described_format
 from protocols.errors import LocalProtocolError
@@ -26,7 +25,7 @@ from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import ActuatorConfig
 from rig.errors import FileProblem
-from rig.files.described import is_file
+from rig.files.described import is_dbc, is_file
 from rig.matrix.assumed_damper import is_fit_file
 from rig.matrix.model import Matrix
 from rig.matrix.sections import Specimen
@@ -169,7 +168,7 @@ def _unlike(bench: Bench) -> Iterator[str]:
         )  # fmt: skip
     for key, group, name, device in (
         ("actuator.register_map", plugins.ACTUATORS, actuator.map_name, "controller"),
-        ("ecu.dbc", plugins.CURRENT_SOURCES, ecu.dbc, "current source"),
+        ("ecu.dbc", plugins.CURRENT_SOURCES, ecu.dbc_name, "current source"),
     ):
         if is_dbc(name) or (group == plugins.ACTUATORS and (is_file(name) or name in controller_names())):
             continue
@@ -196,7 +195,7 @@ def _unlike(bench: Bench) -> Iterator[str]:
 
 def _worn_ecu(bench: Bench) -> WornEcuFiles | None:
     """The user's DBC and roles, if the current source has them."""
-    dbc, roles = bench.ecu.dbc, bench.ecu.roles
+    dbc, roles = bench.ecu.dbc_name, bench.ecu.roles
     if not is_dbc(dbc) or roles is None:
         return None
     return WornEcuFiles(Path(dbc), Path(roles) if isinstance(roles, str) else roles)

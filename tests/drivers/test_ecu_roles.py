@@ -3,16 +3,20 @@
 import math
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from drivers.current_source import SourceFault, SourceState
-from drivers.devices.dbc_file import parse_dbc
+from drivers.devices.dbc_file import DbcText, parse_dbc
 from drivers.devices.ecu_description import UNNAMED_BITS, EcuDescription
 from drivers.devices.ecu_roles import describe
-from drivers.devices.role_reading import RoleProblems
-from drivers.devices.source import current_source, current_source_problems
+from drivers.devices.source import current_source, source_problems
 from drivers.roles import UNNAMED
+from rig.errors import FileProblem
+from rig.files.described import dbc_text
+from rig.files.descriptions import entry_problems, problems_of
+from rig.files.ecu_roles import ecu_problems
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DBC = (EXAMPLES / "coil-driver.dbc").read_text(encoding="utf-8")
@@ -25,9 +29,9 @@ def described(roles: str = ROLES, dbc: str = DBC) -> EcuDescription:
 
 
 def refused(roles: str = ROLES, dbc: str = DBC) -> str:
-    with pytest.raises(RoleProblems) as wrong:
-        described(roles, dbc)
-    return "\n".join(f"{'.'.join(problem.place)}: {problem.text}" for problem in wrong.value.problems)
+    table = tomllib.loads(roles)
+    problems: list[Any] = problems_of("ecu-roles", table) or list(source_problems(DbcText("driver.dbc", dbc), table))
+    return "\n".join(f"{'.'.join(map(str, problem[0]))}: {problem[1]}" for problem in problems)
 
 
 def command(made: EcuDescription, current_A: float, enable: bool, count: int) -> str:
@@ -143,7 +147,7 @@ SIG_VALTYPE_ 17 Amps : 1;
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('command = "DriverCommand.Target"', "", "command: is missing"),
+        ('command = "DriverCommand.Target"', "", "command: missing"),
         ("DriverStatus.Actual", "DriverState.Actual", "no message 'DriverState'; nearest: DriverStatus"),
         ("DriverStatus.Actual", "DriverStatus.Actuel", "has no signal 'Actuel'; nearest: Actual"),
         ("DriverStatus.Actual", "DriverStatus", 'must be a text of the form "Message.signal"'),
@@ -154,13 +158,13 @@ SIG_VALTYPE_ 17 Amps : 1;
         ("open = 0", "open = 1", "bit 1 means open already"),
         ("short = 1", 'short = "DriverStatus.Shorted"', "has no signal 'Shorted'"),
         ("value = 3", "value = 300", "FrameVersion holds 0 to 255"),
-        ("data_id = 0x2A1", "", "protection.DriverCommand.data_id: is missing; write a whole number of 0 to 65535"),
+        ("data_id = 0x2A1", "", "protection.DriverCommand.data_id: missing"),
         ("data_id = 0x2A1", "data_id = 0x12A1F", "must be a whole number of 0 to 65535 (0xFFFF)"),
-        ('"e2e-1"\ndata_id = 0x2A2', '"e2e-3"\ndata_id = 0x2A2', "must be one of none, counter, counter+crc, e2e-1"),
+        ('"e2e-1"\ndata_id = 0x2A2', '"e2e-3"\ndata_id = 0x2A2', "its profile must be one of none, counter, counter+"),
         ('counter = "Alive"', 'counter = "Mode"', "e2e-1 counts in 4 bits; Mode has 3"),
         ('crc = "Checksum"', 'crc = "Alive"', "e2e-1 has a checksum of 8 bits in whole bytes"),
         ("[protection.DriverStatus]", "[protection.DriverStatu]", "did you mean DriverStatus?"),
-        ('"60 ms"', '"60"', 'must be a duration with its unit, such as "10 ms"'),
+        ('"60 ms"', '"60"', '60 has no unit; a time is written like "10 ms"'),
         ('"DriverCommand.SlewRate" = 100', '"DriverCommand.SlewRate" = 256', "SlewRate holds 0 to 255 on the wire"),
         ('"DriverCommand.SlewRate" = 100', '"DriverCommand.Target" = 1', "is the signal of command too"),
         ('"DriverCommand.SlewRate" = 100', '"DriverStatus.Stage" = 1', "'DriverStatus' is sent and heard"),
@@ -192,12 +196,16 @@ def test_a_dbc_that_the_roles_cannot_use_is_refused_by_place(old: str, new: str,
 
 def test_every_problem_is_told_at_once_with_file_line_and_entry(tmp_path: Path) -> None:
     (tmp_path / "ecu.dbc").write_text(DBC.replace("(0.25,0) [-8000", "(0,0) [-8000"), encoding="utf-8")
-    roles = ROLES.replace("CoilTemp", "CoilTmp").replace("data_id = 0x2A2", 'data_id = "x"')
-    roles = roles.replace("open = 0", "opn = 0")
-    (tmp_path / "roles.toml").write_text(roles, encoding="utf-8")
-    told = current_source_problems(str(tmp_path / "ecu.dbc"), str(tmp_path / "roles.toml"))
+    path = tmp_path / "roles.toml"
+    path.write_text(ROLES.replace("0x2A2", '"x"').replace("open = 0", "opn = 0"), encoding="utf-8")
+    assert [text.partition(" = ")[0] for _, text in entry_problems("ecu-roles", str(path))] == [
+        "roles.toml: line 25: faults.opn", "roles.toml: line 42: protection.DriverStatus.data_id",
+    ]  # fmt: skip
+    roles = ROLES.replace("CoilTemp", "CoilTmp").replace("open = 0", "open = 16").replace("0x2A2", "0x12A2F")
+    path.write_text(roles, encoding="utf-8")
+    told = ecu_problems(str(tmp_path / "ecu.dbc"), str(path))
     assert {place for place, _ in told} == {("roles",)}
-    wrong = ("Tmp", '"x"', "opn")
+    wrong = ("Tmp", "0x12A2F", "open = 16")
     lines = {number for number, line in enumerate(roles.splitlines(), 1) if any(item in line for item in wrong)}
     text = "\n".join(said for _, said in told)
     assert all(f"roles.toml: line {number}: " in text for number in lines)
@@ -210,14 +218,14 @@ def test_files_that_are_none_of_that_kind_are_refused(tmp_path: Path) -> None:
     (tmp_path / "ecu.dbc").write_text("hello", encoding="utf-8")
     (tmp_path / "roles.toml").write_text("a = = 1", encoding="utf-8")
     dbc, roles = str(tmp_path / "ecu.dbc"), str(tmp_path / "roles.toml")
-    ((place, said),) = current_source_problems(dbc, roles)
-    assert (place, "not TOML" in said) == (("roles",), True)
-    ((place, said),) = current_source_problems(dbc, {"command": "A.b"})
+    ((_, said),) = entry_problems("ecu-roles", roles)
+    assert "not valid TOML" in said
+    ((place, said),) = ecu_problems(dbc, {"command": "A.b", "measured_current": "A.c"})
     assert (place, "not a DBC file" in said) == (("dbc",), True)
-    ((place, said),) = current_source_problems(str(tmp_path / "no.dbc"), {})
-    assert (place, "there is no such file" in said) == (("dbc",), True)
+    with pytest.raises(FileProblem, match="there is no such file"):
+        dbc_text(tmp_path / "no.dbc")
 
 
 def test_a_dbc_as_most_tools_write_it_is_read(tmp_path: Path) -> None:
     (tmp_path / "ecu.dbc").write_bytes(DBC.replace('"degC"', '"°C"').encode("cp1252"))
-    assert current_source(str(tmp_path / "ecu.dbc"), tomllib.loads(ROLES)).low_A == -5.0
+    assert current_source(dbc_text(tmp_path / "ecu.dbc"), tomllib.loads(ROLES)).low_A == -5.0

@@ -40,7 +40,7 @@ _SENSITIVITY = re.compile(rf"({NUMBER})\s*([^\s/\d][^\s/]*)\s*(?:/|per)\s*([^\s/
 def units_for(dimension: str) -> dict[str, Unit]:
     """Units of a dimension that a column of a file may have, SI first."""
     own = {name: unit for name, unit in UNITS.items() if unit.dimension == dimension}
-    others = {name: Unit(*unit) for name, unit in wire_units.UNITS.items() if unit[0] == dimension}
+    others = {name: unit for name, unit in wire_units.UNITS.items() if unit.dimension == dimension}
     return {**own, **others, **({"degF": FAHRENHEIT} if dimension == "temperature" else {})}
 
 

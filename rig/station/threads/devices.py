@@ -227,7 +227,7 @@ def _current_source(given: EcuConfig) -> CurrentSource:
         return make_hand_source(given.rehearsal)
     described = given.described_supply
     if given.url is None or described is None:
-        return make_current_source(given.dbc, given.roles, CanAddress(
+        return make_current_source(*given.described_source, CanAddress(
             given.interface or "", given.channel or "", given.bitrate, given.interface_options
         ))
     return make_supply(SupplyConnection(

@@ -1,0 +1,205 @@
+"""A roles file: which signals of a DBC file have which meaning, and how its messages are protected."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag
+
+from drivers.devices.dbc_file import DbcText
+from drivers.devices.ecu_roles import FAULT_NAMES, ROLE_KEYS, SENDING, STATES
+from drivers.devices.role_protection import KEYS, MODES, PROFILES
+from drivers.devices.role_reading import RoleProblem, units_of
+from drivers.devices.source import source_problems
+from protocols.errors import LocalProtocolError
+from rig.errors import FileProblem
+from rig.files.described import dbc_text, described, is_file
+from rig.files.loader import lines_of
+from rig.files.quantity import Check, Problem, Quantity
+from rig.files.section import Description, OneOrMore, table_of_words
+from rig.files.toml_source import read_toml
+
+LARGEST = 1.7e308
+"""Largest number of a constant."""
+
+
+def _signal(name: str) -> str:
+    if name.count(".") != 1:
+        raise ValueError('must be a text of the form "Message.signal", with the names of the DBC')
+    return name
+
+
+def _number(value: object) -> object:
+    if isinstance(value, (bool, int, str)):
+        return value
+    raise ValueError("must be a whole number as on the wire, true, false, or the name of a value in quotes")
+
+
+def _constant(value: object) -> object:
+    if isinstance(value, float) and abs(value) <= LARGEST:
+        return value
+    return _number(value)
+
+
+def _table(value: object) -> str:
+    return "[Table]" if isinstance(value, Mapping) else "[plain]"
+
+
+def _fault(value: object) -> str:
+    if isinstance(value, Mapping):
+        return "[FaultSignal]"
+    return "[bit]" if isinstance(value, int) and not isinstance(value, bool) else "[name]"
+
+
+Name = Annotated[str, Check(_signal), Field(json_schema_extra={"pattern": r"^\w+\.\w+$"})]
+Number = Annotated[bool | int | str, Check(_number, alone=True)]
+Numbers = Annotated[tuple[Number, ...], OneOrMore()]
+Constant = Annotated[bool | int | float | str, Check(_constant, alone=True)]
+Duration = Annotated[float, Quantity("time", "0 s", "60 s", above=True)]
+FullScale = Annotated[float, Quantity("current", "0 A", "100 kA", above=True)]
+Byte = Annotated[int, Field(ge=0, le=0xFF)]
+Whole = Annotated[int, Field(ge=0)]
+
+
+class FaultSignal(Description):
+    """A fault with a signal of its own."""
+
+    signal: Name
+    value: Numbers | None = None
+
+
+Fault = Annotated[
+    Annotated[FaultSignal, Tag("[FaultSignal]")] | Annotated[int, Field(ge=0, le=63), Tag("[bit]")]
+    | Annotated[str, Tag("[name]")],
+    Discriminator(_fault),
+]
+
+ABOUT: Mapping[str, str] = {
+    "command": "the set-point of the current",
+    "enable": "output stage on and off",
+    "clear_faults": "asks the ECU to clear its latched faults",
+    "measured_current": "the current as the ECU measures it",
+    "state": "state of the output stage; off, enabled, ...: its numbers or their names in the DBC",
+    "faults": "a word of fault bits (signal); each fault a bit of it, a name of its value, or a signal of its own",
+    "coil_temperature": "temperature of the coil",
+    "ecu_temperature": "temperature of the ECU",
+    "supply_voltage": "supply of the output stage",
+    "clock": "the ECU's own clock, counting up and starting again",
+    "serial_number": "serial number",
+    "firmware": "firmware version",
+    "layout": "version of the frames; value: the one of this DBC, proved at connect",
+    "boot_count": "how often the ECU has started",
+}
+
+
+def _entry(role: str, key: str) -> Any:  # noqa: ANN401 - a type
+    if key == "unit":
+        return Annotated[str, Field(json_schema_extra={"enum": list(units_of(role))})]
+    if key == "full_scale":
+        return FullScale
+    return Numbers if key in STATES else Fault if key in FAULT_NAMES else Number
+
+
+def _role(role: str) -> Any:  # noqa: ANN401 - a type
+    """What a role's entry may be: the name of its signal, or a table."""
+    fields: dict[str, Any] = {
+        key.replace("-", "_"): (_entry(role, key) | None, Field(None, alias=key if "-" in key else None))
+        for key in ROLE_KEYS[role][1:]
+    }
+    fields["signal"] = (Name | None, None) if role == "faults" else (Name, Field(examples=["Message.signal"]))
+    table = table_of_words("Table", ABOUT[role], (), str, **fields)
+    return Annotated[Annotated[Name, Tag("[plain]")] | Annotated[table, Tag("[Table]")], Discriminator(_table)]
+
+
+_SHAPES: Mapping[str, Any] = {
+    "data_ids": Annotated[tuple[Byte, ...], Field(min_length=16, max_length=16)],
+    "counter": str, "crc": str, "nibble": str, "reflected": bool, "data_id_first": bool,
+}  # fmt: skip
+_NEEDED: Mapping[str, tuple[str, ...]] = {
+    "counter": ("counter",), "counter+crc": ("counter", "crc", "polynomial"), "e2e-1": ("data_id",),
+    "e2e-2": ("data_ids",), "e2e-5": ("data_id",), "e2e-11": ("data_id",),
+}  # fmt: skip
+
+
+def _protection(profile: str) -> type[Description]:
+    """The table of one profile."""
+    fields: dict[str, Any] = {"profile": (Literal[profile], ...)}
+    for key in KEYS[profile][1:]:
+        shape = _SHAPES.get(key, Whole)
+        if key == "data_id_mode":
+            shape = Literal[MODES] if profile == "e2e-1" else Literal["both", "nibble"]
+        needed = key in _NEEDED.get(profile, ())
+        fields[key] = (shape, Field(examples=[] if shape is str else [1])) if needed else (shape | None, None)
+    return table_of_words(f"Protection {profile}", f"Protection by {profile}.", (), str, **fields)
+
+
+def _profile(value: object) -> str | None:
+    profile = value.get("profile") if isinstance(value, Mapping) else None
+    return f"[Protection {profile}]" if profile in PROFILES else None
+
+
+_PROTECTIONS: Any = None
+for _name in PROFILES:
+    _one: Any = Annotated[_protection(_name), Tag(f"[Protection {_name}]")]
+    _PROTECTIONS = _one if _PROTECTIONS is None else _PROTECTIONS | _one
+Protected = Annotated[
+    _PROTECTIONS,
+    Discriminator(
+        _profile, custom_error_type="no_profile",
+        custom_error_message=f"its profile must be one of {', '.join(PROFILES)}",
+    ),
+]
+Constants = Annotated[
+    Annotated[Constant, Tag("[plain]")] | Annotated[dict[str, Constant], Tag("[Table]")], Discriminator(_table)
+]
+
+Roles = table_of_words("Roles", "The roles of signals.", (), str, **{
+    role: (_role(role), Field(description=ABOUT[role], examples=["Message.signal"]))
+    if role in {"command", "measured_current"} else (_role(role) | None, Field(None, description=ABOUT[role]))
+    for role in ROLE_KEYS
+})  # fmt: skip
+
+
+class RolesFile(Roles):  # type: ignore[valid-type,misc]  # a class made of the program's words
+    """What the signals of a DBC file mean: docs/how-to/connect-an-ecu-by-dbc.md."""
+
+    constants: dict[str, Constants] | None = Field(
+        None, description='"Message.signal" = number or name: further signals of the messages that are sent'
+    )
+    protection: dict[str, Protected] | None = Field(None, description="counter and checksum, by message")
+    periods: dict[str, Duration] | None = Field(
+        None, description="how often a message comes, where the DBC does not state it"
+    )
+    sending: Literal[SENDING] | None = Field(  # type: ignore[valid-type]  # the driver's own list
+        None, description="when commands are sent (default cyclic)"
+    )
+    command_timeout: Duration | None = Field(
+        None, description="without commands for so long the ECU goes to 0 A itself; leave out if it does not"
+    )
+
+
+def ecu_problems(dbc: str, roles: str | Mapping[str, Any]) -> list[Problem]:
+    """What a user's DBC file and its roles contradict in each other, by the entries of [ecu].
+
+    Args:
+        dbc: path of the DBC file.
+        roles: path of the roles file, or its contents, each entry valid.
+    """
+    try:
+        given = dbc_text(dbc)
+        found = source_problems(given, described("ecu-roles", roles))
+    except (LocalProtocolError, FileProblem) as error:
+        return [(("dbc",), str(error))]
+    of_roles = [(problem.place, problem.text) for problem in found if problem.place]
+    of_dbc: list[Problem] = [(("dbc",), _of_dbc(problem, given)) for problem in found if not problem.place]
+    if is_file(roles):
+        path = Path(str(roles))
+        told = [f"{path.name}: {line}" for line in lines_of(read_toml(path), of_roles)]
+        return [*of_dbc, *(((("roles",)), line) for line in told)]
+    return [*of_dbc, *((("roles", *place), text) for place, text in of_roles)]
+
+
+def _of_dbc(problem: RoleProblem, dbc: DbcText) -> str:
+    return f"{dbc.name}: {f'line {problem.line}: ' if problem.line else ''}{problem.text}"
