@@ -21,6 +21,8 @@ from drivers.can_current_source import CanCurrentSource
 from drivers.can_port import CanPort
 from drivers.connection import CanAddress
 from drivers.devices.source import current_source
+from rig.files.described import dbc_text
+from rig.files.descriptions import table_of
 from simulators.ecu_wire import Shown
 from simulators.slcan_bus import frame_line
 from simulators.worn_ecu import WornEcu
@@ -73,7 +75,8 @@ def measured(mix: str, seconds: float) -> tuple[int, float, float]:
     sender = multiprocessing.Process(target=adapter, args=(server, mix, seconds))
     sender.start()
     channel = f"socket://127.0.0.1:{server.getsockname()[1]}"
-    source = CanCurrentSource(CanPort(CanAddress("slcan", channel)), current_source(str(DBC), str(ROLES)))
+    described = current_source(dbc_text(DBC), table_of("ecu-roles", ROLES))
+    source = CanCurrentSource(CanPort(CanAddress("slcan", channel)), described)
     source.open()
     while not source.counters.other_frames + source.counters.statuses:
         source.read_batch(0.05)

@@ -32,6 +32,7 @@ from drivers.streamed_actuator import as_actuator
 from protocols.sensor_presets import TABLES
 
 __all__ = [
+    "DbcText",
     "SensorConnection",
     "SupplyConnection",
     "SupplyDescription",

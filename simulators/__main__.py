@@ -256,7 +256,6 @@ def worn(dbc: Path | None, roles: Path | None) -> WornEcuFiles | None:
         return None
     if dbc is None or roles is None:
         raise FileProblem("--dbc", ["needs --ecu-roles beside it, and the other way round"])
-    described("ecu-roles", str(roles))
     problems = ecu_problems(str(dbc), str(roles))
     if problems:
         raise FileProblem("--dbc", [text for _, text in problems])

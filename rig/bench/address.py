@@ -8,6 +8,7 @@ from urllib.parse import urlsplit
 
 from drivers.can_library import missing_for
 from drivers.catalogue import (
+    DbcText,
     actuator_names,
     check_actuator,
     check_current_source,
@@ -16,7 +17,6 @@ from drivers.catalogue import (
     supply_names,
 )
 from drivers.connection import ActuatorAddress, LinkKind
-from drivers.devices.dbc_file import DbcText
 from drivers.plugins import CURRENT_SOURCES, BrokenPlugIn
 from protocols.errors import ProtocolError
 from protocols.near_miss import near_names
@@ -143,15 +143,6 @@ def ecu_problems(dbc: str | DbcText, roles: str | Mapping[str, Any] | None) -> I
         from rig.files.ecu_roles import ecu_problems as problems  # loads the validator, which has called this
 
         yield from problems(dbc, roles)
-
-
-def no_name(name: str) -> str:
-    """Refuse the name of a description of which none come with the program.
-
-    Raises:
-        ValueError: always.
-    """
-    raise ValueError(f'{name!r} is not the name of a file; write one that ends in .toml, such as "ecu-roles.toml"')
 
 
 def _known(name: str, known: tuple[str, ...], way: str = "") -> str:

@@ -18,6 +18,7 @@ from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from drivers.catalogue import (
+    DbcText,
     SupplyDescription,
     current_source_timeout_s,
     make_actuator,
@@ -25,7 +26,6 @@ from drivers.catalogue import (
     watchdog_time_s,
 )
 from drivers.connection import ActuatorConnection
-from drivers.devices.dbc_file import DbcText
 from rig.bench import address
 from rig.bench.hand_settings import hand_problems_of
 from rig.bench.sensor_settings import (
@@ -247,7 +247,7 @@ class EcuConfig(Settings):
     dbc: Annotated[str | DbcText, Check(address.known_current_source, written=str)] = field(
         default="demo", metadata=key(examples=["ecu.dbc"], description="a known kind, or a DBC file")
     )
-    roles: Annotated[str | dict[str, Any], Description("ecu-roles", address.no_name)] | None = field(
+    roles: str | dict[str, Any] | None = field(
         default=None, metadata=key(examples=["ecu-roles.toml"], description="what the signals of a DBC file mean")
     )
     command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = field(

@@ -16,6 +16,7 @@ from drivers.devices.source import source_problems
 from protocols.errors import LocalProtocolError
 from rig.errors import FileProblem
 from rig.files.described import dbc_text, described, is_file
+from rig.files.descriptions import entry_problems
 from rig.files.loader import lines_of
 from rig.files.quantity import Check, Problem, Quantity
 from rig.files.section import Description, OneOrMore, table_of_words
@@ -181,12 +182,16 @@ class RolesFile(Roles):  # type: ignore[valid-type,misc]  # a class made of the 
 
 
 def ecu_problems(dbc: str, roles: str | Mapping[str, Any]) -> list[Problem]:
-    """What a user's DBC file and its roles contradict in each other, by the entries of [ecu].
+    """What is wrong with a user's roles, else with what DBC file and roles say together, by the entries of [ecu].
 
     Args:
         dbc: path of the DBC file.
-        roles: path of the roles file, or its contents, each entry valid.
+        roles: path of the roles file, or its contents.
     """
+    if not isinstance(roles, Mapping) and not is_file(roles):
+        return [(("roles",), 'must be the name of a file that ends in .toml, such as "ecu-roles.toml", or a table')]
+    if wrong := entry_problems("ecu-roles", roles):
+        return [(("roles", *place), text) for place, text in wrong]
     try:
         given = dbc_text(dbc)
         found = source_problems(given, described("ecu-roles", roles))
