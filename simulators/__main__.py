@@ -192,9 +192,10 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         FileProblem: a file or an option cannot be used.
         RigError: an unknown damper model or set.
     """
+    from dataclasses import replace
+
     from simulators.bench import BY_HAND
     from simulators.injection import NEEDS_AUXILIARY
-    from simulators.options import with_option
     from simulators.rig import RunOptions
 
     options = made_of(values)
@@ -205,7 +206,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     check_source(written, supply=bool(values["supply"]))
     wiring = wiring_for(written, values["actuator"], values["ports"])
     if wiring.actuator == STREAMED:
-        options = with_option(options, "controller.generator=false")
+        options = replace(options, controller=replace(options.controller, generator=False))
     for fault in written:
         if fault.name in NEEDS_AUXILIARY and not values["auxiliary"]:
             raise FileProblem("--fault", [f"{fault.name!r} needs a sensor of that kind: add --auxiliary 1"])

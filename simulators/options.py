@@ -7,24 +7,49 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
+import functools
 import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
+from annotated_types import Ge, Gt, Le
+
+from protocols.sensor_format import SensorFormat
 from rig.errors import FileProblem
+from rig.files.quantity import Check
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from protocols.sensor_format import SensorFormat
+    from rig.files.section import Description
 
     Options = TypeVar("Options", bound=DataclassInstance)
 
-MAXIMUM_FILE_BYTES = 1 << 20
+HIGHEST_RATE_Hz = 10_000.0
+"""Of a simulated sensor."""
+OWN_FORMATS = ("frame16", "signed-decimal")
+"""Formats that have a writer of their own; any other is described (`--force-format`)."""
+
+
+def _not_zero(value: float) -> float:
+    if value == 0:
+        raise ValueError("must not be 0")
+    return value
+
+
+def _sent(value: str | SensorFormat) -> str | SensorFormat:
+    if isinstance(value, str) and value not in OWN_FORMATS:
+        raise ValueError(f"expected one of {', '.join(OWN_FORMATS)}")
+    return value
+
+
+Positive = Annotated[float, Gt(0.0)]
+PositiveInt = Annotated[int, Gt(0)]
+NotNegative = Annotated[float, Ge(0.0)]
+NotZero = Annotated[float, Check(_not_zero)]
 
 
 @dataclass(frozen=True)
@@ -37,23 +62,23 @@ class ServoOptions:
     rigid.
     """
 
-    bandwidth_Hz: float = 30.0
-    damping: float = 0.7
-    rated_speed_m_s: float = 1.2
-    supply_Pa: float = 210e5
+    bandwidth_Hz: Positive = 30.0
+    damping: Positive = 0.7
+    rated_speed_m_s: Positive = 1.2
+    supply_Pa: Positive = 210e5
     low_pressure_Pa: float = 70e5
-    piston_area_m2: float = 1.0e-3
-    accumulator_recovery_s: float = 0.5
-    accumulator_bleed_s: float = 4.0
+    piston_area_m2: Positive = 1.0e-3
+    accumulator_recovery_s: Positive = 0.5
+    accumulator_bleed_s: Positive = 4.0
     accumulator_sag_Pa_m3: float = 4.0e9
     drift_m_s: float = -0.2e-3
-    valve_closing_s: float = 0.010
-    half_stroke_m: float = 0.100
-    stiffness_N_m: float = 20e6
-    friction_N: float = 40.0
-    friction_speed_m_s: float = 0.001
-    overlap_m: float = 50e-6
-    load_train_stiffness_N_m: float = 0.0
+    valve_closing_s: Positive = 0.010
+    half_stroke_m: Positive = 0.100
+    stiffness_N_m: NotNegative = 20e6
+    friction_N: NotNegative = 40.0
+    friction_speed_m_s: Positive = 0.001
+    overlap_m: NotNegative = 50e-6
+    load_train_stiffness_N_m: NotNegative = 0.0
     start_position_m: float = 0.0
 
 
@@ -65,9 +90,9 @@ class InputOptions:
     loop is closed over the position input's gain and zero, but not over its filter.
     """
 
-    bandwidth_Hz: float = 500.0
-    delay_s: float = 0.0
-    gain: float = 1.0
+    bandwidth_Hz: Positive = 500.0
+    delay_s: Annotated[float, Ge(0.0), Le(0.1)] = 0.0
+    gain: NotZero = 1.0
     zero: float = 0.0
     noise: float = 0.0
     resolution: float = 0.0
@@ -118,14 +143,14 @@ class DamperOptions:
     values: Mapping[str, float] = field(default_factory=dict)
     gas_force_N: float = 0.0
     seal_friction_N: float = 0.0
-    seal_speed_m_s: float = 0.002
+    seal_speed_m_s: Positive = 0.002
     mount_stiffness_N_m: float = 0.0
     free_play_m: float = 0.0
     force_change_per_K: float = 0.0
-    heat_capacity_J_K: float = 1500.0
+    heat_capacity_J_K: Positive = 1500.0
     heat_loss_W_K: float = 5.0
-    coil_heat_capacity_J_K: float = 60.0
-    coil_to_body_W_K: float = 3.0
+    coil_heat_capacity_J_K: Positive = 60.0
+    coil_to_body_W_K: NotNegative = 3.0
     ambient_degC: float = 23.0
     start_degC: float = math.nan
 
@@ -136,7 +161,7 @@ class SpecimenOptions:
 
     serial_number: str = "MR-001"
     mid_stroke_m: float = 0.0
-    stroke_m: float = 0.190
+    stroke_m: Positive = 0.190
     bump_stiffness_N_m: float = 5e5
 
 
@@ -149,17 +174,17 @@ class CoilOptions:
     off: the coil has none, and the ECU reports its offset.
     """
 
-    ohm: float = 1.5
+    ohm: Positive = 1.5
     ohm_per_K: float = 0.0039
     eta_1_s: float = math.nan
-    supply_V: float = 13.5
+    supply_V: Positive = 13.5
     limit_A: float = 5.0
     current_noise_A: float = 0.002
-    current_gain: float = 1.0
+    current_gain: NotZero = 1.0
     current_offset_A: float = 0.0
     temperature_offset_K: float = 0.0
     over_temperature_degC: float = 150.0
-    command_timeout_s: float = 0.100
+    command_timeout_s: Positive = 0.100
     temperatures_until_s: float = math.inf
     serial_number: int = 1001
     boot_count: int = 3
@@ -180,25 +205,25 @@ class SensorOptions:
     what is on the wire for zero. A format with a request is answered.
     """
 
-    unit: str = "N"
-    wire_per_si: float = 1.0
-    rate_Hz: float = 250.0
-    format: str | SensorFormat = "frame16"
+    unit: Literal["N", "mm", "m/s^2"] = "N"
+    wire_per_si: Positive = 1.0
+    rate_Hz: Annotated[float, Gt(0.0), Le(HIGHEST_RATE_Hz)] = 250.0
+    format: Annotated[str | SensorFormat, Check(_sent, written=str)] = "frame16"
     described: str | Mapping[str, Any] = ""
     wire_zero: float = 0.0
-    range: float = 10e3
+    range: Positive = 10e3
     noise: float = 5.0
     resolution: float = 0.05
     offset: float = 0.0
-    gain: float = 1.0
+    gain: NotZero = 1.0
     reversed: bool = False
     drift_per_s: float = 0.0
     hum: float = 0.0
     hum_Hz: float = 50.0
     crosstalk_per_A: float = 0.0
-    bandwidth_Hz: float = 1000.0
-    skew_s: float = 0.0
-    clip: float = math.inf
+    bandwidth_Hz: Positive = 1000.0
+    skew_s: Annotated[float, Ge(0.0), Le(0.1)] = 0.0
+    clip: Positive = math.inf
     numbers_until_s: float = math.inf
     latches_edges: bool = True
     jitter_s: float = 2e-6
@@ -208,7 +233,7 @@ class SensorOptions:
     serial_number: str = "LC-1"
     clock_offset_us: float = math.nan
     clock_ppm: float = math.nan
-    baudrate: int = 921_600
+    baudrate: PositiveInt = 921_600
 
 
 LVDT = SensorOptions(
@@ -240,15 +265,15 @@ class TransferOptions:
     a3: float = 3.3
     beta1: float = 425.0
     beta2: float = 9.9976e4
-    stiffness_N_m: float = 0.0
+    stiffness_N_m: NotNegative = 0.0
 
 
 @dataclass(frozen=True)
 class RigOptions:
     """The whole simulated rig; NaN clocks and the like are drawn from the seed."""
 
-    plant_rate_Hz: float = 8000.0
-    truth_rate_Hz: float = 1000.0
+    plant_rate_Hz: Annotated[float, Ge(4000.0), Le(100_000.0)] = 8000.0
+    truth_rate_Hz: Annotated[float, Ge(1.0)] = 1000.0
     moving_mass_kg: float = 0.0
     servo: ServoOptions = field(default_factory=ServoOptions)
     controller: ControllerOptions = field(default_factory=ControllerOptions)
@@ -264,21 +289,8 @@ class RigOptions:
     transfer: TransferOptions = field(default_factory=TransferOptions)
 
 
-POSITIVE = {
-    "plant_rate_Hz", "truth_rate_Hz", "bandwidth_Hz", "rated_speed_m_s", "supply_Pa", "piston_area_m2", "rate_Hz",
-    "accumulator_recovery_s", "accumulator_bleed_s", "valve_closing_s", "half_stroke_m", "ohm", "heat_capacity_J_K",
-    "range", "stroke_m", "seal_speed_m_s", "wire_per_si", "baudrate", "clip", "supply_V", "command_timeout_s",
-    "damping", "friction_speed_m_s", "coil_heat_capacity_J_K",
-}
-NONZERO = {"gain", "current_gain"}
 SI_UNITS = {"N": "N", "mm": "m", "m/s^2": "m/s^2"}
 """Of a sensor, by its unit on the wire."""
-CHOICES = {"unit": tuple(SI_UNITS), "format": ("frame16", "signed-decimal")}
-CEILINGS = {"rate_Hz": 10_000.0, "plant_rate_Hz": 100_000.0, "skew_s": 0.1, "delay_s": 0.1}
-FLOORS = {
-    "plant_rate_Hz": 4000.0, "truth_rate_Hz": 1.0, "skew_s": 0.0, "delay_s": 0.0, "stiffness_N_m": 0.0,
-    "load_train_stiffness_N_m": 0.0, "overlap_m": 0.0, "friction_N": 0.0, "coil_to_body_W_K": 0.0,
-}
 
 
 def load_options(path: Path) -> RigOptions:
@@ -287,17 +299,9 @@ def load_options(path: Path) -> RigOptions:
     Raises:
         FileProblem: unreadable, not TOML, or with unknown keys, wrong types or values out of range; all are listed.
     """
-    try:
-        if path.stat().st_size > MAXIMUM_FILE_BYTES:
-            raise FileProblem(str(path), [f"larger than {MAXIMUM_FILE_BYTES} bytes, far beyond any configuration"])
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise FileProblem(str(path), [str(error)]) from error
-    problems: list[str] = []
-    options = _merge(RigOptions(), values, "", problems)
-    if problems:
-        raise FileProblem(str(path), problems)
-    return options
+    from rig.files.loader import load_section  # loads the validator, which a start without a file does not need
+
+    return _over(RigOptions(), load_section(path, _written())[0])
 
 
 def with_option(options: RigOptions, assignment: str) -> RigOptions:
@@ -306,18 +310,20 @@ def with_option(options: RigOptions, assignment: str) -> RigOptions:
     Raises:
         FileProblem: no `=`, an unknown key, a wrong type or a value out of range.
     """
+    from rig.files.loader import lines_of, validated  # as above
+    from rig.files.toml_source import TomlSource, frozen
+
     key, equals, text = assignment.partition("=")
     if not equals:
         raise FileProblem("--option", [f"{assignment!r}: expected table.key=value, such as load_cell.noise=2.0"])
-    first, *deeper = key.strip().split(".")
     nested = _parse(text)
-    for part in reversed(deeper):
+    for part in reversed(key.strip().split(".")):
         nested = {part: nested}
-    problems: list[str] = []
-    changed = _merge(options, {first: nested}, "", problems)
-    if problems:
-        raise FileProblem("--option", problems)
-    return changed
+    source = TomlSource(Path("--option"), text, frozen(nested), {})
+    given, problems = validated(source.data, _written())
+    if given is None:
+        raise FileProblem("--option", lines_of(source, problems))
+    return _over(options, given)
 
 
 def _parse(text: str) -> object:
@@ -329,68 +335,20 @@ def _parse(text: str) -> object:
     return value
 
 
-def _merge(base: Options, values: Mapping[str, object], place: str, problems: list[str]) -> Options:
-    """A copy of dataclass `base` with `values` put in; every misfit is added to `problems`."""
-    known = {field.name: getattr(base, field.name) for field in dataclasses.fields(base)}
-    changes: dict[str, object] = {}
-    for key, value in values.items():
-        where = f"{place}{key}"
-        if key not in known:
-            close = difflib.get_close_matches(key, known, n=1)
-            hint = f"; did you mean {place}{close[0]}?" if close else f"; known: {', '.join(known)}"
-            problems.append(f"{where}: unknown key{hint}")
-            continue
-        present = known[key]
+@functools.cache
+def _written() -> type[Description]:
+    """What a file may hold: every constant by its type and range, none of them needed."""
+    from rig.files.section import all_optional
+
+    return all_optional(RigOptions)
+
+
+def _over(base: Options, given: Description) -> Options:
+    """A copy of a dataclass with the values that are given put in."""
+    changes: dict[str, Any] = {}
+    for name in given.model_fields_set:
+        value, present = getattr(given, name), getattr(base, name)
         if dataclasses.is_dataclass(present) and not isinstance(present, type):
-            if isinstance(value, Mapping):
-                changes[key] = _merge(present, value, f"{where}.", problems)
-            else:
-                problems.append(f"{where} = {value!r}: expected a table of values")
-        elif isinstance(present, Mapping):
-            changes[key] = _numbers(present, value, where, problems)
-        else:
-            problem = _misfit(key, present, value)
-            if problem:
-                problems.append(f"{where} = {value!r}: {problem}")
-            else:
-                changes[key] = float(value) if isinstance(value, int) and isinstance(present, float) else value
+            value = _over(present, value)
+        changes[name] = {**present, **value} if isinstance(present, Mapping) else value
     return dataclasses.replace(base, **changes)
-
-
-def _numbers(present: Mapping[str, float], value: object, where: str, problems: list[str]) -> dict[str, float]:
-    """A mapping of names to finite numbers over the present one."""
-    merged = dict(present)
-    if not isinstance(value, Mapping):
-        problems.append(f"{where} = {value!r}: expected a table of numbers")
-        return merged
-    for name, number in value.items():
-        if isinstance(number, bool) or not isinstance(number, (int, float)) or not math.isfinite(number):
-            problems.append(f"{where}.{name} = {number!r}: expected a finite number")
-        else:
-            merged[name] = float(number)
-    return merged
-
-
-def _misfit(key: str, present: object, value: object) -> str:
-    """Why `value` cannot replace `present`, or nothing."""
-    if isinstance(present, str):
-        if not isinstance(value, str):
-            return "expected a text in quotes"
-        return "" if value in CHOICES.get(key, (value,)) else f"expected one of {', '.join(CHOICES[key])}"
-    if isinstance(present, bool):
-        return "" if isinstance(value, bool) else "expected true or false"
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return "expected a number"
-    if isinstance(present, int) and not isinstance(value, int):
-        return "expected a whole number"
-    if not math.isfinite(value):
-        return "expected a finite number"
-    if key in POSITIVE and value <= 0:
-        return "must be greater than 0"
-    if key in NONZERO and value == 0:
-        return "must not be 0"
-    if value > CEILINGS.get(key, math.inf):
-        return f"must be at most {CEILINGS[key]:g}"
-    if value < FLOORS.get(key, -math.inf):
-        return f"must be at least {FLOORS[key]:g}"
-    return ""

@@ -92,6 +92,17 @@ def table_of_words(name: str, about: str, words: Iterable[str], entry: Any, **mo
     return create_model(name, __base__=Description, __doc__=about, **fields, **more)
 
 
+def all_optional(table: type[Any]) -> type[Description]:
+    """A frozen dataclass of plain values as a table of a file in which every key may be left out."""
+    hints = typing.get_type_hints(table, include_extras=True)
+    fields: dict[str, Any] = {}
+    for one in dataclasses.fields(table):
+        hint = hints[one.name]
+        hint = all_optional(hint) if isinstance(hint, type) and dataclasses.is_dataclass(hint) else hint
+        fields[one.name] = (hint | None, None)
+    return create_model(table.__name__, __base__=Description, __doc__=table.__doc__, **fields)
+
+
 Table = type[Any]
 """A class derived from `Section` or `Settings`."""
 

@@ -33,10 +33,10 @@ from simulators.bench import BY_HAND, Addresses
 from simulators.conditioner import group_delay_s
 from simulators.options import (
     AUXILIARY,
-    CEILINGS,
     LVDT,
     ControllerOptions,
     DamperOptions,
+    HIGHEST_RATE_Hz,
     InputOptions,
     RigOptions,
     SensorOptions,
@@ -182,9 +182,9 @@ def _unlike(bench: Bench) -> Iterator[str]:
         rate = bench.clock.device_rate
         yield f"clock.device_rate = {rate:g}: devices of a world run at the rate of hardware; allowed: 1. Take it out"
     for place, sensor in _sensors(bench).items():
-        if sensor.rate_Hz > CEILINGS["rate_Hz"]:
+        if sensor.rate_Hz > HIGHEST_RATE_Hz:
             yield (
-                f"{place}.rate = {sensor.rate_Hz:g} Hz: simulated sensors send at most {CEILINGS['rate_Hz']:g} Hz; try "
+                f"{place}.rate = {sensor.rate_Hz:g} Hz: simulated sensors send at most {HIGHEST_RATE_Hz:g} Hz; try "
                 f"the matrix on a copy of this file with a rate up to that"
             )
         try:
