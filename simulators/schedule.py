@@ -8,12 +8,12 @@ of `--fault`.
 
 from __future__ import annotations
 
-import difflib
 import math
 import random
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+from protocols.near_miss import near_names
 from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
 from rig.faults.row import Ending
@@ -99,7 +99,7 @@ def parse_fault(text: str) -> ScheduledFault:
     name, at, times = text.partition("@")
     slug, _, variant = name.partition(":")
     if slug not in MATRIX:
-        close = difflib.get_close_matches(slug, MATRIX, n=1)
+        close = near_names(slug, MATRIX)
         hint = f"; did you mean {close[0]!r}?" if close else "; --list-faults names them all"
         raise FileProblem("--fault", [f"{slug!r} is not in the fault matrix{hint}"])
     if slug not in INJECTORS:

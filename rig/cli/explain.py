@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import textwrap
 from dataclasses import asdict
 
 import click
 
+from protocols.near_miss import near_names
 from rig.cli.options import Command, json_option
 from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE
@@ -40,7 +40,7 @@ def _show(slug: str | None, *, as_json: bool) -> int:
                 say(f"{name:<30}{text['means']}")
         return EXIT_DONE
     if slug not in known:
-        near = difflib.get_close_matches(slug, known, 3)
+        near = near_names(slug, known, 3)
         hint = f"; did you mean {', '.join(near)}?" if near else "; `rig explain` lists them all"
         raise click.UsageError(f"no code {slug!r}{hint}")
     answer = explained(slug)

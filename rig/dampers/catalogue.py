@@ -7,8 +7,8 @@ set `demo-NAME` of its `demonstration`.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from difflib import get_close_matches
 
+from protocols.near_miss import near_names
 from rig.dampers.algebraic import AsymmetricModel, KwokModel, SymmetricModel
 from rig.dampers.asymmetric_bouc_wen import AsymmetricBoucWenModel
 from rig.dampers.bilinear import DigressiveBilinearModel, HystereticBiviscousModel
@@ -120,7 +120,7 @@ class UnknownName(RigError):
 
 
 def _nearest(name: str, known: list[str]) -> str:
-    close = get_close_matches(name, known, n=1)
+    close = near_names(name, known)
     hint = f"; did you mean {close[0]!r}?" if close else ""
     return f"{', '.join(known)}{hint}"
 

@@ -9,12 +9,13 @@ from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
-from protocols.toml_lines import Place
+from protocols.near_miss import near_names
 from rig import units
 from rig.errors import FileProblem
-from rig.files.places import as_written, close_match, dotted, field_at, keys_of, problem_at, section_in, shown, value_at
+from rig.files.places import as_written, dotted, field_at, keys_of, problem_at, section_in, shown, value_at
 from rig.files.quantity import Problem, Quantity, Text, Wording
 from rig.files.section import Section, Table, constraints, fields_of, key_of, quantity_of, suffixed_keys
+from rig.files.toml_lines import Place
 from rig.files.toml_source import TomlSource, read_toml
 
 if TYPE_CHECKING:
@@ -154,7 +155,7 @@ def _without_echoes(details: list[ErrorDetails], model: Table) -> list[ErrorDeta
 def _meant(section: Table, key: str) -> str:
     """The key that an unknown one resembles, without the unit that may end it; empty where there is none."""
     suffixed = suffixed_keys(section)
-    meant = close_match(key, [*keys_of(section), *suffixed]) or ""
+    meant = next(iter(near_names(key, [*keys_of(section), *suffixed])), "")
     return suffixed.get(meant, (meant,))[0]
 
 
@@ -194,8 +195,8 @@ def _unknown_key(model: Table, section: Table, key: str) -> str:
     if homes:
         return f"unknown key here; it belongs under {' or '.join(homes)}"
     known = keys_of(section)
-    match = close_match(key, [*known, *suffixed_keys(section)])
-    return f"unknown key; did you mean {match}?" if match else f"unknown key; known here: {', '.join(known)}"
+    near = near_names(key, [*known, *suffixed_keys(section)])
+    return f"unknown key; did you mean {near[0]}?" if near else f"unknown key; known here: {', '.join(known)}"
 
 
 def _tables(model: Table) -> Iterator[tuple[str, Table]]:
@@ -250,8 +251,8 @@ def _message(detail: ErrorDetails, field: FieldInfo | None) -> str:
 def _not_among(expected: str, value: object) -> str:
     if "'" not in expected:
         return f"must be {expected}" + (", a number without quotes" if isinstance(value, str) else "")
-    match = close_match(str(value), re.findall(r"'([^']*)'", expected))
-    return f"must be {expected}" + (f"; did you mean {match}?" if match else "")
+    near = near_names(str(value), re.findall(r"'([^']*)'", expected))
+    return f"must be {expected}" + (f"; did you mean {near[0]}?" if near else "")
 
 
 def _text_message(kind: str, limits: list[object]) -> str:

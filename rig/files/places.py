@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 from typing import get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from protocols.toml_lines import Place
 from rig.files.quantity import Settings
 from rig.files.section import Section, Table, fields_of, key_of, suffixed_keys
+from rig.files.toml_lines import Place
 from rig.files.toml_source import TomlSource, printable
 
 
@@ -39,12 +38,6 @@ def shown(value: object) -> str:
     else:
         text = str(value)
     return printable(text, 70)
-
-
-def close_match(name: str, known: list[str]) -> str | None:
-    """The known name a user most likely meant."""
-    matches = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    return matches[0] if matches else None
 
 
 def keys_of(section: Table) -> list[str]:

@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, PrivateAttr, field_validator
 
+from protocols.near_miss import near_names
 from rig.errors import FileProblem
-from rig.files.places import close_match
 from rig.files.quantity import Problem, Quantity, Wording
 from rig.files.section import Section
 from rig.matrix.assumed_damper import ENDING, AssumedDamper, is_fit_file, of_fit, of_set
@@ -337,5 +337,5 @@ def _usable(load: Callable[[str], object], name: str) -> None:
 
 def _unknown(what: str, value: str, known: list[str]) -> str:
     """An unknown name, the nearest known one, and all of them."""
-    match = close_match(value, known)
-    return f"unknown {what}{f'; did you mean {match}?' if match else ''}; known: {', '.join(known)}"
+    near = near_names(value, known)
+    return f"unknown {what}{f'; did you mean {near[0]}?' if near else ''}; known: {', '.join(known)}"

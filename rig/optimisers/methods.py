@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
@@ -12,6 +11,7 @@ from typing import Protocol, cast, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from protocols.near_miss import near_names
 from rig.optimisers.arrays import FloatArray
 from rig.optimisers.bee_colony import ImprovedBeeColony
 from rig.optimisers.differential_evolution import DifferentialEvolution
@@ -259,5 +259,5 @@ def minimise(
 
 
 def _closest(name: str, known: list[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=1)
+    near = near_names(name, known)
     return f" (did you mean {near[0]!r}?)" if near else ""

@@ -5,7 +5,6 @@ A filter such as `waveform=triangle,current_A=1` means that every condition must
 
 from __future__ import annotations
 
-import difflib
 import math
 import warnings
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from protocols.near_miss import near_names
 from rig.errors import DataWarning, FileProblem
 from rig.recording.point_files import campaign_in, unfinished
 from rig.recording.recorded_point import RecordedPoint
@@ -67,7 +67,7 @@ def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
     if name in TEXTS:
         return name, tuple(item.strip() for item in value.split("|"))
     if name not in NUMBERS:
-        near = difflib.get_close_matches(name, (*TEXTS, *NUMBERS), 1, 0.4)
+        near = near_names(name, (*TEXTS, *NUMBERS), 1, 0.4)
         hint = f"did you mean {near[0]}?" if near else "known: " + ", ".join((*TEXTS, *NUMBERS))
         raise ValueError(f"{name!r} is no attribute of a point; {hint}")
     try:

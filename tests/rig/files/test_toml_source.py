@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocols.toml_lines import scan_lines
 from rig.errors import FileProblem
+from rig.files.toml_lines import scan_lines
 from rig.files.toml_source import SIZE_LIMIT_BYTES, read_toml
 
 TEXT = '''# a comment = 1

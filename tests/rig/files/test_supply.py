@@ -12,7 +12,7 @@ from drivers.devices.supply_file import FOLDER, supply, supply_names
 from rig.errors import FileProblem
 from rig.files.descriptions import KINDS, entry_problems, problems_of, table_of
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs/how-to/connect-a-power-supply.md").read_text(encoding="utf-8")
 EXAMPLE = PAGE.split("```toml\n")[2].split("```")[0]
 SMALLEST = """[range]

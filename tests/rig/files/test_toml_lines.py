@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from protocols.toml_lines import MOST_ENTRIES, scan_lines, structure_problem
+from rig.files.toml_lines import MOST_ENTRIES, scan_lines, structure_problem
 
 TEXT = '''# a comment = none
 name = "x = y # no comment"
