@@ -31,7 +31,7 @@ def described_format(given: Given, channel: Channel | None = None) -> SensorForm
         channel: whose it is; the project's own line carries the unit of its channel.
 
     Raises:
-        FormatProblems: a table that contradicts itself; each problem with its place.
+        DescriptionProblems: a table that contradicts itself; each problem with its place.
         LocalProtocolError: no preset of that name.
     """
     if not isinstance(given, str):

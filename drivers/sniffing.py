@@ -72,7 +72,7 @@ def tried(data: bytes, given: Given, name: str = "") -> Match:
         name: for a table.
 
     Raises:
-        FormatProblems: the description cannot be used.
+        DescriptionProblems: the description cannot be used.
         LocalProtocolError: no format of that name.
     """
     decoder: FrameDecoder | LineDecoder | BinaryDecoder = FrameDecoder()

@@ -13,14 +13,11 @@ from typing import Any
 
 from protocols.binary_format import LETTERS, LONGEST_FRAME, BinaryFormat, Field
 from protocols.checksums import CHECKSUMS
+from protocols.descriptions import Place, Problem
 from protocols.errors import LocalProtocolError
 from protocols.line_example import HOLES, checksum_digits, fitting, parts, widths
 from protocols.line_format import LineFormat
 from protocols.patterns import Pattern, PatternError
-
-Place = tuple[str | int, ...]
-Problem = tuple[Place, str]
-"""Where in the table, and what is wrong there with what would be right."""
 
 _MARK = "{address}"
 _FORM = re.compile(r"[<>=^]?[-+ ]?0?\d{0,2}(?:\.\d{1,2})?[a-zA-Z]?")

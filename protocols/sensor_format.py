@@ -6,15 +6,16 @@ another one's entries where the table has none of its own.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
 from protocols.binary_format import BinaryFormat, Field
 from protocols.checksums import CHECKSUMS
+from protocols.descriptions import DescriptionProblems, Problem
 from protocols.errors import LocalProtocolError
 from protocols.exchange import Exchange
-from protocols.format_checks import Problem, frame_problems, line_problems, pattern_of
+from protocols.format_checks import frame_problems, line_problems, pattern_of
 from protocols.line_format import LineFormat
 from protocols.sensor_presets import TABLES
 
@@ -26,15 +27,6 @@ _BYTES = frozenset({"start", "terminator", "start_command", "stop_command", "req
 Table = Mapping[str, Any]
 
 
-class FormatProblems(LocalProtocolError):
-    """A format that contradicts itself: `problems` has every reason with its place."""
-
-    def __init__(self, name: str, problems: Sequence[Problem]) -> None:
-        self.problems = list(problems)
-        reasons = "; ".join(f"{'.'.join(map(str, place))}: {text}" if place else text for place, text in problems)
-        super().__init__(f"sensor format {name!r}: {reasons}")
-
-
 def from_description(table: Table) -> SensorFormat:
     r"""A format that a user described.
 
@@ -42,7 +34,7 @@ def from_description(table: Table) -> SensorFormat:
         table: plain values by the keys of a format's file (`rig.files.sensor_format`), each of its type and range.
 
     Raises:
-        FormatProblems: entries contradict each other, with every problem and its place.
+        DescriptionProblems: entries contradict each other, with every problem and its place.
     """
     problems: list[Problem] = []
     name = table.get("name", "custom")
@@ -52,7 +44,7 @@ def from_description(table: Table) -> SensorFormat:
     if not problems:
         made = _frames(values, problems) if kind_of(whole) == "frames" else _lines(values, problems)
     if problems or made is None:
-        raise FormatProblems(str(name), problems)
+        raise DescriptionProblems(f"sensor format {str(name)!r}", problems)
     return made
 
 
@@ -60,7 +52,7 @@ def format_problems(table: Table) -> list[Problem]:
     """What valid entries of a description contradict in each other."""
     try:
         from_description(table)
-    except FormatProblems as error:
+    except DescriptionProblems as error:
         return error.problems
     return []
 

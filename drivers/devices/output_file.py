@@ -8,12 +8,13 @@ from typing import Any
 from drivers.current_source import SourceFault
 from drivers.devices.output import CURRENT, ENABLE, FAULT_BITS, MEASURED, AnalogueOutput, OutputWatchdog
 from drivers.devices.supply import SupplyCommands, SupplyDescription, SupplyLink, current_range
-from drivers.register_maps.entries import Kept, Problem, Table
+from drivers.register_maps.entries import Kept, Table
 from drivers.register_maps.quantity import COIL, FLOATS, HOLDING, Quantity, Value
 from drivers.register_maps.read_meanings import number_of, read_bits
 from drivers.register_maps.read_quantities import read_modbus, read_quantities
 from drivers.register_maps.read_recipes import read_values
 from drivers.register_maps.recipe import WATCHDOG, Recipe, Write
+from protocols.descriptions import Problem
 from protocols.near_miss import meant
 
 Quantities = Mapping[str, Quantity]

@@ -20,7 +20,8 @@ from drivers.devices.supply import (
     SupplyWatchdog,
     current_range,
 )
-from drivers.register_maps.entries import DescriptionProblems, Place, Problem, listed
+from drivers.register_maps.entries import listed
+from protocols.descriptions import DescriptionProblems, Place, Problem
 from protocols.errors import LocalProtocolError
 from protocols.patterns import Pattern
 from protocols.scpi import Command

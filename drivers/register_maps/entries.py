@@ -5,25 +5,12 @@ The entries are of their types and ranges (`rig.files` has checked them); what i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-from protocols.errors import LocalProtocolError
+from protocols.descriptions import Place, Problem
 from protocols.near_miss import meant
 from protocols.wire_units import seconds
-
-Place = tuple[str | int, ...]
-Problem = tuple[Place, str]
-"""Where in the table, and what is wrong there with what would be right."""
-
-
-class DescriptionProblems(LocalProtocolError):
-    """A description that contradicts itself: `problems` has every reason with its place."""
-
-    def __init__(self, name: str, problems: Sequence[Problem]) -> None:
-        self.problems = tuple(problems)
-        reasons = "; ".join(f"{dotted(place)}: {text}" if place else text for place, text in problems)
-        super().__init__(f"{name}: {reasons}")
 
 
 class Kept:
@@ -78,11 +65,3 @@ class Table:
 def listed(given: Any) -> list[Any]:  # noqa: ANN401 - one or several
     """One entry or several as a list."""
     return list(given) if isinstance(given, (list, tuple)) else [given]
-
-
-def dotted(place: Place) -> str:
-    """A place as it is written: `range.current_A[2]` (lists count from 1)."""
-    text = ""
-    for part in place:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
-    return text

@@ -13,7 +13,7 @@ from typing import Any
 from drivers.capabilities import WatchdogKind
 from drivers.register_maps import needs
 from drivers.register_maps.controller_map import ControllerMap, Recipes, Words
-from drivers.register_maps.entries import DescriptionProblems, Kept, Problem, Table
+from drivers.register_maps.entries import Kept, Table
 from drivers.register_maps.indirect import read_indirect
 from drivers.register_maps.quantity import Quantity, Value
 from drivers.register_maps.read_meanings import number_of, read_bits, read_codes, read_pressure, read_states
@@ -21,6 +21,7 @@ from drivers.register_maps.read_quantities import IDENTITY, LIMITS, ROLES, read_
 from drivers.register_maps.read_recipes import Recipes as Reader
 from drivers.register_maps.read_recipes import read_commands, read_setpoint, read_table, read_watchdog
 from drivers.roles import Command, FaultBit, Input, ProgramPhase, Result, WatchdogAction, Waveform
+from protocols.descriptions import DescriptionProblems, Problem
 from protocols.errors import LocalProtocolError
 from protocols.near_miss import meant, near_names
 

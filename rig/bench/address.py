@@ -18,10 +18,10 @@ from drivers.catalogue import (
 )
 from drivers.connection import ActuatorAddress, LinkKind
 from drivers.plugins import CURRENT_SOURCES, BrokenPlugIn
+from protocols.descriptions import Problem
 from protocols.errors import ProtocolError
 from protocols.near_miss import near_names
 from rig.files.described import is_dbc
-from rig.files.quantity import Problem
 
 SCHEMES = ("socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
 """What pyserial's `serial_for_url` takes before "://"; a test compares this list with it."""

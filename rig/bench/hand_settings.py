@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Protocol
 
-from rig.files.quantity import Problem
+from protocols.descriptions import Problem
 
 _NOT_BESIDE = (
     "interface", "channel", "roles", "serial_number", "url", "supply", "baudrate", "voltage_limit_V", "identity",

@@ -11,13 +11,14 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from drivers.catalogue import current_source_period_s, current_source_range_A, unheld_limits
+from protocols.descriptions import Problem
 from rig import units
 from rig.bench import named_files
 from rig.bench.controller_limits import controller_limits
 from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
 from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Margins, Station
 from rig.files.loader import load_section
-from rig.files.quantity import Problem, Quantity
+from rig.files.quantity import Quantity
 from rig.files.section import Section
 
 ZERO_SHARE_OF_RANGE = 0.0025

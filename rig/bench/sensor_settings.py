@@ -10,11 +10,12 @@ from datetime import date
 from typing import Annotated, Any, Literal
 
 from drivers.connection import LineSettings
+from protocols.descriptions import Problem
 from protocols.near_miss import near_names
 from rig import units
 from rig.bench import address
 from rig.files.described import described, is_file
-from rig.files.quantity import Check, Description, Problem, Quantity, Settings, Text, Wording, key
+from rig.files.quantity import Check, Description, Quantity, Settings, Text, Wording, key
 
 # A limit outside these is a slip of the pen, not a damper test rig (fault row `config-absurd`).
 Force = Annotated[float, Quantity("force", "0 N", "200 kN", above=True)]

@@ -26,6 +26,7 @@ from drivers.catalogue import (
     watchdog_time_s,
 )
 from drivers.connection import ActuatorConnection
+from protocols.descriptions import Problem
 from rig.bench import address
 from rig.bench.hand_settings import hand_problems_of
 from rig.bench.sensor_settings import (
@@ -40,7 +41,7 @@ from rig.bench.sensor_settings import (
 )
 from rig.bench.supply_settings import supply_problems_of
 from rig.files.described import dbc_text, described, is_dbc
-from rig.files.quantity import Check, Description, Problem, Quantity, Settings, Text, key
+from rig.files.quantity import Check, Description, Quantity, Settings, Text, key
 
 ECU_STATUS_Hz = 100.0
 HAND_SILENT_S = 0.5

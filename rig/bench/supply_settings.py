@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from drivers.catalogue import SupplyDescription
 from drivers.connection import ActuatorAddress, LinkKind
-from rig.files.quantity import Problem
+from protocols.descriptions import Problem
 
 
 class SupplyEntries(Protocol):

@@ -8,9 +8,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from protocols.descriptions import Problem
 from rig.comparison.readings import QUANTITIES, LoopReading
 from rig.files.loader import load_section
-from rig.files.quantity import Problem, Quantity
+from rig.files.quantity import Quantity
 from rig.files.section import Section
 
 Change = Annotated[float, Quantity("ratio", "0 %", "1000 %", above=True)]

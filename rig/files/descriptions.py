@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from protocols.descriptions import Problem
 from rig.errors import FileProblem
 from rig.files.described import is_file
 from rig.files.loader import lines_of, validated
-from rig.files.quantity import Problem
 from rig.files.section import Section
 from rig.files.toml_source import TomlSource, frozen, read_toml
 

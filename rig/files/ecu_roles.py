@@ -13,12 +13,13 @@ from drivers.devices.ecu_roles import FAULT_NAMES, ROLE_KEYS, SENDING, STATES
 from drivers.devices.role_protection import KEYS, MODES, PROFILES
 from drivers.devices.role_reading import RoleProblem, units_of
 from drivers.devices.source import source_problems
+from protocols.descriptions import Problem
 from protocols.errors import LocalProtocolError
 from rig.errors import FileProblem
 from rig.files.described import dbc_text, described, is_file
 from rig.files.descriptions import entry_problems
 from rig.files.loader import lines_of
-from rig.files.quantity import Check, Problem, Quantity
+from rig.files.quantity import Check, Quantity
 from rig.files.section import Description, OneOrMore, table_of_words
 from rig.files.toml_source import read_toml
 

@@ -9,13 +9,13 @@ from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
+from protocols.descriptions import Place, Problem
 from protocols.near_miss import near_names
 from rig import units
 from rig.errors import FileProblem
 from rig.files.places import as_written, dotted, field_at, keys_of, problem_at, section_in, shown, value_at
-from rig.files.quantity import Problem, Quantity, Text, Wording
+from rig.files.quantity import Quantity, Text, Wording
 from rig.files.section import Section, Table, constraints, fields_of, key_of, quantity_of, suffixed_keys
-from rig.files.toml_lines import Place
 from rig.files.toml_source import TomlSource, read_toml
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
+from protocols.descriptions import Place
 from rig.files.quantity import Settings
 from rig.files.section import Section, Table, fields_of, key_of, suffixed_keys
-from rig.files.toml_lines import Place
 from rig.files.toml_source import TomlSource, printable
 
 

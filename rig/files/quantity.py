@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from protocols.descriptions import Problem
 from rig import units
 from rig.files.described import is_file
 
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
     from pydantic.json_schema import JsonSchemaValue
     from pydantic_core import CoreSchema
-
-Problem = tuple[tuple[str | int, ...], str]
-"""Where in a table, and what is wrong there."""
 
 
 @dataclass(frozen=True)

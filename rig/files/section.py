@@ -25,8 +25,9 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from protocols.descriptions import Problem
 from rig import units
-from rig.files.quantity import Problem, Quantity, Settings
+from rig.files.quantity import Quantity, Settings
 
 
 class Section(BaseModel):

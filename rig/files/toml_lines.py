@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 
+from protocols.descriptions import Place
+
 MOST_PARTS = 12
 """Parts of a dotted key, and levels of nesting; files for the rig have three."""
 MOST_ENTRIES = 30_000
 
 _STRUCTURE = re.compile(r"""["'#\[\]{}=.,\n]""")
-
-Place = tuple[str | int, ...]
 
 
 def structure_problem(text: str) -> str | None:

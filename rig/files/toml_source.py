@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from protocols.descriptions import Place
 from rig.errors import FileProblem
-from rig.files.toml_lines import Place, scan_lines, structure_problem
+from rig.files.toml_lines import scan_lines, structure_problem
 from rig.text_file import read_text
 
 SIZE_LIMIT_BYTES = 262_144

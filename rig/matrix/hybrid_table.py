@@ -15,8 +15,9 @@ import numpy as np
 from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
+from protocols.descriptions import Problem
 from rig.bench.model import Bench
-from rig.files.quantity import Problem, Quantity
+from rig.files.quantity import Quantity
 from rig.files.section import Section
 from rig.hybrid.delay_probe import Probe
 from rig.hybrid.hybrid_motion import PAUSE_S, RETURN_S, HybridOrder

@@ -16,10 +16,10 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from protocols.descriptions import Problem
 from rig.bench.model import Bench
 from rig.errors import FileProblem, FileProblems
 from rig.files.loader import WrongKind, load_section
-from rig.files.quantity import Problem
 from rig.files.section import Section
 from rig.matrix import named_files
 from rig.matrix.hybrid_table import HybridTable

@@ -10,9 +10,10 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, PrivateAttr, field_validator
 
+from protocols.descriptions import Problem
 from protocols.near_miss import near_names
 from rig.errors import FileProblem
-from rig.files.quantity import Problem, Quantity, Wording
+from rig.files.quantity import Quantity, Wording
 from rig.files.section import Section
 from rig.matrix.assumed_damper import ENDING, AssumedDamper, is_fit_file, of_fit, of_set
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, TEMPERATURE_LAWS, check_method, method_names

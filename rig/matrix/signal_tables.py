@@ -15,10 +15,11 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr
 
+from protocols.descriptions import Problem
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
 from rig.files.loader import load_section
-from rig.files.quantity import Problem, Quantity
+from rig.files.quantity import Quantity
 from rig.files.section import Section, located
 from rig.matrix.record_file import LARGEST_BYTES, read_record
 from rig.signals.record import (

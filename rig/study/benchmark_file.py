@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from protocols.descriptions import Problem
 from rig.errors import FileProblem, IdentificationFailed
 from rig.files.loader import load_section
 from rig.files.places import problem_at
-from rig.files.quantity import Problem
 from rig.files.section import Section
 from rig.identification.pairs import LEFT_OUT as PAIRS
 from rig.identification.points.whole_record import last_share

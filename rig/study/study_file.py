@@ -9,11 +9,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from protocols.descriptions import Problem
 from rig.dampers import PARAMETER_SETS
 from rig.errors import FileProblem
 from rig.files.loader import load_section
 from rig.files.places import problem_at
-from rig.files.quantity import Problem, Quantity
+from rig.files.quantity import Quantity
 from rig.files.section import Section
 
 Method = Literal[

@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from protocols.descriptions import Problem
 from rig.files.loader import load_section
-from rig.files.quantity import Problem, Quantity
+from rig.files.quantity import Quantity
 from rig.files.section import Section
 from rig.vehicle.shipped import found, names_in
 

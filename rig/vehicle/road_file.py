@@ -9,10 +9,11 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from protocols.descriptions import Problem
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
 from rig.files.loader import load_section
-from rig.files.quantity import Problem, Quantity
+from rig.files.quantity import Quantity
 from rig.files.section import Section
 from rig.vehicle.road import (
     CLASSES,

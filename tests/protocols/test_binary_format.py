@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from protocols.binary_decoder import BinaryDecoder
 from protocols.binary_format import BinaryFormat
 from protocols.checksums import CHECKSUMS
+from protocols.descriptions import DescriptionProblems
 from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
-from protocols.sensor_format import FormatProblems, from_description
+from protocols.sensor_format import from_description
 
 
 def binary(**table: object) -> BinaryFormat:
@@ -174,7 +175,7 @@ VALUE = {"value": {"at": 1, "type": "u16"}}
     ],
 )  # fmt: skip
 def test_a_contradictory_description_is_refused_with_its_places(table: dict[str, object], places: list[object]) -> None:
-    with pytest.raises(FormatProblems) as told:
+    with pytest.raises(DescriptionProblems) as told:
         from_description(table)
     assert [place for place, _ in told.value.problems] == places
 

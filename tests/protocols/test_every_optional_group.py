@@ -20,10 +20,11 @@ from hypothesis import strategies as st
 from drivers.sniffing import tried
 from protocols.binary_decoder import BinaryDecoder
 from protocols.binary_format import SIZES, BinaryFormat
+from protocols.descriptions import DescriptionProblems
 from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
 from protocols.line_example import _letter
 from protocols.line_format import LineDecoder, LineFormat
-from protocols.sensor_format import FormatProblems, from_description, preset
+from protocols.sensor_format import from_description, preset
 from protocols.sensor_presets import TABLES
 
 _parser: Any = importlib.import_module("re._parser")
@@ -170,7 +171,7 @@ def described(draw: st.DrawFn) -> dict[str, Any]:
 def test_a_drawn_description_is_refused_or_carried(table: dict[str, Any], data: st.DataObject) -> None:
     try:
         made = from_description(table)
-    except FormatProblems:
+    except DescriptionProblems:
         return
     assert isinstance(made, LineFormat)
     texts = [*lines_of(made), data.draw(st.from_regex(re.compile(made.pattern, re.ASCII), fullmatch=True))]
@@ -216,7 +217,7 @@ def framed(draw: st.DrawFn) -> dict[str, Any]:
 def test_a_drawn_frame_is_refused_or_carried(table: dict[str, Any], noise: bytes) -> None:
     try:
         made = from_description(table)
-    except FormatProblems:
+    except DescriptionProblems:
         return
     assert isinstance(made, BinaryFormat)
     assert_frames(made, noise)

@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from protocols.descriptions import DescriptionProblems
 from protocols.errors import LocalProtocolError, RemoteProtocolError
 from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
 from protocols.line_format import LineDecoder, LineFormat
-from protocols.sensor_format import FormatProblems, from_description, preset
+from protocols.sensor_format import from_description, preset
 from protocols.sensor_presets import TABLES
 
 PRESETS = [name for name in TABLES if isinstance(preset(name), LineFormat)]
@@ -186,7 +187,7 @@ def test_a_damaged_line_is_decoded_in_time_linear_in_its_length(pattern: str) ->
 
 @pytest.mark.parametrize("pattern", [r"(?=\d)(?P<value>\d+)", r"(?P<unit>N)(?P<value>\d+)\1", r"(?P<value>\d+)\x00"])
 def test_a_pattern_that_no_linear_engine_matches_or_no_line_holds_is_refused(pattern: str) -> None:
-    with pytest.raises(FormatProblems) as refused:
+    with pytest.raises(DescriptionProblems) as refused:
         from_description({"pattern": pattern, "unit": "N"})
     assert [place for place, _ in refused.value.problems] == [("pattern",)]
 
@@ -195,7 +196,7 @@ def test_a_pattern_that_no_linear_engine_matches_or_no_line_holds_is_refused(pat
     "{value:2000000000.1f}", "{value:>{unit}}", "{value.real}", "{value!r}", "{value:.999999999f}", "{other}", "{value",
 ])
 def test_a_template_writes_short_numbers_only(template: str) -> None:
-    with pytest.raises(FormatProblems) as refused:
+    with pytest.raises(DescriptionProblems) as refused:
         from_description({"pattern": r"(?P<value>[-+]?\d+\.\d) N", "unit": "N", "template": template})
     assert [place for place, _ in refused.value.problems] == [("template",)]
 
