@@ -16,7 +16,8 @@ import click
 from drivers.connection import ActuatorAddress, LinkKind
 from rig.errors import EXIT_USAGE, FileProblem, RigError
 from rig.faults.matrix import MATRIX
-from rig.files.described import described, is_file
+from rig.files.described import described
+from rig.files.names import is_file
 from simulators.schedule import (
     STREAMED,
     WITHIN_S,
@@ -250,7 +251,7 @@ def worn(dbc: Path | None, roles: Path | None) -> WornEcuFiles | None:
     Raises:
         FileProblem: one without the other, or they cannot be used: everything that is wrong.
     """
-    from rig.files.ecu_roles import ecu_problems
+    from rig.files.ecu_files import ecu_problems
     from simulators.worn_ecu import WornEcuFiles
 
     if dbc is None and roles is None:

@@ -11,7 +11,7 @@ from typing import Any
 from drivers.connection import ActuatorAddress, LinkKind
 from drivers.devices.supply_file import supply
 from rig.files.described import described as read_description
-from rig.files.described import is_file
+from rig.files.names import is_file
 from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
 from simulators.toml_text import toml_text

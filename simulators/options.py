@@ -24,7 +24,7 @@ from rig.files.quantity import Check
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from rig.files.section import Description
+    from rig.files.section import DescriptionTable
 
     Options = TypeVar("Options", bound=DataclassInstance)
 
@@ -336,14 +336,14 @@ def _parse(text: str) -> object:
 
 
 @functools.cache
-def _written() -> type[Description]:
+def _written() -> type[DescriptionTable]:
     """What a file may hold: every constant by its type and range, none of them needed."""
     from rig.files.section import all_optional
 
     return all_optional(RigOptions)
 
 
-def _over(base: Options, given: Description) -> Options:
+def _over(base: Options, given: DescriptionTable) -> Options:
     """A copy of a dataclass with the values that are given put in."""
     changes: dict[str, Any] = {}
     for name in given.model_fields_set:

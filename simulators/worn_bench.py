@@ -9,7 +9,8 @@ from drivers.register_maps.controller_map import ControllerMap
 from drivers.register_maps.map_file import controller
 from protocols.errors import LocalProtocolError
 from rig.errors import FileProblem
-from rig.files.described import described, is_file
+from rig.files.described import described
+from rig.files.names import is_file
 from simulators.options import ControllerOptions, RigOptions
 
 OWN = ("demo", "demo-streamed")

@@ -21,7 +21,7 @@ from drivers.plugins import CURRENT_SOURCES, BrokenPlugIn
 from protocols.descriptions import Problem
 from protocols.errors import ProtocolError
 from protocols.near_miss import near_names
-from rig.files.described import is_dbc
+from rig.files.names import is_dbc
 
 SCHEMES = ("socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
 """What pyserial's `serial_for_url` takes before "://"; a test compares this list with it."""
@@ -140,7 +140,7 @@ def ecu_problems(dbc: str | DbcText, roles: str | Mapping[str, Any] | None) -> I
             "[ecu.roles]; docs/how-to/connect-an-ecu-by-dbc.md"
         )  # fmt: skip
     else:
-        from rig.files.ecu_roles import ecu_problems as problems  # loads the validator, which has called this
+        from rig.files.ecu_files import ecu_problems as problems  # loads the validator, which has called this
 
         yield from problems(dbc, roles)
 

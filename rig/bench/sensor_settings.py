@@ -14,8 +14,9 @@ from protocols.descriptions import Problem
 from protocols.near_miss import near_names
 from rig import units
 from rig.bench import address
-from rig.files.described import described, is_file
-from rig.files.quantity import Check, Description, Quantity, Settings, Text, Wording, key
+from rig.files.described import DescribedBy, described
+from rig.files.names import is_file
+from rig.files.quantity import Check, Quantity, Settings, Text, Wording, key
 
 # A limit outside these is a slip of the pen, not a damper test rig (fault row `config-absurd`).
 Force = Annotated[float, Quantity("force", "0 N", "200 kN", above=True)]
@@ -179,7 +180,7 @@ class SensorConfig(Settings):
     parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="of a serial line"))
     data_bits: Literal[7, 8] = field(default=8, metadata=key(description="of a serial line"))
     stop_bits: Literal[1, 2] = field(default=1, metadata=key(description="of a serial line"))
-    format: Annotated[str | dict[str, Any], Description("sensor-format", _known_format)] = field(
+    format: Annotated[str | dict[str, Any], DescribedBy("sensor-format", _known_format)] = field(
         default="frame16",
         metadata=key(
             description="a format's name, the name of a file that ends in .toml (from the bench file's folder), or a "

@@ -40,8 +40,9 @@ from rig.bench.sensor_settings import (
     Timeout,
 )
 from rig.bench.supply_settings import supply_problems_of
-from rig.files.described import dbc_text, described, is_dbc
-from rig.files.quantity import Check, Description, Quantity, Settings, Text, key
+from rig.files.described import DescribedBy, dbc_text, described
+from rig.files.names import is_dbc
+from rig.files.quantity import Check, Quantity, Settings, Text, key
 
 ECU_STATUS_Hz = 100.0
 HAND_SILENT_S = 0.5
@@ -131,7 +132,7 @@ class ActuatorConfig(Settings):
     )
     parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="of a serial line (modbus-rtu)"))
     device_id: int = field(default=1, metadata=key(ge=0, le=255, description="on a serial line 1 to 247"))
-    register_map: Annotated[str | dict[str, Any], Description("register-map", address.known_actuator, tables=False)] = (
+    register_map: Annotated[str | dict[str, Any], DescribedBy("register-map", address.known_actuator, tables=False)] = (
         "demo"
     )
     poll_s: Annotated[float, Quantity("time", "2 ms", "100 ms")] = field(default=0.010, metadata=key("poll"))
@@ -259,7 +260,7 @@ class EcuConfig(Settings):
     url: Annotated[str, Text(256), Check(address.supply_url)] | None = field(
         default=None, metadata=key(examples=["tcp://192.168.0.20:5025", "/dev/ttyUSB2"], description="of a supply")
     )
-    supply: Annotated[str | dict[str, Any], Description("supply", address.known_supply)] | None = field(
+    supply: Annotated[str | dict[str, Any], DescribedBy("supply", address.known_supply)] | None = field(
         default=None,
         metadata=key(
             examples=["generic-scpi", "my-supply.toml"],

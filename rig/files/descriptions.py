@@ -14,8 +14,8 @@ from typing import Any
 
 from protocols.descriptions import Problem
 from rig.errors import FileProblem
-from rig.files.described import is_file
 from rig.files.loader import lines_of, validated
+from rig.files.names import is_file
 from rig.files.section import Section
 from rig.files.toml_source import TomlSource, frozen, read_toml
 
@@ -77,9 +77,9 @@ def kind_named(name: str) -> Kind:
 
 def problems_of(kind: str, table: Plain) -> list[Problem]:
     """What is wrong with a table: with its entries, else with what they say together."""
-    found, whole = kind_named(kind), frozen(table)
-    _, problems = validated(whole, found.model(whole))
-    return problems or list(found.problems(whole))
+    description, whole = kind_named(kind), frozen(table)
+    _, problems = validated(whole, description.model(whole))
+    return problems or list(description.problems(whole))
 
 
 def table_of(kind: str, path: str | Path) -> dict[str, Any]:

@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from drivers.devices.dbc_file import DbcText
 from drivers.devices.ecu_roles import FAULT_NAMES, ROLE_KEYS, SENDING, STATES
 from drivers.devices.role_protection import KEYS, MODES, PROFILES
-from drivers.devices.role_reading import RoleProblem, units_of
-from drivers.devices.source import source_problems
-from protocols.descriptions import Problem
-from protocols.errors import LocalProtocolError
-from rig.errors import FileProblem
-from rig.files.described import dbc_text, described, is_file
-from rig.files.descriptions import entry_problems
-from rig.files.loader import lines_of
+from drivers.devices.role_reading import units_of
 from rig.files.quantity import Check, Quantity
-from rig.files.section import Description, OneOrMore, table_of_words
-from rig.files.toml_source import read_toml
+from rig.files.section import DescriptionTable, OneOrMore, table_of_words
 
 LARGEST = 1.7e308
 """Largest number of a constant."""
@@ -65,7 +55,7 @@ Byte = Annotated[int, Field(ge=0, le=0xFF)]
 Whole = Annotated[int, Field(ge=0)]
 
 
-class FaultSignal(Description):
+class FaultSignal(DescriptionTable):
     """A fault with a signal of its own."""
 
     signal: Name
@@ -125,7 +115,7 @@ _NEEDED: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 
 
-def _protection(profile: str) -> type[Description]:
+def _protection(profile: str) -> type[DescriptionTable]:
     """The table of one profile."""
     fields: dict[str, Any] = {"profile": (Literal[profile], ...)}
     for key in KEYS[profile][1:]:
@@ -180,32 +170,3 @@ class RolesFile(Roles):  # type: ignore[valid-type,misc]  # a class made of the 
     command_timeout: Duration | None = Field(
         None, description="without commands for so long the ECU goes to 0 A itself; leave out if it does not"
     )
-
-
-def ecu_problems(dbc: str, roles: str | Mapping[str, Any]) -> list[Problem]:
-    """What is wrong with a user's roles, else with what DBC file and roles say together, by the entries of [ecu].
-
-    Args:
-        dbc: path of the DBC file.
-        roles: path of the roles file, or its contents.
-    """
-    if not isinstance(roles, Mapping) and not is_file(roles):
-        return [(("roles",), 'must be the name of a file that ends in .toml, such as "ecu-roles.toml", or a table')]
-    if wrong := entry_problems("ecu-roles", roles):
-        return [(("roles", *place), text) for place, text in wrong]
-    try:
-        given = dbc_text(dbc)
-        found = source_problems(given, described("ecu-roles", roles))
-    except (LocalProtocolError, FileProblem) as error:
-        return [(("dbc",), str(error))]
-    of_roles = [(problem.place, problem.text) for problem in found if problem.place]
-    of_dbc: list[Problem] = [(("dbc",), _of_dbc(problem, given)) for problem in found if not problem.place]
-    if is_file(roles):
-        path = Path(str(roles))
-        told = [f"{path.name}: {line}" for line in lines_of(read_toml(path), of_roles)]
-        return [*of_dbc, *(((("roles",)), line) for line in told)]
-    return [*of_dbc, *((("roles", *place), text) for place, text in of_roles)]
-
-
-def _of_dbc(problem: RoleProblem, dbc: DbcText) -> str:
-    return f"{dbc.name}: {f'line {problem.line}: ' if problem.line else ''}{problem.text}"

@@ -7,18 +7,17 @@ schema, reading values back (`rig.bench.settings_json`) their `check` is called:
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from protocols.descriptions import Problem
 from rig import units
-from rig.files.described import is_file
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
     from pydantic.json_schema import JsonSchemaValue
-    from pydantic_core import CoreSchema
+    from pydantic_core import CoreSchema, PydanticCustomError
 
 
 @dataclass(frozen=True)
@@ -138,6 +137,13 @@ class Problems(ValueError):
         self.problems = tuple(problems)
 
 
+def located(problems: Sequence[Problem]) -> PydanticCustomError:
+    """The validator's error of a whole table that names the places inside it."""
+    from pydantic_core import PydanticCustomError  # of the validator, which has called this
+
+    return PydanticCustomError("inconsistent", "entries contradict each other", {"problems": list(problems)})
+
+
 @dataclass(frozen=True)
 class Check:
     """Annotation with a check of its own: a function that returns the value, or raises ValueError with what would fit.
@@ -167,60 +173,8 @@ class Check:
         try:
             return self.check(value)
         except Problems as problems:
-            from rig.files.section import located  # loads the validator, which has called this
-
             error: Exception = located(problems.problems)
             raise error from problems
-
-
-@dataclass(frozen=True)
-class Description:
-    """Annotation of an entry that names a device's description, or holds one: a known name, a file's, or a table.
-
-    Attributes:
-        kind: of description, as `rig schema` calls it.
-        known: returns a name that is no file's, or raises ValueError.
-        tables: a table may be in its place.
-    """
-
-    kind: str
-    known: Callable[[str], str]
-    tables: bool = True
-
-    def check(self, value: Any) -> Any:  # noqa: ANN401 - a name or a table
-        """A name or a table that was checked when the file was read, as it is.
-
-        Raises:
-            ValueError: a name that is not known any more.
-        """
-        return self.known(value) if isinstance(value, str) else value
-
-    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        from pydantic_core import core_schema
-
-        written: Any = str | dict[str, Any] if self.tables else str
-        shape = handler.generate_schema(written)
-        return core_schema.no_info_plain_validator_function(self._read, json_schema_input_schema=shape)
-
-    def _read(self, value: Any) -> Any:  # noqa: ANN401 - whatever the file has
-        """The name or table, and what it describes checked.
-
-        Raises:
-            ValueError: it is neither, or an unknown name.
-            error: everything that is wrong with the description.
-        """
-        from rig.files.descriptions import entry_problems  # loads the validator, which has called this
-        from rig.files.section import located
-
-        table = isinstance(value, Mapping) and self.tables
-        if not table and not isinstance(value, str):
-            raise ValueError("must be the name of a description or of a file in quotes" + self.tables * ", or a table")
-        if not table and not is_file(value):
-            return self.known(value)
-        if problems := entry_problems(self.kind, value):
-            error: Exception = located(problems)
-            raise error
-        return value
 
 
 def key(name: str | None = None, **shape: object) -> dict[str, object]:
@@ -241,14 +195,16 @@ class Settings:
         """What entries that are each valid contradict in each other."""
         yield from ()
 
+    core_schema_of: ClassVar[Callable[..., Any]]
+    json_schema_of: ClassVar[Callable[..., Any]]
+    """How the validator reads a table: set by `rig.files.section`, which loads the validator."""
+
     @classmethod
     def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        from rig.files.section import settings_schema  # loads the validator, which has called this
-
-        return settings_schema(cls, source, handler)
+        schema: CoreSchema = Settings.core_schema_of(cls, source, handler)
+        return schema
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        from rig.files.section import settings_json_schema  # loads the validator, which has called this
-
-        return settings_json_schema(cls, schema, handler)
+        result: JsonSchemaValue = Settings.json_schema_of(cls, schema, handler)
+        return result

@@ -25,7 +25,7 @@ from rig.files.registers import (
     Values,
     Written,
 )
-from rig.files.section import Description, OneOrMore, table_of_words
+from rig.files.section import DescriptionTable, OneOrMore, table_of_words
 
 if TYPE_CHECKING:
     from enum import Enum
@@ -37,7 +37,7 @@ class WriteStep(Written):
     description: str | None = None
 
 
-class WaitStep(Description):
+class WaitStep(DescriptionTable):
     """Wait until the device shows something, at most so long."""
 
     wait: Conditions
@@ -45,14 +45,14 @@ class WaitStep(Description):
     description: str | None = None
 
 
-class PauseStep(Description):
+class PauseStep(DescriptionTable):
     """Do nothing for so long."""
 
     pause: Time
     description: str | None = None
 
 
-class RecipeStep(Description):
+class RecipeStep(DescriptionTable):
     """The steps of one of [recipes]."""
 
     recipe: str
@@ -74,7 +74,7 @@ Step = Annotated[
 Recipe = Annotated[tuple[Step, ...], Field(min_length=1), OneOrMore()]
 
 
-class Watchdog(Description):
+class Watchdog(DescriptionTable):
     """What the controller's watchdog wants to hear, and after how long it trips."""
 
     kind: Literal[KINDS] | None = None  # type: ignore[valid-type]  # the driver's own list
@@ -83,7 +83,7 @@ class Watchdog(Description):
     span: tuple[str, str] | None = None
 
 
-class Indirect(Description):
+class Indirect(DescriptionTable):
     """Registers that show what others hold, so that the status is one contiguous read."""
 
     pointers: Address = Field(examples=[100])
@@ -121,7 +121,7 @@ NEEDED: JsonDict = {
 """What a map has that is not based on another one; `drivers.register_maps.needs` checks it of both."""
 
 
-class RegisterMapFile(Description):
+class RegisterMapFile(DescriptionTable):
     """A whole register map; with a `base` only what differs from it."""
 
     model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": ["base"]}, NEEDED]})

@@ -13,7 +13,7 @@ from drivers.register_maps.read_quantities import ACCESS, ORDERS
 from protocols.near_miss import meant
 from protocols.wire_units import ALIASES, UNITS
 from rig.files.quantity import Check, Quantity
-from rig.files.section import Description, OneOrMore
+from rig.files.section import DescriptionTable, OneOrMore
 
 LARGEST = 65_535 + 499_999
 """An address with the largest `first_address`."""
@@ -67,7 +67,7 @@ Range = Annotated[tuple[int, int], Check(_range)]
 Number = Annotated[float, Field(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 
 
-class FirstAddresses(Description):
+class FirstAddresses(DescriptionTable):
     """What the file calls the first register or coil of each space."""
 
     holding: Start | None = None
@@ -76,7 +76,7 @@ class FirstAddresses(Description):
     discrete: Start | None = None
 
 
-class Modbus(Description):
+class Modbus(DescriptionTable):
     """What holds for all quantities that do not state otherwise."""
 
     word_order: Order | None = None
@@ -93,7 +93,7 @@ class Modbus(Description):
     read_while_writing: bool | None = None
 
 
-class QuantityEntry(Description):
+class QuantityEntry(DescriptionTable):
     """One value in a device's registers or coils."""
 
     address: Address = Field(examples=[100])
@@ -112,7 +112,7 @@ class QuantityEntry(Description):
     description: str | None = None
 
 
-class Condition(Description):
+class Condition(DescriptionTable):
     """One comparison of a quantity."""
 
     quantity: str = Field(examples=["ready"])
@@ -143,7 +143,7 @@ BitsOrCondition = Annotated[
 ]
 
 
-class Written(Description):
+class Written(DescriptionTable):
     """Values that are written together."""
 
     write: Values

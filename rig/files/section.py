@@ -27,7 +27,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from protocols.descriptions import Problem
 from rig import units
-from rig.files.quantity import Quantity, Settings
+from rig.files.quantity import Quantity, Settings, located
 
 
 class Section(BaseModel):
@@ -58,7 +58,7 @@ class Section(BaseModel):
         return with_suffixes(cls, handler.resolve_ref_schema(handler(schema)))
 
 
-class Description(Section):
+class DescriptionTable(Section):
     """Base of a table of a device's description, which drivers take as it is written: its keys carry no units."""
 
     units_in_keys: ClassVar[bool] = False
@@ -77,7 +77,7 @@ class OneOrMore:
         return {"anyOf": [several["items"], {**several, "minItems": 1}]}
 
 
-def table_of_words(name: str, about: str, words: Iterable[str], entry: Any, **more: Any) -> type[Description]:  # noqa: ANN401 - types
+def table_of_words(name: str, about: str, words: Iterable[str], entry: Any, **more: Any) -> type[DescriptionTable]:  # noqa: ANN401 - types
     """A table of a description whose keys are words of the program, each of them optional.
 
     Args:
@@ -90,10 +90,10 @@ def table_of_words(name: str, about: str, words: Iterable[str], entry: Any, **mo
     fields: Any = {
         word.replace("-", "_"): (entry | None, Field(None, alias=word if "-" in word else None)) for word in words
     }
-    return create_model(name, __base__=Description, __doc__=about, **fields, **more)
+    return create_model(name, __base__=DescriptionTable, __doc__=about, **fields, **more)
 
 
-def all_optional(table: type[Any]) -> type[Description]:
+def all_optional(table: type[Any]) -> type[DescriptionTable]:
     """A frozen dataclass of plain values as a table of a file in which every key may be left out."""
     hints = typing.get_type_hints(table, include_extras=True)
     fields: dict[str, Any] = {}
@@ -101,7 +101,7 @@ def all_optional(table: type[Any]) -> type[Description]:
         hint = hints[one.name]
         hint = all_optional(hint) if isinstance(hint, type) and dataclasses.is_dataclass(hint) else hint
         fields[one.name] = (hint | None, None)
-    return create_model(table.__name__, __base__=Description, __doc__=table.__doc__, **fields)
+    return create_model(table.__name__, __base__=DescriptionTable, __doc__=table.__doc__, **fields)
 
 
 Table = type[Any]
@@ -214,11 +214,6 @@ def _without_null(entry: dict[str, Any]) -> None:
         entry.setdefault(key, value)
 
 
-def located(problems: Sequence[Problem]) -> PydanticCustomError:
-    """An error of a whole table that names the places inside it."""
-    return PydanticCustomError("inconsistent", "entries contradict each other", {"problems": list(problems)})
-
-
 def _check(table: Section | Settings) -> None:
     """Nothing where its entries go together.
 
@@ -254,6 +249,10 @@ def settings_json_schema(table: type[Settings], schema: CoreSchema, handler: Get
     result = handler(schema)
     with_suffixes(table, handler.resolve_ref_schema(result))
     return result
+
+
+Settings.core_schema_of = settings_schema
+Settings.json_schema_of = settings_json_schema
 
 
 def _with_unit(value: object, unit: str, key: str) -> object:

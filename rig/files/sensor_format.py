@@ -16,7 +16,7 @@ from protocols.checksums import FRAME_CHECKSUMS, LINE_CHECKSUMS
 from protocols.line_format import LONGEST_LINE, NUMBERS, SIGNS
 from protocols.sensor_format import kind_of
 from rig.files.quantity import Check
-from rig.files.section import Description
+from rig.files.section import DescriptionTable
 
 
 def _bytes(value: object) -> object:
@@ -60,7 +60,7 @@ Order = Literal[ORDERS]  # type: ignore[valid-type]  # the format's own list ser
 Status = Literal["ok", "overload", "fault"]
 
 
-class _Format(Description):
+class _Format(DescriptionTable):
     """Entries of both kinds."""
 
     name: str | None = Field(None, description="name for messages and recordings")
@@ -147,7 +147,7 @@ class LineFormatFile(_Format):
     )
 
 
-class FieldEntry(Description):
+class FieldEntry(DescriptionTable):
     """One number in a frame."""
 
     at: Byte | None = Field(None, description="its first byte, counted from 0, sync counted")
@@ -174,7 +174,7 @@ class FieldEntry(Description):
     fault_bits: Mask | None = Field(None, description="mask of status bits that mean: sensor broken")
 
 
-class Fields(Description):
+class Fields(DescriptionTable):
     """The numbers in a frame."""
 
     value: FieldEntry | None = None

@@ -15,7 +15,7 @@ from drivers.register_maps.meanings import word
 from protocols.patterns import Pattern, PatternError
 from rig.files.quantity import Check
 from rig.files.registers import BitsOrCondition, Modbus, QuantityEntry, Value, Values
-from rig.files.section import Description, OneOrMore, table_of_words
+from rig.files.section import DescriptionTable, OneOrMore, table_of_words
 
 LARGEST_A, LARGEST_V = 1000.0, 1000.0
 LONGEST_MS = 10_000.0
@@ -61,7 +61,7 @@ Timeout = Annotated[float, Field(ge=0.1, le=60.0)]
 Bit = Annotated[int, Field(ge=0, le=HIGHEST_BIT)]
 
 
-class _Supply(Description):
+class _Supply(DescriptionTable):
     """Entries of both kinds."""
 
     format: Literal[1] | None = None
@@ -74,7 +74,7 @@ class _Supply(Description):
     )
 
 
-class Link(Description):
+class Link(DescriptionTable):
     """How lines go over the wire."""
 
     terminator: Literal[TERMINATORS] | None = None  # type: ignore[valid-type]  # the driver's own list
@@ -87,7 +87,7 @@ class Link(Description):
     stopbits: Annotated[float, Check(_stop_bits)] | None = Field(None, json_schema_extra={"enum": list(STOP_BITS)})
 
 
-class Ranges(Description):
+class Ranges(DescriptionTable):
     """What it gives."""
 
     current_A: Currents = Field(description="lowest and highest set-point (A)", examples=[[0, 5]])
@@ -106,7 +106,7 @@ Commands = table_of_words(
 )  # fmt: skip
 
 
-class Answers(Description):
+class Answers(DescriptionTable):
     """What its answers look like, where they are not plain."""
 
     identity: Regex | None = Field(None, description="the answer to identify must look like this")
@@ -119,7 +119,7 @@ class Answers(Description):
 Faults = table_of_words("Faults", "Bits of the answer to read_faults.", FAULTS, Bit)
 
 
-class Watchdog(Description):
+class Watchdog(DescriptionTable):
     """Its own time-out: it switches its output off when it hears nothing."""
 
     time_s: Timeout = Field(examples=[2.0])
@@ -139,20 +139,20 @@ class SupplyFile(_Supply):
     watchdog: Watchdog | None = None
 
 
-class OutputRange(Description):
+class OutputRange(DescriptionTable):
     """What it gives."""
 
     current_A: Currents = Field(description="lowest and highest current (A)", examples=[[0, 2]])
 
 
-class OutputLink(Description):
+class OutputLink(DescriptionTable):
     """Its serial line."""
 
     baudrate: Baudrate | None = None
     parity: Parity | None = None
 
 
-class OutputTimeout(Description):
+class OutputTimeout(DescriptionTable):
     """Its own time-out: its output goes to 0 A when it hears nothing."""
 
     time_s: Timeout = Field(examples=[1.0])

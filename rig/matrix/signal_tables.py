@@ -19,8 +19,8 @@ from protocols.descriptions import Problem
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
 from rig.files.loader import load_section
-from rig.files.quantity import Quantity
-from rig.files.section import Section, located
+from rig.files.quantity import Quantity, located
+from rig.files.section import Section
 from rig.matrix.record_file import LARGEST_BYTES, read_record
 from rig.signals.record import (
     LONGEST_S,

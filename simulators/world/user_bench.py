@@ -25,7 +25,7 @@ from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import ActuatorConfig
 from rig.errors import FileProblem
-from rig.files.described import is_dbc, is_file
+from rig.files.names import is_dbc, is_file
 from rig.matrix.assumed_damper import is_fit_file
 from rig.matrix.model import Matrix
 from rig.matrix.sections import Specimen

@@ -16,7 +16,7 @@ from drivers.roles import UNNAMED
 from rig.errors import FileProblem
 from rig.files.described import dbc_text
 from rig.files.descriptions import entry_problems, problems_of
-from rig.files.ecu_roles import ecu_problems
+from rig.files.ecu_files import ecu_problems
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DBC = (EXAMPLES / "coil-driver.dbc").read_text(encoding="utf-8")
