@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen
@@ -122,21 +123,24 @@ def load_section(
 
 
 def validated(data: Mapping[str, Any], model: type[M]) -> tuple[M | None, list[Problem]]:
-    """The data as a model, or None and what is wrong: where in the data (keys as they are written), and what."""
+    """The data as a model, or None and what is wrong: where in the data (keys as they are written), and what.
+
+    Of more than `MOST_SHOWN` wrong entries the rest is counted in the last problem.
+    """
     try:
         return model.model_validate(data), []
     except ValidationError as error:
         details = _without_echoes(error.errors(include_url=False), model)
-        return None, [problem for item in details for problem in _problems(item, model, data)]
+    problems = [problem for item in details[:MOST_SHOWN] for problem in _problems(item, model, data)]
+    if len(details) > MOST_SHOWN:
+        problems.append(((), f"{len(details) - MOST_SHOWN} further errors omitted; fix these first"))
+    return None, problems
 
 
 def lines_of(source: TomlSource, problems: Sequence[Problem]) -> list[str]:
-    """What is wrong with a file, a line for each entry in the file's order (the first `MOST_SHOWN` of them)."""
-    problems = sorted(problems, key=lambda problem: source.line(problem[0]) or 0)
-    lines = [problem_at(source, place, message) for place, message in problems[:MOST_SHOWN]]
-    if len(problems) > MOST_SHOWN:
-        lines.append(f"{len(problems) - MOST_SHOWN} further errors omitted; fix these first")
-    return lines
+    """What is wrong with a file, a line for each entry in the file's order; what has no line comes last."""
+    ordered = sorted(problems, key=lambda problem: source.line(problem[0]) or sys.maxsize)
+    return [problem_at(source, place, message) for place, message in ordered]
 
 
 def _without_echoes(details: list[ErrorDetails], model: Table) -> list[ErrorDetails]:
