@@ -50,7 +50,7 @@ Number = Annotated[bool | int | str, Check(_number, alone=True)]
 Numbers = Annotated[tuple[Number, ...], OneOrMore()]
 Constant = Annotated[bool | int | float | str, Check(_constant, alone=True)]
 Duration = Annotated[float, Quantity("time", "0 s", "60 s", above=True)]
-FullScale = Annotated[float, Quantity("current", "0 A", "100 kA", above=True)]
+FullScale = Annotated[float, Quantity("current", "0 A", "100000 A", above=True)]
 Byte = Annotated[int, Field(ge=0, le=0xFF)]
 Whole = Annotated[int, Field(ge=0)]
 

@@ -111,6 +111,7 @@ def test_a_share_of_full_scale_and_units_of_ones_own() -> None:
     said = refused(ROLES, percent)
     assert 'command.full_scale: is a share in %: write the current of 100 %, full_scale = "3 A"' in said
     with_scale = ROLES.replace('"DriverCommand.Target"', '{signal = "DriverCommand.Target", full_scale = "4 A"}')
+    assert problems_of("ecu-roles", tomllib.loads(with_scale)) == []
     made = described(with_scale, percent)
     assert (made.low_A, made.high_A) == (0.0, 4.0)
     assert command(made, 1.0, True, 0)[6:11] == "00 FA", "25 % are 250 steps"
