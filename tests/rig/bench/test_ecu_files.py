@@ -1,12 +1,15 @@
 """A bench file whose current source is a DBC and a roles file, beside it or inside it."""
 
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from rig.bench.model import Bench
 from rig.campaign.kept_files import keep_bench
+from rig.campaign.machine_resources import station_config
 from rig.errors import FileProblem
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -86,3 +89,34 @@ def test_a_limit_beyond_the_set_point_and_a_patience_below_two_statuses_are_refu
     dbc.write_text((EXAMPLES / "coil-driver.dbc").read_text(), encoding="utf-8")
     with pytest.raises(FileProblem, match=r"ecu\.stale_after = .*less than two periods of the measured current"):
         Bench.load(bench(folder))
+
+
+STATION = """
+import sys
+from pathlib import Path
+from drivers.catalogue import make_actuator, make_current_source
+from drivers.connection import ActuatorConnection, CanAddress
+from rig.bench.settings_json import from_json
+import rig.station.threads.devices
+config = from_json(Path(sys.argv[1]).read_text())
+actuator = make_actuator(config.actuator.described, ActuatorConnection("modbus-tcp://127.0.0.1:1"))
+source = make_current_source(*config.ecu.described_source, CanAddress("virtual", "x"))
+assert "pydantic" not in sys.modules, "the station loads no validator"
+print(actuator.capabilities.generator, source.timing.status_s)
+"""
+
+
+def test_the_station_makes_its_devices_of_tables_when_the_files_are_gone(folder: Path) -> None:
+    page = (EXAMPLES.parent / "docs/how-to/write-a-register-map.md").read_text(encoding="utf-8")
+    (folder / "mine.toml").write_text(page.split("```toml\n")[1].split("```")[0], encoding="utf-8")
+    path = bench(folder)
+    path.write_text(path.read_text().replace('register_map = "demo"', 'register_map = "mine.toml"'), encoding="utf-8")
+    config = station_config(Bench.load(path), None, folder / "ring")
+    (folder / "station.json").write_text(config.to_json(), encoding="utf-8")
+    for name in ("mine.toml", "coil-driver.dbc", "coil-driver-roles.toml"):
+        (folder / name).unlink()
+    done = subprocess.run(
+        [sys.executable, "-c", STATION, str(folder / "station.json")], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["True", "0.005"]
