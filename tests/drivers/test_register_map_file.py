@@ -19,7 +19,7 @@ from rig.errors import FileProblem
 from rig.files.descriptions import checked, table_of
 from rig.files.toml_source import parse_toml
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "how-to" / "write-a-register-map.md").read_text(encoding="utf-8")
 SMALLEST = re.findall(r"^```toml\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)[0]
 
