@@ -408,6 +408,7 @@ MOTIONS: dict[str, Motion] = {
     "move": Motion(Move(0.07, 0.3), 4.0, 0.3, 0.05),
     "ramp": Motion(SINE, 1.5, 0.5655, 0.0),
     "fade": Motion(SINE, 1.5, 0.5655, 1.5, Command.FADE_STOP),
+    "fade-triangle": Motion(TRIANGLE, 1.0, 0.2, 1.7, Command.FADE_STOP),
     "halt": Motion(lambda _: Prescribed(sweep, MOTION_S), 25.0, then=Command.HALT),
     "return": Motion(hybrid, 1.0, HYBRID_M_S, PROBED_S + 2.0),
     "off-centre": Motion(sine_of(0.045, 1.5, centre_m=0.03), 1.5, 0.4241, centre_m=0.03),

@@ -67,7 +67,7 @@ class SetpointGenerator:
         position_m: where the rod is, m.
         acceleration_m_s2: of moves.
         halt_deceleration_m_s2: of a halt with enough travel; near the end of travel it is as much larger as needed.
-        fade_out_cycles: cycles over which a program fades out, >= 1.
+        fade_out_cycles: cycles over which a program fades out, >= 1; no faster than the program itself.
         limits: of the bench.
 
     Attributes:
@@ -253,13 +253,16 @@ class SetpointGenerator:
         self.cycles_done = math.floor(min(cycles, program.all_cycles) + 1e-9)
 
     def _cycling(self, elapsed_s: float) -> tuple[Setpoint, bool]:
-        """The program under its envelope; a fade takes the envelope from where it was linearly to 0."""
+        """The program under its envelope, or its fade."""
         program = self._program
-        cycles = elapsed_s * program.frequency_Hz
+        cycles, pace = elapsed_s * program.frequency_Hz, 1.0
         if self.state is State.FADING:
-            share = self._fade_share * (1.0 - (cycles - self._fade_cycle) / self.fade_out_cycles)
-            slope = -self._fade_share / self.fade_out_cycles
-            ended = share <= 0.0
+            gone = cycles - self._fade_cycle
+            ended = gone >= self.fade_out_cycles
+            share, slope = faded(gone, self.fade_out_cycles)
+            share, slope = self._fade_share * share, self._fade_share * slope
+            pace = fade_pace(program.waveform, self.fade_out_cycles)
+            cycles = self._fade_cycle + pace * gone
         else:
             share, slope, _ = self._envelope(cycles)
             ended = cycles >= program.all_cycles
@@ -267,7 +270,7 @@ class SetpointGenerator:
             return Setpoint(program.centre_m, 0.0), True
         value, change = _shape(program.waveform, cycles)
         amplitude_m = program.amplitude_m
-        velocity_m_s = amplitude_m * program.frequency_Hz * (share * change + slope * value)
+        velocity_m_s = amplitude_m * program.frequency_Hz * (share * pace * change + slope * value)
         return Setpoint(program.centre_m + amplitude_m * share * value, velocity_m_s), False
 
     def _envelope(self, cycles: float) -> tuple[float, float, ProgramPhase]:
@@ -288,6 +291,26 @@ class SetpointGenerator:
             return Setpoint(begin.position_m + 0.5 * sign * rate * stop_s**2, 0.0), True
         gone_m = begin.velocity_m_s * elapsed_s - 0.5 * sign * rate * elapsed_s**2
         return Setpoint(begin.position_m + gone_m, begin.velocity_m_s - sign * rate * elapsed_s), False
+
+
+def faded(cycles: float, fade_out_cycles: float) -> tuple[float, float]:
+    """Share of the amplitude that is left so many cycles after the begin of a fade, and its change a cycle.
+
+    A raised cosine: no step of speed at either end. A sine never goes faster under it than without; its acceleration is
+    at most 1 + 1 / (8 n^2) of its own for a fade over n cycles.
+    """
+    angle = math.pi * min(1.0, cycles / fade_out_cycles)
+    return 0.5 * (1.0 + math.cos(angle)), -0.5 * math.pi / fade_out_cycles * math.sin(angle)
+
+
+def fade_pace(waveform: Waveform, fade_out_cycles: float) -> float:
+    """Share of its frequency at which a waveform goes on while it fades.
+
+    A triangle on its way to the centre has its largest speed already, and loses amplitude beside that. Over n cycles
+    its speed is at most 2 p + sqrt(4 p^2 + (pi / 2 n)^2) of unit amplitude, where a corner comes a quarter of the fade
+    after its begin; that is the 4 of a triangle for p = 1 - (pi / 8 n)^2.
+    """
+    return 1.0 if waveform is Waveform.SINE else 1.0 - (math.pi / (8.0 * fade_out_cycles)) ** 2
 
 
 def halting_rate(begin: Setpoint, usual_m_s2: float, limits: RodLimits) -> float:

@@ -202,7 +202,7 @@ def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reaso
 def _ripple(reached: float, own: float, unit: str) -> str:
     """How much of what is reached the motion itself asks for; empty where that is all."""
     more = _beyond(reached, own)
-    return f" (the motion's own: {own:.3g} {unit}; corners and streamed set-points add)" if more else ""
+    return f" (the motion's own: {own:.3g} {unit}; ramps, fade-out, corners and streamed set-points add)" if more else ""
 
 
 def _when(point: TestPoint, which: int) -> str:

@@ -14,15 +14,26 @@ After a corner (triangle) the loop overshoots the new speed by 9 %, whoever make
 which the interlock lies above the speed limit. The turn takes an acceleration of 0.92 w0 v. Where a controller's own
 generator makes the corner and it allows less, it overshoots more: by 0.61 (w0 v / limit - 1.09) v beside that. Streamed
 set-points have nobody who limits it, and a corner that they rounded would be another motion: it is the point's.
+
+Before all that come ramps and fade-out: where the share s of the amplitude changes by s' a cycle, the motion x of unit
+amplitude moves at s x' + s' x. A controller's own generator fades linearly, s' = -1 / n over n cycles: a sine reaches
+sqrt(1 + (1 / 2 pi n)^2) of its speed, a triangle 1 + 1 / 4 n (1.25 over one cycle). Streamed set-points fade by a
+raised cosine, no faster than the motion itself (`drivers.setpoint_generator.faded`). Ramps over whole and half cycles
+add nothing.
 """
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
+
+import numpy as np
 
 from rig.bench.model import Bench
 from rig.matrix.point import TestPoint
+from rig.signals.stopping import CYCLE_STEPS
+from rig.signals.waveform import Waveform
 
 LOOP_1_S = math.tau * 30.0
 """Corner of the position loop (rad/s): 30 Hz, a fast servo-hydraulic axis; a slower one smooths more."""
@@ -43,11 +54,12 @@ class Peaks(NamedTuple):
 
 
 def peaks(point: TestPoint, bench: Bench) -> Peaks:
-    """Of a point on a bench: its motion's own, with what corners and streamed set-points add."""
-    speed_m_s, acceleration_m_s2 = point.peak_speed_m_s, point.peak_acceleration_m_s2
+    """Of a point on a bench: its motion's own, with what ramps, fade-out, corners and streamed set-points add."""
+    speed_m_s, acceleration_m_s2 = _with_envelope(point, bench)
+    turning_m_s = point.peak_speed_m_s
     if point.shape.corner_share is not None:
-        saturated = LOOP_1_S * speed_m_s / bench.limits.acceleration_m_s2 - CORNER_FROM
-        speed_m_s *= 1.0 + CORNER_SPEED * max(0.0, saturated)
+        saturated = LOOP_1_S * turning_m_s / bench.limits.acceleration_m_s2 - CORNER_FROM
+        speed_m_s += CORNER_SPEED * max(0.0, saturated) * turning_m_s
     if bench.actuator.setpoints_s is None or point.kind == "current_step":
         return Peaks(speed_m_s, acceleration_m_s2)
     period_s, jitter_s = bench.actuator.setpoints_s * bench.clock.device_rate, JITTER_S * bench.clock.device_rate
@@ -59,5 +71,39 @@ def peaks(point: TestPoint, bench: Bench) -> Peaks:
         + ACCELERATION_JITTER * LOOP_1_S**2 * jitter_s * speed_m_s
     )
     if point.shape.corner_share is not None:
-        hardest_m_s2 = max(hardest_m_s2, CORNER_ACCELERATION * LOOP_1_S * point.peak_speed_m_s)
+        hardest_m_s2 = max(hardest_m_s2, CORNER_ACCELERATION * LOOP_1_S * turning_m_s)
     return Peaks(speed_m_s * (1.0 + SPEED_JITTER * LOOP_1_S * jitter_s), hardest_m_s2)
+
+
+def _with_envelope(point: TestPoint, bench: Bench) -> Peaks:
+    """Largest speed (m/s) and acceleration (m/s^2) that a point's motion asks for, its ramps and fade-out included."""
+    own = Peaks(point.peak_speed_m_s, point.peak_acceleration_m_s2)
+    if not point.has_frequency or point.kind == "current_step":
+        return own
+    streamed = bench.actuator.setpoints_s is not None
+    ramps = (point.ramp_in_cycles, point.ramp_out_cycles)
+    more = _envelope_peaks(point.shape, *ramps, bench.actuator.fade_out_cycles, streamed=streamed)
+    return Peaks(own.speed_m_s * more.speed_m_s, own.acceleration_m_s2 * more.acceleration_m_s2)
+
+
+@lru_cache(maxsize=256)
+def _envelope_peaks(
+    shape: Waveform, ramp_in_cycles: float, ramp_out_cycles: float, fade_out_cycles: float, *, streamed: bool
+) -> Peaks:
+    """The same as shares of the waveform's own peaks, 1 or more. `cycles` between the ramps are whole ones."""
+    value, change, bend = shape.shape(np.arange(CYCLE_STEPS) / CYCLE_STEPS)
+    fastest, hardest = 1.0, 1.0
+    parts = [] if streamed else [(np.ones(CYCLE_STEPS), -1.0 / fade_out_cycles, np.arange(CYCLE_STEPS))]
+    for ramp, begins, slope in ((ramp_in_cycles, 0.0, 1.0), (ramp_out_cycles, ramp_in_cycles, -1.0)):
+        steps = np.arange(round(ramp * CYCLE_STEPS) + 1)
+        done = np.minimum(1.0, steps / (ramp * CYCLE_STEPS)) if ramp > 0.0 else steps
+        share = done if slope > 0.0 else 1.0 - done
+        parts.append((share, slope / ramp if ramp > 0.0 else 0.0, (round(begins * CYCLE_STEPS) + steps) % CYCLE_STEPS))
+    for share, slope, phase in parts:
+        speeds = np.abs(share * change[phase] + slope * value[phase])
+        accelerations = np.abs(share * bend[phase] + 2.0 * slope * change[phase])
+        fastest = max(fastest, float(np.max(speeds)) / shape.peak_velocity)
+        hardest = max(hardest, float(np.max(accelerations)) / shape.peak_acceleration)
+    if streamed and shape.corner_share is None:
+        hardest = max(hardest, 1.0 + 1.0 / (8.0 * fade_out_cycles**2))
+    return Peaks(fastest, hardest)

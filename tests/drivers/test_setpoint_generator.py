@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -74,6 +75,31 @@ def test_a_fade_takes_the_amplitude_away_without_a_jump(at_s: float) -> None:
     assert made.state is State.HOLD
     assert points[-1] == Setpoint(0.005, 0.0)
     assert_smooth(points, 0.02 * 2 * math.pi * 2.0 * 1.5)
+
+
+@pytest.mark.parametrize("waveform", [Waveform.SINE, Waveform.TRIANGLE])
+@pytest.mark.parametrize("fade_out_cycles", [1.0, 2.5])
+def test_no_fade_is_faster_than_the_motion_and_a_sine_begins_it_without_a_step(
+    waveform: Waveform, fade_out_cycles: float
+) -> None:
+    """A linear fade of a triangle over one cycle went 1.25 times as fast as the triangle."""
+    program = Program(waveform, 0.02, 2.0, 0.005, cycles=9.0, ramp_in_cycles=1.0, ramp_out_cycles=1.0)
+    fastest, begins, ends = 0.0, [], []
+    for at_s in np.arange(1.0, 1.5, 0.01):
+        made = SetpointGenerator(0.005, fade_out_cycles=fade_out_cycles)
+        made.start(program, 0.0)
+        begin = made.at(at_s)
+        made.fade(at_s)
+        points = [made.at(at_s + 0.5 * fade_out_cycles * share) for share in np.linspace(0.0, 1.0, 101)]
+        fastest = max(fastest, *(abs(point.velocity_m_s) for point in points))
+        begins.append(abs(points[0].velocity_m_s - begin.velocity_m_s))
+        ends.append(abs(points[-2].velocity_m_s))
+        assert abs(points[0].position_m - begin.position_m) < 1e-12
+        assert points[-1] == pytest.approx((0.005, 0.0), abs=1e-9)
+    own_m_s = {Waveform.SINE: 2.0 * math.pi, Waveform.TRIANGLE: 4.0}[waveform] * 0.04
+    assert 0.97 * own_m_s < fastest <= own_m_s * (1.0 + 1e-9)
+    assert max(begins) < (1e-9 if waveform is Waveform.SINE else 0.16 * own_m_s)
+    assert max(ends) < 0.02 * own_m_s
 
 
 def test_a_halt_stops_within_the_deceleration_and_a_second_one_changes_nothing() -> None:

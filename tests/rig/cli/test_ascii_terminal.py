@@ -110,4 +110,4 @@ def test_a_plan_fits_the_terminal_it_is_shown_on(columns: int, terminal: str) ->
     assert max(map(len, plain.splitlines())) <= columns
     assert plain.startswith("2 of 2 points infeasible")
     assert ("\x1b[31m" in shown.decode("ascii")) is (terminal != "dumb")
-    assert " ".join(plain.split()).count("m/s is above the bench's 0.15 m/s; 11.93 mm would fit") == 2
+    assert " ".join(plain.split()).count("set-points add); 11.78 mm would fit") == 2
