@@ -267,10 +267,11 @@ def _result_of(runner: Runner, campaign: CampaignContext) -> CampaignResult:
     left = None
     if stop is not None and not stop.current_zero:
         left = runner.zeros.force_left(tolerances_of(campaign.bench, campaign.plan).force_zero_N)
+    not_proved = stop is not None and stop.moved and not (runner.safe or stop.current_zero)
     cause = state.refused or (None if state.latch is None else state.latch.cause)
     return replace(
         campaign.results.session(campaign.folder),
-        rig_state=state.rig_state if left is None else RigState.UNKNOWN,
+        rig_state=RigState.UNKNOWN if left is not None or not_proved else state.rig_state,
         stopped_by=None if cause is None else cause.slug,
         detail="" if cause is None else cause.detail,
         refused=state.refused is not None,

@@ -17,7 +17,7 @@ from rig.matrix.forecast import Forecast
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
 from rig.matrix.stopping import stop_fits, stopping_reach, within
-from rig.matrix.streaming import peaks
+from rig.matrix.streaming import peaks, some
 from rig.signals.record import Record
 from rig.signals.waveform import waveform_named
 from rig.units import show
@@ -201,8 +201,9 @@ def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reaso
 
 def _ripple(reached: float, own: float, unit: str) -> str:
     """How much of what is reached the motion itself asks for; empty where that is all."""
-    more = _beyond(reached, own)
-    return f" (the motion's own: {own:.3g} {unit}; ramps, fade-out, corners and streamed set-points add)" if more else ""
+    if not _beyond(reached, own):
+        return ""
+    return f" (the motion's own: {own:.3g} {unit}; ramps, fade-out, corners and streamed set-points add)"
 
 
 def _when(point: TestPoint, which: int) -> str:
@@ -317,7 +318,7 @@ def _rate(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Itera
             fewest = sensor.rate_Hz / max(point.frequency_Hz for point in coarse)
             need_Hz = needed * max(point.frequency_Hz for point in coarse)
             yield (
-                f"{_some(coarse)}: down to {fewest:.3g} samples a cycle of the {name} at {sensor.rate_Hz:.4g} Hz; "
+                f"{some(coarse)}: down to {fewest:.3g} samples a cycle of the {name} at {sensor.rate_Hz:.4g} Hz; "
                 f"identification from a {waveform} needs {needed:g}, that is {show(need_Hz, 'Hz')} here, because force "
                 "turns round within a few samples at each reversal"
             )
@@ -338,13 +339,7 @@ def _bandwidth(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> 
     if slow:
         fastest_Hz = max(point.frequency_Hz for point in slow)
         yield (
-            f"{_some(slow)}: the {name} ({source} {show(band_Hz, 'Hz', 3)}) passes {math.floor(band_Hz / fastest_Hz)} "
+            f"{some(slow)}: the {name} ({source} {show(band_Hz, 'Hz', 3)}) passes {math.floor(band_Hz / fastest_Hz)} "
             f"harmonics of {show(fastest_Hz, 'Hz')}; the shape of a loop needs {HARMONICS}, that is "
             f"{show(HARMONICS * fastest_Hz, 'Hz')} here"
         )
-
-
-def _some(points: Sequence[TestPoint]) -> str:
-    """The first points by name, and how many more there are."""
-    names = ", ".join(point.id for point in points[:3])
-    return names + (f" and {len(points) - 3} more" if len(points) > 3 else "")

@@ -15,7 +15,7 @@ from rig.matrix.model import Matrix
 from rig.matrix.order_by_heat import BETWEEN_POINTS_S, Thermal, load_of, thermal_of, warm_up_point
 from rig.matrix.point import TestPoint
 from rig.matrix.stopping import stopping_reach
-from rig.matrix.streaming import Peaks, peaks
+from rig.matrix.streaming import Peaks, gap_warnings, peaks
 from rig.signals.stopping import Reach
 from rig.units import show
 
@@ -158,7 +158,8 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
     elif specimen.max_force_N is not None:
         prediction = f"at most {show(specimen.max_force_N, 'N')}"
     points = tuple(_judge(point, matrix, bench, predict) for point in in_running_order(matrix, bench))
-    warnings = sampling_hints([item.point for item in points], bench)
+    in_order = [item.point for item in points]
+    warnings = sampling_hints(in_order, bench) + gap_warnings(in_order, bench)
     if specimen.assumed is not None:
         warnings += specimen.assumed.hints(item.point for item in points)
     if bench.ecu.by_hand:
@@ -167,7 +168,6 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
         warnings += (f"the current is set by hand: {asked} changes will be asked for, beside 0 A at the start",)
     if matrix.temperature is None:
         return Plan(points, bench.name, specimen.serial_number, prediction, warnings=warnings)
-    in_order = [item.point for item in points]
     thermal = thermal_of(in_order, predict, matrix.temperature)
     warm_up = _judged_warm_up(warm_up_point(in_order, predict, matrix.temperature), thermal, matrix, bench, predict)
     waits_s = None

@@ -25,13 +25,16 @@ add nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.bench.model import Bench
 from rig.matrix.point import TestPoint
+from rig.signals.arrays import FloatArray
 from rig.signals.stopping import CYCLE_STEPS
 from rig.signals.waveform import Waveform
 
@@ -75,6 +78,36 @@ def peaks(point: TestPoint, bench: Bench) -> Peaks:
     return Peaks(speed_m_s * (1.0 + SPEED_JITTER * LOOP_1_S * jitter_s), hardest_m_s2)
 
 
+def gap_warnings(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]:
+    """One line where a drive that stops by itself when set-points are lost brakes harder than the bench allows.
+
+    Its speed goes to 0 at once, half of a triangle's corner: 0.46 w0 v. No plan can forbid it, the drive is alone then.
+
+    Args:
+        points: all points of a plan.
+        bench: the rig; a controller with a generator needs no set-points.
+    """
+    if bench.actuator.setpoints_s is None:
+        return ()
+    limit_m_s2 = bench.limits.acceleration_m_s2
+    a_speed = 0.5 * CORNER_ACCELERATION * LOOP_1_S
+    fast = [point for point in points if a_speed * peaks(point, bench).speed_m_s > limit_m_s2]
+    if not fast:
+        return ()
+    fastest_m_s = max(peaks(point, bench).speed_m_s for point in fast)
+    return (
+        f"{some(fast)}: a lost set-point: a drive that then stops by itself decelerates from {fastest_m_s:.3g} m/s "
+        f"with about {a_speed * fastest_m_s:.3g} m/s^2 (position loop of 30 Hz), limit {limit_m_s2:.3g} m/s^2. "
+        f"Fix: limit the deceleration in the drive, or plan up to {limit_m_s2 / a_speed:.3g} m/s",
+    )
+
+
+def some(points: Sequence[TestPoint]) -> str:
+    """The first points by name, and how many more there are."""
+    names = ", ".join(point.id for point in points[:3])
+    return names + (f" and {len(points) - 3} more" if len(points) > 3 else "")
+
+
 def _with_envelope(point: TestPoint, bench: Bench) -> Peaks:
     """Largest speed (m/s) and acceleration (m/s^2) that a point's motion asks for, its ramps and fade-out included."""
     own = Peaks(point.peak_speed_m_s, point.peak_acceleration_m_s2)
@@ -93,12 +126,15 @@ def _envelope_peaks(
     """The same as shares of the waveform's own peaks, 1 or more. `cycles` between the ramps are whole ones."""
     value, change, bend = shape.shape(np.arange(CYCLE_STEPS) / CYCLE_STEPS)
     fastest, hardest = 1.0, 1.0
-    parts = [] if streamed else [(np.ones(CYCLE_STEPS), -1.0 / fade_out_cycles, np.arange(CYCLE_STEPS))]
-    for ramp, begins, slope in ((ramp_in_cycles, 0.0, 1.0), (ramp_out_cycles, ramp_in_cycles, -1.0)):
-        steps = np.arange(round(ramp * CYCLE_STEPS) + 1)
-        done = np.minimum(1.0, steps / (ramp * CYCLE_STEPS)) if ramp > 0.0 else steps
-        share = done if slope > 0.0 else 1.0 - done
-        parts.append((share, slope / ramp if ramp > 0.0 else 0.0, (round(begins * CYCLE_STEPS) + steps) % CYCLE_STEPS))
+    parts: list[tuple[FloatArray, float, NDArray[np.int_]]] = []
+    if not streamed:
+        parts.append((np.ones(CYCLE_STEPS), -1.0 / fade_out_cycles, np.arange(CYCLE_STEPS)))
+    for ramp, begins, way in ((ramp_in_cycles, 0.0, 1.0), (ramp_out_cycles, ramp_in_cycles, -1.0)):
+        if ramp > 0.0:
+            steps = np.arange(round(ramp * CYCLE_STEPS) + 1)
+            done: FloatArray = np.minimum(1.0, steps / (ramp * CYCLE_STEPS))
+            phase = (round(begins * CYCLE_STEPS) + steps) % CYCLE_STEPS
+            parts.append((done if way > 0.0 else 1.0 - done, way / ramp, phase))
     for share, slope, phase in parts:
         speeds = np.abs(share * change[phase] + slope * value[phase])
         accelerations = np.abs(share * bend[phase] + 2.0 * slope * change[phase])

@@ -29,7 +29,9 @@ LOOK_AGAIN_NS = 20_000_000
 GRACE_NS = 5_000_000
 """... and what waited in its port is read within this time."""
 TOO_BUSY = "this computer was too busy: monitoring paused"
+STOPPED = "monitoring paused, this process did not run"
 FIX = "Fix: close other programs, or give real-time rights"
+LET_RUN = "Fix: do not stop it (SIGSTOP, debugger, frozen container); where nobody did, close other programs"
 LATE = "host-late"
 SILENT_HOST = "host-silent"
 WINDOW_NS = 1_000_000_000
@@ -42,10 +44,11 @@ MOST_KEPT = 256
 
 @dataclass(frozen=True)
 class BlindTime:
-    """From `begin_ns` to `end_ns` (host monotonic) nothing was watched."""
+    """From `begin_ns` to `end_ns` (host monotonic) nothing was watched; `stopped`: no thread ran all the time."""
 
     begin_ns: int
     end_ns: int
+    stopped: bool = False
 
     @property
     def length_ns(self) -> int:
@@ -174,7 +177,9 @@ class HostWatch:
         limit_s = self.limit_ns / 1e9
         if blind.length_ns > self.limit_ns:
             slug = SILENT_HOST if blind.length_ns > self._watchdog_ns else LATE
-            detail = f"{TOO_BUSY} for {blind.length_ns / 1e6:.0f} ms (limit {1e3 * limit_s:.0f} ms). {FIX}"
+            # A busy computer lets some thread run within that time; a process that was stopped runs none.
+            what, way_out = (STOPPED, LET_RUN) if slug == SILENT_HOST and blind.stopped else (TOO_BUSY, FIX)
+            detail = f"{what} for {blind.length_ns / 1e6:.0f} ms (limit {1e3 * limit_s:.0f} ms). {way_out}"
             return Finding(slug, detail, blind.end_ns, blind.length_ns / 1e9, limit_s)
         recent_ns = self._recent_ns(blind.end_ns)
         if recent_ns > BLIND_SHARE * WINDOW_NS:
@@ -191,7 +196,8 @@ class HostWatch:
 
     def _look(self, begin_ns: int, end_ns: int) -> None:
         """Keep a blind time that begins at `begin_ns`, or earlier where no thread ran; called with the lock held."""
-        if end_ns - self._awake_ns > SHORTEST_NS:
+        idle_ns = end_ns - self._awake_ns
+        if idle_ns > SHORTEST_NS:
             begin_ns = min(begin_ns, self._awake_ns)
         self._awake_ns = max(self._awake_ns, end_ns)
         if self._kept:
@@ -203,7 +209,7 @@ class HostWatch:
         self.count += 1
         self.total_ns += length_ns
         self.worst_ns = max(self.worst_ns, length_ns)
-        blind = BlindTime(begin_ns, end_ns)
+        blind = BlindTime(begin_ns, end_ns, idle_ns >= length_ns)
         self._kept.append(blind)
         self._untold.append(blind)
 

@@ -33,6 +33,7 @@ from rig.campaign.results import RigState
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer import stopping
+from rig.campaign.sequencer.action import Request
 from rig.campaign.sequencer.state import Latch, Phase, State, campaign_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.stop_cause import CURRENT_FLOWS, SPOIL, StopCause, because, cause_of, disk_slug
@@ -42,6 +43,7 @@ from rig.faults.row import StopKind
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.ring_reader import RecordBlock, RingReader
 from rig.station.client import StationLost
+from rig.station.safe_stop import ZERO_CURRENT_A
 
 TURN_S = 0.002
 BEAT_NS = 40_000_000
@@ -92,6 +94,10 @@ class Runner:
         """Standstill was proved at the end of the station's last stop."""
         self.pressure = ""
         """What was seen of the pressure then; empty: nothing."""
+        self.safe = False
+        """The station's last stop ended in proof: its last word is `safe`, not `trip` or `unknown`."""
+        self._stands = False
+        """Standstill and 0 A of a proved stop were not lost afterwards, whatever became of the pressure."""
         self.without_hydraulics = False
         """The actuator has no pressure (or power) that could be taken away."""
         self.stop_causes: set[str] = set()
@@ -139,18 +145,14 @@ class Runner:
     def _leave_to_the_station(self) -> None:
         """A rig that could not be disarmed is shut down by its station now, before anybody waits for a disk.
 
-        A station that ends with 0 has proved standstill and taken the pressure away. Standstill that was proved before
-        stays proved although the pressure may still be on; the operator was told.
+        Its last words are heard to the end: what it proved is in its `safe`, not in its exit code, which is 0 also
+        where it had nothing to prove. A stop that was proved before, and promised to hold under pressure, stays proved
+        although the pressure may still be on; the operator was told.
         """
         code = self._campaign.client.close(STATION_ENDS_S)
+        self._events_of(self._campaign.client.heard())
         self._campaign.log.note("station", what="ended", exit_code=code)
-        if code == 0:
-            # A pressure that stayed too long and is proved to be gone now was all that was unknown of a proved stop.
-            late = self.state.stopped and not self.state.left_to_station and not self.state.hand_flows
-            known = RigState.SAFE if late else self.state.rig_state
-            self.state = replace(self.state, armed=False, pressurised=False, powered=False, rig_state=known)
-        elif not self.state.stopped:
-            self.state = replace(self.state, rig_state=RigState.UNKNOWN)
+        self.state = after_station(self.state, ended=code == 0, safe=self.safe, stands=self._stands)
 
     def _guarded_turn(self) -> None:
         try:
@@ -270,16 +272,13 @@ class Runner:
         if name in {"trip", "also"} and message.get("slug") in OF_MOTION and self._disturbed:
             detail = f"{detail}; {self._disturbed}"
         if name == "trip":
-            self.standstill, self.current_zero, self.pressure = False, False, ""
+            self._forget_proof()
         if name in {"trip", "also"}:
             self.stop_causes.add(slug := str(message["slug"]))
             self.current_zero = self.current_zero and slug not in CURRENT_FLOWS
             return [ev.Tripped(StopKind(message["stop"]), because(slug, "said", text=detail), name == "trip")]
         if name in {"safe", "unknown"}:
-            self.standstill = message.get("standstill") is True
-            self.current_zero = message.get("current_zero") is True
-            self.pressure = str(message.get("pressure") or "")
-            return [ev.Safe() if name == "safe" else ev.Unknown(str(message.get("reason", "")))]
+            return [self._end_of_stop(message)]
         if name == "setpoints":
             self._campaign.results.take_setpoints(message)
         if name == "late":
@@ -291,8 +290,32 @@ class Runner:
             return [ev.Spoiled(because(str(message["slug"]), "said", text=detail))]
         return []
 
+    def _forget_proof(self) -> None:
+        """A stop begins, or was reset: what an earlier one proved says nothing of now."""
+        self.standstill, self.current_zero, self.pressure = False, False, ""
+        self.safe = self._stands = False
+
+    def _end_of_stop(self, message: dict[str, Any]) -> ev.Event:
+        """What the station proved at the end of its stop, and what not."""
+        current_zero = message.get("current_zero") is True
+        self.safe = message.get("event") == "safe"
+        self.standstill = message.get("standstill") is True
+        self._stands = self.safe or (self._stands and self.standstill and (current_zero or not self.current_zero))
+        self.current_zero = current_zero
+        self.pressure = str(message.get("pressure") or "")
+        return ev.Safe(StopKind(message["stop"])) if self.safe else ev.Unknown(str(message.get("reason", "")))
+
+    def _take_proof(self, outcome: Outcome) -> None:
+        """A reset makes an earlier stop's proof void; a rig that was disarmed shows its current once more."""
+        if outcome.error is None and outcome.request is Request.RESET:
+            self._forget_proof()
+        if outcome.error is None and outcome.request is Request.DISARM:
+            current_A = outcome.answer.get("current_A")
+            self.current_zero = self.current_zero or (current_A is not None and abs(current_A) < ZERO_CURRENT_A)
+
     def _answered(self, outcomes: Iterable[Outcome]) -> Iterator[ev.Event]:
         for outcome in outcomes:
+            self._take_proof(outcome)
             yield self._executor.answered(outcome, moves=self.state.phase in SLOW_MOVES)
             if self._ring is None and self._executor.recording.recorder is not None:
                 self._ring = RingReader(Path(self._campaign.config.ring_path))
@@ -398,6 +421,25 @@ class Runner:
         now_degC = self._executor.observer.last.get(Channel.COIL_TEMPERATURE, math.nan)
         highest_degC = state.conditions.highest_start(state.point)
         return thermal.heat.time_to(highest_degC, now_degC) if now_degC > highest_degC else 0.0
+
+
+def after_station(state: State, *, ended: bool, safe: bool, stands: bool) -> State:
+    """What is known of an armed rig once its station has ended, or does not end.
+
+    Args:
+        state: of the campaign, which has ended.
+        ended: the station has ended with exit code 0: nothing is armed any more.
+        safe: the last thing that it told of a stop is that it was proved.
+        stands: the standstill and 0 A of a stop that was proved before were not lost since.
+    """
+    untouched = not state.moved and not state.pressurised
+    if ended and (safe or untouched):
+        # A pressure that stayed too long and is proved to be gone now was all that was unknown of a proved stop.
+        late = state.stopped and not state.left_to_station and not state.hand_flows
+        known = RigState.SAFE if late else state.rig_state
+        return replace(state, armed=False, pressurised=False, powered=False, rig_state=known)
+    holds = state.latch is not None and state.latch.stop is not StopKind.PRESSURE_OFF
+    return state if state.stopped and holds and stands else replace(state, rig_state=RigState.UNKNOWN)
 
 
 def _named(error: Exception) -> str:

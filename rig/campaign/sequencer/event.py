@@ -186,7 +186,9 @@ class Tripped:
 
 @dataclass(frozen=True)
 class Safe:
-    """The station proved standstill and 0 A after a stop."""
+    """The station proved standstill and 0 A after a stop, after one of kind S1 also that the pressure is off."""
+
+    stop: StopKind = StopKind.FADE_OUT
 
 
 @dataclass(frozen=True)

@@ -117,7 +117,9 @@ PROVED: dict[tuple[Phase, Request], Callable[[State], Step]] = {
     (Phase.PRESSURE_ON, Request.HYDRAULICS_ON): _powered,
     (Phase.YIELDING, Request.HYDRAULICS_OFF): by_hand.without_pressure,
     (Phase.YIELDING, Request.HYDRAULICS_LOW): by_hand.with_low_pressure,
-    (Phase.STOPPING, Request.STOP): lambda state: stopping.stopped(state, ev.Safe()),
+    (Phase.STOPPING, Request.STOP): lambda state: stopping.stopped(
+        state, ev.Safe() if state.latch is None else ev.Safe(state.latch.stop)
+    ),
     (Phase.RESETTING, Request.RESET): _begin_again,
     (Phase.FINISHING, Request.DISARM): lambda state: stopping.end(
         replace(state, armed=False, pressurised=False, powered=False)

@@ -103,12 +103,15 @@ def note_abort_while_finishing(state: State, event: ev.Fault | ev.Abort) -> Step
 
 
 def stopped(state: State, event: ev.Safe) -> Step:
-    """Standstill and 0 A are proved: close the recording; repeat the point where that is allowed, else end."""
+    """Standstill and 0 A are proved: close the recording; repeat the point where that is allowed, else end.
+
+    The pressure is off where the stop that was proved takes it away; the one that was asked for may be another.
+    """
     if state.latch is None:
         return state, ()
     stop, cause = state.latch.stop, state.latch.cause
     state = replace(state, stopped=True)
-    if stop is StopKind.PRESSURE_OFF:
+    if event.stop is StopKind.PRESSURE_OFF:
         state = replace(state, pressurised=False, powered=False)
     if state.queue and not state.recording:
         state = replace(state, attempts=(*state.attempts, state.point.id))
@@ -245,7 +248,8 @@ def disarm_declined(state: State, cause: StopCause) -> Step:
     if not state.pressurised:
         return end(state)
     if state.stopped:
-        if cause.slug in PRESSURE_STAYS:
+        promised_off = state.latch is not None and state.latch.stop is StopKind.PRESSURE_OFF
+        if promised_off or cause.slug in PRESSURE_STAYS:
             state = replace(state, rig_state=RigState.UNKNOWN)
         state, actions = end(state)
         return state, (act.Note("error", say("hydraulics-on", detail=cause.detail)), *actions)

@@ -12,12 +12,13 @@ from typing import NamedTuple
 
 import pytest
 
+from rig.campaign.execution.runner import after_station
 from rig.campaign.results import RigState
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.sequencer.event import MeasuredMotion
-from rig.campaign.sequencer.state import NO_CONDITIONS, Ceiling, Conditions, Hand, Phase, State, start_state
+from rig.campaign.sequencer.state import NO_CONDITIONS, Ceiling, Conditions, Hand, Latch, Phase, State, start_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.sequencer.stopping import COOLING_PAUSE_S
 from rig.campaign.stop_cause import StopCause
@@ -75,6 +76,7 @@ EVENTS: tuple[ev.Event, ...] = (
     ev.Tripped(StopKind.FADE_OUT, RESTARTABLE),
     ev.Tripped(StopKind.PRESSURE_OFF, FINAL),
     ev.Safe(),
+    ev.Safe(StopKind.PRESSURE_OFF),
     ev.Unknown("links lost"),
     ev.StationGone("exit code -9"),
     ev.Abort(StopKind.FADE_OUT, StopCause("sigint")),
@@ -210,7 +212,7 @@ def edges(explored: Explored) -> list[Edge]:
     return explored.edges
 
 
-PROOFS = (ev.Safe(), ev.Done(Request.STOP))
+PROOFS = (ev.Safe(), ev.Safe(StopKind.PRESSURE_OFF), ev.Done(Request.STOP))
 """The station's word that the rig stands still at 0 A."""
 
 
@@ -387,9 +389,52 @@ def test_pressure_is_only_gone_when_a_disarm_or_a_stop_with_hydraulics_off_was_p
     assert gone
     for edge in gone:
         latch = edge.before.latch
-        stopped = edge.event in PROOFS and latch is not None and latch.stop is StopKind.PRESSURE_OFF
+        asked = edge.event == ev.Done(Request.STOP) and latch is not None and latch.stop is StopKind.PRESSURE_OFF
+        stopped = asked or edge.event == ev.Safe(StopKind.PRESSURE_OFF)
         yielded = edge.before.phase is Phase.YIELDING and edge.event == ev.Done(Request.HYDRAULICS_OFF)
         assert stopped or yielded or edge.event == ev.Done(Request.DISARM)
+
+
+def test_a_pressure_that_a_stop_promised_to_take_away_and_that_may_be_on_is_no_safe_end(edges: list[Edge]) -> None:
+    """The stop that the station proved may be another (S2) than the one that was latched here (S1)."""
+    ends = [edge for edge in edges if edge.after.phase is Phase.ENDED and edge.after.pressurised]
+    promised = [
+        edge.after for edge in ends if edge.after.latch is not None and edge.after.latch.stop is StopKind.PRESSURE_OFF
+    ]
+    assert promised
+    for state in promised:
+        assert state.left_to_station or state.rig_state is RigState.UNKNOWN
+
+
+MOVED = replace(start_state(POINTS, 1), phase=Phase.ENDED, armed=True, pressurised=True, powered=True, moved=True)
+S2, S1 = (replace(MOVED, latch=Latch(stop, FINAL)) for stop in (StopKind.FADE_OUT, StopKind.PRESSURE_OFF))
+LEFT = replace(S2, left_to_station=True)
+HELD = replace(S2, stopped=True)
+NEVER = replace(S2, moved=False, pressurised=False, powered=False, left_to_station=True)
+
+
+@pytest.mark.parametrize(
+    ("state", "ended", "safe", "stands", "known"),
+    [
+        (LEFT, True, True, True, RigState.SAFE),
+        (LEFT, True, False, False, RigState.UNKNOWN),  # its exit code is no proof: it may have had nothing armed
+        (LEFT, False, True, True, RigState.UNKNOWN),
+        (LEFT, False, False, False, RigState.UNKNOWN),  # it stands still: SIGSTOP
+        (NEVER, True, False, False, RigState.SAFE),
+        (NEVER, False, False, False, RigState.UNKNOWN),
+        (HELD, False, True, True, RigState.SAFE),  # proved before, holds under pressure as it promised
+        (HELD, False, False, True, RigState.SAFE),  # only the pressure cannot be taken away
+        (HELD, False, False, False, RigState.UNKNOWN),  # moved again, or its current came back
+        (replace(S1, stopped=True), False, True, True, RigState.UNKNOWN),  # it promised to take the pressure away
+        (replace(S1, stopped=True), True, True, True, RigState.SAFE),
+        (replace(HELD, rig_state=RigState.UNKNOWN), True, True, True, RigState.SAFE),  # the pressure went late
+        (replace(LEFT, rig_state=RigState.UNKNOWN), True, True, True, RigState.UNKNOWN),
+    ],
+)
+def test_a_rig_left_to_its_station_is_safe_by_what_the_station_proved(
+    state: State, ended: bool, safe: bool, stands: bool, known: RigState
+) -> None:
+    assert after_station(state, ended=ended, safe=safe, stands=stands).rig_state is known
 
 
 def test_every_state_can_still_reach_the_end(explored: Explored) -> None:

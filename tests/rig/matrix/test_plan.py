@@ -311,6 +311,18 @@ def test_a_corner_that_the_controller_cannot_turn_as_fast_as_its_loop_adds_to_a_
     assert slow.peaks.speed_m_s == pytest.approx(1.25 * slow.point.peak_speed_m_s)
 
 
+def test_a_plan_says_where_a_drives_own_stop_in_a_gap_is_harder_than_the_bench_allows() -> None:
+    """Of 0.566 m/s 49 m/s^2, what the gaps of `benchmarks/streamed_gaps.py` measured (48)."""
+    streamed = one("60 mm", "1.5 Hz")
+    gentle = STREAMED.model_copy(update={"limits": replace(STREAMED.limits, acceleration_m_s2=30.0)})
+    assert plan(streamed, STREAMED).warnings == plan(streamed, DEMO).warnings
+    result = plan(streamed, gentle)
+    assert result.feasible
+    (said,) = set(result.warnings) - set(plan(streamed, STREAMED).warnings)
+    numbers = [float(number) for number in re.findall(r"([\d.]+) m/s", said)]
+    assert numbers == pytest.approx([0.585, 50.7, 30.0, 0.346], rel=0.01)
+
+
 def test_a_corner_that_streamed_set_points_cannot_turn_is_refused_with_what_would_fit() -> None:
     """The loop turns 0.346 m/s with 60 m/s^2; a controller's own generator limits that by itself."""
     fast = one("45 mm", "2 Hz", waveform="triangle")

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from rig.station.interlocks.finding import Finding
-from rig.station.watchdogs import HostWatch, Listener, quiet_s
+from rig.station.watchdogs import STOPPED, TOO_BUSY, HostWatch, Listener, quiet_s
 
 MS = 1_000_000
 STALE_MS = 20
@@ -78,6 +78,7 @@ def test_beyond_its_limit_the_station_names_itself(held_ms: int, slug: str) -> N
     assert finding is not None
     assert finding.slug == slug
     assert (finding.value, finding.limit) == (pytest.approx(1e-3 * held_ms), 1e-3 * LIMIT_MS)
+    assert (STOPPED in finding.detail, TOO_BUSY in finding.detail) == ((slug == "host-silent"), (slug == "host-late"))
 
 
 def test_a_limit_beyond_the_controllers_watchdog_means_nothing() -> None:
