@@ -4,6 +4,7 @@ Methods, best first:
 - `edges`: the controller's cycle pulse, latched in both clocks; straight line through the pairs.
 - `signals`: the sensor's samples laid over the controller's own record of the same quantity (`signal_match`).
 - `device clock`: lower envelope of arrival minus device time, since no sample arrives before it was taken.
+- `campaign`: as the device clock, less what the campaign's other points measured its arrivals to be late by.
 - `order of arrival`: what came last before each status of the controller, on a rig whose clocks outrun the wall.
 - `nominal rate`: as the device clock, with sample count / nominal rate in place of a device clock.
 - `arrival`: the arrival itself, for slow channels that carry neither.
@@ -12,7 +13,7 @@ Methods, best first:
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 ARRIVAL = "arrival"
 EDGES = "edges"
+CAMPAIGN = "campaign"
 """Method of a channel that carries neither clock nor sequence."""
 LARGEST_DRIFT = 1e-3
 """Relative rate error beyond which a fitted drift is not believed (crystals: 1e-4)."""
@@ -51,7 +53,8 @@ FAST_RIG_LATENCIES = 4.0
 class ClockModel:
     """`controller time = offset_s + rate (local - origin_s)`, all s.
 
-    `std_s` is one standard deviation of the result, typical over the test; `rate_std` that of the rate.
+    `std_s` is one standard deviation of the result, typical over the test; `rate_std` that of the rate. `scatter_s` is
+    how far the arrivals scatter about a lower envelope (s), which `std_s` includes.
     """
 
     origin_s: float
@@ -60,6 +63,7 @@ class ClockModel:
     std_s: float
     method: str
     rate_std: float = 0.0
+    scatter_s: float = 0.0
 
     @property
     def rate_measured(self) -> bool:
@@ -76,6 +80,10 @@ class ClockModel:
         return ClockModel(
             self.origin_s, self.offset_s - late_s, self.rate * (1.0 - drift), std_s, "signals", drift_std,
         )
+
+    def late(self, lag_s: float, std_s: float) -> ClockModel:
+        """The same clock once other points of its campaign have shown its times to be late by `lag_s` (s)."""
+        return replace(self, offset_s=self.offset_s - lag_s, std_s=std_s, method=CAMPAIGN)
 
 
 IDENTITY = ClockModel(0.0, 0.0, 1.0, 0.0, "controller clock")
@@ -192,7 +200,7 @@ def by_envelope(local_s: Values, arrival_s: Values, *, device_rate: float = 1.0)
     span_s = max(last_s - first_s, 1e-3)
     std = float(np.hypot(scatter, UNKNOWN_LATENCY_S * device_rate))
     rate_std = CRYSTAL_DRIFT if slope == 0.0 else 2.0 * scatter / span_s
-    return ClockModel(origin, origin + offset, 1.0 + slope, std, "device clock", rate_std)
+    return ClockModel(origin, origin + offset, 1.0 + slope, std, "device clock", rate_std, scatter)
 
 
 def miscount_std_s(local_s: Values, arrival_s: Values, period_s: float, *, device_rate: float = 1.0) -> float:

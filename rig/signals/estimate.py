@@ -19,6 +19,10 @@ PROBABLE = 2.0
 OUTLYING = 6.0
 """Standard deviations."""
 MOST_OUTLYING = 1.0 / 3.0
+SCATTER_FACTOR = math.log(2.0)
+"""Standard deviation of the logarithm of a population's scatter, before it is measured: a factor of 2 ..."""
+SCATTER_REACH, SCATTERS = math.log(64.0), 61
+"""... looked for within this logarithm on either side, in so many steps."""
 COLLINEAR = 0.98
 """Points whose time and current rise together so closely cannot tell drift from crosstalk."""
 FEWEST_FOR_BOTH = 4
@@ -93,6 +97,31 @@ def pooled(estimates: Iterable[Estimate]) -> Estimate | None:
     chi = math.fsum(w * (estimate.value - mean) ** 2 for w, estimate in zip(weights, known, strict=True))
     widening = max(1.0, chi / (len(known) - 1)) if len(known) > 1 else 1.0
     return Estimate(mean, math.sqrt(widening / math.fsum(weights)))
+
+
+def next_member(estimates: Sequence[Estimate], scatter: float) -> Estimate:
+    """What is known of one more member of a population by estimates of some: random effects.
+
+    `value_i = mean + effect_i + error_i`. The standard deviation of the effects is integrated over: a log-normal prior,
+    times what the estimates say of it. So one estimate is worth no more than `scatter`, and members that differ by more
+    than they state widen the answer.
+
+    Args:
+        estimates: (n,) of members, n >= 1, finite, `std` > 0.
+        scatter: median of the prior of the effects' standard deviation, > 0.
+    """
+    values, variances = np.array([e.value for e in estimates]), np.array([e.std**2 for e in estimates])
+    logs = np.linspace(-SCATTER_REACH, SCATTER_REACH, SCATTERS)
+    effects = (scatter * np.exp(logs)) ** 2
+    weights = 1.0 / (variances + effects[:, None])
+    means_var = 1.0 / np.sum(weights, axis=1)
+    means = means_var * (weights @ values)
+    chi = np.sum(weights * (values - means[:, None]) ** 2, axis=1)
+    likely = 0.5 * (np.sum(np.log(weights), axis=1) + np.log(means_var) - chi - (logs / SCATTER_FACTOR) ** 2)
+    share = np.exp(likely - np.max(likely))
+    share /= np.sum(share)
+    mean = float(share @ means)
+    return Estimate(mean, math.sqrt(float(share @ (means_var + effects + (means - mean) ** 2))))
 
 
 def outlying(estimates: Mapping[str, Estimate]) -> frozenset[str]:

@@ -22,6 +22,7 @@ from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Column, Values, first_after, mapped, overlapping, thinned
 from rig.signals.clock_model import ARRIVAL, EDGES, IDENTITY, ClockModel, HostMap, by_envelope, by_order, host_map
 from rig.signals.delay_estimation.delay_model import Skew
+from rig.signals.estimate import Estimate
 from rig.signals.interpolation import flags_at, monotone_at, status_at
 
 CONTROLLER_CHANNELS = range(NUMBER["position"], NUMBER["controller_force"] + 1)
@@ -115,6 +116,7 @@ class Alignment:
 
 def align(
     records: NDArray[Any] | Mapping[str, Records], context: PointContext, delays: Skew | None = None,
+    behind_arrivals: Estimate | None = None,
 ) -> Alignment:
     """Align one point's records: the only way from what was received to aligned data.
 
@@ -123,6 +125,8 @@ def align(
         context: rates, declared delays and the device rate.
         delays: the sensors' delays beyond the declared ones where they are known from all points of a campaign; None:
             by what this point shows.
+        behind_arrivals: by how much force lags displacement if paired by their earliest arrivals (s), by all points of
+            a campaign without edges; None: by what this point shows.
 
     Raises:
         NothingRecorded: displacement or force has no sample at all.
@@ -132,7 +136,7 @@ def align(
         if name not in by_name:
             raise NothingRecorded(f"no {name} sample was recorded")
     host = _host_map(by_name, context.device_rate)
-    sensors, delays = timed_sensors(by_name, host, context, delays)
+    sensors, delays = timed_sensors(by_name, host, context, delays, behind_arrivals)
     timed = {
         name: _sensor(name, channel, host, sensors[name]) if name in sensors
         else _status(name, channel, by_name, host, context)

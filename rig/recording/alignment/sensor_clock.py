@@ -1,9 +1,10 @@
 """How the sensors' samples get their times on the controller's clock, and what is left uncertain.
 
-Best first: edges latched in both clocks; the signal itself, laid over the controller's own; arrivals. Where edges tie
-the clocks, the signals still show whether the sensors' delays are the declared ones: an edge does not pass through the
-conditioner's filter, the quantity does. Both sensors are compared with the controller's inputs before either delay is
-weighed (`rig.signals.delay_estimation.delay_model`), because what the two have in common is not known of either.
+Best first: edges latched in both clocks; the signal itself, laid over the controller's own; arrivals, less what other
+points of the campaign show them to be late by; arrivals as they are. Where edges tie the clocks, the signals still show
+whether the sensors' delays are the declared ones: an edge does not pass through the conditioner's filter, the quantity
+does. Both sensors are compared with the controller's inputs before either delay is weighed
+(`rig.signals.delay_estimation.delay_model`), because what the two have in common is not known of either.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ from rig.signals.delay_estimation.over_steps import stepped_match, together
 from rig.signals.delay_estimation.poll_locked import corrected
 from rig.signals.delay_estimation.same_phases import doubted
 from rig.signals.delay_estimation.sample_match import Course, Match, match
+from rig.signals.estimate import Estimate
 from rig.signals.fourier import Series
 
 EDGE_COUNT_MODULO = 256
@@ -84,6 +86,9 @@ class SensorClock:
         match: the sensor's signal laid over the controller's; None where that was not possible.
         compared: whether the controller recorded the same quantity.
         checked: whether the delay was compared with an input that may be relied on, and not only declared.
+        arrival_lag: by how much the quantity lags the earliest arrivals at mid-record, by its signal (s): the sensor's
+            delay and the least latency of its link. None where edges or nothing ties the clock.
+        arrival_scatter_s: how far the earliest arrivals scatter, and what a count of samples adds (s).
     """
 
     time_s: Values
@@ -94,6 +99,8 @@ class SensorClock:
     match: Match | None
     compared: bool
     checked: bool
+    arrival_lag: Estimate | None = None
+    arrival_scatter_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -117,7 +124,8 @@ class _Tie:
 
 
 def timed_sensors(
-    by_name: Mapping[str, Records], host: HostMap, context: PointContext, given: Skew | None = None
+    by_name: Mapping[str, Records], host: HostMap, context: PointContext, given: Skew | None = None,
+    behind_arrivals: Estimate | None = None,
 ) -> tuple[dict[str, SensorClock], Skew]:
     """Find the sensors' clocks and delays.
 
@@ -126,6 +134,8 @@ def timed_sensors(
         host: the map from host time to the controller's clock.
         context: what the bench declares of the sensors and of the controller's inputs, and the device rate.
         given: delays known from elsewhere (all points of a campaign together); None: by what this point shows.
+        behind_arrivals: by how much the force lags the displacement if paired by their earliest arrivals (s), by the
+            other points of the campaign; only used where no edges tie the clocks.
 
     Returns:
         The clock of each sensor that has samples, by name, and the delays that were taken off.
@@ -135,6 +145,8 @@ def timed_sensors(
         for name, sensor in context.sensors.items() if name in by_name and len(by_name[name])
     }
     clocks = {name: _by_signal(tie, context) for name, tie in ties.items() if not tie.by_edges}
+    if behind_arrivals is not None:
+        clocks |= _by_campaign(ties, clocks, behind_arrivals)
     compared = {name: tie for name, tie in ties.items() if tie.by_edges and tie.reference is not None}
     matches = _matches(compared, steps=context.streamed)
     skew = given
@@ -242,7 +254,7 @@ def _common_cycles(ties: Mapping[str, _Tie]) -> CycleStretch | None:
 def _by_signal(tie: _Tie, context: PointContext) -> SensorClock:
     """Without edges: the signal laid over the controller's, which takes in every delay; else arrivals as they are."""
     reach_s = ARRIVAL_REACH * max(tie.clock.std_s, UNKNOWN_LATENCY_S * context.device_rate)
-    sensor, drifting = tie.sensor, None
+    sensor, drifting, scatter_s = tie.sensor, None, math.hypot(tie.clock.scatter_s, tie.miscount_s)
     if tie.reference is not None and context.controller_delay_s is not None:
         drifting = _drifting(tie, tie.reference, reach_s)
         if drifting is not None and context.streamed:
@@ -252,7 +264,7 @@ def _by_signal(tie: _Tie, context: PointContext) -> SensorClock:
         sure = replace(tie.clock, std_s=math.hypot(tie.clock.std_s, doubt_s))
         return SensorClock(
             tie.times_s(sensor.declared_s), sure, sensor.delay_s, 0.0, tie.clock.std_s, None,
-            tie.reference is not None, checked=False,
+            tie.reference is not None, checked=False, arrival_scatter_s=scatter_s,
         )
     std_s = math.hypot(
         drifting.lag_std_s, drifting.drift_std * MOST_SPREAD * _span_s(tie.local_s),
@@ -261,7 +273,27 @@ def _by_signal(tie: _Tie, context: PointContext) -> SensorClock:
     moved = tie.clock.moved(drifting.lag_s, drifting.drift, drifting.middle_s, std_s, drifting.drift_std)
     return SensorClock(
         replace(tie, clock=moved).times_s(0.0), moved, 0.0, 0.0, std_s, drifting, compared=True, checked=True,
+        arrival_lag=Estimate(tie.clock.offset_s - moved.offset_s, std_s), arrival_scatter_s=scatter_s,
     )
+
+
+def _by_campaign(
+    ties: Mapping[str, _Tie], clocks: Mapping[str, SensorClock], behind_arrivals: Estimate,
+) -> dict[str, SensorClock]:
+    """The less sure of two sensors that no edges tie, by the surer one and what the campaign knows of their arrivals.
+
+    Empty where the point's own signal is surer, or neither sensor's signal shows its time.
+    """
+    if not {"force", "displacement"} <= clocks.keys():
+        return {}
+    weak, sure = sorted(("force", "displacement"), key=lambda name: -clocks[name].clock.std_s)
+    lag, std_s = clocks[sure].arrival_lag, math.hypot(behind_arrivals.std, clocks[sure].clock.std_s)
+    if lag is None or not std_s < clocks[weak].clock.std_s:
+        return {}
+    apart_s = behind_arrivals.value if weak == "force" else -behind_arrivals.value
+    clock = ties[weak].clock.late(lag.value + apart_s, std_s)
+    time_s = replace(ties[weak], clock=clock).times_s(0.0)
+    return {weak: replace(clocks[weak], time_s=time_s, clock=clock, declared_s=0.0, tie_std_s=std_s, checked=True)}
 
 
 def _drifting(tie: _Tie, reference: Reference, reach_s: float) -> Match | None:

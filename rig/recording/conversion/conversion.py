@@ -42,6 +42,7 @@ from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Column, Values, mapped
 from rig.signals.delay_estimation.delay_model import Skew
 from rig.signals.derivatives import MARGIN, METHOD, velocity_of
+from rig.signals.estimate import Estimate
 
 DESCRIPTIONS = {description.name: description for description in RING_CHANNELS.values()}
 RESAMPLED = "monotone cubic through the sensor's own samples, never beyond its two neighbours"
@@ -65,12 +66,14 @@ class Correction:
     """What all points of a campaign together know of one of them.
 
     Attributes:
-        delays: of the sensors.
+        delays: of the sensors; None: what the point alone says.
+        behind_arrivals: by how much force lags displacement if paired by their earliest arrivals (s), without edges.
         instruments: what is said of the instruments; None: what the point alone says.
         rewritten: what to say of it in `/entry/provenance`.
     """
 
-    delays: Skew
+    delays: Skew | None
+    behind_arrivals: Estimate | None
     instruments: Sequence[Reason] | None
     rewritten: Mapping[str, Attribute]
 
@@ -165,8 +168,10 @@ def build(
     Raises:
         NothingRecorded: the journal holds no displacement or no force.
     """
-    delays, instruments = (correction.delays, correction.instruments) if correction else (None, None)
-    alignment = align(content.records if records is None else records, context, delays)
+    delays, behind, instruments = None, None, None
+    if correction is not None:
+        delays, behind, instruments = correction.delays, correction.behind_arrivals, correction.instruments
+    alignment = align(content.records if records is None else records, context, delays, behind)
     wanted = context.point
     test: dict[str, Attribute] = {
         **wanted.to_json(), "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,

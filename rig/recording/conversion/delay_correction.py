@@ -32,7 +32,7 @@ from rig.recording.journal.journal_file import JournalContent
 from rig.recording.journal.point_journal import ChannelSplit
 from rig.recording.layout import NUMBER, RECORD_DTYPE, Attribute, Event, PointContext
 from rig.recording.point_files import FinishedPoint
-from rig.recording.quality.campaign_delay import PointSkew, pooled_skews
+from rig.recording.quality.campaign_delay import BehindArrivals, PointSkew, behind_arrivals, pooled_skews
 from rig.recording.quality.cross_checks import campaign_verdicts
 from rig.recording.quality.instrument_checks import SLUGS
 from rig.recording.quality.judgement import with_skew
@@ -56,7 +56,7 @@ class Change:
     """What is wrong with a finished point by what all points say: why it is made again, and with what."""
 
     why: str
-    skew: PointSkew
+    skew: PointSkew | BehindArrivals
     instruments: Sequence[Reason] | None
 
 
@@ -71,24 +71,30 @@ def retime(points_folder: Path) -> Iterator[FinishedPoint]:
         OSError: the disk refuses; the files written before are complete, the others are as they were.
     """
     points = [RecordedPoint.open(file, whole=False) for file in sorted(points_folder.glob("*.h5"))]
-    skews = pooled_skews([point for point in points if point.verdict != "invalid"])
+    usable = [point for point in points if point.verdict != "invalid"]
+    skews, behind = pooled_skews(usable), behind_arrivals(usable)
     instruments = campaign_verdicts(points)
     for point in points:
-        change = _change(point, skews.get(point.id), instruments.get(point.id))
+        known = skews.get(point.id) or behind.get(point.id)
+        change = None if known is None else _change(point, known, instruments.get(point.id))
         if change is not None and point.path is not None and "context" in point.provenance:
             yield make_again(point.path, change)
     yield from judge_together(points_folder)
 
 
-def _change(point: RecordedPoint, skew: PointSkew | None, instruments: Verdict | None) -> Change | None:
-    """Why a point's samples are made again; None where they may stay, be it under another verdict (`rejudging`)."""
-    if skew is None:
-        return None
+def _change(point: RecordedPoint, skew: PointSkew | BehindArrivals, instruments: Verdict | None) -> Change | None:
+    """Why a point's samples are made again; None where they may stay, though the verdict may not."""
     before = point.quality.verdict
-    after = with_skew(before, skew.trusted_std_s, float(point.test.get("record_highest_Hz", point.frequency_Hz)))
+    left_s = skew.std_s if isinstance(skew, BehindArrivals) else skew.trusted_std_s
+    after = with_skew(before, left_s, float(point.test.get("record_highest_Hz", point.frequency_Hz)))
     judged = before if instruments is None else instruments
     reasons = [reason for reason in judged.entries if reason.slug in SLUGS]
     stated_s = skew.std_s if point.quality.skew.std_s is None else point.quality.skew.std_s
+    if isinstance(skew, BehindArrivals):
+        if stated_s > max(CERTAIN * skew.std_s, MATTERS_S) or after != before:
+            why = f"all points together tie force and displacement to {1e3 * skew.std_s:.2g} ms"
+            return Change(f"{why}, its own signals to {1e3 * stated_s:.2g} ms", skew, reasons)
+        return None
     off = abs(skew.shift_s) > max(CERTAIN * min(skew.std_s, stated_s), MATTERS_S)
     if off or skew.std_s > max(CERTAIN * stated_s, MATTERS_S):
         why = f"all points together put its skew at {1e3 * skew.delays.value_s:.3f} +- {1e3 * skew.std_s:.2g} ms"
@@ -119,23 +125,27 @@ def make_again(path: Path, change: Change) -> FinishedPoint:
         file, quality = build(
             content, context, split.channels(), recovered=bool(old.quality.recovered),
             journal_check=str(old.provenance.get("journal_check", "")),
-            correction=Correction(change.skew.delays, change.instruments, _rewritten(old, change)),
+            correction=_correction(old, change),
         )
         write_file(path, file, before_naming=lambda partial: prove(partial, file))
     return FinishedPoint.of(old.id, path, quality)
 
 
-def _rewritten(old: RecordedPoint, change: Change) -> dict[str, Attribute]:
-    """What a file made again says of that in `/entry/provenance`."""
+def _correction(old: RecordedPoint, change: Change) -> Correction:
+    """What a file is made again with, and what it says of that in `/entry/provenance`."""
+    said: dict[str, Attribute] = {
+        "rewritten": utc_now().isoformat(timespec="seconds"), "rewritten_why": change.why,
+    }
+    if isinstance(change.skew, BehindArrivals):
+        return Correction(None, change.skew.lag, change.instruments, said)
     delays = change.skew.delays
-    return {
-        "rewritten": utc_now().isoformat(timespec="seconds"),
-        "rewritten_why": change.why,
+    said |= {
         "rewritten_from_force_delay_s": old.quality.force.undeclared_delay_s,
         "rewritten_from_displacement_delay_s": old.quality.displacement.undeclared_delay_s,
         "rewritten_to_force_delay_s": delays.force.value_s,
         "rewritten_to_displacement_delay_s": delays.displacement.value_s,
     }
+    return Correction(delays, None, change.instruments, said)
 
 
 def _journal_of(path: Path, old: RecordedPoint) -> JournalContent:

@@ -4,6 +4,9 @@ A point alone sees an undeclared delay to a fraction of a millisecond where the 
 at all where the force is small; twenty points of the same sensors see it several times better, and what remains is one
 error shared by all of them. The load train's compliance is one constant of the bench too: speed and force differ from
 point to point, which tells it from a delay of the displacement.
+
+Without edges the signals tie each point's clocks, and arrivals where the force is too weak for that. How late arrivals
+are is a property of the bench too, so points with a strong force tie those with a weak one (`behind_arrivals`).
 """
 
 from __future__ import annotations
@@ -16,8 +19,12 @@ import numpy as np
 
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.delay_estimation.delay_model import Delay, Seen, Skew, at_likely_compliance, weighed
+from rig.signals.estimate import Estimate, next_member
 
 SENSORS = ("force", "displacement")
+LATENCY_SCATTER_S = 0.4e-3
+"""Median of the prior of how much the difference of two links' least latencies changes from point to point (standard
+deviation): each may lie anywhere in a USB frame of 1 ms."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,59 @@ def pooled_skews(points: Sequence[RecordedPoint]) -> dict[str, PointSkew]:
         delays = weighed(_seen("force", group), _seen("displacement", group), _input_delay_s(group[0]))
         skews |= {point.id: _of_point(point, delays) for point in group}
     return skews
+
+
+@dataclass(frozen=True)
+class BehindArrivals:
+    """What a campaign without edges knows of one point: `lag`, as `sensor_clock.timed_sensors` takes it (s).
+
+    `std_s` is the standard deviation of the skew that is left with it, or without it where that is smaller (s).
+    """
+
+    lag: Estimate
+    std_s: float
+
+
+def behind_arrivals(points: Sequence[RecordedPoint]) -> dict[str, BehindArrivals]:
+    """By how much force lags displacement if paired by their earliest arrivals, for points without edges, by their id.
+
+    That is a property of the bench: the sensors' delays and the least latencies of their links. Points with a strong
+    force signal measure it; points with a weak one are tied by it. Latencies differ from point to point by an unknown
+    amount (`LATENCY_SCATTER_S`), so one strong point is not worth more than that.
+
+    Args:
+        points: all points of a campaign, whatever they are used for.
+    """
+    groups: dict[tuple[object, ...], list[RecordedPoint]] = {}
+    for point in points:
+        rate = float(point.test.get("device_rate", 1.0))
+        groups.setdefault((rate, point.provenance.get("bench_hash"), _input_delay_s(point)), []).append(point)
+    found: dict[str, BehindArrivals] = {}
+    for (rate, *_), group in groups.items():
+        known = [lag for lag in map(_behind_arrivals, group) if lag is not None]
+        if known:
+            common = next_member(known, LATENCY_SCATTER_S * rate)
+            found |= {point.id: tied for point in group if (tied := _tied(point, common)) is not None}
+    return found
+
+
+def _tied(point: RecordedPoint, common: Estimate) -> BehindArrivals | None:
+    """One point tied by all; None where edges tie it, or its own signals tie neither sensor."""
+    sure, weak = sorted((point.quality.sensor(name) for name in SENSORS), key=lambda sensor: sensor.clock_std_s or 0.0)
+    if sure.arrival_lag is None or sure.arrival_scatter_s is None or weak.arrival_scatter_s is None:
+        return None
+    lag, sure_s = common.widened(math.hypot(sure.arrival_scatter_s, weak.arrival_scatter_s)), sure.clock_std_s or 0.0
+    return BehindArrivals(lag, math.hypot(sure_s, min(weak.clock_std_s or 0.0, math.hypot(sure_s, lag.std))))
+
+
+def _behind_arrivals(point: RecordedPoint) -> Estimate | None:
+    """The same by one point's own signals; None where they do not tie both sensors."""
+    force, displacement = (point.quality.sensor(name) for name in SENSORS)
+    if force.arrival_lag is None or displacement.arrival_lag is None:
+        return None
+    stds = (force.arrival_lag.std, displacement.arrival_lag.std)
+    scatters = (sensor.arrival_scatter_s or 0.0 for sensor in (force, displacement))
+    return Estimate(force.arrival_lag.value - displacement.arrival_lag.value, math.hypot(*stds, *scatters))
 
 
 def _sensors(point: RecordedPoint) -> tuple[object, ...]:

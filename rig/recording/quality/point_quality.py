@@ -238,7 +238,8 @@ class SensorQuality(Section):
 
     `sensor(t) = gain input(t - lag) + offset + compliance force(t)`, SI, each with its standard deviation.
     `matched_lag_s` is what the signals alone say, together with the compliance (covariance `matched_coupling`, s m/N);
-    `reference_lag_s` the same once a load train's usual stiffness is taken into account.
+    `reference_lag_s` the same once a load train's usual stiffness is taken into account. Without edges `arrival_lag_s`
+    is by how much the quantity lags the sensor's earliest arrivals, which scatter by `arrival_scatter_s`.
     """
 
     clock_drift_ppm: float | None = stored("{sensor}_clock_drift_ppm")
@@ -246,6 +247,9 @@ class SensorQuality(Section):
     clock_std_s: float | None = stored("{sensor}_clock_std_s")
     disordered_samples: int | None = stored("{sensor}_disordered_samples", Stored.COUNT)
     arrival_latency_s: float | None = stored("{sensor}_arrival_latency_s")
+    arrival_lag_s: float | None = stored("{sensor}_arrival_lag_s")
+    arrival_lag_std_s: float | None = stored("{sensor}_arrival_lag_std_s")
+    arrival_scatter_s: float | None = stored("{sensor}_arrival_scatter_s")
     declared_delay_s: float | None = stored("{sensor}_declared_delay_s")
     undeclared_delay_s: float | None = stored("{sensor}_undeclared_delay_s")
     tie_std_s: float | None = stored("{sensor}_tie_std_s")
@@ -271,6 +275,11 @@ class SensorQuality(Section):
     def offset(self) -> Estimate | None:
         """What the sensor shows where the controller's input shows 0 (SI)."""
         return estimate(self.reference_offset, self.reference_offset_std)
+
+    @property
+    def arrival_lag(self) -> Estimate | None:
+        """By how much the quantity lags the sensor's earliest arrivals (s), by its own signal; None with edges."""
+        return estimate(self.arrival_lag_s, self.arrival_lag_std_s)
 
     @property
     def lag(self) -> Estimate | None:
@@ -315,6 +324,9 @@ def sensor_quality(name: str, alignment: Alignment) -> SensorQuality:
     quality = replace(
         quality, declared_delay_s=sensor.declared_s, undeclared_delay_s=sensor.undeclared_s,
         tie_std_s=sensor.tie_std_s if by_edges else None, compared=sensor.compared if by_edges else None,
+        arrival_lag_s=None if sensor.arrival_lag is None else sensor.arrival_lag.value,
+        arrival_lag_std_s=None if sensor.arrival_lag is None else sensor.arrival_lag.std,
+        arrival_scatter_s=sensor.arrival_scatter_s,
     )
     return quality if sensor.match is None else _with_match(quality, sensor.match, by_edges=by_edges)
 

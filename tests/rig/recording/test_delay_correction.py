@@ -194,3 +194,47 @@ def test_what_was_noted_keeps_its_place_among_the_samples(tmp_path: Path) -> Non
         (now,), (then,) = read_events(point.path), before[point.id]
         assert now[1:] == then[1:] == ("note", "halfway, über alles")
         assert abs(now[0] - then[0]) < 5_000_000
+
+
+def write_without_edges(folder: Path, dampings: tuple[float, ...]) -> dict[str, SyntheticRig]:
+    """Points without edges, one for each damping (N s/m): with 20 N s/m the force is below the noise of its input."""
+    rigs = {}
+    for number, damping in enumerate(dampings, 1):
+        rig = SyntheticRig(
+            frequency_Hz=2.0, cycles=5, edges=False, seed=number, damping=damping, stiffness=0.0, noise_N=0.1,
+            jitter_s=3e-4,
+        )
+        context = rig.context(controller_delay_s=0.0, provenance={"bench_hash": "one bench"})
+        context = replace(context, point=replace(context.point, id=f"p{number:03}"))
+        content = JournalContent("", with_controller_record(rig, 0.0), (), end={"stopped_by": None, "lost_records": 0})
+        write_file(folder / f"p{number:03}.h5", build(content, context)[0])
+        rigs[f"p{number:03}"] = rig
+    return rigs
+
+
+def test_a_force_too_weak_for_its_own_clock_is_tied_by_the_latency_that_other_points_measured(tmp_path: Path) -> None:
+    rigs = write_without_edges(tmp_path, (2000.0, 20.0, 1000.0, 10.0))
+    weak = {"p002", "p004"}
+    before = {point.id: point for point in opened(tmp_path)}
+    assert {point.id for point in before.values() if point.verdict == "suspect"} == weak
+    assert {finished.id for finished in retime(tmp_path)} == weak
+    for point in opened(tmp_path):
+        assert (point.verdict, tuple(point.reasons)) == ("valid", ())
+        if point.id not in weak:
+            continue
+        assert point.quality.skew.method == "force by campaign, displacement by signals"
+        assert point.skew_std_s < 0.4 * before[point.id].skew_std_s
+        clock_s = point.time_s + float(point.test["controller_clock_at_zero_s"])
+        inside = (clock_s > rigs[point.id].start_s + 0.5) & (clock_s < rigs[point.id].start_s + 3.0)
+        lags_s = np.linspace(-4e-3, 4e-3, 401)
+        misfits = [
+            np.mean((point.force_N[inside] - rigs[point.id].force(clock_s[inside] - lag_s)) ** 2) for lag_s in lags_s
+        ]
+        assert abs(lags_s[int(np.argmin(misfits))]) < 2.0 * point.skew_std_s
+    assert list(retime(tmp_path)) == []
+
+
+def test_without_a_strong_force_nothing_is_known_of_the_latency(tmp_path: Path) -> None:
+    write_without_edges(tmp_path, (20.0, 10.0))
+    assert list(retime(tmp_path)) == []
+    assert {point.verdict for point in opened(tmp_path)} == {"suspect"}
