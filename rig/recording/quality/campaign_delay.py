@@ -92,15 +92,19 @@ def behind_arrivals(points: Sequence[RecordedPoint]) -> dict[str, BehindArrivals
     """
     groups: dict[tuple[object, ...], list[RecordedPoint]] = {}
     for point in points:
-        rate = float(point.test.get("device_rate", 1.0))
-        groups.setdefault((rate, point.provenance.get("bench_hash"), _input_delay_s(point)), []).append(point)
+        key = (point.provenance.get("bench_hash"), _input_delay_s(point), _device_rate(point))
+        groups.setdefault(key, []).append(point)
     found: dict[str, BehindArrivals] = {}
-    for (rate, *_), group in groups.items():
+    for group in groups.values():
         known = [lag for lag in map(_behind_arrivals, group) if lag is not None]
         if known:
-            common = next_member(known, LATENCY_SCATTER_S * rate)
+            common = next_member(known, LATENCY_SCATTER_S * _device_rate(group[0]))
             found |= {point.id: tied for point in group if (tied := _tied(point, common)) is not None}
     return found
+
+
+def _device_rate(point: RecordedPoint) -> float:
+    return float(point.test.get("device_rate", 1.0))
 
 
 def _tied(point: RecordedPoint, common: Estimate) -> BehindArrivals | None:
