@@ -94,13 +94,13 @@ def behind_arrivals(points: Sequence[RecordedPoint]) -> dict[str, BehindArrivals
     for point in points:
         key = (point.provenance.get("bench_hash"), _input_delay_s(point), _device_rate(point))
         groups.setdefault(key, []).append(point)
-    found: dict[str, BehindArrivals] = {}
+    ties: dict[str, BehindArrivals] = {}
     for group in groups.values():
         known = [lag for lag in map(_behind_arrivals, group) if lag is not None]
         if known:
             common = next_member(known, LATENCY_SCATTER_S * _device_rate(group[0]))
-            found |= {point.id: tied for point in group if (tied := _tied(point, common)) is not None}
-    return found
+            ties |= {point.id: tie for point in group if (tie := _tied(point, common)) is not None}
+    return ties
 
 
 def _device_rate(point: RecordedPoint) -> float:
