@@ -1,5 +1,6 @@
 """Build hook: puts the commit that a wheel or an sdist is built from into `rig/commit.txt`."""
 
+import os
 import subprocess
 import tempfile
 from pathlib import Path
@@ -16,11 +17,12 @@ class CommitHook(BuildHookInterface):
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Ask git for the commit; without a repository there is nothing to add."""
         root = Path(self.root)
-        if version == "editable" or not (root / ".git").exists():
+        if version == "editable" or (root / "rig/commit.txt").exists() or not (root / ".git").exists():
             return
         command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=10", "--exclude=*"]
+        own = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
         try:
-            commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+            commit = subprocess.run(command, capture_output=True, text=True, check=True, env=own).stdout.strip()
         except (OSError, subprocess.CalledProcessError):
             return
         with tempfile.NamedTemporaryFile("w", suffix=".txt", delete=False) as file:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -11,15 +12,21 @@ PACKAGE = Path(__file__).resolve().parent
 
 
 def commit() -> str | None:
-    """The commit of this checkout (with `-dirty` where files were changed) or of the build; None if unknown."""
-    if (PACKAGE.parent / ".git").exists():
-        command = ["git", "-C", str(PACKAGE.parent), "describe", "--always", "--dirty", "--abbrev=10", "--exclude=*"]
-        try:
-            return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() or None
-        except (OSError, subprocess.CalledProcessError):
-            return None
-    built = PACKAGE / "commit.txt"
-    return built.read_text(encoding="utf-8").strip() if built.is_file() else None
+    """The commit of the build, or of this checkout (with `-dirty` where files were changed); None if unknown."""
+    built = PACKAGE / "commit.txt"  # first: the folder of an installed or unpacked copy may be another repository
+    if built.is_file():
+        return built.read_text(encoding="utf-8").strip() or None
+    if not (PACKAGE.parent / ".git").exists():
+        return None
+    command = ["git", "-C", str(PACKAGE.parent), "describe", "--always", "--dirty", "--abbrev=10", "--exclude=*"]
+    # Inside a hook of another repository GIT_DIR names that one; without locks a commit made meanwhile is not disturbed.
+    own = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    own["GIT_OPTIONAL_LOCKS"] = "0"
+    try:
+        shown = subprocess.run(command, capture_output=True, text=True, check=True, env=own)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return shown.stdout.strip() or None
 
 
 def described() -> str:

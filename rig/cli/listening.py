@@ -68,8 +68,10 @@ def listen(source: str | None, options: Mapping[str, Any], *, as_json: bool) -> 
     """
     options = {**options, **{name: value for name, value in DEFAULTS.items() if options[name] is None}}
     captured = options["captured"]
-    if (source is None) is (captured is None):
+    if source is None and captured is None:
         raise click.UsageError("what to listen to? rig check --listen PORT, or a file of captured bytes")
+    if source is not None and captured is not None:
+        raise click.UsageError(f"either a port or a file of captured bytes: leave {source} or {captured} out")
     if captured is None and source is not None and Path(source).is_file():
         captured, source = Path(source), None
     options["captured"] = captured

@@ -145,7 +145,7 @@ def _present_spelling(words: list[str]) -> list[str]:
         return words
     own = words[: words.index("--")] if "--" in words else words
     if words[0] == "hybrid" and "--benchmark" in own:
-        return ["benchmark", *(word for word in words[1:] if word != "--benchmark")]
+        return ["benchmark", *(word for word in own[1:] if word != "--benchmark"), *words[len(own):]]
     return [*RENAMED[words[0]], *words[1:]]
 
 

@@ -12,7 +12,7 @@ import click
 
 from rig.cli.main import answered
 from rig.cli.options import Command, json_option
-from rig.cli.output import console, write_json
+from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 
 if TYPE_CHECKING:
@@ -60,6 +60,8 @@ def command(
     """
     from simulators.world.asked import Files, asked_for, seeds_of
 
+    if happening:
+        say("rig: `--happening` is now `--event`; the old name will be removed in 2.0", err=True)
     wanted = seeds_of(seeds)
     _check_usage(wanted, ways)
     asked = asked_for(Files(matrix, bench), (*events, *happening), ways["until"], ways["actuator"] or "")

@@ -24,6 +24,7 @@ from rig.identification.words import SENTENCES
 from rig.recording.foreign_tests import DOUBTS
 from rig.recording.quality.instrument_checks import SLUGS, ZERO_RETURN
 from rig.recording.quality.quality_checks import VERDICT_REMARKS
+from rig.study.printed_values import SENSITIVITY as PRINTED_SENSITIVITY
 
 CAUSES = [slug for slug in SENTENCES if f"next-{slug}" in SENTENCES and slug != "current-law-two"]
 """Of a misfit, as report and `rig identify --json` show them: each has its own advice."""
@@ -32,7 +33,7 @@ SLUG = re.compile(r"[A-Za-z][a-z0-9]*(-[a-z0-9]+)*|INTERRUPTED")
 SAID_BY = {
     "Refused", "Stopped", "StationRefused", "because", "StopCause", "Finding", "CampaignFinding", "CheckFinding",
     "Reason", "suspect", "invalid", "explained", "_share", "fails", "NotProved", "tell", "Cause", "Trial", "Doubt",
-    "_certain", "Saying",
+    "_certain", "Saying", "_refused", "ConversionEnded", "Claim",
 }
 """Calls whose first argument is a slug."""
 FUNCTIONS = {"failed", "warning", "note"}
@@ -58,11 +59,21 @@ def texts_in(node: ast.AST) -> Iterator[str]:
             yield part.value
 
 
+def second_arguments(node: ast.Call) -> Iterator[str]:
+    """The slug of `Denied(status, slug)`, and of `Note(..., code=slug)`."""
+    name = getattr(node.func, "id", getattr(node.func, "attr", ""))
+    if name == "Denied":
+        yield from texts_in(node.args[1])
+    if name == "Note":
+        yield from (slug for keyword in node.keywords if keyword.arg == "code" for slug in texts_in(keyword.value))
+
+
 def is_slug_name(name: str) -> bool:
     return name in {"slug", "error_slug", "SLUG"} or name.endswith("_slug")
 
 
 def slugs_of_call(node: ast.Call) -> Iterator[str]:
+    yield from second_arguments(node)
     name = getattr(node.func, "id", getattr(node.func, "attr", ""))
     if node.args and (name in SAID_BY or (name in FUNCTIONS and isinstance(node.func, ast.Name))):
         yield from texts_in(node.args[0]) if isinstance(node.args[0], (ast.Constant, ast.IfExp)) else ()
@@ -118,6 +129,9 @@ def known() -> dict[str, str]:
         **{f"ecu-without-{name}": "drivers/devices/supply.py" for name, _ in supply_lacks(BARE)},
         **{f"ecu-without-{name}": "drivers/devices/output.py" for name, _ in supply_lacks(output)},
         **{f"ecu-without-{name}": "drivers/devices/ecu_lacking.py" for name in WITHOUT},
+        **dict.fromkeys(("lease-taken", "not-running"), "rig/page/lease.py: take"),
+        **dict.fromkeys(("not-recorded", "still-running"), "rig/page/server.py: _send_recorded"),
+        **{f"sensitivity-{name}": "rig/study/findings.py: _sensitivity" for name in PRINTED_SENSITIVITY},
         "hydraulics": "rig/station/requests.py: await_status",
         "amplitude-scatter": "rig/recording/quality/judgement.py", "force-scatter": "the same",
     }

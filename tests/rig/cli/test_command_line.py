@@ -15,8 +15,8 @@ import click
 import pytest
 from in_process import rig, rig_process
 
-from rig import __version__
-from rig.cli.main import COMMANDS, answered, foreign_packages
+from rig import __version__, version
+from rig.cli.main import COMMANDS, _present_spelling as present_spelling, answered, foreign_packages
 from rig.errors import EXIT_DEFECT
 
 ROOT = Path(__file__).parents[3]
@@ -92,6 +92,28 @@ def test_the_version_names_the_commit() -> None:
     shown = re.fullmatch(form, rig("--version").stdout)
     assert shown
     assert head.startswith(shown[1] or "")
+
+
+def test_the_version_is_never_that_of_another_repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    git = ["git", "-c", "user.name=A", "-c", "user.email=a@b", "-C", str(tmp_path)]
+    try:
+        subprocess.run([*git, "init", "-q"], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("no git here")
+    subprocess.run([*git, "commit", "-q", "--allow-empty", "-m", "theirs"], check=True, capture_output=True)
+    own = version.commit()
+    monkeypatch.setenv("GIT_DIR", str(tmp_path / ".git"))  # as in a hook of theirs
+    assert version.commit() == own
+    package = tmp_path / "rig"
+    package.mkdir()
+    (package / "commit.txt").write_text("0123456789\n", encoding="utf-8")
+    monkeypatch.setattr(version, "PACKAGE", package)  # installed into the folder of their repository
+    assert version.commit() == "0123456789"
+
+
+def test_what_follows_two_dashes_is_not_an_option_of_an_earlier_name() -> None:
+    assert present_spelling(["hybrid", "--benchmark", "--", "--benchmark"]) == ["benchmark", "--", "--benchmark"]
+    assert present_spelling(["hybrid", "a.toml", "--", "--benchmark"]) == ["run", "--hybrid", "a.toml", "--", "--benchmark"]
 
 
 def test_the_plan_refuses_table_1_on_the_papers_machine_with_exit_3_and_the_amplitudes_that_fit() -> None:
