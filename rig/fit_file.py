@@ -47,7 +47,10 @@ def read_fit(path: Path) -> FitObject:
         if not path.is_file():
             raise FileProblem(str(path), ["there is no fit in this run. Fix: `rig identify RUN` makes one"])
     raw = read_bytes(path, JSON_LIMIT_BYTES)
-    content = json_of(path, raw)
+    try:
+        content = json_of(path, raw)
+    except FileProblem as error:
+        raise FileProblem(str(path), [*error.problems, FIX]) from error
     problems = problems_of(content)
     if problems:
         more = [f"{len(problems) - MOST_PROBLEMS} more"] * (len(problems) > MOST_PROBLEMS)
@@ -183,7 +186,7 @@ SUMMARY = {
 UNSEEN_TEST = _object({
     "id": _text, "amplitude_m": _number, "frequency_Hz": _number, "current_A": _number, "rmse_N": MAYBE,
     "nrmse_percent_of_peak": MAYBE, "beyond": _or_null(TEXTS),
-}, ("id", "nrmse_percent_of_peak"))  # fmt: skip
+}, ("id", "amplitude_m", "frequency_Hz", "current_A", "nrmse_percent_of_peak"))  # fmt: skip
 SHAPE: Mapping[str, Check] = {
     "model": _text,
     "equation": _text, "formula": _text, "interval": _text, "method": _text, "current_law": _text,
@@ -203,7 +206,7 @@ SHAPE: Mapping[str, Check] = {
     "correlation": _each(_each(MAYBE)),
     "passivity": _or_null(_object({"share": _number, "worst": _text}, ("share", "worst"))),
     "profiles": _each(_object({"values": NUMBERS, "deviance": NUMBERS, "low": MAYBE, "high": MAYBE},
-                              ("values", "deviance"))),
+                              ("values", "deviance", "low", "high"))),
     "next_tests": _list(_object({
         "parameter": _text, "text": _text, "toml": _text, "standard_error": MAYBE, "expected_error": MAYBE,
     }, ("parameter", "text", "toml"))),

@@ -15,7 +15,8 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.covered import QUANTITIES, Covered
 from rig.dampers.model import DamperModel
 from rig.dampers.temperature_law import law_of_entries
-from rig.errors import FileProblem
+from rig.errors import FileProblem, RigError
+from rig.fit_file import FIX
 
 TESTED = QUANTITIES[:3]
 """Keys of `tested` in `fit.json` that every fit has which tells it."""
@@ -145,8 +146,7 @@ def fitted_model(fit: Mapping[str, Any], file: str, sha256: str) -> FittedModel:
         sha256: of the file.
 
     Raises:
-        FileProblem: values are missing or no numbers, or belong to single currents; all of it is told.
-        UnknownName: there is no such model.
+        FileProblem: there is no such model; values are missing or no numbers, or belong to single currents: each.
     """
     dependence = (fit.get("current") or {}).get("dependence", "affine")
     if dependence != "affine":
@@ -154,14 +154,17 @@ def fitted_model(fit: Mapping[str, Any], file: str, sha256: str) -> FittedModel:
             f"is fitted with current dependence {dependence!r}; a model is exported from one fit over all currents: "
             "`rig identify RUN --current affine`"
         ])  # fmt: skip
-    model = rig.dampers.model(str(fit["model"]), fit.get("hysteresis") or "kwok")
+    try:
+        model = rig.dampers.model(str(fit["model"]), fit.get("hysteresis") or "kwok")
+    except RigError as error:
+        raise FileProblem(file, [f"model: {error}", FIX]) from error
     problems, values = _problems_of_tested(fit.get("tested")), {}
     for name in model.names:
         entry = fit["parameters"].get(name)
         entry = entry if isinstance(entry, dict) else {}
         value = entry.get("value")
         if not _finite(value) and (name != NOT_OF_THE_FORCE or value is not None):
-            reason = entry.get("reason") or "add tests that tell it"
+            reason = entry.get("reason") or "identify again with tests that determine it"
             problems.append(f"parameters.{name}.value: got {value!r}, expected a finite number: {reason}")
         problems += [
             f"parameters.{name}.{key}: got {entry[key]!r}, expected a finite number or null"

@@ -26,6 +26,10 @@ CLIPPED_OF_CYCLES = 0.5
 """In so many of the cycles a force that only ends stands at its end, as identification asks for it."""
 UNSTEADY = 1.1
 """Longest or largest of the full cycles over the least, from which they are not one motion."""
+DRIFTING = 0.02
+"""Shift of the cycles' middle in a cycle, over their amplitude, from which the damping is wrong by 2 %."""
+PHASES = 64
+"""Values of a cycle whose mean is its middle: interpolated, so that a part of a sample step shifts nothing."""
 JITTER_SPREADS = 7.0
 """Median deviations of the steps, of irregularly taken samples, beyond which a step is a gap: 5 standard deviations."""
 REVERSED = -0.1
@@ -94,7 +98,7 @@ def _judge(
         measured_cycles=None if motion is None else motion.cycles, current_error_A=0.0,
         extra=[
             *(_reversed(test, motion) if motion is not None or not fewest_cycles else []),
-            *_unsteady(motion), *_current_off(test, motion), *_spikes(test),
+            *_unsteady(motion), *_drifting(test, motion), *_current_off(test, motion), *_spikes(test),
         ],
     ))
 
@@ -150,6 +154,23 @@ def _unsteady(motion: MeasuredMotion | None) -> list[Reason]:
             least=least, most=most,
         )]
     return []
+
+
+def _drifting(test: TestSamples, motion: MeasuredMotion | None) -> Iterator[Reason]:
+    """A middle that moves steadily: the loops do not close, and cycles counted by crossings have a wrong length."""
+    known = np.isfinite(test.displacement_m)
+    if motion is None or motion.cycles < FEWEST_CYCLES or not np.any(known):
+        return
+    grid_s = np.linspace(motion.start_s, motion.end_s, PHASES * motion.cycles, endpoint=False)
+    middles_m = np.interp(grid_s, test.time_s[known], test.displacement_m[known]).reshape(-1, PHASES).mean(axis=1)
+    shift_m = float(np.polyfit(np.arange(motion.cycles), middles_m, 1)[0])
+    if abs(shift_m) > DRIFTING * motion.amplitude_m:
+        yield suspect(
+            "unsteady-motion", f"the middle of the motion shifts by {1e3 * shift_m:.3g} mm in each cycle (limit "
+            f"{1e3 * DRIFTING * motion.amplitude_m:.3g} mm): amplitude, frequency and damping are wrong. Fix: check the "
+            "displacement sensor for drift; subtract the drift in the source, or repeat the test",
+            shift_m=shift_m,
+        )
 
 
 def _current_off(test: TestSamples, motion: MeasuredMotion | None) -> list[Reason]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rig.errors import FileProblem
 from rig.recording.foreign_tests import ImportedTest
 from rig.recording.quality.point_quality import RecordQuality
 from rig.signals.arrays import FloatArray
@@ -78,6 +79,36 @@ def parts_of(test: ImportedTest, waveform: str) -> list[TestPart]:
             _rows(test, slice(first, last)), number, len(steady), float(test.time_s[first]), motions, record_s, others
         ))
     return parts
+
+
+def check_one_motion(
+    name: str, time_s: FloatArray, displacement_m: FloatArray, current_A: FloatArray | None, waveform: str
+) -> None:
+    """Refuse a record of several motions where one test is to be made of it.
+
+    Args:
+        name: of the record, for the message.
+        time_s, displacement_m: of the record (n,).
+        current_A: measured current (n,), A; None where there is none.
+        waveform: `random` for motion without cycles, which is never parted.
+
+    Raises:
+        FileProblem: there are several; each with its rows.
+    """
+    if waveform == RANDOM:
+        return
+    known = current_A is not None and bool(np.any(np.isfinite(current_A)))
+    tolerance_A = STEADY_A + CURRENT_NOISES * noise_of(current_A) if known and current_A is not None else float("inf")
+    steady = motions_of(
+        time_s, displacement_m, current_A if known else None, current_tolerance_A=tolerance_A
+    ).steady
+    if len(steady) < 2:
+        return
+    rows = [np.searchsorted(time_s, motion.stretch_s).tolist() for motion in steady]
+    parts = [f"{_told(motion)} in rows {first} to {last}" for motion, (first, last) in zip(steady, rows, strict=True)]
+    raise FileProblem(name, [
+        f"{len(steady)} motions in one table: {'; '.join(parts)}. Fix: make a point of each, from table.iloc[FIRST:LAST]"
+    ])  # fmt: skip
 
 
 def _told(motion: SteadyMotion) -> str:

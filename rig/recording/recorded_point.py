@@ -156,9 +156,11 @@ class RecordedPoint:
 
         Raises:
             FileProblem: the current is no number, a column is missing or not numbers, a unit is unknown, a size is
-                implausible, there is no time or it does not increase, or there is no motion to measure.
+                implausible, there is no time or it does not increase, there is no motion to measure, or there are
+                several motions (`rig import` makes a test of each).
         """
         from rig.recording.imported_quality import TestSamples, assess
+        from rig.recording.motion_parts import check_one_motion
         from rig.recording.table_columns import check_current, table_channels
         from rig.signals.derivatives import velocity_of
 
@@ -172,6 +174,11 @@ class RecordedPoint:
         )
         if "velocity" not in arrays:
             arrays["velocity"] = velocity_of(time_s, displacement_m)[0]
+        for name in ("displacement", "force"):
+            if not np.any(np.isfinite(arrays[name])):
+                raise FileProblem(id, [f"{name}: no number in any of {len(time_s)} rows; name another column"])
+        if "amplitude_m" not in description:
+            check_one_motion(id, time_s, displacement_m, arrays["current"] if measured else None, waveform)
         assessment = assess(TestSamples(
             time_s - time_s[0], displacement_m, arrays["force"], arrays["velocity"], arrays["current"], current_A,
             measured,

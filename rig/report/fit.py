@@ -238,7 +238,7 @@ def _correlation(fit: JsonObject) -> Blocks:
     if len(names) < 2:
         return []
     pairs = sorted(
-        ((abs(rows[a][b] or 0.0), a, b) for k, a in enumerate(names) for b in names[:k]), key=lambda pair: -pair[0]
+        ((abs(rows[a].get(b) or 0.0), a, b) for k, a in enumerate(names) for b in names[:k]), key=lambda pair: -pair[0]
     )
     strong = [f"{b} and {a} ({number(rows[a][b], 2)})" for size, a, b in pairs if size > STRONG_CORRELATION]
     stated = f"Correlation above {STRONG_CORRELATION:g}: {', '.join(strong[:MOST_PAIRS])}." if strong else (
@@ -344,7 +344,10 @@ def _cell(tests: Sequence[JsonObject]) -> Words:
     """The error of one motion and current, of the worst test where there are several; marked where extrapolated."""
     if not tests:
         return NOTHING
-    worst = max(tests, key=lambda test: float(test["nrmse_percent_of_peak"]))
+    known = [test for test in tests if test["nrmse_percent_of_peak"] is not None]
+    if not known:
+        return NOTHING
+    worst = max(known, key=lambda test: float(test["nrmse_percent_of_peak"]))
     error = float(worst["nrmse_percent_of_peak"])
     return Shade(number(error, 3) + (MARK if worst.get("beyond") else ""), error / DARKEST_PERCENT)
 

@@ -10,7 +10,7 @@ from typing import Any
 from rig import dampers
 from rig.dampers import DamperModel
 from rig.errors import FileProblem, RigError
-from rig.fit_file import read_fit
+from rig.fit_file import FIX, read_fit
 
 COIL = "eta"
 """Rate of the coil's lag, which many tests cannot tell."""
@@ -44,10 +44,10 @@ def fit_values(path: Path) -> FitValues:
     try:
         model = dampers.model(str(fit["model"]), fit.get("hysteresis") or "kwok")
     except RigError as error:
-        raise FileProblem(str(path), [str(error)]) from error
+        raise FileProblem(str(read.file), [f"model: {error}", FIX]) from error
     problems = [*_without_value(model, entries, fit)]
     if problems:
-        raise FileProblem(str(path), problems)
+        raise FileProblem(str(read.file), problems)
     values = {name: float(value) for name, value in _written(model, entries).items()}
     return FitValues(model, values, fit, read.sha256)
 

@@ -252,7 +252,7 @@ def test_everything_that_a_fit_lacks_is_said_at_once(tmp_path: Path) -> None:
     assert list(caught.value.problems) == [
         "tested.current_A: got [2.0, 0.0], expected the lowest and the highest value",
         "parameters.m.low: got '0', expected a finite number or null",
-        "parameters.beta.value: got '50', expected a finite number: add tests that tell it",
+        "parameters.beta.value: got '50', expected a finite number: identify again with tests that determine it",
         "parameters.Ka.value: got None, expected a finite number: no stroke",
     ]
     assert not (tmp_path / "out").exists()

@@ -18,6 +18,7 @@ from rig.errors import FileProblem
 from rig.fit_file import problems_of, read_fit
 from rig.identification import Fit, identify_run
 from rig.recording.importing import import_tests
+from rig.report import fit as fit_part
 from rig.vehicle.fit_values import fit_values
 
 COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
@@ -126,3 +127,46 @@ def test_every_command_refuses_it_as_bad_input(
             assert "Fix: identify again" in told
     finally:
         (run / "fit.json").write_text(good, encoding="utf-8")
+
+
+def test_no_json_and_an_unknown_model_name_file_and_way_out(
+    run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    good = (run / "fit.json").read_text(encoding="utf-8")
+    for damaged, said in (
+        (good[: len(good) // 2], "not valid JSON"),
+        (json.dumps({**json.loads(good), "model": "nope"}), "model: unknown damper model 'nope'"),
+    ):
+        folder = tmp_path / str(len(damaged))
+        folder.mkdir()
+        (folder / "fit.json").write_text(damaged, encoding="utf-8")
+        for arguments in (
+            ["ride", str(folder)], ["export", str(folder), "--to", "table", "--out", str(folder / "a")],
+        ):
+            capfd.readouterr()
+            assert main(arguments) == 2, arguments
+            told = capfd.readouterr().err
+            assert f"{folder / 'fit.json'}: {said}" in told
+            assert "Fix: identify again" in told
+
+
+UNSEEN_TEST = {"id": "a", "amplitude_m": 0.01, "frequency_Hz": 1.0, "current_A": 0.0, "nrmse_percent_of_peak": None}
+UNSEEN = {
+    "split": "leave-one-pair-out", "per_test": [UNSEEN_TEST],
+    "per_pair": [{"amplitude_m": 0.01, "frequency_Hz": 1.0, "tests": 1, "nrmse_percent_of_peak": None,
+                  "r_squared": None}],
+}  # fmt: skip
+
+
+def test_the_report_of_a_fit_that_passes_the_check_can_be_made(run: Path) -> None:
+    content = json.loads((run / "fit.json").read_text(encoding="utf-8"))
+    rows = {name: {} for name in content["correlation"]}
+    made = {**content, "unseen": UNSEEN, "correlation": rows}
+    assert problems_of(made) == []
+    assert fit_part.parameters(made)
+    assert fit_part.quality(made)
+    for key in ("amplitude_m", "frequency_Hz", "current_A"):
+        without = {**UNSEEN, "per_test": [{name: value for name, value in UNSEEN_TEST.items() if name != key}]}
+        assert problems_of({**content, "unseen": without}) == [f"unseen.per_test[0].{key}: is missing"]
+    open_ended = changed(content, ("profiles", "beta", "high"), KeyError)
+    assert problems_of(open_ended) == ["profiles.beta.high: is missing"]

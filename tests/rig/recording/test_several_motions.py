@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rig.errors import FileProblem
 from rig.recording.importing import import_tests
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
@@ -179,3 +180,23 @@ def test_a_single_spike_makes_a_test_suspect(tmp_path: Path) -> None:
     assert point.verdict == "suspect"
     assert "sensor-spike" in point.reasons[0]
     assert "300 N" in point.reasons[0]
+
+
+def test_a_table_of_several_motions_is_no_point_and_their_rows_are_named() -> None:
+    t = np.arange(0.0, 20.0, 0.005)
+    x_mm = steps_of_frequency(t)
+    table = pd.DataFrame({"time_s": t, "displacement_mm": x_mm, "force_N": 0.4 * np.gradient(x_mm, t)})
+    with pytest.raises(FileProblem, match="2 motions in one table.*rows [0-9]+ to [0-9]+.*Fix: make a point of each"):
+        RecordedPoint.from_pandas(table, id="a", current_A=0.5)
+    assert RecordedPoint.from_pandas(table.iloc[:1950], id="a", current_A=0.5).frequency_Hz == pytest.approx(1.0, 0.02)
+    with pytest.raises(FileProblem, match="force: no number in any of 4000 rows"):
+        RecordedPoint.from_pandas(table.assign(force_N=np.nan), id="a", current_A=0.5)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.0, "valid"), (0.01, "valid"), (0.05, "suspect"), (-0.25, "suspect")])
+def test_a_displacement_that_drifts_is_suspect(tmp_path: Path, share: float, verdict: str) -> None:
+    """A middle that moves by 5 % of the amplitude in a cycle makes the damping wrong by 4 %."""
+    t = np.arange(0.0, 6.0, 0.004)
+    point = imported(tmp_path, t, 20.0 * np.sin(2.0 * np.pi * t) + 20.0 * share * t)[0]
+    assert point.verdict == verdict
+    assert [reason.partition(":")[0] for reason in point.reasons] == ["unsteady-motion"] * (verdict == "suspect")
