@@ -19,7 +19,7 @@ def commit() -> str | None:
     if not (PACKAGE.parent / ".git").exists():
         return None
     command = ["git", "-C", str(PACKAGE.parent), "describe", "--always", "--dirty", "--abbrev=10", "--exclude=*"]
-    # Inside a hook of another repository GIT_DIR names that one; without locks a commit made meanwhile is not disturbed.
+    # In a hook of another repository GIT_DIR names that one; without locks no other git process has to wait.
     own = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
     own["GIT_OPTIONAL_LOCKS"] = "0"
     try:

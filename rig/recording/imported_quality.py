@@ -167,8 +167,8 @@ def _drifting(test: TestSamples, motion: MeasuredMotion | None) -> Iterator[Reas
     if abs(shift_m) > DRIFTING * motion.amplitude_m:
         yield suspect(
             "unsteady-motion", f"the middle of the motion shifts by {1e3 * shift_m:.3g} mm in each cycle (limit "
-            f"{1e3 * DRIFTING * motion.amplitude_m:.3g} mm): amplitude, frequency and damping are wrong. Fix: check the "
-            "displacement sensor for drift; subtract the drift in the source, or repeat the test",
+            f"{1e3 * DRIFTING * motion.amplitude_m:.3g} mm): amplitude, frequency and damping are wrong. Fix: check "
+            "the displacement sensor for drift; subtract the drift in the source, or repeat the test",
             shift_m=shift_m,
         )
 

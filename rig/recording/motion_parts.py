@@ -88,7 +88,8 @@ def check_one_motion(
 
     Args:
         name: of the record, for the message.
-        time_s, displacement_m: of the record (n,).
+        time_s: time of the record (n,), s.
+        displacement_m: displacement (n,), m.
         current_A: measured current (n,), A; None where there is none.
         waveform: `random` for motion without cycles, which is never parted.
 
@@ -107,7 +108,8 @@ def check_one_motion(
     rows = [np.searchsorted(time_s, motion.stretch_s).tolist() for motion in steady]
     parts = [f"{_told(motion)} in rows {first} to {last}" for motion, (first, last) in zip(steady, rows, strict=True)]
     raise FileProblem(name, [
-        f"{len(steady)} motions in one table: {'; '.join(parts)}. Fix: make a point of each, from table.iloc[FIRST:LAST]"
+        f"{len(steady)} motions in one table: {'; '.join(parts)}. Fix: make a point of each, from "
+        "table.iloc[FIRST:LAST]"
     ])  # fmt: skip
 
 

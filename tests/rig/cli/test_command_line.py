@@ -16,7 +16,8 @@ import pytest
 from in_process import rig, rig_process
 
 from rig import __version__, version
-from rig.cli.main import COMMANDS, _present_spelling as present_spelling, answered, foreign_packages
+from rig.cli.main import COMMANDS, answered, foreign_packages
+from rig.cli.main import _present_spelling as present_spelling
 from rig.errors import EXIT_DEFECT
 
 ROOT = Path(__file__).parents[3]
@@ -113,7 +114,8 @@ def test_the_version_is_never_that_of_another_repository(tmp_path: Path, monkeyp
 
 def test_what_follows_two_dashes_is_not_an_option_of_an_earlier_name() -> None:
     assert present_spelling(["hybrid", "--benchmark", "--", "--benchmark"]) == ["benchmark", "--", "--benchmark"]
-    assert present_spelling(["hybrid", "a.toml", "--", "--benchmark"]) == ["run", "--hybrid", "a.toml", "--", "--benchmark"]
+    words = ["a.toml", "--", "--benchmark"]
+    assert present_spelling(["hybrid", *words]) == ["run", "--hybrid", *words]
 
 
 def test_the_plan_refuses_table_1_on_the_papers_machine_with_exit_3_and_the_amplitudes_that_fit() -> None:
