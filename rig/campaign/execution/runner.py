@@ -54,6 +54,8 @@ MOST_FAILURES = 10
 WITHOUT_HYDRAULICS = "actuator-without-hydraulics"
 """What the station reports at connect where there is no pressure that it could take away."""
 """So many failed turns of the loop after the first one, and the rig is left to its station."""
+LINK_ENDED = "sigkill"
+"""What the station calls the end of its link; to the program that ended it that is no news."""
 SETPOINTS_LATE = "setpoints-late"
 OF_MOTION = frozenset({"speed-limit", "stroke-limit", "force-limit", "setpoints-lost", "controller-trip"})
 """Stops whose cause may be set-points that were omitted."""
@@ -150,7 +152,8 @@ class Runner:
         although the pressure may still be on; the operator was told.
         """
         code = self._campaign.client.close(STATION_ENDS_S)
-        self._events_of(self._campaign.client.heard())
+        heard = self._campaign.client.heard()
+        self._events_of(message for message in heard if message.get("slug") != LINK_ENDED)
         self._campaign.log.note("station", what="ended", exit_code=code)
         self.state = after_station(self.state, ended=code == 0, safe=self.safe, stands=self._stands)
 

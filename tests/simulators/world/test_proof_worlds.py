@@ -95,5 +95,5 @@ def test_a_quiet_lvdt_that_sticks_in_the_fade_out_proves_nothing_where_the_contr
     world = ended(tmp_path, "rtu-crc@0.7", "sensor-stuck:lvdt@0.85", actuator="rtu", options=quiet)
     told = [line for line in world.journal if line.get("event") == "station"]
     assert not [line for line in told if line["what"] == "safe"]
-    assert [line["what"] for line in told if line["what"] == "unknown"] == ["unknown"]
+    assert [line for line in told if line["what"] == "unknown"]
     assert world.sessions[0].exit_code == 7
