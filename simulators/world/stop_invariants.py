@@ -53,6 +53,7 @@ OTHER_NAMES = {
     "actuator-frozen:slips": {"position-disagreement", "load-train"},
     "load-train:jammed": {"force-limit"},
     "ecu-overtemp:coil": {"coil-temperature"},
+    "ecu-crc": {"current-unmeasured"},  # garbled answers of a supply hold no number
     "current-stuck:full": {"overcurrent", "load-train"},
     "sensor-stuck": {"sensor-saturated"},
     "sensor-stuck:lvdt": {"sensor-saturated"},

@@ -88,7 +88,7 @@ def test_a_matrix_runs_on_a_supply_described_by_a_file(tmp_path: Path) -> None:
     [
         ("coil-open-short@0.4", "coil-open-short", "S2"),
         ("ecu-silent@0.4", "ecu-silent", "S2"),
-        ("ecu-crc@0.4", "ecu-crc", "S2"),
+        ("ecu-crc@0.4", "current-unmeasured", "S2"),
         ("ecu-restart@0.4", "ecu-restart", "S2"),
     ],
 )
