@@ -281,7 +281,7 @@ def test_a_fit_whose_parameter_is_no_number_is_refused(fit: Fit, tmp_path: Path,
     content = json.loads(written.read_text())
     content["parameters"]["Fya"]["value"] = value
     written.write_text(json.dumps(content))
-    with pytest.raises(FileProblem, match=rf"parameters\.Fya\.value"):
+    with pytest.raises(FileProblem, match=r"parameters\.Fya\.value"):
         Fit.load(written)
 
 
