@@ -15,6 +15,7 @@ import numpy as np
 
 from rig.characteristics.loop import LoopCharacteristics, Measured, characterise_loop, over_cycles, without_cut_ends
 from rig.errors import IdentificationFailed, RigError, evaluating
+from rig.fits.plain import plain
 from rig.identification.models.measurement import Measurement
 from rig.identification.points.current_steps import CurrentLag, lag_of
 from rig.identification.points.preparation import prepare
@@ -102,7 +103,7 @@ class Characteristics:
             },
             "left_out": list(self.left_out),
             "remarks": list(self.remarks),
-            "test_set": None if self.groups is None else self.groups.to_json(),
+            "test_set": None if self.groups is None else plain(self.groups.summary),
         }
 
 

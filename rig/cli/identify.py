@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -14,14 +14,28 @@ import click
 from rig.cli.options import Command, MethodName, RunPath, json_option, scheduler_option
 from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE
-from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, TEMPERATURE_LAWS
+from rig.identification.corrections import CORRECTIONS
+from rig.matrix.methods import DEPENDENCES, LAWS, METHODS
 
 if TYPE_CHECKING:
     from rig.identification import Method
 
 SELDOM = 200_000  # new objects between two looks for circles of them: a twentieth of the time otherwise, for nothing
 SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
-"""Options that are the method's; what `command` does not name otherwise goes to `identify_run` as it is."""
+"""Options that are the method's; what `command` does not name otherwise is one of `FitOptions` as it is."""
+
+
+def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
+    """An option of the command for each correction that can be requested."""
+    for one in reversed([one for one in CORRECTIONS if one.choices]):
+        flag = f"--{one.name.replace('_', '-')}"
+        if one.choices == (False, True):
+            function = click.option(flag, is_flag=True, help=one.about)(function)
+        else:
+            choice = click.Choice([str(name) for name in one.choices])
+            default = choice.choices[0]
+            function = click.option(flag, type=choice, default=default, show_default=True, help=one.about)(function)
+    return function
 
 
 @click.command(
@@ -57,7 +71,7 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
     help="Argument of the tanh models: Kwok's, or as printed in the c-FOA paper.",
 )  # fmt: skip
 @click.option(
-    "--current", "dependence", type=click.Choice(DEPENDENCES), metavar="NAME", default="affine", show_default=True,
+    "--current", type=click.Choice(DEPENDENCES), metavar="NAME", default="affine", show_default=True,
     help="Dependence of the parameters on current: affine in one fit, or one fit per current and a relation of them: "
     f"{', '.join(DEPENDENCES[1:])}.",
 )  # fmt: skip
@@ -66,12 +80,7 @@ SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
     help="Effect of the current, for any model: proportional (affine), a saturating or polynomial "
          "law, one fit per current, or all compared.",
 )  # fmt: skip
-@click.option(
-    "--temperature-law", type=click.Choice(TEMPERATURE_LAWS), default="none", show_default=True,
-    help="Parameters that depend on a recorded temperature: viscosity, yield force, both with a "
-         "common rate, or both separately.",
-)  # fmt: skip
-@click.option("--series-spring", is_flag=True, help="Add a spring in series: compliant mounts.")
+@_correction_options
 @click.option("--suspect", is_flag=True, help="Include suspect points; by default only valid points are fitted.")
 @click.option(
     "--weight", type=click.Choice(["1", "v", "relative"]),
@@ -111,14 +120,14 @@ def command(
     runs: tuple[Path, ...],
     model: str | None,
     method: str,
-    dependence: str,
+    suspect: bool,
     profile: bool,
     profile_of: tuple[str, ...],
     diagnose: bool,
     bootstrap: int | None,
     scheduler: str | None,
     as_json: bool,
-    **options: Any,  # noqa: ANN401 - click has judged each by its own type
+    **requested: Any,  # noqa: ANN401 - click has checked each by its own type
 ) -> int:
     """Fit a damper model to RUNS and write fit.json into the first; an earlier fit.json is kept under another name.
 
@@ -126,26 +135,21 @@ def command(
     determine are reported as not identifiable, with the reason. Exit code 6 if no model can be fitted.
     """
     gc.set_threshold(SELDOM)
-    from rig.identification import Method, identify_run
-    from rig.identification.fitting import ALL, FEW
-    from rig.identification.runs import one_model_alone
+    from rig.identification import FitOptions, Method, identify_run
+    from rig.identification.options import FEW
 
-    settings = Method(method, **{name: options.pop(name) for name in SETTINGS})
-    single = one_model_alone(method, dependence, options["series_spring"], options["temperature_law"])
-    single = single or bool(profile_of) or options["hysteresis"] != "kwok"
-    model = model or ("asymmetric" if single else FEW)
+    settings = Method(method, **{name: requested.pop(name) for name in SETTINGS})
     with _searching(settings, scheduler) as where:
-        fit = identify_run(
-            runs,
-            model=model,
-            method=where,
-            profile=(*(["nonlinear"] if profile else []), *profile_of),
-            current=dependence,
-            diagnose=True if diagnose else None,
-            bootstrap=bootstrap or 0,
-            on_progress=None if model not in {ALL, FEW} else lambda line: click.echo(line, err=True),
-            **options,
-        )
+        profiled = (*(["nonlinear"] if profile else []), *profile_of)
+        options = FitOptions(method=where, profile=profiled, diagnose=diagnose or None, bootstrap=bootstrap or 0)
+        options = FitOptions.of(options, requested)
+        if model is not None:
+            options = replace(options, model=model)
+        elif not (options.one_model_only or profile_of or options.hysteresis != "kwok"):
+            options = replace(options, model=FEW)
+        if options.several:
+            options = replace(options, on_progress=lambda line: click.echo(line, err=True))
+        fit = identify_run(runs, options, suspect=suspect)
     if fit.kept is not None:
         click.echo(f"the earlier fit is kept as {fit.kept.resolve()}", err=True)
     if as_json:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from pathlib import Path
@@ -127,8 +128,8 @@ def _fit_error(path: Path) -> tuple[float | None, str]:
     """
     if not path.is_file():
         return None, ""
-    from rig.fit_file import read_fit  # here: a list without fits loads no numpy
+    from rig.fits.fit_record import FitRecord  # here: a list without fits loads no numpy
 
-    fit = read_fit(path).content
-    error = (fit.get("error") or {}).get("nrmse_percent_of_peak")
-    return None if error is None else float(error), str(fit["model"])
+    fit = FitRecord.load(path)
+    error = fit.error.nrmse_percent_of_peak
+    return None if math.isnan(error) else error, fit.model

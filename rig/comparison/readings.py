@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from rig.characteristics import Characteristics, characterise
 from rig.characteristics.loop import LoopCharacteristics, Measured
-from rig.fit_file import FIT, read_fit
+from rig.fits.entries import Estimate
+from rig.fits.fit_record import fit_in
 from rig.recording.hdf5.reading import channel_attributes
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
@@ -341,24 +341,18 @@ def fitted_of(run: Run) -> tuple[str, dict[str, FittedReading]]:
     Raises:
         FileProblem: `fit.json` is no fit.
     """
-    if not (run.path / FIT).is_file():
+    fit = fit_in(run.path)
+    if fit is None:
         return "", {}
-    fit = read_fit(run.path).content
-    entries = fit["parameters"]
-    poor = "" if fit.get("adequate") is not False else "the fit does not describe the tests: not a property"
-    return str(fit.get("model", "")), {name: _fitted(entry, poor) for name, entry in entries.items()}
+    poor = "" if fit.adequate is not False else "the fit does not describe the tests: not a property"
+    return fit.model, {name: _fitted(entry, poor) for name, entry in fit.parameters.items()}
 
 
-def _fitted(entry: Mapping[str, Any], poor: str) -> FittedReading:
-    value, error = _number(entry.get("value")), _number(entry.get("standard_error"))
-    why = poor
-    if not entry.get("identifiable", True) or not math.isfinite(value):
-        why = str(entry.get("reason") or "the data do not determine it")
-    return FittedReading(Reading(value, error), str(entry.get("unit", "")), why)
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else math.nan
+def _fitted(entry: Estimate, poor: str) -> FittedReading:
+    known = entry.identifiable and entry.value is not None
+    why = poor if known else entry.reason or "the data do not determine it"
+    value, error = (math.nan if one is None else one for one in (entry.value, entry.standard_error))
+    return FittedReading(Reading(value, error), entry.unit, why)
 
 
 def _specimen(run: Run) -> str:

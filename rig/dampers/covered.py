@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -40,15 +39,6 @@ class Covered:
     current_A: Ends
     temperature_degC: Ends | None = None
     only_at_A: tuple[float, ...] = ()
-
-    @classmethod
-    def of_entry(cls, entry: Mapping[str, Any]) -> Covered:
-        """From the key `tested` of a fit.json.
-
-        Raises:
-            KeyError, TypeError, ValueError: the entry is not what `TestedRange.to_json` gives.
-        """
-        return Covered(**ranges_of(entry))
 
     def ranges(self) -> list[tuple[str, Ends | None]]:
         """Each quantity with its lowest and highest value."""
@@ -98,15 +88,3 @@ class Covered:
 def in_words(names: Iterable[str]) -> str:
     """Quantities without their units, each once: `velocity, current`."""
     return ", ".join(dict.fromkeys(name.partition("_")[0] for name in names))
-
-
-def ranges_of(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of `Covered` in the key `tested` of a fit.json.
-
-    Raises:
-        KeyError, TypeError, ValueError: the entry is not what `TestedRange.to_json` gives.
-    """
-    warm = entry.get("temperature_degC")
-    fields: dict[str, Any] = {name: (float(entry[name][0]), float(entry[name][1])) for name in QUANTITIES[:3]}
-    fields["temperature_degC"] = None if warm is None else (float(warm[0]), float(warm[1]))
-    return fields | {"only_at_A": tuple(map(float, entry.get("only_at_A", ())))}

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rig.errors import FileProblem, RigError
-from rig.export.fitted_model import FittedModel, fitted_model
+from rig.export.fitted_model import FittedModel
 from rig.export.force_table import write_table
 from rig.export.inverse_table import write_inverse
 from rig.export.point_arrays import write_mat, write_mf4, write_netcdf, write_parquet
 from rig.export.point_tables import write_points
 from rig.export.values import write_values
-from rig.fit_file import FIT, FitObject, read_fit
+from rig.fits.fit_file import FILE
+from rig.fits.fit_record import FitRecord
 from rig.plugins import EXPORTS, Catalogue
 from rig.recording.run import Run
 
@@ -44,22 +45,30 @@ class Source:
         return Run.open(self.path)
 
     @cached_property
-    def fit(self) -> Mapping[str, Any]:
+    def fit_record(self) -> FitRecord:
         """The fit: that file, or `fit.json` of the campaign.
 
         Raises:
-            FileProblem: there is none, or it is no fit.
+            FileProblem: there is none, or it is no fit; everything that is wrong with it.
         """
-        return self._read.content
+        file = self.fit_file
+        if not file.is_file():
+            raise FileProblem(str(file), ["there is no fit; make one with `rig identify`"])
+        return FitRecord.load(file)
 
-    @cached_property
-    def _read(self) -> FitObject:
-        return read_fit(self.path)
+    @property
+    def fit(self) -> Mapping[str, Any]:
+        """The object of `fit.json`, for exporters of plug-ins.
+
+        Raises:
+            FileProblem: as `fit_record`.
+        """
+        return self.fit_record.to_json()
 
     @property
     def fit_file(self) -> Path:
         """The fit's file, there or not."""
-        return self.path / FIT if self.path.is_dir() else self.path
+        return self.path / FILE if self.path.is_dir() else self.path
 
     @cached_property
     def fitted(self) -> FittedModel:
@@ -69,7 +78,7 @@ class Source:
             FileProblem: there is none, or it lacks values.
             RigError: there is no such model.
         """
-        return fitted_model(self.fit, str(self.fit_file), self._read.sha256)
+        return FittedModel.of(self.fit_record)
 
     @property
     def name(self) -> str:
@@ -149,7 +158,7 @@ OWN = (
     Exporter("parquet", "run", "one Parquet file a point", lambda source, out: write_parquet(source.run, out)),
     Exporter("mf4", "run", "one ASAM MDF 4 file a point", lambda source, out: write_mf4(source.run, out)),
     Exporter("json", "fit", "the parameters with their units and intervals, without the rest of fit.json", lambda
-             source, out: [write_values(source.fit, out / f"{source.name}-parameters.json")]),
+             source, out: [write_values(source.fit_record, out / f"{source.name}-parameters.json")]),
     Exporter("c", "fit", "the model as C99 source, verified against this program's", _write_c),
     Exporter("fmi", "fit", "the model as an FMU 2.0 for co-simulation, sources inside", _write_fmu),
     Exporter("modelica", "fit", "the model as a Modelica block, of most models", _write_modelica),
@@ -184,7 +193,7 @@ def export(path: Path | str, to: str, out: Path | str) -> list[Path]:
     if to not in EXPORTERS:
         raise RigError(f"no export {to!r}; known: {', '.join(EXPORTERS)}")
     exporter, source, folder = EXPORTERS[to], Source(Path(path)), Path(out)
-    _ = source.run if exporter.takes == "run" else source.fit
+    _ = source.run if exporter.takes == "run" else source.fit_record
     made = [level for level in (folder, *folder.parents) if not level.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -6,22 +6,13 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-import rig.dampers
 from rig.dampers.arrays import FloatArray
-from rig.dampers.covered import QUANTITIES, Covered
+from rig.dampers.covered import Covered
 from rig.dampers.model import DamperModel
-from rig.dampers.temperature_law import law_of_entries
-from rig.errors import FileProblem, RigError
-from rig.fit_file import FIX
-
-TESTED = QUANTITIES[:3]
-"""Keys of `tested` in `fit.json` that every fit has which tells it."""
-NOT_OF_THE_FORCE = "eta"
-"""The coil's lag: it belongs to the current, not to the force."""
+from rig.fits.fit_record import FitRecord
 
 
 @dataclass(frozen=True)
@@ -31,19 +22,32 @@ class FittedModel:
     Attributes:
         model: the model.
         values: parameter name to value (SI), complete; eta is 0 where it is not known.
-        fit: what `fit.json` says.
-        sha256: of that file.
+        fit: the fit.
     """
 
     model: DamperModel
     values: Mapping[str, float]
-    fit: Mapping[str, Any]
-    sha256: str
+    fit: FitRecord
+
+    @classmethod
+    def of(cls, fit: FitRecord) -> FittedModel:
+        """The model of a fit.
+
+        Raises:
+            FileProblem: values are missing, or belong to single currents; everything that is missing.
+            UnknownName: there is no such model.
+        """
+        return cls(fit.damper, fit.known_values(eta_1_s=0.0), fit)
 
     @property
     def name(self) -> str:
         """Of the model, as files and functions may be called."""
         return re.sub(r"\W", "_", self.model.name, flags=re.ASCII)
+
+    @property
+    def sha256(self) -> str:
+        """Of the fit's file (hex)."""
+        return self.fit.sha256
 
     @property
     def vector(self) -> FloatArray:
@@ -52,28 +56,22 @@ class FittedModel:
 
     @property
     def covered(self) -> Covered | None:
-        """What the tests covered; None where the fit does not tell."""
-        told = self.fit.get("tested")
-        return Covered.of_entry(told) if told else None
+        """What the tests covered; None where the fit does not state it."""
+        return self.fit.tested
 
     @property
     def tested(self) -> dict[str, tuple[float, float]]:
-        """Lowest and highest displacement (m), velocity (m/s), current (A), temperature (degC); those that are told."""
+        """Lowest and highest displacement (m), velocity (m/s), current (A), temperature (degC); where known."""
         covered = self.covered
         return {} if covered is None else {name: ends for name, ends in covered.ranges() if ends is not None}
 
     def covariance(self) -> tuple[list[str], FloatArray]:
         """Names of the parameters that have standard errors, and their covariance (SI), shape (names, names)."""
-        errors = {
-            name: float(entry["standard_error"])
-            for name, entry in self.fit["parameters"].items()
-            if entry.get("identifiable", True) and entry.get("standard_error") is not None
-        }
-        rows = self.fit.get("correlation") or {}
-        names = [name for name in errors if name in rows]
-        matrix = [[float(rows[a][b]) * errors[a] * errors[b] if _finite(rows[a].get(b)) else math.nan for b in names]
-                  for a in names]  # fmt: skip
-        return names, np.array(matrix, dtype=float).reshape(len(names), len(names))
+        rows, known = self.fit.correlation, self.fit.parameters
+        errors = {name: known[name].standard_error for name in self.fit.identifiable if name in rows}
+        scale = {name: error for name, error in errors.items() if error is not None}
+        matrix = [[rows[a].get(b, math.nan) * scale[a] * scale[b] for b in scale] for a in scale]
+        return list(scale), np.array(matrix, dtype=float).reshape(len(scale), len(scale))
 
     def described(self) -> list[str]:
         """Lines for people: model, equation, units, ranges, parameters with intervals, covariance, hash of the fit."""
@@ -104,94 +102,37 @@ class FittedModel:
             lines.append(f"Tested, and valid, within: {covered.told()}. Beyond is extrapolation.")
         else:
             lines.append("This fit does not say within which motion and currents it was tested.")
-        if self.fit.get("adequate") is False:
+        if self.fit.adequate is False:
             lines.append("DOES NOT FIT: model error exceeds the repeatability of the tests.")
-        spring = (self.fit.get("series_spring") or {}).get("stiffness_N_m")
-        if spring is not None:
-            lines.append(f"A spring of {spring:.6g} N/m in series was found; the force here is the damper's behind it.")
+        spring = self.fit.series
+        if spring is not None and spring.stiffness_N_m is not None:
+            stiffness = f"{spring.stiffness_N_m:.6g} N/m"
+            lines.append(f"A spring of {stiffness} in series was found; the force here is the damper's behind it.")
         return lines
 
     def _softens(self) -> list[str]:
         """What is not in the exported force: how it follows the temperature."""
-        told = self.fit.get("temperature")
-        law = law_of_entries(told, self.fit["parameters"])
-        if told is None or law is None:
+        term, law = self.fit.temperature, self.fit.temperature_law
+        if term is None or law is None:
             return []
         rates = ", ".join(f"{name} = {rate:.6g} 1/K" for name, rate in law.rates.items())
         return [
             f"The force here is that at {law.reference_degC:.4g} degC, whatever the temperature T is. Fitted at "
-            f"{told['lowest_degC']:.4g} to {told['highest_degC']:.4g} degC; at another T take:",
+            f"{term.lowest_degC:.4g} to {term.highest_degC:.4g} degC; at another T take:",
             f"{law.formula(self.model)}; {rates}",
         ]
 
     def _parameter(self, name: str) -> str:
-        entry, parameter = self.fit["parameters"].get(name) or {}, self.model.parameter(name)
-        value = "not known" if entry.get("value") is None else f"{self.values[name]!r}"
-        line = f"{name} = {value} {parameter.unit}"
-        if entry.get("low") is not None and entry.get("high") is not None:
-            line += f", {entry['low']:.6g} to {entry['high']:.6g}"
-        if entry.get("standard_error") is not None:
-            line += f", +- {entry['standard_error']:.3g}"
-        if not entry.get("identifiable", True):
-            line += ", not identifiable by these tests"
+        entry, parameter = self.fit.parameters.get(name), self.model.parameter(name)
+        if entry is None or entry.value is None:
+            line = f"{name} = not known {parameter.unit}"
+        else:
+            line = f"{name} = {self.values[name]!r} {parameter.unit}"
+        if entry is not None:
+            if entry.low is not None and entry.high is not None:
+                line += f", {entry.low:.6g} to {entry.high:.6g}"
+            if entry.standard_error is not None:
+                line += f", +- {entry.standard_error:.3g}"
+            if not entry.identifiable:
+                line += ", not identifiable by these tests"
         return f"{line} ({parameter.meaning})"
-
-
-def fitted_model(fit: Mapping[str, Any], file: str, sha256: str) -> FittedModel:
-    """The model of a fit.
-
-    Args:
-        fit: of `fit.json`.
-        file: its name, for messages.
-        sha256: of the file.
-
-    Raises:
-        FileProblem: there is no such model; values are missing or no numbers, or belong to single currents: each.
-    """
-    dependence = (fit.get("current") or {}).get("dependence", "affine")
-    if dependence != "affine":
-        raise FileProblem(file, [
-            f"is fitted with current dependence {dependence!r}; a model is exported from one fit over all currents: "
-            "`rig identify RUN --current affine`"
-        ])  # fmt: skip
-    try:
-        model = rig.dampers.model(str(fit["model"]), fit.get("hysteresis") or "kwok")
-    except RigError as error:
-        raise FileProblem(file, [f"model: {error}", FIX]) from error
-    problems, values = _problems_of_tested(fit.get("tested")), {}
-    for name in model.names:
-        entry = fit["parameters"].get(name)
-        entry = entry if isinstance(entry, dict) else {}
-        value = entry.get("value")
-        if not _finite(value) and (name != NOT_OF_THE_FORCE or value is not None):
-            reason = entry.get("reason") or "identify again with tests that determine it"
-            problems.append(f"parameters.{name}.value: got {value!r}, expected a finite number: {reason}")
-        problems += [
-            f"parameters.{name}.{key}: got {entry[key]!r}, expected a finite number or null"
-            for key in ("low", "high", "standard_error")
-            if entry.get(key) is not None and not _finite(entry[key])
-        ]
-        values[name] = float(value) if value is not None and _finite(value) else 0.0
-    if problems:
-        raise FileProblem(file, problems)
-    return FittedModel(model, values, fit, sha256)
-
-
-def _finite(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _problems_of_tested(tested: object) -> list[str]:
-    if not tested:
-        return []
-    told = tested if isinstance(tested, dict) else {}
-    problems = []
-    warm = ["temperature_degC"] if told.get("temperature_degC") is not None else []
-    for key in (*TESTED, *warm):
-        ends = told.get(key)
-        if not (isinstance(ends, list) and len(ends) == 2 and all(map(_finite, ends)) and ends[0] <= ends[1]):
-            problems.append(f"tested.{key}: got {ends!r}, expected the lowest and the highest value")
-    levels = told.get("only_at_A") or []
-    if not (isinstance(levels, list) and all(map(_finite, levels))):
-        problems.append(f"tested.only_at_A: got {levels!r}, expected currents")
-    return problems

@@ -3,8 +3,9 @@
 Sub-rooms, each of which may import those named before it: `models` (what is fitted, and how a model is solved for),
 `points` (from recorded points to measurements), `application` (what is done with a fitted model), `uncertainty`
 (what is known of the result, and the fit), `diagnosis` (what explains a misfit). Beside them the entries: `bootstrap`
-(tests drawn again), `fitting` (measurements to a fit), `runs` (recorded runs to `fit.json`), `selection`,
-`per_current`, `series_spring`, `next_test`; every sentence for people is made in `words`. Reads runs through
+(tests drawn again), `options` (what is asked of a fit), `fitting` (measurements to a fit, in stages), `runs`
+(recorded runs to `fit.json`), `selection`, `per_current`, `next_test`, the `corrections` (`series_spring`, `coil_lag`,
+`temperature`); every sentence for people is made in `words`. Reads runs through
 `rig.recording`; writes nothing but `fit.json`. A name is loaded when it is first asked for: a process that only fits
 does not load what assesses a fit.
 """
@@ -13,6 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rig.fits.entries import Estimate
     from rig.identification.bootstrap import Bootstrap, bootstrap
     from rig.identification.fitting import identify
     from rig.identification.models.measurement import Measurement
@@ -20,15 +22,16 @@ if TYPE_CHECKING:
     from rig.identification.models.projection import Weighting
     from rig.identification.models.separable import solve_separable
     from rig.identification.models.solving import Method
+    from rig.identification.options import FitOptions
     from rig.identification.points.preparation import prepare
     from rig.identification.runs import identify_run
     from rig.identification.uncertainty.fit import Fit
-    from rig.identification.uncertainty.fit_entries import Estimate
 
 __all__ = [
     "Bootstrap",
     "Estimate",
     "Fit",
+    "FitOptions",
     "Measurement",
     "Method",
     "Problem",
@@ -41,27 +44,25 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Bootstrap": "bootstrap",
-    "Estimate": "uncertainty.fit_entries",
-    "Fit": "uncertainty.fit",
-    "Measurement": "models.measurement",
-    "Method": "models.solving",
-    "Problem": "models.problem",
-    "Weighting": "models.projection",
-    "bootstrap": "bootstrap",
-    "identify": "fitting",
-    "identify_run": "runs",
-    "prepare": "points.preparation",
-    "solve_separable": "models.separable",
+    "Bootstrap": "rig.identification.bootstrap",
+    "Estimate": "rig.fits.entries",
+    "Fit": "rig.identification.uncertainty.fit",
+    "FitOptions": "rig.identification.options",
+    "Measurement": "rig.identification.models.measurement",
+    "Method": "rig.identification.models.solving",
+    "Problem": "rig.identification.models.problem",
+    "Weighting": "rig.identification.models.projection",
+    "bootstrap": "rig.identification.bootstrap",
+    "identify": "rig.identification.fitting",
+    "identify_run": "rig.identification.runs",
+    "prepare": "rig.identification.points.preparation",
+    "solve_separable": "rig.identification.models.separable",
 }
 
 
 def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    home = import_module(f"{__name__}.{_HOMES[name]}")
-    if _HOMES[name] in _HOMES:  # the module is called like what is offered of it
-        globals()[_HOMES[name]] = getattr(home, _HOMES[name])
-    value = getattr(home, name)
-    globals()[name] = value
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value  # also where a module has the name of what is taken from it
     return value

@@ -25,6 +25,7 @@ import rig.dampers
 from rig.dampers import Hysteresis
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
+from rig.fits.entries import Drawn
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.projection import Weighting
 from rig.identification.models.solving import Method, huber_weights, solve_weighted, splits
@@ -32,9 +33,8 @@ from rig.identification.models.tanh_projection import WORTH_COMPILING
 from rig.identification.models.undetermined import examine
 from rig.identification.points.given import given
 from rig.identification.uncertainty.covariance import quantile
-from rig.identification.uncertainty.drawn import PREDICTED, Drawn, drawn_of, intervals_of
+from rig.identification.uncertainty.drawn import PREDICTED, drawn_of, intervals_of
 from rig.identification.uncertainty.fit import Fit
-from rig.identification.uncertainty.prediction_band import predict_with_band
 from rig.identification.words import some
 
 if TYPE_CHECKING:
@@ -89,7 +89,8 @@ class Bootstrap:
             FileProblem: the table cannot be used.
             IdentificationFailed: the fit has no value of a parameter.
         """
-        return predict_with_band(self.fit, self.names, self.draws[:PREDICTED], self.widening, table, mid_stroke_m)
+        draws = self.draws[:PREDICTED]
+        return self.fit.predict_among(self.names, draws, self.widening, table, mid_stroke_m=mid_stroke_m)
 
     def kept(self) -> Drawn:
         """What a fit keeps of it (`Fit.drawn`)."""
@@ -172,8 +173,7 @@ def _task(fit: Fit, measurements: tuple[Measurement, ...], seed: int) -> _Task:
     Raises:
         IdentificationFailed: see `bootstrap`.
     """
-    form: Hysteresis = "printed" if fit.hysteresis == "printed" else "kwok"
-    model = rig.dampers.model(fit.model, form)
+    model = fit.damper
     problems = []
     if len(measurements) < FEWEST_TESTS:
         problems.append(f"{len(measurements)} tests; {FEWEST_TESTS} or more are drawn from")
@@ -191,7 +191,8 @@ def _task(fit: Fit, measurements: tuple[Measurement, ...], seed: int) -> _Task:
         weighting = replace(weighting, extra=huber_weights(model, fit.values, measurements))
     findings = examine(model, measurements)
     names = tuple(name for name in findings.free(model.names) if name != "eta" and name in fit.values)
-    return _Task(fit.model, form, measurements, weighting, frozenset(findings.held), fit.values, names, seed)
+    held = frozenset(findings.held)
+    return _Task(fit.model, fit.hysteresis_form, measurements, weighting, held, fit.values, names, seed)
 
 
 def _fitted(part: tuple[_Task, tuple[int, ...]]) -> FloatArray:

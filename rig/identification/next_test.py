@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
@@ -19,10 +18,11 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
+from rig.fits.entries import NextTest
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.model_slope import modelled_force, parameter_slopes
+from rig.identification.options import Allowance
 from rig.identification.uncertainty.fit import Fit
-from rig.identification.uncertainty.fit_entries import NextTest
 from rig.matrix.point import TestPoint
 
 AMPLITUDES, FREQUENCIES, CURRENTS = 5, 6, 5
@@ -37,29 +37,6 @@ ROUNDING = 1.02  # on what was tested, so that the nominal values of these tests
 MEANT_TO_BE_NEXT = 0.05  # of the last digit: 49.98 mm were meant to be 50
 MOST_CHECKS = 25
 STEP_HOLD = "500 ms"
-
-
-@dataclass(frozen=True)
-class Allowance:
-    """What a test may ask of the machine and the specimen.
-
-    Attributes:
-        amplitude_m: largest amplitude (m).
-        speed_m_s: largest speed (m/s).
-        acceleration_m_s2: largest acceleration (m/s^2).
-        force_N: largest force (N).
-        current_A: largest current (A).
-        source: where these limits come from, in words.
-        feasible: the plan's verdict on a point; None where there is no bench.
-    """
-
-    amplitude_m: float
-    speed_m_s: float
-    acceleration_m_s2: float
-    force_N: float
-    current_A: float
-    source: str
-    feasible: Callable[[TestPoint], bool] | None = None
 
 
 def envelope_of(measurements: Sequence[Measurement]) -> Allowance:

@@ -11,9 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from rig.errors import IdentificationFailed
+from rig.fits.entries import ErrorSummary, Unseen, UnseenPair, UnseenTest
 from rig.identification.models.measurement import Measurement, set_of
-from rig.identification.uncertainty.fit_entries import ErrorSummary
-from rig.identification.uncertainty.unseen import Unseen, UnseenPair, UnseenTest
 from rig.signals.test_set import MotionGroups, motion_groups
 from rig.signals.waveform import WAVEFORMS
 

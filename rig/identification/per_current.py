@@ -7,28 +7,32 @@ parameters of the shape never leave the range of the fitted ones, because a poly
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rig.dampers.current_law import AFFINE
+from rig.dampers.lawed_model import PLUS
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.fits.entries import Cause, Corrections, Estimate, Evaluation, SolverReport, Uncertainty
+from rig.fits.relation import CurrentRelations, Relation, relations
+from rig.identification.fit_state import FitState
 from rig.identification.models.measurement import Measurement, set_of
 from rig.identification.models.model_slope import modelled_force
-from rig.identification.models.relation import CurrentRelations, Relation, relations
 from rig.identification.models.solving import Candidate, solve
 from rig.identification.models.undetermined import examine
-from rig.identification.uncertainty.assessment import Wanted, judged
+from rig.identification.options import FitOptions
+from rig.identification.points.consistency import contradictions
+from rig.identification.uncertainty.assessment import judged
 from rig.identification.uncertainty.fit import Fit
-from rig.identification.uncertainty.fit_entries import Cause, Estimate
 from rig.identification.uncertainty.scoring import describes, score_forces, together
 from rig.identification.words import say
 from rig.matrix.methods import DEPENDENCES
 from rig.signals.test_set import rounded_levels
 
-AFFINE = "affine"
+EACH_ALONE = "each current fitted alone, then related to the current"
 PER_CURRENT = {name: name.removeprefix("per-current-") for name in DEPENDENCES if name != AFFINE}
 
 
@@ -42,45 +46,43 @@ class Level:
     fit: Fit
 
 
-def identify_per_current(
-    model: DamperModel,
-    fitted: Sequence[Measurement],
-    held_out: Sequence[Measurement],
-    dependence: str,
-    wanted: Wanted,
-    on_progress: Callable[[str], None] | None = None,
-) -> Fit:
+def refuse(options: FitOptions) -> None:
+    """Refuse options that do not go with a fit for each current.
+
+    Raises:
+        IdentificationFailed: one of these.
+    """
+    if options.several or options.profile or options.corrections or options.bootstrap or PLUS in options.model or (
+        options.current_law != AFFINE
+    ):
+        raise IdentificationFailed(
+            f"current dependence {options.current!r} goes with one model, without profiles, without a series spring, "
+            "without a bootstrap and without a current law"
+        )
+    if options.current not in PER_CURRENT:
+        raise IdentificationFailed(f"unknown current dependence {options.current!r}; known: {', '.join(DEPENDENCES)}")
+
+
+def fit_per_current(state: FitState) -> FitState:
     """Fit a model at each current and relate its parameters to the current.
 
-    Args:
-        model: the damper model.
-        fitted: tests at two or more constant currents.
-        held_out: tests to score the relations on.
-        dependence: a key of `PER_CURRENT`.
-        wanted: how each current is fitted, and what is asked of the fit.
-        on_progress: called with a line of text before each current.
-
-    Returns:
-        A fit whose parameters are named `NAME at I A`, with the relations in `current`.
+    The fit's parameters are named `NAME at I A`, with the relations in `current`.
 
     Raises:
         IdentificationFailed: fewer than two currents, a current that changes within a test, or a current at which
             nothing can be identified; the message names it.
     """
-    if dependence not in PER_CURRENT:
-        raise IdentificationFailed(f"unknown current dependence {dependence!r}; known: {', '.join(DEPENDENCES)}")
-    levels = []
-    for current_A, name_A, tests in _levels(fitted):
-        if on_progress is not None:
-            on_progress(f"fitting {model.name} at {name_A:g} A ({len(tests)} tests)")
-        levels.append(Level(current_A, name_A, tuple(tests), _fit_level(model, name_A, tests, wanted)))
+    (model,), options, levels = state.models, state.options, []
+    for current_A, name_A, tests in _levels(state.fitted):
+        options.report(f"fitting {model.name} at {name_A:g} A ({len(tests)} tests)")
+        levels.append(Level(current_A, name_A, tuple(tests), _fit_level(model, name_A, tests, options)))
     if len(levels) < 2:
         raise IdentificationFailed(
-            f"{dependence} needs tests at two or more currents, and all ran at {levels[0].name_A:g} A; add tests "
+            f"{options.current} needs tests at two or more currents, and all ran at {levels[0].name_A:g} A; add tests "
             "at another current, or fit without this option"
         )
-    related = _relations(model, levels, PER_CURRENT[dependence])
-    return _joined(model, levels, related, held_out, wanted)
+    related = _relations(model, levels, PER_CURRENT[options.current])
+    return state.fitted_as(_joined(model, levels, related, state))
 
 
 def _levels(tests: Sequence[Measurement]) -> list[tuple[float, float, list[Measurement]]]:
@@ -107,17 +109,17 @@ def _without_current(test: Measurement) -> Measurement:
     return replace(test, current_A=np.zeros_like(test.current_A), nominal_current_A=0.0)
 
 
-def _fit_level(model: DamperModel, name_A: float, tests: Sequence[Measurement], wanted: Wanted) -> Fit:
+def _fit_level(model: DamperModel, name_A: float, tests: Sequence[Measurement], options: FitOptions) -> Fit:
     """One current's fit.
 
     Raises:
         IdentificationFailed: nothing can be identified at this current; the message names it.
     """
-    still, method = [_without_current(test) for test in tests], wanted.method
+    still, method = [_without_current(test) for test in tests], options.how
     findings = examine(model, still)
     try:
         best = Candidate(model, findings, solve(model, still, method, findings))
-        return judged(best, still, [], (), Wanted(method, wanted.declared))
+        return judged(best, still, [], (), FitOptions(method=method, declared=options.declared))
     except IdentificationFailed as error:
         raise IdentificationFailed(f"at {name_A:g} A: {error}") from error
 
@@ -139,10 +141,10 @@ def _joined(
     model: DamperModel,
     levels: Sequence[Level],
     related: CurrentRelations,
-    held_out: Sequence[Measurement],
-    wanted: Wanted,
+    state: FitState,
 ) -> Fit:
     """The levels and their relations as one fit, scored with the relations."""
+    method, held_out = state.options.how, state.held_out
     fitted = [test for level in levels for test in level.tests]
 
     def force(test: Measurement) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -151,10 +153,10 @@ def _joined(
 
     def fits(test: Measurement) -> bool | None:
         values = related.values_at(model, float(np.mean(test.current_A)))
-        return describes(model, values, [_without_current(test)], wanted.method.weighting(model))
+        return describes(model, values, [_without_current(test)], method.weighting(model))
 
     outside = _outside(fitted, held_out)
-    notes = list(wanted.warnings) + [
+    notes = [*state.warnings, *contradictions(state.fitted)] + [
         f"at {level.name_A:g} A: {text}" for level in levels for text in level.fit.warnings
     ]
     notes += [f"{test.id}: {saying}" for test in held_out for saying in test.warnings]
@@ -163,23 +165,27 @@ def _joined(
     return Fit(
         model=model.name,
         hysteresis=levels[0].fit.hysteresis,
-        method=wanted.method.name,
-        weight=levels[0].fit.weight,
-        loss=wanted.method.loss,
-        parameters=_parameters(model, levels),
-        error=score_forces(fitted, [force(test) for test in fitted]),
-        holdout=score_forces(held_out, [force(test) for test in held_out]) if held_out else None,
-        selection=(),
-        adequate=together(fits(test) for test in (*fitted, *held_out)),
-        warnings=tuple(notes),
-        evaluations=sum(level.fit.evaluations for level in levels),
-        wall_s=time.perf_counter() - wanted.started_s,
-        objective=sum(level.fit.objective for level in levels),
-        condition=max(level.fit.condition for level in levels),
-        notes=(*levels[0].fit.notes, f"{related.dependence}: each current fitted alone, then related to the current"),
-        current=related,
-        diagnosis=_diagnosed(model, levels, wanted),
         form=model.equation,
+        parameters=_parameters(model, levels),
+        solver=SolverReport(
+            method=method.name,
+            weight=levels[0].fit.weight,
+            loss=method.loss,
+            evaluations=sum(level.fit.evaluations for level in levels),
+            objective=sum(level.fit.objective for level in levels),
+        ),
+        evaluation=Evaluation(
+            error=score_forces(fitted, [force(test) for test in fitted]),
+            holdout=score_forces(held_out, [force(test) for test in held_out]) if held_out else None,
+            adequate=together(fits(test) for test in (*fitted, *held_out)),
+        ),
+        uncertainty=Uncertainty(
+            condition=max(level.fit.condition for level in levels),
+            notes=(*levels[0].fit.notes, f"{related.dependence}: {EACH_ALONE}"),
+        ),
+        corrections=Corrections(current=related),
+        diagnosis=_diagnosed(model, levels, state.options),
+        warnings=tuple(notes),
     )
 
 
@@ -191,17 +197,17 @@ def _outside(fitted: Sequence[Measurement], held_out: Sequence[Measurement]) -> 
     return [test.id for test in held_out if not low <= float(np.mean(test.current_A)) <= high]
 
 
-def _diagnosed(model: DamperModel, levels: Sequence[Level], wanted: Wanted) -> tuple[Cause, ...]:
+def _diagnosed(model: DamperModel, levels: Sequence[Level], options: FitOptions) -> tuple[Cause, ...]:
     """What probably explains the misfit at the current where it is largest; units and signs of all tests."""
     from rig.identification.diagnosis.ranking import diagnose
     from rig.identification.diagnosis.trials import Fitted
 
     worst = max(levels, key=lambda level: level.fit.error.nrmse_percent_of_peak)
-    misfit = any(level.fit.adequate is False for level in levels) if wanted.diagnose is None else wanted.diagnose
+    misfit = any(level.fit.adequate is False for level in levels) if options.diagnose is None else options.diagnose
     tests = [_without_current(test) for test in worst.tests]
     values = {name: value for name, value in worst.fit.values.items() if name != "eta"}
     names = tuple(examine(model, tests).free(values))
-    fitted = Fitted(model, values, names, tests, wanted.method.weighting(model))
+    fitted = Fitted(model, values, names, tests, options.how.weighting(model))
     causes = diagnose(fitted, misfit=misfit)
     return tuple(replace(cause, text=f"at {worst.name_A:g} A: {cause.text}") for cause in causes)
 

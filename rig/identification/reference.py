@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
+from rig.fits.entries import Reference
 from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle, samples_a_cycle, spaced, thinned
-from rig.identification.uncertainty.no_model import Reference
 from rig.signals.waveform import WAVEFORMS
 
 if TYPE_CHECKING:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
+from typing import Any
 
-from rig.dampers import Hysteresis
 from rig.errors import IdentificationFailed, evaluating
-from rig.identification.fitting import FEW, identify
-from rig.identification.models.solving import SEPARABLE, Method
+from rig.identification.fitting import identify
 from rig.identification.next_test import bench_of
-from rig.identification.per_current import AFFINE
-from rig.identification.uncertainty.covariance import DeclaredErrors
+from rig.identification.options import FEW, DeclaredErrors, FitOptions
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.words import say, some
 from rig.recording.atomic_write import write_durably, write_text_durably
@@ -27,53 +24,28 @@ from rig.recording.run import Run
 AUTO, QUICK = "auto", "asymmetric"
 
 
-def one_model_alone(method: str, current: str, series_spring: bool, temperature_law: str) -> bool:
-    """Whether these settings, each as in `identify_run`, go with one model and not with a comparison of several."""
-    return method != SEPARABLE or current != AFFINE or series_spring or temperature_law != "none"
-
-
 def identify_run(
     paths: Sequence[Path | str],
+    options: FitOptions | None = None,
     *,
-    model: str = "asymmetric",
-    method: str | Method = "separable",
-    holdout: str | None = None,
-    hysteresis: Hysteresis = "kwok",
     suspect: bool = False,
-    profile: bool | Sequence[str] = False,
-    current: str = AFFINE,
-    current_law: str = AFFINE,
-    series_spring: bool = False,
-    diagnose: bool | None = None,
-    bootstrap: int = 0,
-    unseen: str | None = None,
-    temperature_law: str = "none",
-    on_progress: Callable[[str], None] | None = None,
+    **changes: Any,  # noqa: ANN401 - by their names
 ) -> Fit:
-    """Fit recorded runs and write `fit.json` into the first of them, or beside the file it is.
+    """Fit recorded runs and write `fit.json` into the first of them, or next to the file it is.
 
     Args:
-        paths: campaign directories, folders in which exactly one campaign lies, or point files.
-        model: as in `identify`; "auto": the asymmetric model, and where that is not adequate "few", which is what `rig
-            identify` does unasked; with settings that go with one model alone, the asymmetric one.
-        method: as in `identify`.
-        holdout: a filter on the points, or the path of another run.
-        hysteresis: as in `identify`.
-        suspect: take suspect points too, not only valid ones.
-        profile: as in `identify`.
-        current: as in `identify`.
-        current_law: as in `identify`.
-        series_spring: as in `identify`.
-        diagnose: as in `identify`.
-        bootstrap: as in `identify`.
-        unseen: as in `identify`.
-        temperature_law: as in `identify`.
-        on_progress: as in `identify`.
+        paths: campaign directories, folders in which exactly one campaign is located, or point files.
+        options: what is asked of the fit. Model "auto": the asymmetric model, and where that is not adequate "few";
+            with options that go with one model only, the asymmetric one. A held-out run may be given by its path.
+        suspect: include suspect points, not only valid ones.
+        changes: options by name in place of those: see `FitOptions`.
 
     Raises:
         IdentificationFailed: nothing can be identified.
         FileProblem: a path is no run.
+        TypeError: there is no such option.
     """
+    options = FitOptions.of(options, changes)
     runs = [Run.open(path) for path in paths]
     points = [point for run in runs for point in (run.usable if suspect else run.valid)]
     taken = {"valid", "suspect"} if suspect else {"valid"}
@@ -85,7 +57,9 @@ def identify_run(
     if not points:
         hint = "; `--suspect` takes suspect points too" if any(point.verdict == "suspect" for point in others) else ""
         raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}{hint}")
-    other = Run.open(holdout) if holdout is not None and Path(holdout).exists() else holdout
+    other = options.holdout
+    if isinstance(other, str | Path) and Path(other).exists():
+        other = Run.open(other)
     tested = [*runs, other] if isinstance(other, Run) else runs
     specimens = {str(run.campaign.get("specimen")) for run in tested if run.campaign.get("specimen") is not None}
     if len(specimens) > 1:
@@ -93,32 +67,14 @@ def identify_run(
             f"these runs tested different specimens ({', '.join(sorted(specimens))}); one fit describes one damper: "
             "identify them apart"
         )
-    declared = declared_errors(points)
-    fitted = partial(
-        identify,
-        points,
-        method=method,
-        holdout=other,
-        hysteresis=hysteresis,
-        declared=declared,
-        profile=profile,
-        current=current,
-        current_law=current_law,
-        series_spring=series_spring,
-        diagnose=diagnose,
-        bootstrap=bootstrap,
-        unseen=unseen,
-        temperature_law=temperature_law,
-        allowance=bench_of(runs[0].path),
+    options = replace(
+        options, holdout=other, declared=declared_errors(points), allowance=bench_of(runs[0].path),
         campaign=[point for run in tested for point in run.usable],
-        on_progress=on_progress,
-    )
-    named = method if isinstance(method, str) else method.name
-    alone = one_model_alone(named, current, series_spring, temperature_law) or bool(profile)
+    )  # fmt: skip
     with evaluating(f"the fit of {some([point.id for point in points])}"):
-        fit = fitted(model=QUICK if model == AUTO else model)
-        if model == AUTO and fit.adequate is not True and not alone:
-            fit = fitted(model=FEW)
+        fit = identify(points, options, model=QUICK if options.model == AUTO else options.model)
+        if options.model == AUTO and fit.adequate is not True and not (options.one_model_only or options.profile):
+            fit = identify(points, options, model=FEW)
     doubted = [f"calibration in doubt, and in no interval: {line}" for line in doubts(points)]
     fit = replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
     written, kept = write_fit(fit, runs[0].path)

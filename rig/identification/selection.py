@@ -17,12 +17,12 @@ import numpy as np
 from rig.dampers.covered import in_words
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed, evaluating
+from rig.fits.entries import ModelScore, TestError, mean_within
 from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced
 from rig.identification.models.separable import GivenUp, motion_scale
 from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
-from rig.identification.uncertainty.fit_entries import ModelScore, TestError, mean_within
 from rig.identification.uncertainty.scoring import score, told_apart
 from rig.identification.words import Saying, say, some
 

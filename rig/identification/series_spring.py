@@ -17,11 +17,13 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.fits.entries import SeriesSpring
+from rig.identification.fit_state import FitState
 from rig.identification.models.measurement import Measurement, first_cycle
 from rig.identification.models.solving import SQUARES, Method, solve
 from rig.identification.models.undetermined import examine
+from rig.identification.options import FitOptions
 from rig.identification.uncertainty.covariance import quantile
-from rig.identification.uncertainty.fit_entries import SeriesSpring
 from rig.signals.derivatives import harmonic
 
 LARGEST_SHARE = 0.3
@@ -29,6 +31,40 @@ TOLERANCE = 1e-3  # of the compliance
 CURVATURE_STEP = 0.02  # of the compliance
 SMOOTHING = 0.02  # relative standard error from the corners that the smoothed force lacks (0.4 to 2.3 % off in tests)
 SEEN = 3.0  # standard errors of the compliance from which there is a spring
+
+
+SPRING = "series_spring"
+
+
+def refuse(options: FitOptions) -> None:
+    """Refuse a comparison of models.
+
+    Raises:
+        IdentificationFailed: several models are requested.
+    """
+    if options.several:
+        raise IdentificationFailed("a series spring goes with one model: name it, such as `asymmetric`")
+
+
+def prepare(state: FitState) -> FitState:
+    """The spring, and the damper's own motion in all tests.
+
+    Raises:
+        IdentificationFailed: the force of a test cannot be differentiated, or the model cannot be fitted.
+    """
+    spring = find_spring(state.models[0], state.fitted, state.options.how)
+    state = state.with_found(SPRING, spring)
+    if spring.stiffness_N_m is None:
+        return state
+    compliance_m_N = 1.0 / spring.stiffness_N_m
+    fitted, held_out = (Softened(tests).by(compliance_m_N) for tests in (state.fitted, state.held_out))
+    return replace(state, fitted=fitted, held_out=held_out)
+
+
+def complete(state: FitState) -> FitState:
+    """The fit with the spring, whose interval the residuals widen."""
+    widening = max((residual.widening for residual in state.so_far.residuals), default=1.0)
+    return state.with_parts(corrections={"series": state.found[SPRING].widened(widening, quantile() * SMOOTHING)})
 
 
 class Softened:

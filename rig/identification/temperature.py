@@ -15,23 +15,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-import rig.dampers
-from rig.dampers import Hysteresis
 from rig.dampers.arrays import FloatArray
+from rig.dampers.current_law import AFFINE
 from rig.dampers.model import DamperModel
-from rig.dampers.temperature_law import COMMON, NONE, RATES, TemperatureLaw
+from rig.dampers.temperature_law import COMMON, RATES, TemperatureLaw
 from rig.errors import IdentificationFailed
+from rig.fits.entries import Estimate, TemperatureTerm
+from rig.identification.fit_state import FitState
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force, parameter_slopes
 from rig.identification.models.softening import force_change_N
 from rig.identification.models.solving import SEPARABLE, SQUARES, Method, solve
 from rig.identification.models.undetermined import Undetermined, examine
+from rig.identification.options import FitOptions
 from rig.identification.uncertainty.covariance import quantile
 from rig.identification.uncertainty.fit import Fit
-from rig.identification.uncertainty.fit_entries import Estimate
 from rig.identification.uncertainty.scoring import score_forces
-from rig.identification.uncertainty.temperature_term import TemperatureTerm
 
+TEMPERATURE = "temperature_law"
 LEAST_SPAN_K = 3.0  # of the recorded temperature, over all fitted tests
 COLDEST_degC, WARMEST_degC = -60.0, 230.0  # of dampers; 0 degC is 273 K
 ROUNDS = 15
@@ -71,40 +72,37 @@ class Softening:
         return _corrected(model, self.values, self.law, tests)
 
 
-def refuse_beside(temperature_law: str, method: Method, *, bare: bool) -> None:
-    """Refuse a temperature law that there is not, or beside what it does not go with.
+def refuse(options: FitOptions) -> None:
+    """Refuse an unknown temperature law, and options that none goes with.
 
     Raises:
         IdentificationFailed: either.
     """
-    if temperature_law not in RATES:
-        raise IdentificationFailed(f"temperature law {temperature_law!r}; known: {', '.join(RATES)}")
-    if temperature_law != NONE and not (bare and method.name == SEPARABLE):
+    law = options.setting(TEMPERATURE)
+    if law not in RATES:
+        raise IdentificationFailed(f"temperature law {law!r}; known: {', '.join(RATES)}")
+    others = options.current != AFFINE or options.profile or options.bootstrap or len(options.corrections) > 1
+    if others or options.how.name != SEPARABLE:
         raise IdentificationFailed(
             "a temperature law goes with --method separable, without a fit for each current, a series spring, profiles "
             "and a bootstrap"
         )
+    if options.several:
+        raise IdentificationFailed("a temperature law goes with one model: name it, such as `asymmetric`")
 
 
-def at_one_temperature(
-    models: Sequence[DamperModel],
-    fitted: list[Measurement],
-    held_out: list[Measurement],
-    method: Method,
-    temperature_law: str,
-) -> tuple[Softening | None, list[Measurement], list[Measurement]]:
-    """What the temperature does, and the tests as they were at one temperature; the tests themselves without a law.
+def prepare(state: FitState) -> FitState:
+    """What the temperature does, and the tests as they were at one temperature.
 
     Raises:
-        IdentificationFailed: there are several models, or as `find_softening`; a held-out test has no temperature.
+        IdentificationFailed: as `find_softening`; a held-out test has no temperature.
     """
-    if temperature_law == NONE:
-        return None, fitted, held_out
-    if len(models) > 1:
-        raise IdentificationFailed("a temperature law goes with one model: name it, such as `asymmetric`")
-    refuse_without(held_out)
-    told = find_softening(models[0], fitted, method, temperature_law)
-    return told, told.corrected(models[0], fitted), told.corrected(models[0], held_out)
+    refuse_without(state.held_out)
+    model, options = state.models[0], state.options
+    softening = find_softening(model, state.fitted, options.how, options.setting(TEMPERATURE))
+    fitted, held_out = (softening.corrected(model, tests) for tests in (state.fitted, state.held_out))
+    measured = (softening, state.fitted, state.held_out)
+    return replace(state.with_found(TEMPERATURE, measured), fitted=fitted, held_out=held_out)
 
 
 def refuse_without(tests: Sequence[Measurement]) -> list[FloatArray]:
@@ -262,19 +260,16 @@ def _finite(test: Measurement) -> FloatArray:
     return np.asarray(recorded[np.isfinite(recorded)])
 
 
-def softened(
-    fit: Fit, found: Softening | None, fitted: Sequence[Measurement], held_out: Sequence[Measurement]
-) -> Fit:
-    """The fit to corrected tests with its rates, its errors on the tests as they were measured.
+def complete(state: FitState) -> FitState:
+    """The fit to corrected tests with its rates, its errors on the tests as they were measured."""
+    softening, fitted, held_out = state.found[TEMPERATURE]
+    return replace(state, fit=_with_rates(state.so_far, softening, fitted, held_out), described=(fitted, held_out))
 
-    Args:
-        fit: of the corrected tests.
-        found: the rates; None leaves the fit as it is.
-        fitted: the tests as they were measured.
-        held_out: the tests held out, likewise.
-    """
-    if found is None:
-        return fit
+
+def _with_rates(
+    fit: Fit, found: Softening, fitted: Sequence[Measurement], held_out: Sequence[Measurement]
+) -> Fit:
+    """The fit of the corrected tests with its rates, its errors on the tests as they were measured."""
     widening = max((residual.widening for residual in fit.residuals), default=1.0)
     own = len(found.names)
     covariance = widening * found.covariance + np.outer(found.form[own:], found.form[own:])
@@ -294,14 +289,17 @@ def softened(
                 correlation[other] = {**correlation[other], name: rows[other]}
         correlation[name] = rows
     low, high = found.ends_degC
-    hysteresis: Hysteresis = "printed" if fit.hysteresis == "printed" else "kwok"
-    form = f"{fit.form}, {found.law.formula(rig.dampers.model(fit.model, hysteresis))}"
+    form = f"{fit.form}, {found.law.formula(fit.damper)}"
     term = TemperatureTerm(found.kind, found.law.reference_degC, low, high)
-    fit = replace(fit, parameters=parameters, correlation=correlation, form=form, temperature=term)
+    fit = replace(
+        fit, parameters=parameters, form=form, uncertainty=replace(fit.uncertainty, correlation=correlation),
+        corrections=replace(fit.corrections, temperature=term),
+    )  # fmt: skip
     law = fit.law
     seen = score_forces(fitted, (law.force_of(test) for test in fitted))
     unseen = score_forces(held_out, (law.force_of(test) for test in held_out)) if held_out else fit.holdout
-    return replace(fit, error=seen, holdout=unseen)
+    evaluation = replace(fit.evaluation, error=seen.with_residuals(fit.residuals), holdout=unseen)
+    return replace(fit, evaluation=evaluation)
 
 
 def _moved(name: str, entry: Estimate, found: Softening, widening: float) -> Estimate:

@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rig.dampers import DamperModel, model, parameter_set
 from rig.dampers.covered import BEYOND, LEAST
+from rig.fits.entries import TestedRange
+from rig.fits.fit_record import FitRecord
 from rig.matrix.point import TestPoint
-from rig.vehicle.fit_values import fit_values
 
 if TYPE_CHECKING:  # it loads the compiler
     from rig.vehicle.motion import CornerDamper
@@ -32,14 +33,14 @@ class AssumedDamper:
         told: which one, for people.
         model: its force.
         values: complete parameters, SI.
-        content: of the fit's file; empty for a set.
+        fit: the fit; None for a set.
     """
 
     key: str
     told: str = field(compare=False)
     model: DamperModel = field(compare=False)
     values: Mapping[str, float] = field(compare=False)
-    content: Mapping[str, Any] = field(compare=False, default_factory=dict)
+    fit: FitRecord | None = field(compare=False, default=None)
 
     @property
     def corner(self) -> CornerDamper:
@@ -59,29 +60,29 @@ class AssumedDamper:
         return min(ways, key=lambda pair: pair[1])
 
     def hints(self, points: Iterable[TestPoint]) -> tuple[str, ...]:
-        """What a reader of a forecast has to know of a fit: that it is rough, or asked beyond its tests."""
-        if not self.content:
+        """What a reader of a forecast has to know of a fit: that it is rough, or used beyond its tests."""
+        if self.fit is None:
             return ()
-        hints = [*self._extrapolated(tuple(points))]
-        if self.content.get("adequate") is False:
+        hints = [*self._extrapolated(self.fit.tested, tuple(points))]
+        if self.fit.adequate is False:
             hints.append(f"{self.told} does not describe its own tests to their noise: forecasts are as rough")
-        warmth = self.content.get("temperature")
-        reference_degC = warmth.get("reference_degC") if isinstance(warmth, Mapping) else None
-        if isinstance(reference_degC, (int, float)):
-            hints.append(f"{self.told} is forecast at {reference_degC:.4g} degC all the time")
+        if self.fit.temperature is not None:
+            hints.append(f"{self.told} is forecast at {self.fit.temperature.reference_degC:.4g} degC all the time")
         return tuple(hints)
 
-    def _extrapolated(self, points: tuple[TestPoint, ...]) -> Iterator[str]:
+    def _extrapolated(self, tested: TestedRange | None, points: tuple[TestPoint, ...]) -> Iterator[str]:
+        ranges = {} if tested is None else dict(tested.ranges())
         asked = {
             "displacement_m": (max((point.amplitude_m for point in points), default=0.0), "m"),
             "velocity_m_s": (max((point.peak_speed_m_s for point in points), default=0.0), "m/s"),
             "current_A": (max((point.current_A for point in points), default=0.0), "A"),
         }
         for name, (most, unit) in asked.items():
-            tested = _tested_most(self.content.get("tested"), name)
-            if most > (1.0 + BEYOND) * tested + LEAST.get(name, 0.0):
+            ends = ranges.get(name)
+            largest = math.inf if ends is None else max(map(abs, ends))
+            if most > (1.0 + BEYOND) * largest + LEAST.get(name, 0.0):
                 yield (
-                    f"{self.told} was fitted to tests of up to {tested:.3g} {unit}, and the points reach "
+                    f"{self.told} was fitted to tests of up to {largest:.3g} {unit}, and the points reach "
                     f"{most:.3g} {unit}: forces beyond are extrapolated"
                 )
 
@@ -108,15 +109,7 @@ def of_fit(path: Path) -> AssumedDamper:
     """The damper of a fit.
 
     Raises:
-        FileProblem: see `fit_values`.
+        FileProblem: it is no fit, or not one with a value of every parameter.
     """
-    fit = fit_values(path)
-    return AssumedDamper(fit.sha256, f"the fit {path.name}", fit.model, fit.values, fit.content)
-
-
-def _tested_most(tested: object, name: str) -> float:
-    """The largest magnitude of a quantity in a fit's tests; infinite where the file does not say."""
-    ends = tested.get(name) if isinstance(tested, Mapping) else None
-    if isinstance(ends, (list, tuple)) and ends and all(isinstance(end, (int, float)) for end in ends):
-        return max(abs(float(end)) for end in ends)
-    return math.inf
+    fit = FitRecord.load(path)
+    return AssumedDamper(fit.sha256, f"the fit {path.name}", *fit.known_damper(), fit)

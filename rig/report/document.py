@@ -30,8 +30,7 @@ from rig.document.blocks import (
 from rig.document.numbers import NOTHING, number
 from rig.document.words import FAIR, GOOD, POOR, Code, Severity, Strong
 from rig.errors import RigError
-from rig.fit_file import FIT
-from rig.fit_file import read_fit as read_fit_file
+from rig.fits.fit_record import fit_in
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.quality.campaign_delay import pooled_skews
@@ -162,7 +161,8 @@ def read_fit(folder: Path) -> dict[str, Any] | None:
     Raises:
         FileProblem: its shape is not that of a fit.
     """
-    return dict(read_fit_file(folder).content) if (folder / FIT).is_file() else None
+    fit = fit_in(folder)
+    return None if fit is None else fit.to_json()
 
 
 def views_of(run: Run, fit: Mapping[str, Any] | None) -> tuple[list[PointView], str]:

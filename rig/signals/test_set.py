@@ -303,23 +303,45 @@ class TestSet:
         """Group tests, one reading of each kind a test; None where the current changes within the test."""
         return cls(current_levels(currents), motion_groups(motions))
 
-    def to_json(self) -> dict[str, object]:
-        """Plain types; the keys are in `docs/json.md`."""
-        levels = self.currents
-        return {
-            "currents_A": list(levels.names_A),
-            "current_resolution_A": [None if math.isnan(one) else one for one in levels.resolution_A],
-            "statement": levels.statement,
-            "motions": [
-                {"waveform": motion.waveform, "amplitude_m": _number(motion.nominal[0]),
-                 "frequency_Hz": _number(motion.nominal[1]), "tests": len(self.motions.members(number))}
-                for number, motion in enumerate(self.motions.motions)
-            ],
-        }  # fmt: skip
+    @property
+    def summary(self) -> TestSetSummary:
+        """The groups without the tests, as a fit and the characteristics state them."""
+        levels, groups = self.currents, self.motions
+        fine, coarse = (None if math.isnan(one) else one for one in levels.resolution_A)
+        motions = tuple(
+            MotionSummary(motion.waveform, *motion.nominal, len(groups.members(number)))
+            for number, motion in enumerate(groups.motions)
+        )
+        return TestSetSummary(levels.names_A, (fine, coarse), levels.statement, motions)
 
 
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+@dataclass(frozen=True)
+class MotionSummary:
+    """One motion of a set of tests: waveform, amplitude (m), frequency (Hz), NaN without; number of tests."""
+
+    waveform: str
+    amplitude_m: float = math.nan
+    frequency_Hz: float = math.nan
+    tests: int = 0
+
+
+@dataclass(frozen=True)
+class TestSetSummary:
+    """How a set of tests is grouped.
+
+    Attributes:
+        currents_A: what the levels of current are called (A), rising.
+        current_resolution_A: smallest and largest difference (A) up to which two tests have one current; None without.
+        statement: levels and resolution in words.
+        motions: the motions, by amplitude, then frequency.
+    """
+
+    __test__ = False  # pytest takes classes called Test for its own
+
+    currents_A: tuple[float, ...] = ()
+    current_resolution_A: tuple[float | None, ...] = ()
+    statement: str = ""
+    motions: tuple[MotionSummary, ...] = ()
 
 
 def current_levels(readings: Sequence[CurrentReading | None]) -> CurrentLevels:

@@ -22,13 +22,13 @@ import numpy as np
 from rig.dampers import model as damper_model
 from rig.dampers.covered import in_words
 from rig.errors import RigError
+from rig.fits.entries import ErrorSummary, TestError, mean_within
 from rig.identification import Measurement, Method, identify
 from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import first_cycle, spaced, thinned
 from rig.identification.models.solving import THREE_STEPS, known_methods, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.reference import references
-from rig.identification.uncertainty.fit_entries import ErrorSummary, TestError, mean_within
 from rig.identification.uncertainty.scoring import score, told_apart
 from rig.plugins import DAMPER_MODELS, METHODS
 from rig.plugins import found as plug_ins

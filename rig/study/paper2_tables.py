@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rig.dampers import model
-from rig.identification.models.relation import Relation, relations
+from rig.fits.relation import Relation, relations
 from rig.study.outputs import Cell, Table, known
 from rig.study.recordings import BOUC_WEN_TRUTH
 from rig.study.search_cell import current_cells

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rig import dampers
 from rig.dampers.covered import Covered
 from rig.errors import FileProblem
-from rig.vehicle.fit_values import fit_values
+from rig.fits.fit_record import FitRecord
 from rig.vehicle.motion import CornerDamper
 
 
@@ -63,36 +61,27 @@ def fitted_damper(given: str, members: int, seed: int = 0) -> FittedDamper:
 
 
 def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:
-    known = fit_values(path)
-    fit, damper = known.content, CornerDamper(known.model, dict(known.values))
-    adequate = fit.get("adequate")
+    fit = FitRecord.load(path)
+    damper = CornerDamper(*fit.known_damper())
     remark = (
         "the interval is that of the parameters; the model does not reach the tests' own scatter, and that misfit is "
-        "not in it" if adequate is False else ""
+        "not in it" if fit.adequate is False else ""
     )
-    if isinstance(warmth := fit.get("temperature"), dict):
-        remark += "; " * bool(remark) + f"the damper at {warmth.get('reference_degC'):.4g} degC all the time"
-    covered = Covered.of_entry(fit["tested"]) if fit.get("tested") else None
-    draws = _draws(damper, fit["parameters"], fit, members, seed)
-    return FittedDamper(given, damper, draws, adequate, remark, covered)
+    if fit.temperature is not None:
+        remark += "; " * bool(remark) + f"constant damper temperature, {fit.temperature.reference_degC:.4g} degC"
+    return FittedDamper(given, damper, _draws(damper, fit, members, seed), fit.adequate, remark, fit.tested)
 
 
-def _draws(
-    damper: CornerDamper, entries: Mapping[str, Any], fit: Mapping[str, Any], members: int, seed: int
-) -> tuple[CornerDamper, ...]:
+def _draws(damper: CornerDamper, fit: FitRecord, members: int, seed: int) -> tuple[CornerDamper, ...]:
     """Dampers from the fit's standard errors and correlations; a parameter stays within its limits."""
     errors = {
-        name: float(entry["standard_error"]) for name, entry in entries.items()
-        if name in damper.values and isinstance(entry.get("standard_error"), (int, float))
-        and np.isfinite(entry["standard_error"])
+        name: entry.standard_error for name, entry in fit.parameters.items()
+        if name in damper.values and entry.standard_error is not None
     }  # fmt: skip
     if not errors or members == 0:
         return ()
     names = list(errors)
-    correlation = fit.get("correlation") or {}
-    matrix = np.array([
-        [1.0 if a == b else float((correlation.get(a) or {}).get(b) or 0.0) for b in names] for a in names
-    ])
+    matrix = fit.correlation_matrix(names)
     rates, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     root = vectors * np.sqrt(np.clip(rates, 0.0, None))
     scale = np.array([errors[name] for name in names])

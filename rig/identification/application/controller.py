@@ -14,10 +14,11 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
+from rig.fits.entries import TestedRange
 from rig.identification.application.inversion import RESOLVED, current_band_A, currents_A, solve
 from rig.identification.application.law import Law
 from rig.identification.application.motion_table import Motion
-from rig.identification.application.tested_range import UNKNOWN, TestedRange
+from rig.identification.application.tested_range import UNKNOWN, beyond_tested
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ class Controller:
             self.wanted_A = float(answer[0, 0])
         ahead = (self.wanted_A - self._stays * self.coil_A) / (1.0 - self._stays)
         self._command_A = float(np.clip(ahead, *self._limits))
-        beyond = UNKNOWN if self._tested is None else " ".join(self._tested.beyond(self._instant(now)))
+        beyond = UNKNOWN if self._tested is None else " ".join(beyond_tested(self._tested, self._instant(now)))
         return Command(
             command_A=self._command_A,
             wanted_A=self.wanted_A,

@@ -18,10 +18,10 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem, IdentificationFailed
+from rig.fits.entries import TestedRange
 from rig.identification.application.law import Law
 from rig.identification.application.motion_table import Motion
 from rig.identification.application.prediction import with_band
-from rig.identification.application.tested_range import TestedRange
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,9 +13,9 @@ from rig.dampers.lawed_model import LawedModel
 from rig.dampers.model import DamperModel
 from rig.dampers.temperature_law import TemperatureLaw
 from rig.errors import IdentificationFailed
+from rig.fits.relation import CurrentRelations
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
-from rig.identification.models.relation import CurrentRelations
 from rig.identification.models.softening import force_change_N
 
 

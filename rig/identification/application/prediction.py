@@ -15,9 +15,10 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.errors import FileProblem
+from rig.fits.entries import TestedRange
 from rig.identification.application.law import Law
 from rig.identification.application.motion_table import Motion, motion_of
-from rig.identification.application.tested_range import UNKNOWN, TestedRange
+from rig.identification.application.tested_range import UNKNOWN, beyond_tested
 from rig.identification.models.softening import filled
 
 if TYPE_CHECKING:
@@ -127,7 +128,7 @@ def with_band(columns: dict[str, FloatArray], motion: Motion, tested: TestedRang
         return frame
     half_N = tested.band.at(motion.current_A)
     frame["low_N"], frame["high_N"] = columns["force_N"] - half_N, columns["force_N"] + half_N
-    flagged = tested.beyond(motion)
+    flagged = beyond_tested(tested, motion)
     frame["extrapolates"], frame["beyond"] = _flags(flagged, len(frame))
     frame.attrs["extrapolation"] = _told(flagged, len(frame), tested)
     return frame

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from rig.dampers.arrays import BoolArray, FloatArray
-from rig.dampers.covered import Covered, Ends, ranges_of
+from rig.dampers.arrays import BoolArray
+from rig.dampers.covered import Ends
+from rig.fits.entries import Band, TestedRange
 from rig.identification.application.law import Law
 from rig.identification.application.motion_table import Motion
 from rig.identification.models.coverage import beyond, covered_by
@@ -24,61 +24,12 @@ FEWEST = 20  # samples of a level
 UNKNOWN = "range not known"
 
 
-@dataclass(frozen=True)
-class Band:
-    """Within how much of the modelled force 95 % of the measured samples lay.
-
-    Attributes:
-        current_A: currents (A), rising.
-        half_width_N: half width at each (N).
-        source: which tests say so.
-    """
-
-    current_A: tuple[float, ...]
-    half_width_N: tuple[float, ...]
-    source: str
-
-    def at(self, current_A: FloatArray) -> FloatArray:
-        """Half width (N) at currents (A), shape (n,); as at the nearest tested current beyond them."""
-        return np.asarray(np.interp(current_A, self.current_A, self.half_width_N))
-
-
-@dataclass(frozen=True, kw_only=True)
-class TestedRange(Covered):
-    """What the fitted tests covered, and how far measured forces were from modelled ones there.
-
-    Attributes:
-        band: within how much of the modelled force 95 % of the measured samples lay.
-    """
-
-    __test__ = False  # pytest takes classes called Test for its own
-
-    band: Band
-
-    def to_json(self) -> dict[str, Any]:
-        """Key `tested` of `rig identify --json`."""
-        ends = {name: None if value is None else list(value) for name, value in self.ranges()}
-        band = {key: list(value) if isinstance(value, tuple) else value for key, value in vars(self.band).items()}
-        return ends | {"only_at_A": list(self.only_at_A), "band": band}
-
-    @classmethod
-    def from_json(cls, entry: Mapping[str, Any]) -> TestedRange:
-        """The inverse of `to_json`.
-
-        Raises:
-            KeyError, TypeError, ValueError: the entry is not what `to_json` gives.
-        """
-        band = entry["band"]
-        widths = tuple(map(float, band["half_width_N"]))
-        known = Band(tuple(map(float, band["current_A"])), widths, str(band["source"]))
-        return cls(**ranges_of(entry), band=known)
-
-    def beyond(self, motion: Motion) -> dict[str, BoolArray]:
-        """Quantity -> which samples lie beyond what was tested, shape (n,); only those with such samples."""
-        return self.outside({
-            "displacement_m": motion.u_m, "velocity_m_s": motion.v_m_s, "current_A": motion.current_A,
-            "temperature_degC": motion.temperature_degC,
-        })  # fmt: skip
+def beyond_tested(tested: TestedRange, motion: Motion) -> dict[str, BoolArray]:
+    """Quantity -> which samples lie beyond what was tested, shape (n,); only those with such samples."""
+    return tested.outside({
+        "displacement_m": motion.u_m, "velocity_m_s": motion.v_m_s, "current_A": motion.current_A,
+        "temperature_degC": motion.temperature_degC,
+    })  # fmt: skip
 
 
 def tested_range(

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from rig.dampers.model import DamperModel
+from rig.fits.entries import Cause
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.undetermined import levels_of
 from rig.identification.uncertainty.covariance import quantile
-from rig.identification.uncertainty.fit_entries import Cause
 from rig.identification.words import say, some
 from rig.signals.plausibility import SMALLEST_CURRENT_A, Doubt, TestSize, doubts
 

@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 
+from rig.fits.entries import Cause
 from rig.identification.diagnosis import distortions as of
 from rig.identification.diagnosis.descent import Damper, explain, first_step, residual_N
 from rig.identification.diagnosis.force_channel import outliers
@@ -33,7 +34,6 @@ from rig.identification.diagnosis.trials import (
     trials,
 )
 from rig.identification.models.measurement import Measurement
-from rig.identification.uncertainty.fit_entries import Cause
 from rig.identification.words import say, some
 from rig.signals.plausibility import Doubt
 

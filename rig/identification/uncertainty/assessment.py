@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.fits.entries import Estimate, Evaluation, ModelScore, Profile, SolverReport, Uncertainty
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import FittedModel
 from rig.identification.models.separable import Solution
 from rig.identification.models.solving import SEPARABLE, SQUARES, Candidate, Method, without_outliers
+from rig.identification.options import FitOptions
 from rig.identification.uncertainty.alternative_shapes import degenerate, explain
-from rig.identification.uncertainty.covariance import DeclaredErrors, Information, information, quantile
+from rig.identification.uncertainty.covariance import Information, information, quantile
 from rig.identification.uncertainty.fit import Fit
-from rig.identification.uncertainty.fit_entries import Estimate, ModelScore
 from rig.identification.uncertainty.leftover import leftovers
-from rig.identification.uncertainty.profile import Profile, profiles
+from rig.identification.uncertainty.profile import profiles
 from rig.identification.uncertainty.residuals import WORTH_WARNING, correlated
 from rig.identification.uncertainty.scoring import describes, energy_warnings, passivity, score, together
 from rig.identification.words import Saying, say, some
@@ -38,35 +38,13 @@ NOTES = (
 )
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """How a model was fitted, and what is asked of the fit.
-
-    Attributes:
-        method: how it was fitted.
-        declared: errors the data do not show.
-        profiled: parameters whose profile likelihood is wanted; True or "nonlinear" among them: the nonlinear ones.
-        warnings: what was found before.
-        started_s: `time.perf_counter()` at the start (s).
-        diagnose: as `rig.identification.identify` is asked.
-        laws: current laws to compare the chosen model with; a single one is part of the model.
-    """
-
-    method: Method
-    declared: DeclaredErrors | None = None
-    profiled: bool | Sequence[str] = False
-    warnings: tuple[str, ...] = ()
-    started_s: float = field(default_factory=time.perf_counter)
-    laws: tuple[str, ...] = ("affine",)
-    diagnose: bool | None = None
-
-
 def judged(
     best: Candidate,
     fitted: Sequence[Measurement],
     held_out: Sequence[Measurement],
     ranking: tuple[ModelScore, ...],
-    wanted: Wanted,
+    options: FitOptions,
+    warnings: Sequence[str] = (),
 ) -> Fit:
     """Judge the chosen candidate.
 
@@ -75,16 +53,17 @@ def judged(
         fitted: the tests it was fitted to.
         held_out: tests to score it on.
         ranking: the models compared, best first.
-        wanted: how it was fitted, and what is asked of it.
+        options: how it was fitted, and what is asked of it.
+        warnings: what was found before.
 
     Raises:
-        IdentificationFailed: a profile is wanted of a parameter that was not fitted, or of a fit that is not the
+        IdentificationFailed: a profile is requested of a parameter that was not fitted, or of a fit that is not the
             least-squares solution.
 
     Returns:
         Errors, intervals, what cannot be found and why, what the residual and the energy say, warnings.
     """
-    model, values, method = best.model, best.solution.values, wanted.method
+    model, values, method = best.model, best.solution.values, options.how
     weighting, (looked_at, foretold) = method.weighting(model), (fitted, held_out)
     if method.loss != SQUARES:
         looked_at, foretold = (without_outliers(model, values, tests) for tests in (fitted, held_out))
@@ -92,7 +71,7 @@ def judged(
     fit = FittedModel(model, values, tuple(free))
     left = leftovers(fit, looked_at, weighting)
     robust = replace(weighting, extra=best.solution.extra)
-    known = information(fit, fitted, robust, wanted.declared, left)
+    known = information(fit, fitted, robust, options.declared, left)
     fits = describes(model, values, looked_at, weighting, left, known.motion_N2)
     foretells = describes(model, values, foretold, weighting)
     del left  # as large as the tests themselves
@@ -103,33 +82,34 @@ def judged(
         **best.findings.reasons,
     }
     error, passive = score(model, values, fitted), passivity(model, values, fitted)
-    warnings: list[str] = [*wanted.warnings, *_of_tests((*fitted, *held_out))]
-    warnings += [*_of_model(fits, weighting.weight), *_unresolved(fitted)]
-    warnings += [say("misses-held-out")] if fits is not False and foretells is False else []
-    warnings += [*degenerate(model, values, fitted), *_unfinished(known, method, best.solution)]
-    warnings += [*_correlated(known, fitted), *energy_warnings(error, passive)]
+    doubts: list[str] = [*warnings, *_of_tests((*fitted, *held_out))]
+    doubts += [*_of_model(fits, weighting.weight), *_unresolved(fitted)]
+    doubts += [say("misses-held-out")] if fits is not False and foretells is False else []
+    doubts += [*degenerate(model, values, fitted), *_unfinished(known, method, best.solution)]
+    doubts += [*_correlated(known, fitted), *energy_warnings(error, passive)]
     return Fit(
         model=model.name,
         hysteresis=model.hysteresis,
-        method=method.name,
-        weight=weighting.weight,
-        loss=method.loss,
-        parameters=_estimates(model, values, known, reasons, best.solution),
-        error=error,
-        holdout=score(model, values, held_out) if held_out else None,
-        selection=ranking,
-        adequate=together((fits, foretells)),
-        warnings=tuple(warnings),
-        evaluations=best.solution.evaluations,
-        wall_s=time.perf_counter() - wanted.started_s,
-        objective=best.solution.objective,
-        condition=known.condition,
-        correlation=_correlation(known),
-        notes=NOTES,
-        residuals=known.residuals,
-        passivity=passive,
         form=model.equation,
-        profiles=_profiles(best, known, fitted, method, wanted.profiled),
+        parameters=_estimates(model, values, known, reasons, best.solution),
+        solver=SolverReport(
+            method=method.name,
+            weight=weighting.weight,
+            loss=method.loss,
+            evaluations=best.solution.evaluations,
+            objective=best.solution.objective,
+        ),
+        evaluation=Evaluation(
+            error=error.with_residuals(known.residuals),
+            holdout=score(model, values, held_out) if held_out else None,
+            adequate=together((fits, foretells)),
+            selection=ranking,
+            passivity=passive,
+        ),
+        uncertainty=Uncertainty(
+            _correlation(known), known.condition, NOTES, _profiles(best, known, fitted, method, options.profile)
+        ),
+        warnings=tuple(doubts),
     )
 
 

@@ -27,6 +27,7 @@ from statistics import NormalDist
 import numpy as np
 
 from rig.dampers.arrays import BoolArray, FloatArray
+from rig.fits.entries import Residual
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import (
     FittedModel,
@@ -35,27 +36,15 @@ from rig.identification.models.model_slope import (
     unseen_force,
 )
 from rig.identification.models.projection import Weighting
+from rig.identification.options import DeclaredErrors
 from rig.identification.uncertainty.leftover import leftovers, motion_effects, pieces_of, thinned
-from rig.identification.uncertainty.residuals import Residual, judge
+from rig.identification.uncertainty.residuals import judge
 
 CONFIDENCE = 0.95
 MINIMUM_FREEDOM = 4.0
 INSEPARABLE = 1e-8  # smallest share of a parameter's own information that must be its alone
 BEYOND_FORCE = 3.0  # standard deviation of a direction without information, in multiples of the measured force
 MINIMUM_SHARE = 1e-6  # of a direction without information; a smaller one is rounding
-
-
-@dataclass(frozen=True)
-class DeclaredErrors:
-    """Standard uncertainties that the data themselves do not show.
-
-    Attributes:
-        force_gain: relative error of the force's scale (1).
-        displacement_gain: relative error of the displacement's scale (1).
-    """
-
-    force_gain: float = 0.0
-    displacement_gain: float = 0.0
 
 
 @dataclass(frozen=True)

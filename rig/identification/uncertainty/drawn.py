@@ -2,65 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
+from rig.fits.entries import Drawn, DrawnInterval
 from rig.identification.uncertainty.covariance import CONFIDENCE, quantile
 
 PREDICTED = 200  # draws of which predictions are made, and that a file keeps
 TAIL = 0.5 * (1.0 - CONFIDENCE)
-
-
-@dataclass(frozen=True)
-class DrawnInterval:
-    """One parameter over the draws, in its unit: 95 % interval and standard error."""
-
-    low: float
-    high: float
-    standard_error: float
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """Tests drawn again, and what each draw gave.
-
-    Attributes:
-        count: how many draws.
-        tests: how many tests were drawn from.
-        widening: factor on the spread of the draws, for so few tests.
-        parameters: fitted parameter to its interval.
-        draws: fitted parameter to its values (SI) in the first draws, `PREDICTED` at most.
-    """
-
-    count: int
-    tests: int
-    widening: float
-    parameters: Mapping[str, DrawnInterval]
-    draws: Mapping[str, tuple[float, ...]]
-
-    def to_json(self) -> dict[str, Any]:
-        """Key `bootstrap` of `rig identify --json`."""
-        intervals = {name: vars(interval) for name, interval in self.parameters.items()}
-        draws = {name: list(values) for name, values in self.draws.items()}
-        return {"count": self.count, "tests": self.tests, "widening": self.widening, "parameters": intervals,
-                "draws": draws}  # fmt: skip
-
-    @classmethod
-    def from_json(cls, entry: Mapping[str, Any] | None) -> Drawn | None:
-        """The inverse of `to_json`.
-
-        Raises:
-            KeyError, TypeError, ValueError: the entry is not what `to_json` gives.
-        """
-        if entry is None:
-            return None
-        intervals = {name: DrawnInterval(**one) for name, one in entry["parameters"].items()}
-        draws = {name: tuple(map(float, values)) for name, values in entry["draws"].items()}
-        return cls(int(entry["count"]), int(entry["tests"]), float(entry["widening"]), intervals, draws)
 
 
 def intervals_of(values: FloatArray, draws: FloatArray, tests: int, widening: float) -> tuple[FloatArray, ...]:

@@ -1,244 +1,283 @@
-"""A fit as a value: what was found, how sure it is, how well it predicts, and what could not be found."""
+"""The fit that can be used: force, current for a force, figures; `rig.identification.application` does it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Self
 
-from rig.dampers.current_law import AFFINE
-from rig.dampers.lawed_model import PLUS
-from rig.identification.application.tested_range import TestedRange
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rig.dampers.arrays import FloatArray
+from rig.errors import IdentificationFailed
+from rig.fits.fit_record import FitRecord
+from rig.fits.plain import APART
+from rig.identification.application.law import Law
 from rig.identification.models.measurement import Measurement
-from rig.identification.models.relation import CurrentRelations
-from rig.identification.uncertainty.drawn import Drawn
-from rig.identification.uncertainty.fit_entries import (
-    Cause,
-    ErrorSummary,
-    Estimate,
-    ModelScore,
-    NextTest,
-    Passivity,
-    SeriesSpring,
-    TestError,
-)
-from rig.identification.uncertainty.fit_file import (
-    entries_of,
-    estimate_entry,
-    number,
-    plain,
-    read_fit_object,
-    record,
-    summary_entry,
-)
-from rig.identification.uncertainty.fit_use import FitUse
-from rig.identification.uncertainty.no_model import Reference
-from rig.identification.uncertainty.residuals import Residual
-from rig.identification.uncertainty.temperature_term import TemperatureTerm
-from rig.identification.uncertainty.unseen import Unseen
+from rig.identification.uncertainty.prediction_band import known_draws, predict_with_band
+from rig.recording.point_files import campaign_in
 
 if TYPE_CHECKING:
-    from rig.identification.uncertainty.profile import Profile
+    import pandas as pd
 
-
-INTERVAL = "95 % interval (each parameter by itself)"
+    from rig.document.plot import Plot
+    from rig.identification.application.controller import Controller
+    from rig.identification.application.motion_table import Table
 
 
 @dataclass(frozen=True)
-class Fit(FitUse):
-    """A model fitted to a run.
+class Fit(FitRecord):
+    """A model fitted to a run, and its use; see `FitRecord` for what it holds.
 
     Attributes:
-        model: name in `rig.dampers.MODELS`, a current law behind it (`asymmetric+saturating`).
-        hysteresis: form of the tanh argument.
-        method: how it was fitted.
-        weight: "1" or "v" (equation 12), or "relative" (each test by its relative error).
-        parameters: name to estimate, in the model's order.
-        error: on the tests it was fitted to.
-        holdout: on the tests it has not seen; None without any.
-        selection: the models compared, best first.
-        references: the mean cycle and a regression beside them; none where one model was fitted.
-        adequate: whether the model describes the data down to their noise; None where no test has two cycles to tell.
-        warnings: everything the reader should know before using the numbers.
-        evaluations: evaluations of equation (12) that the solution took; comparing and judging are not counted.
-        wall_s: wall time (s).
-        objective: equation (12) at the solution, with the fit's weight and those of its loss.
-        condition: condition number of the scaled normal matrix.
-        correlation: parameter names to names to correlation.
-        notes: how the intervals were made.
-        residuals: what each fitted test's residual consists of, in the order of `error.per_test`.
-        passivity: where the fitted model takes energy out; None when it was not looked at.
-        profiles: profile likelihoods that were asked for, by parameter.
-        next_tests: tests worth running next.
-        diagnosis: what probably explains the misfit, most first; implausible units and signs before all.
-        drawn: the tests drawn again, where a bootstrap was asked for.
-        series: spring in series with the damper, where it was looked for; the parameters are the damper's behind it.
-        current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
-        loss: "squares" or "huber".
-        temperature: how the damper follows its temperature, by rates among `parameters`; None where not looked for.
-        unseen: errors of tests foretold from the others, where that was asked for; None otherwise.
-        form: the model's equation, as it was fitted, with its source; `equation` has the numbers too.
-        tested: what the fitted tests covered, and how far the model was off; None in files of earlier versions.
-        coil_eta_1_s: rate (1/s) at which the coil's current follows its command, found with the force model where the
-            current was commanded and not measured; None otherwise.
-        test_set: currents and motions of the fitted tests as they are grouped, and the resolution of the current
-            (`rig.signals.test_set`); None in files of earlier versions.
         tests: one cycle of each fitted test, for figures; empty in a loaded fit.
-        path: where it was written; None when it was not.
-        kept: where an older fit at that place is now; None when there was none.
     """
 
-    model: str
-    hysteresis: str
-    method: str
-    weight: str
-    parameters: Mapping[str, Estimate]
-    error: ErrorSummary
-    holdout: ErrorSummary | None
-    selection: tuple[ModelScore, ...]
-    adequate: bool | None
-    warnings: tuple[str, ...]
-    evaluations: int
-    wall_s: float
-    objective: float
-    condition: float
-    correlation: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    references: tuple[Reference, ...] = ()
-    residuals: tuple[Residual, ...] = ()
-    passivity: Passivity | None = None
-    profiles: Mapping[str, Profile] = field(default_factory=dict)
-    next_tests: tuple[NextTest, ...] = ()
-    diagnosis: tuple[Cause, ...] = ()
-    drawn: Drawn | None = None
-    series: SeriesSpring | None = None
-    current: CurrentRelations | None = None
-    loss: str = "squares"
-    temperature: TemperatureTerm | None = None
-    unseen: Unseen | None = None
-    form: str = ""
-    tested: TestedRange | None = None
-    coil_eta_1_s: float | None = None
-    test_set: Mapping[str, Any] | None = field(default=None, repr=False)
-    tests: tuple[Measurement, ...] = field(default=(), repr=False, compare=False)
-    path: Path | None = None
-    kept: Path | None = None
+    tests: tuple[Measurement, ...] = field(default=(), repr=False, compare=False, metadata=APART)
 
     @classmethod
-    def load(cls, path: Path | str) -> Fit:
-        """A written fit: the path of a `fit.json`, or of the campaign's folder that holds it.
+    def load(cls, path: Path | str) -> Self:
+        """As `FitRecord.load`; a folder in which one campaign is located stands for that campaign."""
+        return super().load(campaign_in(Path(path)))
+
+    @property
+    def law(self) -> Law:
+        """The fitted model with its values, to be evaluated.
 
         Raises:
-            FileProblem: there is no such file, or it is no fit; everything that is wrong with it.
+            IdentificationFailed: a value is missing, or there is a series spring, whose motion is not the table's.
+            UnknownName: the model is not known here, such as a plug-in's that is not installed.
         """
-        from rig.identification.uncertainty.profile import Profile
-
-        file, content = read_fit_object(Path(path))
-        with entries_of(file):
-            error, holdout = content["error"], content["error"].get("holdout")
-            related, tested, spring = (content.get(key) for key in ("current", "tested", "series_spring"))
-            passive = content.get("passivity")
-            parameters = {name: record(Estimate, entry) for name, entry in content["parameters"].items()}
-            residuals = [test["residual"] for test in error["per_test"] if "residual" in test]
-            return record(
-                cls,
-                content,
-                parameters=parameters,
-                error=_read_summary(error),
-                holdout=None if holdout is None else _read_summary(holdout),
-                selection=tuple(_read_score(score) for score in content.get("selection") or ()),
-                references=tuple(record(Reference, one) for one in content.get("references") or ()),
-                residuals=tuple(record(Residual, entry) for entry in residuals),
-                passivity=None if passive is None else record(Passivity, passive),
-                profiles={name: record(Profile, entry) for name, entry in (content.get("profiles") or {}).items()},
-                next_tests=tuple(record(NextTest, entry) for entry in content.get("next_tests") or ()),
-                diagnosis=tuple(record(Cause, entry) for entry in content.get("diagnosis") or ()),
-                temperature=TemperatureTerm.from_json(content.get("temperature")),
-                unseen=Unseen.from_json(content.get("unseen")),
-                series=None if spring is None else record(SeriesSpring, spring),
-                current=CurrentRelations.from_json(related),
-                drawn=Drawn.from_json(content.get("bootstrap")),
-                form=str(content.get("equation", "")),
-                tested=None if tested is None else TestedRange.from_json(tested),
-                path=file,
+        if self.series is not None and self.series.stiffness_N_m is not None:
+            raise IdentificationFailed(
+                "this fit describes the damper behind a series spring, whose own motion is displacement - force / "
+                "stiffness. Fix: give that motion to `fit.behind_spring`"
             )
+        estimated = {name: estimate.value for name, estimate in self.parameters.items()}
+        if self.coil_eta_1_s is not None:
+            estimated["eta"] = self.coil_eta_1_s
+        law = Law.of(self.damper, estimated, self.current)
+        return replace(law, temperature=self.temperature_law)
 
     @property
-    def values(self) -> dict[str, float]:
-        """Parameter name to value (SI), those without a value left out."""
-        return {name: estimate.value for name, estimate in self.parameters.items() if estimate.value is not None}
+    def behind_spring(self) -> Self:
+        """The damper behind the series spring, for its own motion."""
+        return replace(self, corrections=replace(self.corrections, series=None))
 
     @property
-    def identifiable(self) -> tuple[str, ...]:
-        """Names of the parameters that these tests determine."""
-        return tuple(name for name, estimate in self.parameters.items() if estimate.identifiable)
+    def plot(self) -> FitPlots:
+        """Figures of the fit."""
+        return FitPlots(self)
 
-    def to_json(self) -> dict[str, Any]:
-        """The keys of `rig identify --json`: plain types, no NaN or infinity (null instead)."""
-        error = summary_entry(self.error)
-        for entry, residual in zip(error["per_test"], self.residuals, strict=False):
-            entry["residual"] = plain(residual)
-        error["holdout"] = None if self.holdout is None else summary_entry(self.holdout) | {
-            "within_nrmse_percent_of_peak": number(self.holdout.within_nrmse_percent_of_peak),
+    def to_pandas(self) -> pd.DataFrame:
+        """The estimates as a table, one row a parameter: value, unit, intervals, standard error, reason."""
+        import pandas as pd
+
+        rows = [vars(estimate) for estimate in self.parameters.values()]
+        return pd.DataFrame(rows, index=pd.Index(self.parameters, name="parameter"))
+
+    def tests_to_pandas(self) -> pd.DataFrame:
+        """Errors and energies as a table, one row a test (N, J); `held_out` says which the fit has not seen.
+
+        `beyond` says in which quantities a held-out test lies beyond the fitted ones, as `predict` does of rows; empty
+        where in none.
+        """
+        import pandas as pd
+
+        held_out = () if self.holdout is None else self.holdout.per_test
+        rows = [vars(error) | {"held_out": False} for error in self.error.per_test]
+        rows += [vars(test) | {"held_out": True} for test in held_out]
+        for row in rows:
+            del row["residual"]
+            row["beyond"] = " ".join(row["beyond"] or ())
+        return pd.DataFrame(rows).set_index("id")
+
+    def predict(self, table: Table, *, mid_stroke_m: float = 0.0, band: bool = False) -> pd.DataFrame:
+        """Force for rows of motion and coil current.
+
+        Args:
+            table: columns `displacement_m`, `current_A` (the coil's own), `velocity_m_s` or `time_s`, and where there
+                are `acceleration_m_s2` and `temperature_degC`; a recorded point's `to_pandas()` is such a table.
+            mid_stroke_m: displacement (m) at the damper's mid-stroke.
+            band: add what the parameters' uncertainty does to the force, by the fit's bootstrap, or without one by
+                their covariance: `model_low_N`, `model_high_N` (95 %), and `low_N`, `high_N` widened by it.
+
+        Returns:
+            `force_N`, `low_N`, `high_N` (95 % of the tests' samples lay so near), `extrapolates` and `beyond` (in which
+            quantities a row lies beyond the fitted tests), with the table's index.
+
+        Raises:
+            FileProblem: the table cannot be used; everything that is wrong with it.
+            IdentificationFailed: the fit has no value of a parameter, or a band is wanted and it tells no covariance.
+        """
+        if band:
+            return self.predict_among(*known_draws(self), table, mid_stroke_m=mid_stroke_m)
+        from rig.identification.application.prediction import predict
+
+        return predict(self.law, self.tested, table, mid_stroke_m)
+
+    def predict_among(
+        self, names: tuple[str, ...], draws: FloatArray, widening: float, table: Table, *, mid_stroke_m: float = 0.0
+    ) -> pd.DataFrame:
+        """As `predict` with `band=True`, by draws (k, p) of the parameters `names` whose spread is widened.
+
+        Raises:
+            FileProblem: the table cannot be used.
+            IdentificationFailed: the fit has no value of a parameter.
+        """
+
+        def predicted(values: Mapping[str, float]) -> pd.DataFrame:
+            if not values:
+                return self.predict(table, mid_stroke_m=mid_stroke_m)
+            drawn = {name: replace(self.parameters[name], value=value) for name, value in values.items()}
+            one = replace(self, parameters={**self.parameters, **drawn}, tested=None)
+            return one.predict(table, mid_stroke_m=mid_stroke_m)
+
+        return predict_with_band(predicted, names, draws, widening)
+
+    def simulate(
+        self,
+        time_s: ArrayLike,
+        displacement_m: ArrayLike,
+        current_A: ArrayLike,
+        *,
+        velocity_m_s: ArrayLike | None = None,
+        lag: bool = False,
+        mid_stroke_m: float = 0.0,
+    ) -> pd.DataFrame:
+        """Force and internal states along a motion, from rest at the first sample.
+
+        Args:
+            time_s: evenly spaced times (s), shape (n,).
+            displacement_m: displacement (m), shape (n,).
+            current_A: current (A), shape (n,) or one number: the coil's own, or with `lag` the commanded one.
+            velocity_m_s: velocity (m/s), shape (n,); differentiated from the displacement where it is not given.
+            lag: let the coil follow the command at the fitted rate eta.
+            mid_stroke_m: displacement (m) at the damper's mid-stroke.
+
+        Returns:
+            `time_s`, `displacement_m` (about mid-stroke), `velocity_m_s`, `current_A` (the coil's), `force_N`,
+            `state_1` ..., and `low_N`, `high_N`, `extrapolates`, `beyond` as in `predict`.
+
+        Raises:
+            FileProblem: arrays that do not fit together, or a lag that is not known.
+            IdentificationFailed: the fit has no value of a parameter.
+        """
+        from rig.identification.application.prediction import simulate
+
+        motion = {"displacement_m": displacement_m, "velocity_m_s": velocity_m_s}
+        table = {"time_s": time_s, "current_A": current_A, **motion}
+        return simulate(self.law, self.tested, table, mid_stroke_m, lag=lag)
+
+    def inverse(
+        self,
+        force_N: ArrayLike,
+        velocity_m_s: ArrayLike,
+        displacement_m: ArrayLike = 0.0,
+        *,
+        state: ArrayLike | None = None,
+        time_s: ArrayLike | None = None,
+        acceleration_m_s2: ArrayLike | None = None,
+    ) -> pd.DataFrame:
+        """The coil current that makes the damper give a force: I(F, v, u, state).
+
+        Args:
+            force_N: wanted force (N), shape (n,) or one number.
+            velocity_m_s: velocity (m/s), likewise.
+            displacement_m: extension about mid-stroke (m), likewise.
+            state: internal states of the model as `simulate` gives them, shape (S,) or (n, S).
+            time_s: evenly spaced times (s), shape (n,): the states then follow from rest with the currents that are
+                found.
+            acceleration_m_s2: acceleration (m/s^2); by default from the velocity over `time_s`, else 0.
+
+        Returns:
+            `current_A` with its 95 % band `low_A`, `high_A`; `attainable` (if not, `current_A` gives the nearest
+            force), `least_N`, `most_N` (what the tested currents give); `force_N` at that current with `low_N`,
+            `high_N`; `gain_N_A` (dF/dI); `resolvable` (the band is within 10 % of the tested currents' range each way);
+            `extrapolates`, `beyond`; states.
+
+        Raises:
+            FileProblem: arrays that do not fit together or hold what is no number, or neither states nor time for a
+                model with states.
+            IdentificationFailed: the tests ran at one current.
+        """
+        from rig.identification.application.inversion import inverse
+        from rig.identification.application.motion_table import motion_of
+
+        given = np.atleast_1d(np.asarray(force_N, dtype=float))
+        count = max(np.size(one) for one in (given, velocity_m_s, displacement_m, time_s) if one is not None)
+        table = {
+            "time_s": time_s, "displacement_m": displacement_m, "velocity_m_s": velocity_m_s,
+            "acceleration_m_s2": acceleration_m_s2, "current_A": np.zeros(count), "force_N": given,
         }  # fmt: skip
-        scores = [
-            {
-                "model": score.model,
-                "holdout_nrmse_percent_of_peak": number(score.holdout_nrmse_percent_of_peak),
-                "within_nrmse_percent_of_peak": number(score.within_nrmse_percent_of_peak),
-                "beyond": {test: list(names) for test, names in score.beyond.items()},
-                "bic": number(score.bic),
-                "rmse_N": number(score.rmse_N),
-                "parameters": score.parameters,
-                "method": score.method,
-                "reason": score.reason,
-            }
-            for score in self.selection
-        ]
-        return {
-            "model": self.model,
-            "equation": self.form,
-            "formula": self.equation,
-            "interval": INTERVAL,
-            "method": self.method,
-            "hysteresis": self.hysteresis,
-            "weight": self.weight,
-            "loss": self.loss,
-            "parameters": {name: estimate_entry(estimate) for name, estimate in self.parameters.items()},
-            "error": error,
-            "selection": scores,
-            "references": [plain(reference) for reference in self.references],
-            "adequate": self.adequate,
-            "warnings": list(self.warnings),
-            "evaluations": self.evaluations,
-            "wall_s": self.wall_s,
-            "objective": number(self.objective),
-            "condition": number(self.condition),
-            "correlation": {name: {k: number(v) for k, v in row.items()} for name, row in self.correlation.items()},
-            "passivity": None if self.passivity is None else plain(self.passivity),
-            "profiles": {name: vars(profile) for name, profile in self.profiles.items()},
-            "next_tests": [plain(proposal) for proposal in self.next_tests],
-            "bootstrap": None if self.drawn is None else self.drawn.to_json(),
-            "temperature": None if self.temperature is None else plain(self.temperature),
-            "unseen": None if self.unseen is None else self.unseen.to_json(),
-            "diagnosis": [plain(cause) for cause in self.diagnosis],
-            "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
-            "current_law": self.model.partition(PLUS)[2] or AFFINE,
-            "series_spring": None if self.series is None else plain(self.series),
-            "tested": None if self.tested is None else self.tested.to_json(),
-            "coil_eta_1_s": number(self.coil_eta_1_s),
-            "test_set": None if self.test_set is None else dict(self.test_set),
-            "notes": list(self.notes),
-        }
+        motion = motion_of(table, 0.0, also=("force_N",))
+        wanted = np.ascontiguousarray(np.broadcast_to(given, (motion.u_m.size,)))
+        chosen = None if state is None else np.asarray(state, dtype=float)
+        return inverse(self.law.at_reference(), self.tested, motion, wanted, chosen)
+
+    def control_range(self) -> pd.DataFrame:
+        """What the current can do at each tested speed: forces, dF/dI, whether they can be inverted, passivity.
+
+        See `rig.identification.application.inversion.control_range`.
+
+        Raises:
+            IdentificationFailed: the tests ran at one current.
+        """
+        from rig.identification.application.inversion import control_range
+
+        return control_range(self.law.at_reference(), self.tested)
+
+    def inverse_table(self) -> pd.DataFrame:
+        """The current over speed and force, for controllers that look it up.
+
+        See `rig.identification.application.inversion.inverse_table`.
+
+        Raises:
+            IdentificationFailed: the tests ran at one current.
+        """
+        from rig.identification.application.inversion import inverse_table
+
+        return inverse_table(self.law.at_reference(), self.tested)
+
+    def controller(
+        self, dt_s: float, *, limits_A: tuple[float, float] | None = None, mid_stroke_m: float = 0.0
+    ) -> Controller:
+        """Current commands for wanted forces, one `step` a sampling interval of `dt_s` (s), the coil's lag undone.
+
+        See `rig.identification.application.controller.Controller`.
+
+        Raises:
+            FileProblem: an interval or limits that are none.
+            IdentificationFailed: the tests ran at one current.
+        """
+        from rig.identification.application.controller import Controller
+
+        return Controller(self.law.at_reference(), self.tested, dt_s, limits_A, mid_stroke_m)
 
 
-def _read_score(entry: Mapping[str, Any]) -> ModelScore:
-    """A model's score; an earlier version does not tell what lay beyond."""
-    told = {test: tuple(names) for test, names in (entry.get("beyond") or {}).items()}
-    return record(ModelScore, entry, beyond=told)
+class FitPlots:
+    """Figures of a fit."""
+
+    def __init__(self, fit: Fit) -> None:
+        self._fit = fit
+
+    def loops(self) -> Plot:
+        """Measured and modelled loops of the fitted tests; `save("loops.svg")` or `.pdf` writes them.
+
+        Raises:
+            IdentificationFailed: there is nothing to draw.
+            FileProblem: a test's file, which a loaded fit names, cannot be read.
+        """
+        from rig.identification.application.drawing import loops
+
+        return loops(self._fit.law, list(self._fit.tests) or _tests_of_files(self._fit))
 
 
-def _read_summary(entry: Mapping[str, Any]) -> ErrorSummary:
-    """The inverse of `summary_entry`."""
-    return record(ErrorSummary, entry, per_test=tuple(record(TestError, test) for test in entry["per_test"]))
+def _tests_of_files(fit: Fit) -> list[Measurement]:
+    """One cycle of each fitted test, read again from its file; those without a file are left out."""
+    from rig.identification.points.preparation import prepare
+    from rig.recording.recorded_point import RecordedPoint
+
+    return [prepare(RecordedPoint.open(Path(test.file))) for test in fit.error.per_test if test.file]

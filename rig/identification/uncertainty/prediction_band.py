@@ -7,42 +7,47 @@ knows of the tests' noise and what repeats in it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
+from rig.fits.fit_record import FitRecord
 from rig.identification.uncertainty.drawn import PREDICTED, TAIL
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from rig.identification.application.motion_table import Table
 
 SEED = 0
 
 
 def predict_with_band(
-    fit: Any,  # noqa: ANN401 - a Fit, whose module imports this one
+    predicted: Callable[[Mapping[str, float]], pd.DataFrame],
     names: tuple[str, ...],
     draws: FloatArray,
     widening: float,
-    table: Table,
-    mid_stroke_m: float,
 ) -> pd.DataFrame:
-    """The fit's prediction, its band widened in squares by what the draws (k, p) of the parameters disagree about.
+    """A fit's prediction, its band widened in squares by what the draws (k, p) of the parameters disagree about.
 
     `model_low_N` and `model_high_N` are the model's own force within 95 % of the draws.
+
+    Args:
+        predicted: the prediction with some of the parameters' values (SI) in place of the fitted ones.
+        names: the parameters that were drawn.
+        draws: their values, shape (k, p).
+        widening: factor on the spread of the draws.
 
     Raises:
         FileProblem: the table cannot be used.
         IdentificationFailed: the fit has no value of a parameter.
     """
-    result: pd.DataFrame = fit.predict(table, mid_stroke_m=mid_stroke_m)
-    forces = np.array([_force(fit, dict(zip(names, row, strict=True)), table, mid_stroke_m) for row in draws.tolist()])
+    result = predicted({})
+    forces = np.array([
+        predicted(dict(zip(names, row, strict=True)))["force_N"].to_numpy() for row in draws.tolist()
+    ])  # fmt: skip
     low, middle, high = np.quantile(forces, [TAIL, 0.5, 1.0 - TAIL], axis=0)
     force_N = result["force_N"].to_numpy()
     below, above = (force_N - result["low_N"].to_numpy(), result["high_N"].to_numpy() - force_N)
@@ -52,24 +57,7 @@ def predict_with_band(
     return result
 
 
-def _force(
-    fit: Any,  # noqa: ANN401 - as above
-    values: Mapping[str, float],
-    table: Table,
-    mid_stroke_m: float,
-) -> FloatArray:
-    parameters = {
-        name: replace(estimate, value=values[name]) if name in values else estimate
-        for name, estimate in fit.parameters.items()
-    }
-    one = replace(fit, parameters=parameters, tested=None)
-    force_N: FloatArray = one.predict(table, mid_stroke_m=mid_stroke_m)["force_N"].to_numpy()
-    return force_N
-
-
-def known_draws(
-    fit: Any,  # noqa: ANN401 - as above
-) -> tuple[tuple[str, ...], FloatArray, float]:
+def known_draws(fit: FitRecord) -> tuple[tuple[str, ...], FloatArray, float]:
     """Names, draws (k, p) and their widening: the fit's own, or draws of its covariance.
 
     Raises:
@@ -101,11 +89,7 @@ def known_draws(
     return names, _inside(fit, names, draws), 1.0
 
 
-def _inside(
-    fit: Any,  # noqa: ANN401 - as above
-    names: tuple[str, ...],
-    draws: FloatArray,
-) -> FloatArray:
+def _inside(fit: FitRecord, names: tuple[str, ...], draws: FloatArray) -> FloatArray:
     """Draws within what the parameters' own intervals allow: a rate drawn below its limit is no rate."""
     for place, name in enumerate(names):
         estimate = fit.parameters[name]

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.fits.entries import Profile
 from rig.identification.models.coil import with_lag
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import FittedModel, modelled_force, parameter_slopes
@@ -33,24 +34,6 @@ MOST_POINTS = 14
 UNKNOWN_STEP = 0.05  # first step of a parameter without standard error, relative to its value
 DESCENT = Descent(0.0, iterations=25, damping=1e-6, less=0.1, more=10.0, least_damping=1e-6, most_damping=1e6)
 TOLERANCE = 1e-4  # of the deviance
-
-
-@dataclass(frozen=True)
-class Profile:
-    """One parameter's profile.
-
-    Attributes:
-        values: values of the parameter (SI), rising, shape (k,).
-        deviance: D at each of them, shape (k,); 0 at the estimate, 3.84 at the ends of the interval.
-        low: lower end of the 95 % interval; None where the profile stays below the threshold as far as the model can be
-            evaluated, or a nonlinear parameter goes.
-        high: upper end.
-    """
-
-    values: tuple[float, ...]
-    deviance: tuple[float, ...]
-    low: float | None
-    high: float | None
 
 
 def profiles(

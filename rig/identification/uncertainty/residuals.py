@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
 
 from rig.dampers.arrays import BoolArray, FloatArray
+from rig.fits.entries import Residual
 from rig.identification.models.measurement import PIECE, samples_a_cycle
 
 MOST_CYCLES = 50  # lags of whole cycles that are averaged
@@ -30,33 +30,6 @@ MOST_TESTED = 1 << 15  # samples on which whiteness is tested
 SIGNIFICANT = 3.0  # standard errors beyond which something repeats
 FALSE_ALARM = 0.01  # of all tests of a fit together
 WORTH_WARNING = 1.25  # by which intervals must be widened before it is worth a warning
-
-
-@dataclass(frozen=True)
-class Residual:
-    """What one test's residual consists of.
-
-    Attributes:
-        noise_N: standard deviation of what does not repeat (N).
-        repeating_N: root mean square of what repeats every cycle (N); 0 where that is within chance.
-        memory_s: time (s) after which the noise has forgotten itself; tests of whiteness use one sample in so many.
-        portmanteau_p: probability of so much autocorrelation in white noise (Ljung-Box); nan when it cannot be told.
-        runs_p: probability of so few or so many runs of one sign in white noise (Wald-Wolfowitz); nan likewise.
-        widening: factor on the variance of the parameters, against white noise of the same size.
-    """
-
-    noise_N: float
-    repeating_N: float
-    memory_s: float
-    portmanteau_p: float
-    runs_p: float
-    widening: float
-
-    @property
-    def least_p(self) -> float:
-        """The smaller probability; 1 where neither is known."""
-        known = [p for p in (self.portmanteau_p, self.runs_p) if not math.isnan(p)]
-        return min(known, default=1.0)
 
 
 def judge(

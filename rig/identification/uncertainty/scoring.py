@@ -15,10 +15,10 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
+from rig.fits.entries import ErrorSummary, Passivity, TestError
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.model_slope import FittedModel, modelled_force, unseen_force
 from rig.identification.models.projection import Weighting
-from rig.identification.uncertainty.fit_entries import ErrorSummary, Passivity, TestError
 from rig.identification.uncertainty.leftover import leftovers, motion_effects, thinned
 from rig.identification.uncertainty.residuals import judge, sum_of_squares
 from rig.identification.words import Saying, say, some

@@ -81,7 +81,7 @@ def test_the_fit_after_a_run_compares_models_where_the_quick_one_is_not_adequate
 
     def misfits(*_tests: object, model: str, **_settings: object) -> Fit:
         asked.append(model)
-        return replace(fit, adequate=False)
+        return replace(fit, evaluation=replace(fit.evaluation, adequate=False))
 
     monkeypatch.setattr("rig.identification.runs.identify", misfits)
     identify_run([good], model="auto")

@@ -21,6 +21,7 @@ from rig.dampers.catalogue import CATALOGUE
 from rig.dampers.model import DamperModel
 from rig.errors import EXIT_USAGE, FileProblem
 from rig.export import export
+from rig.fits.fit_file import FIX
 
 DT_S = 1e-3
 ENOUGH = {"low": None, "high": None, "standard_error": 2.0, "identifiable": True}
@@ -250,11 +251,16 @@ def test_everything_that_a_fit_lacks_is_said_at_once(tmp_path: Path) -> None:
         export(tmp_path / "fit.json", "c", tmp_path / "out")
     assert caught.value.exit_code == EXIT_USAGE
     assert list(caught.value.problems) == [
-        "tested.current_A: got [2.0, 0.0], expected the lowest and the highest value",
-        "parameters.m.low: got '0', expected a finite number or null",
-        "parameters.beta.value: got '50', expected a finite number: identify again with tests that determine it",
-        "parameters.Ka.value: got None, expected a finite number: no stroke",
+        "parameters.m.low: got '0', expected a number",
+        "parameters.beta.value: got '50', expected a number",
+        "tested.current_A: got list [2.0, 0.0], expected the lowest and the highest value",
+        FIX,
     ]
+    fit["parameters"]["beta"]["value"], fit["parameters"]["m"]["low"] = 50.0, 0.0
+    fit["tested"]["current_A"] = [0.0, 2.0]
+    (tmp_path / "fit.json").write_text(json.dumps(fit))
+    with pytest.raises(FileProblem, match=r"no value for Ka \(no stroke\)$"):
+        export(tmp_path / "fit.json", "c", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

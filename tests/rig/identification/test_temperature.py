@@ -16,6 +16,7 @@ from rig.dampers.current_law import AFFINE
 from rig.dampers.lawed_model import with_law
 from rig.dampers.temperature_law import RATES, TemperatureLaw
 from rig.errors import FileProblem, IdentificationFailed
+from rig.fits.entries import Corrections
 from rig.identification import Fit, Measurement, identify
 from rig.matrix.methods import TEMPERATURE_LAWS
 
@@ -167,7 +168,7 @@ def test_a_fit_at_another_temperature_is_what_tests_there_would_give(fit: Fit) -
     assert warm.at(20.0).at(45.0).values == pytest.approx(warm.values)
     assert fit.at(80.0).predict(table)["beyond"][0] == "temperature_degC"
     with pytest.raises(IdentificationFailed, match="no temperature law"):
-        replace(fit, temperature=None).at(45.0)
+        replace(fit, corrections=Corrections()).at(45.0)
 
 
 def test_kelvin_taken_for_degrees_are_refused_with_the_way_out(tests: list[Measurement]) -> None:

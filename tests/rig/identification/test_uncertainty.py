@@ -11,7 +11,8 @@ from rig.identification import Measurement
 from rig.identification.models.model_slope import FittedModel
 from rig.identification.models.projection import Weighting
 from rig.identification.models.separable import solve_separable
-from rig.identification.uncertainty.covariance import DeclaredErrors, Information, information, quantile
+from rig.identification.options import DeclaredErrors
+from rig.identification.uncertainty.covariance import Information, information, quantile
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)

@@ -15,9 +15,9 @@ import pytest
 from rig.dampers import model, parameter_set
 from rig.errors import FileProblem, IdentificationFailed
 from rig.export import export
+from rig.fits.entries import Corrections, Estimate, SeriesSpring
 from rig.identification import Fit, Measurement, identify
 from rig.identification.runs import write_fit
-from rig.identification.uncertainty.fit_entries import Estimate, SeriesSpring
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)
@@ -289,7 +289,7 @@ def test_a_written_fit_is_read_back_whole_and_says_the_same(fit: Fit, make_synth
     tests = make_synthetic(DEMO, currents_A=(0.0, 1.0), frequencies_Hz=(0.5, 1.0))
     related = identify(tests[:3], model="kwok", holdout=tests[3:], profile=["beta"])
     curved = identify(tests, model="kwok", current="per-current-affine")
-    spring = replace(fit, series=SeriesSpring(1e6, 9e5, 1.1e6))
+    spring = replace(fit, corrections=Corrections(series=SeriesSpring(1e6, 9e5, 1.1e6)))
     for number, one in enumerate((fit, related, curved, spring)):
         folder = tmp_path / str(number)
         folder.mkdir()

@@ -7,16 +7,16 @@ import pytest
 
 from rig.dampers import model
 from rig.errors import FileProblem
+from rig.fits.entries import ErrorSummary, Evaluation, SolverReport
+from rig.fits.fit_file import INTERVAL
 from rig.identification.runs import write_fit
-from rig.identification.uncertainty.fit import INTERVAL, Fit
-from rig.identification.uncertainty.fit_entries import ErrorSummary
+from rig.identification.uncertainty.fit import Fit
 from rig.recording.point_files import campaign_in
 
 
 def fit(name: str) -> Fit:
     nothing = ErrorSummary(1.0, 1.0, 1.0, 1.0, 1.0, ())
-    return Fit(name, "kwok", "separable", "1", {}, nothing, None, (), True, (), 1, 0.1, 1.0, 1.0,
-               form=model(name).equation)  # fmt: skip
+    return Fit(name, {}, SolverReport("separable"), Evaluation(nothing, adequate=True), form=model(name).equation)
 
 
 def test_an_older_fit_is_kept_each_time_under_a_name_of_its_own(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import lagrange as scipy_lagrange
 
-from rig.identification.models.relation import lagrange, relations
+from rig.fits.relation import lagrange, relations
 from rig.study.outputs import written
 from rig.study.settings import kruskal_wallis, summarise
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rig.identification.models.relation import CurrentRelations
+from rig.fits.relation import CurrentRelations
 
 DIGITS = 5
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,7 +27,7 @@ class Relation:
     kind: str
     coefficients: tuple[float, ...]
     rms: float
-    rms_left_out: float
+    rms_left_out: float = math.nan
 
     def at(self, current_A: float | FloatArray) -> FloatArray:
         """Value at a current.
@@ -61,41 +60,9 @@ class CurrentRelations:
     """
 
     dependence: str
-    currents_A: tuple[float, ...]
-    relations: Mapping[str, Relation]
-    ranges: Mapping[str, tuple[float, float]]
-
-    def to_json(self) -> dict[str, Any]:
-        """Key `current` of `rig identify --json`."""
-        relations = {
-            name: {
-                "coefficients": list(relation.coefficients),
-                "rms": relation.rms,
-                "rms_left_out": relation.rms_left_out if math.isfinite(relation.rms_left_out) else None,
-            }
-            for name, relation in self.relations.items()
-        }
-        ranges = {name: list(ends) for name, ends in self.ranges.items()}
-        currents_A = list(self.currents_A)
-        return {"dependence": self.dependence, "currents_A": currents_A, "relations": relations, "ranges": ranges}
-
-    @classmethod
-    def from_json(cls, entry: Mapping[str, Any] | None) -> CurrentRelations | None:
-        """The inverse of `to_json`; None for a model affine in the current.
-
-        Raises:
-            KeyError, TypeError, ValueError: the entry is not what `to_json` gives.
-        """
-        if entry is None or "relations" not in entry:
-            return None
-        kind, given = str(entry["dependence"]), entry["relations"]
-        related = {}
-        for name, one in given.items():
-            left_out = math.nan if one["rms_left_out"] is None else float(one["rms_left_out"])
-            coefficients = tuple(map(float, one["coefficients"]))
-            related[name] = Relation(kind.removeprefix("per-current-"), coefficients, float(one["rms"]), left_out)
-        ranges = {name: (float(low), float(high)) for name, (low, high) in entry["ranges"].items()}
-        return cls(kind, tuple(map(float, entry["currents_A"])), related, ranges)
+    currents_A: tuple[float, ...] = ()
+    relations: Mapping[str, Relation] = field(default_factory=dict)
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def values_at(self, model: DamperModel, current_A: float) -> dict[str, float]:
         """The model's values (SI) at a current (A); terms per ampere are zero, because the current is taken as zero."""

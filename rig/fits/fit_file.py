@@ -1,0 +1,176 @@
+"""`fit.json`: the only module that knows its keys. They stay: users' scripts read them, and old files open.
+
+The file is one flat object; the parts of a fit (`entries`) are read from it each by its own fields, and written back.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rig.dampers.current_law import AFFINE
+from rig.dampers.lawed_model import PLUS
+from rig.dampers.temperature_law import RATES
+from rig.errors import FileProblem
+from rig.fits.entries import Corrections, ErrorSummary, Evaluation, SolverReport, Uncertainty, Unseen
+from rig.fits.plain import PlainReader, Value, plain
+from rig.fits.relation import CurrentRelations
+from rig.text_file import JSON_LIMIT_BYTES, json_of, read_bytes
+
+FILE = "fit.json"
+INTERVAL = "95 % interval (each parameter by itself)"
+MOST_PROBLEMS = 12
+FIX = "Fix: identify again (`rig identify RUN`), or restore the file from a copy"
+FORMS = ("kwok", "printed")
+KEYS = {
+    "form": "equation", "drawn": "bootstrap", "series": "series_spring", "others": "corrections",
+}  # fmt: skip
+"""Fields whose key has another name; all other keys are the fields' names."""
+PARTS = ("solver", "evaluation", "uncertainty", "corrections")
+"""Fields of a fit whose own fields are keys of the file."""
+
+
+def read_fit(kind: type[Value], path: Path) -> Value:
+    """The fit in a file, or in the `fit.json` of a run's folder.
+
+    Raises:
+        FileProblem: there is none, or it is no fit: one line for each wrong key, with its value.
+    """
+    file = path / FILE if path.is_dir() else path
+    if path.is_dir() and not file.is_file():
+        raise FileProblem(str(file), ["there is no fit in this run. Fix: `rig identify RUN` makes one"])
+    raw = read_bytes(file, JSON_LIMIT_BYTES)
+    return replace(fit_of(kind, json_of(file, raw), str(file)), path=file, sha256=hashlib.sha256(raw).hexdigest())
+
+
+def fit_of(kind: type[Value], content: Mapping[str, Any], file: str = FILE) -> Value:
+    """The fit in the object of a `fit.json`.
+
+    Keys that later versions added may be missing, unknown keys are ignored.
+
+    Args:
+        kind: the class of the fit, `FitRecord` or one that adds to it.
+        content: the object.
+        file: its name, for messages.
+
+    Raises:
+        FileProblem: it is no fit: one line for each wrong key, with its value.
+    """
+    reader = PlainReader()
+    error = content.get("error")
+    held_out = error.get("holdout") if isinstance(error, Mapping) else None
+    holdout = None if held_out is None else reader.read(ErrorSummary, held_out, "error.holdout")
+    related = _relations(reader, content.get("current"))
+    solver, evaluation = reader.read(SolverReport, content), reader.read(Evaluation, content, holdout=holdout)
+    uncertainty = reader.read(Uncertainty, content, keys=KEYS)
+    corrections = reader.read(Corrections, content, keys=KEYS, current=related)
+    fit = reader.read(
+        kind, content, keys=KEYS, solver=solver, evaluation=evaluation, uncertainty=uncertainty, corrections=corrections
+    )
+    problems = reader.problems
+    if fit is None or uncertainty is None or corrections is None or problems:
+        more = [f"{len(problems) - MOST_PROBLEMS} more"] * (len(problems) > MOST_PROBLEMS)
+        raise FileProblem(file, [*problems[:MOST_PROBLEMS], *more, FIX])
+    if problems := [*_without_counterpart(content["parameters"], uncertainty, corrections), *_unknown_words(content)]:
+        raise FileProblem(file, [*problems, FIX])
+    return fit
+
+
+def _without_counterpart(
+    parameters: Mapping[str, Any], uncertainty: Uncertainty, corrections: Corrections
+) -> Iterator[str]:
+    """Names of parameters that are used where `parameters` does not have them, and lists that must be equally long."""
+    draws = {} if uncertainty.drawn is None else uncertainty.drawn.draws
+    profiles, related = uncertainty.profiles, corrections.current
+    for key, names in (
+        ("correlation", uncertainty.correlation), ("profiles", profiles), ("bootstrap.draws", draws),
+    ):  # fmt: skip
+        yield from (f"{key}.{name}: `parameters` has no {name}" for name in names if name not in parameters)
+    rates = () if corrections.temperature is None else RATES.get(corrections.temperature.law, ())
+    for name in (*rates, *profiles):
+        if (parameters.get(name) or {}).get("value") is None:
+            yield f"parameters.{name}.value: is missing; its profile or the temperature law needs it"
+    if related is not None:
+        yield from ["current.currents_A: is missing"] * bool(related.relations and not related.currents_A)
+        for name in sorted(related.relations.keys() ^ related.ranges.keys()):
+            yield f"current: {name} is in only one of relations and ranges"
+    for key, lists in (
+        *((f"profiles.{name}", [one.values, one.deviance]) for name, one in profiles.items()),
+        ("bootstrap.draws", list(draws.values())),
+    ):
+        if len({len(values) for values in lists}) > 1:
+            yield f"{key}: lists of different lengths"
+
+
+def _unknown_words(content: Mapping[str, Any]) -> Iterator[str]:
+    """Entries that are none of the words that there are."""
+    law = (content.get("temperature") or {}).get("law")
+    for key, value, words in (("hysteresis", content.get("hysteresis"), FORMS), ("temperature.law", law, (*RATES,))):
+        if value is not None and value not in words:
+            yield f"{key}: got {value!r}, expected {' or '.join(map(repr, words))}"
+
+
+def _relations(reader: PlainReader, entry: object) -> CurrentRelations | None:
+    """The relations to the current; None for a model that is affine in it. Their kind is part of the dependence."""
+    if entry is None or (isinstance(entry, Mapping) and entry.get("dependence") == AFFINE):
+        return None
+    if isinstance(entry, Mapping) and isinstance(related := entry.get("relations"), Mapping):
+        kind = str(entry.get("dependence")).removeprefix("per-current-")
+        named = {name: {**one, "kind": kind} if isinstance(one, Mapping) else one for name, one in related.items()}
+        entry = {**entry, "relations": named}
+    return reader.read(CurrentRelations, entry, "current")
+
+
+def fit_content(fit: Mapping[str, Any], evaluation: Evaluation, equation: str) -> dict[str, Any]:
+    """The object of `fit.json`: plain types, no NaN or infinity (null instead).
+
+    Args:
+        fit: a fit as plain types, its parts as objects in it.
+        evaluation: its evaluation.
+        equation: the model's equation with the fitted numbers.
+    """
+    flat = {KEYS.get(name, name): value for name, value in fit.items() if name not in PARTS}
+    for part in PARTS:
+        flat |= {KEYS.get(name, name): value for name, value in fit[part].items()}
+    holdout, error = flat.pop("holdout"), _errors(flat["error"])
+    for entry in flat["parameters"].values():
+        if not entry["reason"]:
+            del entry["reason"]
+    if not flat["corrections"]:
+        del flat["corrections"]
+    error["holdout"] = None if holdout is None else _with_mean_within(_errors(holdout), evaluation.holdout)
+    return flat | {
+        "error": error,
+        "unseen": None if flat["unseen"] is None else _with_mean_within(flat["unseen"], evaluation.unseen),
+        "current": _dependence(flat["current"]),
+        "current_law": flat["model"].partition(PLUS)[2] or AFFINE,
+        "formula": equation,
+        "interval": INTERVAL,
+    }
+
+
+def _errors(entry: dict[str, Any]) -> dict[str, Any]:
+    """Errors over some tests; of each test what is known of it alone."""
+    for test in entry["per_test"]:
+        for name in ("beyond", "residual"):
+            if test[name] is None:
+                del test[name]
+    return entry
+
+
+def _with_mean_within(entry: dict[str, Any], summary: ErrorSummary | Unseen | None) -> dict[str, Any]:
+    """The errors of held-out tests with their mean over those within the data."""
+    within = None if summary is None else summary.within_nrmse_percent_of_peak
+    return entry | {"within_nrmse_percent_of_peak": plain(within)}
+
+
+def _dependence(related: dict[str, Any] | None) -> dict[str, Any]:
+    """How the parameters depend on the current; the kind of the relations is part of the dependence."""
+    if related is None:
+        return {"dependence": AFFINE}
+    for relation in related["relations"].values():
+        del relation["kind"]
+    return related

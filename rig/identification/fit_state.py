@@ -1,0 +1,109 @@
+"""What travels through the stages of a fit: the tests as the model sees them, what is known so far, the fit."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from typing import Any, Protocol, Self, cast
+
+from rig.dampers.model import DamperModel
+from rig.identification.corrections import Correction
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.solving import Candidate
+from rig.identification.options import FitOptions
+from rig.identification.points.given import Given
+from rig.identification.uncertainty.fit import Fit
+
+
+@dataclass(frozen=True)
+class FitState:
+    """The state of a fit between two stages.
+
+    Attributes:
+        options: what is asked of the fit.
+        known: the tests as they were measured, and what else the recordings contain.
+        models: the models to be fitted.
+        laws: current laws to compare the chosen model with; a single one is part of the model.
+        fitted: tests to fit, as corrected so far.
+        held_out: held-out tests, as corrected so far.
+        warnings: what was found before the fit.
+        held: parameters whose values a correction has found already, by name (SI).
+        found: what the first stage of a correction found for its second one, by its name.
+        chosen: the recommended model with its solution; None before it is fitted, or with a fit for each current.
+        fit: the fit; None before.
+        described: tests to fit and held-out ones that the completed fit describes; None: those that it was fitted to.
+        started_s: `time.perf_counter()` at the start (s).
+    """
+
+    options: FitOptions
+    known: Given
+    models: tuple[DamperModel, ...]
+    laws: tuple[str, ...]
+    fitted: list[Measurement]
+    held_out: list[Measurement]
+    warnings: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    found: Mapping[str, Any] = field(default_factory=dict)
+    chosen: Candidate | None = None
+    fit: Fit | None = None
+    described: tuple[list[Measurement], list[Measurement]] | None = None
+    started_s: float = field(default_factory=time.perf_counter)
+
+    @property
+    def so_far(self) -> Fit:
+        """The fit.
+
+        Raises:
+            ValueError: no model was fitted yet.
+        """
+        if self.fit is None:
+            raise ValueError("no model was fitted yet: this stage belongs after the fit")
+        return self.fit
+
+    def with_found(self, correction: str, found: object) -> Self:
+        """The state with what a correction's first stage found."""
+        return replace(self, found={**self.found, correction: found})
+
+    def with_parts(
+        self,
+        *,
+        corrections: Mapping[str, Any] | None = None,
+        evaluation: Mapping[str, Any] | None = None,
+        uncertainty: Mapping[str, Any] | None = None,
+        **changes: Any,  # noqa: ANN401 - fields of the fit
+    ) -> Self:
+        """The state with a fit some of whose fields, and fields of its parts, are changed."""
+        fit = self.so_far
+        changes["corrections"] = replace(fit.corrections, **(corrections or {}))
+        changes["evaluation"] = replace(fit.evaluation, **(evaluation or {}))
+        changes["uncertainty"] = replace(fit.uncertainty, **(uncertainty or {}))
+        return replace(self, fit=replace(fit, **changes))
+
+    def fitted_as(self, fit: Fit, chosen: Candidate | None = None) -> Self:
+        """The state after the model was fitted, with the time that it took."""
+        wall_s = time.perf_counter() - self.started_s
+        return replace(self, chosen=chosen, fit=replace(fit, solver=replace(fit.solver, wall_s=wall_s)))
+
+
+class Stages(Protocol):
+    """The module of a correction: its stages are functions of the state that return it."""
+
+    def refuse(self, options: FitOptions) -> None:
+        """Refuse options that this correction does not go with; called before anything is computed.
+
+        Raises:
+            IdentificationFailed: one of these.
+        """
+
+    def prepare(self, state: FitState) -> FitState:
+        """Before the model is fitted: the tests as they are corrected for the model, and what was found for it."""
+
+    def complete(self, state: FitState) -> FitState:
+        """After the model is fitted: the fit with what was found."""
+
+
+def stages_of(correction: Correction) -> Stages:
+    """The stages of a correction; its module is loaded here."""
+    return cast("Stages", import_module(correction.home))
