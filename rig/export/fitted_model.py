@@ -34,10 +34,9 @@ class FittedModel:
         """The model of a fit.
 
         Raises:
-            FileProblem: values are missing, or belong to single currents; everything that is missing.
-            UnknownName: there is no such model.
+            FileProblem: there is no such model, or values are missing, or belong to single currents.
         """
-        return cls(fit.damper, fit.known_values(eta_1_s=0.0), fit)
+        return cls(*fit.known_damper(eta_1_s=0.0), fit)
 
     @property
     def name(self) -> str:

@@ -431,8 +431,8 @@ class Profile:
 
     values: tuple[float, ...]
     deviance: tuple[float, ...]
-    low: float | None = None
-    high: float | None = None
+    low: float | None
+    high: float | None
 
 
 @dataclass(frozen=True)

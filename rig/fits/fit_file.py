@@ -43,7 +43,11 @@ def read_fit(kind: type[Value], path: Path) -> Value:
     if path.is_dir() and not file.is_file():
         raise FileProblem(str(file), ["there is no fit in this run. Fix: `rig identify RUN` makes one"])
     raw = read_bytes(file, JSON_LIMIT_BYTES)
-    return replace(fit_of(kind, json_of(file, raw), str(file)), path=file, sha256=hashlib.sha256(raw).hexdigest())
+    try:
+        content = json_of(file, raw)
+    except FileProblem as error:
+        raise FileProblem(str(file), [*error.problems, FIX]) from error
+    return replace(fit_of(kind, content, str(file)), path=file, sha256=hashlib.sha256(raw).hexdigest())
 
 
 def fit_of(kind: type[Value], content: Mapping[str, Any], file: str = FILE) -> Value:

@@ -26,7 +26,7 @@ from rig.fits.entries import (
     TestedRange,
     Uncertainty,
 )
-from rig.fits.fit_file import FILE, fit_content, read_fit
+from rig.fits.fit_file import FILE, FIX, fit_content, read_fit
 from rig.fits.formula import formula
 from rig.fits.plain import APART, plain
 from rig.signals.test_set import TestSetSummary
@@ -199,18 +199,20 @@ class FitRecord:
         usual = model.parameter(COIL).start if COIL in model.names else 0.0
         return {name: known.get(name, usual if eta_1_s is None else eta_1_s) for name in model.names}
 
-    def known_damper(self) -> tuple[DamperModel, dict[str, float]]:
+    def known_damper(self, eta_1_s: float | None = None) -> tuple[DamperModel, dict[str, float]]:
         """The fitted model with the values of all its parameters (SI), as a file that must hold a damper.
+
+        Args:
+            eta_1_s: as in `known_values`.
 
         Raises:
             FileProblem: the model is not known here, or as `known_values`.
         """
         try:
-            return self.damper, self.known_values()
-        except FileProblem:
-            raise
+            model = self.damper
         except RigError as error:
-            raise FileProblem(str(self.path or "fit"), [str(error)]) from error
+            raise FileProblem(str(self.path or "fit"), [f"model: {error}", FIX]) from error
+        return model, self.known_values(eta_1_s)
 
     def covariance(self, names: list[str]) -> FloatArray | None:
         """Covariance (SI), shape (names, names), of some parameters; None where one has no standard error."""

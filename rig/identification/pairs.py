@@ -13,21 +13,17 @@ from dataclasses import replace
 from rig.errors import IdentificationFailed
 from rig.fits.entries import ErrorSummary, Unseen, UnseenPair, UnseenTest
 from rig.identification.models.measurement import Measurement, set_of
-from rig.signals.test_set import MotionGroups, motion_groups
+from rig.signals.test_set import MotionReading, motion_groups
 from rig.signals.waveform import WAVEFORMS
 
 PAIRS = "pairs"
 LEFT_OUT = "leave-one-pair-out"
 
 
-def pairs_of(tests: Sequence[Measurement]) -> list[list[Measurement]]:
-    """Tests of the same amplitude and frequency together, whatever their current and waveform."""
-    motions = _motions(tests)
-    return [[tests[number] for number in motions.members(motion)] for motion in range(len(motions))]
-
-
-def _motions(tests: Sequence[Measurement]) -> MotionGroups:
-    return motion_groups([replace(test.motion, waveform="") for test in tests])
+def pairs_of(tests: Sequence[Measurement]) -> list[tuple[MotionReading, list[Measurement]]]:
+    """Each amplitude and frequency with its tests, whatever their current and waveform."""
+    groups = motion_groups([replace(test.motion, waveform="") for test in tests])
+    return [(motion, [tests[k] for k in groups.members(number)]) for number, motion in enumerate(groups.motions)]
 
 
 def refuse_one_pair(tests: Sequence[Measurement]) -> None:
@@ -70,7 +66,7 @@ def foretold(
         id(test): test.nominal_current_A if levels.of_test[number] is None else levels.name_A(number)
         for number, test in enumerate(tests)
     }
-    for motion, group in zip(_motions(tests).motions, pairs_of(tests), strict=True):
+    for motion, group in pairs_of(tests):
         rest = [test for test in tests if not any(test is other for other in group)]
         error = error_of(rest, group)
         amplitude_m, frequency_Hz = motion.nominal

@@ -189,12 +189,7 @@ def cross_validated(
 
 def groups_of(measurements: Sequence[Measurement]) -> list[list[Measurement]]:
     """Tests of the same motion; of the same current where all share one motion."""
-    together = set_of(measurements)
-    numbers = together.motions.of_test if len(together.motions) > 1 else together.currents.of_test
-    groups: dict[int | None, list[Measurement]] = {}
-    for number, test in zip(numbers, measurements, strict=True):
-        groups.setdefault(number, []).append(test)
-    return list(groups.values())
+    return [[measurements[number] for number in group] for group in set_of(measurements).groups]
 
 
 def _scatter_N(tests: Sequence[Measurement]) -> float:

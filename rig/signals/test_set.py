@@ -304,6 +304,24 @@ class TestSet:
         return cls(current_levels(currents), motion_groups(motions))
 
     @property
+    def alike(self) -> list[list[int]]:
+        """Tests (their numbers) of one motion and one current together; those whose current changes are left out."""
+        groups: dict[tuple[int, int], list[int]] = {}
+        for number, (motion, level) in enumerate(zip(self.motions.of_test, self.currents.of_test, strict=True)):
+            if level is not None:
+                groups.setdefault((motion, level), []).append(number)
+        return list(groups.values())
+
+    @property
+    def groups(self) -> list[list[int]]:
+        """Tests (their numbers) of one motion together; where all have one motion, those of one current."""
+        numbers = self.motions.of_test if len(self.motions) > 1 else self.currents.of_test
+        groups: dict[int | None, list[int]] = {}
+        for number, group in enumerate(numbers):
+            groups.setdefault(group, []).append(number)
+        return list(groups.values())
+
+    @property
     def summary(self) -> TestSetSummary:
         """The groups without the tests, as a fit and the characteristics state them."""
         levels, groups = self.currents, self.motions

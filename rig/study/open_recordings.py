@@ -111,7 +111,7 @@ def folds_of(found: Found) -> list[Fold]:
         folds = [Fold(*cut_in_time(tests, share))]
     else:
         folds = [Fold([test for other in groups if other is not group for test in other], group)
-                 for groups in (pairs_of(tests),) for group in groups]  # fmt: skip
+                 for groups in ([group for _, group in pairs_of(tests)],) for group in groups]  # fmt: skip
     return [_lagged(fold) for fold in folds]
 
 

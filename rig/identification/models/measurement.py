@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -165,7 +166,7 @@ class Measurement:
         mean_N = float(np.mean(force))
         return max(float(np.max(force)) - mean_N, mean_N - float(np.min(force)))
 
-    @property
+    @cached_property
     def current(self) -> CurrentReading | None:
         """The current of the test as one level; None where it changes within the test."""
         requested_A = self.nominal_current_A if self.current_requested else math.nan
@@ -173,7 +174,7 @@ class Measurement:
             return read_current(self.current_A, requested_A)
         return CurrentReading(float(self.current_A[0]), self.current_scatter_A, self.current_step_A, requested_A)
 
-    @property
+    @cached_property
     def motion(self) -> MotionReading:
         """The measured motion, with the requested one where that is known."""
         nominal = (self.amplitude_m, self.frequency_Hz)
@@ -190,15 +191,22 @@ class Measurement:
 
     def rows(self, part: slice) -> Measurement:
         """Some of the samples, next to each other, without a copy of them."""
-        piece = copy(self)
+        piece = self._without_readings()
         piece.__dict__.update({name: values[part] for name in ARRAYS if (values := getattr(self, name)) is not None})
         return piece
 
     def moved(self, u_m: FloatArray, v_m_s: FloatArray, a_m_s2: FloatArray) -> Measurement:
         """The same with another motion, shape (n,) each."""
-        other = copy(self)
+        other = self._without_readings()
         u_m, v_m_s, a_m_s2 = map(np.ascontiguousarray, (u_m, v_m_s, a_m_s2))
         other.__dict__.update(u_m=u_m, v_m_s=v_m_s, a_m_s2=a_m_s2)
+        return other
+
+    def _without_readings(self) -> Measurement:
+        """A copy whose current and motion are read again: its samples will be others."""
+        other = copy(self)
+        for name in ("current", "motion"):
+            other.__dict__.pop(name, None)
         return other
 
     def pieces(self) -> Iterator[slice]:

@@ -131,16 +131,13 @@ def contradictions(measurements: Sequence[Measurement]) -> list[Saying]:
     Requested alike is not enough: a test whose motion or current was not reached has another force for that reason.
     """
     groups = set_of(measurements)
-    alike: dict[tuple[int, int], list[Measurement]] = {}
-    for number, test in enumerate(measurements):
-        if test.waveform in WAVEFORMS and (level := groups.currents.of_test[number]) is not None:
-            alike.setdefault((groups.motions.of_test[number], level), []).append(test)
     told = _of_currents(measurements, groups.currents)
     pairs = [
         (first, second)
-        for group in alike.values() for first, second in itertools.combinations(group, 2)
-        if _measured_alike(first, second)
-    ]  # fmt: skip
+        for group in groups.alike
+        for first, second in itertools.combinations([measurements[number] for number in group], 2)
+        if first.waveform in WAVEFORMS and _measured_alike(first, second)
+    ]
     loops = {id(test): _loop(test) for pair in pairs for test in pair}
     differing = []
     for first, second in pairs:

@@ -14,10 +14,11 @@ import pytest
 
 from rig.cli.main import main
 from rig.errors import FileProblem
-from rig.fits.fit_file import fit_of
+from rig.fits.fit_file import FIX, fit_of
 from rig.fits.fit_record import FitRecord
 from rig.identification import Fit, identify_run
 from rig.recording.importing import import_tests
+from rig.report import fit as fit_part
 from rig.vehicle.fitted_damper import fitted_damper
 
 COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
@@ -72,7 +73,7 @@ def problems_of(content: dict[str, Any]) -> list[str]:
     try:
         fit = fit_of(FitRecord, content)
     except FileProblem as problem:
-        return problem.problems
+        return [line for line in problem.problems if line != FIX]
     json.dumps(fit.to_json(), allow_nan=False)
     return []
 

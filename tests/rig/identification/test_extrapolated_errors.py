@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rig.identification.uncertainty.fit_entries import ModelScore
 
 from rig.cli.fit_tables import fit_tables
 from rig.dampers import model, parameter_set
@@ -14,7 +15,6 @@ from rig.document.terminal import lines
 from rig.identification import Fit, Measurement, identify
 from rig.identification.models.solving import Method
 from rig.identification.selection import candidates_of, compare, doubts_of
-from rig.identification.uncertainty.fit_entries import ModelScore
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)
