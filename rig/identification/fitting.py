@@ -19,6 +19,7 @@ from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed, evaluating
 from rig.fits.entries import Cause, ErrorSummary
 from rig.identification.application.tested_range import tested_range
+from rig.identification.bootstrap import bootstrap
 from rig.identification.fit_state import FitState, stages_of
 from rig.identification.models.coverage import beyond, recorded_degC
 from rig.identification.models.law_search import laws_over, named_over
@@ -229,8 +230,6 @@ def _with_bootstrap(state: FitState) -> FitState:
     """The fit with the tests drawn again, where that was requested."""
     if not state.options.bootstrap:
         return state
-    from rig.identification.bootstrap import bootstrap  # it uses fits
-
     tests, _ = state.described or (state.fitted, state.held_out)
     drawn = bootstrap(state.so_far, tests, count=state.options.bootstrap).kept()
     return state.with_parts(uncertainty={"drawn": drawn})

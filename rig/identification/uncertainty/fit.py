@@ -114,7 +114,7 @@ class Fit(FitRecord):
         """
         if band:
             return self.predict_among(*known_draws(self), table, mid_stroke_m=mid_stroke_m)
-        from rig.identification.application.prediction import predict
+        from rig.identification.application.prediction import predict  # loads pandas or the compiled loops
 
         return predict(self.law, self.tested, table, mid_stroke_m)
 
@@ -165,7 +165,7 @@ class Fit(FitRecord):
             FileProblem: arrays that do not fit together, or a lag that is not known.
             IdentificationFailed: the fit has no value of a parameter.
         """
-        from rig.identification.application.prediction import simulate
+        from rig.identification.application.prediction import simulate  # loads pandas or the compiled loops
 
         motion = {"displacement_m": displacement_m, "velocity_m_s": velocity_m_s}
         table = {"time_s": time_s, "current_A": current_A, **motion}
@@ -203,8 +203,8 @@ class Fit(FitRecord):
                 model with states.
             IdentificationFailed: the tests ran at one current.
         """
-        from rig.identification.application.inversion import inverse
-        from rig.identification.application.motion_table import motion_of
+        from rig.identification.application.inversion import inverse  # loads pandas or the compiled loops
+        from rig.identification.application.motion_table import motion_of  # loads pandas or the compiled loops
 
         given = np.atleast_1d(np.asarray(force_N, dtype=float))
         count = max(np.size(one) for one in (given, velocity_m_s, displacement_m, time_s) if one is not None)
@@ -225,7 +225,7 @@ class Fit(FitRecord):
         Raises:
             IdentificationFailed: the tests ran at one current.
         """
-        from rig.identification.application.inversion import control_range
+        from rig.identification.application.inversion import control_range  # loads pandas or the compiled loops
 
         return control_range(self.law.at_reference(), self.tested)
 
@@ -237,7 +237,7 @@ class Fit(FitRecord):
         Raises:
             IdentificationFailed: the tests ran at one current.
         """
-        from rig.identification.application.inversion import inverse_table
+        from rig.identification.application.inversion import inverse_table  # loads pandas or the compiled loops
 
         return inverse_table(self.law.at_reference(), self.tested)
 
@@ -252,7 +252,7 @@ class Fit(FitRecord):
             FileProblem: an interval or limits that are none.
             IdentificationFailed: the tests ran at one current.
         """
-        from rig.identification.application.controller import Controller
+        from rig.identification.application.controller import Controller  # loads pandas or the compiled loops
 
         return Controller(self.law.at_reference(), self.tested, dt_s, limits_A, mid_stroke_m)
 
@@ -270,14 +270,14 @@ class FitPlots:
             IdentificationFailed: there is nothing to draw.
             FileProblem: a test's file, which a loaded fit names, cannot be read.
         """
-        from rig.identification.application.drawing import loops
+        from rig.identification.application.drawing import loops  # loads pandas or the compiled loops
 
         return loops(self._fit.law, list(self._fit.tests) or _tests_of_files(self._fit))
 
 
 def _tests_of_files(fit: Fit) -> list[Measurement]:
     """One cycle of each fitted test, read again from its file; those without a file are left out."""
-    from rig.identification.points.preparation import prepare
+    from rig.identification.points.preparation import prepare  # reads recordings
     from rig.recording.recorded_point import RecordedPoint
 
     return [prepare(RecordedPoint.open(Path(test.file))) for test in fit.error.per_test if test.file]

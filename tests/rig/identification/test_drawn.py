@@ -86,7 +86,8 @@ def test_the_band_of_the_covariance_is_that_of_linear_least_squares(tests: list[
 def test_a_band_goes_by_the_draws_where_there_are_some(drawn: Fit) -> None:
     assert drawn.drawn is not None
     narrow = {name: tuple(drawn.values[name] for _ in values) for name, values in drawn.drawn.draws.items()}
-    same = replace(drawn, drawn=replace(drawn.drawn, draws=narrow)).predict(TABLE, band=True)
+    kept = replace(drawn.uncertainty, drawn=replace(drawn.drawn, draws=narrow))
+    same = replace(drawn, uncertainty=kept).predict(TABLE, band=True)
     assert np.allclose(same["model_low_N"], same["force_N"])  # all draws agree
     told = drawn.predict(TABLE, band=True)
     assert np.all(told["model_low_N"] < told["force_N"])
