@@ -37,7 +37,8 @@ def make(folder: Path, runs: int, points: int) -> None:
         (place / "points").mkdir(parents=True)
         told = {"specimen": f"MR-{k % 50:03d}", "started_utc": f"20{10 + k % 20}-01-01T00:00:00+00:00"}
         (place / "campaign.json").write_text(json.dumps(told))
-        (place / "fit.json").write_text(json.dumps({"model": "bilinear", "parameters": {}, "error": {"nrmse_percent_of_peak": 2.0}}))
+        fit = {"model": "bilinear", "parameters": {}, "error": {"nrmse_percent_of_peak": 2.0}}
+        (place / "fit.json").write_text(json.dumps(fit))
         for number in range(points):
             os.link(point, place / "points" / f"p{number:03d}.h5")
 

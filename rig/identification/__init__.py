@@ -2,7 +2,7 @@
 
 Sub-rooms, each of which may import those named before it: `models` (what is fitted, and how a model is solved for),
 `points` (from recorded points to measurements), `application` (what is done with a fitted model), `uncertainty`
-(what is known of the result, and the fit), `diagnosis` (what explains a misfit). Beside them the entries: `bootstrap`
+(what is known of the result, and the fit), `diagnosis` (what explains a misfit). In addition the entries: `resampling`
 (tests drawn again), `options` (what is asked of a fit), `fitting` (measurements to a fit, in stages), `runs`
 (recorded runs to `fit.json`), `selection`, `per_current`, `next_test`, the `corrections` (`series_spring`, `coil_lag`,
 `temperature`); every sentence for people is made in `words`. Reads runs through
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rig.fits.entries import Estimate
-    from rig.identification.bootstrap import Bootstrap, bootstrap
     from rig.identification.fitting import identify
     from rig.identification.models.measurement import Measurement
     from rig.identification.models.problem import Problem
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from rig.identification.models.solving import Method
     from rig.identification.options import FitOptions
     from rig.identification.points.preparation import prepare
+    from rig.identification.resampling import Bootstrap, bootstrap
     from rig.identification.runs import identify_run
     from rig.identification.uncertainty.fit import Fit
 
@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Bootstrap": "rig.identification.bootstrap",
+    "Bootstrap": "rig.identification.resampling",
     "Estimate": "rig.fits.entries",
     "Fit": "rig.identification.uncertainty.fit",
     "FitOptions": "rig.identification.options",
@@ -52,7 +52,7 @@ _HOMES = {
     "Method": "rig.identification.models.solving",
     "Problem": "rig.identification.models.problem",
     "Weighting": "rig.identification.models.projection",
-    "bootstrap": "rig.identification.bootstrap",
+    "bootstrap": "rig.identification.resampling",
     "identify": "rig.identification.fitting",
     "identify_run": "rig.identification.runs",
     "prepare": "rig.identification.points.preparation",
@@ -64,5 +64,5 @@ def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(_HOMES[name]), name)
-    globals()[name] = value  # also where a module has the name of what is taken from it
+    globals()[name] = value
     return value

@@ -19,7 +19,6 @@ from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed, evaluating
 from rig.fits.entries import Cause, ErrorSummary
 from rig.identification.application.tested_range import tested_range
-from rig.identification.bootstrap import bootstrap
 from rig.identification.fit_state import FitState, stages_of
 from rig.identification.models.coverage import beyond, recorded_degC
 from rig.identification.models.law_search import laws_over, named_over
@@ -33,6 +32,7 @@ from rig.identification.per_current import fit_per_current
 from rig.identification.per_current import refuse as refuse_per_current
 from rig.identification.points.consistency import contradictions, runs_apart, without_reversed_signs
 from rig.identification.points.given import given
+from rig.identification.resampling import bootstrap
 from rig.identification.selection import candidates_of, compare, doubts_of, groups_of, weighted_by_misfit
 from rig.identification.uncertainty.assessment import judged
 from rig.identification.uncertainty.fit import Fit

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from rig.fits.plain import plain
 from rig.signals.test_set import (
     CurrentReading,
     MotionReading,
@@ -146,7 +147,8 @@ def test_requested_motions_decide_however_far_a_servo_reached() -> None:
 
 
 def test_a_test_set_is_written_with_its_statement() -> None:
-    entry = TestSet.of(measured(0.0, 0.5), [motion(10.0, 1.0), MotionReading("random", 0.01, math.nan)]).to_json()
+    summary = TestSet.of(measured(0.0, 0.5), [motion(10.0, 1.0), MotionReading("random", 0.01, math.nan)]).summary
+    entry = plain(summary)
     assert entry["currents_A"] == [0.0, 0.5]
     assert entry["current_resolution_A"] == pytest.approx([0.002, 0.01])
-    assert [one["frequency_Hz"] for one in entry["motions"]] == [1.0, None]  # type: ignore[attr-defined]
+    assert [one["frequency_Hz"] for one in entry["motions"]] == [1.0, None]
