@@ -33,7 +33,8 @@ CORRECTIONS = (
     Correction("coil_lag", "rig.identification.coil_lag", choices=()),
     Correction(
         "temperature_law", "rig.identification.temperature",
-        "What warm oil weakens, by a recorded temperature: viscosity, yield force, both alike or each by itself.",
+        "Parameters that depend on a recorded temperature: viscosity, yield force, both with a common rate, or both "
+        "separately.",
         TEMPERATURE_LAWS,
     ),
 )  # fmt: skip
