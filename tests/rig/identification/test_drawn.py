@@ -14,6 +14,7 @@ from rig.dampers import parameter_set
 from rig.document.blocks import Table
 from rig.document.html import fragment
 from rig.errors import IdentificationFailed
+from rig.fits.entries import Uncertainty
 from rig.identification import Fit, Measurement, identify
 from rig.identification.runs import write_fit
 from rig.report.fit import parameters as reported
@@ -97,6 +98,6 @@ def test_a_band_goes_by_the_draws_where_there_are_some(drawn: Fit) -> None:
 def test_a_fit_that_tells_no_covariance_has_no_band(tests: list[Measurement]) -> None:
     fit = identify(tests, model="bingham")
     with pytest.raises(IdentificationFailed, match="--bootstrap"):
-        replace(fit, correlation={}).predict(TABLE, band=True)
+        replace(fit, uncertainty=Uncertainty()).predict(TABLE, band=True)
     with pytest.raises(IdentificationFailed, match="relations to the current"):
         identify(tests, model="bingham", current="per-current-affine").predict(TABLE, band=True)

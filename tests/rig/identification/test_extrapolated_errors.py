@@ -12,6 +12,7 @@ from rig.identification.uncertainty.fit_entries import ModelScore
 from rig.cli.fit_tables import fit_tables
 from rig.dampers import model, parameter_set
 from rig.document.terminal import lines
+from rig.fits.entries import ModelScore
 from rig.identification import Fit, Measurement, identify
 from rig.identification.models.solving import Method
 from rig.identification.selection import candidates_of, compare, doubts_of
