@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rig.identification.uncertainty.fit_entries import ModelScore
 
 from rig.cli.fit_tables import fit_tables
 from rig.dampers import model, parameter_set
