@@ -5,7 +5,7 @@ where the piston slides (k over the slope of the law is thousands per second), s
 rule and then by backward differences of second order over the whole step (TR-BDF2, Bank et al. 1985): it damps stiff
 parts out, and both stages are of second order, so the force of a stiff spring does not depend on the step. The loop w
 has a solution in closed form along any path, and each stage takes w where the stage ends. Steps are short where the
-force turns round and long where the piston slides (docs/decisions/a-spring-in-the-model.md).
+force turns round and long where the piston slides (docs/maintainers/decisions/a-spring-in-the-model.md).
 
 Parameters p are those of `SprungBoucWenModel` in their order, the state is the spring's stretch (m), then w. The
 thixotropic model has a parameter more, and a third state, the remembered speed (m/s); a model without memory

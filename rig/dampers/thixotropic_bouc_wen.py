@@ -14,7 +14,7 @@ The memory s begins at 0 and takes the rod's speed for the piston's, which diffe
 spring's stiffness gains while it is compressed: kx^2 / f0 if all of f0 were the gas's.
 
 vh = 0.1 m/s and the time constant of s, 0.1 s, are held: on the tests that asked for a memory 0.05 to 0.2 do as well,
-and four motions do not yield them (docs/decisions/a-spring-in-the-model.md).
+and four motions do not yield them (docs/maintainers/decisions/a-spring-in-the-model.md).
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ known in advance that speed is the mean one of the coming period T: the path is 
 a T. Of a hybrid test it is the speed of the moment: the path makes steps of a T^2 / 2. A set-point that comes j later
 than the one before makes a step of v j. The position loop (second order, corner w0, damping 0.7) answers a step d with
 a speed of 0.46 w0 d and an acceleration of w0^2 d. Bounds, fitted to that loop for w0 T from 0.75 to 3.8 and 20 to 100
-set-points a cycle (docs/decisions/streamed-headroom.md):
+set-points a cycle (docs/maintainers/decisions/streamed-headroom.md):
 
     speed           v (1 + 0.46 w0 j)
     acceleration    a (1 + c (w0 T)^2) + 0.7 w0^2 j v        c = 0.05; 0.4 of a hybrid test
