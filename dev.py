@@ -286,7 +286,7 @@ def main(arguments: list[str]) -> int:
         return faults(rest)
     if command == "scenarios" and "--planted" in rest:
         rest.remove("--planted")
-        script = "tests/simulators/world/planted/planted_search.py"
+        script = "tests/simulators/scenarios/planted/planted_search.py"
         return run(program("python"), script, *rest, PYTHONPATH=str(ROOT / "tests" / "faults"))
     if command == "scenarios":
         return run(program("rig"), "scenarios", *rest)

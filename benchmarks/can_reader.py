@@ -24,8 +24,8 @@ from drivers.devices.source import current_source
 from rig.files.described import dbc_text
 from rig.files.descriptions import table_of
 from simulators.ecu_wire import Shown
+from simulators.emulated_ecu import EmulatedEcu
 from simulators.slcan_bus import frame_line
-from simulators.worn_ecu import WornEcu
 
 FRAMES_S = 4500
 HAND_OVER_S = 0.002
@@ -40,7 +40,7 @@ COUNTED = 0.97
 
 def lines(mix: str, count: int) -> list[bytes]:
     """The bus's frames as lines."""
-    worn = WornEcu(DBC, ROLES)
+    worn = EmulatedEcu(DBC, ROLES)
     made = []
     for number in range(count):
         if mix == "own" or number % OWN_EVERY == 0:

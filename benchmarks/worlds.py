@@ -30,8 +30,8 @@ from typing import Any
 
 from campaign_process import machine
 
-from simulators.world.asked import Asked, seeds_of
-from simulators.world.runs import Ended, begin_worker, every, live, memory
+from simulators.scenarios.request import Asked, seeds_of
+from simulators.scenarios.runs import Ended, begin_worker, every, live, memory
 
 CAMPAIGN_S = 8.0
 """A campaign with less motion than that does not count."""

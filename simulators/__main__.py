@@ -31,8 +31,8 @@ from simulators.schedule import (
 from simulators.settings import setting_options
 
 if TYPE_CHECKING:
+    from simulators.emulated_ecu import EmulatedEcuFiles
     from simulators.options import RigOptions
-    from simulators.worn_ecu import WornEcuFiles
 
 MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
 """Where writing never waits for a disk."""
@@ -153,11 +153,11 @@ def made_of(values: dict[str, Any]) -> RigOptions:
     """
     from dataclasses import replace
 
+    from simulators.emulated_bench import appearing_as
+    from simulators.emulated_format import sending
     from simulators.options import RigOptions, load_options, with_option
     from simulators.plant.plant import specimen_model
     from simulators.settings import with_settings
-    from simulators.worn_bench import appearing_as
-    from simulators.worn_format import sending
 
     options = load_options(values["config"]) if values["config"] else RigOptions()
     assignments = [*values["option"], *(f"specimen.{text}" for text in values["specimen"])]
@@ -200,7 +200,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     from simulators.rig import RunOptions
 
     options = made_of(values)
-    worn_ecu = worn(values["dbc"], values["ecu_roles"])
+    emulated_ecu = worn(values["dbc"], values["ecu_roles"])
     if values["by_hand"]:
         values = {**values, "supply": BY_HAND}
     written = tuple(parse_fault(text) for text in values["fault"])
@@ -221,7 +221,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         auxiliary=values["auxiliary"],
         truth=values["truth"],
         exit_when_idle=values["exit_when_idle"],
-        worn_ecu=worn_ecu,
+        emulated_ecu=emulated_ecu,
         drop_unread=values["drop_unread"],
         faults=(*written, *drawn(values, wiring)),
     )
@@ -245,14 +245,14 @@ def _supply(given: str) -> str:
     return given
 
 
-def worn(dbc: Path | None, roles: Path | None) -> WornEcuFiles | None:
+def worn(dbc: Path | None, roles: Path | None) -> EmulatedEcuFiles | None:
     """A user's files as which the current ECU appears; None where none are given.
 
     Raises:
         FileProblem: one without the other, or they cannot be used: everything that is wrong.
     """
     from rig.files.ecu_files import ecu_problems
-    from simulators.worn_ecu import WornEcuFiles
+    from simulators.emulated_ecu import EmulatedEcuFiles
 
     if dbc is None and roles is None:
         return None
@@ -261,7 +261,7 @@ def worn(dbc: Path | None, roles: Path | None) -> WornEcuFiles | None:
     problems = ecu_problems(str(dbc), str(roles))
     if problems:
         raise FileProblem("--dbc", [text for _, text in problems])
-    return WornEcuFiles(dbc.absolute(), roles.absolute())
+    return EmulatedEcuFiles(dbc.absolute(), roles.absolute())
 
 
 def drawn(values: dict[str, Any], wiring: Wiring) -> tuple[ScheduledFault, ...]:

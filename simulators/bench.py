@@ -13,9 +13,9 @@ from drivers.devices.supply_file import supply
 from rig.files.described import described as read_description
 from rig.files.names import is_file
 from simulators.conditioner import group_delay_s
+from simulators.emulated_ecu import EmulatedEcuFiles
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
 from simulators.toml_text import toml_text
-from simulators.worn_ecu import WornEcuFiles
 
 BY_HAND = "generic-scpi"
 """The supply that is turned in place of somebody who sets the current by hand."""
@@ -118,7 +118,7 @@ def bench_text(
 
 
 def ecu_lines(
-    addresses: Addresses, relaxed: bool, serial_number: int | None = None, worn: WornEcuFiles | None = None
+    addresses: Addresses, relaxed: bool, serial_number: int | None = None, worn: EmulatedEcuFiles | None = None
 ) -> list[str]:
     """Lines of the table of an ECU on CAN: the demo's, or a user's; how patient both sides are is the ECU's own."""
     status_s, timeout_s, number = STATUS_S, None, "" if serial_number is None else f"serial_number = {serial_number}"

@@ -1,7 +1,7 @@
 """A simulated analogue output: the registers that a supply's file describes, from the module's side of the wire.
 
 The coil, its faults and the output stage are the simulated ECU's (`simulators.ecu.Ecu`); here are its registers. How
-numbers lie in them is `simulators.worn_codec`'s: nothing of the host's driver is used but the description.
+numbers lie in them is `simulators.emulated_codec`'s: nothing of the host's driver is used but the description.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from drivers.register_maps.quantity import BITS, SPACES, Quantity
 from drivers.register_maps.recipe import Recipe, Write
 from simulators.ecu import Ecu
 from simulators.ecu_firmware import EcuFault
+from simulators.emulated_codec import bits_of, raw_of, text_words, value_of, words_of
+from simulators.emulated_status import Registers, make, put
 from simulators.modbus_server import ModbusServer
-from simulators.worn_codec import bits_of, raw_of, text_words, value_of, words_of
-from simulators.worn_status import Registers, make, put
 
 SEEN = {
     SourceFault.OVER_TEMPERATURE: EcuFault.OVER_TEMPERATURE, SourceFault.UNDERVOLTAGE: EcuFault.UNDERVOLTAGE,

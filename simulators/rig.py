@@ -24,6 +24,9 @@ from simulators.channel import Channel
 from simulators.clock import DeviceClock, ServedTime
 from simulators.controller_firmware import State
 from simulators.ecu import Ecu
+from simulators.emulated_bench import actuator_lines
+from simulators.emulated_ecu import EmulatedEcuFiles
+from simulators.emulated_registers import registers_of
 from simulators.faulty import Undo
 from simulators.injection import INJECTORS, VARIANTS
 from simulators.modbus_server import LinkFaults, ModbusServer
@@ -41,9 +44,6 @@ from simulators.shared_clock import SharedClock
 from simulators.slcan_bus import SlcanBus
 from simulators.supply import simulated_supply
 from simulators.truth import About, Attribute, Truth
-from simulators.worn_bench import actuator_lines
-from simulators.worn_ecu import WornEcuFiles
-from simulators.worn_registers import registers_of
 
 TICK_S = 0.002
 HOLDING_S = 0.0005
@@ -82,7 +82,7 @@ class RunOptions:
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
     truth: Path | None = None
     exit_when_idle: bool = False
-    worn_ecu: WornEcuFiles | None = None
+    emulated_ecu: EmulatedEcuFiles | None = None
     """The current ECU is one that a user's files describe."""
     drop_unread: bool = False
     """The ports drop what the host has not read in time, as real ones do; the rig's clock waits for nobody."""
@@ -114,8 +114,8 @@ class SimulatedRig:
             self.plant, coil, options.damper.ambient_degC,
             DeviceClock.drawn(coil.clock_offset_us, coil.clock_ppm, next(self._draws)), next(self._draws), self.note,
         )
-        if run.worn_ecu is not None:
-            self.ecu.wear(run.worn_ecu.load())
+        if run.emulated_ecu is not None:
+            self.ecu.wear(run.emulated_ecu.load())
         self.bus = SlcanBus(self.ecu.receive)
         self.supply = simulated_supply(self.ecu, run.supply, coil.serial_number)
         rtu = run.actuator == "rtu"
@@ -203,7 +203,7 @@ class SimulatedRig:
         run, number = self.run_options, self.options.coil.serial_number
         if run.supply:
             return bench.supply_lines(self.options, addresses.supply_url, run.speed, run.supply, run.by_hand)
-        return bench.ecu_lines(addresses, relaxed, number, run.worn_ecu)
+        return bench.ecu_lines(addresses, relaxed, number, run.emulated_ecu)
 
     async def run(self) -> None:
         """Run until `stop`, or (with `exit_when_idle`) standstill after the parent is gone."""

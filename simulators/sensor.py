@@ -18,11 +18,11 @@ from protocols.frame_format import STATUS_EDGE, STATUS_OVERLOAD, STATUS_SENSOR_F
 from simulators.clock import DeviceClock
 from simulators.conditioner import LARGEST_JITTER, amplify, condition, limit, sampling
 from simulators.delay_line import DelayLine
+from simulators.emulated_format import writer
 from simulators.frame_writer import FrameWriter
 from simulators.frames import encode_frames, encode_lines, encode_samples
 from simulators.line_writer import LineWriter
 from simulators.options import SensorOptions
-from simulators.worn_format import writer
 
 FloatArray = NDArray[np.float64]
 Bytes = NDArray[np.uint8]

@@ -19,5 +19,5 @@ from rig.cli.options import Command
 )
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def command(arguments: tuple[str, ...]) -> NoReturn:
-    """Run `python -m simulators.world` with ARGUMENTS, never a package of that name in this folder."""
-    os.execv(sys.executable, [sys.executable, "-P", "-m", "simulators.world", *arguments])
+    """Run `python -m simulators.scenarios` with ARGUMENTS, never a package of that name in this folder."""
+    os.execv(sys.executable, [sys.executable, "-P", "-m", "simulators.scenarios", *arguments])

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from rig.cli.words import ending
 from rig.matrix.model import load_matrix
 from rig.recording.run import Run
-from simulators.world.asked import NOTHING, Asked, Files, asked_for
-from simulators.world.invariants import judged
-from simulators.world.world import World
+from simulators.scenarios.invariants import judged
+from simulators.scenarios.request import NOTHING, Asked, Files, asked_for
+from simulators.scenarios.scenario import World
 
 if TYPE_CHECKING:
     from rig.identification import Fit

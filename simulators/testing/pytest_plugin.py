@@ -166,8 +166,8 @@ def campaign(_rig_folders: Folders) -> RunCampaign:
     """
 
     def ran(*faults: str, matrix: Given = None, bench: Given = None, seed: int = 1) -> CampaignEnd:
+        from simulators.scenarios.request import Files
         from simulators.testing.campaigns import run_campaign
-        from simulators.world.asked import Files
 
         folder = _rig_folders.new("campaign")
         files = Files(
@@ -186,8 +186,8 @@ def world(_rig_folders: Folders) -> RunWorld:
     """
 
     def ran(seed: int, *happenings: str, matrix: Given = None, bench: Given = None) -> WorldEnd:
+        from simulators.scenarios.request import Files
         from simulators.testing.campaigns import run_world
-        from simulators.world.asked import Files
 
         folder = _rig_folders.new("world")
         files = Files(

@@ -31,7 +31,7 @@ async def serve(bench: Path, matrix: Path, out: Path) -> None:
     """
     from rig.matrix.model import load_matrix
     from simulators.rig import RunOptions, SimulatedRig
-    from simulators.world.user_bench import UserBench
+    from simulators.scenarios.user_bench import UserBench
 
     user = UserBench.load(bench, load_matrix(matrix))
     rig = SimulatedRig(user.options, RunOptions(

@@ -13,7 +13,7 @@ from protocols.line_format import LineFormat
 from protocols.sensor_format import from_description
 from rig.files.section import Section
 from rig.files.sensor_format import FieldEntry, FrameFormatFile, LineFormatFile
-from simulators.worn_format import span_of, writer
+from simulators.emulated_format import span_of, writer
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs/how-to/add-a-sensor-format.md").read_text(encoding="utf-8")
 BLOCKS = [tomllib.loads(block) for block in re.findall(r"^```toml\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)]

@@ -13,7 +13,7 @@ from drivers.register_maps.controller_map import ControllerMap
 from drivers.register_maps.map_file import controller
 from drivers.roles import ActuatorStatus, FaultBit, Pressure, State
 from rig.files.descriptions import table_of
-from simulators.worn_status import WornStatus, taken
+from simulators.emulated_status import EmulatedStatus, taken
 
 MAPS = Path(__file__).parents[1] / "simulators" / "maps"
 PULSES = controller(table_of("register-map", MAPS / "pulses.toml"))
@@ -80,9 +80,9 @@ def test_the_simulated_controller_shows_its_pressure_behind_a_trip(name: str, pr
     made = controller(table_of("register-map", MAPS / f"{name}.toml") if own else name)
     registers: dict[tuple[str, int], int] = {}
     inputs = 5 if pressure is ON else 1
-    WornStatus(made).show(registers, State.TRIPPED, State.HOLD, int(FaultBit.INTERNAL), inputs, pressure)
+    EmulatedStatus(made).show(registers, State.TRIPPED, State.HOLD, int(FaultBit.INTERNAL), inputs, pressure)
     values = {one.name: taken(registers, one, None) for one in made.polled if one.name in {
-        quantity.name for quantity in WornStatus(made).quantities
+        quantity.name for quantity in EmulatedStatus(made).quantities
     }}  # fmt: skip
     status = shown(made, **values)
     assert status.state == State.TRIPPED

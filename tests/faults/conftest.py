@@ -1,6 +1,6 @@
 """The fault suite's frame: `rig run` as a user starts it, one fault, and what must then be true in truth and files.
 
-Most of it happens in worlds (`simulators.world`); what only real processes and wires can prove uses `start`.
+Most of it happens in worlds (`simulators.scenarios`); what only real processes and wires can prove uses `start`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from matrices import BRISK_POINTS, TWO_POINTS
 from watched_campaign import FINISH_S, RIG, Campaign, Ending
 from world_campaign import SEED, Setting, WorldCampaign, begin
 
-from simulators.world.stage import Stage
+from simulators.scenarios.stage import Stage
 
 Start = Callable[..., Campaign]
 BeginWorld = Callable[..., WorldCampaign]

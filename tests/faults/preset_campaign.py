@@ -12,8 +12,8 @@ from world_campaign import Handle, Setting, WorldCampaign, simulated_rig
 
 from rig.campaign import CampaignOptions
 from simulators.modbus_server import ModbusServer
-from simulators.world.stage import Application, Stage
-from simulators.world.world import Silent
+from simulators.scenarios.scenario import Silent
+from simulators.scenarios.stage import Application, Stage
 
 MATRIX = matrix_text("0.5 A", "1.5 A", frequency="1 Hz", cycles=3, more='[campaign]\ncurrent_settled = "20 mA"')
 """Without a force input or edges the two sensors are tied together to 2 ms: enough at 1 Hz."""

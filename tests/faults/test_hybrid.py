@@ -14,7 +14,7 @@ from rig.characteristics.hybrid_tests import answer, hybrid_tests, write_hybrid
 from rig.document.html import fragment
 from rig.recording.run import Run
 from rig.report.hybrid import hybrid_section
-from simulators.world.stage import Stage
+from simulators.scenarios.stage import Stage
 
 EXAMPLE = (Path(__file__).resolve().parents[2] / "examples" / "hybrid-quarter.toml").read_text(encoding="utf-8")
 SHORT = EXAMPLE.replace('duration = "20 s"', 'duration = "4 s"').replace(

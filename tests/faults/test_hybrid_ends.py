@@ -16,9 +16,9 @@ from world_campaign import Setting, WorldCampaign, begin
 
 from rig.characteristics.hybrid_tests import hybrid_tests
 from rig.recording.run import Run
-from simulators.world.asked import Files, asked_for
-from simulators.world.runs import live
-from simulators.world.stage import Stage
+from simulators.scenarios.request import Files, asked_for
+from simulators.scenarios.runs import live
+from simulators.scenarios.stage import Stage
 
 ALONE = HYBRID.replace('"model", "ats"', '"model"')
 ROOT = Path(__file__).resolve().parents[2]

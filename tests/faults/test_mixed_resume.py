@@ -13,7 +13,7 @@ from world_campaign import Setting, WorldCampaign, begin
 from rig import dampers
 from rig.characteristics.hybrid_tests import hybrid_tests
 from rig.recording.run import Run
-from simulators.world.stage import Stage
+from simulators.scenarios.stage import Stage
 
 FOLLOWS = ("--actuator", "setpoints")
 MIXED = HYBRID.replace('"model", "ats"', '"model"').replace('prior = "demo"', 'prior = "fit.json"') + """

@@ -11,7 +11,7 @@ from preset_campaign import begun
 from watched_campaign import Ending
 from world_campaign import SEED
 
-from simulators.world.stage import Stage
+from simulators.scenarios.stage import Stage
 
 
 def ended(folder: Path, name: str, controller: type[OtherController], *simulator: str) -> Ending:

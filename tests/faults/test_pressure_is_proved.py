@@ -16,7 +16,7 @@ from preset_campaign import begun
 from world_campaign import SEED, WorldCampaign
 
 from simulators.controller_firmware import Command, FaultBit
-from simulators.world.stage import Stage
+from simulators.scenarios.stage import Stage
 
 
 class StaysOn(FloatDrive):

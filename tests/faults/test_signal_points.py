@@ -14,7 +14,7 @@ from world_campaign import Setting, WorldCampaign, begin
 from rig.identification import identify
 from rig.recording.run import Run
 from rig.report.document import write_report
-from simulators.world.stage import Stage
+from simulators.scenarios.stage import Stage
 
 MATRIX = """
 format = 1

@@ -14,7 +14,7 @@ from rig.hybrid.criteria import criteria
 from rig.hybrid.earthquake import Earthquake, synthesised
 from rig.hybrid.transfer_system import perturbed
 from rig.hybrid.virtual_test import Benchmark, StepwiseTest, VirtualTest
-from simulators.world.stage import Stage
+from simulators.scenarios.stage import Stage
 
 SECONDS = 3.0
 

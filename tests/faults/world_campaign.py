@@ -18,10 +18,10 @@ from rig.cli import words
 from simulators.__main__ import collect
 from simulators.__main__ import main as simulators_command
 from simulators.rig import SimulatedRig
+from simulators.scenarios.machine import Process
+from simulators.scenarios.scenario import Silent
+from simulators.scenarios.stage import Application, Stage
 from simulators.schedule import BY_ID
-from simulators.world.machine import Process
-from simulators.world.stage import Application, Stage
-from simulators.world.world import Silent
 
 LONGEST_S = 120.0
 REST_S = 60.0

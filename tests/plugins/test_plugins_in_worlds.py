@@ -11,8 +11,8 @@ import pytest
 
 from rig.errors import FileProblem
 from rig.recording.recorded_point import RecordedPoint
-from simulators.world.asked import Files, asked_for
-from simulators.world.runs import live
+from simulators.scenarios.request import Files, asked_for
+from simulators.scenarios.runs import live
 
 if TYPE_CHECKING:
     from conftest import Install

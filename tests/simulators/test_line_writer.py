@@ -15,9 +15,9 @@ from protocols.sensor_format import SensorFormat, from_description, preset
 from protocols.sensor_presets import TABLES
 from simulators.bit_sums import total_of
 from simulators.clock import DeviceClock
+from simulators.emulated_format import span_of, writer
 from simulators.options import SensorOptions
 from simulators.sensor import Sensor
-from simulators.worn_format import span_of, writer
 
 CUSTOM = {"pattern": r"P(?P<value>[+-]\d{4}\.\d)", "template": "P{value:+07.1f}", "overload_tokens": ["+9999.9"]}
 DESCRIBED: list[dict[str, object]] = [

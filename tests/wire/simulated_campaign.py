@@ -20,8 +20,8 @@ from rig.matrix.model import load_matrix
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
-from simulators.world.stage import Application, Stage
-from simulators.world.world import Silent
+from simulators.scenarios.scenario import Silent
+from simulators.scenarios.stage import Application, Stage
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ from rig.campaign.machine_resources import station_config
 from rig.clock import monotonic_ns
 from rig.matrix.model import load_matrix
 from rig.station.client import StationClient, StationLost
-from simulators.world.machine import Process
-from simulators.world.stage import Stage
+from simulators.scenarios.machine import Process
+from simulators.scenarios.stage import Stage
 
 MATRIX = matrix_text("1 A", amplitude="10 mm")
 BEAT_S = 0.02

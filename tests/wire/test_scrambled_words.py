@@ -15,7 +15,7 @@ from simulated_campaign import Session, session
 
 from rig import errors
 from rig.recording.journal.campaign_log import read_log
-from simulators.world.stage import load_everything
+from simulators.scenarios.stage import load_everything
 
 SCRAMBLED = "#"
 SCRAMBLER = f"""

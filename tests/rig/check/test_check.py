@@ -14,7 +14,7 @@ from world_campaign import LONGEST_S, Setting, serve
 from rig.bench.model import Bench
 from rig.check.check import check_bench
 from rig.check.finding import CheckFinding, CheckReport
-from simulators.world.stage import Stage
+from simulators.scenarios.stage import Stage
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 Change = Callable[[str], str]

@@ -21,7 +21,7 @@ from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import plan
 from rig.vehicle.fitted_damper import fitted_damper
 from simulators.plant.plant import specimen_model
-from simulators.world.user_bench import UserBench
+from simulators.scenarios.user_bench import UserBench
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLE = (ROOT / "examples" / "hybrid-quarter.toml").read_text(encoding="utf-8")

@@ -1,0 +1,225 @@
+"""The simulated ECU as a user's DBC and roles file say: what a lab rehearses its own bench file on.
+
+Which signal has which meaning is read by the driver's reader. How frames are packed and protected is done here by other
+means: cantools packs and unpacks, the checksums come from `simulators.ecu_protection`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from drivers.can_library import import_can
+from drivers.devices.ecu_description import EcuDescription
+from drivers.devices.source import current_source
+from protocols.can_signals import Signal
+from protocols.errors import RemoteProtocolError
+from rig.files.described import dbc_text, described
+from simulators.ecu_protection import seal_of
+from simulators.ecu_wire import EXTENDED, Command, Frame, Shown
+
+FIRMWARE = 0x0100
+USUAL_US = {"measured_current": 10_000, "serial_number": 1_000_000, "firmware": 1_000_000, "layout": 1_000_000}
+OTHER_US = 100_000
+TEMPERATURES = frozenset({"coil_temperature", "ecu_temperature", "supply_voltage", "boot_count"})
+
+
+@dataclass(frozen=True)
+class EmulatedEcuFiles:
+    """A user's DBC and roles file."""
+
+    dbc: Path
+    roles: Path | Mapping[str, Any]
+
+    def load(self) -> EmulatedEcu:
+        """An ECU of that kind, just started.
+
+        Raises:
+            LocalProtocolError: they cannot be used.
+        """
+        return EmulatedEcu(self.dbc, self.roles)
+
+    def entries(self, serial_number: int) -> list[str]:
+        """Entries of [ecu] that name the files, and the serial number where that ECU tells one."""
+        has_number = "serial_number" in self.load().described.roles
+        files = [f'dbc = "{self.dbc.absolute()}"', f'roles = "{self.roles}"']
+        return [*files, f"serial_number = {serial_number}"] if has_number else files
+
+
+class EmulatedEcu:
+    """Frames of an ECU that a DBC and a roles file describe (`simulators.ecu_wire.EcuWire`).
+
+    Args:
+        dbc: path of the DBC.
+        roles: path of the roles file, or its contents.
+
+    Attributes:
+        command_timeout_s: the ECU's own, as stated; None where it has none.
+
+    Raises:
+        LocalProtocolError: they cannot be used.
+    """
+
+    def __init__(self, dbc: Path, roles: Path | Mapping[str, Any]) -> None:
+        given = described("ecu-roles", str(roles) if isinstance(roles, Path) else roles)
+        text = dbc_text(dbc)
+        self.described: EcuDescription = current_source(text, given)
+        self.command_timeout_s = self.described.command_timeout_s
+        import_can()  # before cantools, which would have it load its MF4 reader, and with that pandas
+        from cantools.database.can import Database
+
+        database = Database(strict=False)
+        database.add_dbc_string(text.text)
+        self._messages = {message.name: message for message in database.messages}
+        protection: Mapping[str, Any] = given.get("protection", {})
+        self._seals = {
+            name: seal_of(message, protection.get(name, {})) for name, message in self._messages.items()
+        }
+        heard = self.described.heard.values()
+        self.periods_us: Mapping[str, int] = {
+            message.name: _period_us(message.period_s, message.roles) for message in heard
+        }
+        self.temperatures = frozenset(message.name for message in heard if message.roles <= TEMPERATURES)
+        self._sent = {
+            frame.identifier | (EXTENDED if frame.extended else 0): frame.name for frame in self.described.sent
+        }
+        self.counter_modulus = max((self._seals[name].modulus for name in self._sent.values()), default=0)
+        self.reset()
+
+    def reset(self) -> None:
+        """Counters start over; no command was heard."""
+        self._counters = dict.fromkeys(self.periods_us, 0)
+        self._asked: dict[str, float] = {}
+
+    def timeout_s(self, usual_s: float) -> float:
+        """As its roles file says, whatever is usual."""
+        del usual_s
+        return math.inf if self.command_timeout_s is None else self.command_timeout_s
+
+    def is_command(self, identifier: int) -> bool:
+        """Whether it is one of the messages that the host sends."""
+        return identifier in self._sent
+
+    def command(self, identifier: int, data: bytes) -> Command | None:
+        """What the host asks for; None for a message without the set-point.
+
+        Raises:
+            RemoteProtocolError: wrong length, checksum or counter.
+        """
+        name = self._sent[identifier]
+        message, seal = self._messages[name], self._seals[name]
+        if len(data) != message.length:
+            raise RemoteProtocolError(f"{name}: expected {message.length} data bytes, got {len(data)}")
+        counter = seal.check(data)
+        numbers: Any = message.decode(data, decode_choices=False, scaling=False)
+        asked = {
+            role: float(numbers[signal.name])
+            for role, (owner, signal) in self.described.signals.items() if owner == name and signal.name in numbers
+        }  # fmt: skip
+        self._asked |= asked
+        if "command" not in asked:
+            return None
+        signal = self.described.signals["command"][1]
+        setpoint_A = self._asked["command"] * signal.scale + signal.offset
+        enable = self._is_on("enable", default=True)
+        off = not enable if "enable" in self.described.on_off else setpoint_A == 0.0
+        clears = self._is_on("clear_faults", default=off)
+        return Command(counter, enable, clears, setpoint_A)
+
+    def _is_on(self, role: str, *, default: bool) -> bool:
+        if role not in self.described.on_off:
+            return default
+        return self._asked.get(role) == self.described.on_off[role][0]
+
+    def commands(self, command: Command) -> list[Frame]:
+        """The frames by which a host asks for that."""
+        on_off = self.described.on_off
+        frames: list[Frame] = []
+        for sent in self.described.sent:
+            name, identifier = sent.name, sent.identifier | (EXTENDED if sent.extended else 0)
+            numbers = self._numbers(name) | {
+                signal.name: _cut(signal, raw) if not signal.is_float else signal.number(raw)
+                for signal, raw in sent.writer.fixed
+            }
+            for role, (owner, signal) in self.described.signals.items():
+                if owner == name and role in on_off:
+                    numbers[signal.name] = on_off[role][0 if getattr(command, role) else 1]
+                elif owner == name and role == "command":
+                    numbers[signal.name] = _raw(signal, command.setpoint_A)
+            data = bytearray(self._messages[name].encode(numbers, scaling=False, strict=False))
+            self._seals[name].put(data, command.counter)
+            frames.append((identifier, bytes(data)))
+        return frames
+
+    def frame(self, name: str, shown: Shown) -> Frame:
+        """The next frame of a message; of a message with pages the page that comes next."""
+        message = self._messages[name]
+        numbers = self._numbers(name) | self._told(name, shown)
+        pages = self._pages(name)
+        count = self._counters[name]
+        if pages:
+            numbers |= pages[count % len(pages)]
+        data = bytearray(message.encode(numbers, scaling=False, strict=False))
+        self._seals[name].put(data, count)
+        self._counters[name] = count + 1
+        return message.frame_id | (EXTENDED if message.is_extended_frame else 0), bytes(data)
+
+    def damaged(self, frame: Frame) -> Frame:
+        """A frame whose checksum, or counter where it has no checksum, is wrong."""
+        identifier, data = frame
+        name = self.described.heard[identifier].name
+        return identifier, self._seals[name].damaged(data)
+
+    def _numbers(self, name: str) -> dict[str, float]:
+        """What the signals of a message are while nobody says otherwise."""
+        return {
+            signal.name: signal.raw_initial if isinstance(signal.raw_initial, int | float) else 0
+            for signal in self._messages[name].signals
+        }
+
+    def _pages(self, name: str) -> list[dict[str, int]]:
+        """Numbers of the multiplexers for every page that a role is on."""
+        return self.described.pages.get(name, [])
+
+    def _told(self, name: str, shown: Shown) -> dict[str, float]:
+        """The numbers of the signals of a message that have a role."""
+        described = self.described
+        codes = {int(meaning): code for code, meaning in reversed(list(described.states.items()))}
+        word = sum(bit for bit, fault in described.fault_bits.items() if shown.faults & fault)
+        ticks = int(shown.device_us / described.tick_us) % described.clock_modulus if described.tick_us else 0
+        values: dict[str, float] = {
+            "measured_current": shown.current_A, "coil_temperature": shown.coil_degC, "ecu_temperature": shown.ecu_degC,
+            "supply_voltage": shown.supply_V,
+        }
+        numbers: dict[str, int] = {
+            "state": codes.get(shown.state, 0), "faults": word, "clock": ticks, "boot_count": shown.boot_count,
+            "serial_number": shown.serial_number, "firmware": FIRMWARE, "layout": described.layout or 0,
+        }
+        for told in reversed(described.fault_signals):
+            there = min(told.numbers, default=1)
+            numbers[told.field] = there if shown.faults & told.fault else numbers.get(told.field, 0)
+        return {
+            signal.name: _raw(signal, values[role]) if role in values else _cut(signal, numbers[role])
+            for role, (owner, signal) in described.signals.items() if owner == name
+        }  # fmt: skip
+
+
+def _period_us(period_s: float, roles: frozenset[str]) -> int:
+    stated = round(1e6 * period_s)
+    return stated or min((USUAL_US.get(role, OTHER_US) for role in roles), default=OTHER_US)
+
+
+def _raw(signal: Signal, value: float) -> float:
+    """The number on the wire nearest to a value, at the end of the range where it is beyond."""
+    number = (value - signal.offset) / signal.scale
+    return number if signal.is_float else min(max(round(number), int(signal.low)), int(signal.high))
+
+
+def _cut(signal: Signal, number: int) -> int:
+    """A whole number as far as its bits go."""
+    cut = number % (1 << signal.length)
+    return cut - (1 << signal.length) if signal.signed and cut >> signal.length - 1 else cut
+

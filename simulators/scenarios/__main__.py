@@ -1,0 +1,127 @@
+"""`rig scenarios`: campaigns drawn from a range of seeds, in as many processes as there are cores."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rig.cli.main import answered
+from rig.cli.options import Command, json_option
+from rig.cli.output import console, say, write_json
+from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
+
+if TYPE_CHECKING:
+    from simulators.scenarios.request import Asked
+
+FILE = click.Path(path_type=Path)
+
+
+@click.command(
+    cls=Command,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    examples=(
+        "rig scenarios --seeds 0:1000 --bench my-bench.toml --matrix my-matrix.toml",
+        "rig scenarios --seeds 17 --event estop@3 --event power-cut@9",
+        "rig scenarios --seeds 17 --shrink",
+    ),
+)
+@click.option("--seeds", default="0:20", show_default=True, metavar="FIRST:END",
+              help="Scenarios to run, END excluded; a single number runs that scenario.")
+@click.option("--bench", type=FILE, help="Your bench file instead of the default simulated rig.")
+@click.option("--matrix", type=FILE, help="Your matrix file instead of drawn ones.")
+@click.option("--event", "events", multiple=True, metavar="WHAT[@T[+D]]",
+              help="An event instead of drawn ones (repeatable): a row of the fault matrix T s after the first cycle "
+                   "begins, or application-killed, power-cut ... T s after the start; it lasts D s.")
+@click.option("--happening", multiple=True, hidden=True)  # name of earlier versions, kept until 2.0
+@click.option("--actuator", type=click.Choice(["tcp", "rtu"]),
+              help="Connection of the controller.  [default: as your bench or the events need it, else drawn]")
+@click.option("--until", type=float, metavar="S", help="End each scenario after S virtual seconds, without checks.")
+@click.option("--trace", type=FILE, help="Write every step of one scenario to this file.")
+@click.option("--shrink", is_flag=True, help="Reduce each failing scenario to the smallest one that still fails.")
+@click.option("--jobs", type=click.IntRange(1, 1024), default=os.cpu_count() or 1, show_default=True,
+              help="Number of processes.")
+@json_option
+def command(
+    seeds: str, bench: Path | None, matrix: Path | None, events: tuple[str, ...], happening: tuple[str, ...],
+    as_json: bool, **ways: Any,  # noqa: ANN401 - click's own
+) -> int:  # fmt: skip
+    """Run campaigns in scenarios drawn from seeds, and check the safety and data rules in each.
+
+    The whole program runs in virtual time with simulated devices. The events of a scenario (faults, killed processes,
+    power cuts, a full disk, operator signals) are drawn from its seed; the same seed repeats the same scenario step by
+    step.
+
+    Exit code 5 when a check failed in a scenario.
+    """
+    from simulators.scenarios.request import Files, asked_for, seeds_of
+
+    if happening:
+        say("rig: `--happening` is now `--event`; the old name will be removed in 2.0", err=True)
+    wanted = seeds_of(seeds)
+    _check_usage(wanted, ways)
+    asked = asked_for(Files(matrix, bench), (*events, *happening), ways["until"], ways["actuator"] or "")
+    _check_trace(ways["trace"], asked)
+    return _run(wanted, asked, ways, as_json=as_json)
+
+
+def _check_usage(seeds: range, ways: dict[str, Any]) -> None:
+    """Refuse contradictions.
+
+    Raises:
+        UsageError: with what to write instead.
+    """
+    if ways["trace"] is not None and len(seeds) > 1:
+        raise click.UsageError(f"--trace writes one scenario; name it: --seeds {seeds[0]}")
+    if ways["shrink"] and (ways["until"] is not None or ways["trace"] is not None):
+        raise click.UsageError("--shrink needs a complete scenario; leave --until and --trace out")
+
+
+def _check_trace(path: Path | None, asked: Asked) -> None:
+    """Refuse to write over one of the user's files.
+
+    Raises:
+        BadParameter: it is one of them.
+    """
+    for given in (asked.files.matrix, asked.files.bench):
+        if path is not None and given is not None and path.exists() and path.samefile(given):
+            words = f"{path} is what --matrix or --bench reads; name another file"
+            raise click.BadParameter(words, param_hint="--trace")
+
+
+def _run(seeds: range, asked: Asked, ways: dict[str, Any], *, as_json: bool) -> int:
+    """Run them all; how far it is on the standard error.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; what was done is told.
+    """
+    from simulators.scenarios.output import Telling
+    from simulators.scenarios.runs import every, in_a_worker
+    from simulators.scenarios.shrink import tell_smallest
+    from simulators.scenarios.tracing import traced
+
+    shown, trace = console(as_json=True), ways["trace"]
+    telling = Telling(len(seeds), asked, shown, bar=trace is None)
+    try:
+        with telling:
+            run = every(seeds, asked, ways["jobs"]) if trace is None else [in_a_worker(traced, seeds[0], asked, trace)]
+            for world in run:
+                telling.ended(world)
+        for seed in telling.failed_seeds if ways["shrink"] else ():
+            in_a_worker(tell_smallest, seed, asked)
+    except KeyboardInterrupt:
+        shown.print(telling.summary(), soft_wrap=True)
+        raise
+    if as_json:
+        write_json(telling.answer())
+    console(as_json=as_json).print(telling.summary(), soft_wrap=True)
+    return EXIT_NOT_ALL_VALID if telling.failed else EXIT_DONE
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that nothing is left behind
+    sys.exit(answered(command, sys.argv[1:], "rig scenarios"))

@@ -1,0 +1,394 @@
+"""What must hold in every world, whatever happens in it.
+
+Each check looks at what really happened (`WorldTruth`), at what the program wrote (journal, files) and at what it
+answered. Times are those of the virtual host's clock.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.campaign.results import INVALID, VALID, RigState
+from rig.campaign.stop_cause import CURRENT_FLOWS, because
+from rig.errors import EXIT_STOPPED, FileProblem
+from rig.faults.row import StopKind
+from rig.recording.recorded_point import RecordedPoint
+from simulators.scenarios.motion_invariants import MOTION_CHECKS
+from simulators.scenarios.plan import DEATHS, DISK, OF_THE_STATION, SIGNALS
+from simulators.scenarios.proof_invariants import PROOF_CHECKS
+from simulators.scenarios.scenario import EVERY_S, MOST_SESSIONS, World
+from simulators.scenarios.stop_invariants import STOP_CHECKS, STOPS
+from simulators.scenarios.view import (
+    KILLING,
+    NO_CURRENT_A,
+    STILL_M_S,
+    STUCK_CURRENT,
+    Findings,
+    View,
+    bench_of,
+    description,
+    read_once,
+)
+
+SUSPECT = "suspect"
+KNOWN_CODES = frozenset({0, 3, 4, 5, 7})
+WITHOUT_PRESSURE = frozenset({0, 3, 5})
+"""Exit codes that promise a rig without pressure, whatever hides it; 4 promises what its stop says of the pressure."""
+LINKS = frozenset({"modbus", "rtu"})
+WRITE_LOST = "modbus-write-lost"
+"""Writes are acknowledged and change nothing: a link over which no command goes, whatever it answers."""
+LEFT_NS = 1e9
+SKEW_SIGMAS, SKEW_S = 4.5, 20e-6
+TRUE_SHARE, TRUE_FORCE_N = 0.05, 60.0
+"""So much may a recorded force's ends differ from the true ones: of its span, and noise beside."""
+TRUE_TRAVEL_M = 0.5e-3
+UNSTOPPED_S = 0.3
+"""So long in all the rod, the force or the current may be beyond a limit before a stop is latched."""
+UNSTOPPED_HOT_S = 1.0
+"""Temperatures come every 0.1 s."""
+FARTHER_M, FASTER_SHARE, FASTER_M_S, STRONGER_SHARE, MORE_A, HOTTER_K = 1e-3, 0.15, 0.02, 0.02, 0.25, 2.0
+"""Beside the limits: the station's own allowances of 10 % of the speed and 0.15 A, and its sensors' noise."""
+OTHER_CURRENT_A, OTHER_CURRENT_SHARE, OTHER_CURRENT_S = 0.06, 0.06, 0.25
+"""The station's tolerance of the current and its sensor's noise, and for how long it may be otherwise in a point."""
+
+
+def judged(world: World) -> Iterator[tuple[str, str, float]]:
+    """Everything that does not hold: invariant, words, when (s)."""
+    if world.ended:
+        yield "ends", world.ended, world.kernel.time_s
+    for process in world.machine.processes.values():
+        for error in process.errors:
+            yield "no-crash", f"{process.name}: {error[-1500:]}", world.kernel.time_s
+    for session in world.sessions:
+        view = View(world, session)
+        for name, check in CHECKS.items():
+            for words, at_ns in check(view):
+                yield name, f"session {session.number}: {words}", view.at_s(at_ns)
+    for name, check_world in WORLD_CHECKS.items():
+        for words in check_world(world):
+            yield name, words, world.kernel.time_s
+
+
+def exit_code_is_known(view: View) -> Findings:
+    """The application ends with a code that it documents, or by the signal that killed it."""
+    code = view.session.exit_code
+    if code is not None and code not in KNOWN_CODES and not (code < 0 and view.killed):
+        yield f"exit code {code}: {view.session.refusal[1][:300]}", view.session.ended_ns
+
+
+def rest_is_reached(view: View) -> Findings:
+    """When every process has ended, the rod stands, no current flows, and no good exit code stands beside pressure."""
+    if view.session.exit_code is None:
+        return
+    last = view.session.truth.arrays[-1:]
+    for _, speed, current, _, _, pressure, _ in last:
+        if abs(speed) > STILL_M_S:
+            yield f"the rod still moves, {speed:.3g} m/s", view.session.rest_ns
+        if abs(current) > NO_CURRENT_A and not view.faults() & STUCK_CURRENT:
+            yield f"the coil still has {current:.2f} A", view.session.rest_ns
+        if pressure > 0 and (_without_pressure(view) or not _excused_pressure(view)):
+            yield f"exit code {view.session.exit_code} with the pressure on", view.session.rest_ns
+
+
+def _without_pressure(view: View) -> bool:
+    """The session's end promises that the pressure is off."""
+    code, answer = view.session.exit_code, view.session.answer
+    if code in WITHOUT_PRESSURE or answer is None or answer.stop is None:
+        return code in WITHOUT_PRESSURE
+    return bool(answer.stop.pressure_off)
+
+
+def _excused_pressure(view: View) -> bool:
+    """Something keeps the station from taking the pressure away.
+
+    Where the rig is called safe (exit code 4) that is a link over which no command goes, and nothing else: a controller
+    that was heard and keeps its pressure leaves the rig in an unknown state.
+    """
+    if view.session.exit_code != EXIT_STOPPED:
+        return view.hidden_pressure
+    by_name = view.faults_by_name()
+    return bool(view.hiding_places(by_name) & LINKS) or WRITE_LOST in by_name or any(
+        happening.what in {"station-killed", "power-cut"} for _, happening in view.session.happened
+    )
+
+
+def unarmed_stands_still(view: View) -> Findings:
+    """Nothing moves and no pressure comes before the station is armed."""
+    arming = [int(line["host_ns"]) for line in view.lines if line.get("phase") == "arming"]
+    if not arming and any(happening.what == "power-cut" for _, happening in view.session.happened):
+        return  # the cut took the line
+    until_ns = arming[0] if arming else view.session.ended_ns
+    rows = view.between(view.session.began_ns, until_ns)
+    foreign = view.faults_by_name() & {"second-master"}
+    if len(rows) and not foreign:
+        if np.max(np.abs(rows[:, 1])) > STILL_M_S:
+            yield "the rod moved before arming", rows[np.argmax(np.abs(rows[:, 1])), 0]
+        if np.max(rows[:, 5]) > 0:
+            yield "the pressure came before arming", rows[np.argmax(rows[:, 5]), 0]
+
+
+def points_are_there(view: View) -> Findings:
+    """Every point that was told to be finished is on the disk, opens, and says what was told of it last."""
+    if view.session is not view.world.sessions[-1] or view.world.folder is None:
+        return
+    told: dict[str, dict[str, Any]] = {}
+    verdicts: dict[str, set[str]] = {}
+    for line in view.world.journal:
+        if line.get("event") == "judged" and line.get("file"):
+            told[str(line["id"])] = line
+            # The zeros at the campaign's end may make a point suspect; the result tells so.
+            verdicts[str(line["id"])] = {line["verdict"], SUSPECT if line["verdict"] == VALID else line["verdict"]}
+        if line.get("event") == "retimed":
+            told.pop(str(line.get("file")), None)
+        for point in line["points"] if line.get("event") == "result" else ():
+            if point["file"] is not None:
+                verdicts[point["id"]] = {point["verdict"]}
+                if point["id"] in told:  # recovery may have found a later attempt that nobody judged in its session
+                    told[point["id"]] = {**told[point["id"]], "file": point["file"]}
+    for name, line in told.items():
+        path = view.world.folder / "points" / Path(line["file"]).name
+        try:
+            point = read_once(RecordedPoint.open, path)
+        except (OSError, FileProblem) as error:
+            yield f"{name}: told to be finished, and {error}", float(line["host_ns"])
+            continue
+        verdict = str(point.quality.verdict.verdict)
+        if verdict not in verdicts[name]:
+            yield f"{name}: told {' or '.join(sorted(verdicts[name]))}, its file says {verdict}", float(line["host_ns"])
+
+
+def recorded_points_are_written(view: View) -> Findings:
+    """Of every attempt that was run a file is told, and is there, where disk and those who write files are well."""
+    answer, happened = view.session.answer, {happening.what for _, happening in view.session.happened}
+    if answer is None or happened & LOSING:
+        return
+    began = {str(line["point"]) for line in view.lines if line.get("event") == "point"}
+    last = view.session is view.world.sessions[-1]  # what earlier ones told was set aside since
+    hurried = UNFINISHED if happened & SIGNALS.keys() else None  # who stops again does not wait for files
+    for point in answer.points:
+        missing = point.file is None or (last and not point.file.exists())
+        if point.id in began and missing and hurried not in point.reasons:
+            yield f"{point.id} has no file: {'; '.join(point.reasons)[:300]}", view.session.ended_ns
+    for line in view.lines:
+        lost = [why for why in line.get("reasons") or () if why.startswith("not-written") and why != hurried]
+        if line.get("event") == "judged" and line.get("file") is None and lost:
+            yield f"{line['id']}: an attempt has no file: {'; '.join(lost)[:300]}", float(line["host_ns"])
+
+
+LOSING = frozenset({*DISK, *DEATHS, "power-cut"})
+UNFINISHED = f"not-written: {because('not-written', 'file-unfinished').detail}"
+
+
+def a_current_that_is_left_is_told(view: View) -> Findings:
+    """A coil with more than the bench's limit for the program's last second is told; after an S2 as an unknown state.
+
+    After an S1 nobody looks at the resting force any more: there it is enough that 0 A is told to be not proved.
+    """
+    answer, bench = view.session.answer, bench_of(view)
+    if answer is None or bench is None or answer.rig_state is RigState.UNKNOWN:
+        return
+    limit_A = bench.limits.current_A + MORE_A
+    rows = view.between(view.session.ended_ns - LEFT_NS, view.session.ended_ns)
+    if not len(rows) or np.min(np.abs(rows[:, 2])) <= limit_A:
+        return
+    seen = CURRENT_FLOWS & {str(line.get("slug")) for line in view.station("trip", "also")}
+    stop = answer.stop
+    if not seen and (stop is None or stop.current_zero or stop.kind != str(StopKind.PRESSURE_OFF)):
+        yield f"{rows[-1, 2]:.2f} A in the coil at the end, and the rig is called safe", rows[0, 0]
+
+
+def answer_agrees(view: View) -> Findings:
+    """What the program answers agrees with itself and with its journal."""
+    answer = view.session.answer
+    if answer is None:
+        return
+    valid = sum(point.verdict == "valid" for point in answer.points)
+    if valid != answer.valid:
+        yield f"{answer.valid} valid points answered, {valid} listed", view.session.ended_ns
+    results = [line for line in view.lines if line.get("event") == "result"]
+    if results and int(results[-1]["valid"]) != answer.valid:
+        yield f"{answer.valid} valid points answered, the journal says {results[-1]['valid']}", view.session.ended_ns
+
+
+def recorded_is_what_was_there(view: View) -> Findings:
+    """Where no device had a fault, force and displacement of a valid point reach as far as those of the rod."""
+    if view.world.folder is None or view.faults() or view.world.plan.of_a_user:
+        return  # a user's own sensors may be too slow for the loop's ends
+    began = {str(line["point"]): float(line["host_ns"]) for line in view.lines if line.get("event") == "point"}
+    for line in view.lines:
+        if line.get("event") != "judged" or line.get("verdict") != VALID or str(line["id"]) not in began:
+            continue
+        try:
+            path = view.world.folder / "points" / str(line["file"]).rpartition("/")[2]
+            point = read_once(RecordedPoint.open, path)
+        except (OSError, FileProblem):
+            continue  # told by another check
+        began_ns = began[str(line["id"])]
+        rows = view.between(began_ns, began_ns + 1e9 * float(point.time_s[-1] - point.time_s[0]))
+        if not len(rows):
+            continue
+        force_N = TRUE_FORCE_N + TRUE_SHARE * np.ptp(rows[:, 4])
+        for name, values, truth, allowed in (
+            ("force", point.force_N, rows[:, 4], force_N),
+            ("force at its own times", point.force_samples.force_N, rows[:, 4], force_N),
+            ("displacement", point.displacement_m, rows[:, 3], TRUE_TRAVEL_M),
+        ):
+            for end in (np.nanmin, np.nanmax):
+                recorded, true = float(end(values)), float(end(truth))
+                if abs(recorded - true) > allowed:
+                    yield f"{line['id']}: {name} {end.__name__[3:]} {recorded:.4g} recorded, {true:.4g} true", began_ns
+
+
+def what_is_finished_is_not_run_again(view: View) -> Findings:
+    """A point that an earlier session told to be finished is not begun by a later one."""
+    finished: set[str] = set()
+    for line in view.world.journal:
+        earlier = int(line.get("host_ns", 0)) < view.session.began_ns
+        if earlier and line.get("event") == "judged" and line.get("file") and line.get("verdict") != INVALID:
+            finished.add(str(line["id"]))
+        if line.get("event") == "retimed":
+            finished.discard(str(line.get("file")))
+    for line in view.lines:
+        if line.get("event") == "point" and str(line["point"]) in finished:
+            yield f"{line['point']} is run again, though it was finished", float(line["host_ns"])
+
+
+def limits_stop_the_rig(view: View) -> Findings:
+    """Nobody lets rod, force, current or coil stay beyond the bench's limits."""
+    bench = bench_of(view)
+    if bench is None or not len(view.session.truth.arrays):
+        return
+    limits = bench.limits
+    speed_m_s = (1.0 + FASTER_SHARE) * limits.speed_m_s + FASTER_M_S
+    force_N = (1.0 + STRONGER_SHARE) * limits.force_N
+    current_A, temperature_degC = limits.current_A + MORE_A, limits.coil_temperature_degC + HOTTER_K
+    ranges = (
+        ("rod", "m", 3, limits.position_min_m - FARTHER_M, limits.position_max_m + FARTHER_M, UNSTOPPED_S),
+        ("speed", "m/s", 1, -speed_m_s, speed_m_s, UNSTOPPED_S), ("force", "N", 4, -force_N, force_N, UNSTOPPED_S),
+        ("current", "A", 2, -current_A, current_A, UNSTOPPED_S),
+        ("coil", "degC", 6, -math.inf, temperature_degC, UNSTOPPED_HOT_S),
+    )
+    for from_ns, to_ns in _unstopped(view):
+        rows = view.between(from_ns, to_ns)
+        for name, unit, column, low, high, allowed_s in ranges:
+            beyond = rows[(rows[:, column] < low) | (rows[:, column] > high)]
+            allowed = round(allowed_s / EVERY_S)
+            if len(beyond) > allowed:
+                worst = beyond[np.argmax(np.abs(beyond[:, column])), column]
+                words = f"{name} {low:.4g} to {high:.4g} {unit} at most, {worst:.4g} {unit}, and no stop"
+                yield words, beyond[allowed, 0]
+
+
+def _unstopped(view: View) -> Iterator[tuple[float, float]]:
+    """From when to when (ns) the station watched the rig and no stop was latched."""
+    session = view.session
+    away = [
+        at_ns for at_ns, happening in session.happened
+        if happening.what in KILLING or (happening.what in OF_THE_STATION)
+    ]
+    if any(happening.what == "power-cut" for _, happening in session.happened):  # it took the journal's last lines
+        away += [line.host_ns for line in session.truth.log if line.code in STOPS]
+    last_ns = min([*away, session.ended_ns])
+    from_ns = float(session.began_ns)
+    for trip in view.station("trip"):
+        latched_ns = float(trip["latched_ns"])
+        yield from_ns, min(latched_ns, last_ns)
+        from_ns = max(from_ns, view.reset_ns(latched_ns))
+    yield from_ns, last_ns
+
+
+def valid_is_measured_with_the_wanted_current(view: View) -> Findings:
+    """The coil of a valid point truly had the current that was wanted, from its first judged instant to its last."""
+    began = {str(line["point"]): float(line["host_ns"]) for line in view.lines if line.get("event") == "point"}
+    for line in view.lines:
+        if line.get("event") != "judged" or line.get("verdict") != VALID or str(line["id"]) not in began:
+            continue
+        bounds_ns, wanted_A = _measured_ns(view, line), float(line["current_A"])
+        if bounds_ns is None:
+            continue
+        rows = view.between(*bounds_ns)
+        allowed_A = OTHER_CURRENT_A + OTHER_CURRENT_SHARE * abs(wanted_A)
+        other = rows[np.abs(rows[:, 2] - wanted_A) > allowed_A]
+        if len(other) > OTHER_CURRENT_S / EVERY_S:
+            words = f"valid at {wanted_A:g} A, for {EVERY_S * len(other):.2f} s it was {other[0, 2]:.3g} A"
+            yield f"{line['id']}: {words}", other[0, 0]
+
+
+def _measured_ns(view: View, line: dict[str, Any]) -> tuple[float, float] | None:
+    """Between which instants (ns) a point was measured, by the stamps in its file; None where that is not known."""
+    if view.world.folder is None:
+        return None
+    try:
+        point = read_once(description, view.world.folder / "points" / Path(str(line["file"])).name)
+    except (OSError, FileProblem):
+        return None  # told by another check
+    quality, stamps = line.get("quality") or {}, point.raw("displacement")
+    names = "signal_judged" if quality.get("signal_judged_start_s") is not None else "cycles"
+    start_s, end_s = (quality.get(f"{names}_{end}_s") for end in ("start", "end"))
+    if stamps is None or start_s is None or end_s is None or "time" not in stamps:
+        return None
+    # The stamps are of the arrival: a whole record of them tells when its own time was zero, to some milliseconds.
+    zero_ns = float(np.median(stamps["host_ns"] - 1e9 * stamps["time"]))
+    return zero_ns + 1e9 * start_s, zero_ns + 1e9 * end_s
+
+
+CHECKS: dict[str, Callable[[View], Findings]] = {
+    "exit-code": exit_code_is_known,
+    "rest": rest_is_reached,
+    "unarmed": unarmed_stands_still,
+    **STOP_CHECKS,
+    **PROOF_CHECKS,
+    **MOTION_CHECKS,
+    "limits": limits_stop_the_rig,
+    "current-told": a_current_that_is_left_is_told,
+    "points": points_are_there,
+    "written": recorded_points_are_written,
+    "answer": answer_agrees,
+    "true-record": recorded_is_what_was_there,
+    "wanted-current": valid_is_measured_with_the_wanted_current,
+    "run-again": what_is_finished_is_not_run_again,
+}
+
+
+def campaign_is_complete(world: World) -> Iterator[str]:
+    """In the end every point has a file, and one that is not valid says what disturbed it."""
+    folder = world.folder
+    if world.ended or folder is None or world.most_sessions < MOST_SESSIONS:
+        return
+    answer = world.sessions[-1].answer
+    if answer is None:
+        return
+    for point in answer.points:
+        if point.verdict == "valid":
+            continue
+        # A user's own instruments may leave doubts without any fault.
+        if point.verdict != "suspect" or not (world.plan.happenings or world.plan.bench):
+            yield f"{point.id} is {point.verdict} in the end: {'; '.join(point.reasons)[:300]}"
+
+
+def skew_covers_the_truth(world: World) -> Iterator[str]:
+    """The stated delay between the sensors covers the true one, which is none."""
+    if world.folder is None:
+        return
+    for path in sorted((world.folder / "points").glob("*.h5")):
+        try:
+            quality = read_once(description, path).quality
+        except (OSError, FileProblem):
+            continue
+        skew = quality.skew
+        if quality.verdict.verdict != "valid" or skew.value_s is None or not skew.std_s:
+            continue
+        if abs(skew.value_s) > SKEW_SIGMAS * skew.std_s + SKEW_S:
+            yield f"{path.name}: skew {1e6 * skew.value_s:.0f} +- {1e6 * skew.std_s:.0f} us, true 0"
+
+
+WORLD_CHECKS: dict[str, Callable[[World], Iterator[str]]] = {
+    "complete": campaign_is_complete,
+    "skew": skew_covers_the_truth,
+}
+

@@ -1,0 +1,142 @@
+"""What whoever runs worlds sees: failures as they come, and how far it is (a bar on a terminal, lines elsewhere)."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from typing import TYPE_CHECKING, Any, Self
+
+from rich.progress import BarColumn, Progress, TaskID, TextColumn
+from rich.text import Text
+
+from rig.cli.tables import duration
+from rig.document import words as severity
+from rig.document.terminal import STYLES
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from simulators.scenarios.request import Asked
+    from simulators.scenarios.runs import Ended
+
+GOOD, LOOK, BAD = STYLES[severity.GOOD], STYLES[severity.FAIR], STYLES[severity.POOR]
+LINES = 20
+"""Where there is no terminal, so many lines tell how far it is."""
+LONGEST_WORDS = 1000
+
+
+class Telling:
+    """Counts worlds and shows them.
+
+    Args (construction):
+        count: so many are to be run.
+        asked: what is the same for all of them.
+        shown: where it is shown.
+        bar: on a terminal, how far it is as a bar; not where a world tells of itself there.
+
+    Attributes:
+        failed: an object for everything that did not hold, as in the answer; `not_happened` likewise for what was to
+            happen later than the campaign lasted.
+    """
+
+    def __init__(self, count: int, asked: Asked, shown: Console, *, bar: bool = True) -> None:
+        self.failed: list[dict[str, Any]] = []
+        self.not_happened: list[dict[str, Any]] = []
+        self.worlds = 0
+        self.rig_s = 0.0
+        self.digests: dict[int, str] = {}
+        self._count = count
+        self._asked = asked
+        self._shown = shown
+        self._began_s = time.perf_counter()
+        self._told = 0
+        self._bar = Progress(
+            BarColumn(30, complete_style="cyan"), TextColumn("{task.description}"), console=shown, transient=True,
+            disable=not (bar and shown.is_terminal),
+        )  # fmt: skip
+        self._task: TaskID = self._bar.add_task(self._progress(), total=count)
+
+    def __enter__(self) -> Self:
+        for words in self._asked.stood_in:
+            self._shown.print(Text(f"in these worlds {words}", style="dim"), soft_wrap=True)
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    @property
+    def wall_s(self) -> float:
+        """Since the beginning (s)."""
+        return time.perf_counter() - self._began_s
+
+    @property
+    def failed_seeds(self) -> list[int]:
+        """Seeds of the worlds in which something did not hold, ascending."""
+        return sorted({entry["seed"] for entry in self.failed})
+
+    def ended(self, world: Ended) -> None:
+        """Count a world, tell what did not hold in it, and how far it is."""
+        self.worlds += 1
+        self.rig_s += world.rig_s
+        self.digests[world.seed] = world.digest
+        self.not_happened += [{"seed": world.seed, "happening": words} for words in world.not_happened]
+        if world.not_happened and self._asked.happenings is not None:
+            words = f"seed {world.seed}: the campaign ended before {', '.join(world.not_happened)}"
+            self._shown.print(Text(words, style=LOOK), soft_wrap=True)
+        again = self._asked.again(world.seed)
+        for invariant, words, at_s in world.failed:
+            self.failed.append(
+                {"seed": world.seed, "invariant": invariant, "at_s": at_s, "words": words, "again": again,
+                 "happenings": list(world.happenings)}
+            )  # fmt: skip
+            line = Text(f"seed {world.seed}, {at_s:.3f} s: {invariant}: {words[:LONGEST_WORDS]}", style=BAD)
+            self._shown.print(line, soft_wrap=True)
+        if world.failed:
+            self._shown.print(Text(f"  in it: {', '.join(world.happenings) or 'nothing'}"), soft_wrap=True)
+            self._shown.print(Text(f"  again: {again}"), soft_wrap=True)
+        self._bar.update(self._task, completed=self.worlds, description=self._progress())
+        if not self._shown.is_terminal and self.worlds * LINES // self._count > self._told:
+            self._told = self.worlds * LINES // self._count
+            self._shown.print(self._progress())
+
+    def _progress(self) -> str:
+        count = len(self.failed_seeds)
+        failed = f"[{BAD}]{count} failed[/]" if count else "none failed"
+        if not self.worlds:
+            return f"0/{self._count} worlds"
+        left_s = self.wall_s / self.worlds * (self._count - self.worlds)
+        rate = self.rig_s / self.wall_s
+        return f"{self.worlds}/{self._count} worlds, {failed}, {rate:.1f} rig s/s, {duration(left_s)} left"
+
+    def summary(self) -> Text:
+        """The last sentence."""
+        worlds = "1 world" if self.worlds == 1 else f"{self.worlds} worlds"
+        if self.worlds < self._count:
+            worlds += f" of {self._count}"
+        line = Text(f"{worlds}, {duration(self.rig_s)} on the rig, in {duration(self.wall_s)}: ")
+        seeds = self.failed_seeds
+        if not seeds and (not self.worlds or self._asked.until_s is not None):
+            return line.append("nothing was judged", style=LOOK)
+        if self.not_happened:
+            count = len({entry["seed"] for entry in self.not_happened})
+            late = f"in {'1 of them' if count == 1 else f'{count} of them'} something would have come after the end, "
+            line.append(late, style=LOOK)
+        if not seeds:
+            return line.append("everything held in every one", style=GOOD)
+        kinds = Counter(entry["invariant"] for entry in self.failed)
+        named = ", ".join(f"{invariant} {count}" for invariant, count in kinds.most_common())
+        line.append(f"{len(seeds)} failed ({named})", style=BAD)
+        return line.append(f". The first one again, looked at closely: {self._asked.again(seeds[0])} --shrink")
+
+    def answer(self) -> dict[str, Any]:
+        """The object of `--json`."""
+        return {
+            "worlds": self.worlds,
+            "judged": self._asked.until_s is None,
+            "failed": sorted(self.failed, key=lambda entry: (entry["seed"], entry["at_s"])),
+            "not_happened": sorted(self.not_happened, key=lambda entry: entry["seed"]),
+            "rig_hours": round(self.rig_s / 3600.0, 4),
+            "wall_s": round(self.wall_s, 3),
+            "digests": dict(sorted(self.digests.items())),
+        }

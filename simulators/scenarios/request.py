@@ -1,0 +1,301 @@
+"""What worlds are asked for: which seeds, the user's files, what happens; refused before any world begins."""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import click
+
+from rig.bench.model import Bench
+from rig.campaign.setup import accepted
+from rig.errors import FileProblem, Refused
+from rig.matrix.model import Matrix, load_files, load_matrix
+from rig.matrix.named_files import with_whole_names
+from rig.text_file import read_text
+from simulators.bench import Addresses, bench_text
+from simulators.injection import NEEDS_AUXILIARY
+from simulators.options import RigOptions
+from simulators.scenarios.plan import (
+    AT_THE_PANEL,
+    STALLS,
+    STREAMED_TICK_S,
+    Given,
+    Happening,
+    WorldPlan,
+    drawn,
+    given_for,
+    happens_to_supply,
+    happens_untold,
+)
+from simulators.scenarios.user_bench import LARGEST_BENCH, UserBench, longest_s
+from simulators.schedule import BY_ID, ONLY_BY_SUPPLY, ONLY_ON, STREAMED
+
+LARGEST_MATRIX = 1 << 20
+LATEST_S = 1e6
+LASTS = (*STALLS, "pause", "slow-disk")
+"""What happens around the devices for a time: in no time nothing of it does."""
+NOTHING = "nothing"
+"""In place of what happens: an undisturbed world."""
+_SEEDS = re.compile(r"(\d{1,15})(?::(\d{1,15}))?", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Files:
+    """The user's files; None where what the seed draws, or the usual rig, takes their place."""
+
+    matrix: Path | None = None
+    bench: Path | None = None
+
+    @property
+    def options(self) -> list[str]:
+        """As they are given on the command line."""
+        given = (("--bench", self.bench), ("--matrix", self.matrix))
+        return [word for name, path in given if path is not None for word in (name, str(path))]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is the same for all worlds of a command.
+
+    Attributes:
+        given: the user's files and what follows from them.
+        files: the user's.
+        happenings: in place of what is drawn; None: drawn.
+        until_s: when each world ends; None: with its campaign.
+        options: of the command, as they are written to get one of these worlds again.
+        stood_in: what of the user's bench a world has otherwise.
+    """
+
+    given: Given = field(default_factory=Given)
+    files: Files = field(default_factory=Files)
+    happenings: tuple[Happening, ...] | None = None
+    until_s: float | None = None
+    options: tuple[str, ...] = ()
+    stood_in: tuple[str, ...] = ()
+
+    def plan(self, seed: int) -> WorldPlan:
+        """The world of a seed, with what was asked for in place of what is drawn."""
+        if self.happenings is None:
+            return drawn(seed, self.given)
+        given, link = given_for(seed, self.given), _link(self.happenings)
+        if given.kind and not all(given.may_have(item.what, given.actuator or link) for item in self.happenings):
+            given = replace(self.given, usual=True)
+        plan = drawn(seed, given)
+        return replace(plan, happenings=self.happenings, actuator=given.actuator or link or plan.actuator)
+
+    def again(self, seed: int) -> str:
+        """The command that runs the world of a seed again."""
+        return shlex.join(("rig", "scenarios", "--seeds", str(seed), *self.options))
+
+
+def seeds_of(text: str) -> range:
+    """`FIRST:END` (END itself is not among them), or one seed.
+
+    Raises:
+        BadParameter: not such a range.
+    """
+    match = _SEEDS.fullmatch(text)
+    if match is None:
+        raise click.BadParameter(
+            f"{text!r}: expected FIRST:END with 0 <= FIRST < END, such as 0:1000, or one seed", param_hint="--seeds"
+        )
+    first = int(match[1])
+    end = first + 1 if match[2] is None else int(match[2])
+    if end == first:
+        raise click.BadParameter(f"{text!r}: no seed is in it; END is not included, write {first}:{first + 1}",
+                                 param_hint="--seeds")  # fmt: skip
+    if end < first:
+        raise click.BadParameter(f"{text!r}: FIRST is behind END; write {end}:{first}", param_hint="--seeds")
+    return range(first, end)
+
+
+def asked_for(files: Files, happenings: Iterable[str], until_s: float | None, actuator: str = "") -> Asked:
+    """Read and judge the user's files and words.
+
+    Args:
+        files: the user's.
+        happenings: in place of what is drawn; none: drawn.
+        until_s: when each world ends; None: with its campaign.
+        actuator: "tcp" or "rtu"; empty: as the bench says, else drawn.
+
+    Raises:
+        BadParameter: a happening or time that is none, or another link than the bench's.
+        FileProblem: a file cannot be used, or no simulated rig can stand in for the bench.
+        Refused: the matrix does not fit the bench.
+    """
+    if until_s is not None and not (math.isfinite(until_s) and until_s > 0.0):
+        raise click.BadParameter(f"{until_s:g}: expected a number of seconds above 0", param_hint="--until")
+    words = tuple(happenings)
+    wanted = () if words == (NOTHING,) else tuple(map(_happening, words))
+    given, stood_in = _given(files)
+    if actuator and given.actuator not in {"", actuator}:
+        raise click.BadParameter(f"this bench reaches the controller by {given.actuator}", param_hint="--actuator")
+    given = replace(given, actuator=given.actuator or actuator)
+    _check_happenings(wanted, given)
+    options = [*files.options, *(word for text in words for word in ("--event", text))]
+    if actuator:
+        options += ["--actuator", actuator]
+    if until_s is not None:
+        options += ["--until", repr(until_s)]
+    return Asked(given, files, wanted if words else None, until_s, tuple(options), stood_in)
+
+
+def _happening(text: str) -> Happening:
+    try:
+        happening = Happening.parse(text)
+    except FileProblem as error:
+        raise click.BadParameter("; ".join(error.problems), param_hint="--event") from None
+    times_s = [time_s for time_s in (happening.at_s, happening.lasts_s) if time_s is not None]
+    if not all(0.0 <= time_s <= LATEST_S for time_s in times_s):
+        raise click.BadParameter(f"{text!r}: times are 0 to {LATEST_S:g} s", param_hint="--event")
+    what, lasts_s = happening.what, happening.lasts_s
+    if what in LASTS and not lasts_s:
+        example = f"{what}@{happening.at_s:g}+0.5"
+        raise click.BadParameter(f"{text!r}: say for how long, such as {example}", param_hint="--event")
+    if happening.around and lasts_s is not None and what not in (*LASTS, "clock-step"):
+        words = f"{text!r}: has no duration; write {what}@{happening.at_s:g}"
+        raise click.BadParameter(words, param_hint="--event")
+    return happening
+
+
+def _check_happenings(wanted: tuple[Happening, ...], given: Given) -> None:
+    """Refuse what cannot happen on this rig.
+
+    Raises:
+        BadParameter: with what to do.
+    """
+    links = {ONLY_ON.get(happening.what.partition(":")[0], "") for happening in wanted} - {""}
+    link = given.actuator or _link(wanted)
+    for happening in wanted:
+        slug = happening.what.partition(":")[0]
+        needed = ONLY_ON.get(slug)
+        problem = ""
+        if needed == BY_ID:
+            problem = "ports with names do not exist in a world; `rig simulate --ports by-id` has them"
+        elif given.streamed and happening.what in AT_THE_PANEL:
+            problem = "happens only to a program of the controller's own; this bench streams set-points"
+        elif needed is not None and needed != link and not (needed == STREAMED and given.streamed):
+            has = "one controller cannot be reached by both" if len(links) > 1 else f"this bench reaches it by {link}"
+            problem = f"happens only where the controller is reached by {needed}; {has}"
+        elif given.supply and not happens_to_supply(happening.what):
+            problem = "does not happen where a supply drives the coil: no bus, and its current outlives its host"
+        elif happening.what in ONLY_BY_SUPPLY and not given.supply:
+            problem = "happens only where a supply drives the coil; give a --bench that has one"
+        elif given.untold and not happens_untold(happening.what):
+            problem = "does not happen where nobody measures the current: nothing tells of the coil"
+        elif happening.what in NEEDS_AUXILIARY and not given.auxiliary:
+            problem = "needs an auxiliary channel; give a --bench that has one"
+        if problem:
+            raise click.BadParameter(f"{happening.what!r}: {problem}", param_hint="--event")
+
+
+def _link(happenings: Iterable[Happening]) -> str:
+    """The kind of link that these need; empty where any will do."""
+    needed = (ONLY_ON.get(happening.what.partition(":")[0], "") for happening in happenings)
+    return next((link for link in needed if link), "")
+
+
+def _given(files: Files) -> tuple[Given, tuple[str, ...]]:
+    """What the user's files say, and what of the bench a world has otherwise.
+
+    Raises:
+        FileProblem: a file cannot be used, or no simulated rig can stand in for the bench.
+        Refused: the matrix does not fit the bench.
+    """
+    if files.bench is None:
+        return (Given(), ()) if files.matrix is None else (_on_the_usual_rig(files.matrix), ())
+    text = read_text(files.bench, LARGEST_BENCH)
+    if files.matrix is None:
+        return _drawn_matrices(files.bench, text)
+    matrix, bench = load_files(files.matrix, files.bench)
+    user = UserBench.load(files.bench, matrix)
+    given = _forecast(matrix, bench, _text_of(files.matrix))
+    return _on_bench(given, text, user), user.stood_in
+
+
+def _drawn_matrices(path: Path, text: str) -> tuple[Given, tuple[str, ...]]:
+    """A user's bench with the matrices that seeds draw: the largest of them must fit.
+
+    Raises:
+        FileProblem: as `_given`.
+        Refused: they do not.
+    """
+    bench = Bench.load(path)
+    with tempfile.TemporaryDirectory(prefix="worlds-") as folder:
+        matrix = _loaded(LARGEST_DRAWN, Path(folder) / "matrix.toml")
+    user = UserBench.load(path, matrix)
+    try:
+        accepted(matrix, bench)
+    except Refused as error:
+        raise Refused(error.slug, f"{path}: the matrices that worlds draw do not fit this bench; give your own with "
+                      f"--matrix FILE\n{error}") from error  # fmt: skip
+    return _on_bench(Given(), text, user), user.stood_in
+
+
+def _on_bench(given: Given, text: str, user: UserBench) -> Given:
+    """The same on a user's bench."""
+    auxiliary = bool(user.auxiliaries)
+    return replace(
+        given, bench=user.portable(text), actuator=user.actuator, auxiliary=auxiliary,
+        tick_s=min(user.tick_s, STREAMED_TICK_S if user.streamed else user.tick_s),
+        supply=bool(user.supply), untold=user.unmeasured, streamed=user.streamed,
+    )
+
+
+LARGEST_DRAWN = """format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[matrix]
+waveform = ["sine", "triangle"]
+amplitude = ["10 mm"]
+frequency = ["4 Hz"]
+current = ["1.0 A"]
+cycles = 12
+"""
+
+
+def _on_the_usual_rig(path: Path) -> Given:
+    """A user's matrix on the usual simulated rig."""
+    matrix = load_matrix(path)
+    addresses = Addresses("modbus-tcp://127.0.0.1:1", 2, "socket://127.0.0.1:3", "socket://127.0.0.1:4", ())
+    with tempfile.TemporaryDirectory(prefix="worlds-") as folder:
+        bench = Path(folder) / "bench.toml"
+        bench.write_text(bench_text(RigOptions(), addresses, 1.0, relaxed=False), encoding="utf-8")
+        return _forecast(matrix, Bench.load(bench), _text_of(path))
+
+
+def _text_of(path: Path) -> str:
+    """A matrix file's text for another folder: the roads and records that it names are whole paths."""
+    return with_whole_names(read_text(path, LARGEST_MATRIX), path.parent)
+
+
+def _loaded(text: str, path: Path) -> Matrix:
+    path.write_text(text, encoding="utf-8")
+    return load_matrix(path)
+
+
+def _forecast(matrix: Matrix, bench: Bench, text: str) -> Given:
+    """A matrix that fits a bench, and how long it takes.
+
+    Raises:
+        Refused: it does not fit; or, where the file does not say which damper it is, the simulated one does not.
+    """
+    plan = accepted(matrix, bench)
+    if matrix.specimen.prior is None:
+        stated = matrix.specimen.model_copy(update={"prior": "demo", "max_force_N": None})
+        try:
+            accepted(matrix.model_copy(update={"specimen": stated}), bench)
+        except Refused as error:
+            raise Refused(error.slug, "the damper of the simulated rig (set demo) is too strong for this bench; name a "
+                          f"weaker one with specimen.prior\n{error}") from error  # fmt: skip
+    motion_s = math.fsum(item.duration_s for item in plan.points)
+    lasts_s = longest_s(plan.duration_s, motion_s, matrix.campaign.retries)
+    return Given(matrix=text, motion_s=motion_s, lasts_s=lasts_s)

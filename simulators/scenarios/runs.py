@@ -1,0 +1,214 @@
+"""Worlds run and judged, one by one or in the processes of a pool."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import gc
+import multiprocessing
+import os
+import shutil
+import signal
+import tempfile
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from itertools import islice
+from multiprocessing import connection
+from pathlib import Path
+from typing import TypeVar
+
+from rig.errors import RigError
+from simulators.scenarios.invariants import judged
+from simulators.scenarios.plan import WorldPlan
+from simulators.scenarios.request import Asked
+from simulators.scenarios.scenario import MOST_SESSIONS, World
+from simulators.scenarios.stage import load_everything
+
+WORLDS_A_WORKER = 100
+"""A worker begins anew after so many: what killed processes held is given back with it."""
+AHEAD = 4
+"""So many worlds wait for each worker."""
+ROOM = 256 << 20
+"""A worker's worlds take no more than that (bytes)."""
+SELDOM = 50_000
+"""A world makes much and keeps it: the garbage collector looks after so many objects."""
+LEAVES_S = 3.0
+"""A process that is asked to end takes no longer."""
+
+T = TypeVar("T")
+_under_way: list[str] = []
+"""Folders of the worlds that this process runs."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A world that has ended.
+
+    Attributes:
+        failed: invariant and words of everything that did not hold, with the virtual time (s).
+        digest: of everything it made; `events` of what happened in it, by name.
+        rig_s: virtual seconds; `wall_s` the real ones it took, `cpu_s` those of the processor.
+        happenings: what was to happen in it; `not_happened`: of these what was to come later than its campaign's end.
+        moved_s: for how long the rod moved (s).
+    """
+
+    seed: int
+    failed: tuple[tuple[str, str, float], ...]
+    digest: str
+    rig_s: float
+    wall_s: float
+    sessions: tuple[int | None, ...]
+    cpu_s: float = 0.0
+    happenings: tuple[str, ...] = ()
+    moved_s: float = 0.0
+    events: str = ""
+    not_happened: tuple[str, ...] = ()
+
+
+def live(
+    plan: WorldPlan, root: Path, until_s: float | None = None, begin: Callable[[World], None] | None = None,
+    most_sessions: int = MOST_SESSIONS,
+) -> tuple[World, Ended]:
+    """Run a world and judge it; `begin` is called with it first."""
+    began_s, cpu_s = time.perf_counter(), time.process_time()
+    world = World(plan, root, most_sessions=most_sessions)
+    if begin is not None:
+        begin(world)
+    world.run(until_s)
+    broken = () if until_s is not None else judged(world)
+    # Paths as they are in every run of this world, not in this one's folder, which is gone soon.
+    failed = tuple((invariant, words.replace(f"{root}/", ""), at_s) for invariant, words, at_s in broken)
+    wall_s, cpu_s = time.perf_counter() - began_s, time.process_time() - cpu_s
+    codes = tuple(session.exit_code for session in world.sessions)
+    happenings = tuple(map(str, plan.happenings))
+    moved_s = sum(session.truth.moved_s for session in world.sessions)
+    return world, Ended(
+        plan.seed, failed, world.digest(), world.kernel.time_s, wall_s, codes, cpu_s, happenings, moved_s,
+        world.events(), () if until_s is not None else tuple(map(str, world.not_happened)),
+    )  # fmt: skip
+
+
+def one(seed: int, asked: Asked) -> Ended:
+    """Run the world of a seed."""
+    return alone(asked.plan(seed), asked.until_s)
+
+
+def alone(
+    plan: WorldPlan, until_s: float | None = None, begin: Callable[[World], None] | None = None,
+    most_sessions: int = MOST_SESSIONS,
+) -> Ended:
+    """Run a world in a folder that is gone with it; one that breaks the simulation itself has failed."""
+    with tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
+        _under_way.append(name)
+        try:
+            _, ended = live(plan, Path(name), until_s, begin, most_sessions)
+        except Exception:  # noqa: BLE001 - told as this world's failure, the others go on
+            words = traceback.format_exc(limit=-6)
+            happenings = tuple(map(str, plan.happenings))
+            return Ended(plan.seed, (("world", words, 0.0),), "", 0.0, 0.0, (), happenings=happenings)
+        finally:
+            _under_way.remove(name)
+    return ended
+
+
+def memory() -> str | None:
+    """A folder in memory, where there is one with room: worlds write much and keep nothing."""
+    shared = Path("/dev/shm")
+    roomy = shared.is_dir() and shutil.disk_usage(shared).free > ROOM * (os.cpu_count() or 1)
+    return str(shared) if roomy else None
+
+
+def begin_worker() -> None:
+    """What a process does before its first world; an interrupt is its parent's business, whom it does not outlive."""
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, _leave)
+    if (parent := multiprocessing.parent_process()) is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    load_everything()
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(SELDOM, 20, 100)
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has ended, however that did."""
+    connection.wait([parent])
+    _leave()
+
+
+def _leave(*_: object) -> None:
+    """End this process now, and its world with all files: what takes its place removes them, undisturbed."""
+    with contextlib.suppress(OSError, ValueError):
+        if _under_way:
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+            os.execvp("rm", ["rm", "-rf", "--", *_under_way])
+    os._exit(1)
+
+
+def every(seeds: range, asked: Asked, jobs: int) -> Iterator[Ended]:
+    """The worlds of these seeds as they end, in so many processes.
+
+    Raises:
+        RigError: a process was ended from outside.
+    """
+    waiting, under_way = iter(seeds), set[Future[Ended]]()
+    with _pool(min(jobs, len(seeds))) as pool:
+        while True:
+            free = AHEAD * jobs - len(under_way)
+            under_way |= {pool.submit(one, seed, asked) for seed in islice(waiting, free)}
+            if not under_way:
+                break
+            done, under_way = concurrent.futures.wait(
+                under_way, return_when=concurrent.futures.FIRST_COMPLETED
+            )
+            yield from sorted((future.result() for future in done), key=lambda ended: ended.seed)
+
+
+def in_a_worker(do: Callable[..., T], *arguments: object) -> T:
+    """Do something with worlds in a process of its own, so that an interrupt ends it and not a part of a world.
+
+    Raises:
+        RigError: the process was ended from outside.
+    """
+    with _pool(1) as pool:
+        return pool.submit(do, *arguments).result()
+
+
+@contextlib.contextmanager
+def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes for worlds; whatever ends this one's work ends them.
+
+    Raises:
+        RigError: one was ended from outside.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers: one world is one thread
+    pool = ProcessPoolExecutor(
+        processes, mp_context=multiprocessing.get_context("spawn"), initializer=begin_worker,
+        max_tasks_per_child=WORLDS_A_WORKER,
+    )  # fmt: skip
+    try:
+        yield pool
+    except BrokenProcessPool as error:
+        raise RigError("a process that ran worlds was killed (out of memory?); try fewer --jobs") from error
+    except BaseException:
+        _end(pool)
+        raise
+    pool.shutdown()
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    """End a pool now, whatever its processes do; each takes its world's folder with it if it still can."""
+    workers = list(multiprocessing.active_children())
+    pool.shutdown(wait=False, cancel_futures=True)
+    for worker in workers:
+        worker.terminate()
+    until_s = time.monotonic() + LEAVES_S
+    for worker in workers:
+        worker.join(max(0.0, until_s - time.monotonic()))
+        worker.kill()

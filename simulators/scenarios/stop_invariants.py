@@ -1,0 +1,399 @@
+"""What must hold of stops: each has a cause, is told first, sent, obeyed and proved, and stays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from drivers.catalogue import make_actuator
+from drivers.connection import ActuatorConnection
+from rig.campaign.results import RigState
+from rig.errors import EXIT_REFUSED
+from rig.faults.matrix import MATRIX, REACTIONS
+from rig.faults.row import Ending, StopKind
+from simulators.controller_firmware import Command
+from simulators.scenarios.plan import DISK, FOREIGN, OF_THE_STATION, SIGNALS
+from simulators.scenarios.proof_invariants import moving_by_itself
+from simulators.scenarios.view import KILLING, NO_CURRENT_A, STUCK_CURRENT, WAY, Findings, View, bench_of, points_of
+
+STILL_AFTER_S = 3.0
+"""From a latched stop to standstill, at least: a fast motion's last cycles and a controller left to its watchdog; what
+the station was kept from running comes on top."""
+STOPPED_BY_S = 1.0
+"""What is to spare where a controller left to its watchdog fades a slow motion out."""
+CURRENT_AFTER_S = 1.5
+CURRENT_AT_ONCE_S = 0.3
+"""Where nothing is wrong with the way to the ECU, nor with the station."""
+TOLD_NS = 300e6
+"""By then the station has looked at the controller again, whatever was sent meanwhile."""
+SENT_S = 0.25
+SHORTLY_NS = 10e6
+HALTED_NS = 1e9
+"""By then streamed set-points have brought the rod to rest."""
+LATE_JOURNAL_S = 0.5
+UNNOTICED_S, UNNOTICED_TIMES = 1.0, 10.0
+"""So long the rod may move with a fault that everybody can see: that, or so many times what its row allows."""
+STOPS = frozenset({Command.FADE_STOP.name, Command.HALT.name, Command.HYDRAULICS_OFF.name})
+MOVING_M_S = 0.02
+OVERRUN_S, STARTED_NS = 0.3, 1e9
+SEEN_LATER = frozenset({
+    "load-train", "stop-ignored", "current-stuck", "coil-open-short", "current-tracking", "second-master:jumps",
+})  # fmt: skip
+"""Rows that show only when a loop has changed, a motion is to end, or a current is to flow; jumps spoil the point."""
+OTHER_NAMES = {
+    "can-busoff:lost": {"can-lost"},
+    "current-tracking": {"load-train"},
+    "current-tracking:over": {"overcurrent", "load-train"},
+    "second-master:span": {"speed-limit", "stroke-limit", "load-train"},
+    "second-master:offset": {"stroke-limit", "load-train"},
+    "second-master:jumps": {"load-train", "speed-limit"},
+    "actuator-frozen:slips": {"position-disagreement", "load-train"},
+    "load-train:jammed": {"force-limit"},
+    "ecu-overtemp:coil": {"coil-temperature"},
+    "ecu-crc": {"current-unmeasured"},  # garbled answers of a supply hold no number
+    "current-stuck:full": {"overcurrent", "load-train"},
+    "sensor-stuck": {"sensor-saturated"},
+    "sensor-stuck:lvdt": {"sensor-saturated"},
+    "modbus-mismatch": {"rtu-crc"},
+    "stop-ignored:pressure": {"hydraulics"},
+    "sample-gap": {"loadcell-pulled"},
+    "sample-gap:lvdt": {"lvdt-pulled"},
+}
+"""Faults that the station may name otherwise than their row; a gap of 16 ms is silence where a device hands over every
+10 ms besides."""
+OF_ITS_CURRENT = frozenset({"coil-open-short", "current-stuck"})
+"""Rows that nobody can notice while no current is asked for and none flows."""
+OF_ANY_FAULT = frozenset({"hybrid-unstable"})
+"""What a hybrid test's own watch names: whatever is wrong with force, motion or current brings it about."""
+GAPS_IN_SETPOINTS = {"setpoints-late", "setpoints-lost"}
+"""What a fault of the way to the controller is called where it interrupts streamed set-points first."""
+DISK_SLUGS = {"disk-full", "dir-readonly", "fsync-error", "disk-error", "recorder-unwell", "task-dies", "slow-consumer"}
+SECOND_MASTER = {"second-master"}
+SIGNAL_SLUGS = {"sigint", "sigterm", "sigint-storm"}
+EXPLAINS: dict[str, set[str]] = {
+    **dict.fromkeys(DISK, DISK_SLUGS),
+    **dict.fromkeys(SIGNALS, SIGNAL_SLUGS),
+    **dict.fromkeys(FOREIGN, SECOND_MASTER),
+    "clock-step": set(),
+    "log-full": set(),
+    "pause": set(),
+    "converter-stalled": set(),
+    "finaliser-stalled": set(),
+    "converter-killed": set(),
+    "finaliser-killed": {"task-dies"},
+    "application-stalled": {*REACTIONS, *DISK_SLUGS} - {"host-silent"},
+}
+"""What around the devices explains a stop of these names; anything else explains any."""
+EXPLAINS_FOR_S = {"application-stalled": 5.0}
+"""So long after its end (s); what else happens around the devices explains for good."""
+WATCHERS = {"application-stalled": 0.8, **dict.fromkeys(OF_THE_STATION, 0.2)}
+"""So long (s) each may stand still while the rod moves and nobody minds."""
+MOVING_SHARE = 0.5
+OWN_SLUGS = frozenset({"host-late", "host-silent", "setpoints-late"})
+SEEN_BY_STATION = frozenset(
+    {
+        "estop",
+        "loadcell-pulled",
+        "lvdt-pulled",
+        "ecu-overtemp",
+        "actuator-frozen",
+        "current-stuck",
+        "second-master",
+    }
+)
+"""Causes that only the station's own detectors name."""
+SPOILED = frozenset({"sensor-nan", "sample-gap", "rtu-stale"})
+
+
+def _still_after_s(view: View) -> float:
+    """From a latched stop to standstill (s): a controller left alone notices it, and fades the slowest motion out."""
+    points, bench = points_of(view), bench_of(view)
+    if points is None or bench is None:
+        return STILL_AFTER_S
+    actuator = bench.actuator
+    period_s = max((1.0 / point.frequency_Hz for point in points), default=0.0)
+    fade_s = (actuator.fade_out_cycles + 1.0) * period_s
+    return max(STILL_AFTER_S, actuator.watchdog_s + fade_s + STOPPED_BY_S)
+
+
+def _cannot_be_stopped(view: View) -> bool:
+    """The controller ignores stops and leaves the pressure on, and the campaign reports that the state is unknown."""
+    answer = view.session.answer
+    reported = answer is None or answer.rig_state is RigState.UNKNOWN
+    return reported and view.faults_by_name() >= {"stop-ignored", "stop-ignored:pressure"}
+
+
+def stop_stays_stopped(view: View) -> Findings:
+    """After a latched stop the rod comes to rest and the current goes, and neither comes back without a restart."""
+    still_after_s = _still_after_s(view) + view.stalled_s
+    for trip in view.station("trip"):
+        t_ns = float(trip["t_ns"])
+        until_ns = view.restarted_ns(t_ns)
+        late = moving_by_itself(view, t_ns + still_after_s * 1e9, until_ns)
+        if len(late) and not view.faults_by_name() & {"second-master"} and not _cannot_be_stopped(view):
+            yield f"the rod moves {1e-9 * (late[0, 0] - t_ns):.1f} s after the stop for {trip['slug']}", late[0, 0]
+        gone_s = CURRENT_AFTER_S if view.hidden else CURRENT_AT_ONCE_S
+        powered = view.between(float(trip["latched_ns"]) + gone_s * 1e9, until_ns)
+        late = powered[np.abs(powered[:, 2]) > NO_CURRENT_A]
+        if len(late) and not view.faults() & (STUCK_CURRENT | {"can-foreign"}) and not view.by_hand:
+            yield f"{late[0, 2]:.2f} A {1e-9 * (late[0, 0] - t_ns):.1f} s after the stop for {trip['slug']}", late[0, 0]
+
+
+def first_cause_is_named(view: View) -> Findings:
+    """What the campaign names as its stop's cause is what the station latched first since the last restart."""
+    trips = view.station("trip")
+    answer = view.session.answer
+    if answer is None or not trips or answer.exit_code != 4:
+        return
+    later = [line["slug"] for line in view.station("trip", "also")]
+    asked_ns = [at_ns for at_ns, happening in view.session.happened if happening.what in SIGNALS]
+    if answer.stopped_by in SIGNAL_SLUGS and any(at_ns < float(trips[-1]["latched_ns"]) for at_ns in asked_ns):
+        return  # The operator came before the station knew of anything.
+    told = {line["slug"] for line in view.station("trip", "also", "warning")}
+    if answer.stopped_by in SEEN_BY_STATION - told:
+        yield f"stopped by {answer.stopped_by}, which the station never told", float(trips[-1]["t_ns"])
+    if answer.stopped_by != trips[-1]["slug"] and answer.stopped_by in later[1:]:
+        yield f"stopped by {answer.stopped_by}, the first cause was {trips[-1]['slug']}", float(trips[-1]["t_ns"])
+
+
+def no_start_after_a_foreign_stop(view: View) -> Findings:
+    """Once somebody else has stopped the rig, this program starts nothing."""
+    foreign = [float(trip["t_ns"]) for trip in view.station("trip", "also") if trip["slug"] == "second-master"]
+    foreign += [line.host_ns + TOLD_NS for line in view.session.truth.log if line.code == "FOREIGN"]
+    for line in view.session.truth.log:
+        if foreign and line.code in {Command.START.name, Command.MOVE_TO.name} and line.host_ns > min(foreign) + 20e6:
+            yield f"{line.code} after another master's stop", line.host_ns
+            return
+    halted_ns = min(foreign, default=math.inf) + HALTED_NS
+    for at_ns, _, velocity_m_s in view.session.truth.setpoints:
+        if abs(velocity_m_s) > MOVING_M_S and halted_ns < at_ns < view.reset_ns(halted_ns - HALTED_NS):
+            yield f"a set-point at {velocity_m_s:.3g} m/s after another master's stop", at_ns
+            return
+
+
+def a_foreign_stop_is_noticed(view: View) -> Findings:
+    """A stop by another client's command is somebody else's, and no end of the program."""
+    if view.hidden_way or view.session.answer is None:
+        return
+    trips = [float(trip["latched_ns"]) for trip in view.station("trip")]
+    for line in view.session.truth.log:
+        noticed = any(at_ns < line.host_ns + 1e9 for at_ns in trips) or _leaves_no_trace(view, line.host_ns)
+        if line.code == "FOREIGN" and line.text == "foreign-stop" and not noticed:
+            yield "somebody else's stop was not noticed", line.host_ns
+
+
+def _leaves_no_trace(view: View, at_ns: float) -> bool:
+    """A halt that is over within two polls, of a controller that acknowledges no command: it is led on from there."""
+    bench = bench_of(view)
+    rows = view.between(at_ns - SHORTLY_NS, at_ns + SHORTLY_NS)
+    if bench is None or not len(rows):
+        return False
+    actuator = bench.actuator
+    shows = make_actuator(actuator.described, ActuatorConnection(actuator.url)).capabilities.acknowledge
+    halts_s = np.max(np.abs(rows[:, 1])) / actuator.halt_deceleration_m_s2
+    return not shows and bool(halts_s < 2.0 * actuator.poll_s)
+
+
+def a_stop_fault_is_noticed(view: View) -> Findings:
+    """A fault whose row stops the rig, and that stays, does not end in a campaign that says that all is well."""
+    answer = view.session.answer
+    if answer is None or answer.exit_code != 0:
+        return
+    told = {str(line.get("slug")) for line in view.station("trip", "also", "warning")}
+    said = " ".join(" ".join(line.get("reasons") or ()) for line in view.lines if line.get("event") == "judged")
+    for line in view.session.truth.log:
+        slug = line.text.partition(":")[0]
+        row = MATRIX.get(slug)
+        if line.code != "FAULT" or row is None or not isinstance(row.end, StopKind):
+            continue
+        if slug in OF_ITS_CURRENT and view.without_current(line.host_ns):
+            continue
+        happening = next((given for given in view.world.plan.happenings if given.what == line.text), None)
+        running = view.between(line.host_ns + 1e9, view.session.ended_ns)
+        moved = len(running) and np.max(np.abs(running[:, 1])) > MOVING_M_S
+        if happening is not None and happening.lasts_s is None and moved and not told and slug not in said:
+            yield f"{line.text} was not noticed", line.host_ns
+
+
+def _sees_the_chain(view: View) -> bool:
+    """The controller has an input for the emergency stop chain."""
+    bench = bench_of(view)
+    if bench is None:
+        return True
+    actuator = bench.actuator
+    return make_actuator(actuator.register_map, ActuatorConnection(actuator.url)).capabilities.e_stop_input
+
+
+def stops_have_a_cause(view: View) -> Findings:
+    """The rig is stopped in the name of something that has happened."""
+    for trip in view.station("trip")[:1]:
+        latched_ns = float(trip["latched_ns"])
+        around = [
+            happening.what for at_ns, happening in view.session.happened
+            if at_ns <= latched_ns <= at_ns + 1e9 * (
+                (happening.lasts_s or 0.0) + EXPLAINS_FOR_S.get(happening.what, math.inf)
+            )
+        ]
+        if any(what not in EXPLAINS for what in around):
+            return
+        causes = set().union(*(EXPLAINS[what] for what in around))
+        begun = {fault for _, fault in view.begun(latched_ns)}
+        for fault in begun:
+            causes |= {fault.partition(":")[0]} | OTHER_NAMES.get(fault, set())
+        halted = any(what in FOREIGN for what in around)  # it takes no set-points then, and may not show why
+        if halted or view.hiding_places(begun) & WAY:
+            causes |= GAPS_IN_SETPOINTS
+        if "estop" in begun and not _sees_the_chain(view):
+            causes |= {"controller-trip", "ecu-overtemp"}  # its trip has no name, and the ECU loses its supply
+        if "estop" in begun and view.hiding_places(begun - {"estop"}) & WAY:
+            causes.add("ecu-overtemp")  # What opens the contactor too was not to be heard of: the ECU's own word is.
+        if trip["slug"] not in causes and not (begun and trip["slug"] in OF_ANY_FAULT):
+            yield f"stopped for {trip['slug']} ({trip['detail']}), what happened explains {sorted(causes)}", latched_ns
+
+
+def the_first_is_told_first(view: View) -> Findings:
+    """The station tells of nothing that came after a stop's first cause before it tells of that cause."""
+    told = view.station("trip", "also")
+    for line, following in pairwise(told):
+        if float(following["latched_ns"]) < float(line["latched_ns"]):
+            yield f"{line['slug']} was told before {following['slug']}, which came first", float(line["latched_ns"])
+
+
+def a_stop_is_sent(view: View) -> Findings:
+    """A latched stop reaches the controller at once, where nothing is wrong with the way to it."""
+    if view.hidden_way:
+        return
+    sent = [float(line["t_ns"]) for line in view.station("sent") if line.get("action") in {"fade", "halt"}]
+    last_ns = max((float(line["host_ns"]) for line in view.lines), default=0.0)
+    for trip in view.station("trip"):
+        latched_ns = float(trip["latched_ns"])
+        if last_ns < latched_ns + LATE_JOURNAL_S * 1e9:
+            continue
+        if not any(latched_ns - 1e6 <= at_ns <= latched_ns + SENT_S * 1e9 for at_ns in sent):
+            yield f"no stop was sent to the controller within {SENT_S:g} s of {trip['slug']}", latched_ns
+
+
+def nothing_is_asked_while_stopped(view: View) -> Findings:
+    """Between a latched stop and the next start nobody here orders a motion or pressure."""
+    energising = {Command.START.name, Command.MOVE_TO.name, Command.HYDRAULICS_ON.name}
+    for trip in view.station("trip"):
+        latched_ns = float(trip["latched_ns"])
+        until_ns = view.resetting_ns(latched_ns)
+        for line in view.session.truth.log:
+            if line.code in energising and latched_ns + 20e6 < line.host_ns < until_ns:
+                yield (
+                    f"{line.code} {1e-9 * (line.host_ns - latched_ns):.2f} s after the stop for {trip['slug']}",
+                    (line.host_ns),
+                )
+
+
+def a_fault_ends_the_motion(view: View) -> Findings:
+    """Nobody moves the rod for long with a fault that stops the rig, while it lasts and nothing else has stopped it.
+
+    Of a session that was killed the journal may lack the end: it counts until then, or until a stop has arrived.
+    """
+    stops = [float(trip["latched_ns"]) for trip in view.station("trip")]
+    if view.session.answer is None:
+        if view.hidden_devices:
+            return
+        stops += [line.host_ns for line in view.session.truth.log if line.code in STOPS]
+        stops += [at_ns for at_ns, happening in view.session.happened if happening.what in KILLING]
+    until_ns = min(stops, default=view.session.ended_ns)
+    for at_ns, fault in view.begun(until_ns):
+        row = MATRIX.get(fault.partition(":")[0])
+        if row is None or not isinstance(row.end, StopKind) or SEEN_LATER & {row.slug, fault}:
+            continue
+        rows = view.between(at_ns, min(until_ns, at_ns + 1e9 * view.lasts_s(fault)))
+        moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
+        if moved_s > max(UNNOTICED_S, UNNOTICED_TIMES * (row.limit_s or 0.0)):
+            yield f"{fault}: the rod moved on for {moved_s:.1f} s", at_ns
+
+
+def a_program_ends(view: View) -> Findings:
+    """Nobody lets a controller run on for long after the end of the program that was ordered."""
+    points, log = points_of(view), view.session.truth.log
+    if view.session.answer is None or points is None:
+        return
+    motion_s = {point.id: point.motion_s for point in points}
+    latched = [float(trip["latched_ns"]) for trip in view.station("trip")]
+    starts = [line.host_ns for line in log if line.code == Command.START.name]
+    motions = [*starts, *(line.host_ns for line in log if line.code == Command.MOVE_TO.name)]
+    for line in view.lines:
+        if line.get("event") != "point":
+            continue
+        told_ns = float(line["host_ns"])
+        # A motion of streamed set-points has no start that the controller knows.
+        begun_ns = next((at_ns for at_ns in starts if told_ns < at_ns < told_ns + STARTED_NS), math.inf)
+        ends_ns = begun_ns + 1e9 * (motion_s.get(str(line["point"]), math.inf) + view.stalled_s)
+        later = (at_ns for at_ns in (*latched, *motions) if at_ns > begun_ns)
+        rows = view.between(ends_ns, min(later, default=view.session.ended_ns))
+        moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
+        if moved_s > OVERRUN_S:
+            yield f"{line['point']}: the rod moved on for {moved_s:.1f} s after its program's end", ends_ns
+
+
+def what_is_spoiled_is_not_valid(view: View) -> Findings:
+    """A point that ran with a fault that spoils it is not valid."""
+    began = {str(line["point"]): float(line["host_ns"]) for line in view.lines if line.get("event") == "point"}
+    for line in view.lines:
+        if line.get("event") != "judged" or line.get("verdict") != "valid" or str(line.get("id")) not in began:
+            continue
+        for at_ns, fault in view.begun(began[str(line["id"])]):
+            row = MATRIX.get(fault.partition(":")[0])
+            if row is not None and row.end is Ending.INVALID and row.slug in SPOILED and view.stays(fault):
+                yield f"{line['id']} is valid, though {fault} was there", at_ns
+
+
+def refused_before_it_moves(view: View) -> Findings:
+    """With a fault that is refused, there from the start, no program is started; a healthy rig is not refused."""
+    refused = [
+        (at_ns, fault)
+        for at_ns, fault in view.begun(view.session.ended_ns)
+        if (row := MATRIX.get(fault.partition(":")[0])) is not None and row.end is Ending.REFUSE
+    ]
+    if view.session.exit_code == EXIT_REFUSED and not view.faults() and not view.session.happened:
+        yield f"a healthy rig was refused: {view.session.refusal[1][:200]}", view.session.ended_ns
+    for line in view.session.truth.log:
+        if line.code == Command.START.name and any(at_ns < line.host_ns for at_ns, _ in refused):
+            yield f"a program was started with {', '.join(fault for _, fault in refused)}", line.host_ns
+            return
+
+
+def a_watcher_that_stands_is_noticed(view: View) -> Findings:
+    """The rig is stopped when the application or the station stands still for long while the rod moves."""
+    trips = [float(trip["latched_ns"]) for trip in view.station("trip")]
+    if any(happening.what in DISK for _, happening in view.session.happened):  # the journal could not be written
+        trips += [line.host_ns for line in view.session.truth.log if line.code in STOPS]
+    for at_ns, happening in view.session.happened:
+        if (happening.lasts_s or 0.0) < WATCHERS.get(happening.what, math.inf):
+            continue
+        ends_ns = at_ns + 1e9 * (happening.lasts_s or 0.0)
+        rows = view.between(at_ns, ends_ns)
+        moving = len(rows) and np.mean(np.abs(rows[:, 1]) > MOVING_M_S) > MOVING_SHARE
+        if moving and not view.killed and not any(trip_ns < ends_ns + TOLD_NS for trip_ns in trips):
+            yield f"{happening}: the rod moved on, and nobody minded", at_ns
+        first = next((trip for trip in view.station("trip") if float(trip["latched_ns"]) > at_ns), None)
+        own = happening.what == "application-stalled" or first is None or first["slug"] in OWN_SLUGS
+        if moving and not own and len(view.session.happened) == 1 and not view.begun(ends_ns + TOLD_NS):
+            yield f"{happening}: stopped for {first and first['slug']}, not for the station's own lateness", at_ns
+
+
+STOP_CHECKS: dict[str, Callable[[View], Findings]] = {
+    "refused": refused_before_it_moves,
+    "watched": a_watcher_that_stands_is_noticed,
+    "stays-stopped": stop_stays_stopped,
+    "cause": stops_have_a_cause,
+    "first-cause": first_cause_is_named,
+    "told-first": the_first_is_told_first,
+    "sent": a_stop_is_sent,
+    "asked": nothing_is_asked_while_stopped,
+    "foreign-noticed": a_foreign_stop_is_noticed,
+    "foreign-stop": no_start_after_a_foreign_stop,
+    "noticed": a_stop_fault_is_noticed,
+    "moves-on": a_fault_ends_the_motion,
+    "overrun": a_program_ends,
+    "spoiled": what_is_spoiled_is_not_valid,
+}

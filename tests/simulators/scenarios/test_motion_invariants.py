@@ -1,0 +1,156 @@
+"""The checks of the rod's motion on histories made by hand: what must be found, and what a healthy machine does."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from matrices import matrix_text
+from numpy.typing import NDArray
+
+from simulators.scenarios.motion_invariants import MOTION_CHECKS
+from simulators.scenarios.view import View
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+AMPLITUDE_M, FREQUENCY_Hz = 0.060, 1.5
+"""Planned 0.565 m/s of the 0.8 m/s that the bench allows; 5.3 m/s^2 of 60; 85 mm of travel; a halt brakes 20 m/s^2."""
+LATCHED_S = 2.0
+Array = NDArray[np.float64]
+
+
+@dataclass
+class History:
+    """A rod's motion of 4 s: positions (m) and speeds (m/s) each millisecond, set-points, a stop at `LATCHED_S`."""
+
+    position_m: Callable[[Array], Array]
+    stopped: bool = False
+    begun: tuple[tuple[float, str], ...] = ()
+    pressure_off_s: float = math.inf
+    setpoints: tuple[tuple[float, float, float], ...] = ()
+    hidden_way: bool = False
+    bench: str = "streamed-bench.toml"
+
+    def view(self, root: Path) -> View:
+        """As the checks see it."""
+        shutil.copy(EXAMPLES / self.bench, root / "bench.toml")
+        matrix = matrix_text("0 A", amplitude=f"{1e3 * AMPLITUDE_M:g} mm", frequency=f"{FREQUENCY_Hz:g} Hz")
+        (root / "matrix.toml").write_text(matrix, encoding="utf-8")
+        t_s = np.arange(0.0, 4.0, 1e-3)
+        rows = np.zeros((len(t_s), 7))
+        rows[:, 0], rows[:, 3] = 1e9 * t_s, self.position_m(t_s)
+        rows[:, 1] = np.gradient(rows[:, 3], t_s)
+        rows[:, 5] = np.where(t_s < self.pressure_off_s, 2.0, 0.0)
+        trips = [{"latched_ns": 1e9 * LATCHED_S, "t_ns": 1e9 * LATCHED_S, "slug": "modbus-busy"}]
+        setpoints = [(1e9 * at_s, *values) for at_s, *values in self.setpoints]
+        truth = SimpleNamespace(arrays=rows, log=(), setpoints=setpoints)
+        seen = SimpleNamespace(
+            world=SimpleNamespace(root=root), session=SimpleNamespace(truth=truth),
+            begun=lambda until_ns: [(1e9 * at_s, fault) for at_s, fault in self.begun if 1e9 * at_s <= until_ns],
+            station=lambda *_: trips if self.stopped else [], reset_ns=lambda _: 4e9, hidden_way=self.hidden_way,
+            faults_by_name=lambda: {fault for _, fault in self.begun},
+        )  # fmt: skip
+        return cast("View", seen)
+
+
+def sine(t_s: Array) -> Array:
+    """The planned motion."""
+    return AMPLITUDE_M * np.sin(2.0 * np.pi * FREQUENCY_Hz * t_s)
+
+
+def faded(t_s: Array) -> Array:
+    """The planned motion, faded out over one cycle after the stop."""
+    return sine(t_s) * np.clip(1.0 - (t_s - LATCHED_S - 0.02) * FREQUENCY_Hz, 0.0, 1.0)
+
+
+def halted(t_s: Array) -> Array:
+    """Halted at 20 m/s^2 from where it is at the stop."""
+    speed_m_s = 2.0 * np.pi * FREQUENCY_Hz * AMPLITUDE_M
+    since_s = np.clip(t_s - LATCHED_S, 0.0, speed_m_s / 20.0)
+    return np.where(t_s < LATCHED_S, sine(t_s), speed_m_s * since_s - 10.0 * since_s**2)
+
+
+def thrown(t_s: Array) -> Array:
+    """Held at the stop, and 0.3 s later thrown to where the sine would be by then."""
+    held = np.where(t_s < LATCHED_S, sine(t_s), 0.0)
+    share = np.clip((t_s - LATCHED_S - 0.3) / 0.06, 0.0, 1.0)
+    return held + 0.075 * 0.5 * (1.0 - np.cos(np.pi * share))
+
+
+def resumed(t_s: Array) -> Array:
+    """Held by its controller in a gap of 0.3 s, then led back softly to the fade that went on meanwhile."""
+    share = 0.5 * (1.0 - np.cos(np.pi * np.clip((t_s - LATCHED_S - 0.32) / 0.1, 0.0, 1.0)))
+    return np.where(t_s < LATCHED_S, sine(t_s), share * faded(t_s))
+
+
+def drifting(t_s: Array) -> Array:
+    """The planned motion whose centre goes out to 30 mm."""
+    return sine(t_s) + 0.030 * np.clip(t_s, 0.0, 1.0)
+
+
+def late_end(t_s: Array) -> Array:
+    """At 80 mm the rod still moves at 0.79 m/s towards the end at 85 mm, where it stands at once."""
+    return np.clip(0.79 * (t_s - 1.0), 0.0, 0.0835)
+
+
+def left_alone(t_s: Array) -> Array:
+    """Led to 0.79 m/s within 0.1 s, until 1.0557 s, where the rod stands at once."""
+    since_s = np.clip(t_s - 0.9, 0.0, 0.1)
+    return np.clip(3.95 * since_s**2 + 0.79 * np.clip(t_s - 1.0, 0.0, None), 0.0, 0.0835)
+
+
+def shaken(t_s: Array) -> Array:
+    """Little, but with 90 m/s^2 for milliseconds: a servo loop at a set-point, not what a generator commands."""
+    return 0.0004 * np.sin(np.sqrt(90.0 / 0.0004) * t_s)
+
+
+@pytest.mark.parametrize(
+    ("history", "found"),
+    [
+        (History(sine), set()),
+        (History(faded, stopped=True), set()),
+        (History(halted, stopped=True), set()),
+        (History(sine, stopped=True), {"slows-down"}),
+        (History(resumed, stopped=True), {"slows-down"}),
+        (History(thrown, stopped=True), {"slows-down", "speed", "acceleration"}),
+        (History(lambda t_s: 1.48 * sine(t_s)), {"travel", "stopping-distance", "speed"}),
+        (History(drifting), {"travel", "stopping-distance"}),
+        (History(drifting, begun=((0.0, "second-master:offset"),)), set()),
+        (History(late_end), {"acceleration", "stopping-distance"}),
+        (History(left_alone, setpoints=((0.99, 0.0320, 0.711), (1.0, 0.0395, 0.79))), {"stopping-distance"}),
+        (
+            History(left_alone, setpoints=((1.02, 0.0553, 0.79), (1.03, 0.0632, 0.79))),
+            {"acceleration", "stopping-distance"},
+        ),
+        (History(late_end, bench="demo-bench.toml"), {"speed", "acceleration", "stopping-distance"}),
+        (History(shaken), set()),
+        (History(shaken, bench="demo-bench.toml"), {"acceleration"}),
+        (History(sine, setpoints=((1.0, 0.0, 0.56), (1.01, 0.0056, 0.56))), set()),
+        (History(sine, setpoints=((1.0, 0.0, 0.0), (1.01, 0.06, 0.0))), {"setpoints"}),
+        (History(sine, setpoints=((1.0, 0.0, 0.56), (1.3, 0.05, -0.3))), {"setpoints"}),
+    ],
+)
+def test_what_the_rod_must_not_do_is_found_and_a_healthy_motion_is_not(
+    history: History, found: set[str], tmp_path: Path
+) -> None:
+    view = history.view(tmp_path)
+    assert {name for name, check in MOTION_CHECKS.items() if list(check(view))} == found
+
+
+@pytest.mark.parametrize(("hidden_way", "found"), [(False, True), (True, False)])
+def test_a_controller_that_cannot_be_reached_is_given_its_watchdog_s_time(
+    hidden_way: bool, found: bool, tmp_path: Path
+) -> None:
+    """It goes on for 0.5 s, then it fades out by itself."""
+
+    def later(t_s: Array) -> Array:
+        return sine(t_s) * np.clip(1.0 - (t_s - LATCHED_S - 0.6) * FREQUENCY_Hz, 0.0, 1.0)
+
+    view = History(later, stopped=True, hidden_way=hidden_way, bench="demo-bench.toml").view(tmp_path)
+    assert bool(list(MOTION_CHECKS["slows-down"](view))) is found

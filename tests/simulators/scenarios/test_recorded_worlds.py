@@ -1,0 +1,35 @@
+"""Worlds in which a point's motion is recorded out of tolerance, and the point is not run again: its record is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from matrices import matrix_text
+
+from simulators.scenarios.plan import Happening, WorldPlan
+from simulators.scenarios.runs import live
+
+MATRIX = matrix_text("0.5 A", amplitude="5 mm", frequency="4 Hz", more='waveform = ["triangle"]')
+"""The first motion comes out 5 % too small, its second one begins 5 s after the start."""
+UNSETTLED = "current-tracking: measured current did not reach 0.5 A in 5 s"
+
+
+@pytest.mark.parametrize(
+    ("happenings", "said"),
+    [(("current-tracking@0.9",), UNSETTLED), (("current-tracking@0.9", "sigint@5"), "")],
+    ids=["given-up", "stopped"],
+)
+def test_a_record_out_of_tolerance_is_told_of_a_point_that_is_not_run_again(
+    happenings: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    """The session that recorded it tells what the next one would: an invalid file, not a point without one."""
+    plan = WorldPlan(1, MATRIX, tuple(map(Happening.parse, happenings)))
+    world, ended = live(plan, tmp_path, most_sessions=1)
+    assert ended.failed == ()
+    (point,) = world.sessions[0].answer.points
+    assert point.file is not None
+    assert (point.file.name, point.verdict) == ("p001-out-of-tolerance1.h5", "invalid")
+    assert point.file.is_file()
+    assert any(reason.startswith("out-of-tolerance: p001: 4.7") for reason in point.reasons)
+    assert point.reasons[-1] == said or not said
