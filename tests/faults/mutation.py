@@ -112,7 +112,7 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     ),
     "config-absurd": (
         Edit("rig/units.py", "if unit.dimension != dimension:", "if False:"),
-        Edit("rig/bench/quantity.py", "if self.high is not None and result", "if False and result"),
+        Edit("rig/files/quantity.py", "if self.high is not None and result", "if False and result"),
     ),
     "matrix-infeasible": (Edit("rig/campaign/setup.py", "    if lines:\n", "    if False:\n"),),
     "matrix-changed": (

@@ -3,7 +3,8 @@
 A force that jumps at each reversal, sampled at 250 Hz and polled at 100 Hz in cycles of 0.4 s: every cycle gives the
 same phases, so no number of cycles tells where between two of them the jump lies. The sensor's series goes through all
 samples, its residual is small, its harmonics beyond half the rate are folded into the others, and the lag comes out
-wrong by up to half the time between polls with a small error stated. Measured: `docs/maintainers/decisions/skew-by-signals.md`.
+wrong by up to half the time between polls with a small error stated. Measured:
+`docs/maintainers/decisions/skew-by-signals.md`.
 
 So where flanks are sharp the lag is sought a second time, by phase: each sample's mean over all cycles, a cubic between
 four of them, and what such a cubic is wrong by as it shows where every other sample is left out. That error belongs to
