@@ -49,6 +49,6 @@ MOTION: dict[str, tuple[Edit, ...]] = {
     "fades-nothing": (Edit(ACTUATOR, "            self._source.fade(now_s)\n", "            pass\n"),),
     # The end
     "pressure-assumed": (
-        Edit("rig/campaign/sequencer/stopping.py", "if cause.slug in PRESSURE_STAYS:", "if False:"),
+        Edit("rig/campaign/sequencer/stopping.py", "if promised_off or cause.slug in PRESSURE_STAYS:", "if False:"),
     ),
 }
