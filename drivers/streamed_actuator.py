@@ -68,11 +68,11 @@ RESTING_POLLS, RESTING_M = 4, 1e-4
 
 @runtime_checkable
 class SetpointFollower(Actuator, Protocol):
-    """The driver of a device that goes where it is told, set-point by set-point."""
+    """The driver of a device that follows set-points.
 
-    @property
-    def takes_speed(self) -> bool:
-        """A set-point states how fast to go on; else the device goes to each position and stands there."""
+    A driver whose device takes positions without a speed, and stops at each one, says so by an attribute `takes_speed`
+    that is False. It is optional: drivers are recognised by the methods below, and a plug-in may not have it.
+    """
 
     def knows(self, command: Command) -> bool:
         """Whether the device has this command itself."""
@@ -122,7 +122,7 @@ class StreamedActuator:
         self._regular_s = min(REGULAR_PERIODS * self._period_s, self._period_s + LATEST_S * terms.device_rate)
         self._guard = SetpointGuard(limits, self._period_s)
         self._lag = ServoLag()
-        self._lead = None if device.takes_speed else SetpointLead(limits, self._period_s)
+        self._lead = None if getattr(device, "takes_speed", True) else SetpointLead(limits, self._period_s)
         self._seen: tuple[float, float] | None = None
         self._following = False
         self._refused = False

@@ -67,7 +67,8 @@ class Shown:
         plan = WorldPlan(1, "", self.happenings)
         world = SimpleNamespace(root=self.root, plan=plan, journal=self.told)
         first_ns, last_ns = int(self.rows[0, 0]), int(self.rows[-1, 0])
-        session = Session(1, first_ns, cast("Any", truth), last_ns, last_ns, 0, SimpleNamespace(exit_code=0))
+        answer = SimpleNamespace(exit_code=0, rig_state="safe")
+        session = Session(1, first_ns, cast("Any", truth), last_ns, last_ns, 0, answer)
         return View(cast("Any", world), session)
 
 

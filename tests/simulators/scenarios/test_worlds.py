@@ -248,7 +248,7 @@ def test_a_matrix_that_the_rig_cannot_do_is_refused(tmp_path: Path, capfd: pytes
     assert answered(command, ["--matrix", str(matrix), "--json"], "rig scenarios") == 3
     told = json.loads(capfd.readouterr().out)
     assert (told["slug"], told["exit_code"]) == ("matrix-infeasible", 3)
-    assert "above the bench's 0.8 m/s; " in told["error"]
+    assert "above the bench's 0.8 m/s" in told["error"]
     assert "an amplitude of" in told["error"]
 
 
