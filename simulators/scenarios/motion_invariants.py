@@ -129,10 +129,10 @@ def motion_of(view: View) -> Motion | None:
     return Motion(bench, points)
 
 
-def _ours(view: View) -> Rows:
+def _ours(view: View, others: frozenset[str] = MOVED_BY_OTHERS) -> Rows:
     """The session's rows until something else moves the rod."""
     rows = view.session.truth.arrays
-    began = [at_ns for at_ns, fault in view.begun(math.inf) if fault in MOVED_BY_OTHERS]
+    began = [at_ns for at_ns, fault in view.begun(math.inf) if fault in others]
     began += [line.host_ns for line in view.session.truth.log if line.code == "FOREIGN"]  # a stop by another client
     return rows[rows[:, 0] < min(began, default=math.inf)]
 
@@ -168,10 +168,15 @@ def speed_is_kept(view: View) -> Findings:
 
 
 def acceleration_is_kept(view: View) -> Findings:
-    """The rod speeds up and slows down no harder than the bench allows, but where its pressure is gone."""
-    motion, rows = motion_of(view), _ours(view)
+    """The rod speeds up and slows down no harder than the bench allows, but where its pressure is gone.
+
+    A controller with a generator keeps the limit that it was given for every client, so what another one makes it do
+    counts as well.
+    """
+    motion = motion_of(view)
     if motion is None:
         return
+    rows = _ours(view, MOVED_BY_OTHERS if motion.streamed else MOVED_BY_OTHERS - {"second-master:jumps"})
     limit_m_s2 = max(motion.bench.limits.acceleration_m_s2, motion.bench.actuator.halt_deceleration_m_s2)
     over = round(SETPOINT_S / EVERY_S) if motion.streamed else 1
     if len(rows) <= over:
