@@ -130,7 +130,7 @@ CASES: dict[str, Case] = {
     "S2-others-journals": Case("written", ("finaliser-stalled@4+8",), matrix=NAMED),
     "S3-foreign-stop": Case("foreign-noticed", ("foreign-stop@4",)),
     "S7-log-first": Case("sent", ("log-full@3", "can-busoff:lost@0.5")),
-    "S8-late-word": Case("told-first", ("loadcell-pulled@0.5", "lvdt-pulled@0.5"), seed=3, held_up=0.3),
+    "S8-late-word": Case("told-first", ("loadcell-pulled@0.5", "lvdt-pulled@0.5"), held_up=0.3),
     "lease": Case("moves-on", ("second-master@0.5",)),
     "echo": Case("cause", ("modbus-write-lost@0.5",)),
     "e-stop-bit": Case("cause", ("estop@0.5",)),
