@@ -200,7 +200,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     from simulators.rig import RunOptions
 
     options = made_of(values)
-    emulated_ecu = worn(values["dbc"], values["ecu_roles"])
+    emulated_ecu = emulated(values["dbc"], values["ecu_roles"])
     if values["by_hand"]:
         values = {**values, "supply": BY_HAND}
     written = tuple(parse_fault(text) for text in values["fault"])
@@ -245,7 +245,7 @@ def _supply(given: str) -> str:
     return given
 
 
-def worn(dbc: Path | None, roles: Path | None) -> EmulatedEcuFiles | None:
+def emulated(dbc: Path | None, roles: Path | None) -> EmulatedEcuFiles | None:
     """A user's files as which the current ECU appears; None where none are given.
 
     Raises:

@@ -118,13 +118,13 @@ def bench_text(
 
 
 def ecu_lines(
-    addresses: Addresses, relaxed: bool, serial_number: int | None = None, worn: EmulatedEcuFiles | None = None
+    addresses: Addresses, relaxed: bool, serial_number: int | None = None, emulated: EmulatedEcuFiles | None = None
 ) -> list[str]:
     """Lines of the table of an ECU on CAN: the demo's, or a user's; how patient both sides are is the ECU's own."""
     status_s, timeout_s, number = STATUS_S, None, "" if serial_number is None else f"serial_number = {serial_number}"
     entries = ['dbc = "demo"', number]
-    if worn is not None and serial_number is not None:
-        described, entries = worn.load().described, worn.entries(serial_number)
+    if emulated is not None and serial_number is not None:
+        described, entries = emulated.load().described, emulated.entries(serial_number)
         status_s, timeout_s = described.timing.status_s, described.command_timeout_s
     stale_s = max(RELAXED_STALE_S if relaxed else STALE_STATUSES * STATUS_S, STALE_STATUSES * status_s)
     command_s = min(STATUS_S, (timeout_s or math.inf) / COMMANDS_IN_TIME)

@@ -45,14 +45,14 @@ def appearing_as(options: RigOptions, name: str) -> RigOptions:
         return replace(options, controller=replace(options.controller, generator=name == OWN[0], register_map=""))
     path = str(Path(name).absolute()) if is_file(name) else name
     own = replace(options.controller, register_map=path)
-    worn = emulated_map(own)
-    generator = worn is None or worn.capabilities.generator
+    emulated = emulated_map(own)
+    generator = emulated is None or emulated.capabilities.generator
     return replace(options, controller=replace(own, generator=generator))
 
 
-def serial_number(worn: ControllerMap, options: ControllerOptions) -> str:
+def serial_number(emulated: ControllerMap, options: ControllerOptions) -> str:
     """What a controller of this map shows as its serial number; empty where it shows none."""
-    quantity = worn.quantities.get("serial_number")
+    quantity = emulated.quantities.get("serial_number")
     if quantity is None:
         return ""
     if quantity.type == "string":
@@ -62,9 +62,9 @@ def serial_number(worn: ControllerMap, options: ControllerOptions) -> str:
 
 def actuator_lines(options: ControllerOptions) -> list[str]:
     """Entries of [actuator] that say what the controller is."""
-    worn = emulated_map(options)
-    if worn is None:
+    emulated = emulated_map(options)
+    if emulated is None:
         name = OWN[0] if options.generator else OWN[1]
         return [f'register_map = "{name}"', f'serial_number = "{options.serial_number}"']
-    number = serial_number(worn, options)
+    number = serial_number(emulated, options)
     return [f'register_map = "{options.register_map}"', *([f'serial_number = "{number}"'] if number else [])]

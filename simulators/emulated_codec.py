@@ -1,4 +1,4 @@
-"""A worn map's numbers as a device lays them into its registers: by shifts and halves, nothing of the driver's.
+"""An emulated map's numbers as a device lays them into its registers: by shifts and halves, nothing of the driver's.
 
 What is shared with the host is the map, as a data sheet is; how its words are made and read stands here a second time.
 """

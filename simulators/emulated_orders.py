@@ -1,4 +1,4 @@
-"""What a worn command is about, in the terms of the simulated controller's own: from whichever names a recipe wrote."""
+"""What the command of an emulated map is about, in terms of the simulated controller, whatever names were written."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ FEWEST_SOFT = 4.0
 Values = dict[str, float | int | str]
 
 
-def order_of(command: Command, given: Mapping[str, float], actuator: Actuator, worn: ControllerMap) -> Values:
+def order_of(command: Command, given: Mapping[str, float], actuator: Actuator, emulated: ControllerMap) -> Values:
     """The further entries of a command.
 
     Args:
         command: which.
         given: what its recipe wrote, by the recipe's names (SI).
         actuator: whose.
-        worn: its map.
+        emulated: its map.
     """
     if command is Command.MOVE_TO:
         usual_m_s = min(USUAL_SPEED_M_S, actuator.limits.speed_max_m_s)
@@ -35,7 +35,7 @@ def order_of(command: Command, given: Mapping[str, float], actuator: Actuator, w
     amplitude_m = given.get("amplitude", 0.5 * given.get("peak_to_peak", high_m - low_m))
     middle_m = 0.5 * (low_m + high_m) if "low" in given else actuator.seen_m
     frequency_Hz = given["frequency"] if "frequency" in given else 1.0 / max(given["period"], 1e-6)
-    waveform = worn.words.waveforms.meaning(int(given["waveform"])) if "waveform" in given else int(Waveform.SINE)
+    waveform = emulated.words.waveforms.meaning(int(given["waveform"])) if "waveform" in given else int(Waveform.SINE)
     length = given.get("table_length", 0.0)
     return {
         "waveform": waveform, "amplitude": amplitude_m, "frequency": frequency_Hz,

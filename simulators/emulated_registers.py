@@ -55,28 +55,28 @@ class EmulatedRegisters(RegisterBank):
         actuator: the machine's logic.
         servo: what its inputs show.
         random: of their noise.
-        worn: the map.
+        emulated: the map.
     """
 
     def __init__(
-        self, actuator: Actuator, servo: ServoOptions, random: np.random.Generator, worn: ControllerMap
+        self, actuator: Actuator, servo: ServoOptions, random: np.random.Generator, emulated: ControllerMap
     ) -> None:
         super().__init__(actuator, servo, random)
-        self._map = worn
+        self._map = emulated
         self._cells: Cells = {}
-        self._status = EmulatedStatus(worn)
-        self._scripts = Scripts(scripts_of(worn.recipes.commands), lambda one, value: raw_of(one, float(value)))
-        self._before = preconditions(worn.recipes.commands)
+        self._status = EmulatedStatus(emulated)
+        self._scripts = Scripts(scripts_of(emulated.recipes.commands), lambda one, value: raw_of(one, float(value)))
+        self._before = preconditions(emulated.recipes.commands)
         self._restore_s = 0.0
         self._count = 0
         self._fed = 0
         self._followed_s = 0.0
         self._usual_s = math.nan
-        self._feeds = self._named(worn.recipes.feed)
-        self._setpoints = self._named(worn.recipes.setpoint)
-        self._allowed = _allowed(worn)
+        self._feeds = self._named(emulated.recipes.feed)
+        self._setpoints = self._named(emulated.recipes.setpoint)
+        self._allowed = _allowed(emulated)
         self._writable = {
-            (one.space, address) for one in worn.quantities.values() if one.written
+            (one.space, address) for one in emulated.quantities.values() if one.written
             for address in range(one.address, one.end)
         }
         self._satisfy(self._before, {})
@@ -373,10 +373,10 @@ def registers_of(actuator: Actuator, options: RigOptions, random: np.random.Gene
     Raises:
         FileProblem: the map cannot be used: everything that is wrong.
     """
-    worn = emulated_map(options.controller)
-    if worn is None:
+    emulated = emulated_map(options.controller)
+    if emulated is None:
         return RegisterBank(actuator, options.servo, random)
-    return EmulatedRegisters(actuator, options.servo, random, worn)
+    return EmulatedRegisters(actuator, options.servo, random, emulated)
 
 
 def _resolved(test: Test, given: dict[str, float]) -> Test:
@@ -398,17 +398,17 @@ def _code(codes: Codes, number: int) -> int:
         return next(code for code in range(len(named) + 1) if code not in named)
 
 
-def _allowed(worn: ControllerMap) -> set[tuple[str, int]]:
+def _allowed(emulated: ControllerMap) -> set[tuple[str, int]]:
     """Every address that is there: what the map names, and the gaps that it allows to be read."""
     held = {
-        (one.space, address) for one in worn.quantities.values() for address in range(one.address, one.end)
+        (one.space, address) for one in emulated.quantities.values() for address in range(one.address, one.end)
     }
     # However many registers a request may have: which ones a host reads together is its own choice.
-    for read in reads(worn.quantities.values(), replace(worn.rules, largest_read=LAST_ADDRESS + 1)):
+    for read in reads(emulated.quantities.values(), replace(emulated.rules, largest_read=LAST_ADDRESS + 1)):
         held |= {(read.space, read.address + place) for place in range(read.count)}
-    if worn.indirect is not None:
-        for one in worn.indirect.shown().values():
+    if emulated.indirect is not None:
+        for one in emulated.indirect.shown().values():
             held |= {(one.space, address) for address in range(one.address, one.end)}
-        count = len(worn.indirect.addresses) * worn.indirect.pointer_registers
-        held |= {("holding", worn.indirect.pointers + place) for place in range(count)}
+        count = len(emulated.indirect.addresses) * emulated.indirect.pointer_registers
+        held |= {("holding", emulated.indirect.pointers + place) for place in range(count)}
     return held

@@ -1,4 +1,4 @@
-"""What a device shows of its state in a worn map's words: codes, bits, conditions made true, as the map has them."""
+"""What a device shows of its state in an emulated map: codes, bits, conditions made true, as the map has them."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class EmulatedStatus:
     """Makes a map's conditions true.
 
     Args:
-        worn: the map.
+        emulated: the map.
     """
 
-    def __init__(self, worn: ControllerMap) -> None:
-        self._map = worn
-        words = worn.words
+    def __init__(self, emulated: ControllerMap) -> None:
+        self._map = emulated
+        words = emulated.words
         every = words.states.quantities | words.faults.quantities | words.inputs.quantities | words.pressure.quantities
-        self.quantities = every | {worn.quantities[name] for name in ("state",) if name in worn.quantities}
+        self.quantities = every | {emulated.quantities[name] for name in ("state",) if name in emulated.quantities}
 
     def show(
         self, registers: Registers, state: State, motion: State, fault_bits: int, inputs: int, pressure: Pressure

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DBC, ROLES = EXAMPLES / "coil-driver.dbc", EXAMPLES / "coil-driver-roles.toml"
-WORN = ("--dbc", str(DBC), "--ecu-roles", str(ROLES))
+EMULATED = ("--dbc", str(DBC), "--ecu-roles", str(ROLES))
 FD_DBC = """VERSION ""
 BU_: Host Amp
 BO_ 768 AmpOrder: 12 Host
@@ -49,7 +49,7 @@ ROWS = ("ecu-silent", "ecu-late", "ecu-crc", "ecu-restart", "ecu-overtemp", "coi
 @pytest.mark.parametrize("slug", ROWS)
 def test_a_row_of_the_ecu_ends_the_same_with_a_users_files(slug: str, begin_world: Start) -> None:
     here = world_of(slug)
-    campaign = begin_world(replace(here.setting, simulator=(*here.setting.simulator, *WORN)))
+    campaign = begin_world(replace(here.setting, simulator=(*here.setting.simulator, *EMULATED)))
     assert here.around is None
     assert MATRIX[slug].stop is not None
     ending = campaign.finish(None)
@@ -76,7 +76,7 @@ def test_can_fd_with_floats_profile_5_and_a_share_of_full_scale(slug: str, run: 
 def test_a_wrong_data_id_is_named_and_nothing_moves(run: Run, tmp_path: Path) -> None:
     wrong = tmp_path / "wrong-roles.toml"
     wrong.write_text(ROLES.read_text(encoding="utf-8").replace("0x2A2", "0x2A3"), encoding="utf-8")
-    ending = run(simulator=WORN, bench_edit=(str(ROLES), str(wrong)))
+    ending = run(simulator=EMULATED, bench_edit=(str(ROLES), str(wrong)))
     assert ending.exit_code == 3, ending.said
     assert ending.answer["stopped_by"] == "e2e-data-id"
     assert "DriverStatus" in ending.said
@@ -87,7 +87,7 @@ def test_a_wrong_data_id_is_named_and_nothing_moves(run: Run, tmp_path: Path) ->
 def test_a_wrong_data_id_of_the_commands_is_refused_as_the_ecu_throws_them_away(run: Run, tmp_path: Path) -> None:
     wrong = tmp_path / "wrong-roles.toml"
     wrong.write_text(ROLES.read_text(encoding="utf-8").replace("0x2A1", "0x2A3"), encoding="utf-8")
-    ending = run(simulator=WORN, bench_edit=(str(ROLES), str(wrong)))
+    ending = run(simulator=EMULATED, bench_edit=(str(ROLES), str(wrong)))
     assert ending.exit_code == 3, ending.said
     assert ending.answer["stopped_by"] == "ecu-command"
     assert "COMMAND_CHECK" in ending.said
