@@ -11,8 +11,8 @@ from drivers import clock
 from drivers.capabilities import Capabilities
 from drivers.command_numbers import CommandNumbers
 from drivers.connection import ActuatorConnection, LinkKind, draw_owner_id
+from drivers.derived_status import DerivedStatus
 from drivers.errors import DriverError, LinkLost, NoAnswer, WrongAnswer, WrongLayout
-from drivers.host_side import HostSide
 from drivers.modbus_link import ModbusLink
 from drivers.origins import Origins
 from drivers.poll_writes import PollWrites
@@ -76,7 +76,7 @@ class ModbusActuator:
         self._numbered = is_numbered(controller.quantities, controller.recipes.commands)
         if not self._numbered:
             self.sent.append((0, int(Command.NONE)))
-        self._host = HostSide(controller, answered=not self._numbered, rate=connection.motion.device_rate)
+        self._derived = DerivedStatus(controller, answered=not self._numbered, rate=connection.motion.device_rate)
         self._numbers = CommandNumbers()
         self._run: RecipeRun | None = None
         self._low = False
@@ -327,7 +327,7 @@ class ModbusActuator:
         self._numbers.used(sequence, command, self._map.carrier(command, low=self._low))
         if (sequence, int(command)) not in self.sent:
             self.sent.append((sequence, int(command)))
-        self._host.sent(command, sequence, order if isinstance(order, Program) else None)
+        self._derived.sent(command, sequence, order if isinstance(order, Program) else None)
 
     def _follow(self, run: RecipeRun) -> None:
         """Say how a command stands; one that waits is gone on with at the next polls.
@@ -340,7 +340,7 @@ class ModbusActuator:
             run.restart()
         elif run.outcome is Outcome.NOT_ANSWERED:
             result = Result.REFUSED_STATE
-        self._host.answer = (run.sequence, int(run.command), result)
+        self._derived.answer = (run.sequence, int(run.command), result)
         self._run = run if run.outcome is Outcome.UNDER_WAY else None
 
     def _arrived(self, command: Command, sequence: int) -> bool:
@@ -385,7 +385,7 @@ class ModbusActuator:
             values = self._access.read(self._map.status_reads, "status")
         received_ns = clock.monotonic_ns()
         self._access.explains = False
-        values |= self._host.unwrapped(values)
+        values |= self._derived.unwrapped(values)
         self._values = values
         # A stop may write where the rod is: a position that is no number must not hold it back.
         if math.isfinite(position_m := float(values["position"])):
@@ -395,10 +395,10 @@ class ModbusActuator:
             self._run.go_on(received_ns * 1e-9, self._access.show, self._access.write)
             self._follow(self._run)
         try:
-            status = self._map.status(values, received_ns, self._host.knows(values, received_ns))
+            status = self._map.status(values, received_ns, self._derived.knows(values, received_ns))
         except RemoteProtocolError as error:
             raise WrongAnswer("actuator", self.url, f"status: {error}") from error
-        status = self._host.completed(status)
+        status = self._derived.completed(status)
         if self._low and status.hydraulics_off:
             status = self._map.with_low_pressure(status)
         if self._numbered:

@@ -32,7 +32,7 @@ from drivers.devices.ecu_description import (
     FaultSignal,
     HeardMessage,
 )
-from drivers.devices.ecu_lacking import lacking
+from drivers.devices.ecu_missing import missing
 from drivers.devices.role_protection import read_protection
 from drivers.devices.role_reading import Found, Place, Reading, RoleProblems
 from drivers.devices.sent_frames import sent_frames
@@ -116,7 +116,7 @@ class _Roles:
             0.0 if clock is None else clock.signal.scale, 0 if clock is None else 1 << clock.signal.length,
             layout, cyclic, timeout_s, signals=self._signals(), pages=self._pages(),
         )
-        return replace(made, lacking=lacking(made))
+        return replace(made, lacking=missing(made))
 
     def _table(self, role: str) -> Mapping[str, Any]:
         given = self._roles[role]

@@ -22,7 +22,7 @@ SHOWN = {
 def map_origins(controller: ControllerMap) -> Origins:
     """The origin of each channel that a controller with this map fills.
 
-    A velocity and a count of cycles that the map does not show are the driver's (`drivers.host_side`).
+    A velocity and a count of cycles that the map does not show are the driver's (`drivers.derived_status`).
     """
     quantities, words = controller.quantities, controller.words
     origins = {

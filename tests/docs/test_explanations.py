@@ -15,7 +15,7 @@ from in_process import rig
 
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.catalogue import make_hand_source
-from drivers.devices.ecu_lacking import WITHOUT
+from drivers.devices.ecu_missing import WITHOUT
 from drivers.devices.supply import Command, SupplyCommands, SupplyDescription, SupplyLink, supply_lacks
 from drivers.devices.supply_file import supply
 from rig.explanations.explanation import explained, texts
@@ -128,7 +128,7 @@ def known() -> dict[str, str]:
         **{f"ecu-without-{name}": "drivers/hand_source.py" for name, _ in make_hand_source(None).lacking},
         **{f"ecu-without-{name}": "drivers/devices/supply.py" for name, _ in supply_lacks(BARE)},
         **{f"ecu-without-{name}": "drivers/devices/output.py" for name, _ in supply_lacks(output)},
-        **{f"ecu-without-{name}": "drivers/devices/ecu_lacking.py" for name in WITHOUT},
+        **{f"ecu-without-{name}": "drivers/devices/ecu_missing.py" for name in WITHOUT},
         **dict.fromkeys(("lease-taken", "not-running"), "rig/page/lease.py: take"),
         **dict.fromkeys(("not-recorded", "still-running"), "rig/page/server.py: _send_recorded"),
         **{f"sensitivity-{name}": "rig/study/findings.py: _sensitivity" for name in PRINTED_SENSITIVITY},

@@ -1,4 +1,4 @@
-"""What a current source described by a roles file cannot do or does not tell, and what is left without it."""
+"""What a current source described by a roles file cannot do or does not report, and what remains without it."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ WITHOUT: Mapping[str, str] = {
     "layout": "nothing proves that its frames are laid out as the DBC says",
     "periods": "how often {unwatched} should come is stated nowhere; write it under [periods]",
 }
-"""Name of what can be missing, and what is left without it; the most important first."""
+"""Name of what can be missing, and what remains without it; the most important first."""
 
 
-def lacking(described: EcuDescription) -> tuple[tuple[str, str], ...]:
-    """Name and words of everything that is missing."""
+def missing(described: EcuDescription) -> tuple[tuple[str, str], ...]:
+    """Name and consequence of everything that is missing."""
     status, roles = described.heard[described.status], described.roles
     sends = {role for frame in described.sent for role in frame.writer.changing}
     unwatched = [message.name for message in described.heard.values() if not message.period_s]

@@ -1,7 +1,7 @@
-"""What the host knows of a device that does not say it: its last command's answer, a program's cycles, a speed.
+"""Status of an actuator that its registers do not show, derived from commands and time: answer, cycles, speed.
 
-A device that shows only "moving" runs a program, fades out or halts, by what it was last asked for. Pure: time and
-values are given.
+A device that shows only "moving" runs a program, fades out or halts, depending on the last command. Pure: time and
+values are arguments.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ MOTIONS = {
 MOVING_STATES = frozenset({State.MOVING, State.RUNNING})
 
 
-class HostSide:
-    """Follows one device.
+class DerivedStatus:
+    """Derives the missing status of one device.
 
     Args:
         controller: its map.
