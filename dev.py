@@ -55,6 +55,9 @@ LEAST_COVERAGE = 95
 UNSWEPT_MYPY = "import gc, mypy.__main__ as mypy; gc.disable(); gc.enable = gc.disable; mypy.console_entry()"
 """mypy without the garbage collector, which it switches on again: 13 of 47 s of processor time, for 0.8 GB more."""
 COMMANDS = ("demo", "test", "nightly", "faults", "scenarios", "coverage", "rig", "install", "docs", "pictures")
+EXTRAS = {"demo": (), "rig": ("files", "pdf"), "scenarios": ("files", "pdf"), "test": ("test", "peers"),
+          "nightly": ("test", "peers")}
+"""Command -> extras of pyproject.toml that it needs; the others need `test`."""
 SIDE_BY_SIDE = 2
 """Processes among which the tests without real processes and wires are divided."""
 
@@ -70,28 +73,58 @@ def run(*command: str, cwd: Path = ROOT, told: IO[str] | None = None, **environm
     return subprocess.call(command, cwd=cwd, env={**os.environ, **environment}, stdout=told, stderr=errors)
 
 
-def install(*, peers: bool = False) -> None:
-    """Make .venv and install the project into it, once per change of pyproject.toml.
+def install(*extras: str) -> None:
+    """Make .venv and install the project with these extras into it, again after a change of pyproject.toml.
 
     With `peers` also the libraries our algorithms are tested against, Dask, and a NeXus validator; where those cannot
     be had, their tests say that they were skipped.
     """
-    wanted = hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest()
+    declared = hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest()
     stamp = VENV / "installed"
-    known = stamp.read_text().split() if stamp.exists() else []
-    if known[:1] == [wanted] and (not peers or "peers" in known):
+    of, *present = stamp.read_text().split() if stamp.exists() else [""]
+    if of != declared:
+        present = []
+    if of == declared and set(extras) <= {*present, *("files", "pdf")[: 2 * ("test" in present)]}:
         return
     if not (VENV / "pyvenv.cfg").exists():
         print("dev.py: making .venv", flush=True)
         venv.create(VENV, with_pip=True)
-    print("dev.py: installing (about a minute the first time)", flush=True)
-    pip = (program("python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
-    if code := run(*pip, "-e", ".[test]"):
+    wanted = [extra for extra in extras if extra != "peers"]
+    if code := pip("-e", f".[{','.join(wanted)}]" if wanted else "."):
         sys.exit(f"dev.py: installation failed (pip exit {code}); its message is above")
-    others = ((*pip, "-e", ".[test,peers,cluster]"), (*pip, "--no-deps", MEALPY), (*pip, "-e", ".[nexus]"))
-    if peers and sum(run(*command) != 0 for command in others):
+    others = (("-e", ".[peers,cluster]"), ("--no-deps", MEALPY), ("-e", ".[nexus]"))
+    if "peers" in extras and sum(pip(*packages) != 0 for packages in others):
         print("dev.py: not all peers could be installed; the tests against them will be skipped", flush=True)
-    stamp.write_text(f"{wanted} peers" if peers else wanted)
+    stamp.write_text(" ".join([declared, *sorted({*present, *extras})]))
+
+
+def pip(*packages: str) -> int:
+    """Run `pip install` with a line of progress; pip's exit code. What pip wrote is shown if it failed."""
+    command = [program("python"), "-m", "pip", "install", "--disable-pip-version-check", "--progress-bar=off"]
+    started, shown_s, collected, written = time.monotonic(), 0.0, 0, []
+    with subprocess.Popen([*command, *packages], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                          errors="replace") as running:
+        for line in running.stdout or ():
+            written.append(line)
+            collected += line.startswith("Collecting ")
+            elapsed_s, installs = time.monotonic() - started, line.startswith("Installing collected packages")
+            if installs or elapsed_s - shown_s >= (0.2 if sys.stdout.isatty() else 15.0):
+                progress(f"{'installing' if installs else 'found'} {collected} packages, {elapsed_s:.0f} s")
+                shown_s = elapsed_s
+    code = running.returncode
+    elapsed_s = time.monotonic() - started
+    progress(f"{' '.join(packages)} {'installed' if code == 0 else 'NOT installed'}, {elapsed_s:.0f} s", end="\n")
+    if code:
+        print("".join(written[-20:]), end="", flush=True)
+    return code
+
+
+def progress(text: str, end: str = "") -> None:
+    """Show a line of progress: on a terminal in place of the one before."""
+    if sys.stdout.isatty():
+        print(f"\r\033[Kdev.py: {text}", end=end, flush=True)
+    else:
+        print(f"dev.py: {text}", flush=True)
 
 
 def wheel_smoke_test(told: IO[str]) -> int:
@@ -275,7 +308,7 @@ def main(arguments: list[str]) -> int:
     if command not in COMMANDS:
         print(__doc__)
         return 0 if command in {"help", "-h", "--help"} else 2
-    install(peers=command in {"test", "nightly"})
+    install(*EXTRAS.get(command, ("test",)))
     if command == "demo":
         return run(program("rig"), "demo", *rest)
     if command in {"docs", "pictures"}:

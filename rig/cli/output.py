@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.errors import RigError
+from rig.extras import how_to_install
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -104,8 +105,8 @@ def write_pdf(document: Document, page: Path) -> Path:
         from rig.document.pdf import pdf
     except ImportError as error:
         raise RigError(
-            f"{page} is written, the PDF is not: {error.name or 'reportlab'} is not installed. Fix: pip install "
-            "'reportlab>=4.2', or print the page with a browser (it has a style for A4)"
+            f"{page} is written, the PDF is not: {error.name or 'reportlab'} is not installed. Fix: "
+            f"{how_to_install('pdf')}, or print the page with a browser (it has a style for A4)"
         ) from error
     from rig.recording.atomic_write import write_durably
 

@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 
 from rig.errors import RigError
+from rig.extras import how_to_install
 
 ANSWER_WITHIN = "10 s"
 
@@ -27,7 +28,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise RigError("--scheduler needs Dask: pip install 'mr-damper-rig[cluster]'") from error
+        raise RigError(f"--scheduler needs Dask: {how_to_install('cluster')}") from error
     try:
         client = Client(address, timeout=ANSWER_WITHIN)
     except (OSError, ValueError) as error:

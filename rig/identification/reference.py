@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
+from rig.extras import how_to_install
 from rig.fits.entries import Reference
 from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle, samples_a_cycle, spaced, thinned
@@ -23,7 +24,7 @@ from rig.signals.waveform import WAVEFORMS
 if TYPE_CHECKING:
     from sklearn.ensemble import GradientBoostingRegressor
 
-INSTALL = "not computed: scikit-learn is not installed; pip install 'mr-damper-rig[reference]'"
+INSTALL = f"not computed: scikit-learn is not installed; {how_to_install('reference')}"
 MOST_ROWS = 5000  # that the regression learns from
 FEWEST_A_CYCLE = 20
 MOST_FOLDS = 5

@@ -14,7 +14,7 @@ from typing import Any
 from rig.errors import FileProblem
 from rig.recording.foreign.csv_file import CsvFile
 from rig.recording.foreign.foreign_file import (
-    EXTRA,
+    INSTALL_FILES,
     LARGEST_BYTES,
     MOST_COLUMNS,
     Dialect,
@@ -47,7 +47,7 @@ def open_workbook(file: Path, data: bytes, said: Dialect) -> list[tuple[str, She
     try:
         import openpyxl
     except ImportError as error:
-        raise FileProblem(str(file), [f"Excel workbooks need openpyxl: {EXTRA}"]) from error
+        raise FileProblem(str(file), [f"Excel workbooks need openpyxl: {INSTALL_FILES}"]) from error
     try:
         _check_parts(file, data)
         with warnings.catch_warnings():

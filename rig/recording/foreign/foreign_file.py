@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Protocol
 
 from rig.errors import FileProblem
+from rig.extras import how_to_install
 from rig.signals.arrays import FloatArray
 
 LARGEST_BYTES = 512 * 1024 * 1024
@@ -27,7 +28,7 @@ FEWEST_ROWS = 2
 MOST_COLUMNS = 4096
 DEEPEST = 6
 """Groups or structs within each other that are looked into."""
-EXTRA = "pip install 'mr-damper-rig[files]'"
+INSTALL_FILES = how_to_install("files")
 
 
 @dataclass(frozen=True)

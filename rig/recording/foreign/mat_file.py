@@ -19,8 +19,8 @@ import numpy as np
 from rig.errors import FileProblem
 from rig.recording.foreign.foreign_file import (
     DEEPEST,
-    EXTRA,
     FEWEST_ROWS,
+    INSTALL_FILES,
     MOST_COLUMNS,
     ForeignColumn,
     NoLines,
@@ -309,7 +309,8 @@ def _way_out(name: str, kind: str) -> str:
     if kind not in {"table", "timetable"}:
         return f"variable {name!r} is a MATLAB object of class {kind!r}: save its numbers as vectors"
     return (
-        f"variable {name!r} is a MATLAB {kind}, which needs mat-io: {EXTRA}. Or, in MATLAB: s = table2struct({table}, "
+        f"variable {name!r} is a MATLAB {kind}, which needs mat-io: {INSTALL_FILES}. Or, in MATLAB: "
+        f"s = table2struct({table}, "
         f"'ToScalar', true); save('a.mat', '-struct', 's'), or writetable({table}, 'a.csv')"
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from rig.errors import FileProblem
 from rig.recording.foreign.file_units import named_unit
-from rig.recording.foreign.foreign_file import EXTRA, ForeignColumn, NoLines, check_size, stream, unreadable
+from rig.recording.foreign.foreign_file import INSTALL_FILES, ForeignColumn, NoLines, check_size, stream, unreadable
 from rig.signals.arrays import FloatArray
 from rig.units import Unit
 
@@ -54,7 +54,7 @@ class Mf4File(NoLines):
         try:
             from asammdf import MDF
         except ImportError as error:
-            raise FileProblem(str(file), [f"MDF files need asammdf: {EXTRA}"]) from error
+            raise FileProblem(str(file), [f"MDF files need asammdf: {INSTALL_FILES}"]) from error
         self._file = file
         try:
             with _quiet():

@@ -13,7 +13,7 @@ import numpy as np
 
 from rig.errors import FileProblem
 from rig.recording.foreign.foreign_file import (
-    EXTRA,
+    INSTALL_FILES,
     ForeignColumn,
     NoLines,
     check_alike,
@@ -46,7 +46,7 @@ class TdmsFile(NoLines):
         try:
             from nptdms import TdmsFile as Reader
         except ImportError as error:
-            raise FileProblem(str(file), [f"TDMS files need npTDMS: {EXTRA}"]) from error
+            raise FileProblem(str(file), [f"TDMS files need npTDMS: {INSTALL_FILES}"]) from error
         self._file, self.read_as = file, READ_AS
         try:
             with warnings.catch_warnings(), _logged() as remarks:
