@@ -25,12 +25,13 @@ NICENESS = 10
 
 def analyse(run: Path, wanted: Mapping[str, Any] | None) -> dict[str, Any]:
     """Identify (when wanted) and report; what fails is said, and does not cost the other."""
+    from rig.fits.fit_file import FILE
     from rig.identification import identify_run
     from rig.report import write_report
 
     def identified() -> Path:
         identify_run([run], **(wanted or {}))
-        return run / "fit.json"
+        return run / FILE
 
     fit, error = (None, None) if wanted is None else _made(identified)
     report, report_error = _made(lambda: write_report(run))

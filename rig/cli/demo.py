@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -42,8 +41,7 @@ def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
     options = CampaignOptions(matrix_path=MATRIX, out=out, simulate=True, speed=speed, seed=seed)
     result = run_job(options, load_matrix(MATRIX).identify, shown)
     if result.exit_code == EXIT_DONE and result.fit is not None:
-        fit = json.loads(result.fit.read_text(encoding="utf-8"))
-        _show_beside_truth(fit, result.campaign.campaign / "truth.h5", shown)
+        _show_beside_truth(result.fit, result.campaign.campaign / "truth.h5", shown)
         show_paths(result, shown)
     else:
         show_result(result, shown)
@@ -52,15 +50,16 @@ def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
     return result.exit_code
 
 
-def _show_beside_truth(fit: dict[str, Any], truth_path: Path, shown: Console) -> None:
+def _show_beside_truth(fit_path: Path, truth_path: Path, shown: Console) -> None:
     """The fit's 95 % intervals beside the parameters the simulated damper really had."""
     from rich.text import Text
 
-    from rig.cli.fit_tables import fit_tables, inside
+    from rig.cli.fit_tables import fit_tables
+    from rig.fits.fit_record import FitRecord
 
-    truth = _true_parameters(truth_path)
+    fit, truth = FitRecord.load(fit_path), _true_parameters(truth_path)
     show(fit_tables(fit, truth), shown)
-    judged = [inside(entry, truth.get(name)) for name, entry in fit["parameters"].items()]
+    judged = [entry.holds(truth.get(name)) for name, entry in fit.parameters.items()]
     held, counted = judged.count(True), sum(item is not None for item in judged)
     text = f"{held} of {counted} identifiable parameters have the truth inside their 95 % interval (1 in 20 is outside)"
     shown.print(Text(text, style="green" if held == counted else "yellow"))

@@ -157,7 +157,7 @@ def command(
         return EXIT_DONE
     from rig.cli.fit_tables import fit_tables
 
-    show(fit_tables(fit.to_json()), console())
+    show(fit_tables(fit), console())
     if fit.path is not None:
         click.echo(fit.path.resolve())
     return EXIT_DONE

@@ -273,11 +273,8 @@ def _check_usage(
 
 def show_result(result: JobResult, shown: Console) -> None:
     """Say how the job ended: points, stop, fit, paths."""
-    import json
-
     from rich.text import Text
 
-    from rig.cli.fit_tables import fit_tables
     from rig.cli.tables import duration
     from rig.cli.words import ending
 
@@ -291,7 +288,10 @@ def show_result(result: JobResult, shown: Console) -> None:
     for style, text in ending(campaign):
         shown.print(Text(text, style=style), soft_wrap=True)
     if result.fit is not None:
-        show(fit_tables(json.loads(result.fit.read_text(encoding="utf-8"))), shown)
+        from rig.cli.fit_tables import fit_tables  # both load numpy
+        from rig.fits.fit_record import FitRecord
+
+        show(fit_tables(FitRecord.load(result.fit)), shown)
     if result.error is not None:
         shown.print(Text(f"not identified: {result.error}", style="red"))
     show_paths(result, shown)

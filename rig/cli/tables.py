@@ -5,6 +5,7 @@ A plan of many points is shown by groups: how many points, over which range, the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -56,7 +57,7 @@ def energy(joule: float) -> str:
 
 def number(value: float | None, digits: int = 4) -> str:
     """A number in short, "unknown" when there is none."""
-    return "unknown" if value is None else f"{value:.{digits}g}"
+    return "unknown" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
 
 
 @dataclass(frozen=True)

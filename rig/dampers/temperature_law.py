@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -77,20 +76,6 @@ class TemperatureLaw:
             for rate, names in followers.items()
         ]
         return "; ".join(parts)
-
-
-def law_of_entries(
-    told: Mapping[str, Any] | None, parameters: Mapping[str, Mapping[str, Any]]
-) -> TemperatureLaw | None:
-    """The law that a `fit.json` tells by its entries `temperature` and `parameters`; None where it tells none.
-
-    Raises:
-        KeyError, TypeError, ValueError: the entries are not what a fit writes.
-    """
-    if told is None:
-        return None
-    rates = {name: float(parameters[name]["value"]) for name in RATES[str(told["law"])]}
-    return TemperatureLaw(float(told["reference_degC"]), rates)
 
 
 def softens_by(parameter: Parameter) -> str:

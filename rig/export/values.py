@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 from rig.fits.fit_record import FitRecord
+from rig.fits.plain import plain
 from rig.recording.atomic_write import write_text_durably
 
-DESCRIBED = ("model", "equation", "hysteresis", "method", "adequate", "tested")
 OF_A_PARAMETER = ("value", "unit", "low", "high", "identifiable")
 
 
@@ -21,10 +21,12 @@ def write_values(fit: FitRecord, path: Path) -> Path:
         fit: the fit.
         path: where to.
     """
-    whole = fit.to_json()
-    content = {name: whole[name] for name in DESCRIBED}
-    content["parameters"] = {
-        name: {part: entry[part] for part in OF_A_PARAMETER} for name, entry in whole["parameters"].items()
-    }
+    content = plain({
+        "model": fit.model, "equation": fit.form, "hysteresis": fit.hysteresis, "method": fit.method,
+        "adequate": fit.adequate, "tested": fit.tested,
+        "parameters": {
+            name: {part: getattr(entry, part) for part in OF_A_PARAMETER} for name, entry in fit.parameters.items()
+        },
+    })  # fmt: skip
     write_text_durably(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
     return path

@@ -42,6 +42,12 @@ class Estimate:
     reason: str = ""
     variance_inflation: float | None = None
 
+    def holds(self, true: float | None) -> bool | None:
+        """Whether the shown interval holds a true value (in `unit`); None without an interval or a true value."""
+        if true is None or self.low is None or self.high is None or not self.identifiable:
+            return None
+        return self.low <= true <= self.high
+
 
 @dataclass(frozen=True)
 class Residual:
@@ -64,10 +70,14 @@ class Residual:
     widening: float = math.nan
 
     @property
+    def known_p(self) -> tuple[float, ...]:
+        """The probabilities of such a residual in white noise, those that are known."""
+        return tuple(p for p in (self.portmanteau_p, self.runs_p) if not math.isnan(p))
+
+    @property
     def least_p(self) -> float:
         """The smaller probability; 1 where neither is known."""
-        known = [p for p in (self.portmanteau_p, self.runs_p) if not math.isnan(p)]
-        return min(known, default=1.0)
+        return min(self.known_p, default=1.0)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import IdentificationFailed, evaluating
+from rig.fits.fit_file import FILE
 from rig.identification.fitting import identify
 from rig.identification.next_test import bench_of
 from rig.identification.options import FEW, DeclaredErrors, FitOptions
@@ -96,7 +97,7 @@ def write_fit(fit: Fit, folder: Path) -> tuple[Path, Path | None]:
     Returns:
         Its path, and where an older `fit.json` was kept: `fit-<UTC of its writing>.json`.
     """
-    target = folder / "fit.json"
+    target = folder / FILE
     kept = _kept(target)
     write_text_durably(target, json.dumps(fit.to_json(), indent=1, allow_nan=False) + "\n")
     return target, kept

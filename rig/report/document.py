@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import rig.dampers
 from rig.characteristics import Characteristics, characterise
 from rig.characteristics.hybrid_tests import HybridTest, hybrid_tests, write_hybrid
-from rig.dampers import DamperModel
-from rig.dampers.temperature_law import law_of_entries
 from rig.document import html
 from rig.document.blocks import (
     Blocks,
@@ -27,10 +24,11 @@ from rig.document.blocks import (
     Properties,
     section,
 )
-from rig.document.numbers import NOTHING, number
+from rig.document.numbers import number
 from rig.document.words import FAIR, GOOD, POOR, Code, Severity, Strong
 from rig.errors import RigError
-from rig.fits.fit_record import fit_in
+from rig.fits.fit_record import COIL, FitRecord, fit_in
+from rig.identification.application.law import Law
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.quality.campaign_delay import pooled_skews
@@ -47,7 +45,7 @@ from rig.report.point_tables import achieved_table, conditions, points_table, ti
 from rig.report.signals import signals_section
 from rig.report.specimen import described_specimen, specimen_of
 from rig.report.traces import time_traces
-from rig.report.views import PointView, REFERENCE_degC, placed_views, view_of
+from rig.report.views import PointView, placed_views, view_of
 
 JsonObject = Mapping[str, Any]
 SHOWN_WARNINGS = 5
@@ -61,7 +59,7 @@ class Material:
 
     Attributes:
         run: the campaign.
-        fit: `fit.json` as an object; None without a fit.
+        fit: the campaign's fit; None without one.
         views: what is drawn of each point.
         remark: why the fit's curves are not drawn; empty where they are.
         characteristics: the standard damper tests.
@@ -71,7 +69,7 @@ class Material:
     """
 
     run: Run
-    fit: JsonObject | None
+    fit: FitRecord | None
     views: Sequence[PointView]
     remark: str
     characteristics: Characteristics
@@ -86,7 +84,7 @@ class Material:
         Raises:
             FileProblem: `fit.json` is not one of ours.
         """
-        fit = read_fit(run.path)
+        fit = fit_in(run.path)
         views, remark = views_of(run, fit)
         measured = {view.point.id: view.measured for view in views if view.measured is not None}
         characteristics = characterise(run, measured)
@@ -155,26 +153,15 @@ def written_report(run_dir: Path) -> tuple[Path, Document]:
     return path, document
 
 
-def read_fit(folder: Path) -> dict[str, Any] | None:
-    """The fit beside a run, None when there is none.
-
-    Raises:
-        FileProblem: its shape is not that of a fit.
-    """
-    fit = fit_in(folder)
-    return None if fit is None else fit.to_json()
-
-
-def views_of(run: Run, fit: Mapping[str, Any] | None) -> tuple[list[PointView], str]:
+def views_of(run: Run, fit: FitRecord | None) -> tuple[list[PointView], str]:
     """What to show of every point, and why the fit's curves are not drawn; empty where they are."""
-    model, values, remark = _fitted_model(fit)
-    error = (fit or {}).get("error") or {}
-    kept = {entry.get("id"): entry for entry in error.get("per_test") or ()}
-    apart = {entry.get("id"): entry for entry in (error.get("holdout") or {}).get("per_test") or ()}
+    law, remark = _drawn_law(fit)
+    fitted = {} if fit is None else {test.id: test for test in fit.error.per_test}
+    held_out = {} if fit is None or fit.holdout is None else {test.id: test for test in fit.holdout.per_test}
     skews = pooled_skews(run.usable)
     views = [
         view_of(
-            point, model, values, kept.get(point.id) or apart.get(point.id), held_out=point.id in apart,
+            point, law, fitted.get(point.id) or held_out.get(point.id), held_out=point.id in held_out,
             skew=skews.get(point.id),
         )
         for point in run.points
@@ -182,27 +169,25 @@ def views_of(run: Run, fit: Mapping[str, Any] | None) -> tuple[list[PointView], 
     return views, remark
 
 
-def _fitted_model(fit: Mapping[str, Any] | None) -> tuple[DamperModel | None, dict[str, float], str]:
+def _drawn_law(fit: FitRecord | None) -> tuple[Law | None, str]:
+    """The fitted damper whose curves are drawn; None without one, and why."""
     if fit is None:
-        return None, {}, ""
-    values = {name: entry["value"] for name, entry in fit["parameters"].items() if entry.get("value") is not None}
+        return None, ""
     try:
-        model = rig.dampers.model(str(fit.get("model")), fit.get("hysteresis", "kwok"))
-        missing = [name for name in model.names if name not in values and name != "eta"]
+        model = fit.damper
     except RigError as error:
-        return None, {}, f"The fit's curves are not drawn: {error}"
+        return None, f"The fit's curves are not drawn: {error}"
+    missing = [name for name in model.names if name not in fit.values and name != COIL]
     if missing:
-        return None, {}, f"The fit's curves are not drawn: {', '.join(missing)} missing in fit.json."
-    if warmth := law_of_entries(fit.get("temperature"), fit["parameters"]):
-        values[REFERENCE_degC] = warmth.reference_degC
-    return model, values, ""
+        return None, f"The fit's curves are not drawn: {', '.join(missing)} missing in fit.json."
+    return replace(Law.of(model, fit.values, None), temperature=fit.temperature_law), ""
 
 
 def _has_fit(view: PointView) -> bool:
     return view.loop is not None and view.loop.fitted_N is not None
 
 
-def header(run: Run, fit: JsonObject | None) -> Blocks:
+def header(run: Run, fit: FitRecord | None) -> Blocks:
     """Title, what was tested, and the result in a few numbers."""
     campaign = run.campaign
     origin = "imported tests" if _any(run, "imported") else "simulated rig" if _simulated(run) else "test rig"
@@ -223,35 +208,33 @@ def header(run: Run, fit: JsonObject | None) -> Blocks:
     return [title, Paragraph(described, small=True), Facts(tuple(facts))]
 
 
-def _errors(fit: JsonObject | None) -> list[Fact]:
+def _errors(fit: FitRecord | None) -> list[Fact]:
     """The model, and its errors on fitted and other tests."""
     if fit is None:
         return []
-    error, method = fit.get("error") or {}, str(fit.get("method", NOTHING))
     facts = [
-        Fact(str(fit.get("model", NOTHING)), f"model ({fit_sections.METHODS.get(method, method)})"),
-        Fact(f"{number(error.get('nrmse_percent_of_peak'), 3)} %", "error of peak force, mean of tests"),
-        Fact(f"{number(error.get('rmse_N'), 3)} N", "RMS error"),
+        Fact(fit.model, f"model ({fit_sections.METHODS.get(fit.method, fit.method)})"),
+        Fact(f"{number(fit.error.nrmse_percent_of_peak, 3)} %", "error of peak force, mean of tests"),
+        Fact(f"{number(fit.error.rmse_N, 3)} N", "RMS error"),
     ]
-    if (apart := error.get("holdout")) is not None:
-        meaning = f"error on validation tests{fit_sections.extrapolated_words(apart)}"
-        facts.append(Fact(f"{number(apart.get('nrmse_percent_of_peak'), 3)} %", meaning))
-    if (unseen := fit.get("unseen")) is not None:
-        mean = f"{number(unseen.get('nrmse_percent_of_peak'), 3)} %"
+    if fit.holdout is not None:
+        meaning = f"error on validation tests{fit_sections.extrapolated_words(fit.holdout)}"
+        facts.append(Fact(f"{number(fit.holdout.nrmse_percent_of_peak, 3)} %", meaning))
+    if fit.unseen is not None:
+        mean = f"{number(fit.unseen.nrmse_percent_of_peak, 3)} %"
         facts.append(Fact(mean, "error, leave-one-motion-out cross-validation"))
     return facts
 
 
-def _verdict(fit: JsonObject | None) -> list[Fact]:
+def _verdict(fit: FitRecord | None) -> list[Fact]:
     """Whether the fit can be used, first of all."""
     if fit is None:
         return []
-    if fit.get("adequate") is False:
-        return [Fact("Does not fit", "model error exceeds the repeatability of the tests", POOR)]
-    unknown = sum(not entry.get("identifiable", True) for entry in fit["parameters"].values())
-    if fit.get("adequate") is None:
+    if fit.adequate is None:
         return [Fact("Not evaluated", "no test has two whole cycles between its first and last for comparison")]
-    known = f"{len(fit['parameters']) - unknown} of {len(fit['parameters'])} parameters identified"
+    if not fit.adequate:
+        return [Fact("Does not fit", "model error exceeds the repeatability of the tests", POOR)]
+    known = f"{len(fit.identifiable)} of {len(fit.parameters)} parameters identified"
     return [Fact("Fits", f"within measurement noise; {known}", GOOD)]
 
 
@@ -272,7 +255,7 @@ def _severity(good: bool) -> Severity:
     return GOOD if good else FAIR
 
 
-def warnings(run: Run, fit: JsonObject | None) -> Blocks:
+def warnings(run: Run, fit: FitRecord | None) -> Blocks:
     """Everything a reader must know before believing the rest."""
     notes: Blocks = [Note(POOR, line) for line in run.unreadable]
     if count := _count(run, "invalid"):
@@ -283,12 +266,12 @@ def warnings(run: Run, fit: JsonObject | None) -> Blocks:
         notes.append(Note(FAIR, (f"{_points(count)} suspect and not used for the fit; ", use, " uses them.")))
     if fit is None:
         return [*notes, Note(FAIR, "This run has no fit: the report shows measurements only.")]
-    if fit.get("adequate") is False:
+    if fit.adequate is False:
         notes.append(Note(POOR, (
             Strong("The model does not fit."), " Its error exceeds the repeatability of the tests: do not use the "
             "parameters as properties of the damper.",
         )))  # fmt: skip
-    remarks = [Note(FAIR, warning) for warning in fit.get("warnings") or ()]
+    remarks = [Note(FAIR, warning) for warning in fit.warnings]
     notes += remarks[:SHOWN_WARNINGS]
     if more := remarks[SHOWN_WARNINGS:]:
         notes.append(Details(f"{len(more)} more warnings", tuple(more)))
@@ -311,7 +294,7 @@ def unsupported(log: Sequence[JsonObject]) -> Blocks:
     return [*section("Functions that this rig does not support", "As reported at connect."), listed]
 
 
-def provenance(run: Run, fit: JsonObject | None) -> Blocks:
+def provenance(run: Run, fit: FitRecord | None) -> Blocks:
     """Where all this comes from: software, bench, devices, calibrations, hashes."""
     shared = {
         key: value for key, value in (run.points[0].provenance.items() if run.points else ())
@@ -324,7 +307,7 @@ def provenance(run: Run, fit: JsonObject | None) -> Blocks:
     methods = sorted({point.quality.skew.method for point in run.points if point.quality.skew.method is not None})
     shown["time alignment"] = "; ".join(map(time_base_words, methods))
     if fit is not None:
-        shown["fit"] = f"{fit.get('evaluations', NOTHING)} evaluations, {number(fit.get('wall_s'), 3)} s"
+        shown["fit"] = f"{fit.evaluations} evaluations, {number(fit.wall_s, 3)} s"
     note = (
         "Each point's file holds its raw samples, calibrations and clock models: ", Code("points/*.h5"),
         " (HDF5; h5dump, xarray, MATLAB, Octave).",

@@ -35,7 +35,8 @@ def figures(run: Path | str | Run) -> dict[str, Plot]:
         drawn |= {f"loops/{view.point.id}/{name}": figure for name, figure in loops.loop_figures(view).items()}
     for view in chosen(material.views):
         drawn |= {f"traces/{view.point.id}/{name}": figure for name, figure in trace_figures(view).items()}
-    drawn |= {f"parameters/{name}": figure for name, figure in parameter_figures(material.fit or {}).items()}
+    if material.fit is not None:
+        drawn |= {f"parameters/{name}": figure for name, figure in parameter_figures(material.fit).items()}
     plots = standard.plots(material.characteristics.loops)
     drawn |= {f"standard/{name}": figure for name, figure in plots.items()}
     return {name: Plot(figure) for name, figure in drawn.items()}

@@ -74,11 +74,11 @@ def details(views: Sequence[PointView], *, fitted: bool) -> Blocks:
 
 
 def _card(view: PointView, force: Range, residual: Range) -> Card:
-    error = view.error.get("nrmse_percent_of_peak")
-    stated = motion_of(view) + (f", error {number(error, 3)} % of peak " if isinstance(error, (int, float)) else " ")
+    error = view.error_percent
+    stated = motion_of(view) + (" " if error is None else f", error {number(error, 3)} % of peak ")
     title: list[str | Span] = [Strong(view.point.id), " ", verdict(view.point.verdict), " ", stated]
     if view.held_out:
-        title.append(Label(validation_words(view.error)))
+        title.append(Label(validation_words(view.beyond)))
     made = loop_figures(view, force, residual)
     if not made:
         return Card(tuple(title), (Paragraph(f"Not drawn: {view.why}"),))

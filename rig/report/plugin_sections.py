@@ -12,6 +12,7 @@ from typing import Any, get_args
 
 from rig.document.blocks import Block, Blocks, Heading, Items, Listing, Markup, Note, Paragraph, Table, table
 from rig.document.words import FAIR, POOR
+from rig.fits.fit_record import FitRecord
 from rig.plugins import REPORT_SECTIONS, BrokenPlugIn, PlugIn, found, made_of
 from rig.recording.run import Run
 
@@ -30,15 +31,15 @@ def section_of(name: str, brought: object) -> Section:
     return brought
 
 
-def installed_sections(run: Run, fit: Mapping[str, Any] | None) -> Blocks:
+def installed_sections(run: Run, fit: FitRecord | None) -> Blocks:
     """The blocks of every installed section."""
     return [block for plug_in in found(REPORT_SECTIONS) for block in _blocks(plug_in, run, fit)]
 
 
-def _blocks(plug_in: PlugIn, run: Run, fit: Mapping[str, Any] | None) -> Sequence[Block]:
+def _blocks(plug_in: PlugIn, run: Run, fit: FitRecord | None) -> Sequence[Block]:
     named = f"section {plug_in.name!r} of {plug_in.place}"
     try:
-        content: object = made_of(plug_in, section_of)(run, fit)
+        content: object = made_of(plug_in, section_of)(run, None if fit is None else fit.to_json())
     except BrokenPlugIn as error:
         return [Note(FAIR, f"A section is missing: {error}")]
     except Exception as error:  # noqa: BLE001 - whatever a plug-in raises is reported in the section's place

@@ -72,7 +72,7 @@ def _remarks(view: PointView) -> str:
     remarks = [f"{reason} [{reason.blamed}]" for reason in entries]
     remarks += [view.why] if view.why and view.point.verdict != "invalid" else []
     if view.held_out:
-        remarks.append(validation_words(view.error))
+        remarks.append(validation_words(view.beyond))
     return "\n".join(remarks)
 
 
@@ -99,7 +99,7 @@ TEST_POINTS = (
     Column("Lost", "", lambda view: str(view.point.lost_samples)),
     Column("Sensor delay", "ms", _sensor_delay),
     words("Verdict", lambda view: verdict(view.point.verdict)),
-    Column("Error", "%", lambda view: number(view.error.get("nrmse_percent_of_peak"), 3)),
+    Column("Error", "%", lambda view: number(view.error_percent, 3)),
     words("Remarks", _remarks),
 )
 

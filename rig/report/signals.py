@@ -55,7 +55,7 @@ def _row(view: PointView) -> tuple[Words, ...]:
     values = (
         1e3 * point.amplitude_m, point.test.get("record_s"), judged_s, point.test.get("record_highest_Hz"),
         point.current_A, _times(quality.nrms, 100.0), _times(quality.delay_s, 1e3), _times(quality.reached, 100.0),
-        view.error.get("nrmse_percent_of_peak"),
+        view.error_percent,
     )
     return (
         point.id, named(point), *(NOTHING if value is None else number(value, 4) for value in values),

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from rig.characteristics.loop import LoopCharacteristics
-from rig.dampers import DamperModel
-from rig.dampers.temperature_law import COMMON, VISCOUS, YIELD, TemperatureLaw
 from rig.document.figure import thinned
 from rig.errors import RigError, evaluating
+from rig.fits.entries import TestError
+from rig.identification.application.law import Law
 from rig.identification.models.coil import with_lag
 from rig.identification.models.measurement import Measurement
-from rig.identification.models.model_slope import modelled_force
-from rig.identification.models.softening import force_change_N
 from rig.identification.points.preparation import prepare
 from rig.recording.layout import HYBRID, SIGNAL
 from rig.recording.quality.campaign_delay import PointSkew
@@ -25,8 +23,6 @@ from rig.signals.arrays import FloatArray
 
 DRAWN_OF_CYCLE, DRAWN_OF_RECORD = 300, 1500
 """Samples at most: a record has many reversals, which fewer samples would cut off."""
-REFERENCE_degC = "reference_degC"
-"""Key of a fit's values: the temperature at which they hold, where a law says what another one does."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +41,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class PointView:
-    """A point, its loop (None when it cannot be drawn, and `why`), and its errors in the fit by `fit.json`'s keys.
+    """A point, its loop (None when it cannot be drawn, and `why`), and its errors in the fit; None without.
 
     `placed` is the level of current (A) and the motion (amplitude in m, frequency in Hz) to which a loop belongs.
     """
@@ -53,10 +49,21 @@ class PointView:
     point: RecordedPoint
     loop: Loop | None
     why: str = ""
-    error: Mapping[str, Any] = field(default_factory=dict)
+    error: TestError | None = None
     held_out: bool = False
     measured: Measurement | None = field(default=None, repr=False)
     placed: tuple[float, tuple[float, float]] | None = None
+
+    @property
+    def error_percent(self) -> float | None:
+        """Error of the fit on this point, % of peak force; None where it is not known."""
+        error = math.nan if self.error is None else self.error.nrmse_percent_of_peak
+        return None if math.isnan(error) else error
+
+    @property
+    def beyond(self) -> Sequence[str]:
+        """Quantities in which the point lies outside the fitted data; empty where in none, or unknown."""
+        return () if self.error is None else self.error.beyond or ()
 
     @property
     def level_A(self) -> float:
@@ -76,38 +83,32 @@ def placed_views(views: Sequence[PointView], loops: Sequence[LoopCharacteristics
 
 
 def view_of(
-    point: RecordedPoint, model: DamperModel | None, values: Mapping[str, float], error: Mapping[str, Any] | None,
-    *, held_out: bool = False, skew: PointSkew | None = None,
+    point: RecordedPoint, law: Law | None = None, error: TestError | None = None, *, held_out: bool = False,
+    skew: PointSkew | None = None,
 ) -> PointView:
-    """Prepare a point for drawing; what keeps it from being drawn is said, never hidden.
+    """Prepare a point for drawing; a point that cannot be drawn states the reason.
 
-    `skew` is what the campaign as a whole knows of the sensors' delays, as for the fit. `values` are those of the fit's
-    parameters, and where it has a temperature law `REFERENCE_degC`.
+    Args:
+        point: the point.
+        law: the fitted damper; None: measurements only.
+        error: the point's errors in the fit.
+        held_out: whether the point was kept for validation.
+        skew: what the whole campaign shows of the sensors' delays, as used for the fit.
     """
     if point.kind == "current_step":
-        return PointView(point, None, "the rod stood still; the current was stepped", error or {}, held_out)
+        return PointView(point, None, "the rod stood still; the current was stepped", error, held_out)
     if point.kind == "hybrid":
-        return PointView(point, None, "a hybrid test: its motion has no cycles", error or {}, held_out)
+        return PointView(point, None, "a hybrid test: its motion has no cycles", error, held_out)
     try:
         with evaluating("it"):
             measured = prepare(point, skew)
-            if "eta" in values:
-                measured = with_lag(measured, values["eta"])
-            fitted = None if model is None else _curve_N(model, values, measured)
-            loop = _middle_cycle(measured, fitted)
+            if law is not None and law.eta_1_s is not None:
+                measured = with_lag(measured, law.eta_1_s)
+            fitted_N = None if law is None else law.force_of(measured)
+            loop = _middle_cycle(measured, fitted_N)
     except RigError as problem:
-        return PointView(point, None, str(problem), error or {}, held_out)
-    return PointView(point, loop, "", error or {}, held_out, measured)
-
-
-def _curve_N(model: DamperModel, values: Mapping[str, float], measured: Measurement) -> FloatArray:
-    """The fitted force (N), (n,), at the recorded temperatures where the fit follows them."""
-    own = {name: value for name, value in values.items() if name in model.names}
-    force_N = modelled_force(model, own, measured)
-    if REFERENCE_degC not in values:
-        return force_N
-    rates = {name: values[name] for name in (VISCOUS, YIELD, COMMON) if name in values}
-    return force_N + force_change_N(model, own, TemperatureLaw(values[REFERENCE_degC], rates), measured)
+        return PointView(point, None, str(problem), error, held_out)
+    return PointView(point, loop, "", error, held_out, measured)
 
 
 def _middle_cycle(measured: Measurement, fitted_N: FloatArray | None) -> Loop:

@@ -6,6 +6,7 @@ import io
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -13,11 +14,13 @@ from rich.console import Console
 from rig.bench.model import Bench
 from rig.campaign.results import CampaignFinding, CampaignResult, PointResult, StopReport
 from rig.cli.display import LiveDisplay, PlainDisplay, display_for
-from rig.cli.fit_tables import fit_tables, inside
+from rig.cli.fit_tables import fit_tables
 from rig.cli.job import JobResult
 from rig.cli.output import show
 from rig.cli.run import show_result
 from rig.cli.tables import duration
+from rig.fits.entries import ErrorSummary, Estimate, Evaluation, ModelScore, SolverReport, TestError
+from rig.fits.fit_record import FitRecord
 from rig.matrix.model import load_matrix
 from rig.matrix.plan import plan
 
@@ -194,65 +197,55 @@ def test_points_that_are_not_valid_can_be_run_again_and_findings_are_shown() -> 
     assert "zero-drift: load cell and controller's force input drifted apart by +40 N" in text.getvalue()
 
 
-FIT = {
-    "model": "asymmetric",
-    "method": "separable",
-    "parameters": {
-        "m": {"value": 3.8, "unit": "kg", "low": 3.7, "high": 3.9, "simultaneous_low": 3.6, "simultaneous_high": 4.0,
-              "identifiable": True},
-        "eta": {"value": None, "unit": "1/s", "low": None, "high": None, "identifiable": False,
-                "reason": "constant current"},
-    },
-    "error": {"rmse_N": 5.0, "mae_N": 4.0, "nrmse_percent_of_peak": 1.0, "per_test": [{}],
-              "holdout": {"rmse_N": 6.0, "nrmse_percent_of_peak": 2.0, "per_test": [{}]}},
-    "adequate": False,
-    "warnings": ["saturated"],
-}  # fmt: skip
+FITTED = ErrorSummary(5.0, 4.0, nrmse_percent_of_peak=1.0, per_test=(TestError("p001"),))
+FIT = FitRecord(
+    "asymmetric",
+    {"m": Estimate(3.8, "kg", 3.7, 3.9, 3.6, 4.0), "eta": Estimate(None, "1/s", identifiable=False, reason="constant")},
+    SolverReport("separable"),
+    Evaluation(FITTED, ErrorSummary(6.0, nrmse_percent_of_peak=2.0, per_test=(TestError("p002"),)), adequate=False),
+    warnings=("saturated",),
+)  # fmt: skip
+
+
+def shown(fit: FitRecord, truth: dict[str, float] | None = None) -> str:
+    console, text = terminal(is_terminal=False)
+    show(fit_tables(fit, truth), console)
+    return text.getvalue()
+
+
+def evaluated(**changes: Any) -> FitRecord:  # noqa: ANN401 - fields of an evaluation
+    return replace(FIT, evaluation=replace(FIT.evaluation, **changes))
 
 
 def test_a_fit_beside_the_truth_says_what_is_inside_what_cannot_be_found_and_what_does_not_fit() -> None:
-    console, text = terminal(is_terminal=False)
-    show(fit_tables(FIT, {"m": 4.5, "eta": 25.0}), console)
-    shown = text.getvalue()
-    for expected in ("95 % interval (each parameter", "3.7 to 3.9", "NO", "eta cannot be identified: constant current",
+    text = shown(FIT, {"m": 4.5, "eta": 25.0})
+    for expected in ("95 % interval (each parameter", "3.7 to 3.9", "NO", "eta cannot be identified: constant",
                      "validation", "exceeds the repeatability", "warning: saturated"):  # fmt: skip
-        assert expected in shown, expected
+        assert expected in text, expected
 
 
 @pytest.mark.parametrize("tests", [1, 2])
 def test_nothing_can_be_held_out_of_a_single_test(tests: int) -> None:
-    console, text = terminal(is_terminal=False)
-    error = {"rmse_N": 5.0, "nrmse_percent_of_peak": 1.0, "per_test": [{}] * tests}
-    show(fit_tables(FIT | {"error": error}), console)
-    assert ("--holdout" in text.getvalue()) == (tests == 2)
+    error = replace(FITTED, per_test=FITTED.per_test * tests)
+    assert ("--holdout" in shown(evaluated(error=error, holdout=None))) == (tests == 2)
 
 
 def test_a_fit_shows_its_ranking_its_numbers_each_held_out_test_and_what_to_try() -> None:
-    console, text = terminal(is_terminal=False)
-    score = {"bic": 1.0, "parameters": 9, "reason": ""}
-    seen = {"rmse_N": 5.0, "nrmse_percent_of_peak": 1.0, "per_test": [{}] * 2}
-    tests = [{"id": "p007", "nrmse_percent_of_peak": 7.25, "rmse_N": 61.5, "noise_N": None}]
-    fit = FIT | {
-        "formula": "F = c v; with c = 812 N s/m",
-        "selection": [score | {"model": "kwok", "holdout_nrmse_percent_of_peak": 3.5, "rmse_N": 11.0},
-                      score | {"model": "bingham", "holdout_nrmse_percent_of_peak": None, "rmse_N": None}],
-        "error": seen | {"holdout": {"rmse_N": 61.5, "nrmse_percent_of_peak": 7.25, "per_test": tests}},
-    }  # fmt: skip
-    show(fit_tables(fit), console)
-    shown = text.getvalue()
+    unknown = TestError("p007", rmse_N=61.5, nrmse_percent_of_peak=7.25)
+    scores = (ModelScore("kwok", 3.5, 1.0, 11.0, 9), ModelScore("bingham"))
+    two = replace(FITTED, per_test=FITTED.per_test * 2)
+    fit = evaluated(error=two, holdout=ErrorSummary(61.5, per_test=(unknown,)), selection=scores)
+    text = shown(replace(fit, form="F = c v", parameters={"c": Estimate(812.0, "N s/m", 811.0, 813.0)}))
     for expected in ("best first", "kwok", "3.5", "bingham", "c = 812 N s/m", "p007", "7.25", "61.5"):
-        assert expected in shown, expected
-    assert "try:" not in shown
-    console, text = terminal(is_terminal=False)
-    show(fit_tables(FIT | {"error": seen | {"holdout": None}}), console)
-    assert "--model all" in text.getvalue()
-    assert "--holdout" in text.getvalue()
+        assert expected in text, expected
+    assert "try:" not in text
+    assert "nan" not in text
+    text = shown(evaluated(error=two, holdout=None))
+    assert "--model all" in text
+    assert "--holdout" in text
 
 
 def test_inside_is_judged_by_the_interval_that_is_shown_and_only_where_there_is_one() -> None:
-    parameters = FIT["parameters"]
-    assert isinstance(parameters, dict)
-    assert inside(parameters["m"], 3.85) is True
-    assert inside(parameters["m"], 3.95) is False
-    assert inside(parameters["m"], None) is None
-    assert inside(parameters["eta"], 25.0) is None
+    mass = FIT.parameters["m"]
+    assert [mass.holds(true) for true in (3.85, 3.95, None)] == [True, False, None]
+    assert FIT.parameters["eta"].holds(25.0) is None

@@ -23,8 +23,7 @@ SEPARABLE = Method("separable")
 
 def shown(fit: Fit) -> str:
     """What the terminal shows, in one line."""
-    shown = lines(fit_tables(json.loads(json.dumps(fit.to_json()))), 240)
-    return " ".join(" ".join(text.split()) for text, _ in shown)
+    return " ".join(" ".join(text.split()) for text, _ in lines(fit_tables(fit), 240))
 
 
 def scores_of(names: list[str], tests: list[Measurement]) -> tuple[ModelScore, ...]:

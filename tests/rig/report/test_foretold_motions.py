@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
 from rig.document.html import fragment
+from rig.fits.entries import Evaluation, Unseen, UnseenPair, UnseenTest
+from rig.fits.fit_record import FitRecord
 from rig.report.fit import parameters
 
 
 def unseen_test(
-    motion: tuple[float, float], current_A: float, error: float, beyond: list[str] | None = None
-) -> dict[str, Any]:
-    return {
-        "id": f"{1e3 * motion[0]:g} mm {current_A:g} A", "amplitude_m": motion[0], "frequency_Hz": motion[1],
-        "current_A": current_A, "nrmse_percent_of_peak": error, "beyond": beyond or [],
-    }  # fmt: skip
+    motion: tuple[float, float], current_A: float, error: float, beyond: tuple[str, ...] = ()
+) -> UnseenTest:
+    return UnseenTest(
+        f"{1e3 * motion[0]:g} mm {current_A:g} A", *motion, current_A, nrmse_percent_of_peak=error, beyond=beyond
+    )
+
+
+def of(unseen: Unseen | None) -> FitRecord:
+    return FitRecord("bingham", {}, evaluation=Evaluation(unseen=unseen))
 
 
 def cells(html: str) -> list[list[str]]:
@@ -26,13 +30,9 @@ def cells(html: str) -> list[list[str]]:
 def test_every_motion_and_current_has_its_error_and_what_lies_beyond_is_marked_and_told() -> None:
     slow, fast = (0.02, 0.5), (0.005, 4.0)
     tests = [unseen_test(slow, 0.0, 5.0), unseen_test(slow, 1.0, 6.0), unseen_test(slow, 1.0, 7.5)]
-    tests.append(unseen_test(fast, 1.0, 9.0, ["velocity_m_s"]))
-    pairs = [
-        {"amplitude_m": slow[0], "frequency_Hz": slow[1], "tests": 3, "nrmse_percent_of_peak": 6.17},
-        {"amplitude_m": fast[0], "frequency_Hz": fast[1], "tests": 1, "nrmse_percent_of_peak": 9.0},
-    ]
-    mean = {"nrmse_percent_of_peak": 6.88, "within_nrmse_percent_of_peak": 6.17}
-    html = fragment(parameters({"unseen": {**mean, "per_pair": pairs, "per_test": tests}}))
+    tests.append(unseen_test(fast, 1.0, 9.0, ("velocity_m_s",)))
+    pairs = (UnseenPair(*slow, 3, 6.17), UnseenPair(*fast, 1, 9.0))
+    html = fragment(parameters(of(Unseen("leave-one-pair-out", 6.88, pairs, tuple(tests)))))
     assert cells(html[html.index("Leave-one-motion-out") :]) == [
         ["Motion left out", "0 A", "1 A", "Mean"],
         ["20 mm 0.5 Hz", "5", "7.5", "6.17"],
@@ -43,4 +43,4 @@ def test_every_motion_and_current_has_its_error_and_what_lies_beyond_is_marked_a
 
 
 def test_a_fit_that_foretold_nothing_says_nothing() -> None:
-    assert "Leave-one-motion-out" not in fragment(parameters({"unseen": None}))
+    assert "Leave-one-motion-out" not in fragment(parameters(of(None)))

@@ -17,6 +17,18 @@ from rig.document.html import fragment
 from rig.document.numbers import between
 from rig.document.svg import svg
 from rig.document.terminal import lines
+from rig.fits.entries import (
+    Cause,
+    ErrorSummary,
+    Estimate,
+    Evaluation,
+    ModelScore,
+    Residual,
+    TestedRange,
+    TestError,
+    Uncertainty,
+)
+from rig.fits.fit_record import FitRecord
 from rig.report.fit import parameters, quality
 from rig.report.over_current import parameter_figures
 from rig.report.ride import band
@@ -67,32 +79,31 @@ def test_energies_of_different_strokes_are_not_joined() -> None:
 
 
 def test_reversed_signs_explain_no_share_of_the_misfit() -> None:
-    causes = [
-        {"slug": "signs-reversed", "text": "the middle is at +47 N", "explains": 1.0, "next": "look"},
-        {"slug": "clipping", "text": "a channel that ends", "explains": 0.186, "next": "look"},
-    ]
-    page = fragment(parameters({"model": "bingham", "parameters": {}, "diagnosis": causes}))
+    causes = (
+        Cause("signs-reversed", "the middle is at +47 N", 1.0, "look"),
+        Cause("clipping", "a channel that ends", 0.186, "look"),
+    )
+    page = fragment(parameters(FitRecord("bingham", {}, diagnosis=causes)))
     assert re.findall(r'<td class="n">([^<]*)</td>', page) == ["–", "18.6"]
 
 
 def test_a_chance_that_no_computer_tells_from_0_and_correlations_are_written_short() -> None:
-    test = {"id": "p001", "energy_J": 1.0, "residual": {"portmanteau_p": 2.2e-16, "runs_p": 0.5}}
-    told = {"identifiable": True}
-    page = fragment(quality({
-        "error": {"per_test": [test]}, "parameters": {"kx": told, "f0": told},
-        "correlation": {"kx": {"kx": 1.0, "f0": -9.1e-5}, "f0": {"kx": -9.1e-5, "f0": 1.0}},
-    }))
+    test = TestError("p001", energy_J=1.0, residual=Residual(portmanteau_p=2.2e-16, runs_p=0.5))
+    page = fragment(quality(FitRecord(
+        "bouc_wen", {"kx": Estimate(1.0), "f0": Estimate(1.0)},
+        evaluation=Evaluation(error=ErrorSummary(per_test=(test,))),
+        uncertainty=Uncertainty(correlation={"kx": {"kx": 1.0, "f0": -9.1e-5}, "f0": {"kx": -9.1e-5, "f0": 1.0}}),
+    )))  # fmt: skip
     assert ">&lt; 0.001<" in page
     assert re.findall(r'class="heat"[^>]*>([^<]*)<', page) == ["1.00", "0.00", "0.00", "1.00"]
 
 
 def test_the_band_of_what_is_never_negative_ends_at_0() -> None:
-    entry = {"identifiable": True, "unit": "N s/m", "standard_error": 230.0}
-    fit = {
-        "model": "sprung_bouc_wen", "tested": {"current_A": [0.0, 1.0]},
-        "parameters": {"kv": entry | {"value": 0.0}, "kv_b": entry | {"value": 2168.0}},
-        "correlation": {"kv": {"kv": 1.0, "kv_b": 0.0}, "kv_b": {"kv": 0.0, "kv_b": 1.0}},
-    }
+    kv, kv_b = (Estimate(value, "N s/m", standard_error=230.0) for value in (0.0, 2168.0))
+    fit = FitRecord(
+        "sprung_bouc_wen", {"kv": kv, "kv_b": kv_b}, uncertainty=Uncertainty(correlation={"kv": {"kv_b": 0.0}}),
+        tested=TestedRange(displacement_m=(0.0, 0.1), velocity_m_s=(0.0, 1.0), current_A=(0.0, 1.0)),
+    )  # fmt: skip
     line, low, high = parameter_figures(fit)["kv"].traces
     assert low.y[0] == 0.0 == line.y[0]
     assert high.y[0] == pytest.approx(1.96 * 230.0)
@@ -111,13 +122,7 @@ def test_a_band_has_a_gap_where_no_draw_follows_the_road_and_says_nothing_of_it(
 
 def test_a_model_that_was_given_up_says_why() -> None:
     reason = "dahl: given up after 40 evaluations: its error, 42.5 N, is 8.0 times that of the best model before it"
-    scores = [
-        {"model": "bingham", "holdout_nrmse_percent_of_peak": 1.1, "bic": 40054.0, "reason": ""},
-        {"model": "dahl", "holdout_nrmse_percent_of_peak": None, "bic": None, "reason": reason},
-    ]
-    page = fragment(parameters({"model": "bingham", "parameters": {}, "selection": scores}))
-    assert page.count(reason) == 1
-    error = {"rmse_N": 1.0, "nrmse_percent_of_peak": 1.0, "per_test": []}
-    fit = {"model": "bingham", "method": "separable", "parameters": {}, "selection": scores, "error": error}
-    shown = fit_tables(fit)
-    assert "\n".join(text for text, _ in lines(shown, 200)).count(reason) == 1
+    scores = (ModelScore("bingham", 1.1, 40054.0), ModelScore("dahl", reason=reason))
+    fit = FitRecord("bingham", {}, evaluation=Evaluation(selection=scores))
+    assert fragment(parameters(fit)).count(reason) == 1
+    assert "\n".join(text for text, _ in lines(fit_tables(fit), 200)).count(reason) == 1

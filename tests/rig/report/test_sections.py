@@ -5,13 +5,15 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from rig.document.numbers import between, number
 from rig.document.style import SEQUENCE, current_colour
+from rig.fits.entries import Corrections, Estimate, TestedRange, Uncertainty
+from rig.fits.fit_record import FitRecord
+from rig.fits.relation import CurrentRelations, Relation
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.recorded_point import RecordedPoint
@@ -109,32 +111,33 @@ def test_time_traces_show_the_whole_test_with_its_highest_peak(run: Path) -> Non
     assert envelope(short, short, 50)[1] is short
 
 
-def fit_of(current: dict[str, Any] | None = None, **parameters: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "model": "asymmetric", "parameters": parameters, "tested": {"current_A": [0.0, 2.0]},
-        "correlation": {"Fya": {"Fyb": -0.5}, "Fyb": {"Fya": -0.5}}, "current": current or {"dependence": "affine"},
-    }  # fmt: skip
+def range_of(current_A: tuple[float, float]) -> TestedRange:
+    return TestedRange(displacement_m=(0.0, 0.1), velocity_m_s=(0.0, 1.0), current_A=current_A)
 
 
 def test_a_parameter_over_current_is_its_line_with_a_band_by_the_covariance() -> None:
-    fit = fit_of(Fya={"value": 50.0, "unit": "N", "standard_error": 3.0},
-                 Fyb={"value": 200.0, "unit": "N/A", "standard_error": 4.0})  # fmt: skip
+    fit = FitRecord(
+        "asymmetric",
+        {"Fya": Estimate(50.0, "N", standard_error=3.0), "Fyb": Estimate(200.0, "N/A", standard_error=4.0)},
+        uncertainty=Uncertainty(correlation={"Fya": {"Fyb": -0.5}, "Fyb": {"Fya": -0.5}}), tested=range_of((0.0, 2.0)),
+    )  # fmt: skip
     line, low, high = parameter_figures(fit)["Fy"].traces
     assert line.x[[0, -1]].tolist() == [0.0, 2.0]
     assert line.y[[0, -1]] == pytest.approx([50.0, 450.0])
     # var at 2 A: 3^2 + 2^2 4^2 + 2 (2) (-0.5) (3) (4) = 9 + 64 - 24 = 49
     assert high.y[-1] - line.y[-1] == pytest.approx(1.96 * 7.0)
     assert line.y[0] - low.y[0] == pytest.approx(1.96 * 3.0)
-    fit["tested"] = {"current_A": [0.5, 0.5]}
-    assert parameter_figures(fit) == {}
+    assert parameter_figures(replace(fit, tested=range_of((0.5, 0.5)))) == {}
+    assert parameter_figures(replace(fit, tested=None)) == {}
 
 
 def test_a_fit_for_each_current_shows_every_value_beside_the_relation() -> None:
-    fit = fit_of(
-        {"dependence": "per-current-affine", "currents_A": [0.0, 1.0, 2.0],
-         "relations": {"Fy": {"coefficients": [10.0, 100.0], "rms": 1.0, "rms_left_out": None}}},
-        **{"Fy at 0 A": {"value": 12.0, "low": 8.0, "high": 16.0, "unit": "N"},
-           "Fy at 2 A": {"value": 208.0, "low": None, "high": None, "unit": "N"}},
+    relation = Relation("affine", (10.0, 100.0), 1.0)
+    fit = FitRecord(
+        "asymmetric", {"Fy at 0 A": Estimate(12.0, "N", 8.0, 16.0), "Fy at 2 A": Estimate(208.0, "N")},
+        corrections=Corrections(current=CurrentRelations(
+            "per-current-affine", (0.0, 1.0, 2.0), {"Fy": relation}, {"Fy": (12.0, 208.0)},
+        )),
     )  # fmt: skip
     chart = parameter_figures(fit)["Fy"]
     assert chart.traces[0].y[-1] == pytest.approx(210.0)
@@ -190,13 +193,13 @@ def test_a_record_is_told_by_its_name_and_drawn_with_its_reversals_where_it_is_j
         id="p003", waveform="road", amplitude_m=0.01, frequency_Hz=4.97, current_A=1.0, mid_stroke_m=0.0, test=test,
         time_s=time_s, displacement_m=0.01 * np.sin(phase), force_N=300.0 * np.cos(phase),
     )
-    view = view_of(point, None, {}, None)
+    view = view_of(point)
     assert (motion_of(view), view.why) == ("road iso8608-c, 10 mm", "")
     assert view.loop is not None
     turns = np.count_nonzero(np.diff(np.sign(np.diff(view.loop.displacement_mm))))
     assert turns == pytest.approx(200, abs=4), "every one of 20 s at 5 Hz"
     assert loop_figures(view).keys() == {"displacement", "velocity"}
     hybrid = replace(point, waveform="hold", test={"kind": "hybrid"})
-    shown = view_of(hybrid, None, {}, None)
+    shown = view_of(hybrid)
     assert motion_of(shown) == "hybrid test, 10 mm"
     assert details([shown], fitted=False) == [], "it has its own section"
