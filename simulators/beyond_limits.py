@@ -84,7 +84,7 @@ def _jumps(rig: Faulty, elapsed_s: float) -> None:
 
 
 def slipping(rig: Faulty) -> None:
-    """The transducer of the position loop slips while the rod goes back and forth: the rod is not where it says."""
+    """The transducer of a closed position loop slips: the rod is not where the controller says, nor held there."""
     plant = rig.plant
     before_s = plant.time_s
 
@@ -92,8 +92,8 @@ def slipping(rig: Faulty) -> None:
         nonlocal before_s
         elapsed_s, before_s = plant.time_s - before_s, plant.time_s
         zero_m = plant.position_input.zero
-        moving = int(plant.command["mode"][0]) in {records.MODE_PROGRAM, records.MODE_FOLLOW}
-        if moving and abs(zero_m) < MOST_SLIP_M:
+        closed = int(plant.command["mode"][0]) in {records.MODE_PROGRAM, records.MODE_FOLLOW, records.MODE_HOLD}
+        if closed and abs(zero_m) < MOST_SLIP_M:
             plant.position_input.zero = zero_m + SLIP_M_S * elapsed_s
             plant.constants["position_zero_m"] = plant.position_input.zero
 

@@ -38,6 +38,12 @@ class Motion(Protocol):
     def restart_still(self) -> None:
         """Begin the proof of standstill anew, by statuses read after the stop command was sent."""
 
+    def hold_place(self) -> None:
+        """Standstill is proved: the rod has to stay where it is."""
+
+    def left_place(self, now_ns: int) -> bool:
+        """A fresh status shows the rod away from where its standstill was proved."""
+
     @property
     def stop_taken(self) -> bool:
         """No stop command waits to be sent or to be acknowledged."""
@@ -63,6 +69,12 @@ class Travel(Protocol):
 
     def restart_still(self) -> None:
         """Begin the proof of standstill anew."""
+
+    def hold_place(self) -> None:
+        """Standstill is proved: the rod has to stay where it is."""
+
+    def left_place(self, now_ns: int) -> bool:
+        """An LVDT that shows where the rod is shows it away from where its standstill was proved."""
 
     def position_m(self, now_ns: int) -> float | None:
         """Latest position (m), None when stale."""

@@ -54,6 +54,7 @@ from rig.station.supervisor import Supervisor
 from rig.station.threads.devices import Devices, slug_of
 
 HYDRAULICS_TIMEOUT_S = 10.0
+OFF_AGAIN_S, OFF_REPEATS = 1.0, 3
 PRESSURE_STAYS = "hydraulics"
 """The slug of a pressure that does not become what was ordered, although the controller took the order."""
 STOP_TIMEOUT_S = 60.0
@@ -199,10 +200,19 @@ class Requests:
             return {"state": state_name(status.state), "supply_pressure_Pa": status.supply_pressure_Pa}
         command, reached = choices[level]
         self._commands.command(command)
+        if level == "off":
+            self._repeat_off(reached)
         status = self._commands.await_status(
             reached, PRESSURE_STAYS, f"level {level} not reached", HYDRAULICS_TIMEOUT_S, until_trip=level != "off"
         )
         return {"state": state_name(status.state), "supply_pressure_Pa": status.supply_pressure_Pa}
+
+    def _repeat_off(self, reached: Callable[[ActuatorStatus], bool]) -> None:
+        """Send "off" again while the controller shows pressure: not every one shows that a command was lost."""
+        for _ in range(OFF_REPEATS):
+            if self._devices.actuator.wait_status(reached, OFF_AGAIN_S) is not None:
+                return
+            self._commands.command(Command.HYDRAULICS_OFF)
 
     def _move(self, arguments: Arguments) -> Answer:
         self._require_motion("move")

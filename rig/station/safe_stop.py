@@ -79,6 +79,7 @@ class StopInputs:
         stop_taken: the controller has acknowledged the stop command; False while none gets through.
         period_s: device seconds of one cycle of the program that ran (0: none), for standstill without the controller.
         lvdt_changed: the LVDT's value has changed since the stop began, and still does now and then.
+        left_place: LVDT or controller shows the rod away from where its standstill was proved.
     """
 
     now_ns: int
@@ -91,6 +92,7 @@ class StopInputs:
     period_s: float = 0.0
     stop_taken: bool = True
     lvdt_changed: bool = False
+    left_place: bool = False
 
 
 @dataclass(frozen=True)
@@ -220,10 +222,18 @@ def escalate(
 
 
 def broken(stop: SafeStop, inputs: StopInputs) -> bool:
-    """The rod moves under full pressure although its standstill was proved; nobody who can see it says it rests."""
+    """The rod moves under full pressure although its standstill was proved.
+
+    Either LVDT or controller shows that it has left its place, or every one of them that shows the rod says that it
+    moves. One alone that says so may be mistaken: a reconnected controller's standstill has to be seen anew.
+    """
+    if stop.step is not StopPhase.SAFE or inputs.hydraulics_low is True:
+        return False
     seen = inputs.controller_moving is not None or inputs.still_s is not None
     resting = inputs.controller_moving is False or (inputs.still_s is not None and inputs.still_s >= STILL_S)
-    return stop.step is StopPhase.SAFE and inputs.hydraulics_low is not True and seen and not resting
+    # Without pressure the rod is held by nothing; a pressure that is not seen is the one that the stop has proved.
+    held = inputs.hydraulics_low is False or stop.kind is not StopKind.PRESSURE_OFF
+    return (held and inputs.left_place) or (seen and not resting)
 
 
 def advance(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:

@@ -391,6 +391,8 @@ class Supervisor:
             else:
                 return
             after = self.stop
+            if after.step is StopPhase.SAFE and before.step is not StopPhase.SAFE:
+                self._hold_place(after)
             if after.step is not before.step:
                 # Under the lock: what is latched meanwhile is told after it.
                 self._try(self._emit, step_event(after, inputs, self.evidence(), now_ns))
@@ -399,10 +401,18 @@ class Supervisor:
             with self.changed:
                 self.changed.notify_all()
 
+    def _hold_place(self, stop: SafeStop) -> None:
+        """Watch from now on that the rod stays where its standstill was proved."""
+        if self._travel is not None:
+            self._travel.hold_place()
+        if self._motion is not None and stop.position_trusted:
+            self._motion.hold_place()
+
     def _stop_inputs(self, now_ns: int) -> StopInputs:
         motion = (None,) * 4 if self._motion is None else self._motion.stop_inputs(now_ns)
         taken, travel = self._motion is None or self._motion.stop_taken, self._travel
         current_A = None if self._coil is None else self._coil.fresh_current_A
         still_s, changed = (None, False) if travel is None else (travel.still_s(now_ns), travel.changed)
+        left = any(witness.left_place(now_ns) for witness in (travel, self._motion) if witness is not None)
         clock_ns = self._stop_clock_ns(now_ns)
-        return StopInputs(clock_ns, still_s, *motion, current_A, self.movement.period_s, taken, changed)
+        return StopInputs(clock_ns, still_s, *motion, current_A, self.movement.period_s, taken, changed, left)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -10,8 +11,9 @@ from numpy.typing import NDArray
 from rig.campaign.stop_cause import CURRENT_FLOWS
 from rig.faults.matrix import MATRIX
 from rig.faults.row import StopKind
+from rig.station.interlocks.motion_interlock import LEFT_M, STILL_TOLERANCE_M
 from simulators.scenarios.scenario import EVERY_S
-from simulators.scenarios.view import NO_CURRENT_A, STILL_M_S, Findings, View, bench_of
+from simulators.scenarios.view import KILLING, NO_CURRENT_A, STILL_M_S, Findings, View, bench_of
 
 SEEN_NS = 20e6
 SHOWS_NS = 1e9
@@ -24,6 +26,12 @@ HANDED_OVER_S = 0.02
 """From an instant to the status that tells of it, and on to the station."""
 ZERO_A = 2 * NO_CURRENT_A
 COMES_BACK_S = 0.3
+LETS_GO_S = 0.8
+"""From the rod's leaving its place to a pressure that is off: three samples, a halt that is given 0.4 s, two commands."""
+OUT_OF_REACH = frozenset({"modbus", "rtu"})
+"""Places of faults by which no command may come to the controller."""
+DISOBEYED = frozenset({"modbus-write-lost", "second-master", "stop-ignored:pressure"})
+"""Faults with which a controller is reached and leaves its pressure on."""
 OF_THE_SOURCE = frozenset({"can", "ecu"})
 
 
@@ -51,10 +59,11 @@ def what_is_proved_is_true(view: View) -> Findings:
         rows = view.between(t_ns - SEEN_NS, t_ns)
         if not len(rows):
             continue
-        moving = moving_by_itself(view, t_ns - SEEN_NS, t_ns)
+        slips_ns = _unseen_slip_ns(view, t_ns)
+        moving = moving_by_itself(view, t_ns - SEEN_NS, min(t_ns, slips_ns))
         if len(moving) and moving[-1, 0] == rows[-1, 0]:
             yield f"standstill was proved at {abs(moving[-1, 1]):.3g} m/s", t_ns
-        later = moving_by_itself(view, t_ns, min(t_ns + SHOWS_NS, view.restarted_ns(t_ns)))
+        later = moving_by_itself(view, t_ns, min(t_ns + SHOWS_NS, slips_ns, view.restarted_ns(t_ns)))
         if len(later) and not view.faults_by_name() & {"second-master"}:
             yield f"standstill was proved before the rod moved on at {np.max(np.abs(later[:, 1])):.3g} m/s", t_ns
         heard = np.abs(view.between(t_ns - _heard_ns(view), t_ns)[:, 2])
@@ -66,6 +75,41 @@ def what_is_proved_is_true(view: View) -> Findings:
             yield "safe without a proof of 0 A", t_ns
         if str(safe.get("stop")) == str(StopKind.PRESSURE_OFF) and rows[-1, 5] > 0.0:
             yield "an S1 stop was proved with the pressure on", t_ns
+
+
+def _unseen_slip_ns(view: View, t_ns: float) -> float:
+    """When a controller began to drive the rod out of its place that no sensor can have shown when it was proved.
+
+    Either after the proof, or so shortly before it that the rod had not gone as far as a standstill may.
+    """
+    slips_ns = view.slips_ns(t_ns - PRESSED_NS)
+    heard = view.between(slips_ns, t_ns - 1e9 * HANDED_OVER_S)[:, 3]
+    return math.inf if len(heard) and np.ptp(heard) > STILL_TOLERANCE_M else slips_ns
+
+
+def a_held_rod_stays(view: View) -> Findings:
+    """A rod that is held under pressure after the proof stays in its place, or loses the pressure.
+
+    Excused where the LVDT has a fault, or no command reaches the controller, or it does not obey.
+    """
+    for safe in view.station("safe"):
+        t_ns = float(safe["t_ns"])
+        rows = view.between(t_ns, view.restarted_ns(t_ns))
+        if str(safe.get("stop")) == str(StopKind.PRESSURE_OFF) or not len(rows):
+            continue
+        away = rows[(np.abs(rows[:, 3] - rows[0, 3]) > LEFT_M + STILL_TOLERANCE_M) & (rows[:, 5] > 0.0)]
+        if len(away) > (LETS_GO_S + view.stalled_s) / EVERY_S and not _cannot_let_go(view, t_ns, away[-1, 0]):
+            far_m = np.max(np.abs(away[:, 3] - rows[0, 3]))
+            yield f"a rod whose standstill was proved is driven {1e3 * far_m:.1f} mm away", away[0, 0]
+
+
+def _cannot_let_go(view: View, from_ns: float, to_ns: float) -> bool:
+    """The station may not see that a held rod moves, or cannot take its pressure away."""
+    faults = view.active(from_ns, to_ns)
+    killed = any(at_ns < to_ns and happening.what in KILLING for at_ns, happening in view.session.happened)
+    return killed or bool(
+        view.hiding_places(faults) & OUT_OF_REACH or faults & DISOBEYED or {fault for fault in faults if "lvdt" in fault}
+    )
 
 
 def _heard_ns(view: View) -> float:
@@ -93,5 +137,6 @@ def a_current_that_comes_back_is_told(view: View) -> Findings:
 PROOF_CHECKS: dict[str, Callable[[View], Findings]] = {
     "proved": a_stop_is_proved,
     "true-proof": what_is_proved_is_true,
+    "held": a_held_rod_stays,
     "comes-back": a_current_that_comes_back_is_told,
 }

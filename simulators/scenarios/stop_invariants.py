@@ -8,8 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from drivers.catalogue import make_actuator
-from drivers.connection import ActuatorConnection
 from rig.campaign.results import RigState
 from rig.errors import EXIT_REFUSED
 from rig.faults.matrix import MATRIX, REACTIONS
@@ -17,7 +15,17 @@ from rig.faults.row import Ending, StopKind
 from simulators.controller_firmware import Command
 from simulators.scenarios.plan import DISK, FOREIGN, OF_THE_STATION, SIGNALS
 from simulators.scenarios.proof_invariants import moving_by_itself
-from simulators.scenarios.view import KILLING, NO_CURRENT_A, STUCK_CURRENT, WAY, Findings, View, bench_of, points_of
+from simulators.scenarios.view import (
+    KILLING,
+    NO_CURRENT_A,
+    STUCK_CURRENT,
+    WAY,
+    Findings,
+    View,
+    bench_of,
+    capabilities_of,
+    points_of,
+)
 
 STILL_AFTER_S = 3.0
 """From a latched stop to standstill, at least: a fast motion's last cycles and a controller left to its watchdog; what
@@ -127,12 +135,16 @@ def _cannot_be_stopped(view: View) -> bool:
 
 
 def stop_stays_stopped(view: View) -> Findings:
-    """After a latched stop the rod comes to rest and the current goes, and neither comes back without a restart."""
+    """After a latched stop the rod comes to rest and the current goes, and neither comes back without a restart.
+
+    How far a controller may drive a rod whose standstill is proved is checked by `held`.
+    """
     still_after_s = _still_after_s(view) + view.stalled_s
     for trip in view.station("trip"):
         t_ns = float(trip["t_ns"])
         until_ns = view.restarted_ns(t_ns)
-        late = moving_by_itself(view, t_ns + still_after_s * 1e9, until_ns)
+        proved_ns = next((float(safe["t_ns"]) for safe in view.station("safe") if float(safe["t_ns"]) > t_ns), math.inf)
+        late = moving_by_itself(view, t_ns + still_after_s * 1e9, min(until_ns, view.slips_ns(proved_ns)))
         if len(late) and not view.faults_by_name() & {"second-master"} and not _cannot_be_stopped(view):
             yield f"the rod moves {1e-9 * (late[0, 0] - t_ns):.1f} s after the stop for {trip['slug']}", late[0, 0]
         gone_s = CURRENT_AFTER_S if view.hidden else CURRENT_AT_ONCE_S
@@ -187,14 +199,12 @@ def a_foreign_stop_is_noticed(view: View) -> Findings:
 
 def _leaves_no_trace(view: View, at_ns: float) -> bool:
     """A halt that is over within two polls, of a controller that acknowledges no command: it is led on from there."""
-    bench = bench_of(view)
+    bench, can = bench_of(view), capabilities_of(view)
     rows = view.between(at_ns - SHORTLY_NS, at_ns + SHORTLY_NS)
-    if bench is None or not len(rows):
+    if bench is None or can is None or not len(rows):
         return False
-    actuator = bench.actuator
-    shows = make_actuator(actuator.described, ActuatorConnection(actuator.url)).capabilities.acknowledge
-    halts_s = np.max(np.abs(rows[:, 1])) / actuator.halt_deceleration_m_s2
-    return not shows and bool(halts_s < 2.0 * actuator.poll_s)
+    halts_s = np.max(np.abs(rows[:, 1])) / bench.actuator.halt_deceleration_m_s2
+    return not can.acknowledge and bool(halts_s < 2.0 * bench.actuator.poll_s)
 
 
 def a_stop_fault_is_noticed(view: View) -> Findings:
@@ -209,7 +219,7 @@ def a_stop_fault_is_noticed(view: View) -> Findings:
         row = MATRIX.get(slug)
         if line.code != "FAULT" or row is None or not isinstance(row.end, StopKind):
             continue
-        if slug in OF_ITS_CURRENT and view.without_current(line.host_ns):
+        if (slug in OF_ITS_CURRENT and view.without_current(line.host_ns)) or _shows_nothing(view, line.text):
             continue
         happening = next((given for given in view.world.plan.happenings if given.what == line.text), None)
         running = view.between(line.host_ns + 1e9, view.session.ended_ns)
@@ -220,11 +230,14 @@ def a_stop_fault_is_noticed(view: View) -> Findings:
 
 def _sees_the_chain(view: View) -> bool:
     """The controller has an input for the emergency stop chain."""
-    bench = bench_of(view)
-    if bench is None:
-        return True
-    actuator = bench.actuator
-    return make_actuator(actuator.register_map, ActuatorConnection(actuator.url)).capabilities.e_stop_input
+    can = capabilities_of(view)
+    return can is None or can.e_stop_input
+
+
+def _shows_nothing(view: View, fault: str) -> bool:
+    """Another client that takes the lease and commands nothing, of a controller with neither lease nor command shown."""
+    can = capabilities_of(view)
+    return fault == "second-master" and can is not None and not (can.lease or can.acknowledge)
 
 
 def stops_have_a_cause(view: View) -> Findings:
@@ -305,6 +318,8 @@ def a_fault_ends_the_motion(view: View) -> Findings:
     for at_ns, fault in view.begun(until_ns):
         row = MATRIX.get(fault.partition(":")[0])
         if row is None or not isinstance(row.end, StopKind) or SEEN_LATER & {row.slug, fault}:
+            continue
+        if _shows_nothing(view, fault):
             continue
         rows = view.between(at_ns, min(until_ns, at_ns + 1e9 * view.lasts_s(fault)))
         moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)

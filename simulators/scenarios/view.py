@@ -11,6 +11,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from drivers.capabilities import Capabilities
+from drivers.catalogue import make_actuator
+from drivers.connection import ActuatorConnection
 from rig.bench.model import Bench
 from rig.faults.matrix import MATRIX
 from rig.matrix.model import load_matrix
@@ -36,6 +39,8 @@ PLAIN = frozenset({"second-master:span", "second-master:offset", "second-master:
 """Faults at those places that hide nothing."""
 PRESSING = frozenset({"load-train:jammed"})
 """Faults that press on the rod where it stands, or let go of it."""
+SLIPPING = frozenset({"actuator-frozen:slips"})
+"""Faults by which a controller drives a rod that it holds out of its place, and says that it is at rest."""
 STARTING = ("centring", "proving the sensors by a slow move")
 
 
@@ -59,6 +64,14 @@ def bench_of(view: View) -> Bench | None:
     """The bench of a scenario; None where it has none."""
     path = view.world.root / "bench.toml"
     return read_once(Bench.load, path) if path.exists() else None
+
+
+def capabilities_of(view: View) -> Capabilities | None:
+    """What the controller of a scenario can do; None where it has no bench."""
+    bench = bench_of(view)
+    if bench is None:
+        return None
+    return make_actuator(bench.actuator.described, ActuatorConnection(bench.actuator.url)).capabilities
 
 
 def points_of(view: View) -> tuple[TestPoint, ...] | None:
@@ -188,11 +201,25 @@ class View:
 
         The plant is brought up to date once a tick: what a fault does in that tick was there before its line.
         """
+        return self._begins_ns(PRESSING, since_ns, "FAULT", "FAULT_ENDS")
+
+    def slips_ns(self, since_ns: float) -> float:
+        """When a controller began to drive a rod that it holds out of its place; infinite where none did since then."""
+        return self._begins_ns(SLIPPING, since_ns, "FAULT")
+
+    def _begins_ns(self, faults: frozenset[str], since_ns: float, *codes: str) -> float:
         tick_ns = 1e9 * self.world.plan.tick_s
         return min((
             line.host_ns - tick_ns for line in self.session.truth.log
-            if line.code in {"FAULT", "FAULT_ENDS"} and line.text in PRESSING and line.host_ns >= since_ns
+            if line.code in codes and line.text in faults and line.host_ns >= since_ns
         ), default=math.inf)
+
+    def active(self, from_ns: float, to_ns: float) -> set[str]:
+        """Faults of the devices that were there at any time between, each as `SLUG` or `SLUG:VARIANT`."""
+        ended = {
+            line.text for line in self.session.truth.log if line.code == "FAULT_ENDS" and line.host_ns < from_ns
+        }
+        return {fault for _, fault in self.begun(to_ns)} - ended
 
     def without_current(self, from_ns: float) -> bool:
         """From then to the session's end the current source was asked for none, and none flowed."""

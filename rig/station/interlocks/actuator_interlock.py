@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from drivers.capabilities import Capabilities
 from drivers.roles import ActuatorStatus, Command, FaultBit, Result, State
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
-from rig.station.interlocks.motion_interlock import STILL_TOLERANCE_M
+from rig.station.interlocks.motion_interlock import STILL_TOLERANCE_M, Place
 
 MEASURED = ("position_m", "velocity_m_s")
 """What every controller measures; without a finite number of each, nothing it says about the rod is to be trusted."""
@@ -84,6 +84,7 @@ class ActuatorInterlock:
         self._program_s = math.inf
         self._program_began_s = math.nan
         self._restless = 0
+        self.place = Place()
         self._shown_m: float | None = None
         self._commands = CommandWatch(acknowledged=capabilities.acknowledge)
 
@@ -120,6 +121,7 @@ class ActuatorInterlock:
         elif lvdt_m is not None:
             self._compare(status, lvdt_m, lvdt_speed_m_s, findings)
         self._follow_path(status.position_m)
+        self.place.judge(status.position_m)
         # Around a slow reversal the rod stays where it is for a while, though the controller moves it.
         moves = status.state in MOVING_STATES
         if moves or not abs(status.position_m - self._anchor_m) <= STILL_TOLERANCE_M:
@@ -144,6 +146,10 @@ class ActuatorInterlock:
     def restart_still(self) -> None:
         """Begin the proof of standstill anew, from the next status on."""
         self._anchor_m = math.nan
+
+    def hold_place(self) -> None:
+        """Compare what follows with the position at which the rod rests now; with none while that is not known."""
+        self.place.hold(self._anchor_m)
 
     @property
     def still_s(self) -> float:

@@ -19,12 +19,36 @@ from rig.station.interlocks.finding import CONSECUTIVE, Finding
 
 SPEED_WINDOW_S = 0.010
 STILL_TOLERANCE_M = 0.0003
+LEFT_M = 0.002
+"""A rod that is held under pressure yields by some tenths of a millimetre when the load on it changes."""
 TRAVEL_M = 0.2e-3
 STEPS = 4.0
 SETTLED_POLLS = 5
 UNSEEN_PERIODS, UNSEEN_S = 5, 0.025
 """What moved and came back between two samples farther apart than both is not seen: no standstill in between."""
 """Polls of the controller, before and after, by which its status and the sensor may differ in age."""
+
+
+class Place:
+    """Where the rod is held after its standstill was proved, as one transducer measures it."""
+
+    def __init__(self) -> None:
+        self._held_m = math.nan
+        self._beyond = 0
+
+    @property
+    def left(self) -> bool:
+        """`CONSECUTIVE` measurements in a row are more than `LEFT_M` away from it."""
+        return self._beyond >= CONSECUTIVE
+
+    def hold(self, position_m: float) -> None:
+        """Compare what follows with this position (m); with none if it is NaN."""
+        self._held_m = position_m
+        self._beyond = 0
+
+    def judge(self, position_m: float) -> None:
+        """Take one measurement (m)."""
+        self._beyond = self._beyond + 1 if abs(position_m - self._held_m) > LEFT_M else 0
 
 
 class MotionInterlock:
@@ -47,6 +71,7 @@ class MotionInterlock:
         self._anchor_s = math.nan
         self._latest_s = math.nan
         self._shown: set[float] = set()
+        self.place = Place()
         self.speed_m_s = math.nan
 
     @property
@@ -72,6 +97,10 @@ class MotionInterlock:
         self._anchor_m = math.nan
         self._shown = set()
 
+    def hold_place(self) -> None:
+        """Compare what follows with the position at which the rod rests now; with none while that is not known."""
+        self.place.hold(self._anchor_m)
+
     def judge(self, records: list[Record]) -> list[Finding]:
         """Follow one batch of LVDT samples (m); findings when the speed limit is exceeded."""
         findings: list[Finding] = []
@@ -94,6 +123,7 @@ class MotionInterlock:
                 self._judge_speed(host_ns, findings)
             self._recent.append((t_s, value))
             self._latest_s = t_s
+            self.place.judge(value)
             if len(self._shown) < 2:
                 self._shown.add(value)
             if not abs(value - self._anchor_m) <= STILL_TOLERANCE_M:

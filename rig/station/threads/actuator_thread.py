@@ -161,6 +161,15 @@ class ActuatorThread(DeviceThread):
     def restart_still(self) -> None:
         """Begin the proof of standstill anew: what counts is read after the stop command was sent."""
         self._anew = True
+        self.judge.place.hold(math.nan)
+
+    def hold_place(self) -> None:
+        """Standstill is proved: the rod has to stay where it is."""
+        self.judge.hold_place()
+
+    def left_place(self, now_ns: int) -> bool:
+        """A fresh status shows the rod away from where its standstill was proved."""
+        return self.judge.place.left and self.fresh_status(now_ns) is not None
 
     def call(self, job: Callable[[Actuator], T], timeout_s: float) -> T:
         """Run `job` with the driver on this thread and return its result.
@@ -215,7 +224,8 @@ class ActuatorThread(DeviceThread):
         moving = moves if math.isfinite(status.position_m) else None
         if not self.capabilities.hydraulics:
             # There is no pressure to take away: standing still is all that can be proved.
-            return moving, self.judge.clock_s, moving is False, moving is False
+            rests = moving is False and not self.left_place(now_ns) and not self._travel.left_place(now_ns)
+            return moving, self.judge.clock_s, rests, rests
         return moving, self.judge.clock_s, status.hydraulics_low, status.hydraulics_off
 
     @property

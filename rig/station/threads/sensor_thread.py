@@ -309,3 +309,13 @@ class SensorThread(ReadingThread):
         """Begin the proof of standstill anew."""
         if self.motion is not None:
             self.motion.restart_still()
+            self.motion.place.hold(math.nan)
+
+    def hold_place(self) -> None:
+        """Standstill is proved: the rod has to stay where it is."""
+        if self.motion is not None:
+            self.motion.hold_place()
+
+    def left_place(self, now_ns: int) -> bool:
+        """An LVDT that shows where the rod is shows it away from where its standstill was proved."""
+        return self.motion is not None and self.motion.place.left and self.still_s(now_ns) is not None

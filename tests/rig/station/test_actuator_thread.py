@@ -54,6 +54,13 @@ class MovingRod:
     def restart_still(self) -> None:
         """It never stood still."""
 
+    def hold_place(self) -> None:
+        """Nothing was proved."""
+
+    def left_place(self, now_ns: int) -> bool:
+        del now_ns
+        return False
+
     def position_m(self, now_ns: int) -> None:
         del now_ns
 

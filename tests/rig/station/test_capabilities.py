@@ -13,6 +13,7 @@ from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import LinkKind
 from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, Move, Program, State
 from rig.clock import monotonic_ns
+from rig.station import requests
 from rig.station.command_channel import CommandChannel
 from rig.station.errors import StationRefused
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
@@ -38,6 +39,13 @@ class Lvdt:
     def restart_still(self) -> None:
         """It stands."""
 
+    def hold_place(self) -> None:
+        """It stays."""
+
+    def left_place(self, now_ns: int) -> bool:
+        del now_ns
+        return False
+
     def position_m(self, now_ns: int) -> float:
         del now_ns
         return 0.01
@@ -52,6 +60,9 @@ class LittleActuator:
 
     def __init__(self, capabilities: Capabilities) -> None:
         self.capabilities = capabilities
+        self.pressure = Input.HYDRAULICS_ON
+        self.loses = 0
+        self.position_m = 0.01
         self.sent: list[tuple[int, int]] = []
         self.fed = 0
 
@@ -69,8 +80,8 @@ class LittleActuator:
         values: dict[str, float] = dict.fromkeys(ActuatorStatus._fields, 0)
         values |= {
             "received_ns": now_ns, "heartbeat": now_ns // 10_000_000 % 65536, "state": State.HOLD,
-            "clock_us": now_ns // 1000 % (1 << 32), "position_m": 0.01,
-            "inputs": Input.E_STOP_CLOSED | Input.HYDRAULICS_ON,
+            "clock_us": now_ns // 1000 % (1 << 32), "position_m": self.position_m,
+            "inputs": Input.E_STOP_CLOSED | self.pressure,
         }
         return ActuatorStatus(**values)  # type: ignore[arg-type]  # numbers by name
 
@@ -82,6 +93,9 @@ class LittleActuator:
     def send(self, command: Command, order: Move | Program | None = None) -> int:
         del order
         self.sent.append((len(self.sent) + 1, int(command)))
+        self.loses -= 1
+        if command == Command.HYDRAULICS_OFF and self.loses < 0:
+            self.pressure = Input(0)
         return len(self.sent)
 
 
@@ -188,3 +202,24 @@ def test_where_no_pressure_can_be_taken_away_a_stop_ends_with_the_rod_standing(r
     assert wait_for(lambda: held.thread.stop_taken)
     assert held.driver.sent == []
     assert held.requests._hydraulics({"level": "off"})["state"] == "HOLD"
+
+
+def test_a_pressure_that_stays_is_ordered_off_again(
+    rig: Callable[..., Rig], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A write that is acknowledged and lost shows by nothing else where commands are not acknowledged."""
+    monkeypatch.setattr(requests, "OFF_AGAIN_S", 0.05)
+    little = rig()
+    little.driver.loses = 2
+    little.requests._hydraulics({"level": "off"})
+    assert [command for _, command in little.driver.sent] == [Command.HYDRAULICS_OFF] * 3
+
+
+def test_a_rod_that_leaves_its_place_does_not_stand_where_no_pressure_can_be_taken_away(rig: Callable[..., Rig]) -> None:
+    held = rig(watchdog=WatchdogKind.TIMEOUT, hydraulics=False)
+    assert wait_for(lambda: held.thread.stop_inputs(monotonic_ns())[2] is True)
+    held.thread.hold_place()
+    held.driver.position_m += 0.0025
+    assert wait_for(lambda: held.thread.left_place(monotonic_ns()))
+    assert wait_for(lambda: held.thread.stop_inputs(monotonic_ns())[0] is False)
+    assert held.thread.stop_inputs(monotonic_ns())[2:] == (False, False)

@@ -163,6 +163,23 @@ def test_slow_creep_is_not_standstill() -> None:
     assert longest_s < 0.05
 
 
+@pytest.mark.parametrize(
+    ("moved_m", "left_after"), [([0.0025] * 5, 3), ([-0.0025] * 5, 3), ([0.0019] * 5, None), ([0.05, 0.05, 0.0] * 3, None)]
+)
+def test_a_rod_has_left_its_place_when_three_samples_in_a_row_are_two_millimetres_away(
+    moved_m: list[float], left_after: int | None
+) -> None:
+    """Slow creep too, which leaves standstill unproved at no time; a gap in the samples forgets nothing."""
+    judge = MotionInterlock(0.88, rate_Hz=250.0)
+    motion_of([0.02] * 51, judge)
+    judge.hold_place()
+    left = []
+    for i, way_m in enumerate(moved_m):
+        judge.judge([record(100 + i, 0.02 + way_m)])
+        left.append(judge.place.left)
+    assert (left.index(True) + 1 if any(left) else None) == left_after
+
+
 @pytest.mark.parametrize(("missing", "still_s"), [(4, 0.22), (25, 0.0)])
 def test_what_was_not_seen_between_two_samples_is_no_standstill(missing: int, still_s: float) -> None:
     judge = MotionInterlock(0.88, rate_Hz=250.0)

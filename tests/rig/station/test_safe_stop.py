@@ -294,6 +294,9 @@ def test_a_stop_taken_up_again_is_commanded_and_proved_anew(kind: StopKind) -> N
         ({"controller_moving": None, "still_s": 0.0}, True),
         ({"controller_moving": None, "still_s": None}, False),
         ({"controller_moving": True, "still_s": 0.0, "hydraulics_low": True}, False),
+        ({"left_place": True}, True),
+        ({"left_place": True, "hydraulics_low": None}, True),
+        ({"left_place": True, "hydraulics_low": True}, False),
     ],
     ids=str,
 )
@@ -303,6 +306,13 @@ def test_a_proved_standstill_is_broken_when_nobody_who_can_see_it_says_it_rests(
     stop, _ = run(begin(), AT_REST, 400)
     assert safe_stop.broken(stop, replace(AT_REST, **seen)) is is_broken  # type: ignore[arg-type]  # fields by name
     assert not safe_stop.broken(begin(), MOVING), "a stop under way has its own deadlines"
+
+
+@pytest.mark.parametrize(("low", "is_broken"), [(None, False), (True, False), (False, True)])
+def test_a_rod_that_leaves_its_place_without_pressure_is_held_by_nothing(low: bool | None, is_broken: bool) -> None:
+    stop, _ = run(begin(StopKind.PRESSURE_OFF), OFF, 400)
+    assert stop.step is StopPhase.SAFE
+    assert safe_stop.broken(stop, replace(OFF, left_place=True, hydraulics_low=low)) is is_broken
 
 
 def test_a_fade_out_longer_than_any_stop_may_take_becomes_a_halt() -> None:

@@ -155,6 +155,21 @@ def test_a_value_that_repeats_is_a_standstill_only_where_it_repeated_at_rest_bef
     assert line.thread.changed
 
 
+@pytest.mark.parametrize(("shown", "left"), [(frame(0.0125), True), (frame(math.inf), False), (frame(0.5, 2), False)])
+def test_an_lvdt_that_says_nothing_of_the_rod_does_not_say_that_it_has_left_its_place(
+    cable: Callable[..., Cable], shown: Line, left: bool
+) -> None:
+    line = cable(DEFAULT_FORMAT, MotionInterlock(1.0, 1.0 / PERIOD_S))
+    line.begin(noisy)
+    line.send(noisy, 60)
+    line.thread.hold_place()
+    line.send(shown, 3)
+    assert line.thread.left_place(monotonic_ns()) is left
+    line.thread.restart_still()
+    line.send(shown, 3)
+    assert not line.thread.left_place(monotonic_ns()), "another stop is under way: nothing is proved"
+
+
 def test_a_load_cell_that_sends_no_number_any_more_is_as_good_as_pulled(cable: Callable[[str], Cable]) -> None:
     line = cable(DEFAULT_FORMAT)
     line.begin(frame(120.0))

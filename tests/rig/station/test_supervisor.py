@@ -100,6 +100,13 @@ class Rod:
     def restart_still(self) -> None:
         self.restarts += 1
 
+    def hold_place(self) -> None:
+        """Nothing is proved."""
+
+    def left_place(self, now_ns: int) -> bool:
+        del now_ns
+        return False
+
     def position_m(self, now_ns: int) -> None:
         del now_ns
 

@@ -11,16 +11,27 @@ import numpy as np
 import pytest
 from matrices import matrix_text
 
+from simulators.scenarios.drawn_rig import bench_file
 from simulators.scenarios.plan import Happening, WorldPlan
-from simulators.scenarios.proof_invariants import a_current_that_comes_back_is_told, what_is_proved_is_true
+from simulators.scenarios.proof_invariants import (
+    a_current_that_comes_back_is_told,
+    a_held_rod_stays,
+    what_is_proved_is_true,
+)
 from simulators.scenarios.runs import live
 from simulators.scenarios.scenario import Noted, Session
-from simulators.scenarios.stop_invariants import a_stop_fault_is_noticed, stop_stays_stopped, stops_have_a_cause
+from simulators.scenarios.stop_invariants import (
+    a_fault_ends_the_motion,
+    a_stop_fault_is_noticed,
+    stop_stays_stopped,
+    stops_have_a_cause,
+)
 from simulators.scenarios.view import View
 
 BENCH = Path(__file__).resolve().parents[3] / "examples" / "demo-bench.toml"
 SAFE_NS, ENDS_S = 1_000_000_000_000, 6.0
 JAMMED = "load-train:jammed"
+SLIPS = "actuator-frozen:slips"
 
 
 class Shown:
@@ -116,6 +127,37 @@ def test_a_rod_that_moves_when_its_standstill_is_proved_is_found_whatever_presse
     assert [words for words, _ in what_is_proved_is_true(shown.view)] == ["standstill was proved at 0.006 m/s"]
 
 
+@pytest.mark.parametrize(
+    ("noted_s", "begins_s", "found"), [(0.2, 0.2, 0), (-0.025, -0.025, 0), (-0.1, -0.1, 2), (0.2, 0.1, 1), (None, 0.2, 1)]
+)
+def test_a_transducer_that_slips_after_the_proof_or_too_shortly_before_it_takes_nothing_from_it(
+    shown: Shown, noted_s: float | None, begins_s: float, found: int
+) -> None:
+    if noted_s is not None:
+        shown.notes("FAULT", SLIPS, noted_s)
+    shown.moves(begins_s, 1.2, 0.02)
+    assert len(list(what_is_proved_is_true(shown.view))) == found
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "ends_s", "off_s", "fault", "found"),
+    [
+        (0.02, 1.5, 0.8, None, 0), (0.02, 1.5, 5.0, None, 1), (0.02, 0.3, 5.0, None, 0), (0.002, 5.0, 5.0, None, 1),
+        (0.02, 1.5, 5.0, "modbus-busy", 0), (0.02, 1.5, 5.0, "lvdt-pulled", 0), (0.02, 1.5, 5.0, "loadcell-pulled", 1),
+        (0.02, 1.5, 5.0, "stop-ignored", 1), (0.02, 1.5, 5.0, "stop-ignored:pressure", 0),
+    ],
+)
+def test_a_held_rod_that_leaves_its_place_loses_its_pressure(
+    shown: Shown, speed_m_s: float, ends_s: float, off_s: float, fault: str | None, found: int
+) -> None:
+    shown.notes("FAULT", SLIPS, 0.2)
+    if fault is not None:
+        shown.notes("FAULT", fault, 0.1)
+    shown.moves(0.2, ends_s, speed_m_s)
+    shown.rows[shown.t_s < off_s, 5] = 2.0
+    assert len(list(a_held_rod_stays(shown.view))) == found
+
+
 @pytest.mark.parametrize(("noted_s", "speed_m_s", "found"), [(4.0, 6e-3, 0), (4.0, 0.03, 1), (None, 6e-3, 1)])
 def test_a_stopped_rod_may_be_pressed_long_after_the_stop_too(
     shown: Shown, noted_s: float | None, speed_m_s: float, found: int
@@ -184,6 +226,21 @@ def test_a_fault_of_the_current_has_nothing_to_show_while_none_is_asked_for_and_
     shown.moves(0.0, 4.0, 0.1)
     shown.flows(3.0, 3.1, flowing_A)
     assert len(list(a_stop_fault_is_noticed(shown.view))) == found
+
+
+@pytest.mark.parametrize(
+    ("register_map", "fault", "found"),
+    [("float-drive", "second-master", 0), ("float-drive", "actuator-frozen", 1), ("demo", "second-master", 1)],
+)
+def test_a_lease_that_is_taken_has_nothing_to_show_where_there_is_none_and_no_command_is_shown(
+    shown: Shown, register_map: str, fault: str, found: int
+) -> None:
+    (shown.root / "bench.toml").write_text(bench_file(register_map), encoding="utf-8")
+    shown.happenings = (Happening(fault, 0.1),)
+    shown.notes("FAULT", fault, 0.0)
+    shown.moves(0.0, 4.0, 0.1)
+    assert len(list(a_stop_fault_is_noticed(shown.view))) == found
+    assert len(list(a_fault_ends_the_motion(shown.view))) == found
 
 
 def test_a_fault_of_anything_else_is_to_be_noticed_at_0_A_too(shown: Shown) -> None:

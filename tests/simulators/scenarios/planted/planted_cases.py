@@ -103,7 +103,10 @@ LONG_HALT = bench_file("demo", limits={"position": ["-64 mm", "64 mm"]}, halt_de
 FAST = matrix_text("0 A", amplitude="60 mm", frequency="2 Hz", cycles=5)
 """0.75 m/s, halted at 3 m/s^2 from anywhere: as far as 90 mm."""
 STREAMED = bench_file("demo-streamed", limits={"speed": "2 m/s", "force": "9 kN"})
+FLOATS = bench_file("float-drive", limits={"speed": "2 m/s", "force": "9 kN"})
 SINE = matrix_text("0 A", amplitude="60 mm", frequency="1.5 Hz", cycles=5)
+COOLS = matrix_text("0 A", amplitude="60 mm", frequency="1.5 Hz", cycles=5, more="[campaign]\nretries = 1")
+"""The stop holds the rod under pressure until the ECU has cooled down."""
 SWEEP = """format = 1
 [specimen]
 serial_number = "MR-001"
@@ -157,6 +160,7 @@ CASES: dict[str, Case] = {
     "coil-temperature": Case("limits", ("ecu-overtemp:coil@0.5",)),
     "positions-compared": Case("moves-on", ("actuator-frozen:slips@0.1",)),
     "standstill-proved": Case("true-proof", PULLED),
+    "place-held": Case("held", ("ecu-overtemp@0.5+8", "actuator-frozen:slips@2", "sigterm@9"), 3, matrix=COOLS, bench=FLOATS),
     "current-proved": Case("true-proof", ("current-stuck@0.5",)),
     "pressure-off-after-s1": Case("true-proof", ("sigterm@5",)),
     "stop-ignored": Case("ends", ("stop-ignored@0.5",)),

@@ -89,6 +89,11 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
             "    if True:\n        return True or",
         ),
     ),
+    "place-held": (
+        Edit(STOP, "return (held and inputs.left_place) or (seen and not resting)", "return seen and not resting"),
+        Edit(CONTROLLER, "if self._apart >= 2 * CONSECUTIVE:", "if False:"),
+        Edit(CONTROLLER, "if self._restless >= 4 * CONSECUTIVE:", "if False:"),
+    ),
     "current-proved": (
         Edit(
             STOP, "if inputs.current_A is not None and abs(inputs.current_A) < ZERO_CURRENT_A:",
