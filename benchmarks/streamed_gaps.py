@@ -46,6 +46,7 @@ from rig.hybrid.motion_bounds import Bounds
 from rig.hybrid.quarter_car import QuarterCar
 from rig.station.hybrid_source import HybridSource, Sensors
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
+from rig.station.interlocks.motion_interlock import Place
 from rig.station.safe_stop import Movement, StopPhase
 from rig.station.supervisor import TICK_S, Supervisor
 from rig.station.threads.actuator_thread import ActuatorThread
@@ -210,6 +211,7 @@ class Lvdt:
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
         self._anchor = (0.0, 0.0)
+        self._place = Place()
 
     def position_m(self, now_ns: int) -> float:
         """The rod's true position (m)."""
@@ -224,6 +226,16 @@ class Lvdt:
     def restart_still(self) -> None:
         """Begin the proof of standstill anew."""
         self._anchor = (math.nan, 0.0)
+        self._place.hold(math.nan)
+
+    def hold_place(self) -> None:
+        """Standstill is proved: the rod has to stay where it is."""
+        self._place.hold(self._anchor[0])
+
+    def left_place(self, now_ns: int) -> bool:
+        """The rod is away from where its standstill was proved."""
+        self._place.judge(self.position_m(now_ns))
+        return self._place.left
 
     def still_s(self, now_ns: int) -> float:
         """For so long the rod has been at rest (s)."""

@@ -27,7 +27,7 @@ HANDED_OVER_S = 0.02
 ZERO_A = 2 * NO_CURRENT_A
 COMES_BACK_S = 0.3
 LETS_GO_S = 0.8
-"""From the rod's leaving its place to a pressure that is off: three samples, a halt that is given 0.4 s, two commands."""
+"""From the rod's leaving its place to a pressure that is off: three samples, a halt that is given 0.4 s, commands."""
 OUT_OF_REACH = frozenset({"modbus", "rtu"})
 """Places of faults by which no command may come to the controller."""
 DISOBEYED = frozenset({"modbus-write-lost", "second-master", "stop-ignored:pressure"})
@@ -107,9 +107,8 @@ def _cannot_let_go(view: View, from_ns: float, to_ns: float) -> bool:
     """The station may not see that a held rod moves, or cannot take its pressure away."""
     faults = view.active(from_ns, to_ns)
     killed = any(at_ns < to_ns and happening.what in KILLING for at_ns, happening in view.session.happened)
-    return killed or bool(
-        view.hiding_places(faults) & OUT_OF_REACH or faults & DISOBEYED or {fault for fault in faults if "lvdt" in fault}
-    )
+    unseen = any("lvdt" in fault for fault in faults)
+    return killed or unseen or bool(view.hiding_places(faults) & OUT_OF_REACH or faults & DISOBEYED)
 
 
 def _heard_ns(view: View) -> float:

@@ -235,7 +235,7 @@ def _sees_the_chain(view: View) -> bool:
 
 
 def _shows_nothing(view: View, fault: str) -> bool:
-    """Another client that takes the lease and commands nothing, of a controller with neither lease nor command shown."""
+    """Another client takes the lease, and commands nothing, of a controller that shows neither lease nor command."""
     can = capabilities_of(view)
     return fault == "second-master" and can is not None and not (can.lease or can.acknowledge)
 

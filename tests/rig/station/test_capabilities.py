@@ -215,7 +215,7 @@ def test_a_pressure_that_stays_is_ordered_off_again(
     assert [command for _, command in little.driver.sent] == [Command.HYDRAULICS_OFF] * 3
 
 
-def test_a_rod_that_leaves_its_place_does_not_stand_where_no_pressure_can_be_taken_away(rig: Callable[..., Rig]) -> None:
+def test_a_rod_that_leaves_its_place_is_not_safe_where_no_pressure_can_be_taken_away(rig: Callable[..., Rig]) -> None:
     held = rig(watchdog=WatchdogKind.TIMEOUT, hydraulics=False)
     assert wait_for(lambda: held.thread.stop_inputs(monotonic_ns())[2] is True)
     held.thread.hold_place()

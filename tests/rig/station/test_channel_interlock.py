@@ -164,7 +164,8 @@ def test_slow_creep_is_not_standstill() -> None:
 
 
 @pytest.mark.parametrize(
-    ("moved_m", "left_after"), [([0.0025] * 5, 3), ([-0.0025] * 5, 3), ([0.0019] * 5, None), ([0.05, 0.05, 0.0] * 3, None)]
+    ("moved_m", "left_after"),
+    [([0.0025] * 5, 3), ([-0.0025] * 5, 3), ([0.0019] * 5, None), ([0.05, 0.05, 0.0] * 3, None)],
 )
 def test_a_rod_has_left_its_place_when_three_samples_in_a_row_are_two_millimetres_away(
     moved_m: list[float], left_after: int | None

@@ -128,7 +128,8 @@ def test_a_rod_that_moves_when_its_standstill_is_proved_is_found_whatever_presse
 
 
 @pytest.mark.parametrize(
-    ("noted_s", "begins_s", "found"), [(0.2, 0.2, 0), (-0.025, -0.025, 0), (-0.1, -0.1, 2), (0.2, 0.1, 1), (None, 0.2, 1)]
+    ("noted_s", "begins_s", "found"),
+    [(0.2, 0.2, 0), (-0.025, -0.025, 0), (-0.1, -0.1, 2), (0.2, 0.1, 1), (None, 0.2, 1)],
 )
 def test_a_transducer_that_slips_after_the_proof_or_too_shortly_before_it_takes_nothing_from_it(
     shown: Shown, noted_s: float | None, begins_s: float, found: int

@@ -160,7 +160,9 @@ CASES: dict[str, Case] = {
     "coil-temperature": Case("limits", ("ecu-overtemp:coil@0.5",)),
     "positions-compared": Case("moves-on", ("actuator-frozen:slips@0.1",)),
     "standstill-proved": Case("true-proof", PULLED),
-    "place-held": Case("held", ("ecu-overtemp@0.5+8", "actuator-frozen:slips@2", "sigterm@9"), 3, matrix=COOLS, bench=FLOATS),
+    "place-held": Case(
+        "held", ("ecu-overtemp@0.5+8", "actuator-frozen:slips@2", "sigterm@9"), 3, matrix=COOLS, bench=FLOATS
+    ),
     "current-proved": Case("true-proof", ("current-stuck@0.5",)),
     "pressure-off-after-s1": Case("true-proof", ("sigterm@5",)),
     "stop-ignored": Case("ends", ("stop-ignored@0.5",)),
