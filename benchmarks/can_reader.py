@@ -24,7 +24,7 @@ from drivers.devices.source import current_source
 from rig.files.described import dbc_text
 from rig.files.descriptions import table_of
 from simulators.ecu_wire import Shown
-from simulators.emulated_ecu import EmulatedEcu
+from simulators.emulated_ecu import EmulatedEcuFiles
 from simulators.slcan_bus import frame_line
 
 FRAMES_S = 4500
@@ -40,12 +40,12 @@ COUNTED = 0.97
 
 def lines(mix: str, count: int) -> list[bytes]:
     """The bus's frames as lines."""
-    worn = EmulatedEcu(DBC, ROLES)
+    emulated = EmulatedEcuFiles(DBC, ROLES).load()
     made = []
     for number in range(count):
         if mix == "own" or number % OWN_EVERY == 0:
             name = "DriverHealth" if number % HEALTH_EVERY == 0 else "DriverStatus"
-            made.append(frame_line(*worn.frame(name, Shown(2, 1.0, device_us=number * 222))))
+            made.append(frame_line(*emulated.frame(name, Shown(2, 1.0, device_us=number * 222))))
         else:
             made.append(frame_line(0x200 + number % 300, bytes(8)))
     return made

@@ -245,17 +245,17 @@ def _supply(given: str) -> str:
     return given
 
 
-def emulated(dbc: Path | None, roles: Path | None) -> EmulatedEcuFiles | None:
-    """A user's files as which the current ECU appears; None where none are given.
+def emulated(dbc: Path | None, roles: Path | None) -> EmulatedEcuFiles:
+    """A user's files that describe the current ECU; the demo's where none are given.
 
     Raises:
         FileProblem: one without the other, or they cannot be used: everything that is wrong.
     """
     from rig.files.ecu_files import ecu_problems
-    from simulators.emulated_ecu import EmulatedEcuFiles
+    from simulators.emulated_ecu import DEMO_ECU, EmulatedEcuFiles
 
     if dbc is None and roles is None:
-        return None
+        return DEMO_ECU
     if dbc is None or roles is None:
         raise FileProblem("--dbc", ["needs --ecu-roles beside it, and the other way round"])
     problems = ecu_problems(str(dbc), str(roles))

@@ -13,7 +13,7 @@ from drivers.devices.supply_file import supply
 from rig.files.described import described as read_description
 from rig.files.names import is_file
 from simulators.conditioner import group_delay_s
-from simulators.emulated_ecu import EmulatedEcuFiles
+from simulators.emulated_ecu import DEMO_ECU, EmulatedEcuFiles
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
 from simulators.toml_text import toml_text
 
@@ -21,7 +21,7 @@ BY_HAND = "generic-scpi"
 """The supply that is turned in place of somebody who sets the current by hand."""
 SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
 STATUS_S = 0.010
-"""The demo ECU's status period, and how often it is sent commands."""
+"""Usual period of an ECU's status, and of the commands to it."""
 STALE_STATUSES = 3
 COMMANDS_IN_TIME = 4
 """So many commands fit into the time after which an ECU gives up."""
@@ -118,14 +118,11 @@ def bench_text(
 
 
 def ecu_lines(
-    addresses: Addresses, relaxed: bool, serial_number: int | None = None, emulated: EmulatedEcuFiles | None = None
+    addresses: Addresses, relaxed: bool, serial_number: int | None = None, emulated: EmulatedEcuFiles = DEMO_ECU
 ) -> list[str]:
-    """Lines of the table of an ECU on CAN: the demo's, or a user's; how patient both sides are is the ECU's own."""
-    status_s, timeout_s, number = STATUS_S, None, "" if serial_number is None else f"serial_number = {serial_number}"
-    entries = ['dbc = "demo"', number]
-    if emulated is not None and serial_number is not None:
-        described, entries = emulated.load().described, emulated.entries(serial_number)
-        status_s, timeout_s = described.timing.status_s, described.command_timeout_s
+    """Lines of the table of an ECU on CAN; how patient both sides are is the ECU's own."""
+    described, entries = emulated.load().described, emulated.entries(serial_number)
+    status_s, timeout_s = described.timing.status_s, described.command_timeout_s
     stale_s = max(RELAXED_STALE_S if relaxed else STALE_STATUSES * STATUS_S, STALE_STATUSES * status_s)
     command_s = min(STATUS_S, (timeout_s or math.inf) / COMMANDS_IN_TIME)
     return [

@@ -14,8 +14,9 @@ import numpy as np
 
 from protocols.errors import RemoteProtocolError
 from simulators.clock import DeviceClock
-from simulators.ecu_firmware import DemoWire, EcuFault, EcuState
-from simulators.ecu_wire import EcuWire, Frame, Shown
+from simulators.ecu_firmware import EcuFault, EcuState
+from simulators.ecu_wire import Frame, Shown
+from simulators.emulated_ecu import DEMO_ECU, EmulatedEcu
 from simulators.options import CoilOptions
 from simulators.plant.plant import Plant
 from simulators.plant.step import CURRENT
@@ -50,7 +51,7 @@ class Ecu:
     """The ECU's logic over the plant's coil.
 
     Attributes:
-        wire: how its frames look; the demo's, or as a user's files say.
+        wire: how its frames look.
         faults: switches of the fault injectors.
         log: called with (what, value) when the commanded current or a fault changes, for the truth file.
         command_timeout_s: wall seconds without a good command until it drives 0 A by itself.
@@ -64,6 +65,7 @@ class Ecu:
         clock: DeviceClock,
         random: np.random.Generator,
         log: Callable[[str, str], None],
+        wire: EmulatedEcu | None = None,
     ) -> None:
         self.plant = plant
         self.clock = clock
@@ -78,14 +80,11 @@ class Ecu:
         self._held: list[Frame] = []
         self._repeats = False
         self._eta_1_s = float(plant.constants["coil_eta_1_s"][0])
-        self.wear(DemoWire())
-
-    def wear(self, wire: EcuWire) -> None:
-        """Be an ECU with these frames from now on, just started."""
-        self.wire = wire
-        self.command_timeout_s = wire.timeout_s(self.options.command_timeout_s)
-        now_us = self.clock.unwrapped_us(self.plant.time_s)
-        self._next_us = {name: math.ceil(now_us / period) * period for name, period in wire.periods_us.items()}
+        self.wire = wire or DEMO_ECU.load()
+        stated_s, own_s = self.wire.command_timeout_s, options.command_timeout_s
+        self.command_timeout_s = stated_s if math.isnan(own_s) else own_s
+        now_us = clock.unwrapped_us(plant.time_s)
+        self._next_us = {name: math.ceil(now_us / period) * period for name, period in self.wire.periods_us.items()}
         self.boot()
 
     def boot(self) -> None:
@@ -249,12 +248,10 @@ class Ecu:
         if len(out):
             current_A = float(out[min(max(row - 1, 0), len(out) - 1), CURRENT])
         measured_A = self.measured_A(current_A)
-        ohm = self.options.ohm
-        duty_percent = min(100.0, abs(self.setpoint_A) * ohm / self.supply_V * 100.0) if self.supply_V > 0 else 100.0
         case_degC = self._ambient_degC + CASE_SHARE * (self.plant.value("coil_degC") - self._ambient_degC)
         if self.faults.over_temperature:
             case_degC = max(case_degC, HOT_CASE_DEGC)
         return Shown(
-            int(self.state), measured_A, self.fault_bits, duty_percent, device_us, self._coil_degC, case_degC,
-            self.supply_V, self.boot_count, self.options.serial_number,
+            int(self.state), measured_A, self.fault_bits, device_us, self._coil_degC, case_degC, self.supply_V,
+            self.boot_count, self.options.serial_number,
         )

@@ -1,6 +1,7 @@
-"""Counters and checksums of the simulated ECU's frames, bit by bit or by the package autosar-e2e.
+"""Counters and checksums of the simulated ECU's frames, by the division of `simulators.bit_sums`.
 
-Written beside `protocols.e2e`, with which it shares no code: what one of them gets wrong, the other finds.
+Shares no code with `protocols.e2e`, so that each finds the other's errors; tests compare both with the package
+autosar-e2e.
 """
 
 from __future__ import annotations
@@ -9,9 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from e2e.crc import calculate_crc8, calculate_crc8_h2f, calculate_crc16
-
 from protocols.errors import RemoteProtocolError
+from simulators.bit_sums import remainder
 
 Bits = tuple[int, ...]
 """Numbers of a number's bits in a frame, the most significant first; byte n holds 8n..8n+7."""
@@ -80,18 +80,23 @@ def seal_of(message: Any, given: Mapping[str, Any]) -> Seal:  # noqa: ANN401 - c
         return Seal(counter, _modulus(given, counter), checksum, _own(given, len(checksum), taken, message.length))
     if profile == "e2e-2":
         ids = bytes(given["data_ids"])
-        return Seal(counter, 16, checksum, lambda data, count: calculate_crc8_h2f(data[1:] + ids[count : count + 1]))
+        return Seal(
+            counter, 16, checksum,
+            lambda data, count: remainder(data[1:] + ids[count : count + 1], 8, 0x2F, 0xFF) ^ 0xFF,
+        )
     number = int(given["data_id"])
     low, high = number & 0xFF, number >> 8
     if wide:
-        return Seal(counter, 256, checksum, lambda data, _: calculate_crc16(_without(data, taken) + bytes([low, high])))
+        return Seal(
+            counter, 256, checksum,
+            lambda data, _: remainder(_without(data, taken) + bytes([low, high]), 16, 0x1021, 0xFFFF),
+        )
     mode = given.get("data_id_mode", "both")
     known = {"both": [low, high], "low": [low], "nibble": [low, 0]}
 
     def one(data: bytes, count: int) -> int:
         front = bytes(known[mode] if mode in known else [high if count % 2 else low])
-        # A later call starts at the turned start value, 0; the profile leaves out the last turn too.
-        return calculate_crc8(front + _without(data, taken), 0xFF, False) ^ 0xFF
+        return remainder(front + _without(data, taken), 8, 0x1D, 0)
 
     nibble = (_bits(message, given.get("nibble"), header + 12, 4), high & 0xF) if mode == "nibble" else ((), 0)
     return Seal(counter, 15, checksum, one, nibble)
@@ -102,7 +107,7 @@ def _modulus(given: Mapping[str, Any], counter: Bits) -> int:
 
 
 def _own(given: Mapping[str, Any], width: int, taken: list[int], size: int) -> Callable[[bytes, int], int]:
-    """A checksum of the maker's own, one bit after the other."""
+    """A checksum of the maker's own."""
     first, last = int(given.get("first_byte", 0)), int(given.get("last_byte", size - 1))
     known = b""
     if "data_id" in given:
@@ -111,26 +116,11 @@ def _own(given: Mapping[str, Any], width: int, taken: list[int], size: int) -> C
     def compute(data: bytes, _: int) -> int:
         covered = bytes(byte for place, byte in enumerate(data) if first <= place <= last and place not in taken)
         covered = known + covered if given.get("data_id_first", True) else covered + known
-        register = int(given.get("initial", 0))
-        for byte in covered:
-            for place in range(8) if given.get("reflected") else range(7, -1, -1):
-                # A reflected check is the plain one on turned bits, its start and result turned too.
-                bit = byte >> place & 1
-                if given.get("reflected"):
-                    feedback = register & 1 ^ bit
-                    register >>= 1
-                    register ^= _turned(int(given["polynomial"]), width) if feedback else 0
-                else:
-                    feedback = register >> width - 1 & 1 ^ bit
-                    register = register << 1 & (1 << width) - 1
-                    register ^= int(given["polynomial"]) if feedback else 0
-        return register ^ int(given.get("final_xor", 0))
+        start, reflected = int(given.get("initial", 0)), bool(given.get("reflected"))
+        total = remainder(covered, width, int(given["polynomial"]), start, reflected=reflected)
+        return total ^ int(given.get("final_xor", 0))
 
     return compute
-
-
-def _turned(number: int, width: int) -> int:
-    return sum(1 << width - 1 - bit for bit in range(width) if number >> bit & 1)
 
 
 def _without(data: bytes, taken: list[int]) -> bytes:

@@ -1,20 +1,23 @@
-"""The simulated ECU as a user's DBC and roles file say: what a lab rehearses its own bench file on.
+"""Frames of the simulated ECU, as its DBC and roles file describe them: the demo's, or a user's.
 
-Which signal has which meaning is read by the driver's reader. How frames are packed and protected is done here by other
-means: cantools packs and unpacks, the checksums come from `simulators.ecu_protection`.
+Which signal has which meaning is read by the driver's reader. Packing and protection share no code with the driver:
+cantools packs and unpacks, the checksums come from `simulators.ecu_protection`.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 from drivers.can_library import import_can
+from drivers.devices.dbc_file import DbcText
 from drivers.devices.ecu_description import EcuDescription
-from drivers.devices.source import current_source
+from drivers.devices.source import current_source, preset
 from protocols.can_signals import Signal
 from protocols.errors import RemoteProtocolError
 from rig.files.described import dbc_text, described
@@ -29,10 +32,15 @@ TEMPERATURES = frozenset({"coil_temperature", "ecu_temperature", "supply_voltage
 
 @dataclass(frozen=True)
 class EmulatedEcuFiles:
-    """A user's DBC and roles file."""
+    """What describes the ECU.
 
-    dbc: Path
-    roles: Path | Mapping[str, Any]
+    Attributes:
+        dbc: the name of a preset, or the path of a user's DBC.
+        roles: path or contents of the roles file that belongs to a user's DBC.
+    """
+
+    dbc: str | Path = "demo"
+    roles: Path | Mapping[str, Any] | None = None
 
     def load(self) -> EmulatedEcu:
         """An ECU of that kind, just started.
@@ -40,41 +48,48 @@ class EmulatedEcuFiles:
         Raises:
             LocalProtocolError: they cannot be used.
         """
-        return EmulatedEcu(self.dbc, self.roles)
+        if self.roles is None:
+            return EmulatedEcu(*preset(str(self.dbc)))
+        roles = described("ecu-roles", str(self.roles) if isinstance(self.roles, Path) else self.roles)
+        return EmulatedEcu(dbc_text(self.dbc), roles)
 
-    def entries(self, serial_number: int) -> list[str]:
-        """Entries of [ecu] that name the files, and the serial number where that ECU tells one."""
-        has_number = "serial_number" in self.load().described.roles
-        files = [f'dbc = "{self.dbc.absolute()}"', f'roles = "{self.roles}"']
-        return [*files, f"serial_number = {serial_number}"] if has_number else files
+    def entries(self, serial_number: int | None) -> list[str]:
+        """Entries of [ecu] that name the files, and the serial number where that ECU sends one."""
+        files = [f'dbc = "{self.dbc}"']
+        if self.roles is not None:
+            files = [f'dbc = "{Path(self.dbc).absolute()}"', f'roles = "{self.roles}"']
+        if serial_number is None or "serial_number" not in self.load().described.roles:
+            return files
+        return [*files, f"serial_number = {serial_number}"]
+
+
+DEMO_ECU = EmulatedEcuFiles()
 
 
 class EmulatedEcu:
-    """Frames of an ECU that a DBC and a roles file describe (`simulators.ecu_wire.EcuWire`).
+    """Frames of an ECU that a DBC and a roles file describe.
 
     Args:
-        dbc: path of the DBC.
-        roles: path of the roles file, or its contents.
+        dbc: the DBC.
+        roles: contents of the roles file.
 
     Attributes:
-        command_timeout_s: the ECU's own, as stated; None where it has none.
+        described: as the driver reads both.
+        command_timeout_s: after so long without a command it drives 0 A, as stated (s); infinite for one that does not.
+        periods_us: of each message that it sends, in the order in which those of one instant go out.
+        temperatures: the messages among them that hold temperatures and nothing that the rig cannot do without.
+        counter_modulus: at which the counter of commands starts again.
 
     Raises:
         LocalProtocolError: they cannot be used.
     """
 
-    def __init__(self, dbc: Path, roles: Path | Mapping[str, Any]) -> None:
-        given = described("ecu-roles", str(roles) if isinstance(roles, Path) else roles)
-        text = dbc_text(dbc)
-        self.described: EcuDescription = current_source(text, given)
-        self.command_timeout_s = self.described.command_timeout_s
-        import_can()  # before cantools, which would have it load its MF4 reader, and with that pandas
-        from cantools.database.can import Database
-
-        database = Database(strict=False)
-        database.add_dbc_string(text.text)
-        self._messages = {message.name: message for message in database.messages}
-        protection: Mapping[str, Any] = given.get("protection", {})
+    def __init__(self, dbc: DbcText, roles: Mapping[str, Any]) -> None:
+        self.described: EcuDescription = current_source(dbc, roles)
+        stated_s = self.described.command_timeout_s
+        self.command_timeout_s = math.inf if stated_s is None else stated_s
+        self._messages = _messages(dbc)
+        protection: Mapping[str, Any] = roles.get("protection", {})
         self._seals = {
             name: seal_of(message, protection.get(name, {})) for name, message in self._messages.items()
         }
@@ -87,24 +102,24 @@ class EmulatedEcu:
             frame.identifier | (EXTENDED if frame.extended else 0): frame.name for frame in self.described.sent
         }
         self.counter_modulus = max((self._seals[name].modulus for name in self._sent.values()), default=0)
+        self._initial = {name: _initial(message) for name, message in self._messages.items()}
+        self._signals: dict[str, list[tuple[str, Signal]]] = {name: [] for name in self._messages}
+        for role, (owner, signal) in self.described.signals.items():
+            self._signals[owner].append((role, signal))
+        self._codes = {int(meaning): code for code, meaning in reversed(list(self.described.states.items()))}
         self.reset()
 
     def reset(self) -> None:
         """Counters start over; no command was heard."""
         self._counters = dict.fromkeys(self.periods_us, 0)
-        self._asked: dict[str, float] = {}
-
-    def timeout_s(self, usual_s: float) -> float:
-        """As its roles file says, whatever is usual."""
-        del usual_s
-        return math.inf if self.command_timeout_s is None else self.command_timeout_s
+        self._requested: dict[str, float] = {}
 
     def is_command(self, identifier: int) -> bool:
         """Whether it is one of the messages that the host sends."""
         return identifier in self._sent
 
     def command(self, identifier: int, data: bytes) -> Command | None:
-        """What the host asks for; None for a message without the set-point.
+        """What the host requests; None for a message without the set-point.
 
         Raises:
             RemoteProtocolError: wrong length, checksum or counter.
@@ -115,15 +130,14 @@ class EmulatedEcu:
             raise RemoteProtocolError(f"{name}: expected {message.length} data bytes, got {len(data)}")
         counter = seal.check(data)
         numbers: Any = message.decode(data, decode_choices=False, scaling=False)
-        asked = {
-            role: float(numbers[signal.name])
-            for role, (owner, signal) in self.described.signals.items() if owner == name and signal.name in numbers
-        }  # fmt: skip
-        self._asked |= asked
-        if "command" not in asked:
+        requested = {
+            role: float(numbers[signal.name]) for role, signal in self._signals[name] if signal.name in numbers
+        }
+        self._requested |= requested
+        if "command" not in requested:
             return None
         signal = self.described.signals["command"][1]
-        setpoint_A = self._asked["command"] * signal.scale + signal.offset
+        setpoint_A = _value(signal, self._requested["command"])
         enable = self._is_on("enable", default=True)
         off = not enable if "enable" in self.described.on_off else setpoint_A == 0.0
         clears = self._is_on("clear_faults", default=off)
@@ -132,7 +146,7 @@ class EmulatedEcu:
     def _is_on(self, role: str, *, default: bool) -> bool:
         if role not in self.described.on_off:
             return default
-        return self._asked.get(role) == self.described.on_off[role][0]
+        return self._requested.get(role) == self.described.on_off[role][0]
 
     def commands(self, command: Command) -> list[Frame]:
         """The frames by which a host asks for that."""
@@ -140,14 +154,14 @@ class EmulatedEcu:
         frames: list[Frame] = []
         for sent in self.described.sent:
             name, identifier = sent.name, sent.identifier | (EXTENDED if sent.extended else 0)
-            numbers = self._numbers(name) | {
+            numbers = self._initial[name] | {
                 signal.name: _cut(signal, raw) if not signal.is_float else signal.number(raw)
                 for signal, raw in sent.writer.fixed
             }
-            for role, (owner, signal) in self.described.signals.items():
-                if owner == name and role in on_off:
+            for role, signal in self._signals[name]:
+                if role in on_off:
                     numbers[signal.name] = on_off[role][0 if getattr(command, role) else 1]
-                elif owner == name and role == "command":
+                elif role == "command":
                     numbers[signal.name] = _raw(signal, command.setpoint_A)
             data = bytearray(self._messages[name].encode(numbers, scaling=False, strict=False))
             self._seals[name].put(data, command.counter)
@@ -157,8 +171,8 @@ class EmulatedEcu:
     def frame(self, name: str, shown: Shown) -> Frame:
         """The next frame of a message; of a message with pages the page that comes next."""
         message = self._messages[name]
-        numbers = self._numbers(name) | self._told(name, shown)
-        pages = self._pages(name)
+        numbers = self._initial[name] | self._reported(name, shown)
+        pages = self.described.pages.get(name)
         count = self._counters[name]
         if pages:
             numbers |= pages[count % len(pages)]
@@ -173,21 +187,9 @@ class EmulatedEcu:
         name = self.described.heard[identifier].name
         return identifier, self._seals[name].damaged(data)
 
-    def _numbers(self, name: str) -> dict[str, float]:
-        """What the signals of a message are while nobody says otherwise."""
-        return {
-            signal.name: signal.raw_initial if isinstance(signal.raw_initial, int | float) else 0
-            for signal in self._messages[name].signals
-        }
-
-    def _pages(self, name: str) -> list[dict[str, int]]:
-        """Numbers of the multiplexers for every page that a role is on."""
-        return self.described.pages.get(name, [])
-
-    def _told(self, name: str, shown: Shown) -> dict[str, float]:
+    def _reported(self, name: str, shown: Shown) -> dict[str, float]:
         """The numbers of the signals of a message that have a role."""
         described = self.described
-        codes = {int(meaning): code for code, meaning in reversed(list(described.states.items()))}
         word = sum(bit for bit, fault in described.fault_bits.items() if shown.faults & fault)
         ticks = int(shown.device_us / described.tick_us) % described.clock_modulus if described.tick_us else 0
         values: dict[str, float] = {
@@ -195,21 +197,45 @@ class EmulatedEcu:
             "supply_voltage": shown.supply_V,
         }
         numbers: dict[str, int] = {
-            "state": codes.get(shown.state, 0), "faults": word, "clock": ticks, "boot_count": shown.boot_count,
+            "state": self._codes.get(shown.state, 0), "faults": word, "clock": ticks, "boot_count": shown.boot_count,
             "serial_number": shown.serial_number, "firmware": FIRMWARE, "layout": described.layout or 0,
         }
-        for told in reversed(described.fault_signals):
-            there = min(told.numbers, default=1)
-            numbers[told.field] = there if shown.faults & told.fault else numbers.get(told.field, 0)
+        for fault in reversed(described.fault_signals):
+            there = min(fault.numbers, default=1)
+            numbers[fault.field] = there if shown.faults & fault.fault else numbers.get(fault.field, 0)
         return {
             signal.name: _raw(signal, values[role]) if role in values else _cut(signal, numbers[role])
-            for role, (owner, signal) in described.signals.items() if owner == name
-        }  # fmt: skip
+            for role, signal in self._signals[name]
+        }
+
+
+def _initial(message: Any) -> dict[str, float]:  # noqa: ANN401 - cantools has no types
+    """What the signals of a message are while nothing sets them."""
+    return {
+        signal.name: signal.raw_initial if isinstance(signal.raw_initial, int | float) else 0
+        for signal in message.signals
+    }
 
 
 def _period_us(period_s: float, roles: frozenset[str]) -> int:
     stated = round(1e6 * period_s)
     return stated or min((USUAL_US.get(role, OTHER_US) for role in roles), default=OTHER_US)
+
+
+@functools.lru_cache(8)
+def _messages(dbc: DbcText) -> Mapping[str, Any]:
+    """The messages of a DBC by their names, as cantools has them."""
+    import_can()  # before cantools, which would have it load its MF4 reader, and with that pandas
+    from cantools.database.can import Database
+
+    database = Database(strict=False)
+    database.add_dbc_string(dbc.text)
+    return {message.name: message for message in database.messages}
+
+
+def _value(signal: Signal, number: float) -> float:
+    """The value of a number on the wire, rounded once: 7 steps of 0.001 are 0.007."""
+    return float(Decimal(repr(signal.scale)) * Decimal(number) + Decimal(repr(signal.offset)))
 
 
 def _raw(signal: Signal, value: float) -> float:

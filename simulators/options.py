@@ -171,7 +171,8 @@ class CoilOptions:
 
     The ECU regulates on its own measurement `current_gain * current + current_offset_A`: where that is wrong, the
     reported current still agrees with the commanded one, and the coil's true current is off. At 0 A its output stage is
-    off: the coil has none, and the ECU reports its offset.
+    off: the coil has none, and the ECU reports its offset. `command_timeout_s` is how long it waits for a command
+    before it drives 0 A (wall s); NaN: as its description states.
     """
 
     ohm: Positive = 1.5
@@ -184,7 +185,7 @@ class CoilOptions:
     current_offset_A: float = 0.0
     temperature_offset_K: float = 0.0
     over_temperature_degC: float = 150.0
-    command_timeout_s: Positive = 0.100
+    command_timeout_s: Positive = math.nan
     temperatures_until_s: float = math.inf
     serial_number: int = 1001
     boot_count: int = 3

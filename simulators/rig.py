@@ -25,7 +25,7 @@ from simulators.clock import DeviceClock, ServedTime
 from simulators.controller_firmware import State
 from simulators.ecu import Ecu
 from simulators.emulated_bench import actuator_lines
-from simulators.emulated_ecu import EmulatedEcuFiles
+from simulators.emulated_ecu import DEMO_ECU, EmulatedEcuFiles
 from simulators.emulated_registers import registers_of
 from simulators.faulty import Undo
 from simulators.injection import INJECTORS, VARIANTS
@@ -82,8 +82,8 @@ class RunOptions:
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
     truth: Path | None = None
     exit_when_idle: bool = False
-    emulated_ecu: EmulatedEcuFiles | None = None
-    """The current ECU is one that a user's files describe."""
+    emulated_ecu: EmulatedEcuFiles = DEMO_ECU
+    """What describes the current ECU."""
     drop_unread: bool = False
     """The ports drop what the host has not read in time, as real ones do; the rig's clock waits for nobody."""
     faults: tuple[ScheduledFault, ...] = ()
@@ -113,9 +113,8 @@ class SimulatedRig:
         self.ecu = Ecu(
             self.plant, coil, options.damper.ambient_degC,
             DeviceClock.drawn(coil.clock_offset_us, coil.clock_ppm, next(self._draws)), next(self._draws), self.note,
+            run.emulated_ecu.load(),
         )
-        if run.emulated_ecu is not None:
-            self.ecu.wear(run.emulated_ecu.load())
         self.bus = SlcanBus(self.ecu.receive)
         self.supply = simulated_supply(self.ecu, run.supply, coil.serial_number)
         rtu = run.actuator == "rtu"

@@ -56,17 +56,6 @@ def source_problems(given: DbcText, roles: Mapping[str, Any]) -> Sequence[RolePr
     return ()
 
 
-def current_source_files(name: str) -> tuple[Path, Path]:
-    """DBC and roles file of a preset.
-
-    Raises:
-        LocalProtocolError: there is none of that name.
-    """
-    if name not in current_source_names():
-        raise LocalProtocolError(f"no current source {name!r}; known: {', '.join(current_source_names())}")
-    return FOLDER / f"{name}_ecu.dbc", FOLDER / f"{name}_ecu.toml"
-
-
 def current_source_names() -> tuple[str, ...]:
     """Names of the current sources described here."""
     return tuple(sorted(path.stem.removesuffix("_ecu") for path in FOLDER.glob("*_ecu.toml")))
@@ -92,7 +81,19 @@ def _described(given: DbcText, roles: str) -> EcuDescription:
 
 
 @functools.cache
+def preset(name: str) -> tuple[DbcText, Mapping[str, Any]]:
+    """DBC and roles of a preset.
+
+    Raises:
+        LocalProtocolError: there is none of that name.
+    """
+    if name not in current_source_names():
+        raise LocalProtocolError(f"no current source {name!r}; known: {', '.join(current_source_names())}")
+    dbc, roles = FOLDER / f"{name}_ecu.dbc", FOLDER / f"{name}_ecu.toml"
+    return DbcText(dbc.name, dbc.read_text(DBC_ENCODING)), tomllib.loads(roles.read_text(encoding="utf-8"))
+
+
+@functools.cache
 def _preset(name: str) -> EcuDescription:
-    dbc, roles = current_source_files(name)
-    given = DbcText(dbc.name, dbc.read_text(DBC_ENCODING))
-    return describe(name, read_dbc(given), tomllib.loads(roles.read_text(encoding="utf-8")))
+    dbc, roles = preset(name)
+    return describe(name, read_dbc(dbc), roles)

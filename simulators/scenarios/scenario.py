@@ -19,6 +19,7 @@ from rig.campaign.results import Display
 from rig.matrix.model import load_matrix
 from rig.recording.journal.campaign_log import read_log
 from simulators.controller_firmware import Command, State
+from simulators.emulated_ecu import DEMO_ECU
 from simulators.options import RigOptions, with_option
 from simulators.plant import records, step
 from simulators.plant.plant import Plant
@@ -259,7 +260,7 @@ class World:
         run = RunOptions(
             seed=plan.seed, ports="socket", actuator=plan.actuator, faults=faults, drop_unread=True,
             auxiliaries=() if user is None else user.auxiliaries,
-            emulated_ecu=None if user is None else user.emulated_ecu, supply="" if user is None else user.supply,
+            emulated_ecu=DEMO_ECU if user is None else user.emulated_ecu, supply="" if user is None else user.supply,
         )
         rig = SimulatedRig(options, run)
         truth = WorldTruth(rig.plant, self.kernel)

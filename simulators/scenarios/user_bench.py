@@ -32,7 +32,7 @@ from rig.matrix.sections import Specimen
 from simulators.bench import BY_HAND, Addresses
 from simulators.conditioner import group_delay_s
 from simulators.emulated_bench import appearing_as
-from simulators.emulated_ecu import EmulatedEcuFiles
+from simulators.emulated_ecu import DEMO_ECU, EmulatedEcuFiles
 from simulators.emulated_format import writer
 from simulators.options import (
     AUXILIARY,
@@ -82,7 +82,7 @@ class UserBench:
 
     options: RigOptions
     actuator: str
-    emulated_ecu: EmulatedEcuFiles | None
+    emulated_ecu: EmulatedEcuFiles
     auxiliaries: tuple[SensorOptions, ...]
     stood_in: tuple[str, ...]
     tick_s: float
@@ -112,7 +112,7 @@ class UserBench:
         values = named_files.with_paths(tomllib.loads(path.read_text(encoding="utf-8-sig")), path.absolute().parent)
         quickest_s = min(bench.ecu.silent_after_s, *map(_patience_s, _sensors(bench).values()))
         return cls(
-            _options(bench, matrix), link, _worn_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
+            _options(bench, matrix), link, _emulated_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
             tuple(_stood_in(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
             BY_HAND if bench.ecu.by_hand else bench.ecu.supply or "", bench.actuator.setpoints_s is not None,
             not bench.ecu.measured,
@@ -193,11 +193,11 @@ def _unlike(bench: Bench) -> Iterator[str]:
             yield f"{place}.format: a simulated sensor cannot write it: {problem}"
 
 
-def _worn_ecu(bench: Bench) -> EmulatedEcuFiles | None:
-    """The user's DBC and roles, if the current source has them."""
+def _emulated_ecu(bench: Bench) -> EmulatedEcuFiles:
+    """The user's DBC and roles, if the current source has them; else the demo's."""
     dbc, roles = bench.ecu.dbc_name, bench.ecu.roles
     if not is_dbc(dbc) or roles is None:
-        return None
+        return DEMO_ECU
     return EmulatedEcuFiles(Path(dbc), Path(roles) if isinstance(roles, str) else roles)
 
 

@@ -5,7 +5,9 @@ import struct
 import time
 from collections.abc import Callable, Iterator
 
+import demo_ecu as wire
 import pytest
+from demo_ecu import CoilStatus, CoilTemperature, EcuIdentity
 from slcan_device import SlcanDevice
 
 from drivers.can_current_source import CanCurrentSource
@@ -22,8 +24,6 @@ from drivers.ring import Channel
 from protocols.errors import LocalProtocolError
 from protocols.quality import Quality
 from rig.station.interlocks.current_interlock import BusInterlock
-from simulators import ecu_firmware as wire
-from simulators.ecu_firmware import CoilStatus, CoilTemperature, EcuIdentity
 
 DEMO = current_source("demo")
 
@@ -47,7 +47,7 @@ def ecu(device: SlcanDevice) -> Iterator[CanCurrentSource]:
 
 
 def status(counter: int, current_A: float = 0.5, ticks: int = 0, faults: int = 0) -> bytes:
-    return wire.encode_status(CoilStatus(counter % 15, 2, current_A, faults, 10.0, ticks % 65536))
+    return wire.encode(CoilStatus(counter % 15, 2, current_A, faults, 10.0, ticks % 65536))
 
 
 def collect(ecu: CanCurrentSource, done: Callable[[SourceBatch], bool], timeout_s: float = 5.0) -> SourceBatch:
@@ -71,7 +71,8 @@ def of(batch: SourceBatch, channel: Channel) -> list[tuple[int, float, int, int]
 
 
 def commands(device: SlcanDevice) -> list[wire.CoilCommand]:
-    return [wire.decode_command(bytes.fromhex(line[5:].decode())) for line in device.lines if line.startswith(b"t1208")]
+    sent = [bytes.fromhex(line[5:].decode()) for line in device.lines if line.startswith(b"t1208")]
+    return [wire.decode(wire.CoilCommand, data) for data in sent]
 
 
 def test_the_adapter_is_set_up_before_anything_else(device: SlcanDevice, ecu: CanCurrentSource) -> None:
@@ -96,9 +97,9 @@ def test_status_frames_become_records(device: SlcanDevice, ecu: CanCurrentSource
 
 
 def test_temperatures_come_with_the_standing_state(device: SlcanDevice, ecu: CanCurrentSource) -> None:
-    device.frame(0x122, wire.encode_temperature(CoilTemperature(85.3, 41.0, 24.07, 3)))
+    device.frame(0x122, wire.encode(CoilTemperature(85.3, 41.0, 24.07, 3)))
     device.frame(0x121, status(1, faults=4))
-    device.frame(0x122, wire.encode_temperature(CoilTemperature(85.4, 41.0, 24.07, 3)))
+    device.frame(0x122, wire.encode(CoilTemperature(85.4, 41.0, 24.07, 3)))
     batch = collect(ecu, lambda b: len(b.temperatures) == 2)
     assert [value for _, value, _, _ in of(batch, Channel.COIL_TEMPERATURE)] == pytest.approx([85.3, 85.4])
     assert [value for _, value, _, _ in of(batch, Channel.ECU_SUPPLY)] == pytest.approx([24.07, 24.07])
@@ -214,7 +215,7 @@ def test_an_identity_of_another_layout_is_told(
     device: SlcanDevice, ecu: CanCurrentSource, layout: int, problem: str
 ) -> None:
     assert (ecu.identity, ecu.identity_problem) == (None, "")
-    device.frame(0x123, wire.encode_identity(EcuIdentity(1001, 0x0102, layout)))
+    device.frame(0x123, wire.encode(EcuIdentity(1001, 0x0102, layout)))
     collect(ecu, lambda _: ecu.identity is not None)
     assert ecu.identity == SourceIdentity(1001, 0x0102, layout)
     assert ecu.identity_problem == problem
@@ -234,7 +235,7 @@ def test_any_other_interface_goes_through_python_can() -> None:
         ecu.send_now()
         message = peer.recv(1.0)
         assert message is not None
-        assert wire.decode_command(bytes(message.data)).setpoint_A == 0.75
+        assert wire.decode(wire.CoilCommand, bytes(message.data)).setpoint_A == 0.75
         peer.send(can.Message(arbitration_id=0x121, data=status(5), is_extended_id=False))
         peer.send(can.Message(arbitration_id=0x121, data=status(6), is_extended_id=True))
         peer.send(can.Message(arbitration_id=0x121, is_error_frame=True))

@@ -26,10 +26,14 @@ from decimal import Decimal
 from functools import cache
 from pathlib import Path
 
+import cantools
 import h5py
 import numpy as np
 from damage import chunks, damaged
 
+from drivers.current_source import SourceCounters
+from drivers.devices.source import FOLDER, current_source
+from drivers.frame_checks import FrameChecks
 from drivers.roles import ActuatorLimits, WatchdogAction
 from protocols import frame_format, line_format, modbus, slcan
 from protocols.binary_decoder import BinaryDecoder
@@ -50,8 +54,10 @@ from rig.recording.journal.journal_file import JournalWriter, parse_journal
 from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointContext, PointFile, SensorContext, WantedPoint
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
-from simulators import ecu_firmware as ecu
 from simulators.controller_firmware import CONFIG, decode_limits, decode_status, encode_limits
+from simulators.ecu_wire import Command as CurrentCommand
+from simulators.ecu_wire import Shown
+from simulators.emulated_ecu import DEMO_ECU
 from simulators.frame_writer import FrameWriter
 from simulators.line_writer import LineWriter
 
@@ -61,6 +67,7 @@ SLOW = {"bench": 20, "matrix": 20, "csv": 40, "foreign": 20, "hdf5": 20, "hdf5-s
 """Targets that read files take this many times fewer inputs."""
 
 LIMITS = encode_limits(ActuatorLimits(-0.08, 0.08, 0.8, 60.0, 5e3, 1.0, 20.0, 500, WatchdogAction.FADE_AND_HOLD))
+DEMO_DBC = cantools.database.load_file(FOLDER / "demo_ecu.dbc")
 COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
 TEST = {"id": "p001", "waveform": "sine", "amplitude_m": 0.05, "frequency_Hz": 1.0, "current_A": 0.5}
 
@@ -146,19 +153,20 @@ def fuzz_slcan(source: random.Random) -> None:
 
 
 def fuzz_ecu(source: random.Random) -> None:
-    """ECU frames: what passes counter and CRC is, encoded again, the same frame."""
-    sent = ecu.encode_status(ecu.CoilStatus(source.randrange(15), 2, round(source.uniform(-3, 3), 3), 0, 10.0, 77))
-    data = damaged(sent, source)
-    with contextlib.suppress(RemoteProtocolError):
-        status = ecu.decode_status(data)
-        assert ecu.decode_status(ecu.encode_status(status)) == status
-        assert len(data) == ecu.FRAMES.lengths[ecu.STATUS_ID]
-    with contextlib.suppress(RemoteProtocolError):
-        ecu.decode_command(data)
-    with contextlib.suppress(RemoteProtocolError):
-        ecu.decode_temperature(data)
-    with contextlib.suppress(RemoteProtocolError):
-        ecu.decode_identity(data)
+    """ECU frames: a status that the driver accepts is what cantools reads; the simulated ECU takes any command."""
+    ecu, driver = DEMO_ECU.load(), current_source("demo")
+    current_A, counter = round(source.uniform(-3, 3), 3), source.randrange(15)
+    for _ in range(counter):
+        ecu.frame("CoilStatus", Shown())
+    data = damaged(ecu.frame("CoilStatus", Shown(2, current_A, device_us=7700))[1], source)
+    status = driver.heard[driver.status]
+    checks = FrameChecks(driver, SourceCounters())
+    if len(data) == status.size and checks.step(driver.status, status, data) is not None:
+        told = DEMO_DBC.decode_message("CoilStatus", data)
+        assert math.isclose(status.reader.read(data)["measured_current"], told["Current"])
+    for sent in (data, damaged(ecu.commands(CurrentCommand(counter, True, False, current_A))[0][1], source)):
+        with contextlib.suppress(RemoteProtocolError):
+            ecu.command(0x120, sent)
 
 
 def fuzz_modbus(source: random.Random) -> None:

@@ -3,10 +3,10 @@ from __future__ import annotations
 import math
 import struct
 
+import demo_ecu as wire
 import numpy as np
 import pytest
 
-from simulators import ecu_firmware as wire
 from simulators.clock import DeviceClock
 from simulators.ecu import Ecu
 from simulators.ecu_firmware import EcuFault, EcuState
@@ -28,7 +28,7 @@ class Coil:
 
     def command(self, current_A: float, enable: bool = True, clear: bool = False) -> None:
         self.counter = (self.counter + 1) % 15
-        self.ecu.receive(0x120, wire.encode_command(wire.CoilCommand(self.counter, enable, clear, current_A)))
+        self.ecu.receive(0x120, wire.encode(wire.CoilCommand(self.counter, enable, clear, current_A)))
 
     def run(self, seconds: float) -> list[Frame]:
         frames: list[Frame] = []
@@ -44,7 +44,7 @@ def coil() -> Coil:
 
 
 def statuses(frames: list[Frame]) -> list[wire.CoilStatus]:
-    return [wire.decode_status(data) for identifier, data in frames if identifier == 0x121]
+    return [wire.decode(wire.CoilStatus, data) for identifier, data in frames if identifier == 0x121]
 
 
 def test_periods_follow_the_device_clock(coil: Coil) -> None:
@@ -107,7 +107,7 @@ def test_a_fault_latches_until_it_is_cleared(coil: Coil) -> None:
 
 def test_bad_commands_are_ignored_and_the_third_in_a_row_is_a_fault(coil: Coil) -> None:
     coil.command(1.0)
-    good = wire.encode_command(wire.CoilCommand(5, True, False, 3.0))
+    good = wire.encode(wire.CoilCommand(5, True, False, 3.0))
     for expected in (EcuState.ENABLED, EcuState.ENABLED, EcuState.FAULT):
         coil.ecu.receive(0x120, bytes([good[0] ^ 0xFF]) + good[1:])
         assert coil.ecu.state is expected
@@ -115,7 +115,7 @@ def test_bad_commands_are_ignored_and_the_third_in_a_row_is_a_fault(coil: Coil) 
 
 
 def test_a_repeated_counter_is_a_bad_command(coil: Coil) -> None:
-    frame = wire.encode_command(wire.CoilCommand(3, True, False, 1.0))
+    frame = wire.encode(wire.CoilCommand(3, True, False, 1.0))
     for _ in range(4):
         coil.ecu.receive(0x120, frame)
     assert coil.ecu.fault_bits == EcuFault.COMMAND_CHECK
@@ -165,5 +165,5 @@ def test_a_restart_counts_and_says_so(coil: Coil) -> None:
     frames = coil.run(0.3)
     assert statuses(frames)[-1].faults & EcuFault.RESTARTED
     assert statuses(frames)[0].counter == 0
-    boots = [wire.decode_temperature(data).boot_count for identifier, data in frames if identifier == 0x122]
+    boots = [wire.decode(wire.CoilTemperature, data).boot_count for identifier, data in frames if identifier == 0x122]
     assert boots[-1] == CoilOptions().boot_count + 1

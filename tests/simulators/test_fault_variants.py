@@ -6,13 +6,13 @@ import asyncio
 import math
 from collections.abc import Callable
 
+import demo_ecu as wire
 import numpy as np
 import pytest
 
 from protocols.frame_format import STATUS_OVERLOAD, FrameDecoder, Reading
 from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
-from simulators import ecu_firmware as wire
 from simulators.channel import Channel
 from simulators.ecu_firmware import EcuFault
 from simulators.injection import INJECTORS, VARIANTS
@@ -180,7 +180,7 @@ def test_a_pulled_cable_is_that_sensors_and_no_other(variant: str, gone: str) ->
 
 
 def command(rig: SimulatedRig, counter: int, current_A: float) -> None:
-    rig.ecu.receive(wire.COMMAND_ID, wire.encode_command(wire.CoilCommand(counter, True, False, current_A)))
+    rig.ecu.receive(wire.COMMAND_ID, wire.encode(wire.CoilCommand(counter, True, False, current_A)))
     for step in range(20):
         rig.ecu.tick(0.001 * step)
         rig.advance(160)
@@ -208,8 +208,8 @@ def test_too_much_current_really_flows() -> None:
         VARIANTS["current-tracking:over"](rig)
         command(rig, 1, 1.5)
         assert rig.plant.value("current_A") == pytest.approx(4.5, rel=0.01)
-        reported = [wire.decode_status(data).current_A for name, data in rig.ecu.frames() if name == wire.STATUS_ID]
-        assert all(value > 4.0 for value in reported)
+        sent = [data for name, data in rig.ecu.frames() if name == wire.STATUS_ID]
+        assert all(wire.decode(wire.CoilStatus, data).current_A > 4.0 for data in sent)
 
     on_a_rig(story)
 

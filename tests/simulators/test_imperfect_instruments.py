@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+import demo_ecu as wire
 import numpy as np
 import pytest
 
 from protocols.frame_format import FrameDecoder
-from simulators import ecu_firmware as wire
 from simulators.clock import DeviceClock
 from simulators.conditioner import group_delay_s
 from simulators.controller_firmware import Command, Result
@@ -98,12 +98,12 @@ def status_of(*assignments: str, wanted_A: float) -> tuple[float, float, float]:
     counter, sent = 0, []
     for _ in range(100):
         counter = (counter + 1) % 15
-        ecu.receive(wire.COMMAND_ID, wire.encode_command(wire.CoilCommand(counter, True, True, wanted_A)))
+        ecu.receive(wire.COMMAND_ID, wire.encode(wire.CoilCommand(counter, True, True, wanted_A)))
         ecu.tick(plant.time_s)
         plant.advance(80)
         sent += ecu.frames()
-    reported = [wire.decode_status(data).current_A for name, data in sent if name == wire.STATUS_ID]
-    warm = [wire.decode_temperature(data).coil_degC for name, data in sent if name == wire.TEMPERATURE_ID]
+    reported = [wire.decode(wire.CoilStatus, data).current_A for name, data in sent if name == wire.STATUS_ID]
+    warm = [wire.decode(wire.CoilTemperature, data).coil_degC for name, data in sent if name == wire.TEMPERATURE_ID]
     return plant.value("current_A"), float(np.mean(reported[-20:])), warm[-1]
 
 

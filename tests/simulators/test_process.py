@@ -140,7 +140,7 @@ def test_a_program_run_by_a_foreign_modbus_client_is_in_the_truth(start: Callabl
 
 
 def test_python_cans_own_slcan_sees_status_and_drives_current(start: Callable[..., Process]) -> None:
-    from simulators import ecu_firmware as ecu
+    import demo_ecu as ecu
 
     process = start()
     channel = process.bench["ecu"]["channel"]
@@ -153,9 +153,9 @@ def test_python_cans_own_slcan_sees_status_and_drives_current(start: Callable[..
             assert message is not None
             assert message.dlc == 8
             if message.arbitration_id == ecu.STATUS_ID:
-                measured_A = ecu.decode_status(bytes(message.data)).current_A
+                measured_A = ecu.decode(ecu.CoilStatus, bytes(message.data)).current_A
                 counter = (counter + 1) % 15
-                data = ecu.encode_command(ecu.CoilCommand(counter, True, True, 1.0))
+                data = ecu.encode(ecu.CoilCommand(counter, True, True, 1.0))
                 bus.send(can.Message(arbitration_id=0x120, data=data, is_extended_id=False))
 
 
