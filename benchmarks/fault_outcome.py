@@ -14,9 +14,9 @@ from fault_case import Case
 from true_states import Happening, Truth
 from watched_campaign import Ending
 
+from drivers.roles import State
 from rig.errors import FileProblem
 from rig.recording.conversion.recovery import recover
-from simulators.controller_firmware import State
 
 COIL_LAG_S = 0.250
 NO_CURRENT_A = 0.05

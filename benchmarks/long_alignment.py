@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from campaign_process import machine
 
+from drivers.roles import ProgramPhase
 from rig.clock import utc_now
 from rig.recording.alignment.alignment import align
 from rig.recording.conversion.conversion import finish_point
@@ -27,7 +28,6 @@ from rig.recording.journal.journal_file import JournalWriter, scan_journal
 from rig.recording.journal.point_journal import ChannelSplit
 from rig.recording.layout import NUMBER, RECORD_DTYPE, PointContext, SensorContext, WantedPoint
 from rig.signals.chunked_column import parts
-from simulators.controller_firmware import ProgramPhase
 
 RATE_HZ, POLL_HZ, FREQUENCY_HZ = 10_000.0, 100.0, 1.0
 SENSORS = {"force": 300.0, "displacement": 0.03, "auxiliary_1": 9.81}

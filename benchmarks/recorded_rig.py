@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from drivers.ring import Channel
+from drivers.roles import Input, ProgramPhase
 from drivers.sample_stream import SampleScale, SampleStream
 from protocols.frame_format import FrameDecoder
 from rig.recording.conversion.conversion import build
@@ -23,7 +24,6 @@ from rig.recording.layout import RECORD_DTYPE, PointContext, SensorContext, Want
 from rig.recording.recorded_point import RecordedPoint
 from simulators.clock import DeviceClock
 from simulators.conditioner import group_delay_s
-from simulators.controller_firmware import Input, ProgramPhase
 from simulators.options import RigOptions
 from simulators.plant.plant import Plant
 from simulators.plant.records import EVENT_PULSE, MODE_MOVE, MODE_PROGRAM

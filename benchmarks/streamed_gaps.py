@@ -57,11 +57,10 @@ from rig.vehicle.road import Sweep, sweep_road
 from simulators.actuator import Actuator
 from simulators.clock import DeviceClock
 from simulators.emulated_bench import appearing_as
-from simulators.emulated_registers import registers_of
 from simulators.options import RigOptions, with_option
 from simulators.plant.plant import MAXIMUM_STEPS, Plant
 from simulators.plant.step import PISTON, VELOCITY
-from simulators.registers import RegisterBank
+from simulators.registers import RegisterBank, registers_of
 
 BENCH = Path(__file__).resolve().parents[1] / "examples" / "streamed-bench.toml"
 PRESETS = ("demo-streamed", "float-drive", "delta-rmc")

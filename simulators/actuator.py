@@ -10,15 +10,13 @@ It lets the plant's compiled loop generate the motion and watch the limits; this
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.roles import ActuatorLimits
-from simulators import controller_firmware as wire
+from drivers.roles import ActuatorLimits, Command, FaultBit, Result, State, WatchdogAction, Waveform
 from simulators.clock import DeviceClock
-from simulators.controller_firmware import Command, FaultBit, Result, State, WatchdogAction, Waveform
 from simulators.options import ControllerOptions
 from simulators.plant import records
 from simulators.plant.plant import TABLE_CAPACITY, Plant
@@ -113,14 +111,11 @@ class Actuator:
         self.watchdog_echo = 0
         self._fed_s = math.nan
         self._own_faults = 0
-        self.config_words = wire.encode_limits(
-            ActuatorLimits(
-                -options.position_limit_m, options.position_limit_m, options.speed_max_m_s,
-                options.acceleration_max_m_s2, options.force_max_N, options.fade_out_cycles,
-                options.halt_deceleration_m_s2, options.watchdog_ms, WatchdogAction.FADE_AND_HOLD,
-            )
+        self.limits = ActuatorLimits(
+            -options.position_limit_m, options.position_limit_m, options.speed_max_m_s, options.acceleration_max_m_s2,
+            options.force_max_N, options.fade_out_cycles, options.halt_deceleration_m_s2, options.watchdog_ms,
+            WatchdogAction.FADE_AND_HOLD,
         )
-        self.limits = wire.decode_limits(self.config_words)
         self.plant.state["tripped"] = 0
         self.plant.state["fault_bits"] = 0
         self.plant.order(mode=records.MODE_OFF, pressure=0)
@@ -194,9 +189,8 @@ class Actuator:
             if self.owner:
                 self._fed_s = self.served_s
 
-    def configure(self, words: list[int]) -> bool:
-        """Take new limits (words of the config block); False and unchanged when they make no sense or the rod moves."""
-        limits = wire.decode_limits(words)
+    def configure(self, limits: ActuatorLimits) -> bool:
+        """Take new limits; False and unchanged when they make no sense or the rod moves."""
         numbers = (
             limits.position_min_m, limits.position_max_m, limits.speed_max_m_s, limits.acceleration_max_m_s2,
             limits.force_max_N, limits.fade_out_cycles, limits.halt_deceleration_m_s2,
@@ -206,7 +200,6 @@ class Actuator:
         sane = sane and limits.watchdog_action in set(WatchdogAction)
         if not sane or self.motion_state not in RESTING:
             return False
-        self.config_words = list(words)
         self.limits = limits
         self.order_limits()
         return True
@@ -252,32 +245,36 @@ class Actuator:
         )
         return target, speed, told, longest
 
-    def write_table(self, values: Values) -> bool:
-        """Put samples of a table waveform in (m about the centre); False when they do not fit or are not finite."""
-        index, count = int(values["table_index"]), int(values["table_count"])
-        samples = [float(values[f"table_value_{i}"]) for i in range(min(count, wire.TABLE_VALUES))]
-        fits = count <= wire.TABLE_VALUES and index + count <= TABLE_CAPACITY
-        if not fits or not all(math.isfinite(sample) for sample in samples) or self.motion_state is State.RUNNING:
+    def write_table(self, index: int, samples: Sequence[float]) -> bool:
+        """Put samples of a table waveform in (m about the centre), from the number `index` on.
+
+        Returns:
+            False when they do not fit, are not finite, or a program runs.
+        """
+        end = index + len(samples)
+        finite = all(math.isfinite(sample) for sample in samples)
+        if end > TABLE_CAPACITY or not finite or self.motion_state is State.RUNNING:
             return False
-        table = np.zeros(max(len(self.plant.table), index + count))
+        table = np.zeros(max(len(self.plant.table), end))
         table[: len(self.plant.table)] = self.plant.table
-        table[index : index + count] = samples
+        table[index:end] = samples
         self.plant.table = table
         return True
 
+    def refuse(self, sequence: int, command: int) -> None:
+        """Answer a command that this controller does not have, once for each new sequence number."""
+        if sequence not in {0, self.sequence}:
+            self.sequence, self.acked_command, self.result = sequence, command, Result.REFUSED_VALUE
+            known = command in set(Command)
+            self.log(Command(command).name if known else f"COMMAND_{command}", self.result.name)
+
     def execute(self, values: Values) -> None:
-        """Execute the command block once for each new sequence number; answers in the status block."""
+        """Execute a command once for each new sequence number; the status repeats the number, with the result."""
         sequence = int(values["sequence"])
         if sequence in {0, self.sequence}:
             return
-        self.sequence = sequence
-        code = int(values["command"])
-        self.acked_command = code
-        try:
-            command = Command(code)
-        except ValueError:
-            self.result = Result.REFUSED_VALUE
-            return
+        command = Command(int(values["command"]))
+        self.sequence, self.acked_command = sequence, int(command)
         action = self._actions.get(command)
         if action is None or (command in GENERATED and not self.options.generator):
             self.result = Result.REFUSED_VALUE

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drivers.current_source import SourceFault, SourceState
 from protocols.errors import RemoteProtocolError
 from simulators.clock import DeviceClock
-from simulators.ecu_firmware import EcuFault, EcuState
 from simulators.ecu_wire import Frame, Shown
 from simulators.emulated_ecu import DEMO_ECU, EmulatedEcu
 from simulators.options import CoilOptions
@@ -89,7 +89,7 @@ class Ecu:
 
     def boot(self) -> None:
         """Start: no command seen, no current."""
-        self.state = EcuState.INIT
+        self.state = SourceState.INIT
         self.fault_bits = 0
         self.setpoint_A = 0.0
         self.wire.reset()
@@ -102,8 +102,8 @@ class Ecu:
         """A reset in operation: counters start over and the fault bit says so."""
         self.boot_count += 1
         self.boot()
-        self.fault_bits |= EcuFault.RESTARTED
-        self.state = EcuState.FAULT
+        self.fault_bits |= SourceFault.RESTARTED
+        self.state = SourceState.FAULT
 
     def receive(self, identifier: int, data: bytes) -> None:
         """A frame from the bus; only the host's commands matter here."""
@@ -130,7 +130,7 @@ class Ecu:
         if clear_faults:
             self.fault_bits = 0
         if self.fault_bits == 0:
-            self.state = EcuState.ENABLED if enable else EcuState.OFF
+            self.state = SourceState.ENABLED if enable else SourceState.OFF
         limit_A = self.options.limit_A
         self._set(max(-limit_A, min(limit_A, setpoint_A)) if enable else 0.0)
 
@@ -138,34 +138,34 @@ class Ecu:
         """Count a frame with a wrong CRC, counter or length; the third in a row is a fault."""
         self._bad_commands += 1
         if self._bad_commands >= BAD_COMMANDS_TO_FAULT:
-            self._fail(EcuFault.COMMAND_CHECK)
+            self._fail(SourceFault.COMMAND_CHECK)
 
     def tick(self, served_s: float) -> None:
         """Judge the command time-out (wall time, s) and the ECU's own sensors."""
         self._served_s = served_s
         waited_s = served_s - self._heard_s
-        if self.state is EcuState.ENABLED and waited_s > self.command_timeout_s:
-            self._fail(EcuFault.COMMAND_TIMEOUT)
+        if self.state is SourceState.ENABLED and waited_s > self.command_timeout_s:
+            self._fail(SourceFault.COMMAND_TIMEOUT)
         if self.faults.over_temperature or self._coil_degC > self.options.over_temperature_degC:
-            self._fail(EcuFault.OVER_TEMPERATURE)
+            self._fail(SourceFault.OVER_TEMPERATURE)
         if self.supply_V < UNDERVOLTAGE_V:
-            self._fail(EcuFault.UNDERVOLTAGE)
+            self._fail(SourceFault.UNDERVOLTAGE)
         if self.faults.coil_open and self.setpoint_A != 0.0:
-            self._fail(EcuFault.OPEN)
+            self._fail(SourceFault.OPEN)
         if self.faults.coil_short and self.setpoint_A != 0.0:
-            self._fail(EcuFault.SHORT)
+            self._fail(SourceFault.SHORT)
         self._drive()
 
-    def _fail(self, fault: EcuFault) -> None:
+    def _fail(self, fault: SourceFault) -> None:
         """Latch a fault and drive 0 A."""
         if not self.fault_bits & fault:
             self.log("ECU_FAULT", fault.name or str(fault))
         self.fault_bits |= fault
-        self.state = EcuState.FAULT
+        self.state = SourceState.FAULT
         self._set(0.0)
 
     def _set(self, current_A: float) -> None:
-        if self.state is not EcuState.ENABLED:
+        if self.state is not SourceState.ENABLED:
             current_A = 0.0
         if current_A != self.setpoint_A:
             self.setpoint_A = current_A

@@ -23,7 +23,7 @@ class Command(NamedTuple):
 
 @dataclass(frozen=True)
 class Shown:
-    """Status of the ECU at one instant; `state` and `faults` by the codes of `simulators.ecu_firmware`."""
+    """Status of the ECU at one instant; `state` and `faults` by the codes of `drivers.current_source`."""
 
     state: int = 0
     current_A: float = 0.0

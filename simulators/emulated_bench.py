@@ -14,21 +14,25 @@ from rig.files.names import is_file
 from simulators.options import ControllerOptions, RigOptions
 
 OWN = ("demo", "demo-streamed")
-"""Maps of the simulated controller itself: by whether it has a function generator."""
+"""Maps of a controller for which none is named: with and without a function generator."""
 
 
-def emulated_map(options: ControllerOptions) -> ControllerMap | None:
-    """The register map as which the controller appears; None: as its own.
+def map_name(options: ControllerOptions) -> str:
+    """The name, or the file, of the register map as which the controller appears."""
+    return options.register_map or OWN[0 if options.generator else 1]
+
+
+def emulated_map(options: ControllerOptions) -> ControllerMap:
+    """The register map as which the controller appears.
 
     Raises:
         FileProblem: it cannot be used: everything that is wrong.
     """
-    if not options.register_map:
-        return None
+    name = map_name(options)
     try:
-        return controller(described("register-map", options.register_map))
+        return controller(described("register-map", name))
     except LocalProtocolError as error:
-        raise FileProblem(options.register_map, [str(error)]) from error
+        raise FileProblem(name, [str(error)]) from error
 
 
 def appearing_as(options: RigOptions, name: str) -> RigOptions:
@@ -41,13 +45,10 @@ def appearing_as(options: RigOptions, name: str) -> RigOptions:
     Raises:
         FileProblem: it cannot be used: everything that is wrong.
     """
-    if name in OWN:
-        return replace(options, controller=replace(options.controller, generator=name == OWN[0], register_map=""))
     path = str(Path(name).absolute()) if is_file(name) else name
-    own = replace(options.controller, register_map=path)
-    emulated = emulated_map(own)
-    generator = emulated is None or emulated.capabilities.generator
-    return replace(options, controller=replace(own, generator=generator))
+    generator = emulated_map(replace(options.controller, register_map=path)).capabilities.generator
+    named = "" if name in OWN else path
+    return replace(options, controller=replace(options.controller, register_map=named, generator=generator))
 
 
 def serial_number(emulated: ControllerMap, options: ControllerOptions) -> str:
@@ -62,9 +63,5 @@ def serial_number(emulated: ControllerMap, options: ControllerOptions) -> str:
 
 def actuator_lines(options: ControllerOptions) -> list[str]:
     """Entries of [actuator] that say what the controller is."""
-    emulated = emulated_map(options)
-    if emulated is None:
-        name = OWN[0] if options.generator else OWN[1]
-        return [f'register_map = "{name}"', f'serial_number = "{options.serial_number}"']
-    number = serial_number(emulated, options)
-    return [f'register_map = "{options.register_map}"', *([f'serial_number = "{number}"'] if number else [])]
+    number = serial_number(emulated_map(options), options)
+    return [f'register_map = "{map_name(options)}"', *([f'serial_number = "{number}"'] if number else [])]

@@ -54,7 +54,7 @@ def words_of(quantity: Quantity, raw: int, *, swapped: bool = False) -> list[int
     words = [raw >> 16 * place & 0xFFFF for place in range(quantity.length)]
     if (quantity.word_order == "big") is not swapped:
         words.reverse()
-    return [turned(quantity, word) for word in words]
+    return words if quantity.byte_order == "big" else [turned(quantity, word) for word in words]
 
 
 def bits_of(quantity: Quantity, words: Sequence[int]) -> int:

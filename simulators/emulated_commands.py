@@ -3,6 +3,9 @@
 A command is its writes, step by step. It is carried out with the step that says the last of it: the last that writes
 something of the command itself, or a constant that is not 0; what comes after that takes requests back. Where the host
 waits after a step, the device makes it true.
+
+A command that is one write with a number is carried out when that number is written; all else is as the registers hold
+it then.
 """
 
 from __future__ import annotations
@@ -23,12 +26,17 @@ RawOf = Callable[[Quantity, Value], int]
 
 @dataclass
 class Script:
-    """One command's steps, and how far a host has come with them."""
+    """One command's steps, and how far a host has come with them.
+
+    Attributes:
+        number: the quantity whose writing executes it, of a command that is one write; else empty.
+    """
 
     command: Command
     steps: list[dict[Quantity, Value]]
     waits: list[list[Condition]]
     decides: int
+    number: str = ""
     place: int = 0
     missing: set[str] = field(default_factory=set)
 
@@ -56,7 +64,9 @@ def scripts_of(recipes: Mapping[Command, Recipe]) -> list[Script]:
             elif isinstance(step, Wait) and waits:
                 waits[-1].append(step.condition)
         if steps:
-            scripts.append(Script(command, steps, waits, _decides(steps)))
+            numbers = [quantity.name for quantity, value in steps[0].items() if value == "$sequence"]
+            number = numbers[0] if numbers and len(steps) == 1 else ""
+            scripts.append(Script(command, steps, waits, _decides(steps), number))
     return scripts
 
 
@@ -86,11 +96,28 @@ class Scripts:
     Args:
         scripts: of the device's commands.
         raw_of: the raw number of a quantity's value.
+        held: the raw number that a quantity's register holds.
     """
 
-    def __init__(self, scripts: list[Script], raw_of: RawOf) -> None:
+    def __init__(self, scripts: list[Script], raw_of: RawOf, held: Callable[[Quantity], int] = lambda _: 0) -> None:
         self._scripts = scripts
         self._raw_of = raw_of
+        self._held = held
+
+    @property
+    def number(self) -> str:
+        """The quantity whose writing executes a command, where every command has it; else empty."""
+        numbers = {script.number for script in self._scripts}
+        return numbers.pop() if len(numbers) == 1 else ""
+
+    @property
+    def code(self) -> Quantity | None:
+        """The quantity of which every command writes a constant: the first of them; None without one."""
+        every = [
+            [quantity for step in script.steps for quantity, value in step.items() if not isinstance(value, str)]
+            for script in self._scripts
+        ]
+        return next((one for one in every[0] if all(one in others for others in every)), None) if every else None
 
     def take(self, written: Written) -> list[Seen]:
         """A request has written these; the steps that are complete with it, the most telling first."""
@@ -99,6 +126,12 @@ class Scripts:
 
     def _follow(self, script: Script, written: Written) -> Seen | None:
         """The step that is complete with a request; None where it is of another command, or more is missing."""
+        if script.number:
+            step = script.steps[0]
+            constants = ((one, value) for one, value in step.items() if not isinstance(value, str))
+            if script.number not in written or any(self._raw_of(*one) != self._held(one[0]) for one in constants):
+                return None
+            return Seen(script.command, True, tuple(script.waits[0]), len(step))
         fits = self._fits(script, written)
         if not fits and script.place > 0:
             before = script.place, script.missing

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from drivers.register_maps.controller_map import ControllerMap
@@ -35,13 +36,20 @@ def order_of(command: Command, given: Mapping[str, float], actuator: Actuator, e
     amplitude_m = given.get("amplitude", 0.5 * given.get("peak_to_peak", high_m - low_m))
     middle_m = 0.5 * (low_m + high_m) if "low" in given else actuator.seen_m
     frequency_Hz = given["frequency"] if "frequency" in given else 1.0 / max(given["period"], 1e-6)
-    waveform = emulated.words.waveforms.meaning(int(given["waveform"])) if "waveform" in given else int(Waveform.SINE)
-    length = given.get("table_length", 0.0)
+    waveform = int(Waveform.SINE)
+    if "waveform" in given:
+        waveform = emulated.words.waveforms.meaning(whole(given["waveform"]))
+    length, passes_Hz = whole(given.get("table_length", 0.0)), abs(frequency_Hz)
     return {
         "waveform": waveform, "amplitude": amplitude_m, "frequency": frequency_Hz,
-        "centre": given.get("centre", middle_m), **_cycles(given, frequency_Hz), "table_length": int(length),
-        "table_interval": given.get("table_interval", 1.0 / (frequency_Hz * length) if length else 0.0),
+        "centre": given.get("centre", middle_m), **_cycles(given, frequency_Hz), "table_length": length,
+        "table_interval": given.get("table_interval", 1.0 / (passes_Hz * length) if passes_Hz and length else 0.0),
     }
+
+
+def whole(value: float) -> int:
+    """A whole number that a host has written into a register, which may be a float; -1 for what is none."""
+    return int(value) if math.isfinite(value) else -1
 
 
 def _cycles(given: Mapping[str, float], frequency_Hz: float) -> Values:

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from drivers.roles import Command, Result
 from rig.clock import monotonic_ns
 from simulators.actuator import ENDLESS_CYCLES
 from simulators.beyond_limits import BEYOND_LASTING, BEYOND_PASSING
-from simulators.controller_firmware import Command, Result
 from simulators.ecu_wire import EXTENDED
 from simulators.ecu_wire import Command as CurrentCommand
 from simulators.faulty import Faulty, LastingInjector, PassingInjector, Undo

@@ -106,8 +106,8 @@ FORCE_INPUT = InputOptions(noise=10.0, resolution=0.5)
 class ControllerOptions:
     """The actuator controller: its identity, its limits at boot, its clock.
 
-    Without a `generator` it moves by set-points that are streamed to it, and only so. `register_map` is a user's file
-    as which its registers appear; empty: its own.
+    Without a `generator` it moves by set-points that are streamed to it, and only so. `register_map` names the
+    map, or is a user's file, as which its registers appear; empty: the demo's, by whether there is a generator.
     """
 
     serial_number: str = "SIM-ACT-1"

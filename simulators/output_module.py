@@ -16,15 +16,14 @@ from drivers.register_maps.access_plan import reads
 from drivers.register_maps.quantity import BITS, SPACES, Quantity
 from drivers.register_maps.recipe import Recipe, Write
 from simulators.ecu import Ecu
-from simulators.ecu_firmware import EcuFault
 from simulators.emulated_codec import bits_of, raw_of, text_words, value_of, words_of
 from simulators.emulated_status import Registers, make, put
 from simulators.modbus_server import ModbusServer
 
 SEEN = {
-    SourceFault.OVER_TEMPERATURE: EcuFault.OVER_TEMPERATURE, SourceFault.UNDERVOLTAGE: EcuFault.UNDERVOLTAGE,
-    SourceFault.OPEN: EcuFault.OPEN, SourceFault.SHORT: EcuFault.SHORT,
-    SourceFault.COMMAND_TIMEOUT: EcuFault.COMMAND_TIMEOUT, SourceFault.RESTARTED: EcuFault.RESTARTED,
+    SourceFault.OVER_TEMPERATURE: SourceFault.OVER_TEMPERATURE, SourceFault.UNDERVOLTAGE: SourceFault.UNDERVOLTAGE,
+    SourceFault.OPEN: SourceFault.OPEN, SourceFault.SHORT: SourceFault.SHORT,
+    SourceFault.COMMAND_TIMEOUT: SourceFault.COMMAND_TIMEOUT, SourceFault.RESTARTED: SourceFault.RESTARTED,
 }  # fmt: skip
 """The rig's faults, and the output stage's."""
 DEVICE_ID = 1
@@ -126,7 +125,7 @@ class SimulatedOutput:
             if self._output.watchdog is not None and one.name in _names(self._output.watchdog.stop):
                 self._watching = False
         if {one.name for one in written} & {CURRENT, ENABLE}:
-            if self.ecu.fault_bits & EcuFault.RESTARTED and self._wanted_A() == 0.0:
+            if self.ecu.fault_bits & SourceFault.RESTARTED and self._wanted_A() == 0.0:
                 self.ecu.fault_bits = 0
             self._drive()
         return True

@@ -8,14 +8,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.roles import ActuatorLimits
-from simulators.controller_firmware import Waveform
-from simulators.register_blocks import Value
+from drivers.roles import ActuatorLimits, Waveform
 
 FLOAT_SLACK = 1.0 + 1e-6
 """Registers are float32: a value exactly at its limit may come back a rounding step above it."""
 
-Values = Mapping[str, Value]
+Values = Mapping[str, float | str]
 Program = dict[str, float]
 FloatArray = NDArray[np.float64]
 
@@ -24,7 +22,7 @@ def read_program(values: Values, table: FloatArray) -> Program | None:
     """The plant's order for the values of the command block; None when one of them makes no sense.
 
     Args:
-        values: registers of the command block by name.
+        values: what the command wrote, by name (SI).
         table: the table waveform as loaded so far (m about the centre), shape (n,).
     """
     waveform = int(values["waveform"])

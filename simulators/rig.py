@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from drivers.roles import State
 from rig.clock import monotonic_ns
 from rig.dampers.catalogue import KINDS, NO_KIND
 from simulators import bench
@@ -22,11 +23,9 @@ from simulators.actuator import Actuator
 from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
 from simulators.channel import Channel
 from simulators.clock import DeviceClock, ServedTime
-from simulators.controller_firmware import State
 from simulators.ecu import Ecu
 from simulators.emulated_bench import actuator_lines
 from simulators.emulated_ecu import DEMO_ECU, EmulatedEcuFiles
-from simulators.emulated_registers import registers_of
 from simulators.faulty import Undo
 from simulators.injection import INJECTORS, VARIANTS
 from simulators.modbus_server import LinkFaults, ModbusServer
@@ -37,6 +36,7 @@ from simulators.plant import step as plant_step
 from simulators.plant.plant import MAXIMUM_STEPS
 from simulators.plant.records import EVENT_PULSE, EVENT_TRIP
 from simulators.plant.transfer import plant_of
+from simulators.registers import registers_of
 from simulators.schedule import BY_ID, ScheduledFault
 from simulators.sensor import Sensor
 from simulators.serial_port import CAPACITY, open_port

@@ -14,13 +14,13 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from drivers.current_source import SourceFault
 from drivers.devices.supply import SupplyDescription
 from drivers.devices.supply_file import supply
 from protocols.patterns import Pattern
 from protocols.scpi import Command
 from rig.files.described import described as read_description
 from simulators.ecu import Ecu
-from simulators.ecu_firmware import EcuFault
 from simulators.output_module import SimulatedOutput
 
 NO_ERROR = '+0,"No error"'
@@ -29,13 +29,13 @@ OUT_OF_RANGE = '-222,"Data out of range"'
 MOST_ERRORS = 20
 LATE_S = 0.7
 """By so much answers are late where the supply is at fault; longer than a host waits for one."""
-SWITCHED_OFF = EcuFault.OVER_TEMPERATURE | EcuFault.UNDERVOLTAGE | EcuFault.RESTARTED
+SWITCHED_OFF = SourceFault.OVER_TEMPERATURE | SourceFault.UNDERVOLTAGE | SourceFault.RESTARTED
 LINE_ENDS = re.compile(rb"\r\n|\r|\n")
 
 _VALUE = re.compile(r"\(\?P<value>[^()]*(?:\([^()]*\)[^()]*)*\)")
 _PER_SI = {"A": 1.0, "V": 1.0, "s": 1.0, "mA": 1e3, "mV": 1e3, "ms": 1e3}
 _FIELD = re.compile(r"\\\{([a-z]+)_([a-zA-Z]+)(?::[^}]*)?\\\}")
-_BITS = {1: EcuFault.OVER_TEMPERATURE, 2: EcuFault.UNDERVOLTAGE, 4: EcuFault.OPEN, 8: EcuFault.SHORT}
+_BITS = {1: SourceFault.OVER_TEMPERATURE, 2: SourceFault.UNDERVOLTAGE, 4: SourceFault.OPEN, 8: SourceFault.SHORT}
 """A fault of the description's, by the rig's number for it, as the output stage knows it."""
 
 

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.roles import State
 from rig.clock import monotonic_ns
 from rig.recording.atomic_write import room_for_truth
 from simulators.actuator import MODE_STATES
-from simulators.controller_firmware import State
 from simulators.plant import step
 from simulators.plant.plant import Plant
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.roles import Command, State
 from rig.campaign import CampaignOptions
 from rig.campaign.results import Display
 from rig.matrix.model import load_matrix
 from rig.recording.journal.campaign_log import read_log
-from simulators.controller_firmware import Command, State
 from simulators.emulated_ecu import DEMO_ECU
 from simulators.options import RigOptions, with_option
 from simulators.plant import records, step

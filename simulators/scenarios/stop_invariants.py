@@ -8,11 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from drivers.roles import Command
 from rig.campaign.results import RigState
 from rig.errors import EXIT_REFUSED
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, StopKind
-from simulators.controller_firmware import Command
 from simulators.scenarios.plan import DISK, FOREIGN, OF_THE_STATION, SIGNALS
 from simulators.scenarios.proof_invariants import moving_by_itself
 from simulators.scenarios.view import (

@@ -8,10 +8,11 @@ import struct
 import threading
 from collections.abc import Callable
 
+import demo_registers as actuator
+
 from drivers.connection import ActuatorConnection
 from drivers.modbus_actuator import ModbusActuator
 from drivers.register_maps.map_file import controller
-from simulators import controller_firmware as actuator
 
 Answer = Callable[[bytes, bytes], list[bytes]]
 """(header and request PDU, right answer PDU) -> frames to send instead; an empty list is silence."""

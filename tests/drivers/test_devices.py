@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from drivers import roles
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.catalogue import (
     SensorConnection,
@@ -20,6 +21,7 @@ from drivers.catalogue import (
     sensor_format_names,
 )
 from drivers.connection import ActuatorAddress, ActuatorConnection, CanAddress, LinkKind
+from drivers.current_source import SourceFault, SourceState
 from drivers.devices import source as sources
 from drivers.devices.source import current_source
 from drivers.errors import UnknownDevice
@@ -28,7 +30,6 @@ from drivers.register_maps.map_file import FOLDER, controller
 from drivers.ring import Channel
 from drivers.sample_stream import SampleScale
 from protocols.errors import LocalProtocolError
-from simulators import controller_firmware, ecu_firmware
 
 CONTROLLER = tomllib.loads((FOLDER / "demo_controller.toml").read_text(encoding="utf-8"))
 
@@ -37,46 +38,21 @@ def slugs(codes: type) -> dict[str, int]:
     return {str(member.name).lower().replace("_", "-"): int(member) for member in codes}  # type: ignore[attr-defined]
 
 
-def test_the_firmware_of_the_simulated_devices_and_their_descriptions_agree() -> None:
-    assert slugs(controller_firmware.State) == CONTROLLER["state"]
-    assert slugs(controller_firmware.Command) == CONTROLLER["command_codes"] | {"zero-time": 11}
+def test_the_demo_devices_have_the_rigs_own_codes() -> None:
+    assert slugs(roles.State) == CONTROLLER["state"]
+    assert slugs(roles.Command) == CONTROLLER["command_codes"]
     written = {name: recipe["write"]["command"] for name, recipe in CONTROLLER["commands"].items()}
     assert written | {"none": 0} == CONTROLLER["command_codes"]
-    assert slugs(controller_firmware.Result) == CONTROLLER["results"]
-    assert slugs(controller_firmware.Waveform) == CONTROLLER["waveforms"]
-    assert slugs(controller_firmware.ProgramPhase) == CONTROLLER["phase"]
-    assert slugs(controller_firmware.WatchdogAction) == CONTROLLER["watchdog_actions"]
-    assert slugs(controller_firmware.FaultBit) == {name: 1 << bit for name, bit in CONTROLLER["faults"].items()}
-    assert slugs(controller_firmware.Input) == {name: 1 << bit for name, bit in CONTROLLER["inputs"].items()}
-    described, firmware = controller("demo"), controller_firmware
-    assert described.expected == {
-        "signature_u32": firmware.SIGNATURE_U32, "signature_f32": firmware.SIGNATURE_F32,
-        "layout_version": firmware.LAYOUT_VERSION,
-    }
-    assert described.recipes.table_values == firmware.TABLE_VALUES
-
-
-def test_the_registers_of_the_simulated_controller_and_of_its_map_agree() -> None:
-    other = {"clock_us": "clock", "pulse_clock_us": "pulse_clock", "watchdog_ms": "watchdog_time"}
-    held = {
-        other.get(register.name, register.name): (register.address, register.type, register.length)
-        for block in controller_firmware.MAP.blocks.values() for register in block.registers
-        if not register.name.startswith("table_value_")
-    }
-    described = {
-        name: (quantity.address, quantity.type, quantity.length)
-        for name, quantity in controller("demo").quantities.items() if name != "table_values"
-    }
-    assert described == held
-    table = controller("demo").quantities["table_values"]
-    assert (table.address, table.values) == (controller_firmware.TABLE.registers[2].address, 60)
+    assert slugs(roles.Result) == CONTROLLER["results"]
+    assert slugs(roles.Waveform) == CONTROLLER["waveforms"]
+    assert slugs(roles.ProgramPhase) == CONTROLLER["phase"]
+    assert slugs(roles.WatchdogAction) == CONTROLLER["watchdog_actions"]
+    assert slugs(roles.FaultBit) == {name: 1 << bit for name, bit in CONTROLLER["faults"].items()}
+    assert slugs(roles.Input) == {name: 1 << bit for name, bit in CONTROLLER["inputs"].items()}
     ecu = tomllib.loads((FOLDER / "demo_ecu.toml").read_text(encoding="utf-8"))
     described = current_source("demo")
-    assert slugs(ecu_firmware.EcuState) == {str(word.name).lower(): code for code, word in described.states.items()}
-    bits = {name: 1 << bit for name, bit in ecu["faults"].items() if name != "signal"}
-    assert slugs(ecu_firmware.EcuFault) == bits
-
-
+    assert slugs(SourceState) == {str(word.name).lower(): code for code, word in described.states.items()}
+    assert slugs(SourceFault) == {name: 1 << bit for name, bit in ecu["faults"].items() if name != "signal"}
 
 
 def test_a_name_that_nobody_knows_is_refused_with_those_that_are_known() -> None:

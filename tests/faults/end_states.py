@@ -12,8 +12,8 @@ import numpy as np
 from matrices import PERIOD_S
 from true_states import Happening, Truth
 
+from drivers.roles import State
 from rig.faults.matrix import MATRIX
-from simulators.controller_firmware import State
 
 if TYPE_CHECKING:
     from watched_campaign import Ending

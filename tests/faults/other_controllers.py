@@ -9,8 +9,8 @@ import math
 import struct
 from collections.abc import Sequence
 
+from drivers.roles import Command, FaultBit
 from simulators.actuator import Actuator
-from simulators.controller_firmware import Command, FaultBit
 from simulators.rig import SimulatedRig
 
 OWNER = 1

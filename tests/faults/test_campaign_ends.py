@@ -21,10 +21,10 @@ from matrices import LONG_SECOND_POINT, TWO_POINTS
 from true_states import Truth
 from watched_campaign import FINISH_S, RIG, Campaign, resumed, told, wait_until
 
+from drivers.roles import Command, State
 from rig.recording.conversion.recovery import recover
 from rig.recording.journal.campaign_log import read_log
 from rig.station.client import StationClient
-from simulators.controller_firmware import Command, State
 
 if TYPE_CHECKING:
     from conftest import BeginWorld, InMotion, Run

@@ -10,7 +10,7 @@ import pytest
 from matrices import LONG_SECOND_POINT
 from watched_campaign import assert_completed, wait_until
 
-from simulators.controller_firmware import State
+from drivers.roles import State
 
 if TYPE_CHECKING:
     from conftest import InMotion

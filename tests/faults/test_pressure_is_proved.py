@@ -15,7 +15,7 @@ from other_controllers import DeltaRmc, FloatDrive, OtherController
 from preset_campaign import begun
 from world_campaign import SEED, WorldCampaign
 
-from simulators.controller_firmware import Command, FaultBit
+from drivers.roles import Command, FaultBit
 from simulators.scenarios.stage import Stage
 
 

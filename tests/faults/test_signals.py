@@ -12,8 +12,8 @@ from end_states import assert_stopped
 from matrices import LONG_SECOND_POINT
 from watched_campaign import assert_completed
 
+from drivers.roles import State
 from rig.recording.conversion.recovery import recover
-from simulators.controller_firmware import State
 
 if TYPE_CHECKING:
     from conftest import InMotion

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.controller_firmware import State
+from drivers.roles import State
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ from damage import chunks, damaged
 from drivers.current_source import SourceCounters
 from drivers.devices.source import FOLDER, current_source
 from drivers.frame_checks import FrameChecks
+from drivers.register_maps.map_file import controller
+from drivers.register_maps.recipe import Write
 from drivers.roles import ActuatorLimits, WatchdogAction
 from protocols import frame_format, line_format, modbus, slcan
 from protocols.binary_decoder import BinaryDecoder
@@ -54,7 +56,6 @@ from rig.recording.journal.journal_file import JournalWriter, parse_journal
 from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointContext, PointFile, SensorContext, WantedPoint
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
-from simulators.controller_firmware import CONFIG, decode_limits, decode_status, encode_limits
 from simulators.ecu_wire import Command as CurrentCommand
 from simulators.ecu_wire import Shown
 from simulators.emulated_ecu import DEMO_ECU
@@ -66,7 +67,8 @@ INPUTS = 20_000
 SLOW = {"bench": 20, "matrix": 20, "csv": 40, "foreign": 20, "hdf5": 20, "hdf5-structure": 20, "journal": 20}
 """Targets that read files take this many times fewer inputs."""
 
-LIMITS = encode_limits(ActuatorLimits(-0.08, 0.08, 0.8, 60.0, 5e3, 1.0, 20.0, 500, WatchdogAction.FADE_AND_HOLD))
+DEMO = controller("demo")
+LIMITS = ActuatorLimits(-0.08, 0.08, 0.8, 60.0, 5e3, 1.0, 20.0, 500, WatchdogAction.FADE_AND_HOLD)
 DEMO_DBC = cantools.database.load_file(FOLDER / "demo_ecu.dbc")
 COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
 TEST = {"id": "p001", "waveform": "sine", "amplitude_m": 0.05, "frequency_Hz": 1.0, "current_A": 0.5}
@@ -171,8 +173,8 @@ def fuzz_ecu(source: random.Random) -> None:
 
 def fuzz_modbus(source: random.Random) -> None:
     """Frames and registers: accepted words are the bytes of the answer, accepted limits encode to the same words."""
-    request = modbus.read_request(CONFIG.address, CONFIG.count)
-    words = [word & 0xFFFF for word in LIMITS]
+    (read,), (written,) = DEMO.limit_reads, Write(DEMO.limit_values(LIMITS)).requests({})
+    request, words = modbus.read_request(read.address, read.count), written.words
     answer = bytes([3, 2 * len(words)]) + b"".join(word.to_bytes(2, "big") for word in words)
     data = damaged(modbus.encode_tcp(7, 1, answer), source)
     frames = modbus.TcpFrames()
@@ -180,12 +182,12 @@ def fuzz_modbus(source: random.Random) -> None:
         for part in chunks(data, source):
             frames.feed(part)
             while (frame := frames.next()) is not None:
-                got = modbus.decode_words(request, frame[2], CONFIG.count)
+                got = modbus.decode_words(request, frame[2], read.count)
                 assert b"".join(word.to_bytes(2, "big") for word in got) in data
-                decode_status([*got, *got, *got][:34], 0)
-                limits = decode_limits(got)
+                limits = DEMO.held_limits(read.decode(got), None)
                 if all(map(math.isfinite, asdict(limits).values())):
-                    assert decode_limits(encode_limits(limits)) == limits
+                    (again,) = Write(DEMO.limit_values(limits)).requests({})
+                    assert list(again.words) == list(got)
     with contextlib.suppress(RemoteProtocolError):
         modbus.rtu_answer_size(data, request)
 

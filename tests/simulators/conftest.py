@@ -2,17 +2,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import demo_registers as wire
 import numpy as np
 import pytest
 
-from simulators import controller_firmware as wire
+from drivers.roles import ActuatorStatus, Command, Result
 from simulators.actuator import Actuator
 from simulators.clock import DeviceClock
-from simulators.controller_firmware import Command, Result
 from simulators.options import RigOptions, with_option
 from simulators.plant.plant import MAXIMUM_STEPS, Plant
-from simulators.register_blocks import Value
-from simulators.registers import RegisterBank
+from simulators.registers import registers_of
 
 OWNER = 7
 
@@ -29,22 +28,22 @@ class Bench:
         self.log: list[tuple[str, str]] = []
         clock = DeviceClock(0.0, 0.0)
         self.actuator = Actuator(self.plant, options.controller, clock, self._note)
-        self.bank = RegisterBank(self.actuator, options.servo, np.random.default_rng(0))
+        self.bank = registers_of(self.actuator, options, np.random.default_rng(0))
         self.sequence = 0
         self.events: list[tuple[float, int, float]] = []
 
     def _note(self, code: str, text: str) -> None:
         self.log.append((code, text))
 
-    def command(self, command: Command, owner: int = OWNER, **values: Value) -> Result:
+    def command(self, command: Command, owner: int = OWNER, **values: float) -> Result:
         self.sequence += 1
-        fields: dict[str, Value] = {"command": command, "sequence": self.sequence, "owner_id": owner, **values}
+        fields: dict[str, float] = {"command": command, "sequence": self.sequence, "owner_id": owner, **values}
         assert self.bank.write(wire.COMMAND.address, wire.COMMAND.encode(fields)) is True
         status = self.status()
         assert status.acked_sequence == self.sequence
         return Result(status.result)
 
-    def status(self) -> wire.ActuatorStatus:
+    def status(self) -> ActuatorStatus:
         words = self.bank.read(wire.STATUS.address, wire.STATUS.count)
         assert words is not None
         return wire.decode_status(words, 0)
@@ -67,8 +66,8 @@ class Bench:
         self.run(3.0)
         return self
 
-    def start(self, amplitude: float, frequency: float, cycles: float, waveform: int = 0, **values: Value) -> Result:
-        program: dict[str, Value] = {
+    def start(self, amplitude: float, frequency: float, cycles: float, waveform: int = 0, **values: float) -> Result:
+        program: dict[str, float] = {
             "waveform": waveform, "amplitude": amplitude, "frequency": frequency, "centre": 0.0, "cycles": cycles,
             "ramp_in_cycles": 1.0, "ramp_out_cycles": 1.0,
         }

@@ -3,12 +3,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+import demo_registers as wire
 import numpy as np
 import pytest
 
-from drivers.roles import ActuatorLimits
-from simulators import controller_firmware as wire
-from simulators.controller_firmware import Command, FaultBit, Input, ProgramPhase, Result, State
+from drivers.roles import ActuatorLimits, Command, FaultBit, Input, ProgramPhase, Result, State
 
 if TYPE_CHECKING:
     from tests.simulators.conftest import Bench
@@ -218,7 +217,7 @@ def test_limits_are_read_back_hashed_and_refused_when_absurd(bench: Bench) -> No
 
 def test_a_table_waveform_plays_the_samples_it_was_given(bench: Bench) -> None:
     samples = 0.01 * np.sin(2 * np.pi * np.arange(60) / 60)
-    values = {"table_index": 0, "table_count": 60} | {f"table_value_{i}": float(v) for i, v in enumerate(samples)}
+    values = {"table_index": 0, "table_count": 60} | {f"table_values_{i}": float(v) for i, v in enumerate(samples)}
     assert bench.bank.write(400, wire.TABLE.encode(values)) is True
     assert bench.start(0.0, 0.0, 3, waveform=2, table_length=60, table_interval=1 / 60) is Result.DONE
     rows = bench.run(3.5)

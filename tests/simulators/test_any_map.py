@@ -22,10 +22,10 @@ from drivers.roles import ActuatorLimits, Command, Program, State, WatchdogActio
 from drivers.setpoint_generator import Setpoint
 from simulators.actuator import Actuator
 from simulators.clock import DeviceClock
-from simulators.emulated_registers import EmulatedRegisters
 from simulators.modbus_server import ModbusServer
 from simulators.options import RigOptions
 from simulators.plant.plant import Plant
+from simulators.registers import RegisterBank
 
 LIMITS = ActuatorLimits(-0.05, 0.06, 0.5, 40.0, 4000.0, 2.0, 8.0, 400, int(WatchdogAction.FADE_AND_HOLD))
 LENGTHS = {"f32": "mm", "i32": "um", "f64": "in", "i64": "um"}
@@ -151,7 +151,7 @@ def served(made: ControllerMap) -> None:
     """The map on the wire, and its own driver at it."""
     options = RigOptions()
     actuator = Actuator(Plant(options), options.controller, DeviceClock(0.0, 0.0), lambda *_: None)
-    server = ModbusServer(EmulatedRegisters(actuator, options.servo, np.random.default_rng(3), made), 1)
+    server = ModbusServer(RegisterBank(actuator, options.servo, np.random.default_rng(3), made), 1)
 
     async def story() -> None:
         await server.open()
@@ -239,7 +239,7 @@ def test_what_a_condition_looks_at_is_shown_as_it_is_measured(faults: str) -> No
     served(made)
     options = RigOptions()
     actuator = Actuator(Plant(options), options.controller, DeviceClock(0.0, 0.0), lambda *_: None)
-    registers = EmulatedRegisters(actuator, options.servo, np.random.default_rng(3), made)
+    registers = RegisterBank(actuator, options.servo, np.random.default_rng(3), made)
     for name in ("force", "position"):
         quantity = made.quantities[name]
         assert registers.read(quantity.address, quantity.length) != [0] * quantity.length, name

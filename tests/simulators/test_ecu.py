@@ -7,9 +7,9 @@ import demo_ecu as wire
 import numpy as np
 import pytest
 
+from drivers.current_source import SourceFault, SourceState
 from simulators.clock import DeviceClock
 from simulators.ecu import Ecu
-from simulators.ecu_firmware import EcuFault, EcuState
 from simulators.ecu_wire import Frame
 from simulators.options import CoilOptions, RigOptions
 from simulators.plant.plant import Plant
@@ -72,7 +72,7 @@ def test_counters_run_0_to_14_and_every_crc_is_right(coil: Coil) -> None:
 def test_it_drives_the_commanded_current_with_the_coils_lag(coil: Coil) -> None:
     coil.command(1.5)
     last = statuses(coil.run(0.04))[-1]
-    assert last.state == EcuState.ENABLED
+    assert last.state == SourceState.ENABLED
     assert 0.8 < last.current_A < 1.0
     coil.command(1.5)
     assert statuses(coil.run(0.5))[-1].current_A == pytest.approx(1.5, abs=0.001)
@@ -88,11 +88,11 @@ def test_measured_current_is_quantised_to_a_milliampere() -> None:
 def test_silence_of_the_host_means_0_A_by_itself(coil: Coil) -> None:
     coil.command(2.0)
     coil.ecu.tick(0.099)
-    assert coil.ecu.state is EcuState.ENABLED
+    assert coil.ecu.state is SourceState.ENABLED
     coil.ecu.tick(0.101)
     last = statuses(coil.run(0.5))[-1]
-    assert last.state == EcuState.FAULT
-    assert last.faults == EcuFault.COMMAND_TIMEOUT
+    assert last.state == SourceState.FAULT
+    assert last.faults == SourceFault.COMMAND_TIMEOUT
     assert abs(last.current_A) < 0.001
 
 
@@ -108,29 +108,32 @@ def test_a_fault_latches_until_it_is_cleared(coil: Coil) -> None:
 def test_bad_commands_are_ignored_and_the_third_in_a_row_is_a_fault(coil: Coil) -> None:
     coil.command(1.0)
     good = wire.encode(wire.CoilCommand(5, True, False, 3.0))
-    for expected in (EcuState.ENABLED, EcuState.ENABLED, EcuState.FAULT):
+    for expected in (SourceState.ENABLED, SourceState.ENABLED, SourceState.FAULT):
         coil.ecu.receive(0x120, bytes([good[0] ^ 0xFF]) + good[1:])
         assert coil.ecu.state is expected
-    assert coil.ecu.fault_bits == EcuFault.COMMAND_CHECK
+    assert coil.ecu.fault_bits == SourceFault.COMMAND_CHECK
 
 
 def test_a_repeated_counter_is_a_bad_command(coil: Coil) -> None:
     frame = wire.encode(wire.CoilCommand(3, True, False, 1.0))
     for _ in range(4):
         coil.ecu.receive(0x120, frame)
-    assert coil.ecu.fault_bits == EcuFault.COMMAND_CHECK
+    assert coil.ecu.fault_bits == SourceFault.COMMAND_CHECK
 
 
 def test_a_short_command_is_no_command(coil: Coil) -> None:
     coil.ecu.receive(0x120, b"\x00\x01")
-    assert coil.ecu.state is EcuState.INIT
+    assert coil.ecu.state is SourceState.INIT
 
 
 @pytest.mark.parametrize(
     ("switch", "bit"),
-    [("coil_open", EcuFault.OPEN), ("coil_short", EcuFault.SHORT), ("over_temperature", EcuFault.OVER_TEMPERATURE)],
+    [
+        ("coil_open", SourceFault.OPEN), ("coil_short", SourceFault.SHORT),
+        ("over_temperature", SourceFault.OVER_TEMPERATURE),
+    ],
 )
-def test_coil_faults_are_seen_and_drive_0_A(coil: Coil, switch: str, bit: EcuFault) -> None:
+def test_coil_faults_are_seen_and_drive_0_A(coil: Coil, switch: str, bit: SourceFault) -> None:
     coil.command(1.0)
     coil.run(0.3)
     setattr(coil.ecu.faults, switch, True)
@@ -144,7 +147,7 @@ def test_undervoltage_is_a_fault(coil: Coil) -> None:
     coil.command(1.0)
     coil.ecu.supply_V = 8.0
     coil.ecu.tick(0.05)
-    assert coil.ecu.fault_bits & EcuFault.UNDERVOLTAGE
+    assert coil.ecu.fault_bits & SourceFault.UNDERVOLTAGE
 
 
 def test_a_stuck_output_keeps_its_current(coil: Coil) -> None:
@@ -163,7 +166,7 @@ def test_a_restart_counts_and_says_so(coil: Coil) -> None:
     coil.run(0.3)
     coil.ecu.restart()
     frames = coil.run(0.3)
-    assert statuses(frames)[-1].faults & EcuFault.RESTARTED
+    assert statuses(frames)[-1].faults & SourceFault.RESTARTED
     assert statuses(frames)[0].counter == 0
     boots = [wire.decode(wire.CoilTemperature, data).boot_count for identifier, data in frames if identifier == 0x122]
     assert boots[-1] == CoilOptions().boot_count + 1

@@ -10,11 +10,11 @@ import demo_ecu as wire
 import numpy as np
 import pytest
 
+from drivers.current_source import SourceFault
 from protocols.frame_format import STATUS_OVERLOAD, FrameDecoder, Reading
 from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
 from simulators.channel import Channel
-from simulators.ecu_firmware import EcuFault
 from simulators.injection import INJECTORS, VARIANTS
 from simulators.options import RigOptions
 from simulators.plant.records import MODE_PROGRAM
@@ -188,9 +188,9 @@ def command(rig: SimulatedRig, counter: int, current_A: float) -> None:
 
 @pytest.mark.parametrize(
     ("variant", "bit"),
-    [("coil-open-short:short", EcuFault.SHORT), ("ecu-overtemp:undervoltage", EcuFault.UNDERVOLTAGE)],
+    [("coil-open-short:short", SourceFault.SHORT), ("ecu-overtemp:undervoltage", SourceFault.UNDERVOLTAGE)],
 )
-def test_the_ecu_latches_the_bit_and_drives_no_current(variant: str, bit: EcuFault) -> None:
+def test_the_ecu_latches_the_bit_and_drives_no_current(variant: str, bit: SourceFault) -> None:
     def story(rig: SimulatedRig) -> None:
         command(rig, 1, 1.0)
         assert rig.plant.value("current_A") > 0.9

@@ -6,14 +6,14 @@ import itertools
 from collections.abc import Callable
 
 import demo_ecu as ecu
+import demo_registers as wire
 import numpy as np
 import pytest
 
+from drivers.roles import ActuatorStatus, Command, Result, State
 from rig.clock import monotonic_ns
 from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
-from simulators import controller_firmware as wire
-from simulators.controller_firmware import State
 from simulators.injection import INJECTORS
 from simulators.options import RigOptions
 from simulators.plant.records import MODE_PROGRAM
@@ -82,7 +82,7 @@ def moving(rig: SimulatedRig) -> None:
     rig.advance(8)
 
 
-def status(rig: SimulatedRig) -> wire.ActuatorStatus:
+def status(rig: SimulatedRig) -> ActuatorStatus:
     words = rig.bank.read(wire.STATUS.address, wire.STATUS.count)
     assert words is not None
     return wire.decode_status(words, 0)
@@ -156,9 +156,9 @@ def test_an_ignored_stop_is_acknowledged_while_the_program_runs_on() -> None:
     def story(rig: SimulatedRig) -> None:
         moving(rig)
         INJECTORS["stop-ignored"](rig)
-        rig.bank.write(300, wire.COMMAND.encode({"command": wire.Command.FADE_STOP, "sequence": 9}))
+        rig.bank.write(300, wire.COMMAND.encode({"command": Command.FADE_STOP, "sequence": 9}))
         rig.advance(4000)
-        assert status(rig).result == wire.Result.DONE
+        assert status(rig).result == Result.DONE
         assert status(rig).state == State.RUNNING
 
     on_a_rig(story)

@@ -10,10 +10,10 @@ import demo_ecu as wire
 import numpy as np
 import pytest
 
+from drivers.roles import Command, Result
 from protocols.frame_format import FrameDecoder
 from simulators.clock import DeviceClock
 from simulators.conditioner import group_delay_s
-from simulators.controller_firmware import Command, Result
 from simulators.controller_input import ControllerInput
 from simulators.ecu import Ecu
 from simulators.options import FORCE_INPUT, InputOptions, RigOptions, SensorOptions, with_option

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from drivers.roles import Command
 from rig import dampers
 from rig.errors import RigError
 from rig.identification import Measurement, identify
-from simulators.controller_firmware import Command
 from simulators.options import DamperOptions, RigOptions, with_option
 from simulators.plant.plant import MAXIMUM_STEPS, Plant, specimen_model
 from simulators.plant.records import EVENT_PULSE
@@ -236,7 +236,7 @@ def test_low_pressure_and_load_limit_the_speed(make_bench: Callable[..., Bench])
 
 
 def test_the_rod_drifts_when_hydraulics_are_off(bench: Bench) -> None:
-    from simulators.controller_firmware import Command
+    from drivers.roles import Command
 
     bench.command(Command.HYDRAULICS_OFF)
     rows = bench.run(5.0)

@@ -15,16 +15,16 @@ from pathlib import Path
 from typing import Any
 
 import can
+import demo_registers as wire
 import h5py
 import numpy as np
 import pytest
 import serial
 from pymodbus.client import ModbusTcpClient
 
+from drivers.roles import ActuatorStatus, Command, Result, State
 from protocols.frame_format import FrameDecoder
 from rig.bench.model import Bench
-from simulators import controller_firmware as wire
-from simulators.controller_firmware import Command, Result, State
 
 pytestmark = pytest.mark.wire
 COMMAND = [sys.executable, "-m", "simulators"]
@@ -49,7 +49,7 @@ class Process:
         assert self.modbus.connect()
         self.sequence = 0
 
-    def status(self) -> wire.ActuatorStatus:
+    def status(self) -> ActuatorStatus:
         answer = self.modbus.read_holding_registers(100, count=wire.STATUS.count, device_id=1)
         assert not answer.isError()
         return wire.decode_status(answer.registers, 0)
@@ -72,7 +72,7 @@ class Process:
         while (self.status().clock_us - begun_us) % (1 << 32) < device_us:
             assert time.monotonic() < deadline_s
 
-    def wait_for(self, state: State) -> wire.ActuatorStatus:
+    def wait_for(self, state: State) -> ActuatorStatus:
         deadline_s = time.monotonic() + 30
         while (status := self.status()).state != state:
             assert time.monotonic() < deadline_s, status

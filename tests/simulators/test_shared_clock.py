@@ -20,8 +20,8 @@ import simulators.rig
 from drivers import clock
 from drivers.clock import LOOK_NS as READER_LOOKS_NS
 from drivers.clock import OFFSET_PID, ClockRefused, Role, running
+from drivers.roles import FaultBit, WatchdogAction
 from simulators.bench import Addresses
-from simulators.controller_firmware import FaultBit, WatchdogAction, encode_limits
 from simulators.options import RigOptions
 from simulators.pace import LONGEST_WAIT_S
 from simulators.rig import RunOptions, SimulatedRig
@@ -241,7 +241,7 @@ def test_the_rig_and_its_watchdog_pause_while_a_busy_host_is_late(
         rig.share_clock(tmp_path / "clock", addresses)
         watched = rig.actuator
         limits = replace(watched.limits, watchdog_ms=500, watchdog_action=WatchdogAction.FADE_AND_HOLD)
-        assert watched.configure(encode_limits(limits))
+        assert watched.configure(limits)
         watched.owner = 1
         watched.feed(1)
         clock.follow(str(tmp_path / "clock"), Role.STATION, addresses.listed)

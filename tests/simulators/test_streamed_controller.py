@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from simulators.controller_firmware import Command, FaultBit, Result, State
+from drivers.roles import Command, FaultBit, Result, State
 from simulators.plant.step import DISPLACEMENT, VELOCITY
 
 if TYPE_CHECKING:
@@ -96,9 +97,7 @@ def test_without_a_generator_programs_and_moves_are_refused_and_a_halt_is_not(st
 
 
 def test_a_host_that_goes_away_is_noticed_by_the_watchdog_fed_beside_the_set_points(streamed: Bench) -> None:
-    limits = streamed.actuator.config_words
-    limits[14] = 500
-    assert streamed.actuator.configure(limits)
+    assert streamed.actuator.configure(replace(streamed.actuator.limits, watchdog_ms=500))
     for step in range(10):
         streamed.actuator.tick(step * POLL_S)
         tell(streamed, 0.0, 0.0, step + 1)

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from true_states import Truth
 
+from drivers.roles import State
 from rig.campaign import CampaignOptions, CampaignResult, PointResult, run_campaign
 from rig.matrix.plan import Plan
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.run import Run
-from simulators.controller_firmware import State
 
 pytestmark = pytest.mark.wire
 

@@ -19,8 +19,8 @@ from matrices import matrix_text
 from simulated_campaign import Ended, Session, session, simulated
 from true_states import Truth
 
+from drivers.roles import State
 from rig.recording.recorded_point import RecordedPoint
-from simulators.controller_firmware import State
 
 if TYPE_CHECKING:
     from conftest import Campaign

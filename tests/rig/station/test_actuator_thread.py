@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 
 import pytest
+from demo_registers import STATUS
 from modbus_device import ModbusDevice, demo_actuator, framed
 from station_bench import Told, config_for
 
@@ -21,7 +22,6 @@ from rig.station.interlocks.finding import Finding
 from rig.station.safe_stop import StopAction, StopPhase
 from rig.station.supervisor import Supervisor
 from rig.station.threads.actuator_thread import ActuatorThread
-from simulators.controller_firmware import STATUS
 
 MS = 1_000_000
 NEVER_NS = 1 << 60
@@ -93,7 +93,7 @@ class Controller:
 
     def show(self, state: State, clock_us: int = 0) -> None:
         inputs = Input.E_STOP_CLOSED | Input.HYDRAULICS_ON
-        values = {"state": int(state), "inputs": int(inputs), "owner": 77, "position": 0.01, "clock_us": clock_us}
+        values = {"state": int(state), "inputs": int(inputs), "owner": 77, "position": 0.01, "clock": clock_us}
         self.device.put(STATUS.address, STATUS.encode(values))
 
     def written(self) -> list[int]:

@@ -42,7 +42,7 @@ class PlainServer:
             if level and int(plant.command["mode"][0]) == records.MODE_OFF:
                 plant.state["setpoint_m"] = self.rig.actuator.seen_m
             plant.order(mode=records.MODE_HOLD if level else records.MODE_OFF, pressure=level)
-        shown = self.rig.bank.status()
+        shown = self.rig.bank.readings.status()
         clock_us = self.rig.actuator.clock.unwrapped_us(plant.time_s)
         numbers = (clock_us, shown["position"], shown["velocity"], shown["force"], plant.command["pressure"][0])
         return " ".join(f"{float(number):.9g}" if i else f"{float(number):.0f}" for i, number in enumerate(numbers))

@@ -11,8 +11,8 @@ import pytest
 from drivers.connection import ActuatorConnection
 from drivers.modbus_actuator import ModbusActuator
 from drivers.register_maps.map_file import controller
+from drivers.roles import Command
 from rig.station.client import StationClient, StationRefused
-from simulators.controller_firmware import Command
 
 Make = Callable[..., Any]
 SAME_PID = "import os\nos.getpid = lambda: 42\n"

@@ -12,8 +12,8 @@ import pytest
 from drivers.connection import ActuatorConnection
 from drivers.modbus_actuator import ModbusActuator
 from drivers.register_maps.map_file import controller
+from drivers.roles import FaultBit
 from rig.station.client import StationLost, StationRefused
-from simulators.controller_firmware import FaultBit
 
 Make = Callable[..., Any]
 FAR_M = 0.008

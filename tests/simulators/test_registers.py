@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -9,17 +12,16 @@ import pytest
 
 from drivers.register_maps.map_file import controller
 from drivers.register_maps.quantity import Quantity
-from drivers.roles import Command
+from drivers.roles import Command, Result
 from rig.files.descriptions import table_of
 from simulators.actuator import Actuator
 from simulators.clock import DeviceClock
 from simulators.emulated_bench import appearing_as
 from simulators.emulated_codec import bits_of, raw_of, text_words, value_of, words_of
 from simulators.emulated_commands import Scripts, scripts_of
-from simulators.emulated_registers import registers_of
 from simulators.options import RigOptions
 from simulators.plant.plant import Plant
-from simulators.registers import RegisterBank
+from simulators.registers import RegisterBank, registers_of
 
 MAPS = Path(__file__).parent / "maps"
 
@@ -62,8 +64,8 @@ def written(scripts: Scripts, **values: int) -> list[tuple[Command, bool]]:
 
 
 def test_a_command_is_known_by_its_constants_and_its_request_is_taken_back_without_another() -> None:
-    worn = controller(table_of("register-map", MAPS / "handshake.toml"))
-    scripts = Scripts(scripts_of(worn.recipes.commands), lambda quantity, value: raw_of(quantity, float(value)))
+    emulated = controller(table_of("register-map", MAPS / "handshake.toml"))
+    scripts = Scripts(scripts_of(emulated.recipes.commands), lambda quantity, value: raw_of(quantity, float(value)))
     assert written(scripts, p1=1, p2=2) == [(Command.MOVE_TO, False)]
     assert written(scripts, alive=1) == [], "not of a command"
     assert written(scripts, code=1) == []
@@ -84,16 +86,49 @@ def test_what_the_map_does_not_name_is_not_there() -> None:
     assert bank.write(61, [1]) is None
 
 
-def test_the_rigs_own_map_as_a_file_shows_and_takes_the_same_registers() -> None:
-    demo = Path(__file__).parents[2] / "drivers" / "devices" / "demo_controller.toml"
-    worn, own = registers(appearing_as(RigOptions(), str(demo))), registers(RigOptions())
-    # ACQUIRE as number 5 by owner 9, the whole command block
-    for bank in (worn, own):
-        assert bank.write(300, [1, 5, 9, *[0] * 21]) is True
-        assert bank.write(350, [77]) is True
-    read = [bank.read(100, 34) for bank in (worn, own)]
-    assert read[0] == read[1]
-    assert read[0] is not None
-    assert read[0][18:23] == [5, 1, 1, 9, 77]
-    assert worn.read(0, 38) == own.read(0, 38)
-    assert worn.read(200, 16) == own.read(200, 16)
+def test_a_command_is_executed_once_when_its_number_is_written_with_all_else_as_the_registers_hold_it() -> None:
+    bank = registers(RigOptions())
+    # ACQUIRE as number 5 by owner 9, one register after the other; then the whole command block at once, as number 6
+    for address, word in ((300, 1), (302, 9), (301, 5)):
+        assert bank.write(address, [word]) is True
+    assert bank.write(350, [77]) is True
+    assert bank.read(118, 5) == [5, Result.DONE, Command.ACQUIRE, 9, 77]
+    assert bank.write(300, [Command.HYDRAULICS_LOW, 6, 9, *[0] * 21]) is True
+    assert bank.read(118, 3) == [6, Result.DONE, Command.HYDRAULICS_LOW]
+    assert bank.write(300, [Command.RELEASE, 6]) is True
+    assert bank.read(118, 4) == [6, Result.DONE, Command.HYDRAULICS_LOW, 9], "the same number again"
+
+
+@pytest.mark.parametrize("name", ["demo", "demo-streamed"])
+def test_a_number_with_a_command_that_the_map_does_not_have_is_refused(name: str) -> None:
+    bank = registers(appearing_as(RigOptions(), name))
+    for number, code in enumerate((11, 42, Command.NONE, Command.START), start=1):
+        bank.write(300, [code, number, 3, *[0] * 21])
+        refused = Result.REFUSED_OWNER if (name, code) == ("demo", Command.START) else Result.REFUSED_VALUE
+        assert bank.read(118, 3) == [number, refused, code]
+
+
+def test_a_program_without_a_frequency_is_refused() -> None:
+    bank = registers(RigOptions())
+    for number, (code, given) in enumerate(((1, []), (3, []), (4, []), (7, [0.01, 0.0, 0.0])), start=1):
+        words = struct.unpack(f">{2 * len(given)}H", struct.pack(f">{len(given)}f", *given))
+        bank.write(300, [code, number, 9, 0, 0, 0, 0, 0, *words, *[0] * (14 - len(words)), 10, 0])
+        bank.actuator.plant.advance(100)
+    assert bank.read(118, 3) == [4, Result.REFUSED_VALUE, Command.START]
+
+
+def test_only_a_read_of_the_status_is_a_poll_and_draws_noise() -> None:
+    banks = registers(RigOptions()), registers(RigOptions())
+    for address, count in ((0, 38), (200, 16), (300, 24)):
+        assert banks[0].read(address, count) is not None
+    assert math.isnan(banks[0].polled_s)
+    assert banks[0].read(100, 34) == banks[1].read(100, 34)
+    assert not math.isnan(banks[0].polled_s)
+
+
+def test_a_hash_of_the_limits_is_over_their_words_in_the_order_of_the_registers() -> None:
+    bank = registers(RigOptions())
+    words = bank.read(200, 16)
+    assert words is not None
+    total = zlib.crc32(b"".join(word.to_bytes(2, "big") for word in words))
+    assert bank.read(8, 2) == [total >> 16, total & 0xFFFF]
