@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from drivers import clock
 from drivers.can_library import import_can
 from drivers.can_port import CanPort
 from drivers.connection import CanAddress
+from drivers.devices.dbc_file import DbcText
 from protocols.errors import LocalProtocolError
 from protocols.guess_can import CanFrame
 
@@ -38,23 +38,24 @@ def listen_to_can(address: CanAddress, seconds: float) -> list[CanFrame]:
     return heard
 
 
-def decoded(frames: Sequence[CanFrame], dbc: Path) -> tuple[dict[int, dict[str, Any]], list[int]]:
+def decoded(frames: Sequence[CanFrame], dbc: DbcText) -> tuple[dict[int, dict[str, Any]], list[int]]:
     """What a DBC says of frames: by identifier its message's name and each signal's lowest and highest value.
 
     Returns:
         That, and the identifiers that it does not know.
 
     Raises:
-        LocalProtocolError: the DBC cannot be read.
+        LocalProtocolError: it is not a DBC.
     """
     import_can()  # before cantools, which would have it load its MF4 reader
-    import cantools
+    from cantools.database.can import Database
     from cantools.database.errors import Error
 
+    database: Any = Database(strict=False)
     try:
-        database: Any = cantools.database.load_file(str(dbc), strict=False)
-    except (OSError, ValueError, Error) as error:
-        raise LocalProtocolError(f"{dbc}: cannot be read as a DBC: {str(error).splitlines()[0]}") from error
+        database.add_dbc_string(dbc.text)
+    except Exception as error:  # the library raises its parser's errors, its own, and plain ones of many kinds
+        raise LocalProtocolError(f"{dbc.name}: not a DBC file: {str(error).splitlines()[0]}") from error
     known: dict[int, dict[str, Any]] = {}
     unknown: set[int] = set()
     for _, identifier, data, _ in frames:

@@ -20,12 +20,6 @@ from simulators.emulated_codec import bits_of, raw_of, text_words, value_of, wor
 from simulators.emulated_status import Registers, make, put
 from simulators.modbus_server import ModbusServer
 
-SEEN = {
-    SourceFault.OVER_TEMPERATURE: SourceFault.OVER_TEMPERATURE, SourceFault.UNDERVOLTAGE: SourceFault.UNDERVOLTAGE,
-    SourceFault.OPEN: SourceFault.OPEN, SourceFault.SHORT: SourceFault.SHORT,
-    SourceFault.COMMAND_TIMEOUT: SourceFault.COMMAND_TIMEOUT, SourceFault.RESTARTED: SourceFault.RESTARTED,
-}  # fmt: skip
-"""The rig's faults, and the output stage's."""
 DEVICE_ID = 1
 
 
@@ -185,9 +179,7 @@ class SimulatedOutput:
             yield name, value if quantities[name].type == "string" or isinstance(value, int | float) else 0.0
 
     def _show_faults(self, cells: dict[tuple[str, int], int]) -> None:
-        faults, present = self._output.faults, 0
-        for meant, bit in SEEN.items():
-            present |= int(meant) if self.ecu.fault_bits & bit else 0
+        faults, present = self._output.faults, self.ecu.fault_bits
         registers: Registers = {(one.space, one.address): self._raw(one) for one in faults.quantities}
         for place, member in faults.places.items():
             put(registers, self._output.quantities[FAULT_BITS], place, int(bool(present & member)))

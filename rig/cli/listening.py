@@ -282,9 +282,10 @@ def _can(frames: list[CanFrame], dbc: Path | None) -> dict[str, Any]:
     if dbc is not None:
         from drivers.can_sniffing import decoded
         from protocols.errors import LocalProtocolError
+        from rig.files.described import LARGEST_NETWORK_BYTES, dbc_text
 
         try:
-            known, answer["unknown_identifiers"] = decoded(frames, dbc)
+            known, answer["unknown_identifiers"] = decoded(frames, dbc_text(dbc, LARGEST_NETWORK_BYTES))
         except LocalProtocolError as error:
             raise FileProblem("--dbc", [str(error)]) from error
     for one in summaries(frames):

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from pydantic_core import CoreSchema
 
 LARGEST_DBC_BYTES = 262_144
+LARGEST_NETWORK_BYTES = 32 << 20
+"""Of a DBC that describes a car's whole network: for decoding traffic only."""
 
 
 @dataclass(frozen=True)
@@ -83,14 +85,14 @@ def described(kind: str, given: Any) -> Any:  # noqa: ANN401 - a name, a file's 
     return table_of(kind, given)
 
 
-def dbc_text(path: str | Path) -> DbcText:
+def dbc_text(path: str | Path, largest_bytes: int = LARGEST_DBC_BYTES) -> DbcText:
     """A DBC file's text: UTF-8, or else as most tools write it.
 
     Raises:
         FileProblem: it cannot be read, is too large, or is in neither encoding.
     """
     path = Path(path)
-    data = read_bytes(path, LARGEST_DBC_BYTES)
+    data = read_bytes(path, largest_bytes)
     for encoding in ("utf-8-sig", DBC_ENCODING):
         with contextlib.suppress(UnicodeDecodeError):
             return DbcText(path.name, data.decode(encoding))
