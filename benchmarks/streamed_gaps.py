@@ -64,7 +64,9 @@ from simulators.registers import RegisterBank, registers_of
 
 BENCH = Path(__file__).resolve().parents[1] / "examples" / "streamed-bench.toml"
 PRESETS = ("demo-streamed", "float-drive", "delta-rmc")
-CAUSES = ("held-up", "busy", "lost", "suspended")
+CAUSES = ("held-up", "busy", "lost", "suspended", "slow")
+SLOW_S = 0.025
+"""So much longer a slow answer takes."""
 GAPS_S = (0.005, 0.015, 0.025, 0.035, 0.045, 0.06, 0.1, 0.2, 0.33, 0.7, 2.0)
 PHASES = 12
 MOTION_S = 4.0
@@ -152,7 +154,7 @@ class Link:
 
     def __init__(self, clock: FakeClock, machine: Machine, trip_s: Callable[[], float], timeout_s: float) -> None:
         self.busy = 0
-        self.is_busy = self.loses_answers = False
+        self.is_busy = self.loses_answers = self.is_slow = False
         self._clock, self._machine, self._trip_s, self._timeout_s = clock, machine, trip_s, timeout_s
 
     def open(self, timeout_s: float = 0.0) -> None:
@@ -199,7 +201,7 @@ class Link:
         if self.loses_answers:
             self._clock.go_on(self._timeout_s)
             raise NoAnswer(self.device, self.url, "no answer")
-        self._clock.go_on(self._trip_s())
+        self._clock.go_on(self._trip_s() + (SLOW_S if self.is_slow else 0.0))
 
 
 class Lvdt:
@@ -571,7 +573,7 @@ class Virtual:
                 break
 
     def gap(self) -> None:
-        """No set-point gets through for so long."""
+        """No set-point gets through for so long, or each answer is late."""
         seconds, cause, stop = self.case.gap_s, self.case.cause, self.case.stop
         if cause in {"held-up", "suspended"}:
             self.clock.go_on(seconds)
@@ -579,7 +581,7 @@ class Virtual:
             if stop is not None:
                 self.order(stop)
         else:
-            switch = "is_busy" if cause == "busy" else "loses_answers"
+            switch = {"busy": "is_busy", "lost": "loses_answers", "slow": "is_slow"}[cause]
             setattr(self.link, switch, True)
             self.run(0.5 * seconds)
             if stop is not None:

@@ -14,6 +14,9 @@ taken. After a time without a set-point that was taken:
     6 ms after the period
     up to `longest_gap_s`      the rod is measured first; the set-points lead from there back to the motion
     longer                     the motion has ended: the rod is measured and braked from where it is, at its speed
+
+A moving rod that was measured over a trip longer than the first of these times counts as not measured: meanwhile the
+device may have stopped it, and a set-point at the speed it had then would set it in motion again.
 """
 
 from __future__ import annotations
@@ -61,7 +64,8 @@ LATEST_S = 0.006
 sent only after the rod was measured: meanwhile the device has gone on at the last speed, or held the last position, and
 only the rod shows which."""
 RESTS_M = 1e-3
-"""A rod at rest that is farther from the set-point it was to hold is held where it is."""
+"""A rod at rest that is farther from the set-point it was to hold is held where it is; one that goes no farther during
+the trip that measures it is at rest."""
 RESTING_POLLS, RESTING_M = 4, 1e-4
 """A rod is at rest when the positions of so many polls are no farther apart."""
 
@@ -342,8 +346,9 @@ class StreamedActuator:
             feeds = watchdog_counter is not None and not self._silence_stops
             return self._shown(self._device.exchange(watchdog_counter or 0) if feeds else self._device.read_status())
         if self.broken_off or self.silent_s > self._regular_s > 0.0:
+            asked_s = self._now_s()
             status = self._shown(self._device.read_status())
-            if not self._following or not self._measure(status):
+            if not self._following or not self._measure(status, asked_s):
                 return status
         now_s = self._now_s()
         setpoint = self._going_on(self._source.at(now_s), now_s)
@@ -389,8 +394,13 @@ class StreamedActuator:
             lead.taken(sent.position_m, now_s)
         return status
 
-    def _measure(self, status: ActuatorStatus) -> bool:
-        """After a gap: go on, or brake, from where the rod is; False while that is not known."""
+    def _measure(self, status: ActuatorStatus, asked_s: float) -> bool:
+        """After a gap: go on, or brake, from where the rod is; False while that is not known.
+
+        Args:
+            status: as the device showed it.
+            asked_s: when that was requested (s of the device's time).
+        """
         if not self.in_motion:
             held_m, now_s = self._source.last.position_m, self._now_s()
             if math.isfinite(status.position_m) and abs(status.position_m - held_m) > RESTS_M:
@@ -401,6 +411,9 @@ class StreamedActuator:
             return math.isfinite(status.position_m)
         rod, now_s = self._rod(status), self._now_s()
         if rod is None:
+            return False
+        old_s = now_s - asked_s
+        if old_s > self._regular_s > 0.0 and abs(rod.velocity_m_s) * old_s > RESTS_M:
             return False
         if self.broken_off:
             self._source.halt_from(rod, now_s)

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.register_maps.map_file import controller
+from drivers.streamed_actuator import LATEST_S
 from rig.bench.model import Bench
 from rig.matrix.point import TestPoint
-from rig.matrix.streaming import peaks
+from rig.matrix.streaming import JITTER_S, LOOP_1_S, SPEED_JITTER, peaks
 from simulators.plant.records import FOLLOW_S
 from simulators.scenarios.scenario import EVERY_S
 from simulators.scenarios.view import STILL_M_S, Findings, View, bench_of, points_of
@@ -42,6 +43,10 @@ SETPOINT_S = 0.010
 """Of streamed set-points the mean over one interval counts: how a device goes within it is its own loop's business."""
 STOPS_ITSELF_S = 0.1
 """By then a servo loop to which no set-point comes has stopped the rod."""
+ANSWERS_S = 0.030
+"""By then a servo loop has answered a step: four of its time constants, and the interval over which the mean counts."""
+MOST_ANSWERS = 6
+"""So many set-points come within that time at most."""
 STOPPING_M = 2e-3
 """Beyond the travel limits with the rest of a halt: the overshoot, and one poll at the speed of a turning rod."""
 REACTION_S = 0.10
@@ -58,6 +63,9 @@ LAG_S = 0.030
 """The rod follows its set-point so much later at most: the loop's lag of 7.4 ms, the filters, one poll."""
 OFF_M, OFF_M_S = 2e-3, 0.03
 MOVING_M_S = 0.02
+STOPPED_M_S, TRIP_S = OFF_M / TAKEN_LATE_S, 0.003
+"""After a stop and a gap a set-point is no faster than the rod was when it was measured, and so much; a measurement is
+no older than a late set-point, and takes its trip."""
 FOLLOWS_AGAIN_NS = 0.06e9
 """A gap in the set-points after which the controller, which goes on for 50 ms, has stopped by itself."""
 MOVED_BY_OTHERS = frozenset({
@@ -101,6 +109,11 @@ class Motion:
         """The longest period of a motion of cycles; 0 where there is none: then every stop is a halt."""
         cyclic = (point for point in self.points if point.record is None and point.kind != "hybrid")
         return max((1.0 / point.frequency_Hz for point in cyclic if point.frequency_Hz > 0.0), default=0.0)
+
+    @property
+    def fades_s(self) -> float:
+        """How long the station's own stop of cycles takes: their fade-out (s)."""
+        return self.period_s * self.bench.actuator.fade_out_cycles
 
     @cached_property
     def fastest_m_s(self) -> float:
@@ -185,12 +198,42 @@ def acceleration_is_kept(view: View) -> Findings:
     change_m_s2 = (after[:, 1] - before[:, 1]) / (over * EVERY_S)
     slowing = np.abs(after[:, 1]) < np.abs(before[:, 1])  # the valve closes: nothing is commanded any more
     whole = after[:, 0] - before[:, 0] < 1e9 * (over + 0.5) * EVERY_S
-    harder = (np.abs(change_m_s2) > (1.0 + HARDER_SHARE) * limit_m_s2) & whole
+    allowed_m_s2 = (1.0 + HARDER_SHARE) * limit_m_s2
+    if motion.streamed:
+        fastest_m_s = np.maximum(np.abs(before[:, 1]), np.abs(after[:, 1]))
+        steps_m = fastest_m_s * _irregular_s(view, motion, after[:, 0])
+        allowed_m_s2 = allowed_m_s2 + SPEED_JITTER * LOOP_1_S * steps_m / SETPOINT_S
+    harder = (np.abs(change_m_s2) > allowed_m_s2) & whole
     harder &= ~(slowing & (after[:, 5] == 0.0))
     harder &= ~(slowing & _left_alone(view, motion, after[:, 0]))
     if np.count_nonzero(harder) > HARDER_S / EVERY_S:
         worst_m_s2, at_ns = _worst(after, harder, change_m_s2)
         yield f"{abs(worst_m_s2):.4g} m/s^2, allowed {limit_m_s2:.4g} m/s^2", at_ns
+
+
+def _irregular_s(view: View, motion: Motion, at_ns: Rows) -> Rows:
+    """By how much the set-points that the servo loop answers came early or late, beyond what the plan counts (s, sum).
+
+    One that is taken j early or late is a step of v j, and the loop answers that with a speed of 0.46 w0 v j
+    (`rig.matrix.streaming`): no host can send it otherwise, since it knows when it sends, not when the device takes it.
+    After a longer silence than `LATEST_S` the station leads the rod back softly.
+    """
+    given = np.array(view.session.truth.setpoints)
+    total_s = np.zeros(len(at_ns))
+    if not len(given):
+        return total_s
+    period_s = motion.bench.actuator.setpoints_s or 0.0
+    late_s = np.abs(1e-9 * np.diff(given[:, 0], prepend=given[0, 0]) - period_s)
+    late_s[late_s > LATEST_S + JITTER_S] = late_s[0] = 0.0
+    late_s = np.maximum(0.0, late_s - JITTER_S)
+    last = np.searchsorted(given[:, 0], at_ns, side="right") - 1
+    for number in range(MOST_ANSWERS):
+        place = np.maximum(0, last - number)
+        answered = (last >= number) & (1e-9 * (at_ns - given[place, 0]) < ANSWERS_S)
+        total_s += np.where(answered, late_s[place], 0.0)
+    open_s = 1e-9 * (at_ns - given[last, 0]) - period_s - JITTER_S
+    total_s += np.where((last >= 0) & (open_s < LATEST_S), np.maximum(0.0, open_s), 0.0)
+    return total_s
 
 
 def _left_alone(view: View, motion: Motion, at_ns: Rows) -> NDArray[np.bool_]:
@@ -250,6 +293,26 @@ def setpoints_go_on_from_each_other(view: View) -> Findings:
             return
         if now[0] - before[0] > FOLLOWS_AGAIN_NS and abs(now[2] - rod_m_s[place]) > gained_m_s:
             yield f"a set-point at {now[2]:.3g} m/s for a rod at {rod_m_s[place]:.3g} m/s after a gap", now[0]
+            return
+
+
+def no_set_point_sets_a_stopped_rod_in_motion(view: View) -> Findings:
+    """After a stop and a gap no set-point is faster than the rod was when it was measured: its drive may stop it."""
+    motion, given = motion_of(view), view.session.truth.setpoints
+    if motion is None:
+        return
+    rows, actuator = _ours(view), motion.bench.actuator
+    seen_ns = 1e9 * ((actuator.setpoints_s or 0.0) + LATEST_S + TRIP_S)
+    ended_ns = 1e9 * (actuator.longest_setpoint_gap_s + SETPOINT_S)
+    stopped = [(ns, view.reset_ns(ns)) for ns in (float(trip["latched_ns"]) for trip in view.station("trip"))]
+    for before, now in pairwise(given):
+        seen = rows[(rows[:, 0] > now[0] - seen_ns) & (rows[:, 0] <= now[0]), 1]
+        after_stop = any(from_ns < before[0] + ended_ns < to_ns for from_ns, to_ns in stopped)
+        if now[0] - before[0] <= ended_ns or not after_stop or not len(seen):
+            continue
+        fastest_m_s = np.max(np.abs(seen))
+        if abs(now[2]) > fastest_m_s + STOPPED_M_S:
+            yield f"a set-point at {now[2]:.3g} m/s after a stop, for a rod at {fastest_m_s:.3g} m/s at most", now[0]
             return
 
 
@@ -318,5 +381,6 @@ MOTION_CHECKS: dict[str, Callable[[View], Findings]] = {
     "acceleration": acceleration_is_kept,
     "stopping-distance": a_stop_has_its_travel,
     "setpoints": setpoints_go_on_from_each_other,
+    "set-in-motion": no_set_point_sets_a_stopped_rod_in_motion,
     "slows-down": a_stopped_rod_only_slows_down,
 }

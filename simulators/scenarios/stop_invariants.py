@@ -13,8 +13,10 @@ from rig.campaign.results import RigState
 from rig.errors import EXIT_REFUSED
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, StopKind
+from simulators.scenarios.motion_invariants import motion_of
 from simulators.scenarios.plan import DISK, FOREIGN, OF_THE_STATION, SIGNALS
 from simulators.scenarios.proof_invariants import moving_by_itself
+from simulators.scenarios.scenario import Noted
 from simulators.scenarios.view import (
     KILLING,
     NO_CURRENT_A,
@@ -39,8 +41,8 @@ TOLD_NS = 300e6
 """By then the station has looked at the controller again, whatever was sent meanwhile."""
 SENT_S = 0.25
 SHORTLY_NS = 10e6
-HALTED_NS = 1e9
-"""By then streamed set-points have brought the rod to rest."""
+HALTED_NS = 0.5e9
+"""By then a halt by streamed set-points has brought the rod to rest; a fade takes its cycles besides."""
 LATE_JOURNAL_S = 0.5
 UNNOTICED_S, UNNOTICED_TIMES = 1.0, 10.0
 """So long the rod may move with a fault that everybody can see: that, or so many times what its row allows."""
@@ -174,14 +176,19 @@ def first_cause_is_named(view: View) -> Findings:
 def no_start_after_a_foreign_stop(view: View) -> Findings:
     """Once somebody else has stopped the rig, this program starts nothing."""
     foreign = [float(trip["t_ns"]) for trip in view.station("trip", "also") if trip["slug"] == "second-master"]
-    foreign += [line.host_ns + TOLD_NS for line in view.session.truth.log if line.code == "FOREIGN"]
+    foreign += [
+        line.host_ns + TOLD_NS for line in view.session.truth.log
+        if line.code == "FOREIGN" and not _leaves_no_trace(view, line)
+    ]
     for line in view.session.truth.log:
         if foreign and line.code in {Command.START.name, Command.MOVE_TO.name} and line.host_ns > min(foreign) + 20e6:
             yield f"{line.code} after another master's stop", line.host_ns
             return
-    halted_ns = min(foreign, default=math.inf) + HALTED_NS
+    motion = motion_of(view)
+    ends_ns = HALTED_NS + (0.0 if motion is None else 1e9 * motion.fades_s)
+    halted_ns = min(foreign, default=math.inf) + ends_ns
     for at_ns, _, velocity_m_s in view.session.truth.setpoints:
-        if abs(velocity_m_s) > MOVING_M_S and halted_ns < at_ns < view.reset_ns(halted_ns - HALTED_NS):
+        if abs(velocity_m_s) > MOVING_M_S and halted_ns < at_ns < view.reset_ns(halted_ns - ends_ns):
             yield f"a set-point at {velocity_m_s:.3g} m/s after another master's stop", at_ns
             return
 
@@ -192,19 +199,24 @@ def a_foreign_stop_is_noticed(view: View) -> Findings:
         return
     trips = [float(trip["latched_ns"]) for trip in view.station("trip")]
     for line in view.session.truth.log:
-        noticed = any(at_ns < line.host_ns + 1e9 for at_ns in trips) or _leaves_no_trace(view, line.host_ns)
+        noticed = any(at_ns < line.host_ns + 1e9 for at_ns in trips) or _leaves_no_trace(view, line)
         if line.code == "FOREIGN" and line.text == "foreign-stop" and not noticed:
             yield "somebody else's stop was not noticed", line.host_ns
 
 
-def _leaves_no_trace(view: View, at_ns: float) -> bool:
-    """A halt that is over within two polls, of a controller that acknowledges no command: it is led on from there."""
+def _leaves_no_trace(view: View, stop: Noted) -> bool:
+    """A halt that is over within two polls and is no command that the controller acknowledges.
+
+    It is led on by the next set-point, as a controller is that follows set-points and was halted at its panel.
+    """
     bench, can = bench_of(view), capabilities_of(view)
-    rows = view.between(at_ns - SHORTLY_NS, at_ns + SHORTLY_NS)
+    rows = view.between(stop.host_ns - SHORTLY_NS, stop.host_ns + SHORTLY_NS)
     if bench is None or can is None or not len(rows):
         return False
-    halts_s = np.max(np.abs(rows[:, 1])) / bench.actuator.halt_deceleration_m_s2
-    return not can.acknowledge and bool(halts_s < 2.0 * bench.actuator.poll_s)
+    actuator = bench.actuator
+    shows = can.acknowledge and (stop.text == "foreign-stop" or actuator.setpoints_s is None)
+    halts_s = np.max(np.abs(rows[:, 1])) / actuator.halt_deceleration_m_s2
+    return not shows and bool(halts_s < 2.0 * actuator.poll_s)
 
 
 def a_stop_fault_is_noticed(view: View) -> Findings:

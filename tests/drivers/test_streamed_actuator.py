@@ -234,7 +234,11 @@ SINE = Program(Waveform.SINE, 0.06, 1.5, cycles=20.0)
 
 
 class Rod(Bare):
-    """A follower in a time of its own: a rod that goes on at the last speed for 50 ms, and may be busy."""
+    """A follower in a time of its own: a rod that goes on at the last speed for 50 ms, and may be busy.
+
+    Attributes:
+        answer_s: how long an answer takes.
+    """
 
     capabilities = Capabilities(WatchdogKind.COUNTER, hydraulics=True, streamed_setpoints=True)
 
@@ -243,6 +247,7 @@ class Rod(Bare):
         self.taken: list[tuple[float, Setpoint]] = [(100.0, Setpoint(0.0, 0.0))]
         self.looked: list[float] = []
         self.refuses: type[RequestRefused] | None = None
+        self.answer_s = 0.0
 
     def position_m(self) -> float:
         at_s, setpoint = self.taken[-1]
@@ -254,13 +259,18 @@ class Rod(Bare):
 
     def read_status(self) -> ActuatorStatus:
         self.looked.append(self.now_s)
-        return super().read_status()._replace(position_m=self.position_m(), velocity_m_s=self.velocity_m_s())
+        return self.answered()
+
+    def answered(self) -> ActuatorStatus:
+        shown = super().read_status()._replace(position_m=self.position_m(), velocity_m_s=self.velocity_m_s())
+        self.now_s += self.answer_s
+        return shown
 
     def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
         if self.refuses is not None:
             raise self.refuses("actuator", "here", "busy")
         self.taken.append((self.now_s, setpoint))
-        return super().read_status()._replace(position_m=self.position_m(), velocity_m_s=self.velocity_m_s())
+        return self.answered()
 
 
 @pytest.fixture
@@ -376,6 +386,25 @@ def test_a_rod_without_a_measured_speed_is_looked_at_twice(rod: Rod) -> None:
     assert rod.taken[-1][1].velocity_m_s == pytest.approx(0.0, abs=1e-6)
     assert rod.taken[-1][1].position_m == pytest.approx(rod.taken[-2][1].position_m, abs=0.05)
     assert jumps(rod, 2)[0] < 1e-6
+
+
+@pytest.mark.parametrize(("phase_s", "speed"), [(0.65, True), (0.9, True), (1.05, True), (1.0, False)])
+def test_over_a_slow_link_a_rod_that_its_drive_has_stopped_is_not_set_in_motion_again(
+    rod: Rod, phase_s: float, speed: bool
+) -> None:
+    """Each answer is older than a set-point may be (seed 1050032: four set-points moved it by 35 mm after the stop)."""
+    rod.capabilities = replace(Rod.capabilities, speed=speed)
+    driver = running(rod, SINE, phase_s)
+    rod.answer_s = 0.025
+    polled(rod, driver, 0.03)
+    driver.send(Command.FADE_STOP)
+    count, stopped_m = len(rod.taken), rod.taken[-1][1].position_m + 0.05 * rod.taken[-1][1].velocity_m_s
+    polled(rod, driver, 0.2)
+    rod.answer_s = 0.0
+    polled(rod, driver, 0.2)
+    assert len(rod.taken) > count + 10, "it is held once it is at rest"
+    assert max(abs(setpoint.position_m - stopped_m) for _, setpoint in rod.taken[count:]) < 1e-3
+    assert not driver.in_motion
 
 
 def test_a_rod_at_rest_that_was_moved_in_a_gap_is_held_where_it_is(rod: Rod) -> None:

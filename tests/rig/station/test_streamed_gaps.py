@@ -41,6 +41,7 @@ def gaps() -> ModuleType:
         ("float-drive", "sine", "held-up", 0.02, 0.2, ""),
         ("delta-rmc", "sine", "lost", 0.06, 0.9, "modbus-halfopen"),
         ("delta-rmc", "triangle", "busy", 2.0, 0.6, "modbus-busy"),
+        ("demo-streamed", "sweep", "slow", 0.33, 0.0, "setpoints-late"),
     ],
 )
 def test_after_a_gap_the_rod_stays_within_its_limits_and_the_stop_is_proved(

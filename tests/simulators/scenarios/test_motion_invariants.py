@@ -16,6 +16,8 @@ from matrices import matrix_text
 from numpy.typing import NDArray
 
 from simulators.scenarios.motion_invariants import MOTION_CHECKS
+from simulators.scenarios.scenario import Noted
+from simulators.scenarios.stop_invariants import STOP_CHECKS
 from simulators.scenarios.view import View
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -36,6 +38,8 @@ class History:
     setpoints: tuple[tuple[float, float, float], ...] = ()
     hidden_way: bool = False
     bench: str = "streamed-bench.toml"
+    slug: str = "modbus-busy"
+    stopped_by: str = ""
 
     def view(self, root: Path) -> View:
         """As the checks see it."""
@@ -47,14 +51,16 @@ class History:
         rows[:, 0], rows[:, 3] = 1e9 * t_s, self.position_m(t_s)
         rows[:, 1] = np.gradient(rows[:, 3], t_s)
         rows[:, 5] = np.where(t_s < self.pressure_off_s, 2.0, 0.0)
-        trips = [{"latched_ns": 1e9 * LATCHED_S, "t_ns": 1e9 * LATCHED_S, "slug": "modbus-busy"}]
+        trips = [{"latched_ns": 1e9 * LATCHED_S, "t_ns": 1e9 * LATCHED_S, "slug": self.slug}]
         setpoints = [(1e9 * at_s, *values) for at_s, *values in self.setpoints]
-        truth = SimpleNamespace(arrays=rows, log=(), setpoints=setpoints)
+        log = (Noted(round(1e9 * LATCHED_S), "FOREIGN", self.stopped_by),) if self.stopped_by else ()
+        truth = SimpleNamespace(arrays=rows, log=log, setpoints=setpoints)
         seen = SimpleNamespace(
             world=SimpleNamespace(root=root), session=SimpleNamespace(truth=truth),
             begun=lambda until_ns: [(1e9 * at_s, fault) for at_s, fault in self.begun if 1e9 * at_s <= until_ns],
             station=lambda *_: trips if self.stopped else [], reset_ns=lambda _: 4e9, hidden_way=self.hidden_way,
             faults_by_name=lambda: {fault for _, fault in self.begun},
+            between=lambda from_ns, to_ns: rows[(rows[:, 0] >= from_ns) & (rows[:, 0] < to_ns)],
         )  # fmt: skip
         return cast("View", seen)
 
@@ -110,6 +116,17 @@ def shaken(t_s: Array) -> Array:
     return 0.0004 * np.sin(np.sqrt(90.0 / 0.0004) * t_s)
 
 
+def swinging(t_s: Array) -> Array:
+    """70 m/s^2 at 16 Hz, of 60."""
+    return 0.007 * np.sin(100.0 * t_s)
+
+
+def streamed(*between_s: float) -> tuple[tuple[float, float, float], ...]:
+    """Set-points of the swinging motion, taken at these distances (s) again and again."""
+    times_s = np.cumsum(between_s * (400 // len(between_s)))
+    return tuple(zip(times_s, swinging(times_s), 0.7 * np.cos(100.0 * times_s), strict=True))
+
+
 @pytest.mark.parametrize(
     ("history", "found"),
     [
@@ -134,6 +151,11 @@ def shaken(t_s: Array) -> Array:
         (History(sine, setpoints=((1.0, 0.0, 0.56), (1.01, 0.0056, 0.56))), set()),
         (History(sine, setpoints=((1.0, 0.0, 0.0), (1.01, 0.06, 0.0))), {"setpoints"}),
         (History(sine, setpoints=((1.0, 0.0, 0.56), (1.3, 0.05, -0.3))), {"setpoints"}),
+        (History(swinging, setpoints=streamed(0.010)), {"acceleration"}),
+        (History(swinging, setpoints=streamed(0.008, 0.012)), set()),
+        (History(swinging, setpoints=streamed(0.008, 0.012), bench="demo-bench.toml"), {"acceleration", "speed"}),
+        (History(halted, stopped=True, setpoints=((1.99, -0.0056, 0.56), (2.1, 0.008, 0.05))), set()),
+        (History(halted, stopped=True, setpoints=((1.99, -0.0056, 0.56), (2.1, 0.008, 0.3))), {"set-in-motion"}),
     ],
 )
 def test_what_the_rod_must_not_do_is_found_and_a_healthy_motion_is_not(
@@ -154,3 +176,26 @@ def test_a_controller_that_cannot_be_reached_is_given_its_watchdog_s_time(
 
     view = History(later, stopped=True, hidden_way=hidden_way, bench="demo-bench.toml").view(tmp_path)
     assert bool(list(MOTION_CHECKS["slows-down"](view))) is found
+
+
+def slow(t_s: Array) -> Array:
+    """A move at 10 mm/s."""
+    return 0.01 * t_s
+
+
+@pytest.mark.parametrize(
+    ("history", "moving_s", "found"),
+    [
+        (History(faded, stopped=True, slug="second-master"), 1.1, False),
+        (History(faded, stopped=True, slug="second-master"), 1.3, True),
+        (History(faded, stopped_by="panel-stop"), 1.6, True),
+        (History(slow, stopped_by="panel-stop"), 1.6, False),
+        (History(slow, stopped_by="foreign-stop"), 1.6, True),
+    ],
+)
+def test_after_a_stop_by_another_master_set_points_only_fade_out_unless_it_left_no_trace(
+    history: History, moving_s: float, found: bool, tmp_path: Path
+) -> None:
+    """A fade of one cycle at 1.5 Hz is over after 0.67 s; a halt of less than two polls shows only if acknowledged."""
+    history.setpoints = ((LATCHED_S + moving_s, 0.0, 0.03),)
+    assert bool(list(STOP_CHECKS["foreign-stop"](history.view(tmp_path)))) is found

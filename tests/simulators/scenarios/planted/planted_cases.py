@@ -181,6 +181,7 @@ CASES: dict[str, Case] = {
     "halt-by-clock": Case("setpoints", BUSY, 3, matrix=SINE, bench=STREAMED),
     "fade-by-clock": Case("slows-down", BUSY, 3, matrix=SINE, bench=STREAMED),
     "rod-not-measured": Case("setpoints", BUSY, 3, matrix=SINE, bench=STREAMED),
+    "old-measurement": Case("set-in-motion", ("setpoints-late@0.5+0.33",), 3, matrix=SINE, bench=STREAMED),
     "lost-set-points": Case("slows-down", ("modbus-write-lost@0.5+0.25",), 3, matrix=SWEEP, bench=STREAMED),
     "fades-nothing": Case("slows-down", PULLED, 3, matrix=SINE, bench=STREAMED),
     "stopping-distance": Case("stopping-distance", matrix=FAST, bench=LONG_HALT),

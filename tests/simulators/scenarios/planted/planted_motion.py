@@ -45,6 +45,9 @@ MOTION: dict[str, tuple[Edit, ...]] = {
     ),
     "fade-by-clock": (NO_GAP, UNGUARDED),
     "rod-not-measured": (UNMEASURED,),
+    "old-measurement": (
+        Edit(ACTUATOR, "if old_s > self._regular_s > 0.0 and abs(rod.velocity_m_s) * old_s > RESTS_M:", "if False:"),
+    ),
     "lost-set-points": (Edit(ACTUATOR, "        if self._withholds():\n", "        if False:\n"),),
     "fades-nothing": (Edit(ACTUATOR, "            self._source.fade(now_s)\n", "            pass\n"),),
     # The end
