@@ -198,11 +198,11 @@ def acceleration_is_kept(view: View) -> Findings:
     change_m_s2 = (after[:, 1] - before[:, 1]) / (over * EVERY_S)
     slowing = np.abs(after[:, 1]) < np.abs(before[:, 1])  # the valve closes: nothing is commanded any more
     whole = after[:, 0] - before[:, 0] < 1e9 * (over + 0.5) * EVERY_S
-    allowed_m_s2 = (1.0 + HARDER_SHARE) * limit_m_s2
+    allowed_m_s2 = np.full(len(change_m_s2), (1.0 + HARDER_SHARE) * limit_m_s2)
     if motion.streamed:
         fastest_m_s = np.maximum(np.abs(before[:, 1]), np.abs(after[:, 1]))
         steps_m = fastest_m_s * _irregular_s(view, motion, after[:, 0])
-        allowed_m_s2 = allowed_m_s2 + SPEED_JITTER * LOOP_1_S * steps_m / SETPOINT_S
+        allowed_m_s2 += SPEED_JITTER * LOOP_1_S * steps_m / SETPOINT_S
     harder = (np.abs(change_m_s2) > allowed_m_s2) & whole
     harder &= ~(slowing & (after[:, 5] == 0.0))
     harder &= ~(slowing & _left_alone(view, motion, after[:, 0]))
