@@ -72,7 +72,7 @@ class CanPort:
                     interface=self._interface, channel=self._channel, bitrate=self._address.bitrate, **options
                 )
         except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
-            raise PortClosed(self.device, self._name, f"cannot open: {error}") from error
+            raise PortClosed(self.device, self._name, f"cannot be opened: {error}") from error
 
     def close(self) -> None:
         """Leave the bus; closing twice is harmless."""
@@ -130,7 +130,7 @@ class CanPort:
             )
             self._bus.send(message, timeout=0.02)
         except (self._can.CanError, OSError, ValueError) as error:
-            raise LinkLost(self.device, self._name, f"frame 0x{identifier:03X} not taken: {error}") from error
+            raise LinkLost(self.device, self._name, f"frame 0x{identifier:03X} not sent: {error}") from error
 
     @property
     def _name(self) -> str:
@@ -147,7 +147,7 @@ class CanPort:
         try:
             frames, errors = self._bus.take(timeout_s)
         except self._can.CanError as error:
-            raise PortClosed(self.device, self._name, f"the bus is gone: {error}") from error
+            raise PortClosed(self.device, self._name, f"the bus connection was lost: {error}") from error
         self.bus_errors += errors
         return frames, clock.monotonic_ns()
 
@@ -162,4 +162,4 @@ class CanPort:
         try:
             return self._bus.recv(timeout_s)
         except (self._can.CanError, OSError, ValueError) as error:
-            raise PortClosed(self.device, self._name, f"the bus is gone: {error}") from error
+            raise PortClosed(self.device, self._name, f"the bus connection was lost: {error}") from error

@@ -77,28 +77,32 @@ class Capabilities:
         without = {
             "watchdog": (
                 self.watchdog is not WatchdogKind.NONE,
-                "the actuator does not notice that its host died; only the coil goes to 0 A, by its own time-out",
+                "the actuator does not detect a failure of its host; only the coil goes to 0 A, by the time-out of "
+                "its current source",
             ),
-            "hydraulics": (self.hydraulics, "the pressure cannot be taken away from here; a stop ends holding"),
-            "lease": (self.lease, "another host's commands are not refused; do not connect a second one"),
+            "hydraulics": (self.hydraulics, "the pressure cannot be switched off from this host; after a stop the "
+                "actuator holds its position"),
+            "lease": (self.lease, "commands from another host are not refused; do not connect a second one"),
             "acknowledge": (
-                self.acknowledge, "a command counts as taken when it is written; a stop is proved by standstill alone"
+                self.acknowledge, "commands are not acknowledged; a stop is confirmed by standstill only"
             ),
             "echo": (
-                self.echo or self.watchdog is WatchdogKind.NONE, "a watchdog that is not fed shows only by its trip"
+                self.echo or self.watchdog is WatchdogKind.NONE, "a missing watchdog refresh is detected only by the "
+                    "trip"
             ),
-            "limits": (self.limits_read_back, "limits are watched by the station alone, not by the actuator"),
-            "settings": (self.settings_hash, "a reboot or changed settings are not noticed"),
+            "limits": (self.limits_read_back, "limits are monitored by the station only, not by the actuator"),
+            "settings": (self.settings_hash, "a reboot or changed settings are not detected"),
             "cycle-pulse": (
-                self.cycle_pulse, "delays between sensors are estimated from their signals; no watch for a loose joint"
+                self.cycle_pulse, "no cycle pulses: delays between sensors are estimated from their signals; a loose "
+                    "joint is not detected during motion"
             ),
-            "generator": (self.generator, "set-points are streamed by the host at its polls: slower motion only, and a "
-                "host that is late or dead is late or dead in the motion too"),
-            "e-stop-input": (self.e_stop_input, "an open e-stop chain is not seen here"),
-            "force-input": (self.force_input, "the load cell is not compared with a second force"),
+            "generator": (self.generator, "the host streams one set-point per poll: slower motion only, and a delay "
+                "or failure of the host directly affects the motion"),
+            "e-stop-input": (self.e_stop_input, "an open e-stop chain is not detected"),
+            "force-input": (self.force_input, "the load cell is not compared with a second force measurement"),
             "trial": (
-                self.tried, "unverified: this register map was never tried on such a device; before anything moves see "
-                "that `rig check` shows what the device shows"
+                self.tried, "unverified: this register map was never tested on such a device; before any motion, "
+                    "check that `rig check` shows the device's own values"
             ),
         }
         return tuple((name, text) for name, (has, text) in without.items() if not has)

@@ -203,7 +203,7 @@ def make_actuator(given: RegisterMap, connection: ActuatorConnection) -> Actuato
         if brought is not None:
             return as_actuator(brought, connection.motion)
         raise UnknownDevice(
-            "actuator", connection.url, f"register_map {name!r} is not known; known: {', '.join(actuator_names())}"
+            "actuator", connection.url, f"unknown register_map {name!r}; known: {', '.join(actuator_names())}"
         )
     from drivers.modbus_actuator import ModbusActuator
 
@@ -230,7 +230,7 @@ def make_current_source(given: Given, roles: Mapping[str, Any] | None, bus: CanA
         if brought is not None:
             return brought
         raise UnknownDevice(
-            "ecu", bus.channel, f"dbc {name!r} is not known; known: {', '.join(known_current_source_names())}"
+            "ecu", bus.channel, f"unknown dbc {name!r}; known: {', '.join(known_current_source_names())}"
         )
     from drivers.can_current_source import CanCurrentSource
     from drivers.can_port import CanPort

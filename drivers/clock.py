@@ -218,8 +218,8 @@ def follow(path: str, role: Role | None, addresses: Collection[str] | None = Non
         foreign = sorted(set(addresses) - clock.addresses)
         if foreign:
             raise ClockRefused(
-                f"clock.shared: {foreign[0]} is not a device of the simulated rig that keeps {path}; time limits of "
-                "other devices are judged by this computer's clock. Fix: remove shared from [clock]"
+                f"clock.shared: {foreign[0]} is not a device of the simulated rig that owns {path}; time limits of "
+                "other devices are checked with this computer's clock. Fix: remove shared from [clock]"
             )
     if _shared is not None:
         _shared.close()

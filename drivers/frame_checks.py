@@ -140,12 +140,12 @@ class FrameChecks:
                 return "ecu-crc", f"every frame of {name} has a counter beyond its range ({protection.profile})"
             slug = "ecu-crc"
             if len(set(differences)) == 1 and protection.data_id >= 0:
-                wrong = f"wrong by the same bits every time (0x{differences[-1]:02X}): it has another E2E data id"
+                wrong = f"wrong by the same bits every time (0x{differences[-1]:02X}): its E2E data id differs"
                 slug = "e2e-data-id"
                 fitting = self._fitting(key & ~EXTENDED, protection, tuple(self._bad[name]))
-                return slug, f"{said}, {wrong}{fitting}; write the right data_id under [protection.{name}]"
+                return slug, f"{said}, {wrong}{fitting}. Fix: write the correct data_id under [protection.{name}]"
             fix = f"check profile, E2E data id and signals under [protection.{name}], and that the DBC is this ECU's"
-            return slug, f"{said}, wrong in other bits every time; {fix}"
+            return slug, f"{said}, wrong in different bits every time; {fix}"
         return "", ""
 
     def _fitting(self, identifier: int, protection: Protection, frames: tuple[bytes, ...]) -> str:
@@ -158,12 +158,12 @@ class FrameChecks:
             return ""
         fitting = protection.fitting_ids(frames)
         if not fitting:
-            return "; no data id makes them right"
+            return "; no data id matches them"
         others = [item.protection.data_id for item in self._description.heard.values()]
         others += [item.protection.data_id for item in self._description.sent]
         nearest = sorted(fitting, key=lambda number: abs(number - protection.data_id))
         likely = dict.fromkeys((identifier, int(str(protection.data_id), 16), *others, *nearest))
         named = [f"0x{number:X} ({number})" for number in likely if number in set(fitting)][:MOST_NAMED]
         if len(fitting) == 1:
-            return f"; data id {named[0]} makes them right"
-        return f"; {len(fitting)} of {protection.ids} data ids make them right, likely ones first: {', '.join(named)}"
+            return f"; data id {named[0]} matches them"
+        return f"; {len(fitting)} of {protection.ids} data ids match them, most likely first: {', '.join(named)}"

@@ -16,12 +16,13 @@ from drivers.ring import Channel
 
 PERIOD_S = 0.010
 _LACKING = (
-    ("measurement", "nobody measures the coil's current: what is recorded is what the operator said; that another one "
-     "flows (slip, heat, a broken coil) is not seen, and overcurrent, current-tracking and current-stuck stop nothing"),
-    ("switch", "a stop cannot take the current away: the motion stops, the pressure goes off, and the operator is told "
-     "to set 0 A; force, stroke, speed and position are watched as ever"),
-    ("coil-temperature", "the coil's temperature is not measured: its limit is not watched, temperature windows are "
-     "refused"),
+    ("measurement", "the coil current is not measured: the recorded current is the value that the operator "
+        "confirmed; a different current (setting error, heating, broken coil) is not detected, and overcurrent, "
+        "current-tracking and current-stuck cannot stop the rig"),
+    ("switch", "a stop cannot switch the current off: the motion stops, the pressure is switched off, and the "
+        "operator is requested to set 0 A; force, stroke, speed and position are monitored as usual"),
+    ("coil-temperature", "the coil's temperature is not measured: its limit is not monitored, temperature windows "
+        "are refused"),
 )  # fmt: skip
 
 

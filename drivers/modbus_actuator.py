@@ -233,7 +233,7 @@ class ModbusActuator:
         held = self.read_limits()
         for name, wanted, got in zip(asdict(limits), astuple(limits), astuple(held), strict=True):
             if got != wanted:
-                raise WrongAnswer("actuator", self.url, f"wrote {name} = {wanted:g}, the controller holds {got:g}")
+                raise WrongAnswer("actuator", self.url, f"{name}: wrote {wanted:g}, read back {got:g}")
 
     def write_table(self, values_m: list[float]) -> None:
         """Load the samples of a table waveform, about the centre.
@@ -311,7 +311,7 @@ class ModbusActuator:
             self._low = self._low and command is Command.RESET
         recipe = self._map.recipe(command)
         if recipe is None:
-            raise LocalProtocolError(f"{command.name.lower().replace('_', '-')} is nothing this controller knows")
+            raise LocalProtocolError(f"{command.name.lower().replace('_', '-')} is not supported by this controller")
         return recipe
 
     def _started(self, command: Command, sequence: int, recipe: Recipe, order: Move | Program | None) -> RecipeRun:

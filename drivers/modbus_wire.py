@@ -25,8 +25,8 @@ READ_SIZE = 4096
 TRANSACTIONS = 1 << 16
 EARLIER = 4
 """So many requests back an answer may belong to one that was given up."""
-ECHO = "the line returns what is sent (local echo): the adapter hears its own requests"
-ECHO_FIX = "switch the echo off at the RS-485 adapter (2-wire mode, receiver disabled while it sends)"
+ECHO = "local echo: the adapter receives its own requests"
+ECHO_FIX = "switch the echo off at the RS-485 adapter (2-wire mode, receiver disabled during transmission)"
 QUIET_S = 0.005
 """Silence that ends whatever a serial line was sending: more than 3.5 characters at any baud rate in use."""
 
@@ -126,7 +126,7 @@ class TcpWire:
             raise NoAnswer(self.device, self.url, silence) from error
         except OSError as error:
             self.close()
-            raise LinkLost(self.device, self.url, f"connection broke: {error}") from error
+            raise LinkLost(self.device, self.url, f"connection lost: {error}") from error
         except RemoteProtocolError as error:
             # Where the next frame begins is not known any more.
             self.close()
@@ -166,7 +166,7 @@ class TcpWire:
                     raise NoAnswer(self.device, self.url, text)
                 continue
             if unit != self._unit:
-                raise OtherAnswer(self.device, self.url, f"asked unit {self._unit}, unit {unit} answers")
+                raise OtherAnswer(self.device, self.url, f"request to unit {self._unit}, answer from unit {unit}")
             return pdu
         return None
 
@@ -184,7 +184,7 @@ class TcpWire:
             raise TimeoutError
         data = connection.recv(READ_SIZE)
         if not data:
-            raise OSError("closed by the other end")
+            raise OSError("closed by the device")
         self._frames.feed(data)
 
 
@@ -244,12 +244,12 @@ class RtuWire:
             unit, answer = modbus.decode_rtu(frame)
         except PortClosed as error:
             self.close()
-            raise LinkLost(self.device, self.url, f"the port is gone: {error}") from error
+            raise LinkLost(self.device, self.url, f"the port was lost: {error}") from error
         except RemoteProtocolError as error:
             self.drain()
             raise DamagedAnswer(self.device, self.url, str(error)) from error
         if unit != self._unit:
-            raise OtherAnswer(self.device, self.url, f"asked unit {self._unit}, unit {unit} answers")
+            raise OtherAnswer(self.device, self.url, f"request to unit {self._unit}, answer from unit {unit}")
         return answer
 
     def drain(self) -> int:
@@ -278,10 +278,10 @@ class RtuWire:
             held += data
             if not data and clock.monotonic() >= deadline:
                 if held:
-                    raise RemoteProtocolError(f"an answer cut short after {len(held)} bytes")
+                    raise RemoteProtocolError(f"answer truncated after {len(held)} bytes")
                 return b""
         if len(held) > size:
-            raise RemoteProtocolError(f"{len(held) - size} bytes behind an answer of {size}")
+            raise RemoteProtocolError(f"{len(held) - size} extra bytes after an answer of {size} bytes")
         return held
 
     def _listen(self, first_s: float) -> int:

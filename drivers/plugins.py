@@ -60,7 +60,7 @@ class PlugIn:
 
     def broken(self, why: str) -> BrokenPlugIn:
         """The error that says why it cannot be used."""
-        return BrokenPlugIn(f"plug-in {self.name!r}", self.place, f"{why}; mend or uninstall {self.package}")
+        return BrokenPlugIn(f"plug-in {self.name!r}", self.place, f"{why}. Fix: correct or uninstall {self.package}")
 
 
 @cache
@@ -95,7 +95,7 @@ def plug_in_of(group: str, name: str) -> PlugIn | None:
     brought = [plug_in for plug_in in found(group) if plug_in.name == name]
     if len(brought) > 1:
         others = " and by ".join(plug_in.place for plug_in in brought[1:])
-        raise brought[0].broken(f"the same name is brought by {others}; one of them must go")
+        raise brought[0].broken(f"the same name is provided by {others}. Fix: uninstall one of them")
     return brought[0] if brought else None
 
 
@@ -111,7 +111,7 @@ def load(plug_in: PlugIn) -> object:
     try:
         return entry.load()
     except (Exception, SystemExit) as error:  # whatever foreign code raises is told as its own failure
-        raise plug_in.broken(f"it does not load: {type(error).__name__}: {error}") from error
+        raise plug_in.broken(f"it cannot be loaded: {type(error).__name__}: {error}") from error
 
 
 def simulated_as(group: str, name: str) -> str | Mapping[str, Any] | None:
@@ -131,7 +131,7 @@ def simulated_as(group: str, name: str) -> str | Mapping[str, Any] | None:
     plug_in = plug_in_of(group, name)
     said = None if plug_in is None else getattr(load(plug_in), "simulated_as", None)
     if plug_in is not None and not (said is None or isinstance(said, (str, Mapping))):
-        raise plug_in.broken(f"simulated_as: expected a name or the description of a line, got {said!r}")
+        raise plug_in.broken(f"simulated_as: got {said!r}, expected a name or the description of a line")
     return said
 
 
@@ -146,7 +146,7 @@ def maker_of(group: str, name: str) -> Callable[..., Any] | None:
         return None
     maker = load(plug_in)
     if not callable(maker):
-        raise plug_in.broken(f"expected a function or class that makes a driver, got {type(maker).__name__}")
+        raise plug_in.broken(f"expected a function or class that creates a driver, got {type(maker).__name__}")
     return maker
 
 
@@ -172,10 +172,10 @@ def made(group: str, name: str, role: type, *given: object, **further: object) -
     except DriverError:
         raise
     except Exception as error:  # whatever foreign code raises is told as its own failure
-        raise plug_in.broken(f"it makes no driver: {type(error).__name__}: {error}") from error
+        raise plug_in.broken(f"it cannot create a driver: {type(error).__name__}: {error}") from error
     lacking = [member for member in members_of(role) if not hasattr(driver, member)]
     if lacking:
-        raise plug_in.broken(f"a driver of this role also has: {', '.join(lacking)}")
+        raise plug_in.broken(f"missing for a driver of this role: {', '.join(lacking)}")
     return driver
 
 

@@ -88,8 +88,10 @@ class ScpiSupply(PolledSource):
         if not self._told:
             return ""
         if pattern is not None and not pattern.search(self._told):
-            return f"it says it is {self._told!r:.100}, which does not match {pattern.text!r}"
-        return f"it says it is {self._told!r:.100}, expected {text!r} in it" if text not in self._told else ""
+            return f"identification: got {self._told!r:.100}, expected a match of {pattern.text!r}"
+        return (
+            f"identification: got {self._told!r:.100}, expected a text with {text!r}"
+        ) if text not in self._told else ""
 
     @property
     def malformed(self) -> int:
@@ -283,7 +285,7 @@ class ScpiSupply(PolledSource):
                 word = int(number_in(answer))
                 self._faults |= sum(meaning for bit, meaning in described.faults if word & bit)
             else:
-                raise RemoteProtocolError(f"{answer!r:.60}: not the command that was sent")
+                raise RemoteProtocolError(f"{answer!r:.60}: expected an echo of the command")
         except RemoteProtocolError:
             self.counters.bad_checks += 1
             self.counters.bad_in_a_row += 1

@@ -78,7 +78,7 @@ class SerialPort:
             else:
                 self._open_serial()
         except (OSError, ValueError) as error:  # serial.SerialException is an OSError
-            raise PortClosed(self.device, self.url, f"cannot open: {_reason(error)}") from error
+            raise PortClosed(self.device, self.url, f"cannot be opened: {_reason(error)}") from error
         self.discard_input()
 
     def close(self) -> None:
@@ -105,7 +105,7 @@ class SerialPort:
         try:
             data = self._read_fd(timeout_s) if self._fd >= 0 else self._read_object(timeout_s)
         except (OSError, ValueError) as error:
-            raise PortClosed(self.device, self.url, f"the port is gone: {error}") from error
+            raise PortClosed(self.device, self.url, f"the port was lost: {error}") from error
         return data, clock.monotonic_ns()
 
     def write(self, data: bytes, timeout_s: float = 0.1) -> None:
@@ -128,10 +128,10 @@ class SerialPort:
                 rest = rest[self._write_some(rest, max(0.0, deadline - clock.monotonic())) :]
         except (TimeoutError, serial.SerialTimeoutException) as error:
             raise LinkLost(
-                self.device, self.url, f"took {len(data) - len(rest)} of {len(data)} bytes within {timeout_s} s"
+                self.device, self.url, f"sent {len(data) - len(rest)} of {len(data)} bytes within {timeout_s} s"
             ) from error
         except (OSError, ValueError) as error:
-            raise PortClosed(self.device, self.url, f"the port is gone: {error}") from error
+            raise PortClosed(self.device, self.url, f"the port was lost: {error}") from error
 
     def discard_input(self, limit_s: float = 0.1) -> int:
         """Throw away what has arrived so far.
@@ -202,7 +202,7 @@ class SerialPort:
         except BlockingIOError:
             return b""
         if not data:
-            raise OSError("end of file: the other end closed or was pulled")
+            raise OSError("end of file: the device closed the connection or was disconnected")
         return data
 
     def _read_object(self, timeout_s: float) -> bytes:
@@ -229,7 +229,7 @@ class SerialPort:
             return int(self._serial.write(data) or 0)
         _, ready, _ = select.select((), (self._fd,), (), wait_s)
         if not ready:
-            raise TimeoutError("no room in the port's buffer")
+            raise TimeoutError("the port's buffer is full")
         try:
             return os.write(self._fd, data)
         except BlockingIOError:

@@ -123,12 +123,12 @@ class SetpointGenerator:
         """Begin a move.
 
         Raises:
-            LocalProtocolError: something moves, or the order makes no sense; nothing begins.
+            LocalProtocolError: something moves, or the order is not valid; nothing begins.
         """
         if self.state is not State.HOLD:
             raise LocalProtocolError(f"MOVE_TO while {self.state.name}")
         if not (math.isfinite(order.target_m) and order.speed_m_s > 0.0 and math.isfinite(order.speed_m_s)):
-            raise LocalProtocolError(f"MOVE_TO {order.target_m} m at {order.speed_m_s} m/s makes no sense")
+            raise LocalProtocolError(f"MOVE_TO {order.target_m} m at {order.speed_m_s} m/s is not valid")
         self._begin_s, self._from, self._move = now_s, self._last, order
         self.state = State.MOVING
 
@@ -142,7 +142,7 @@ class SetpointGenerator:
             raise LocalProtocolError(f"START while {self.state.name}")
         numbers = (program.amplitude_m, program.frequency_Hz, program.centre_m, program.all_cycles)
         if program.waveform is Waveform.TABLE or not all(map(math.isfinite, numbers)) or program.frequency_Hz <= 0.0:
-            raise LocalProtocolError(f"{program.waveform.name} at {program.frequency_Hz} Hz cannot be made here")
+            raise LocalProtocolError(f"{program.waveform.name} at {program.frequency_Hz} Hz is not supported here")
         self._begin_s, self._program, self._computed, self.cycles_done = now_s, program, None, 0
         self.state = State.RUNNING
 

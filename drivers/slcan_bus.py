@@ -44,7 +44,8 @@ class BlockSlcanBus(slcanBus):
         self, channel: str, bitrate: int, data_bitrate: int | None = None, tty_baudrate: int = 921_600
     ) -> None:
         if bitrate not in self._BITRATES:
-            raise ValueError(f"slcan: no code for {bitrate} bit/s; there are {', '.join(map(str, self._BITRATES))}")
+            raise ValueError(f"slcan: unsupported bit rate {bitrate} bit/s; supported: "
+                f"{', '.join(map(str, self._BITRATES))}")
         self._listen_only = False
         self._can_protocol = can.CanProtocol.CAN_20
         self._decoder = SlcanDecoder()

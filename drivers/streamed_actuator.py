@@ -317,7 +317,8 @@ class StreamedActuator:
             LocalProtocolError: it is not held there.
         """
         if self._state not in HOLDING or not math.isfinite(self._stands_m):
-            raise LocalProtocolError(f"set-points while the device does not hold (state {self._state})")
+            raise LocalProtocolError("set-points sent while the device does not hold its position (state "
+                f"{self._state})")
         if not self._following or self._withheld:
             self._source.rest(self._stands_m)
             self._guard.begin(Setpoint(self._stands_m, 0.0), self._now_s())

@@ -43,13 +43,13 @@ def explained(link: ModbusLink, read: Read, rules: Rules, error: DriverError, *,
     elif others:
         missing = [one.name for one in _apart(read.quantities) if _whole(one) in others][:NAMED]
         at = ", ".join(_span(part, read.space, rules) for part in others[:NAMED])
-        text = f"{', '.join(missing)} ({at}) cannot be read, the other quantities can"
-        fix = f"correct address and function of {' and '.join(missing)} in [quantities], or take them out"
+        text = f"{', '.join(missing)} ({at}) cannot be read; the other quantities can"
+        fix = f"correct address and function of {' and '.join(missing)} in [quantities], or remove them"
     elif holes:
         first = rules.first_of(HOLDING)
         pairs = ", ".join(f"[{at + first}, {at + count - 1 + first}]" for at, count in holes)
         at = ", ".join(_span(part, read.space, rules) for part in holes)
-        text = f"each quantity can be read alone, but not {at}, between them, which the map does not name"
+        text = f"each quantity can be read alone, but not {at}, the registers between them, which the map does not name"
         fix = f"write [modbus] unreadable = [{pairs}], or largest_gap = 0, in the register map"
     else:
         longest = max(one.end - one.address for one in read.quantities)

@@ -92,11 +92,11 @@ class Signal:
         scaled = (value - self.offset) / self.scale
         if self.is_float:
             if not math.isfinite(scaled):
-                raise LocalProtocolError(f"{self.name} {value} is no number that can be sent")
+                raise LocalProtocolError(f"{self.name} {value} is not a finite number")
             try:
                 return int.from_bytes(struct.pack(_FLOATS[self.length], scaled), "little")
             except OverflowError as error:
-                raise LocalProtocolError(f"{self.name} {value} is beyond a float of {self.length} bits") from error
+                raise LocalProtocolError(f"{self.name} {value} exceeds a float of {self.length} bits") from error
         low, high = self.low, self.high
         if not low - 0.5 <= scaled <= high + 0.5:
             unit = f" {self.unit}" if self.unit else ""

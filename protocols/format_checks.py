@@ -41,7 +41,7 @@ def pattern_of(values: Mapping[str, Any], problems: list[Problem]) -> str | None
     address = re.escape(str(values.get("address", "")))
     if "columns" in values:
         if "pattern" in values:
-            problems.append((("columns",), "a pattern is given too; keep one of the two"))
+            problems.append((("columns",), "cannot be combined with a pattern. Fix: keep one of the two"))
         made = _of_columns(values, problems)
         return None if made is None else _compiled(made, problems)
     if "separator" in values:
@@ -81,13 +81,13 @@ def _of_columns(values: Mapping[str, Any], problems: list[Problem]) -> str | Non
         if name not in HOLES:
             problems.append((("columns", name), f"unknown column; known are {', '.join(HOLES)}"))
         elif isinstance(place, int) is (separator is None):
-            wanted = "the number of the column, for there is a separator"
+            wanted = "the column number, because a separator is given"
             wanted = "[first, last] character" if separator is None else wanted
             problems.append((("columns", name), f"must be {wanted}"))
     if "value" not in columns:
         problems.append((("columns",), "needs the column of the value"))
     if separator is not None and not (len(separator) == 1 and separator.isascii()):
-        problems.append((("separator",), "must be one character of ASCII"))
+        problems.append((("separator",), "must be one ASCII character"))
     if problems:
         return None
     return _fixed(columns, values, problems) if separator is None else _separated(columns, separator, problems)
@@ -111,7 +111,7 @@ def _separated(columns: Mapping[str, int], separator: str, problems: list[Proble
     cell, between = f"[^{re.escape(separator)}]*", re.escape(separator)
     by_number = {number: name for name, number in columns.items()}
     if len(by_number) < len(columns):
-        problems.append((("columns",), "two of them are the same column"))
+        problems.append((("columns",), "two entries refer to the same column"))
     cells = [f"(?P<{by_number[at]}>{cell})" if at in by_number else cell for at in range(1, max(by_number) + 1)]
     return between.join(cells) + f"(?:{between}{cell})*"
 
@@ -127,7 +127,7 @@ def line_problems(made: LineFormat, values: Mapping[str, Any]) -> list[Problem]:
     if not made.terminator:
         problems.append((("terminator",), "terminator must not be empty"))
     if made.scale == 0.0:
-        problems.append((("scale",), "must not be 0: every number would mean the same"))
+        problems.append((("scale",), "must not be 0: every reading would have the same value"))
     shortest, longest = widths(made.pattern)
     if shortest > made.maximum_length:
         key = "length" if "length" in values else "maximum_length"
@@ -158,15 +158,17 @@ def _group_problems(made: LineFormat, values: Mapping[str, Any]) -> Iterator[Pro
     if made.units and "unit" not in groups:
         yield ("units",), f"{column} needs a group (?P<unit>...)"
     if made.checksum_over is not None and (made.checksum_from or made.checksum_to):
-        yield ("checksum_over",), "checksum_from or checksum_to is given too; keep one of the two ways"
+        yield ("checksum_over",), "cannot be combined with checksum_from or checksum_to. Fix: keep one of the two"
     if made.checksum == "none":
         for key in ("checksum_from", "checksum_to", "checksum_over"):
             if key in values:
                 yield (key,), 'checksum is none; state it, such as checksum = "xor-hex"'
     if made.number.startswith("hexadecimal") and made.sign == "trailing":
-        yield ("sign",), "digits of a hexadecimal number have no sign behind them"
+        yield ("sign",), "a hexadecimal number has no trailing sign"
     if made.number == "hexadecimal-signed" and made.sign == "separate":
-        yield ("sign",), 'hexadecimal-signed has its sign in its digits; with a sign of its own, number = "hexadecimal"'
+        yield ("sign",), (
+            'hexadecimal-signed contains the sign in its digits. Fix: for a separate sign write number = "hexadecimal"'
+        )
     if made.sign == "separate" and not made.negative_tokens:
         yield ("negative_tokens",), "must not be empty"
 
@@ -218,13 +220,13 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
 def _exchange_problems(values: Mapping[str, Any]) -> Iterator[Problem]:
     marked = [key for key in ("request", "start_command", "stop_command") if b"{address}" in values.get(key, b"")]
     if "request" in values and not values["request"]:
-        yield ("request",), "must not be empty; leave it out for a device that sends by itself"
+        yield ("request",), "must not be empty. Fix: remove it for a device that transmits continuously"
     if marked and "address" not in values:
         yield (marked[0],), 'has {address}, which needs address = "..."'
     if "address" in values and not marked and _MARK not in str(values.get("pattern", "")):
-        yield ("address",), "is used nowhere: write {address} into request"
+        yield ("address",), "is not used. Fix: write {address} in request"
     if "answer_timeout_ms" in values and "request" not in values:
-        yield ("answer_timeout_ms",), "belongs to a request, which there is none of"
+        yield ("answer_timeout_ms",), "requires a request"
 
 
 def frame_problems(made: BinaryFormat, values: Mapping[str, Any]) -> list[Problem]:
@@ -248,7 +250,7 @@ def _framing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator
         yield (), "key 'length' is missing: bytes of a whole frame"
         return
     if not made.sync and made.checksum == "none" and made.stuffing != "slip":
-        yield (), "where a frame begins cannot be told: it needs sync bytes or a checksum"
+        yield (), "the start of a frame cannot be detected: sync bytes or a checksum are required"
     yield from _stuffing_problems(made, values)
     taken = [-1] * made.length
     size = 0 if made.checksum == "none" else CHECKSUMS[made.checksum].size
@@ -262,7 +264,7 @@ def _framing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator
     kept = [("sync", 0, len(made.sync)), ("end", made.length - len(made.end), made.length)]
     kept += [("checksum", made.checksum_at, made.checksum_at + size)] if size else []
     if len(made.sync) + len(made.end) + size >= made.length:
-        yield ("length",), "leaves no room for a value beside sync, checksum and end"
+        yield ("length",), "leaves no room for a value in addition to sync, checksum and end"
         return
     owners: dict[int, str] = {byte: name for name, begin, stop in kept for byte in range(begin, stop)}
     for name, item in made.fields.items():
@@ -271,11 +273,11 @@ def _framing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator
             yield place, "needs at (its first byte, counted from 0) and type"
             continue
         if item.at + item.size > len(taken):
-            yield (*place, "at"), f"reaches beyond the frame of {made.length} bytes"
+            yield (*place, "at"), f"extends beyond the frame of {made.length} bytes"
             continue
         for byte in range(item.at, item.at + item.size):
             if byte in owners and (item.bits is None or owners[byte] in {"sync", "end", "checksum"}):
-                yield (*place, "at"), f"byte {byte} belongs to {owners[byte]} already"
+                yield (*place, "at"), f"byte {byte} already belongs to {owners[byte]}"
                 break
             owners.setdefault(byte, name)
 
@@ -290,10 +292,10 @@ def _stuffing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterato
     elif made.stuffing == "slip" and (made.end != b"\xc0" or made.sync not in {b"", b"\xc0"}):
         yield ("stuffing",), "slip needs end = [0xC0], and the same or no sync"
     if made.stuffing == "escape" and made.escape in {*made.sync, *made.end}:
-        yield ("escape",), "is the sync or the end itself"
+        yield ("escape",), "is equal to sync or end"
     for key in ("escape", "escape_xor"):
         if key in values and made.stuffing != "escape":
-            yield (key,), 'belongs to stuffing = "escape"'
+            yield (key,), 'requires stuffing = "escape"'
     if made.length > LONGEST_FRAME:
         yield ("length",), f"must be 1..{LONGEST_FRAME}"
 
@@ -301,7 +303,7 @@ def _stuffing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterato
 def _packed_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
     for key in ("sync", "end", "checksum", "checksum_at", "checksum_over", "stuffing", "length"):
         if key in values:
-            yield (key,), "does not go with packed, whose fixed bits tell where a frame begins"
+            yield (key,), "cannot be combined with packed, whose fixed bits mark the start of a frame"
     if len(made.packed) > LONGEST_FRAME:
         yield ("packed",), f"has {len(made.packed)} bytes, at most {LONGEST_FRAME} are allowed"
         return
@@ -313,8 +315,8 @@ def _packed_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[
     for shift in range(1, count):
         pairs = [(marks[at], marks[(at + shift) % count]) for at in range(count)]
         if not any((one[1] ^ other[1]) & one[0] & other[0] for one, other in pairs):
-            told = f"moved by {shift} bytes its fixed bits are the same"
-            yield ("packed",), f"where a frame begins cannot be told: {told}"
+            told = f"shifted by {shift} bytes its fixed bits are identical"
+            yield ("packed",), f"the start of a frame cannot be detected: {told}"
             return
     if count == 1:
         yield ("packed",), "needs two bytes or more"
@@ -333,7 +335,7 @@ def _packed_fields(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Pr
             yield ("fields", name), f"packed has no bits {letter} for it"
     for name, table in values.get("fields", {}).items():
         for key in sorted({"at", "type", "bits"} & set(table)):
-            yield ("fields", name, key), "does not go with packed; its bits stand there"
+            yield ("fields", name, key), "cannot be combined with packed, which contains the bits"
 
 
 def _field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Problem]:
@@ -343,15 +345,15 @@ def _field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Prob
             yield ("type",), "must be a whole number (u or i)"
         for key, given in (("bits", item.bits), ("overload_bits", item.overload_bits), ("fault_bits", item.fault_bits)):
             if given:
-                yield (key,), f"belong to whole numbers, not to {item.type}"
+                yield (key,), f"apply to whole numbers, not to {item.type}"
     elif item.type and item.bits is not None and item.bits[1] >= 8 * item.size:
-        yield ("bits",), f"reach beyond the {8 * item.size} bits of {item.type}"
+        yield ("bits",), f"extend beyond the {8 * item.size} bits of {item.type}"
     if name == "time" and item.scale > LONGEST_TICK_US:
-        yield ("scale",), f"must be at most {LONGEST_TICK_US:g}: microseconds a tick"
+        yield ("scale",), f"must be at most {LONGEST_TICK_US:g}: microseconds per tick"
     if item.scale == 0.0 or (counts and item.scale < 0.0):
         yield ("scale",), "must not be 0" if name == "value" else "must be more than 0"
     if name == "status" and not item.judges:
-        yield (), "says nothing: state overload_bits, fault_bits, overload_values or fault_values, or leave it out"
+        yield (), "has no entries. Fix: state overload_bits, fault_bits, overload_values or fault_values, or remove it"
     if not item.type.startswith("f") and (_in_packed(name, made) if made.packed else item.type):
         yield from _never(name, item, made)
 
@@ -369,9 +371,9 @@ def _never(name: str, item: Field, made: BinaryFormat) -> Iterator[Problem]:
     low, high = (-(count // 2), count // 2 - 1) if item.signed else (0, count - 1)
     for key, listed in (("overload_values", item.overload_values), ("fault_values", item.fault_values)):
         if beyond := [number for number in listed if not low <= number <= high]:
-            yield (key,), f"{beyond[0]} can never occur: the field holds {low} to {high}"
+            yield (key,), f"{beyond[0]} is impossible: the field holds {low} to {high}"
     if item.valid is not None and (item.valid[1] < low or item.valid[0] > high):
         yield ("valid",), f"can never match: the field holds {low} to {high}"
     for key, mask in (("overload_bits", item.overload_bits), ("fault_bits", item.fault_bits)):
         if mask >= count:
-            yield (key,), f"beyond the field's bits, {count - 1:#x}"
+            yield (key,), f"outside the field's bits, {count - 1:#x}"

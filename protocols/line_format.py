@@ -133,7 +133,8 @@ class LineFormat:
             RemoteProtocolError: the line is not one of this format.
         """
         if len(line) > self.maximum_length:
-            raise RemoteProtocolError(f"{self.name}: {len(line)} bytes in a line, at most {self.maximum_length} belong")
+            raise RemoteProtocolError(f"{self.name}: a line of {len(line)} bytes, allowed at most "
+                f"{self.maximum_length}")
         try:
             text = line.decode("ascii")
         except UnicodeDecodeError as error:

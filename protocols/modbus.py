@@ -100,7 +100,7 @@ def decode_bits(request: bytes, answer: bytes, count: int) -> list[int]:
     _check_function(request, answer)
     size = (count + 7) // 8
     if len(answer) != 2 + size or answer[1] != size:
-        raise RemoteProtocolError(f"asked for {count} coils in {size} bytes, the answer has {len(answer) - 2}")
+        raise RemoteProtocolError(f"requested {count} coils in {size} bytes, the answer has {len(answer) - 2}")
     return [answer[2 + place // 8] >> place % 8 & 1 for place in range(count)]
 
 
@@ -114,7 +114,7 @@ def decode_words(request: bytes, answer: bytes, count: int) -> list[int]:
     if len(answer) < 2 or len(answer) != 2 + answer[1] or answer[1] % 2:
         raise RemoteProtocolError(f"the answer's byte count does not fit its {len(answer)} bytes")
     if answer[1] != 2 * count:
-        raise RemoteProtocolError(f"asked for {count} registers, got {answer[1] // 2}")
+        raise RemoteProtocolError(f"requested {count} registers, got {answer[1] // 2}")
     message = _ANSWERS.decode(answer)
     if message is None:
         raise RemoteProtocolError(f"the answer {answer.hex()} cannot be decoded")
@@ -134,15 +134,15 @@ def check_written(request: bytes, answer: bytes) -> None:
             wrote, named = (_COIL_VALUES.get(one[3:5], one[3:5].hex()) if coil else str(int.from_bytes(one[3:5], "big"))
                             for one in (request, answer))
             at = f"{'coil' if coil else 'register'} {int.from_bytes(request[1:3], 'big')}"
-            raise RemoteProtocolError(f"wrote {wrote} to {at}, the answer says {named}: the value was not taken")
+            raise RemoteProtocolError(f"wrote {wrote} to {at}, the answer states {named}: the value was not accepted")
         wrote_at, named_at = request[1:5].hex(), answer[1:].hex()
-        raise RemoteProtocolError(f"wrote address and count {wrote_at}, the answer names {named_at or 'nothing'}")
+        raise RemoteProtocolError(f"wrote address and count {wrote_at}, the answer states {named_at or 'nothing'}")
 
 
 def _check_function(request: bytes, answer: bytes) -> None:
     if not answer or answer[0] != request[0]:
-        got = f"is one to function {answer[0]}" if answer else "is empty"
-        raise RemoteProtocolError(f"asked function {request[0]}, the answer {got}")
+        got = f"is an answer to function {answer[0]}" if answer else "is empty"
+        raise RemoteProtocolError(f"request of function {request[0]}, the answer {got}")
 
 
 def encode_tcp(transaction: int, unit: int, pdu: bytes) -> bytes:
@@ -199,7 +199,7 @@ def rtu_answer_size(head: bytes, request: bytes) -> int | None:
     if head[1] == request[0] | EXCEPTION_BIT:
         return ExceptionResponse.rtu_frame_size
     if head[1] != request[0]:
-        raise RemoteProtocolError(f"asked function {request[0]}, the answer is one to function {head[1]}")
+        raise RemoteProtocolError(f"request of function {request[0]}, answer to function {head[1]}")
     if head[1] in WRITES:
         return WriteMultipleRegistersResponse.rtu_frame_size
     return None if len(head) < 3 else 3 + head[2] + _CRC_SIZE

@@ -55,17 +55,17 @@ class Command:
         if not 1 <= len(text.strip()) <= LONGEST_COMMAND:
             raise LocalProtocolError(f"must have 1 to {LONGEST_COMMAND} characters")
         if not (text.isascii() and text.isprintable()):
-            raise LocalProtocolError("must be printable ASCII on one line; the line's end is added ([link] terminator)")
+            raise LocalProtocolError("must be printable ASCII on one line; the terminator is added ([link] terminator)")
         quantities = set()
         for name, form in _FIELD.findall(text):
             if name not in FIELDS:
                 known = ", ".join("{" + field + "}" for field in FIELDS)
-                raise LocalProtocolError(f"{{{name}}} means nothing here; allowed: {known}")
+                raise LocalProtocolError(f"{{{name}}} is unknown here; allowed: {known}")
             if form and not _FORM.fullmatch(form):
-                raise LocalProtocolError(f"{{{name}:{form}}}: write the number's form like {{{name}:.3f}}")
+                raise LocalProtocolError(f"{{{name}:{form}}}: expected a number format such as {{{name}:.3f}}")
             quantities.add(FIELDS[name][0])
         if set("{}") & set(_FIELD.sub("", text)):
-            raise LocalProtocolError("has a brace { or } without its other half")
+            raise LocalProtocolError("has an unmatched brace { or }")
         return cls(text, frozenset(quantities))
 
     @property
@@ -99,15 +99,15 @@ def number_in(answer: str, pattern: Pattern | None = None) -> float:
     if pattern is not None:
         match = pattern.search(answer)
         if match is None:
-            raise RemoteProtocolError(f"{answer!r:.60}: does not look like {pattern.text}")
+            raise RemoteProtocolError(f"{answer!r:.60}: does not match {pattern.text}")
         text = match["value"] or ""
     number = _NUMBER.fullmatch(text)
     scale = None if number is None else _UNITS.get(number[2].upper())
     if number is None or scale is None:
-        raise RemoteProtocolError(f"{answer!r:.60}: a number was expected")
+        raise RemoteProtocolError(f"{answer!r:.60}: expected a number")
     value = float(number[1]) * scale
     if not math.isfinite(value) or abs(value) >= NO_MEASUREMENT:
-        raise RemoteProtocolError(f"{answer!r:.60}: stands for no measurement")
+        raise RemoteProtocolError(f"{answer!r:.60}: means no measurement")
     return value
 
 

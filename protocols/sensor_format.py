@@ -63,7 +63,7 @@ def _with_base(table: Table, problems: list[Problem]) -> Table:
     if base is None:
         return table
     if not isinstance(base, str) or base not in TABLES:
-        problems.append((("base",), f"no format {base!r}; there are {', '.join(TABLES)}"))
+        problems.append((("base",), f"unknown format {base!r}; known: {', '.join(TABLES)}"))
         return table
     return {**TABLES[base], **table}
 
@@ -149,5 +149,5 @@ def preset(name: str) -> SensorFormat:
         LocalProtocolError: there is none.
     """
     if name not in TABLES:
-        raise LocalProtocolError(f"no line format {name!r}; there are {', '.join(TABLES)}")
+        raise LocalProtocolError(f"unknown line format {name!r}; known: {', '.join(TABLES)}")
     return from_description({"name": name, **TABLES[name]})

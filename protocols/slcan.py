@@ -49,7 +49,7 @@ def encode_frame(identifier: int, data: bytes, extended: bool = False, remote: b
     """
     stated = length if remote else len(data)
     if not 0 <= identifier <= (0x1FFFFFFF if extended else 0x7FF) or not 0 <= stated <= 8:
-        raise LocalProtocolError(f"slcan: identifier 0x{identifier:X} with {stated} bytes is no classic frame")
+        raise LocalProtocolError(f"slcan: identifier 0x{identifier:X} with {stated} bytes is not a classic frame")
     kind = ("R" if remote else "T") if extended else ("r" if remote else "t")
     carried = "" if remote else data.hex().upper()
     return f"{kind}{identifier:0{8 if extended else 3}X}{stated}{carried}\r".encode("ascii")
@@ -68,7 +68,7 @@ def encode_fd_frame(identifier: int, data: bytes, extended: bool = False, switch
         LocalProtocolError: no CAN FD frame can carry it.
     """
     if not 0 <= identifier <= (0x1FFFFFFF if extended else 0x7FF) or len(data) not in FD_LENGTHS:
-        raise LocalProtocolError(f"slcan: identifier 0x{identifier:X} with {len(data)} bytes is no CAN FD frame")
+        raise LocalProtocolError(f"slcan: identifier 0x{identifier:X} with {len(data)} bytes is not a CAN FD frame")
     kind = ("B" if switched else "D") if extended else ("b" if switched else "d")
     code = FD_LENGTHS.index(len(data))
     return f"{kind}{identifier:0{8 if extended else 3}X}{code:X}{data.hex().upper()}\r".encode("ascii")

@@ -114,6 +114,6 @@ def evaluating(what: str) -> Iterator[None]:
         yield
     except NUMERICAL_ERRORS as error:
         raise IdentificationFailed(
-            f"{what} cannot be evaluated: {type(error).__name__}: {error}. Its data break an assumption of the "
-            "software. Fix: check its displacement, force and time, or leave it out"
+            f"{what} cannot be evaluated: {type(error).__name__}: {error}. Its data violate an assumption of the "
+            "software. Fix: check its displacement, force and time, or exclude it"
         ) from error

@@ -43,12 +43,12 @@ def _text_of(path: Path, raw: bytes) -> str:
         FileProblem: not UTF-8 (with the line).
     """
     if raw[:2] in _UTF16:
-        raise FileProblem(str(path), ["the file is UTF-16 text; save it as UTF-8"])
+        raise FileProblem(str(path), ["the file is UTF-16 text. Fix: save it as UTF-8"])
     try:
         return raw.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         line, byte = raw.count(b"\n", 0, error.start) + 1, raw[error.start]
-        problem = f"line {line}: not UTF-8 text (byte 0x{byte:02x} at {error.start}); save the file as UTF-8"
+        problem = f"line {line}: not UTF-8 text (byte 0x{byte:02x} at {error.start}). Fix: save the file as UTF-8"
         raise FileProblem(str(path), [problem]) from error
 
 

@@ -210,7 +210,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         options = replace(options, controller=replace(options.controller, generator=False))
     for fault in written:
         if fault.name in NEEDS_AUXILIARY and not values["auxiliary"]:
-            raise FileProblem("--fault", [f"{fault.name!r} needs a sensor of that kind: add --auxiliary 1"])
+            raise FileProblem("--fault", [f"{fault.name!r} needs an auxiliary sensor. Fix: add --auxiliary 1"])
     run = RunOptions(
         speed=values["speed"],
         seed=values["seed"],
@@ -241,7 +241,7 @@ def _supply(given: str) -> str:
         described("supply", given)
     elif given and given not in supply_names():
         known = ", ".join(supply_names())
-        raise FileProblem("--supply", [f"{given!r} is not known; known: {known}, or a file NAME.toml"])
+        raise FileProblem("--supply", [f"unknown {given!r}; known: {known}, or a file NAME.toml"])
     return given
 
 
@@ -257,7 +257,7 @@ def emulated(dbc: Path | None, roles: Path | None) -> EmulatedEcuFiles:
     if dbc is None and roles is None:
         return DEMO_ECU
     if dbc is None or roles is None:
-        raise FileProblem("--dbc", ["needs --ecu-roles beside it, and the other way round"])
+        raise FileProblem("--dbc", ["requires --ecu-roles, and vice versa"])
     problems = ecu_problems(str(dbc), str(roles))
     if problems:
         raise FileProblem("--dbc", [text for _, text in problems])
@@ -295,53 +295,54 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 
 @click.command(epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.option("--speed", type=click.FloatRange(0.01, 1000.0), default=1.0, show_default=True,
-              help="Device clocks against the wall; a ceiling.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Noise, clock offsets and drifts.")
+              help="Simulated seconds per second (upper limit).")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of noise, clock offsets and "
+    "drifts.")
 @click.option("--truth", type=FILE, help="Write the true state to this HDF5 file.")
 @click.option("--bench", type=FILE, help="Write the bench file here instead of a temporary folder.")
 @click.option("--config", type=click.Path(path_type=Path, exists=True, dir_okay=False),
-              help="TOML file with other constants.")
+              help="TOML file with constants that replace the defaults.")
 @click.option("--option", metavar="TABLE.KEY=VALUE", multiple=True, help="Replace one constant (repeatable).")
 @click.option("--model", help="Damper model of the specimen.")
 @click.option("--set", "parameter_set", help="Parameter set of the specimen.")
 @click.option("--specimen", metavar="KEY=VALUE", multiple=True,
               help="serial_number, mid_stroke_m, stroke_m (repeatable).")
 @click.option("--force-format", metavar="FORMAT",
-              help="What the load cell sends: a format's name or file.  [default: frame16]")
-@click.option("--displacement-format", metavar="FORMAT", help="What the LVDT sends.  [default: frame16]")
+              help="Data format of the load cell: a name or a file.  [default: frame16]")
+@click.option("--displacement-format", metavar="FORMAT", help="Data format of the LVDT.  [default: frame16]")
 @click.option("--by-hand", type=click.Choice(["off", "low", "on"]), default=None,
-              help="A current set by hand, rehearsed; the pressure meanwhile.")
+              help="Rehearse manual current, with this pressure while the operator is at the supply.")
 @click.option("--register-map", metavar="MAP",
-              help="The controller's registers and commands are as this register map says: a file, or a map's name.")
+              help="Simulate the controller of this register map: a file, or the name of an included map.")
 @click.option("--supply", default="", metavar="NAME|FILE",
-              help="The coil's current by a supply of this language in place of the ECU: a preset, or a file of yours.")
+              help="Drive the coil by a power supply instead of the ECU: a preset, or your own file.")
 @click.option("--dbc", type=click.Path(path_type=Path, exists=True, dir_okay=False),
-              help="The current ECU is as this DBC file says (with --ecu-roles).")
+              help="Simulate the ECU that this DBC file describes (requires --ecu-roles).")
 @click.option("--ecu-roles", type=click.Path(path_type=Path, exists=True, dir_okay=False),
-              help="What the signals of the DBC mean.")
+              help="Roles file: the meaning of the DBC's signals.")
 @click.option("--rate", type=click.FloatRange(1.0, 10_000.0), help="Sampling rate of every sensor (Hz).")
 @click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
 @click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]),
-              help="How sensors are reached; by-id: names of serial numbers that lead to ptys.  "
-                   "[default: pty, or by-id where a fault needs it]")
+              help="Connection of the sensors; by-id: device names with serial numbers.  [default: pty, or by-id "
+                  "where a fault needs it]")
 @click.option("--actuator", type=click.Choice(["tcp", "rtu", "setpoints"]),
-              help="Modbus TCP, RTU on a port of the kind --ports says, or a controller on TCP without a function "
-                   "generator, which follows streamed set-points.  [default: tcp, or what a fault needs]")
+              help="Controller: Modbus TCP, Modbus RTU (port as in --ports), or streamed set-points on TCP without a "
+                  "function generator.  [default: tcp, or what a fault needs]")
 @click.option("--real-time/--no-real-time", default=False, show_default=True,
-              help="Wait for nobody, as hardware does: real-time priority and the time limits of hardware at speed 1, "
-                   "where that is allowed. Otherwise the rig's clock waits while the computer is busy.")
+              help="Run in real time as hardware does: real-time priority if permitted, and the time limits of "
+                  "hardware at speed 1. By default the rig's clock waits while the computer is busy.")
 @click.option("--drop-unread", is_flag=True,
-              help="Ports drop and count what is not read in time, as real ones do; without it the rig's clock waits "
-                   "for its readers (about half a second at most).")
+              help="Ports drop and count data that are not read in time, as real ones do. By default the rig's clock "
+                  "waits for its readers (up to about half a second).")
 @setting_options
 @click.option("--fault", metavar="SLUG[:VARIANT][@T[+D]]", multiple=True,
               help="Inject a fault T s of simulated time after the first cycle begins, for D s (repeatable).")
 @click.option("--fault-seed", type=click.IntRange(0), metavar="N",
-              help="Draw one to three random faults, told at the start as --fault; the same N draws the same.")
+              help="Draw one to three random faults from seed N, printed at the start as --fault options.")
 @click.option("--fault-within", type=click.FloatRange(0.0, 1e6), default=WITHIN_S, show_default=True, metavar="S",
-              help="Drawn faults begin at most so long (simulated s) after the first cycle begins.")
-@click.option("--exit-when-idle", is_flag=True, help="When the starting process is gone, run to standstill and end.")
-@click.option("--list-faults", "listing", is_flag=True, help="List the fault matrix and end.")
+              help="Latest start of a drawn fault (simulated s after the first cycle begins).")
+@click.option("--exit-when-idle", is_flag=True, help="Stop the rod and exit when the parent process ends.")
+@click.option("--list-faults", "listing", is_flag=True, help="List the fault matrix and exit.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON on standard output.")
 def main(listing: bool, **values: Any) -> None:  # noqa: ANN401 (click hands options over by name)
     """Serve a simulated rig: actuator on Modbus TCP, current ECU on slcan, load cell and LVDT on serial ports.

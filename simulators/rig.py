@@ -376,7 +376,7 @@ class SimulatedRig:
         for channel in self.channels:
             if channel.name == name:
                 return channel
-        raise KeyError(f"no sensor {name!r}; there are {', '.join(channel.name for channel in self.channels)}")
+        raise KeyError(f"unknown sensor {name!r}; known: {', '.join(channel.name for channel in self.channels)}")
 
     def summary(self) -> str:
         """One line for the end: simulated time and what was dropped."""

@@ -83,9 +83,9 @@ def check_source(faults: Iterable[ScheduledFault], *, supply: bool) -> None:
     foreign = ONLY_BY_ECU if supply else ONLY_BY_SUPPLY
     wrong = [fault.name for fault in faults if fault.name in foreign]
     if wrong:
-        told = "happens only where a supply drives the coil: add --supply generic-scpi, or your own"
+        told = "requires a power supply as current source. Fix: add --supply generic-scpi, or your own file"
         if supply:
-            told = "happens only where an ECU on CAN drives the coil, not with --supply"
+            told = "requires an ECU on CAN as current source, not --supply"
         raise FileProblem("--fault", [f"{name!r} {told}" for name in wrong])
 
 
@@ -100,13 +100,12 @@ def parse_fault(text: str) -> ScheduledFault:
     slug, _, variant = name.partition(":")
     if slug not in MATRIX:
         close = near_names(slug, MATRIX)
-        hint = f"; did you mean {close[0]!r}?" if close else "; --list-faults names them all"
+        hint = f"; did you mean {close[0]!r}?" if close else "; --list-faults lists all"
         raise FileProblem("--fault", [f"{slug!r} is not in the fault matrix{hint}"])
     if slug not in INJECTORS:
         raise FileProblem(
             "--fault",
-            [f"{slug!r} has no injector in the simulated rig: where = process, the fault suite injects it around the "
-             "processes"],
+            [f"{slug!r} has no injector in the simulated rig (where = process: it is injected at the processes)"],
         )  # fmt: skip
     if name != slug and name not in VARIANTS:
         known = ", ".join(variant for variant in sorted(VARIANTS) if variant.startswith(f"{slug}:"))
@@ -125,7 +124,7 @@ def parse_fault(text: str) -> ScheduledFault:
         raise FileProblem("--fault", [f"{text!r}: the duration must be above 0 s"])
     fault = ScheduledFault(slug, after_s, lasts_s, variant)
     if plus and not fault.passes:
-        raise FileProblem("--fault", [f"{text!r}: {name} does not pass by itself; write {name}@{begin}"])
+        raise FileProblem("--fault", [f"{text!r}: {name} is permanent. Fix: write {name}@{begin} without a duration"])
     return fault
 
 
@@ -163,7 +162,7 @@ def wiring_for(faults: Iterable[ScheduledFault], actuator: str | None = None, po
     for slug, kind in wanted.items():
         if kind not in wiring.kinds:
             option = f"--ports {kind}" if kind == BY_ID else f"--actuator {kind}"
-            raise FileProblem("--fault", [f"{slug!r} happens only with {option}; the wires are {wiring}"])
+            raise FileProblem("--fault", [f"{slug!r} requires {option}; got {wiring}"])
     return wiring
 
 

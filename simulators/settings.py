@@ -53,7 +53,7 @@ class Setting:
             raise FileProblem(f"--{self.name}", [f"{given!r}: {error}"]) from None
         if not self.low <= number <= self.high:
             between = f"{self.low:g} to {self.high:g} {self.unit}".strip()
-            raise FileProblem(f"--{self.name}", [f"{given!r}: outside the range of {between}"])
+            raise FileProblem(f"--{self.name}", [f"got {given!r}, allowed {between}"])
         return number * self._si_per_unit * self.per_si
 
     @property
@@ -73,7 +73,7 @@ class Setting:
         if self.unit == "K":
             kelvin = given.strip().removesuffix("K")
             if kelvin == given.strip() or not _BARE.fullmatch(kelvin):
-                raise units.UnitProblem('a temperature difference is written like "-12 K"')
+                raise units.UnitProblem('expected a temperature difference such as "-12 K"')
             return float(kelvin)
         return units.parse(given, units.UNITS[self.unit].dimension) / self._si_per_unit
 
@@ -83,13 +83,13 @@ def _input(table: str, quantity: str, unit: str, largest: float) -> tuple[Settin
     name, whose = f"actuator-{quantity}", f"controller's {quantity} input"
     return (
         Setting(f"{name}-delay", f"{table}.delay_s", "ms", 0.0, 100.0,
-                f"Delay of the {whose} beyond its filter's, not declared."),
+                f"Undeclared delay of the {whose} in addition to its filter delay."),
         Setting(f"{name}-bandwidth", f"{table}.bandwidth_Hz", "Hz", 1.0, 2000.0,
                 f"Low-pass of the {whose} (delay in the bench file)."),
-        Setting(f"{name}-gain", f"{table}.gain", "", 0.1, 10.0, f"Gain of the {whose}; right is 1."),
-        Setting(f"{name}-zero", f"{table}.zero", unit, -largest, largest, f"What the {whose} shows at zero."),
+        Setting(f"{name}-gain", f"{table}.gain", "", 0.1, 10.0, f"Gain of the {whose}; 1 is correct."),
+        Setting(f"{name}-zero", f"{table}.zero", unit, -largest, largest, f"Zero offset of the {whose}."),
         Setting(f"{name}-noise", f"{table}.noise", unit, 0.0, largest, f"Noise of the {whose} (rms)."),
-        Setting(f"{name}-resolution", f"{table}.resolution", unit, 0.0, largest, f"Smallest step of the {whose}."),
+        Setting(f"{name}-resolution", f"{table}.resolution", unit, 0.0, largest, f"Resolution of the {whose}."),
     )
 
 
@@ -97,43 +97,43 @@ def _sensor(name: str, table: str, unit: str, per_si: float, largest: float) -> 
     """What can be wrong with a sensor."""
     shown = name.replace("-", " ").replace("lvdt", "LVDT")
     return (
-        Setting(f"{name}-gain", f"{table}.gain", "", 0.1, 10.0, f"Gain of the {shown}; right is 1."),
-        Setting(f"{name}-zero", f"{table}.offset", unit, -largest, largest, f"What the {shown} shows at zero.", per_si),
+        Setting(f"{name}-gain", f"{table}.gain", "", 0.1, 10.0, f"Gain of the {shown}; 1 is correct."),
+        Setting(f"{name}-zero", f"{table}.offset", unit, -largest, largest, f"Zero offset of the {shown}.", per_si),
         Setting(f"{name}-noise", f"{table}.noise", unit, 0.0, largest, f"Noise of the {shown} (rms).", per_si),
-        Setting(f"{name}-resolution", f"{table}.resolution", unit, 0.0, largest, f"Smallest step of the {shown}.",
+        Setting(f"{name}-resolution", f"{table}.resolution", unit, 0.0, largest, f"Resolution of the {shown}.",
                 per_si),
         Setting(f"{name}-delay", f"{table}.skew_s", "ms", 0.0, 100.0,
-                f"Delay of the {shown} beyond its filter's, not declared."),
+                f"Undeclared delay of the {shown} in addition to its filter delay."),
     )
 
 
 SETTINGS = (
     Setting("servo-stiffness", "servo.stiffness_N_m", "N/mm", 0.0, 1e9,
-            "Stiffness of the position loop: force pushes the rod. 0: infinite."),
+            "Stiffness of the position loop against force. 0: infinite."),
     Setting("load-train-stiffness", "servo.load_train_stiffness_N_m", "N/mm", 0.0, 1e9,
             "Stiffness between piston (controller's sensor) and LVDT. 0: rigid."),
     Setting("actuator-friction", "servo.friction_N", "N", 0.0, 1e4,
-            "Friction of the piston, which the load cell does not see."),
+            "Friction of the piston, not measured by the load cell."),
     *_input("force_input", "force", "N", 1e4),
     *_input("position_input", "position", "mm", 50.0),
     *_sensor("load-cell", "load_cell", "N", 1.0, 1e4),
     Setting("load-cell-zero-drift", "load_cell.drift_per_s", "N/s", -1e3, 1e3,
-            "The load cell's zero creeps, from the start."),
-    Setting("hum", "load_cell.hum", "N", 0.0, 1e4, "Amplitude of 50 Hz on the load cell."),
+            "Zero drift of the load cell, from the start."),
+    Setting("hum", "load_cell.hum", "N", 0.0, 1e4, "Amplitude of 50 Hz interference on the load cell."),
     Setting("crosstalk", "load_cell.crosstalk_per_A", "N/A", -1e3, 1e3,
-            "What the coil's current adds to the load cell."),
+            "Crosstalk of the coil current into the load cell."),
     *_sensor("lvdt", "lvdt", "mm", 1e3, 50.0),
     Setting("ecu-current-gain", "coil.current_gain", "", 0.1, 10.0,
-            "Gain of the ECU's current measurement, on which it regulates."),
+            "Gain of the ECU's current measurement, which it uses for control."),
     Setting("ecu-current-offset", "coil.current_offset_A", "mA", -2000.0, 2000.0,
-            "Offset of it: the true current is off, at 0 A the report."),
+            "Offset of the ECU's current measurement: shifts the true current, and the reported current at 0 A."),
     Setting("coil-sensor-offset", "coil.temperature_offset_K", "K", -100.0, 100.0,
             "Error of the coil's temperature sensor."),
     Setting("coil-heat-capacity", "damper.coil_heat_capacity_J_K", "J/K", 0.1, 1e5,
             "Heat capacity of the coil, heated by I^2 R."),
     Setting("body-heat-capacity", "damper.heat_capacity_J_K", "J/K", 1.0, 1e6,
             "Heat capacity of the damper's body, heated by F v."),
-    Setting("coil-to-body", "damper.coil_to_body_W_K", "W/K", 0.0, 1e4, "Heat conducted from the coil to the body."),
+    Setting("coil-to-body", "damper.coil_to_body_W_K", "W/K", 0.0, 1e4, "Heat conductance from the coil to the body."),
 )  # fmt: skip
 
 

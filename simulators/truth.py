@@ -223,7 +223,7 @@ class Spool:
         """
         self._waiting += data
         if not self.push() and len(self._waiting) > MOST_WAITING_BYTES:
-            raise OSError(errno.ENOSPC, "no room for what waits to be written", str(self.path))
+            raise OSError(errno.ENOSPC, "no disk space for pending data", str(self.path))
 
     def push(self) -> bool:
         """Write what waits; True when nothing waits any more.
@@ -269,10 +269,10 @@ def when_there_is_room(folder: Path, needed: Callable[[], int], do: Callable[[],
         if not waits:
             waits = True
             print(  # noqa: T201 - to whoever waits for this process
-                f"simulated rig: no room in {folder}: waiting up to {longest_s:g} s; a second signal ends this process "
-                "and leaves the pieces", file=sys.stderr, flush=True,
+                f"simulated rig: no disk space in {folder}: waiting up to {longest_s:g} "
+                "s; a second signal ends this process and leaves an incomplete file", file=sys.stderr, flush=True,
             )
         if time.monotonic() > until_s:
-            raise OSError(errno.ENOSPC, f"no room on the disk for {longest_s:g} s", str(folder))
+            raise OSError(errno.ENOSPC, f"no disk space for {longest_s:g} s", str(folder))
         # Room on a disk cannot be waited for otherwise.
         time.sleep(LOOK_AGAIN_S)

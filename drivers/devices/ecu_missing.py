@@ -18,22 +18,22 @@ from drivers.devices.ecu_description import (
 
 WITHOUT: Mapping[str, str] = {
     "timeout": (
-        "it is not stated that the current goes to 0 A when this host falls silent (command_timeout): if the host or "
-        "the bus dies, the current stays until the supply is switched off by hand"
+        "no command time-out is stated (command_timeout): if this host or the bus fails, the current continues until "
+        "its supply is switched off manually"
     ),
-    "faults": "its own faults (open coil, short, heat) are not seen; its current is judged",
+    "faults": "its own faults (open coil, short circuit, overheating) are not reported; only its current is checked",
     "enable": "its output stage cannot be switched off; a stop commands 0 A",
-    "counter": "{status} has no counter: repeated or lost frames are not noticed, only silence is",
-    "checksum": "{status} has no checksum: a wrong frame is taken for right",
-    "command-checksum": "commands have no checksum: the source may take a damaged one for right",
-    "coil-temperature": "the coil's temperature is not measured: its limit is not watched",
+    "counter": "{status} has no counter: repeated or lost frames are not detected, only missing communication is",
+    "checksum": "{status} has no checksum: a corrupted frame is accepted",
+    "command-checksum": "commands have no checksum: the source may accept a corrupted one",
+    "coil-temperature": "the coil's temperature is not measured: its limit is not monitored",
     "supply": "its supply voltage is not recorded",
     "state": "the state of its output stage is not recorded",
-    "restart": "a restart shows only by its faults or its silence",
-    "clock": "its frames are timed by their arrival at this host",
-    "identity": "nothing proves that it is the one of the bench file",
-    "layout": "nothing proves that its frames are laid out as the DBC says",
-    "periods": "how often {unwatched} should come is stated nowhere; write it under [periods]",
+    "restart": "a restart is detected only by its faults or missing communication",
+    "clock": "its frames are time-stamped on arrival at this host",
+    "identity": "its identity cannot be checked against the bench file",
+    "layout": "the frame layout cannot be checked against the DBC",
+    "periods": "the period of {unwatched} is not stated. Fix: write it under [periods]",
 }
 """Name of what can be missing, and what remains without it; the most important first."""
 

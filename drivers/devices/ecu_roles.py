@@ -104,7 +104,8 @@ class _Roles:
         timeout_s = None if timeout is None else seconds(timeout)
         cyclic = self._roles.get("sending", SENDING[0]) == SENDING[0]
         if not cyclic and timeout_s is not None:
-            reading.wrong(("sending",), "with a command_timeout it goes to 0 A between two changes; send cyclic")
+            reading.wrong(("sending",), "not allowed with a command_timeout: the current would go to 0 A between two "
+                "changes. Fix: send cyclic")
         layout = self._layout()
         if reading.problems:
             raise RoleProblems(reading.problems)
@@ -168,7 +169,8 @@ class _Roles:
         for word, meaning in STATES.items():
             for number in self._reading.numbers(table[word], named, (STATE, word)) if word in table else ():
                 if number in codes:
-                    self._reading.wrong((STATE, word), f"{number} is {str(codes[number].name).lower()} already")
+                    self._reading.wrong((STATE, word), f"{number} is already used for "
+                        f"{str(codes[number].name).lower()}")
                 codes[number] = meaning
         return codes
 
@@ -193,12 +195,13 @@ class _Roles:
         self, bit: int, word: Found | None, meaning: SourceFault, bits: dict[int, SourceFault], place: Place
     ) -> None:
         if word is None:
-            self._reading.wrong(place, 'is a bit of no signal; write faults.signal = "Message.signal" too, '
-                                'or "Message.signal" of its own here')  # fmt: skip
+            self._reading.wrong(place, "is a bit, but no signal is given. Fix: write faults.signal = "
+                '"Message.signal" too, or a separate "Message.signal" here')  # fmt: skip
         elif not 0 <= bit < word.signal.length:
             self._reading.wrong(place, f"{word.signal.name} has the bits 0 to {word.signal.length - 1}")
         elif 1 << bit in bits:
-            self._reading.wrong(place, f"bit {bit} means {str(bits[1 << bit].name).lower().replace('_', '-')} already")
+            self._reading.wrong(place, f"bit {bit} is already used for "
+                f"{str(bits[1 << bit].name).lower().replace('_', '-')}")
         else:
             bits[1 << bit] = meaning
 
@@ -228,8 +231,8 @@ class _Roles:
             self._reading.wrong(
                 (COMMAND,),
                 f"{signal.name} (line {given.line} of the DBC) holds {low_A:g} A to {high_A:g} A in steps of "
-                f"{abs(signal.scale):g} A: it cannot give 0 A, and nothing would take the coil's current away; "
-                "name a set-point that can",
+                f"{abs(signal.scale):g} A: it cannot represent 0 A, so the coil could not be switched off. Fix: name "
+                "a set-point that can",
             )
         return low_A, high_A
 
@@ -272,8 +275,8 @@ class _Roles:
                 if bits & placed.signal.bits(message.size):
                     self._reading.wrong(
                         tuple(field.split(".")),
-                        f"{placed.signal.name} and {what} of [protection.{message.name}] take the same bits; check "
-                        "offset, crc and counter",
+                        f"{placed.signal.name} and {what} of [protection.{message.name}] overlap. Fix: check offset, "
+                        "crc and counter",
                     )
 
     def _check_messages(
@@ -283,11 +286,11 @@ class _Roles:
         used = {named.message.name for role, named in self._found.items() if role not in SENT_ROLES}
         used |= {named.message.name for _, named, _, _ in self._fault_signals}
         for name in sorted(used & sent):
-            self._reading.wrong((COMMAND,), f"message {name!r} is sent and heard; a message has one sender")
+            self._reading.wrong((COMMAND,), f"message {name!r} is both sent and received; a message has one sender")
         for table, names in (("protection", protections), ("periods", periods)):
             for name in names:
                 if name not in used | sent:
-                    self._reading.wrong((table, name), f"no role is in message {name!r}; take this out")
+                    self._reading.wrong((table, name), f"message {name!r} has no role. Fix: remove this entry")
         owners: dict[int, str] = {}
         for name in sorted(used | sent):
             message = self._reading.messages[name]
@@ -295,7 +298,7 @@ class _Roles:
                 said = f"{name} has {message.size} bytes; a CAN FD frame has 0 to 8, 12, 16, 20, 24, 32, 48 or 64"
                 self._reading.wrong((), said, message.line)
             if (owner := owners.setdefault(_key(message), name)) != name:
-                said = f"{owner} and {name} have one identifier, 0x{message.identifier:X}"
+                said = f"{owner} and {name} have the same identifier, 0x{message.identifier:X}"
                 self._reading.wrong((), said, message.line)
 
     def _timing(self, heard: Mapping[int, HeardMessage]) -> SourceTiming:

@@ -81,20 +81,21 @@ def output_lacks(output: AnalogueOutput) -> tuple[tuple[str, bool, str], ...]:
     """What an output can do: a name, whether it can, and what is left without it, in words."""
     return (
         ("timeout", output.watchdog is not None,
-         "nothing says that the output goes to 0 A by itself ([watchdog]): if this host or the link dies, it keeps its "
-         "value and the current flows until somebody takes the amplifier's power; the motion still ends by the "
-         "actuator's own watchdog"),
+         "no watchdog of the output is stated ([watchdog]): if this host or the link fails, the output keeps its "
+         "value and the current flows until the amplifier is switched off; the actuator's own watchdog still stops "
+         "the motion"),
         ("measurement", output.measures,
-         "nobody measures the coil's current: what is recorded is the set-point that the module took; that another one "
-         "flows (amplifier, scale, a broken coil) is not seen; overcurrent, and current-stuck stop nothing"),
+         "the coil current is not measured: the recorded current is the set-point that the module accepted; a "
+         "different current (amplifier, scale, broken coil) is not detected, and overcurrent and current-stuck "
+         "cannot stop the rig"),
         ("read-back", output.current.read,
-         "the set-point cannot be read back: that the module holds it, 0 A after a stop too, is not proved but by its "
+         "the set-point cannot be read back: the only confirmation, also of 0 A after a stop, is the module's "
          "answer to the write"),
         ("enable", ENABLE in output.quantities,
-         "its output is not switched off: a stop commands 0 A, and what the amplifier makes of that flows"),
+         "its output is not switched off: a stop commands 0 A, and any offset of the amplifier continues to flow"),
         ("coil-temperature", False,
-         "the coil's temperature is not measured: its limit is not watched, temperature windows are refused"),
-        ("faults", bool(output.faults.quantities), "its own faults are not seen"),
+         "the coil's temperature is not measured: its limit is not monitored, temperature windows are refused"),
+        ("faults", bool(output.faults.quantities), "its own faults are not detected"),
         ("identity", bool(output.expected) or "serial_number" in output.quantities,
-         "nothing proves that it is the module of the bench file"),
+         "the module's identity cannot be checked against the bench file"),
     )  # fmt: skip

@@ -38,7 +38,7 @@ def read_output(given: Mapping[str, Any], name: str) -> tuple[SupplyDescription 
     faults = read_bits(top.table("faults"), SourceFault, quantities.get(FAULT_BITS), FAULT_BITS, quantities)
     for one in quantities.values():
         if one.values > 1:
-            top.table("quantities").add(one.name, "is one value: take count out")
+            top.table("quantities").add(one.name, "must be one value. Fix: remove count")
     output = AnalogueOutput(
         quantities, modbus.rules, _identity(top.table("identity"), quantities), faults,
         _written(top, "prepare", quantities),
@@ -76,7 +76,7 @@ def _written(table: Table, key: str, quantities: Quantities, names: tuple[str, .
     values = read_values(table, key, quantities, names)
     for quantity in values:
         if quantity.name in {CURRENT, ENABLE}:
-            table.add(key, f"writes {quantity.name}, which only a point of the matrix and a stop do; take it out")
+            table.add(key, f"writes {quantity.name}, which is reserved for the matrix and for stops. Fix: remove it")
     return (Write(values),)
 
 
@@ -95,20 +95,20 @@ def _needs(top: Table, output: AnalogueOutput, current_A: tuple[float, float]) -
         return
     current, measured = quantities[CURRENT], quantities.get(MEASURED)
     if current.space != HOLDING or not current.written:
-        table.add(CURRENT, "the set-point is written: it lies in a holding register with access \"rw\" or \"w\"")
+        table.add(CURRENT, 'the set-point must be a holding register with access "rw" or "w"')
     for one in (current, measured):
         if one is not None and (one.measures != "current" or one.type == "string" or one.values > 1):
-            table.add(one.name, 'is a current: one number with unit = "A" or unit = "mA"')
+            table.add(one.name, 'must be a current: one number with unit = "A" or unit = "mA"')
     if measured is not None and not measured.read:
         table.add(MEASURED, "must be readable")
     enable = quantities.get(ENABLE)
     if enable is not None and (not enable.written or not enable.whole or enable.type == "string"):
-        table.add(ENABLE, f"is written 1 (on) or 0 (off): a {COIL}, or a whole register without scale")
+        table.add(ENABLE, f"must be a {COIL} or a whole register without scale: 1 (on) or 0 (off) is written")
     faults = quantities.get(FAULT_BITS)
     if faults is not None and (not faults.read or not faults.whole or faults.type in {*FLOATS, "string"}):
-        table.add(FAULT_BITS, "is bits: a whole number without scale that can be read")
+        table.add(FAULT_BITS, "must contain bits: a readable whole number without scale")
     if not any(one.read for one in quantities.values()):
-        table.add(None, "nothing of it can be read: it could not even be told that it is there; give one that can")
+        table.add(None, "no readable quantity: its presence could not be detected. Fix: give one that can be read")
     if current.space == HOLDING and current.type != "string":
         _zero(top, current, current_A, switched=enable is not None)
 
@@ -122,13 +122,13 @@ def _zero(top: Table, current: Quantity, current_A: tuple[float, float], *, swit
     reaches = current_A[0] <= 0.0 <= current_A[1] and current.holds(0.0)
     if not reaches and not switched:
         top.table("range").add(
-            "current_A", "0 A is not among what the register can hold, and there is no enable to switch the output "
-            "off: nothing would take the coil's current away. Refused"
+            "current_A", "the register cannot represent 0 A, and there is no enable to switch the output off: the "
+                "coil could not be switched off. Refused"
         )
         return
     off_A = abs(float(current.decode(current.encode(0.0)))) if reaches else 0.0
     if off_A > ZERO_A:
         table.add(
-            CURRENT, f"its number nearest to 0 A is {off_A:.3g} A; allowed {ZERO_A:g} A: nothing would bring the "
-            "current to 0 A. Look at scale and offset"
+            CURRENT, f"its number nearest to 0 A is {off_A:.3g} A; allowed {ZERO_A:g} A: the coil could not be "
+                "switched off. Fix: check scale and offset"
         )

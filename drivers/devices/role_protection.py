@@ -61,7 +61,7 @@ def _own(reading: Reading, message: DbcMessage, given: Mapping[str, Any], profil
         return None
     bytes_of = _whole_bytes(checksum, message.size)
     if bytes_of is None or checksum.length > _LONGEST_CRC:
-        reading.wrong((*place, "crc"), f"{checksum.name} must take whole bytes, 8, 16, 24 or 32 bits")
+        reading.wrong((*place, "crc"), f"{checksum.name} must occupy whole bytes, 8, 16, 24 or 32 bits")
         return None
     crc, covered = _crc(reading, given, checksum.length, place), _covered(reading, given, message.size, place)
     if crc is None or covered is None:
@@ -173,6 +173,6 @@ def _overlap(reading: Reading, message: DbcMessage, made: Protection, place: Pla
     for what, bits in made.places(message.size).items():
         for bit in sorted(bits):
             if bit in taken:
-                reading.wrong(place, f"{what} and {taken[bit]} both take bit {bit % 8} of byte {bit // 8}")
+                reading.wrong(place, f"{what} and {taken[bit]} both use bit {bit % 8} of byte {bit // 8}")
                 return
             taken[bit] = what

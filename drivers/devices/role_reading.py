@@ -108,7 +108,7 @@ class Reading:
         if given is None:
             near = near_names(name, message.signals, 3, 0.4) or list(message.signals)[:8]
             elsewhere = [item.name for item in self.messages.values() if name in item.signals]
-            hint = f"; {', '.join(elsewhere)} has one of that name" if elsewhere else ""
+            hint = f"; {', '.join(elsewhere)} has a signal of that name" if elsewhere else ""
             at = f" (line {message.line} of the DBC)" if message.line else ""
             self.wrong(place, f"message {message.name!r}{at} has no signal {name!r}; nearest: {', '.join(near)}{hint}")
             return None
@@ -132,7 +132,7 @@ class Reading:
             self.wrong(place, f"{signal.name} has no value named {value!r}; {known}")
             return None
         if not isinstance(value, int):
-            said = f"must be a whole number as on the wire, or the name of a value of {signal.name} in quotes"
+            said = f"must be a raw whole number, or the name of a value of {signal.name} in quotes"
             self.wrong(place, said)
             return None
         if not signal.low <= value <= signal.high:
@@ -159,7 +159,7 @@ class Reading:
         base, per_si = _BASE[dimension]
         if dimension == "current" and unit in SHARES:
             if "full_scale" not in table:
-                self.wrong((*place, "full_scale"), 'is a share in %: write the current of 100 %, full_scale = "3 A"')
+                self.wrong((*place, "full_scale"), 'is given in %. Fix: write the current at 100 %, full_scale = "3 A"')
                 return None
             factor, offset = quantity(table["full_scale"])[0] / 100.0, 0.0
         elif unit in units:
@@ -185,7 +185,7 @@ def _unusable(given: DbcSignal, message: DbcMessage) -> str:
     """What is wrong with a signal by itself; empty where nothing is."""
     signal = given.signal
     if not math.isfinite(signal.scale) or signal.scale == 0.0:
-        return f"its scale is {signal.scale:g}; a scale is any number but 0"
+        return f"its scale is {signal.scale:g}; the scale must not be 0"
     if not math.isfinite(signal.offset):
         return f"its offset is {signal.offset:g}"
     if signal.is_float and signal.length not in {16, 32, 64}:

@@ -168,28 +168,30 @@ def identity_of(answer: str) -> SourceIdentity:
 
 def supply_lacks(described: SupplyDescription) -> tuple[tuple[str, str], ...]:
     """What a supply cannot do, and what is left without it: a name, and words for people."""
-    untried = f"its description is {described.tried}: written from the maker's manual, tried on no supply"
+    untried = f"its description is {described.tried}: written from the manufacturer's manual, not tested on a supply"
     if described.output is not None:
         own = (*output_lacks(described.output), ("trial", not described.tried, untried))
         return tuple((name, text) for name, has, text in own if not has)
     without = {
         "timeout": (
             described.watchdog is not None,
-            "the supply has no time-out of its own: if this host or the link dies, it keeps its current until somebody "
-            "switches it off; the motion still ends by the actuator's own watchdog",
+            "the supply has no communication time-out: if this host or the link fails, it keeps its current until it "
+            "is switched off manually; the actuator's own watchdog still stops the motion",
         ),
         "coil-temperature": (
-            False, "the coil's temperature is not measured: its limit is not watched, temperature windows are refused"
+            False, "the coil's temperature is not measured: its limit is not monitored, temperature windows are refused"
         ),
         "voltage-limit": (
             described.voltage_V is not None,
-            "its voltage limit cannot be set from here: set it by hand; an open coil shows only by its current",
+            "its voltage limit cannot be set from this host: set it manually; an open coil is detected only by its "
+            "current",
         ),
-        "error-queue": (bool(described.commands.error_queue), "a command that it does not take is not told by it"),
-        "faults": (bool(described.faults), "its own protection (heat, supply) shows only by its output or its current"),
+        "error-queue": (bool(described.commands.error_queue), "it does not report rejected commands"),
+        "faults": (bool(described.faults), "its own protection (overheating, mains) is detected only by its output "
+            "or its current"),
         "output-state": (
             bool(described.commands.read_output or not described.commands.output_on),
-            "an output that it switches off by itself shows only by its current",
+            "an output that it switches off on its own is detected only by its current",
         ),
         "trial": (not described.tried, untried),
     }

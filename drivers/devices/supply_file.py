@@ -55,9 +55,11 @@ def read_supply(given: Mapping[str, Any]) -> tuple[SupplyDescription | None, lis
     watchdog = None if sent is None else _watchdog(sent, problems)
     bits = given.get("faults", {})
     if bits and not commands.read_faults:
-        problems.append((("faults",), "means bits of an answer: write the question as read_faults under [commands]"))
+        problems.append((("faults",), "defines bits of an answer. Fix: write the query as read_faults under "
+            "[commands]"))
     if commands.read_faults and not bits:
-        problems.append((("commands", "read_faults"), "is answered with bits: say under [faults] what they mean"))
+        problems.append((("commands", "read_faults"), "the answer contains bits. Fix: define their meaning under "
+            "[faults]"))
     problems += _lacking(commands, current_A, voltage_V)
     if problems:
         return None, problems
@@ -106,13 +108,13 @@ def _unfit(name: str, sent: Commands) -> Iterator[str]:
     carried = frozenset[str]().union(*(command.quantities for command in sent))
     if wanted and sent and wanted not in carried:
         unit = "current_A" if wanted == "current" else "voltage_V"
-        yield f'does not carry the {wanted}; write for example "... {{{unit}:.3f}}"'
+        yield f'does not contain the {wanted}; write for example "... {{{unit}:.3f}}"'
     if extra := carried - {wanted}:
-        yield f"carries {' and '.join(sorted(extra))}, which is not known here"
+        yield f"contains {' and '.join(sorted(extra))}, which is unknown here"
     if name in _QUERIES and len(sent) != 1:
-        yield "must be one command: its answer is read"
+        yield "must be a single command, because its answer is read"
     if name not in _QUERIES and any(command.is_query for command in sent):
-        yield "is a query (?); what is set here is not answered with a value"
+        yield "is a query (?), but this command sets a value"
 
 
 def _watchdog(given: Mapping[str, Any], problems: list[Problem]) -> SupplyWatchdog:
@@ -121,7 +123,7 @@ def _watchdog(given: Mapping[str, Any], problems: list[Problem]) -> SupplyWatchd
     }
     for name, commands in sent.items():
         if any(command.quantities - {"time"} for command in commands):
-            problems.append((("watchdog", name), "may carry {time_s} or {time_ms} only"))
+            problems.append((("watchdog", name), "may contain {time_s} or {time_ms} only"))
     return SupplyWatchdog(float(given["time_s"]), **sent)
 
 
@@ -160,7 +162,7 @@ def _preset(name: str) -> SupplyDescription:
     """
     if name not in supply_names():
         known = ", ".join(supply_names())
-        raise LocalProtocolError(f"no supply {name!r}; known: {known}, or a file of your own (NAME.toml)")
+        raise LocalProtocolError(f"unknown supply {name!r}; known: {known}, or your own file (NAME.toml)")
     return supply({"name": name, **tomllib.loads((FOLDER / f"{name}{ENDING}").read_text(encoding="utf-8"))})
 
 
@@ -170,13 +172,12 @@ def _lacking(
     """What nothing can be run without."""
     if bool(commands.output_on) != bool(commands.output_off):
         absent = "output_off" if commands.output_on else "output_on"
-        yield ("commands", absent), "is missing; a supply that has one of the two has both"
+        yield ("commands", absent), "is missing; a supply needs both or neither of the two"
     if not (current_A[0] <= 0.0 <= current_A[1] or commands.output_off):
         yield ("range", "current_A"), (
-            "does not hold 0 A, and there is no output_off: this supply cannot give 0 A, and nothing would take the "
-            "coil's current away. Refused"
+            "does not include 0 A, and there is no output_off: the coil could not be switched off. Refused"
         )
     if math.isclose(max(map(abs, current_A)), 0.0):
-        yield ("range", "current_A"), "gives no current at all"
+        yield ("range", "current_A"), "does not allow any current"
     if voltage_V is not None and not commands.set_voltage_limit:
         yield ("range", "voltage_V"), "is stated, but there is no set_voltage_limit among the commands"

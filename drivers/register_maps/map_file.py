@@ -56,7 +56,8 @@ def read_map(given: Mapping[str, Any]) -> tuple[ControllerMap | None, list[Probl
     top = Table(kept, (), given)
     if not given.keys() & set(TABLES):
         return None, [((), "not a register map: it has [quantities], [state], [commands]; see rig schema register-map")]
-    for table, why in (("quantities", "where are the device's values?"), ("state", "what do its states mean?")):
+    for table, why in (("quantities", "it states the registers of the "
+        "device's values"), ("state", "it states the meaning of the device's states")):
         if table not in top:
             top.add(None, f"[{table}] is missing; {why}")
     modbus = read_modbus(top.table("modbus"))
@@ -83,10 +84,10 @@ def _over_base(kept: Kept, given: Mapping[str, Any]) -> Mapping[str, Any]:
     name, leaves = given.get("base"), given.get("without", ())
     if name is None:
         if leaves:
-            kept.add(("without",), "belongs to a base: name the map whose entries are left out")
+            kept.add(("without",), "requires base, the map whose entries are removed")
         return given
     if name not in controller_names():
-        kept.add(("base",), f"{name!r:.40} is not known; {meant(name, controller_names())}")
+        kept.add(("base",), f"unknown map {name!r:.40}; {meant(name, controller_names())}")
         return given
     merged = {key: dict(value) if isinstance(value, Mapping) else value for key, value in _shipped(name).items()}
     for entry in leaves:
@@ -143,7 +144,7 @@ def _misspelt(kept: Kept, given: Mapping[str, Any], quantities: Mapping[str, Qua
     for name in quantities.keys() - used - set(known):
         near = near_names(name, known, cutoff=NEARLY)
         if near and near[0] not in quantities:
-            kept.add(("quantities", name), f"nothing uses it, and its name is nearly {near[0]}; did you mean that?")
+            kept.add(("quantities", name), f"not used; did you mean {near[0]}?")
 
 
 def _names(value: object) -> set[str]:
@@ -163,7 +164,7 @@ def controller(given: Described) -> ControllerMap:
         DescriptionProblems: the table contradicts itself.
     """
     if isinstance(given, str) and given not in controller_names():
-        raise LocalProtocolError(f"no controller {given!r}; known: {', '.join(controller_names())}")
+        raise LocalProtocolError(f"unknown controller {given!r}; known: {', '.join(controller_names())}")
     return _controller(json.dumps(_shipped(given) if isinstance(given, str) else given, default=str))
 
 

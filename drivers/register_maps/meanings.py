@@ -53,7 +53,7 @@ class Codes:
             return known[0]
         if number in self._taken:
             name = next(word(member) for member in self._members if member == number)
-            raise LocalProtocolError(f"{name} is nothing this controller knows")
+            raise LocalProtocolError(f"{name} is not supported by this controller")
         return number - UNNAMED if number - UNNAMED in self._taken else number
 
 

@@ -80,8 +80,8 @@ def check(source: Kept, quantities: Quantities, words: Words, recipes: Recipes, 
         source.add(("commands",), "fade-stop or halt is missing: nothing could stop a motion")
     if watchdog is not WatchdogKind.NONE and not words.faults.members & FaultBit.WATCHDOG:
         source.add(
-            ("faults",), "watchdog is missing: by what does the device show that its watchdog has tripped? That is "
-            'proved before anything moves; without that write [watchdog] kind = "none"'
+            ("faults",), "watchdog is missing: it states how the device shows that its watchdog has tripped, which "
+                'is tested before any motion. Fix: add it, or write [watchdog] kind = "none"'
         )
     if (watchdog is not WatchdogKind.NONE or words.faults.members) and Command.RESET not in commands:
         source.add(("commands",), "reset is missing: a trip that the device latches could not be cleared")
@@ -96,7 +96,7 @@ def _stops(source: Kept, commands: Mapping[Command, Recipe]) -> None:
         if not recipe:
             continue
         if not isinstance(recipe[0], Write):
-            source.add(("commands", word(stop)), "a stop begins with what it writes; pauses and waits come behind it")
+            source.add(("commands", word(stop)), "a stop must start with a write; pauses and waits follow it")
         for other in BEGINNINGS:
             if commands.get(other) == recipe:
                 source.add(("commands", word(stop)), f"is the same as {word(other)}: it would stop nothing")
@@ -107,15 +107,15 @@ def _motions(source: Kept, words: Words, recipes: Recipes) -> None:
     generator = Command.START in commands
     if not generator and not recipes.setpoint:
         source.add(
-            ("commands",), "start is missing, and there is no [setpoint]: either the device's function generator is "
-            "started, or set-points are streamed"
+            ("commands",), "start is missing, and there is no [setpoint]. Fix: add one of them: start the device's "
+                "function generator, or stream set-points"
         )
     if generator and Command.MOVE_TO not in commands:
-        source.add(("commands",), "move-to is missing: the rod is brought to a program's centre before it starts")
+        source.add(("commands",), "move-to is missing: it moves the rod to the centre of a program before the start")
     if generator and not MOVING & words.states.known:
-        source.add(("state",), "running (or moving) is missing: by what does the device show that a program runs?")
+        source.add(("state",), "running (or moving) is missing: it states how the device shows that a program runs")
     if recipes.setpoint and generator:
-        source.add(("setpoint",), "a device with a generator needs no set-points; take out [setpoint] or start")
+        source.add(("setpoint",), "a device with a generator needs no set-points. Fix: remove [setpoint] or start")
     if generator:
         _program(source, commands[Command.START], words)
     if Command.MOVE_TO in commands and not _asks_for(commands[Command.MOVE_TO], "$target"):
@@ -128,7 +128,7 @@ def _program(source: Kept, start: Recipe, words: Words) -> None:
     if not (_asks_for(start, "$amplitude") or _asks_for(start, "$peak_to_peak") or low_and_high):
         source.add(place, "its amplitude is missing: write $amplitude, $peak_to_peak, or $low and $high")
     if _asks_for(start, "$waveform") and int(Waveform.SINE) not in words.waveforms.codes:
-        source.add(("waveforms",), "sine is missing: by which code is the function generator told to make one?")
+        source.add(("waveforms",), "sine is missing: it states the code that selects a sine at the function generator")
     for quantity in {one for step in start if isinstance(step, Write) for one, value in step.values.items()
                      if value == "$waveform"}:  # fmt: skip
         for waveform, codes in words.waveforms.codes.items():
@@ -140,8 +140,8 @@ def _program(source: Kept, start: Recipe, words: Words) -> None:
     ramps = ramped and _asks_for(start, "$cycles")
     if not (_asks_for(start, "$all_cycles") or _asks_for(start, "$duration") or ramps):
         source.add(
-            place, "its length is missing: write $all_cycles, $duration, or $cycles beside $ramp_in_cycles and "
-            "$ramp_out_cycles"
+            place, "its length is missing: write $all_cycles, $duration, or $cycles with $ramp_in_cycles and "
+                "$ramp_out_cycles"
         )
 
 
@@ -149,18 +149,20 @@ def _pressure(source: Kept, words: Words, commands: Mapping[Command, Recipe]) ->
     on, off = Command.HYDRAULICS_ON in commands, Command.HYDRAULICS_OFF in commands
     if on is not off:
         missing = "hydraulics-off" if on else "hydraulics-on"
-        source.add(("commands",), f"{missing} is missing: pressure (or power) is given and taken away, or neither")
+        source.add(("commands",), f"{missing} is missing: give commands to switch pressure (or power) on and off, or "
+            "neither")
     stated = words.pressure.rules
     seen = State.OFF in words.states.known or bool(words.inputs.members & Input.HYDRAULICS_ON) or bool(stated)
     if on and off and not seen:
         source.add(
-            ("state",), "off is missing: by what does the device show that its pressure (or power) is gone? Or write "
-            "[pressure] off, or [inputs] hydraulics-on"
+            ("state",), "off is missing: it states how the device shows that its pressure (or power) is off. Fix: "
+                "add it, or write [pressure] off, or [inputs] hydraulics-on"
         )
     if Command.HYDRAULICS_LOW in commands and not (
         State.LOW in words.states.known or words.inputs.members & Input.HYDRAULICS_LOW or Pressure.LOW in stated
     ):
-        source.add(("state",), "low is missing: by what does the device show low pressure? Or take out hydraulics-low")
+        source.add(("state",), "low is missing: it states how the device shows low pressure. Fix: add it, or remove "
+            "hydraulics-low")
     _pressure_codes(source, words)
 
 
@@ -172,8 +174,8 @@ def _pressure_codes(source: Kept, words: Words) -> None:
             state = State(held.get(code, State.TRIPPED))
             if pressure is not Pressure.ON and state not in {State.TRIPPED, State.OFF, State.LOW}:
                 source.add(
-                    ("pressure", word(pressure)), f"code {code} is {word(state)} in [state]: it does not show that the "
-                    "pressure (or power) is gone"
+                    ("pressure", word(pressure)), f"code {code} is {word(state)} in [state]: it does not show that "
+                        "the pressure (or power) is off"
                 )
 
 
@@ -185,9 +187,10 @@ def _numbers(source: Kept, quantities: Quantities, words: Words) -> None:
         "watchdog_actions"),
     ):
         if name in quantities and not codes.codes:
-            source.add(("quantities", name), f"what do its codes mean? [{table}] is missing; or take {name} out")
+            source.add(("quantities", name), f"[{table}] is missing, which states the meaning of its codes. Fix: add "
+                f"it, or remove {name}")
     if "result" in quantities and words.results.codes and int(Result.DONE) not in words.results.codes:
-        source.add(("results",), "done is missing: by which code does the device say that it has taken a command?")
+        source.add(("results",), "done is missing: it states the code by which the device acknowledges a command")
 
 
 def check_identity(source: Kept, expected: Mapping[str, Value], quantities: Quantities) -> None:
@@ -200,13 +203,13 @@ def check_identity(source: Kept, expected: Mapping[str, Value], quantities: Quan
         elif not quantity.read:
             source.add(place, "it cannot be read")
         elif name in ROLES:
-            source.add(place, "it is part of the status, which changes: it does not prove which device this is")
+            source.add(place, "it is part of the status, which changes, and cannot identify the device")
         elif isinstance(value, str) and not (value.isascii() and value == value.rstrip() and "\0" not in value):
-            source.add(place, f"{value!r} can never be shown: a text is ASCII without blanks at its end")
+            source.add(place, f"{value!r} is impossible: a text is ASCII without trailing blanks")
         elif isinstance(value, str) and len(value) > 2 * quantity.length:
-            source.add(place, f"{value!r} can never be shown: {quantity.length} registers hold {2 * quantity.length} "
-                       "characters")  # fmt: skip
+            source.add(place, f"{value!r} is impossible: {quantity.length} registers hold "
+                f"{2 * quantity.length} characters")  # fmt: skip
         elif quantity.values > 1:
-            source.add(place, f"it has {quantity.values} values; one number proves the device")
+            source.add(place, f"it has {quantity.values} values; a single number must identify the device")
         elif not isinstance(value, str) and quantity.bit is None and not quantity.holds(value):
-            source.add(place, f"{value!r} is nothing that {quantity.type} with scale {quantity.scale:g} ever shows")
+            source.add(place, f"{value!r} cannot be represented by {quantity.type} with scale {quantity.scale:g}")

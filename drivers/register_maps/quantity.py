@@ -150,12 +150,12 @@ class Quantity:
             LocalProtocolError: it does not fit.
         """
         if isinstance(value, str):
-            raise self._unfit(value, "text where a number belongs")
+            raise self._unfit(value, "got a text, expected a number")
         if not math.isfinite(value):
             raise self._unfit(value, "not a finite number")
         if self.type == "bit":
             if value not in {0, 1}:
-                raise self._unfit(value, "a coil is 0 or 1")
+                raise self._unfit(value, "expected 0 or 1 for a coil")
             return [int(value)]
         number = (value / self.factor - self.offset) / self.scale
         try:
@@ -187,7 +187,7 @@ class Quantity:
         if self.holds(value):
             return value
         if self.type == "string":
-            raise self._unfit(value, "a number where text belongs")
+            raise self._unfit(value, "got a number, expected a text")
         number = (value / self.factor - self.offset) / self.scale
         if self.type in FLOATS:
             raw: float = math.copysign(LARGEST_FLOATS[self.type], number)

@@ -82,7 +82,7 @@ def read_quantities(table: Table, modbus: Modbus) -> dict[str, Quantity]:
     result: dict[str, Quantity] = {}
     for name in table:
         if not _NAME.fullmatch(name):
-            table.add(name, "is no name: letters, digits and _, a letter first, such as servo_error")
+            table.add(name, "is not a valid name: letters, digits and _, starting with a letter, such as servo_error")
         entry = table.table(name)
         quantity = _quantity(name, entry, modbus)
         if quantity is not None:
@@ -99,7 +99,7 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
     bit = entry.get("bit")
     kind = entry.get("type", "bit" if bits else "u16")
     if bits and kind != "bit":
-        entry.add("type", f"{kind!r}: a {space} holds one bit; leave type out")
+        entry.add("type", f"{kind!r}: a {space} has one bit. Fix: remove type")
         return None
     if not 0 <= address <= LAST_ADDRESS:
         first = modbus.first_address[space]
@@ -107,7 +107,8 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
         return None
     if kind == "bit" and not bits:
         if bit is None:
-            entry.add("type", "'bit' lies in a coil or a discrete input; of a register say which: bit = 0 to 15")
+            entry.add("type", "type 'bit' is for a coil or a discrete input. Fix: for a bit of a register write bit "
+                "= 0 to 15")
             return None
         kind = "u16"
     access = entry.get("access", "r" if space in READ_ONLY or bit is not None else "rw")
@@ -115,9 +116,9 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
     if function not in ((5, 15) if space == COIL else (6, 16)):
         entry.add("write_function", f"{function} is not {'5 or 15' if space == COIL else '6 or 16'}")
     if kind == "string" and "length" not in entry:
-        entry.add(None, "length is missing; write length = a whole number of 1 to 120")
+        entry.add(None, "length is missing. Fix: write length, a whole number from 1 to 120")
     elif "length" in entry and kind != "string":
-        entry.add("length", "only a string has one; a table of values says count")
+        entry.add("length", "for strings only; a table of values has count")
     length = entry.get("length", 1) if kind == "string" else max(1, TYPES[kind][1])
     return Quantity(
         name, space, address, kind, length, entry.get("count", 1), _scale(entry), float(entry.get("offset", 0.0)),
@@ -130,7 +131,7 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
 def _scale(entry: Table) -> float:
     scale = float(entry.get("scale", 1.0))
     if scale == 0.0:
-        entry.add("scale", "0 makes every value 0; write what one count is worth, such as 0.001")
+        entry.add("scale", "0 would make every value 0. Fix: write the value of one count, such as 0.001")
         return 1.0
     return scale
 
@@ -144,11 +145,11 @@ def measures(entry: Table) -> str:
 def _check(quantity: Quantity, entry: Table) -> None:
     """A quantity by itself: it ends within the registers, may be accessed as it says, and measures what its name is."""
     if quantity.end > LAST_ADDRESS + 1:
-        entry.add("address", f"its {quantity.end - quantity.address} registers reach beyond the last one, 65535")
+        entry.add("address", f"its {quantity.end - quantity.address} registers extend beyond the last one, 65535")
     if quantity.written and quantity.space in READ_ONLY:
-        entry.add("access", f"nothing can be written to {quantity.space} registers; write access = \"r\"")
+        entry.add("access", f'{quantity.space} registers cannot be written. Fix: access = "r"')
     if quantity.written and quantity.bit is not None:
-        entry.add("access", "one bit of a register cannot be written by itself; describe the whole register for that")
+        entry.add("access", "a single bit of a register cannot be written. Fix: describe the whole register")
     if quantity.type == "string" and (quantity.scale, quantity.offset, quantity.factor) != (1.0, 0.0, 1.0):
         entry.add("type", "a string has neither scale nor offset nor unit")
     _check_type(quantity, entry)
@@ -159,24 +160,24 @@ def _check(quantity: Quantity, entry: Table) -> None:
         known = [name for name, unit in UNITS.items() if unit.dimension == wanted]
         entry.add("unit", f"{name} is a {wanted}; its unit is one of {', '.join(known)}")
     if name in ROLES and not quantity.read:
-        entry.add("access", f"{name} is part of the status: it must be readable")
+        entry.add("access", f"{name} is part of the status and must be readable")
     if name in LIMITS and not (quantity.read and quantity.written):
-        entry.add("access", f"{name} is a limit: it is written and read back, so its access is \"rw\"")
+        entry.add("access", f'{name} is a limit, which is written and read back: access must be "rw"')
     if quantity.values > 1 and (name in ROLES or name in LIMITS or name in IDENTITY):
-        entry.add("count", f"{name} is one value")
+        entry.add("count", f"{name} must be a single value")
 
 
 def _check_type(quantity: Quantity, entry: Table) -> None:
     """What a quantity is called can be a number of its type."""
     name = quantity.name
     if name in _WHOLE and (quantity.type in FLOATS or quantity.type == "string" or not quantity.whole):
-        entry.add("type", f"{name} is a code, a count or bits: a whole number without scale, offset and unit")
+        entry.add("type", f"{name} must be a whole number without scale, offset and unit (code, count or bits)")
     if quantity.type == "string" and (ROLES.get(name) or LIMITS.get(name) or name in NUMBERED):
-        entry.add("type", f"{name} is a number, not a text")
+        entry.add("type", f"{name} must be a number, not a text")
     if name in NUMBERED and quantity.type in FLOATS:
-        entry.add("type", f"{name} is a whole number: {quantity.type} is not")
+        entry.add("type", f"{name} must be a whole number, which {quantity.type} is not")
     if quantity.step < LEAST_STEP and quantity.type not in {*FLOATS, "string"}:
-        entry.add("scale", f"{quantity.scale:g}: a step of less than {LEAST_STEP:g} is not a measurement")
+        entry.add("scale", f"{quantity.scale:g}: a step below {LEAST_STEP:g} is implausible")
 
 
 def _overlaps(table: Table, result: Mapping[str, Quantity]) -> None:

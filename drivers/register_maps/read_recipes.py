@@ -83,12 +83,13 @@ class Recipes:
             step.add(None, f"recipe {name!r} is not among [recipes]; {meant(name, self._named)}")
             return ()
         if name in under:
-            step.add(None, f"a recipe that runs itself: {' -> '.join((*under, name))}; it would never end")
+            step.add(None, f"the recipe calls itself: {' -> '.join((*under, name))}; it would never end")
             return ()
         self._used.add(name)
         self._calls += 1
         if self._calls == MOST_CALLS:
-            step.add(None, f"recipes run recipes more than {MOST_CALLS} times in this file; write their steps out")
+            step.add(None, f"recipes call recipes more than {MOST_CALLS} times in this file. Fix: write their steps "
+                "out")
         if self._calls >= MOST_CALLS:
             return ()
         return self.read(self._named, name, names, (*under, name))
@@ -135,7 +136,7 @@ def read_values(step: Table, key: str, quantities: Quantities, names: Collection
         if isinstance(value, str):
             _check_name(written, name, value[1:], quantity)
         elif quantity.values > 1:
-            written.add(name, f"has {quantity.values} values; only a [table] writes such")
+            written.add(name, f"has {quantity.values} values; only a [table] can write them")
         elif quantity.type == "string" or not quantity.holds(value):
             written.add(name, f"{written.given[name]!r} does not fit {quantity.type} with scale {quantity.scale:g}")
         result[quantity] = value
@@ -151,11 +152,11 @@ def _check_name(written: Table, key: str, name: str, quantity: Quantity) -> None
         if quantity.type == "string" or not all(map(quantity.holds, (low, low + 1, high))) or quantity.step > 1.0:
             fix = ", or \"$toggle\" (0 and 1)" if name == "counter" else ""
             written.add(
-                key, f"${name} is {low} to {high}: {quantity.name} ({quantity.type}) does not hold each of these "
-                f"numbers; write it to a u16 without scale{fix}"
+                key, f"${name} is {low} to {high}: {quantity.name} ({quantity.type}) cannot hold each of these "
+                    f"numbers. Fix: write it to a u16 without scale{fix}"
             )
     if quantity.values > 1 and name != "values":
-        written.add(key, f"{quantity.name} has {quantity.values} values; only a [table] writes such")
+        written.add(key, f"{quantity.name} has {quantity.values} values; only a [table] can write them")
 
 
 def read_commands(table: Table, recipes: Recipes) -> dict[Command, Recipe]:
@@ -165,7 +166,7 @@ def read_commands(table: Table, recipes: Recipes) -> dict[Command, Recipe]:
     }
     for key in table:
         if not any(isinstance(step, Write) for step in result[COMMANDS[key]]):
-            table.add(key, "writes nothing: the device would not know of it")
+            table.add(key, "writes nothing, so the device would not receive it")
     return result
 
 
@@ -194,9 +195,9 @@ def read_watchdog(table: Table, recipes: Recipes, streams: bool) -> tuple[Watchd
         given = {key: table.given[key] for key in ("write", "span") if key in table}
         steps = recipes.read(Table(table.source, (), {"watchdog": given}), "watchdog", WATCHDOG)
     if kind in {"counter", "keep-alive"} and not steps:
-        table.add(None, f'kind = "{kind}" needs write: what feeds it, such as write = {{alive = "$counter"}}')
+        table.add(None, f'kind = "{kind}" needs write, which refreshes it, such as write = {{alive = "$counter"}}')
     if kind in {"setpoints", "none"} and steps:
-        table.add("write", f'kind = "{kind}" is fed by nothing of its own; take write out')
+        table.add("write", f'kind = "{kind}" needs no refresh of its own. Fix: remove write')
     if kind == "setpoints" and not streams:
         table.add("kind", "set-points are not sent to this device: [setpoint] is missing")
     kinds = {"counter": WatchdogKind.COUNTER, "none": WatchdogKind.NONE}

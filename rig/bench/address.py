@@ -100,7 +100,7 @@ def known_actuator(name: str) -> str:
         ValueError: unknown; the known ones are named. Or its driver cannot be used.
     """
     return _described(
-        _known(name, actuator_names(), '; a register map of your own is named by its file, such as "my-map.toml"'),
+        _known(name, actuator_names(), '; give your own register map by its file name, such as "my-map.toml"'),
         check_actuator,
     )
 
@@ -133,11 +133,13 @@ def ecu_problems(dbc: str | DbcText, roles: str | Mapping[str, Any] | None) -> I
         return
     if not is_dbc(dbc):
         if roles is not None and (dbc in own_names(CURRENT_SOURCES) or not isinstance(roles, Mapping)):
-            yield ("roles",), f'says what the signals of a DBC file mean; "{dbc}" has its own. Take it out'
+            yield ("roles",), (
+                f'states the meaning of the signals of a DBC file; "{dbc}" includes it. Fix: remove this entry'
+            )
     elif roles is None:
         yield ("dbc",), (
-            'a DBC file needs roles, which say what its signals mean: write roles = "ecu-roles.toml", or a table '
-            "[ecu.roles]; docs/how-to/connect-an-ecu-by-dbc.md"
+            'a DBC file needs roles, which state the meaning of its signals. Fix: write roles = "ecu-roles.toml", or '
+            "a table [ecu.roles]; docs/how-to/connect-an-ecu-by-dbc.md"
         )  # fmt: skip
     else:
         from rig.files.ecu_files import ecu_problems as problems  # loads the validator, which has called this
@@ -147,7 +149,7 @@ def ecu_problems(dbc: str | DbcText, roles: str | Mapping[str, Any] | None) -> I
 
 def _known(name: str, known: tuple[str, ...], way: str = "") -> str:
     if name not in known:
-        raise ValueError(f"{name!r} is not known; known: {', '.join(known)}{way}")
+        raise ValueError(f"unknown {name!r}; known: {', '.join(known)}{way}")
     return name
 
 
@@ -170,7 +172,7 @@ def can_interface(text: str) -> str:
     if text in INTERFACES:
         missing = missing_for(text)
         if missing:
-            raise ValueError(f"what python-can needs for it is not installed here: {missing}")
+            raise ValueError(f"a package that python-can needs for it is not installed: {missing}")
         return text
     from importlib.metadata import entry_points
 
@@ -180,7 +182,7 @@ def can_interface(text: str) -> str:
     folded = text.casefold()
     hint = folded if folded in known else _MAKERS.get(folded) or _close(folded, known)
     said = f'did you mean "{hint}"? ' if hint else ""
-    raise ValueError(f"python-can has no such interface; {said}known: {', '.join(known)}")
+    raise ValueError(f"unknown python-can interface; {said}known: {', '.join(known)}")
 
 
 def _host_and_port(text: str, example: str) -> None:

@@ -40,16 +40,18 @@ def hand_problems_of(config: HandEntries) -> Iterator[Problem]:
     """Entries of another kind of current source beside `by_hand = true`, and its own without it."""
     if not config.by_hand:
         if config.rehearsal is not None:
-            yield ("rehearsal",), "belongs to by_hand = true, on a simulated rig; take it out"
+            yield ("rehearsal",), "applies to by_hand = true on a simulated rig only. Fix: remove it"
         if config.pressure_while_asked != "off":
-            yield ("pressure_while_asked",), "belongs to by_hand = true; take it out"
+            yield ("pressure_while_asked",), "applies to by_hand = true only. Fix: remove it"
         return
     if config.rehearsal is not None and "//127.0.0.1:" not in config.rehearsal:
-        yield ("rehearsal",), "is the simulated rig's own, on this machine (127.0.0.1); take it out of a rig's file"
+        yield ("rehearsal",), (
+            "refers to the simulated rig on this computer (127.0.0.1). Fix: remove it from the file of a real rig"
+        )
     for name in _NOT_BESIDE:
         if getattr(config, name) is not None:
             written = name.removesuffix("_V")
-            yield (written,), f"does not belong beside by_hand = true; take {written} or by_hand out"
+            yield (written,), f"cannot be combined with by_hand = true. Fix: remove {written} or by_hand"
     if config.interface_options or config.dbc_name != "demo":
         name = "interface_options" if config.interface_options else "dbc"
-        yield (name,), f"does not belong beside by_hand = true; take {name} or by_hand out"
+        yield (name,), f"cannot be combined with by_hand = true. Fix: remove {name} or by_hand"

@@ -40,16 +40,18 @@ class Checks(Section):
     )
     force_zero_N: Annotated[float, Quantity("force", "0 N", "20 kN", above=True)] | None = Field(
         default=None, alias="force_zero",
-        description="difference of their zeros; not stated: 0.25 % of the load cell's range, less for a weak test",
+        description="difference of the zeros of load cell and force input; default: 0.25 % of the load cell's range, "
+            "less for a weak test",
     )
     displacement_zero_m: Annotated[float, Quantity("length", "0 mm", "100 mm", above=True)] = Field(
         default=0.5e-3, alias="displacement_zero", description="difference of the zeros of LVDT and position input"
     )
     time_s: Annotated[float, Quantity("time", "0.01 ms", "100 ms")] = Field(
-        default=0.5e-3, alias="time", description="how much later an input may be than the declared delays say"
+        default=0.5e-3, alias="time", description="largest delay of an input beyond the declared delays"
     )
     current_zero_A: Annotated[float, Quantity("current", "1 mA", "5 A")] = Field(
-        default=0.02, alias="current_zero", description="what the ECU may report while its output stage is off"
+        default=0.02, alias="current_zero", description="largest current that the ECU may report while its output "
+            "stage is off"
     )
 
     def zero_N(self, range_N: float, largest_N: float | None) -> float:
@@ -154,10 +156,10 @@ class Bench(Section):
         owners: dict[str, str] = {}
         for place, sensor in self._sensors().items():
             if (owner := owners.get(sensor.url)) is not None:
-                problems.append(((*place, "url"), f"is already the port of {owner}; every sensor has its own"))
+                problems.append(((*place, "url"), f"is already the port of {owner}; every sensor needs its own port"))
             owners.setdefault(sensor.url, str(place[0]))
         if self.ecu.url is not None and self.ecu.url.startswith("modbus-rtu:") and self.ecu.url == self.actuator.url:
-            text = "is the serial line of [actuator]: two of this program's threads cannot share it; give it its own"
+            text = "is the serial line of [actuator], which cannot be shared. Fix: use a separate serial line"
             problems.append((("ecu", "url"), text))
         return problems
 
@@ -183,7 +185,7 @@ class Bench(Section):
         """The limits that are written to the controller, against the registers that hold them."""
         limits = controller_limits(self.limits, Margins().speed, self.actuator)
         unheld = unheld_limits(self.actuator.described, limits)
-        return [(("actuator", "register_map"), f"cannot be told a limit of this bench: {text}") for text in unheld]
+        return [(("actuator", "register_map"), f"cannot represent a limit of this bench: {text}") for text in unheld]
 
     def _current(self) -> list[Problem]:
         """The limit against what the current source gives."""
@@ -204,8 +206,8 @@ class Bench(Section):
         if self.ecu.pressure_while_asked == "on" or self.actuator.takes_pressure_away:
             return []
         told = (
-            'the controller cannot be told to take the pressure away; write pressure_while_asked = "on" where nobody '
-            "at the supply can reach the rod, or use a register map with commands for the hydraulics"
+            'the controller has no command to switch the pressure off. Fix: write pressure_while_asked = "on" if the '
+            "rod is out of reach from the supply, or use a register map with commands for the hydraulics"
         )
         return [(("ecu", "pressure_while_asked"), told)]
 
@@ -214,11 +216,11 @@ class Bench(Section):
         for place, sensor in self._sensors().items():
             shortest = 2.0 / (sensor.rate_Hz * self.clock.device_rate)
             if sensor.stale_after_s < shortest:
-                message = f"is less than two samples; allowed: at least {units.show(shortest, 'ms')}"
+                message = f"is shorter than two samples; allowed: at least {units.show(shortest, 'ms')}"
                 problems.append(((*place, "stale_after"), message))
         shortest = 2.0 * max(self.actuator.poll_s, self.actuator.timeout_s)
         if self.actuator.watchdog_s < shortest:
-            message = f"is less than two polls or time-outs; allowed: at least {units.show(shortest, 'ms')}"
+            message = f"is shorter than two polls or time-outs; allowed: at least {units.show(shortest, 'ms')}"
             problems.append((("actuator", "watchdog"), message))
         on_CAN = self.ecu.url is None and not self.ecu.by_hand
         return [*problems, *self._ecu_periods()] if on_CAN else problems
@@ -229,11 +231,11 @@ class Bench(Section):
         asked = 2.0 * self.ecu.command_period_s
         for shortest, what in ((asked, "status frames"), (told, "periods of the measured current")):
             if self.ecu.stale_after_s < shortest:
-                message = f"is less than two {what}; allowed: at least {units.show(shortest, 'ms')}"
+                message = f"is shorter than two {what}; allowed: at least {units.show(shortest, 'ms')}"
                 return [(("ecu", "stale_after"), message)]
         own_s = self.ecu.own_timeout_s
         if own_s is not None and 2.0 * self.ecu.command_period_s > own_s:
             waits, longest = units.show(own_s, "ms"), units.show(0.5 * own_s, "ms")
-            message = f"is too long for an ECU that waits {waits}; allowed: at most {longest}"
+            message = f"is too long for an ECU with a time-out of {waits}; allowed: at most {longest}"
             return [(("ecu", "command_period"), message)]
         return []

@@ -36,7 +36,7 @@ RESERVED_NAMES = frozenset({"time", "force", "displacement", "velocity", "curren
 
 def _positive(value: float) -> float:
     if value < 0:
-        raise ValueError(f'too small; for the other sign write sensitivity = {-value:g} and polarity = "reversed"')
+        raise ValueError(f'too small; for the opposite sign write sensitivity = {-value:g} and polarity = "reversed"')
     if value == 0:
         raise ValueError("too small (allowed: more than 0)")
     return value
@@ -78,26 +78,26 @@ class Calibration(Settings):
 
     sensitivity: Annotated[float, Check(_positive)] = field(
         default=1.0,
-        metadata=key(description="SI units per unit on the wire", json_schema_extra={"exclusiveMinimum": 0}),
+        metadata=key(description="SI units per unit sent", json_schema_extra={"exclusiveMinimum": 0}),
     )
     polarity: Literal["normal", "reversed"] = field(
-        default="normal", metadata=key(description="reversed: the sensor counts jounce, or compression, as positive")
+        default="normal", metadata=key(description="reversed: positive values are jounce or compression")
     )
-    offset: str | None = field(default=None, metadata=key(description="what the sensor shows at zero, with its unit"))
+    offset: str | None = field(default=None, metadata=key(description="sensor reading at zero, with its unit"))
     points: tuple[CalibrationPoint, CalibrationPoint] | None = field(
         default=None,
         metadata=key(
-            description="two points of the certificate, in place of a sensitivity: on the wire, and meant",
+            description="two points of the certificate instead of a sensitivity, each [value sent, true value]",
             examples=[[["0.002 mV/V", "0 N"], ["2.001 mV/V", "10 kN"]]],
         ),
     )
     rated_output: WireValue | None = field(
         default=None,
-        metadata=key(description="what is on the wire at the capacity, in place of a sensitivity", examples=["2 mV/V"]),
+        metadata=key(description="value sent at the capacity, instead of a sensitivity", examples=["2 mV/V"]),
     )
-    capacity: str | None = field(default=None, metadata=key(description="load of the rated output", examples=["10 kN"]))
+    capacity: str | None = field(default=None, metadata=key(description="load at the rated output", examples=["10 kN"]))
     zero: WireValue | None = field(
-        default=None, metadata=key(description="on the wire at zero, with a rated output", examples=["0.01 mV/V"])
+        default=None, metadata=key(description="value sent at zero load, with a rated output", examples=["0.01 mV/V"])
     )
     serial_number: Name = field(metadata=key(examples=["LC-1234"]))
     certificate: str = field(default="", metadata=key(max_length=128))
@@ -134,21 +134,25 @@ class Calibration(Settings):
         """What contradicts itself, or is not of the sensor's dimension."""
         ways = [name for name in ("points", "rated_output") if getattr(self, name) is not None]
         if len(ways) > 1:
-            yield ("points",), "a rated output is given too; keep one of the two"
+            yield ("points",), "cannot be combined with a rated output. Fix: keep one of the two"
         for name in ("sensitivity", "offset"):
             if ways and getattr(self, name) != (1.0 if name == "sensitivity" else None):
-                yield (name,), f"{ways[0]} is given too; keep one of the two"
+                yield (name,), f"cannot be combined with {ways[0]}. Fix: keep one of the two"
         for name, wanted in (("capacity", "rated_output"), ("zero", "rated_output"), ("rated_output", "capacity")):
             if getattr(self, name) is not None and getattr(self, wanted) is None:
-                yield (name,), f"needs {wanted} beside it"
+                yield (name,), f"requires {wanted}"
         try:
             slope, _ = self.line(dimension)
         except units.UnitProblem as problem:
             yield (ways[0] if ways else "offset",), str(problem)
             return
         if not 0.0 < slope < math.inf:
-            way_out = 'falls as the wire\'s value rises; write the loads with the other sign, and polarity = "reversed"'
-            yield (ways[0] if ways else "sensitivity",), f"the load {way_out}" if slope < 0.0 else "it has no slope"
+            way_out = (
+                'falls as the value sent rises. Fix: write the loads with the opposite sign, and polarity = "reversed"'
+            )
+            yield (ways[0] if ways else "sensitivity",), f"the load {way_out}" if slope < 0.0 else (
+                "the two points have no slope"
+            )
 
 
 def _known_format(value: str) -> str:
@@ -177,9 +181,9 @@ class SensorConfig(Settings):
         metadata=key(examples=["/dev/ttyUSB0", "socket://192.168.0.7:4001"])
     )
     baudrate: int = field(default=921_600, metadata=key(ge=300, le=12_000_000))
-    parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="of a serial line"))
-    data_bits: Literal[7, 8] = field(default=8, metadata=key(description="of a serial line"))
-    stop_bits: Literal[1, 2] = field(default=1, metadata=key(description="of a serial line"))
+    parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="serial line only"))
+    data_bits: Literal[7, 8] = field(default=8, metadata=key(description="serial line only"))
+    stop_bits: Literal[1, 2] = field(default=1, metadata=key(description="serial line only"))
     format: Annotated[str | dict[str, Any], DescribedBy("sensor-format", _known_format)] = field(
         default="frame16",
         metadata=key(
@@ -193,12 +197,12 @@ class SensorConfig(Settings):
         default=None,
         metadata=key(
             "delay",
-            description="group delay of the conditioner's filter; not stated: taken as 0, and uncertain unless checked",
+            description="group delay of the conditioner's filter; default: 0, and uncertain unless checked",
         ),
     )
     bandwidth_Hz: Annotated[float, Quantity("frequency", "0 Hz", "1000 kHz", above=True)] | None = field(
         default=None,
-        metadata=key("bandwidth", description="where sensor and conditioner have lost 3 dB; the plan looks at it"),
+        metadata=key("bandwidth", description="-3 dB bandwidth of sensor and conditioner, used by the plan"),
     )
     calibration: Calibration
 
@@ -234,7 +238,7 @@ class SensorConfig(Settings):
 
     @property
     def sensitivity(self) -> float:
-        """SI units per unit on the wire; negative where the polarity is reversed."""
+        """SI units per unit sent; negative where the polarity is reversed."""
         return self.calibration.sign * self.calibration.line(self.dimension)[0]
 
     @property
@@ -266,7 +270,7 @@ class SensorConfig(Settings):
             values = getattr(given, name) or ()
             for value in [wire for wire, _ in values] if name == "points" else [values]:
                 if wire_unit(value or 0) not in {"", unit}:
-                    yield (name,), f"the format's unit is {unit}; write these values in it, or without a unit"
+                    yield (name,), f"the format's unit is {unit}. Fix: write these values in it, or without a unit"
                     break
         # A table stands beside its calibration; of a file nobody sees here what its numbers are.
         known = units.UNITS.get(units.ALIASES.get(unit, unit)) if is_file(self.format) else None
@@ -275,7 +279,7 @@ class SensorConfig(Settings):
             if known.dimension == self.dimension:
                 yield ("sensitivity",), f"the format's unit is {unit}; write sensitivity = {known.scale!r}"
             else:
-                told = f"the format's unit is {unit}, which is no {self.dimension}; state a sensitivity"
+                told = f"the format's unit is {unit}, which is not a unit of {self.dimension}. Fix: state a sensitivity"
                 yield ("sensitivity",), told
 
 
@@ -325,7 +329,7 @@ class Lvdt(SensorConfig):
 
 def _not_reserved(value: str) -> str:
     if value in RESERVED_NAMES:
-        raise ValueError(f"is the name of a channel every run has ({', '.join(sorted(RESERVED_NAMES))})")
+        raise ValueError(f"is the name of a channel that every run has ({', '.join(sorted(RESERVED_NAMES))})")
     return value
 
 

@@ -128,10 +128,10 @@ class ActuatorConfig(Settings):
         metadata=key(examples=["modbus-tcp://192.168.0.10:502", "modbus-rtu:/dev/ttyUSB0"])
     )
     baudrate: int = field(
-        default=115_200, metadata=key(ge=1200, le=12_000_000, description="of a serial line (modbus-rtu)")
+        default=115_200, metadata=key(ge=1200, le=12_000_000, description="serial line only (modbus-rtu)")
     )
-    parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="of a serial line (modbus-rtu)"))
-    device_id: int = field(default=1, metadata=key(ge=0, le=255, description="on a serial line 1 to 247"))
+    parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="serial line only (modbus-rtu)"))
+    device_id: int = field(default=1, metadata=key(ge=0, le=255, description="Modbus unit; on a serial line 1 to 247"))
     register_map: Annotated[str | dict[str, Any], DescribedBy("register-map", address.known_actuator, tables=False)] = (
         "demo"
     )
@@ -145,15 +145,16 @@ class ActuatorConfig(Settings):
         default=None,
         metadata=key(
             "input_delay",
-            description="delay of the controller's own position and force inputs; sensors are checked against them",
+            description="delay of the controller's own position and force inputs, against which the sensors are "
+                "checked",
         ),
     )
     setpoint_late_s: Annotated[float, Quantity("time", "2 ms", "500 ms")] | None = field(
         default=None,
         metadata=key(
             "setpoint_late",
-            description="of an actuator that is streamed its set-points: one sent so much after its time is late; not "
-            "stated: 10 ms, or one poll if that is longer",
+            description="actuator with streamed set-points only: lateness from which a set-point counts as late; "
+                "default: 10 ms, or one poll if that is longer",
         ),
     )
     serial_number: Name | None = None
@@ -208,12 +209,12 @@ class ActuatorConfig(Settings):
     def problems(self) -> Iterator[Problem]:
         """A serial line has the device id, and the watchdog has tripped by the time the station counts on it."""
         if self.url.startswith("modbus-rtu") and not 1 <= self.device_id <= LAST_SERIAL_ID:
-            yield ("device_id",), f"is no device on a serial line: 1 to {LAST_SERIAL_ID} there"
+            yield ("device_id",), f"invalid on a serial line; allowed: 1 to {LAST_SERIAL_ID}"
         own_s = watchdog_time_s(self.described)
         if own_s > self.watchdog_s:
             yield ("watchdog",), (
-                f"is shorter than the controller's own, which its register map says trips after {1e3 * own_s:g} ms; "
-                f"allowed: at least {1e3 * own_s:g} ms"
+                "is shorter than the controller's own watchdog, which according to its register map trips after "
+                f"{1e3 * own_s:g} ms; allowed: at least {1e3 * own_s:g} ms"
             )
 
     @property
@@ -247,10 +248,10 @@ class EcuConfig(Settings):
         default_factory=dict, metadata=key(description="further arguments of the interface, by python-can's names")
     )
     dbc: Annotated[str | DbcText, Check(address.known_current_source, written=str)] = field(
-        default="demo", metadata=key(examples=["ecu.dbc"], description="a known kind, or a DBC file")
+        default="demo", metadata=key(examples=["ecu.dbc"], description="name of an included ECU, or a DBC file")
     )
     roles: str | dict[str, Any] | None = field(
-        default=None, metadata=key(examples=["ecu-roles.toml"], description="what the signals of a DBC file mean")
+        default=None, metadata=key(examples=["ecu-roles.toml"], description="meaning of the signals of a DBC file")
     )
     command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = field(
         default=0.010, metadata=key("command_period")
@@ -258,42 +259,45 @@ class EcuConfig(Settings):
     stale_after_s: Timeout = field(default=0.030, metadata=key("stale_after"))
     serial_number: int | None = field(default=None, metadata=key(ge=0, le=0xFFFF_FFFF))
     url: Annotated[str, Text(256), Check(address.supply_url)] | None = field(
-        default=None, metadata=key(examples=["tcp://192.168.0.20:5025", "/dev/ttyUSB2"], description="of a supply")
+        default=None, metadata=key(examples=["tcp://192.168.0.20:5025", "/dev/ttyUSB2"], description="address of a "
+            "supply")
     )
     supply: Annotated[str | dict[str, Any], DescribedBy("supply", address.known_supply)] | None = field(
         default=None,
         metadata=key(
             examples=["generic-scpi", "my-supply.toml"],
-            description="a supply's language: a preset, a file beside this one, or a table",
+            description="commands of a supply: a preset, a file in the folder of this one, or a table",
         ),
     )
     baudrate: int | None = field(
-        default=None, metadata=key(ge=300, le=12_000_000, description="of a supply's serial line; else as it says")
+        default=None, metadata=key(ge=300, le=12_000_000, description="supply on a serial line only; default: as its "
+            "description states")
     )
     poll_s: Annotated[float, Quantity("time", "2 ms", "1 s")] = field(
-        default=0.100, metadata=key("poll", description="how often a supply is asked for its current")
+        default=0.100, metadata=key("poll", description="interval at which the current of a supply is read")
     )
-    timeout_s: Timeout = field(default=0.500, metadata=key("timeout", description="of one answer of a supply"))
+    timeout_s: Timeout = field(default=0.500, metadata=key("timeout", description="time-out of one answer of a supply"))
     voltage_limit_V: Annotated[float, Quantity("voltage", "0 V", "200 V", above=True)] | None = field(
-        default=None, metadata=key("voltage_limit", description="the highest voltage a supply may put on the coil")
+        default=None, metadata=key("voltage_limit", description="highest voltage that a supply may apply to the coil")
     )
     identity: Name | None = field(
-        default=None, metadata=key(description="text that a supply's identity (*IDN?) must hold; another is refused")
+        default=None, metadata=key(description="text that a supply's identity (*IDN?) must contain")
     )
     device_id: int = field(
         default=1, metadata=key(ge=0, le=255, description="Modbus unit of an analogue output (url modbus-tcp:, -rtu:)")
     )
     by_hand: bool = field(
-        default=False, metadata=key(description="a person sets the current, and is asked for it before it is needed")
+        default=False, metadata=key(description="the operator sets the current manually, on request")
     )
     pressure_while_asked: Literal["off", "low", "on"] = field(
-        default="off", metadata=key(description="the pressure while somebody is at the supply")
+        default="off", metadata=key(description="hydraulic pressure while the operator is at the supply")
     )
     answer_within_s: Annotated[float, Quantity("time", "10 s", "1 h")] = field(
-        default=600.0, metadata=key("answer_within", description="so long a person may take for a current")
+        default=600.0, metadata=key("answer_within", description="longest time that the operator may take to set a "
+            "current")
     )
     rehearsal: Annotated[str, Text(256), Check(address.supply_url)] | None = field(
-        default=None, metadata=key(description="by hand on a simulated rig, which writes it: where its supply is")
+        default=None, metadata=key(description="written by a simulated rig with manual current: address of its supply")
     )
 
     @property
@@ -379,7 +383,7 @@ class EcuConfig(Settings):
             except ValueError as problem:
                 yield ("channel",), str(problem)
         for name in self.interface_options.keys() & {"interface", "channel", "bitrate"}:
-            yield ("interface_options", name), f"is an entry of [ecu] itself: write {name} = ... there"
+            yield ("interface_options", name), f"is an entry of [ecu]. Fix: write {name} = ... there"
         yield from address.ecu_problems(self.dbc, self.roles)
 
 
@@ -394,7 +398,8 @@ class Clock(Settings):
     device_rate: float = field(default=1.0, metadata=key(ge=0.01, le=1000.0))
     shared: Annotated[str, Text(1024)] | None = field(
         default=None,
-        metadata=key(description="written by a simulated rig: the file of its clock, which waits for a busy computer"),
+        metadata=key(description="written by a simulated rig: the file of its clock, which pauses while the "
+            "computer is busy"),
     )
 
 
@@ -409,7 +414,7 @@ class Station(Settings):
         default=0.050,
         metadata=key(
             "late_limit",
-            description="so long the station may be kept from running; beyond it the rig stops as host-late",
+            description="longest time without monitoring; beyond it the rig stops (host-late)",
         ),
     )
     real_time: bool = True

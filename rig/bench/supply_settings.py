@@ -50,11 +50,11 @@ def supply_problems_of(config: SupplyEntries) -> Iterator[Problem]:
     if config.url is None:
         yield ("url",), 'missing; write for example url = "tcp://192.168.0.20:5025" or url = "/dev/ttyUSB2"'
     if config.supply is None:
-        yield ("supply",), 'missing; write supply = "generic-scpi", another preset, or a file of your own'
+        yield ("supply",), 'missing; write supply = "generic-scpi", another preset, or your own file'
     for name in _CAN_ONLY:
         if getattr(config, name) is not None:
             instead = "; write identity" if name == "serial_number" else ""
-            yield (name,), f"belongs to a current controller on CAN; this one is a supply{instead}"
+            yield (name,), f"applies to a current controller on CAN; this current source is a supply{instead}"
     described = config.described_supply
     if described is not None:
         yield from _link(config.url, described)
@@ -67,8 +67,9 @@ def _link(url: str | None, described: SupplyDescription) -> Iterator[Problem]:
     modbus = ActuatorAddress.parse(url or "").kind in {LinkKind.MODBUS_TCP, LinkKind.MODBUS_RTU}
     if url is not None and modbus is not (described.output is not None):
         yield ("url",), (
-            "lines of text do not travel by Modbus; write tcp://host:port or a serial port" if modbus else
-            "registers ([quantities]) travel by Modbus; write modbus-tcp://host:port or modbus-rtu: and a serial port"
+            "a supply with text commands is not on Modbus. Fix: write tcp://host:port or a serial port" if modbus else
+            "a supply with registers ([quantities]) is on Modbus. Fix: write modbus-tcp://host:port or modbus-rtu: "
+            "and a serial port"
         )
 
 
@@ -76,15 +77,17 @@ def _voltage(config: SupplyEntries, described: SupplyDescription) -> Iterator[Pr
     limit_V = config.voltage_limit_V
     if not described.commands.set_voltage_limit:
         if limit_V is not None:
-            yield ("voltage_limit",), "this supply has no command for it (set_voltage_limit): take it out, set by hand"
+            yield ("voltage_limit",), (
+                "this supply has no command for it (set_voltage_limit). Fix: remove it and set the limit manually"
+            )
         return
     if limit_V is None:
         yield ("voltage_limit",), (
-            'missing; write the highest voltage that the coil may get, above resistance x highest current: "12 V"'
+            'missing. Fix: write the highest voltage allowed at the coil, above resistance x highest current: "12 V"'
         )
     elif described.voltage_V is not None and not described.voltage_V[0] <= limit_V <= described.voltage_V[1]:
         low_V, high_V = described.voltage_V
-        yield ("voltage_limit",), f"is beyond what the supply takes; allowed: {low_V:g} V to {high_V:g} V"
+        yield ("voltage_limit",), f"is outside the supply's range; allowed: {low_V:g} V to {high_V:g} V"
 
 
 def _times(config: SupplyEntries) -> Iterator[Problem]:
@@ -92,7 +95,8 @@ def _times(config: SupplyEntries) -> Iterator[Problem]:
     shortest_s = 2.0 * config.poll_s
     if config.stale_after_s < shortest_s:
         yield ("stale_after",), (
-            f"is less than two polls of the supply; allowed: at least {1e3 * shortest_s:g} ms (30 ms is meant for CAN)"
+            f"is shorter than two polls of the supply; allowed: at least {1e3 * shortest_s:g} ms (30 ms is the "
+            "default for CAN)"
         )
     if config.timeout_s > config.stale_after_s >= shortest_s:
-        yield ("timeout",), "is longer than stale_after: the rig would have stopped before an answer counts as lost"
+        yield ("timeout",), "is longer than stale_after: the rig would stop before an answer counts as lost"

@@ -23,23 +23,23 @@ CONFIRM = "c"
 LONGEST_TEXT = 500
 
 LOOK_AT = {
-    "modbus": "the link to the controller, its cable and who else uses it",
+    "modbus": "the link to the controller, its cable and its other users",
     "rtu": "the serial line to the controller, its termination and who else uses it",
-    "controller": "the controller: its state, its settings, its messages, who else commands it",
+    "controller": "the controller: its state, settings, messages and other masters",
     "can": "the CAN bus: cable, termination, other nodes",
     "ecu": "the current ECU, its supply, and the coil with its cable",
     "sensor": "the sensor, its cable, plug and adapter",
     "specimen": "the damper, its joints and its mounting",
-    "signal": "the rig: at rest, nothing loose, nobody in it",
-    "disk": "the disk: free space and rights",
-    "silence": "the machine: what kept the programs from running",
-    "starvation": "the machine: what kept the programs from running",
-    "clock": "the machine: why its clock jumped or it slept",
-    "process": "the machine: logs of the programs that ended",
+    "signal": "the rig: at rest, nothing loose, guard area clear",
+    "disk": "the disk: free space and permissions",
+    "silence": "the computer: what prevented the programs from running",
+    "starvation": "the computer: what prevented the programs from running",
+    "clock": "the computer: why its clock jumped or it was suspended",
+    "process": "the computer: logs of the programs that ended",
 }
 """By the place of the fault matrix's row."""
 DAMAGED = "journal-damaged"
-LOOK_AT_THE_RIG = "the rig and station.log: what the stop's words name"
+LOOK_AT_THE_RIG = "the rig and station.log: what the stop message names"
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class EarlierStop:
     @property
     def text(self) -> str:
         """For the operator."""
-        return f"{self.slug} ({self.stop}, {self.utc}): {self.detail or 'no detail'}; look at {self.look_at}"
+        return f"{self.slug} ({self.stop}, {self.utc}): {self.detail or 'no detail'}; inspect {self.look_at}"
 
     def to_json(self) -> dict[str, str]:
         """One entry of `confirmed` in `rig run --json`."""
@@ -113,7 +113,7 @@ def unconfirmed(lines: Iterable[Mapping[str, Any]]) -> tuple[EarlierStop, ...]:
 
 
 def _damaged(what: str) -> EarlierStop:
-    detail = f"{what}; it may have told of an e-stop or the like"
+    detail = f"{what}; it may have contained an e-stop or another grave stop"
     return EarlierStop(DAMAGED, "unknown", "unknown", detail, LOOK_AT_THE_RIG, REQUALIFY)
 
 
@@ -137,8 +137,8 @@ def confirm(stops: Iterable[EarlierStop], requalified: str) -> None:
         named = "\n".join(stop.text for stop in grave)
         raise Refused(
             "requalify",
-            f"the campaign was stopped by something after which the specimen must be requalified:\n{named}\n"
-            'Nothing was connected. Check it, then say what was checked or replaced: --requalified "TEXT"',
+            f"the specimen must be requalified after the stop of this campaign:\n{named}\nNothing was connected. Fix: "
+            'check the specimen, then state what was checked or replaced: --requalified "TEXT"',
         )
 
 

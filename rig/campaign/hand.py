@@ -141,7 +141,7 @@ def check_hand(bench: Bench, *, attended: bool) -> None:
     if bench.ecu.by_hand and bench.ecu.rehearsal is None and not attended:
         raise Refused(
             UNATTENDED,
-            "the bench's current is set by hand ([ecu] by_hand = true), and nobody can be asked for it here: run it at "
-            "a terminal, without --json, standard input and output not redirected; or with --page, to confirm it "
-            "there; or rehearse it with --simulate; nothing was moved",
+            "this bench's current is set manually ([ecu] by_hand = true), but no operator can confirm it here. "
+            "Nothing was moved. Fix: run at a terminal, without --json and without redirected input or output; or "
+            "use --page and confirm there; or rehearse with --simulate",
         )

@@ -165,7 +165,7 @@ class LiveLink:
         confirmed = {str(slug) for slug in named} if isinstance(named, list) else set()
         missing = [stop["slug"] for stop in self.confirm if stop["slug"] not in confirmed]
         if missing:
-            self.display.message("warning", f"not begun: confirm first that these were looked at: {', '.join(missing)}")
+            self.display.message("warning", f"not started: first confirm that these were checked: {', '.join(missing)}")
             return None
         self.held = False
         self._note("begun", by, confirmed=sorted(confirmed))

@@ -130,7 +130,7 @@ def _lock(device: str, address: str) -> int:
     try:
         descriptor = _open(path)
     except OSError as error:
-        reason = f"{address}: its lock {path} cannot be opened ({error}); look at that file and remove it"
+        reason = f"{address}: its lock {path} cannot be opened ({error}). Fix: check that file and remove it"
         raise Refused("two-instances", reason) from error
     deadline_ns = monotonic_ns() + int(STATION_STOPS_S * 1e9)
     while True:
@@ -179,7 +179,7 @@ def _open(path: Path) -> int:
     status = os.fstat(descriptor)
     if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
         os.close(descriptor)
-        raise OSError("not a regular file of one name")
+        raise OSError("not a regular file with a single name")
     return descriptor
 
 

@@ -183,7 +183,7 @@ class GuardedDisplay:
                 show()
             except Exception as error:
                 self.failed = f"{type(error).__name__}: {error}"
-                log.exception("the display failed and stays dark; the campaign goes on")
+                log.exception("the display failed and is off; the campaign continues")
 
 
 class Displays:

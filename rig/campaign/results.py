@@ -183,10 +183,10 @@ class StopReport:
         """The state of the rig, as far as it was proved: standstill, current and pressure separately."""
         if not self.moved:
             said = self.pressure and not self.pressure_off
-            return f"nothing had moved, {self._pressure}" if said else "nothing had moved"
+            return f"no motion had started, {self._pressure}" if said else "no motion had started"
         ended = "motion halted" if self.halted else "motion faded out" if self.faded else "rod at rest"
-        motion = ended if self.proved else "standstill is not proved"
-        current = "coil at 0 A" if self.current_zero else "coil current not proved"
+        motion = ended if self.proved else "standstill is not confirmed"
+        current = "coil at 0 A" if self.current_zero else "coil current not confirmed"
         return f"{motion}, {current}, {self._pressure}"
 
     @property
@@ -195,8 +195,9 @@ class StopReport:
             return "hydraulics off"
         others = {
             "none": "actuator holds (no hydraulics to switch off)",
-            "unknown": "HYDRAULICS NOT PROVED OFF (in this state, such as behind its own trip, the controller does not "
-            "show whether it has pressure. Fix: inspect and reset it there, or state [pressure] in its register map)",
+            "unknown": "HYDRAULICS NOT CONFIRMED OFF (in this state, such as after its own trip, the controller does "
+            "not show whether it has pressure. Fix: inspect and reset it there, or define [pressure] in its register "
+            "map)",
         }
         return others.get(self.pressure, "HYDRAULICS STILL ON")
 

@@ -29,7 +29,7 @@ SLOWEST, FASTEST = 0.01, 1000.0
 """Speeds of a simulated rig."""
 SET_ASIDE = -1
 """Of files that were set aside: after any other, whatever their verdict."""
-NOT_OURS = "not what a campaign writes there: repair the file or begin a new campaign"
+NOT_OURS = "not in the form that a campaign writes. Fix: repair the file or start a new campaign"
 
 
 def as_before(folder: Path, options: CampaignOptions) -> CampaignOptions:
@@ -114,8 +114,8 @@ def same_matrix(folder: Path, matrix: Matrix) -> None:
         which = "" if not changed else f": changed {'is' if len(changed) == 1 else 'are'} {', '.join(changed)}"
         raise Refused(
             "matrix-changed",
-            f"{folder / 'matrix.toml'} is not the matrix this campaign was begun with{which}; nothing was moved: "
-            "put back what was there, or begin a new campaign",
+            f"{folder / 'matrix.toml'} is not the matrix with which this campaign was started{which}; nothing was "
+            "moved. Fix: restore the file, or start a new campaign",
         )
 
 
@@ -139,8 +139,8 @@ def same_campaign(folder: Path, bench: Bench, matrix: Matrix) -> None:
     if not bench_is_new(folder) and described(folder).get("hash") not in hashes:
         raise Refused(
             "bench-changed",
-            f"limits, calibration or identities of the bench are not those of {folder / 'bench.toml'}; nothing was "
-            "moved: mend the bench file, or begin a new campaign",
+            f"limits, calibration or identities of the bench differ from those in {folder / 'bench.toml'}; nothing "
+            "was moved. Fix: correct the bench file, or start a new campaign",
         )
 
 
@@ -206,7 +206,7 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
             ends_degC = (recorded.quality.coil_low_degC, recorded.quality.coil_high_degC)
             rank = SET_ASIDE if aside else RANKS.index(recorded.verdict), not recorded.kept_apart, attempt
         except (TypeError, ValueError) as error:
-            problems.append(f"points/{file.name}: not as a campaign writes it: {error}")
+            problems.append(f"points/{file.name}: not in the form that a campaign writes: {error}")
             continue
         attempts[name] = max(attempts.get(name, 0), attempt)
         if damaged := () if aside or recorded.verdict == INVALID else _damage(file):
@@ -326,12 +326,12 @@ def of_the_rig(arguments: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ..
     waiting = list(arguments)
     for argument in waiting:
         if not isinstance(argument, str):
-            raise StrangeArgument(f"{argument!r:.60} is not a text")
+            raise StrangeArgument(f"{argument!r:.60} is not a string")
     while waiting:
         argument = waiting.pop(0)
         name, equals, value = argument.partition("=")
         if name not in ALLOWED and name not in OF_ONE_SESSION:
-            raise StrangeArgument(f"{name[:60]!r} is no option of a resumed simulated rig")
+            raise StrangeArgument(f"{name[:60]!r} is not an option of a resumed simulated rig")
         if not equals and (OF_ONE_SESSION.get(name, False) or ALLOWED.get(name, FLAG) != FLAG):
             if not waiting:
                 raise StrangeArgument(f"{name}: its value is missing")
@@ -340,6 +340,6 @@ def of_the_rig(arguments: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ..
             left_out.append(name)
             continue
         if not re.fullmatch(ALLOWED[name], value, 0 if name in FILES else re.ASCII):
-            raise StrangeArgument(f"{name}: {value[:60]!r} is not the shape of its value")
+            raise StrangeArgument(f"{name}: got {value[:60]!r}, which is not a valid value")
         kept.append(name if ALLOWED[name] == FLAG else f"{name}={value}")
     return tuple(kept), tuple(left_out)

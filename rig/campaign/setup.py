@@ -93,7 +93,7 @@ def make_campaign_folder(out: Path, specimen: str) -> Path:
         inner_folder(folder, "points")
     except OSError as error:
         raise Refused(
-            "dir-readonly", f"{folder}: cannot be made: {error}; give a writable folder with --out"
+            "dir-readonly", f"{folder}: cannot be created: {error}. Fix: give a writable folder with --out"
         ) from error
     return folder
 
@@ -122,14 +122,14 @@ def _refusals_in(log: CampaignLog) -> Iterator[None]:
         try:
             yield
         except OSError as error:
-            text = f"the campaign cannot be begun: {error}; nothing was connected"
+            text = f"the campaign cannot be started: {error}; nothing was connected"
             raise Refused(disk_slug(error), text) from error
     except Refused as refusal:
         with contextlib.suppress(OSError):
             log.write("refused", slug=refusal.slug, text=str(refusal))
         raise
     except Stopped as stop:
-        text = f"{stop}: nothing moved. Continue with: {resume_command(log.path.parent)}"
+        text = f"{stop}: nothing was moved. Continue with: {resume_command(log.path.parent)}"
         with contextlib.suppress(OSError):
             log.write("refused", slug=stop.slug, text=text)
         raise Stopped(stop.slug, text) from stop
@@ -163,10 +163,11 @@ def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
     lines = []
     for item in judged.judged:
         if not item.feasible:
-            fit = "" if item.would_fit_m is None else f"; an amplitude of {1e3 * item.would_fit_m:g} mm would fit"
+            fit = "" if item.would_fit_m is None else f"; an amplitude of {1e3 * item.would_fit_m:g} mm fits"
             lines.append(f"{item.point.id}: {'; '.join(item.reasons)}{fit}")
     if lines:
-        raise Refused("matrix-infeasible", "the matrix does not fit the rig, nothing was moved:\n" + "\n".join(lines))
+        raise Refused("matrix-infeasible", "the matrix is outside the limits of the rig; nothing "
+            "was moved:\n" + "\n".join(lines))
     if folder is not None:
         check_room(folder, judged, bench, matrix)
     return judged
@@ -186,7 +187,8 @@ def check_room(folder: Path, plan: Plan, bench: Bench, matrix: Matrix) -> None:
     if free < needed:
         raise Refused(
             "disk-full",
-            f"{folder}: {free / 1e6:.0f} MB free, about {needed / 1e6:.0f} MB needed; free some or give --out",
+            f"{folder}: {free / 1e6:.0f} MB free, about {needed / 1e6:.0f} MB needed. Fix: free space or give another "
+            "folder with --out",
         )
 
 
@@ -255,7 +257,8 @@ def described(folder: Path) -> dict[str, Any]:
     description = read_campaign(folder) if folder.is_dir() else {}
     if not isinstance(description.get("hashes"), dict) or not (folder / "matrix.toml").is_file():
         raise FileProblem(
-            str(folder), ["holds no campaign that was begun; give the directory `rig run` printed (see `rig runs`)"]
+            str(folder), ["contains no started campaign. Fix: give the directory that `rig run` printed (see `rig "
+                "runs`)"]
         )
     return description
 
@@ -317,8 +320,8 @@ def check_calibrations(bench: Bench, today: date) -> tuple[str, ...]:
     if warnings and bench.require_valid_calibration:
         raise Refused(
             "calibration-overdue",
-            "; ".join(warnings) + "; have it calibrated and enter the new certificate and due date in the bench file "
-            "(it says require_valid_calibration = true); nothing was moved",
+            "; ".join(warnings) + "; nothing was moved. Fix: have it calibrated and enter the new certificate and "
+                "due date in the bench file (which sets require_valid_calibration = true)",
         )
     return warnings
 
@@ -336,8 +339,8 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
     if matrix.temperature is not None:
         raise Refused(
             "source-without-temperature",
-            "the matrix has a [temperature] window, and this bench does not measure the coil's temperature: take the "
-            "window out, or drive the coil by a current controller that measures it; nothing was moved",
+            "the matrix has a [temperature] window, but this bench does not measure the coil temperature; nothing "
+            "was moved. Fix: remove the window, or drive the coil with a current controller that measures it",
         )
     if described is None:
         _check_by_hand(matrix)
@@ -346,9 +349,9 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
     if described.current_A[0] >= 0.0 and (matrix.campaign.demagnetise or negative):
         raise Refused(
             "source-without-negative-current",
-            f"the matrix asks for negative currents, and {described.name} drives {described.current_A[0]:g} to "
-            f"{described.current_A[1]:g} A: leave them and [campaign] demagnetise out, or use a bipolar supply; "
-            "nothing was moved",
+            f"the matrix requires negative currents, but {described.name} delivers {described.current_A[0]:g} to "
+            f"{described.current_A[1]:g} A; nothing was moved. Fix: remove them and [campaign] demagnetise, or use a "
+            "bipolar supply",
         )
 
 
@@ -361,14 +364,14 @@ def _check_by_hand(matrix: Matrix) -> None:
     if matrix.current_step:
         raise Refused(
             "by-hand-without-steps",
-            "the matrix has a [[current_step]], and the current is set by hand: nobody steps it in time; take it out; "
-            "nothing was moved",
+            "the matrix has a [[current_step]], but the current is set manually, which cannot be timed; nothing was "
+            "moved. Fix: remove the table",
         )
     if matrix.campaign.demagnetise or any(point.current_A < 0.0 for point in matrix.points()):
         raise Refused(
             "source-without-negative-current",
-            "the matrix asks for negative currents, and the current is set by hand: leave them and [campaign] "
-            "demagnetise out; nothing was moved",
+            "the matrix requires negative currents, but the current is set manually; nothing was moved. Fix: remove "
+            "them and [campaign] demagnetise",
         )
 
 
@@ -388,7 +391,7 @@ def check_clocks(bench: Bench) -> None:
     if without:
         raise Refused(
             "format-without-clock",
-            "; ".join(without) + f", and the matrix asks for the skew ([campaign] require_skew = true): use a sensor "
-            f"that speaks {' or '.join(clocked)}, or leave require_skew out and take the skew as uncertain as the "
-            "report states it; nothing was moved",
+            "; ".join(without) + ", but the matrix requires a known sensor delay ([campaign] require_skew = true); "
+                f"nothing was moved. Fix: use a sensor with format {' or '.join(clocked)}, or remove require_skew and "
+                "accept the uncertainty that the report states",
         )

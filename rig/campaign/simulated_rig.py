@@ -48,7 +48,8 @@ def wearing(path: Path) -> tuple[str, ...]:
     """
     bench = Bench.load(path)
     problems = [
-        f"{place}: is described here; write it into a file of its own and name that: then a simulated rig can wear it"
+        f"{place}: described in place. Fix: write the description to a separate file and give its name; then a "
+        "simulated rig can emulate it"
         for place, given in (
             ("ecu.roles", bench.ecu.roles), ("ecu.supply", bench.ecu.supply),
             ("load_cell.format", bench.load_cell.format), ("lvdt.format", bench.lvdt.format),
@@ -136,7 +137,7 @@ class SimulatedRig:
             if process.returncode == EXIT_USAGE:
                 raise RigError(f"arguments of the simulated rig (after --): {tail}")
             raise Refused(
-                "simulator", f"the simulated rig did not start (exit code {process.returncode}); it said:\n{tail}"
+                "simulator", f"the simulated rig did not start (exit code {process.returncode}); its output:\n{tail}"
             )
         return cls(process, Path(line), truth_path)
 
@@ -221,7 +222,8 @@ def _await_end(part: Path) -> None:
                 return
             except OSError as error:
                 if monotonic_ns() > deadline_ns:
-                    raise Refused("two-instances", f"{part}: the earlier session's simulated rig still runs") from error
+                    raise Refused("two-instances", f"{part}: the earlier session's simulated rig is still "
+                        "running") from error
             # A lock cannot be waited for with a time limit.
             time.sleep(LOOK_AGAIN_S)
     finally:
@@ -296,5 +298,5 @@ def rig_in_use(
     finally:
         if not simulated.stop(rig.settle_s, disk_refuses=rig.disk_refuses):
             full = rig.disk_refuses or simulated.lacks_room
-            why = ": it completes truth.h5 when there is room on the disk" if full else ""
+            why = ": it completes truth.h5 when disk space is available" if full else ""
             display.message("warning", say("rig-goes-on", process=simulated.process.pid, why=why))

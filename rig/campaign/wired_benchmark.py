@@ -171,7 +171,7 @@ def run_at(url: str, test: StepwiseTest, count: WireCount) -> None:
     """
     driver = make_actuator("demo-streamed", ActuatorConnection(url, timeout_s=PATIENCE_S, owner_id=OWNER))
     if not isinstance(driver, StreamedActuator):
-        raise Refused("controller-refused", "the controller makes its motion itself")
+        raise Refused("controller-refused", "the controller generates its motion itself")
     driver.open()
     try:
         hold_under_pressure(driver)

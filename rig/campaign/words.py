@@ -25,8 +25,8 @@ MESSAGES = {
     # The check move
     "lvdt-scale": "check move: the LVDT shows {shown_mm:.3g} mm, the controller moved {moved_mm:.3g} mm; check plugs, "
     "sign and sensitivity",
-    "force-sign": "check move: the load cell shows {force_N:.3g} N less on the way up than down, but a damper opposes "
-    "motion; check plugs, sign and sensitivity",
+    "force-sign": "check move: the load cell shows {force_N:.3g} N less on the up stroke than on the down stroke, "
+    "but a damper opposes motion; check plugs, sign and sensitivity",
     "force-scale": "check move: the load cell shows a damper force of {force_N:.3g} N, the controller {own_N:.3g} N; "
     "check plugs, sign and sensitivity",
     "no-proof-move": "the actuator did not perform the check move",
@@ -43,7 +43,7 @@ MESSAGES = {
     "and continues from {from_degC:.1f} to {to_degC:.1f} degC: warm the room or the damper, then resume",
     # Preparing and running points
     "still-cold": "{now_degC:.1f} degC after {warmed_s:.0f} s of warm-up; the window begins at {low_degC:g} degC",
-    "never-cool": "{now_degC:.1f} degC; will not cool to {highest_degC:.1f} degC without help",
+    "never-cool": "{now_degC:.1f} degC; does not cool to {highest_degC:.1f} degC unaided",
     "cool-too-late": "{now_degC:.1f} degC; cools to {highest_degC:.1f} degC in {forecast_s:.0f} s, later than "
     "[temperature] longest allows",
     "cooling-overdue": "the damper did not cool within twice the predicted time",
@@ -65,7 +65,7 @@ MESSAGES = {
     "file-unfinished": "its file is not finished; `rig recover` or resuming completes it",
     "records-lost": "{count} records overwritten before they were read",
     "station-silent": "the station has not run for {silent_s:g} s or longer",
-    "no-status": "no status of the controller for {silent_s:g} s",
+    "no-status": "no status from the controller for {silent_s:g} s",
     # Notes of the sequencer
     "paused": "paused before {point}",
     "page-stop": "Stop on the page, {by}",
@@ -103,7 +103,7 @@ MESSAGES = {
     # What the operator reads beside the points
     "resume-confirms": "resuming confirms that this was checked and fixed: {text}",
     "resuming": "resuming: {kept} points kept, {left} to run",
-    "without-options": "the simulated rig is started without the earlier session's {names}",
+    "without-options": "the simulated rig is started without these options of the earlier session: {names}",
     "requalified": "requalified: {text}",
     "at-the-end": "at the campaign's end: {error}",
     "pause-asked": "pause after the running point; continue with Ctrl-Z or with Start on the page",
@@ -115,7 +115,7 @@ MESSAGES = {
     "own-skews": "each point keeps its own sensor delay: {why}",
     "recorder-left": "recorder: {error}; `rig recover` completes the files",
     "dropped": "the motion was out of tolerance; the record is kept as {kept}, the point is repeated",
-    "rig-goes-on": "the simulated rig still runs (process {process}){why}",
+    "rig-goes-on": "the simulated rig is still running (process {process}){why}",
     "drifted-apart": "the difference between {measured} and {own} at rest drifted by {drift:+.3g} {unit} between start "
     "and end (limit {limit:.3g} {unit}, largest measured {peak:.4g} {unit}): one of the two zeros drifted; check "
     "cable, mounting and temperature of both, tare, and repeat the tests",
@@ -134,8 +134,8 @@ ADVICE = {
     "rest-value": "; tare it or check its cable",
     "force-zero": "; one of the two has an offset: tare the load cell and the controller's input, "
     "or set [checks] force_zero in the bench file",
-    "current-zero": "; its measurement is not zero at 0 A: zero the ECU's current measurement, or "
-    "set [checks] current_zero in the bench file",
+    "current-zero": "; it does not measure zero at 0 A: zero the ECU's current measurement, or set [checks] "
+    "current_zero in the bench file",
     "rest-position": "; move the rod manually, or tare the sensor",
 }
 """What to do, unless swapped sensors are the cause."""

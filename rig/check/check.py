@@ -45,8 +45,9 @@ HELD_S = 0.3
 OF_THE_COIL = frozenset({"ecu-command", "coil-not-ready", "current-stuck", "supply-not-zero"})
 """What ends a proof on the part of the current source."""
 FIXES = {
-    "ecu-command": "write under [protection.MESSAGE] of the roles file what the ECU's document says of the message "
-    "that carries the command: profile, data_id, counter, crc; else look at the DBC and at the power of its output",
+    "ecu-command": "under [protection.MESSAGE] of the roles file, enter the protection of the command message from "
+    "the ECU's documentation: profile, data_id, counter, crc; otherwise check the DBC and the supply of its output "
+    "stage",
 }
 FEWEST = 10
 
@@ -82,7 +83,8 @@ def check_bench(bench: Bench, folder: Path, told: Told, *, prove: bool = False) 
             # Whatever happened: at the end of its link the station stops an armed rig and takes the pressure away.
             code = client.close(STATION_ENDS_S)
         if code != EXIT_DONE and check.was_armed:
-            raise UnknownRigState(f"the station could not prove that the rig is safe; go and look ({folder})")
+            raise UnknownRigState("the station could not confirm that the rig is safe. Fix: inspect the rig before "
+                f"continuing ({folder})")
         return CheckReport(bench.name, tuple(check.reports.of.values()), check.moved)
 
 
@@ -110,13 +112,13 @@ class _Check:
             if not self.reports.failed:
                 self._prove(move=prove)
             elif self.reports.of[ACTUATOR].verdict != "failed":
-                self._unproved("something else failed")
+                self._unproved("another part failed")
         except StationLost as lost:
             self.reports.add("host", failed("task-dies", str(lost)))
 
     def _look(self) -> None:
         client, reports = self._client, self.reports
-        self._told("opening every device")
+        self._told("connecting all devices")
         entries: list[Mapping[str, Any]] = client.request("examine", EXAMINE_S)["devices"]
         self._pressure_off = any(seen["pressure_off"] for seen in entries)
         reports.examined(entries)
@@ -136,7 +138,7 @@ class _Check:
         reports.host(client.ready, int(status["late_loops"]), float(status["late_worst_s"]))
 
     def _unproved(self, why: str) -> None:
-        text = f"the watchdog was not starved: {why}"
+        text = f"the watchdog was not triggered: {why}"
         self.reports.add(ACTUATOR, warning("watchdog-unproved", text))
 
     def _prove(self, *, move: bool) -> None:
@@ -147,7 +149,7 @@ class _Check:
         try:
             self.was_armed = True
             with armed(self._client):
-                self._told("starving the watchdog")
+                self._told("triggering the watchdog")
                 after_s = prove_watchdog(self._client)
                 report.numbers["watchdog_ms"] = None if after_s is None else 1e3 * after_s
                 if move:
@@ -157,7 +159,7 @@ class _Check:
             self.reports.add(owner, failed(ended.slug, ended.message, FIXES.get(ended.slug, "")))
 
     def _move(self) -> None:
-        self._told("moving the rod by 2 mm up and down, at 10 mm/s and 0 A")
+        self._told("moving the rod 2 mm up and down, at 10 mm/s and 0 A")
         self.moved = True
         with RingReader(Path(self._config.ring_path)) as ring:
             cause = prove_sensors(self._client, self._config, ring)

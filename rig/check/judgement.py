@@ -82,14 +82,15 @@ class Reports:
 
     def _controller(self, seen: Seen) -> Iterator[CheckFinding]:
         if seen["e_stop_open"]:
-            yield failed("estop", "the e-stop chain is open", "close the chain at the rig; this software never does")
+            yield failed("estop", "the e-stop chain is open", "close the chain at the rig; the software cannot close "
+                "it")
         if seen["faults"] and not seen["e_stop_open"]:
             yield warning("controller-trip", f"the controller reports {seen['faults']} (state {seen['state']})")
         slow_ms = 1e3 * SLOW_ANSWER_SHARE * self._config.actuator.timeout_s
         taken_ms = within_ms(np.array(seen["answers_s"], dtype=np.float64))
         if taken_ms is not None and taken_ms > slow_ms:
             text = f"one answer in a hundred takes longer than {taken_ms:.3g} ms, time-out {2.0 * slow_ms:g} ms"
-            fix = f'write timeout = "{4.0 * taken_ms:.0f} ms" in [actuator], or less load'
+            fix = f'write timeout = "{4.0 * taken_ms:.0f} ms" in [actuator], or reduce the load'
             yield warning("actuator-slow", text, fix)
 
     def _identities(self) -> None:
@@ -102,7 +103,7 @@ class Reports:
             number = self.of[name].identity.get("serial_number")
             if given is None and number and self.of[name].verdict != "failed":
                 shown = f'"{number}"' if isinstance(number, str) else str(number)
-                text = f"serial number {number}: the bench file does not say which one is expected"
+                text = f"serial number {number}: the bench file does not state the expected one"
                 self.add(name, note("identity-unstated", text, f"write {entry} = {shown} in [{name}]"))
 
     def warned(self, events: Iterable[Mapping[str, Any]]) -> None:
@@ -185,7 +186,8 @@ class Reports:
             if sensor.label in overdue:
                 self.add(sensor.label, say("calibration-overdue", f"calibration was due on {due}"))
             elif due is None:
-                self.add(sensor.label, note("calibration-unknown", "the bench file does not say when it is due"))
+                self.add(sensor.label, note("calibration-unknown", "the bench file does not state the due date of "
+                    "its calibration"))
 
     def host(self, ready: Mapping[str, Any], late_loops: int, worst_s: float) -> None:
         """Judge this machine: real-time rights, and whether the station was kept from running."""
@@ -193,7 +195,8 @@ class Reports:
         if self._config.real_time and not ready.get("real_time"):
             self.add(HOST, warning("no-real-time", str(ready.get("real_time_reason"))))
         elif not self._config.real_time:
-            self.add(HOST, note("no-real-time", "the bench file asks for no real-time priority ([station] real_time)"))
+            self.add(HOST, note("no-real-time", "the bench file does not request real-time priority ([station] "
+                "real_time)"))
         self.of[HOST].numbers["late_ms"] = 1e3 * worst_s
         if worst_s > self._config.late_limit_s:
             text = f"this computer is too busy: monitoring paused {late_loops} times, for up to {1e3 * worst_s:.0f} ms"
@@ -209,16 +212,16 @@ def _fix(seen: Seen) -> str:
         rates = " or ".join(map(str, seen["reads_at"]))
         return f"write baudrate = {rates} in [{name}]: at that rate its bytes make valid frames"
     if seen["slug"] == "serial-baud":
-        return f"no usual baud rate reads it: check format, parity and wiring of [{name}]"
+        return f"no valid frame at any usual baud rate: check format, parity and wiring of [{name}]"
     return ""
 
 
 def _polls(stream: Stream, config: StationConfig) -> Iterator[CheckFinding]:
     wanted_Hz = 1.0 / config.actuator.poll_s / config.device_rate
     if math.isfinite(stream.rate_Hz) and stream.rate_Hz < SLOW_POLLS * wanted_Hz:
-        text = f"{stream.rate_Hz:.3g} statuses a second, {wanted_Hz:.3g} wanted: it does not answer within a poll"
+        text = f"{stream.rate_Hz:.3g} statuses per second, expected {wanted_Hz:.3g}: it does not answer within a poll"
         poll_ms = 1e3 / stream.rate_Hz / config.device_rate
-        fix = f'write poll = "{poll_ms:.0f} ms" in [actuator], or make it answer faster'
+        fix = f'write poll = "{poll_ms:.0f} ms" in [actuator], or reduce its response time'
         yield warning("actuator-slow", text, fix)
     if stream.not_numbers:
         yield failed("feedback-lost", f"{stream.not_numbers} of {stream.count} positions are not a number")
@@ -235,16 +238,18 @@ def _numbers(stream: Stream, sensor: SensorConfig) -> dict[str, object]:
 def _sensor(stream: Stream, sensor: SensorConfig) -> Iterator[CheckFinding]:
     off = stream.rate_Hz / sensor.rate_Hz - 1.0
     if abs(off) > RATE_WARNING:
-        text = f"{stream.rate_Hz:.4g} values a second, the bench file says {sensor.rate_Hz:g}"
+        text = f"{stream.rate_Hz:.4g} values per second, but the bench file states {sensor.rate_Hz:g}"
         fix = f'write rate = "{stream.rate_Hz:.4g} Hz" in [{sensor.label}], or set the sensor to {sensor.rate_Hz:g} Hz'
         yield (failed if abs(off) > RATE_FAILED else warning)("sample-rate", text, fix)
     if stream.lost:
         yield warning("sample-gap", f"{stream.lost} of {stream.count + stream.lost} samples are missing")
     if stream.not_numbers:
-        yield warning("sensor-nan", f"{stream.not_numbers} of {stream.count} values are no number")
+        yield warning("sensor-nan", f"{stream.not_numbers} of {stream.count} values are not numbers")
     if math.isnan(stream.step) and stream.count:
-        text = f"all {stream.count} values are the same: its resolution hides its noise, or it is stuck"
-        yield note("sensor-resolution", text, "move or load it by hand and check again: the value must change")
+        text = (
+            f"all {stream.count} values are identical: the resolution is coarser than the noise, or the sensor is stuck"
+        )
+        yield note("sensor-resolution", text, "move or load it manually and check again: the value must change")
 
 
 @dataclass(frozen=True)

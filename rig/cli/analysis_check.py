@@ -71,7 +71,7 @@ def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[
     if Path(text).exists():
         if (Path(text) / "points").is_dir():
             return [], loops
-        return [f'holdout = "{text}": exists, but is no run (a campaign\'s directory)'], loops
+        return [f"holdout = \"{text}\": exists, but is not a run (a campaign's directory)"], loops
     from rig.recording.run import Selection
 
     try:
@@ -82,9 +82,10 @@ def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[
     held_out = [wanted.holds(SimpleNamespace(**vars(point), verdict="valid")) for point in loops]
     fitted = [point for point, out in zip(loops, held_out, strict=True) if not out]
     if len(fitted) == len(loops):
-        return [f'holdout = "{text}": matches none of the {len(loops)} points; nothing would be held out'], loops
+        return [f'holdout = "{text}": matches none of the {len(loops)} points; no validation points would be '
+            "left"], loops
     if not fitted:
-        return [f'holdout = "{text}": matches all {len(loops)} points; nothing would be left to fit'], loops
+        return [f'holdout = "{text}": matches all {len(loops)} points; no points would be left to fit'], loops
     return [], fitted
 
 
@@ -100,8 +101,8 @@ def _end_of_time(text: str, loops: list[TestPoint]) -> list[str] | None:
     if share is None or not cyclic:
         return None if share is None else []
     return [
-        f'holdout = "{text}": the end of {", ".join(cyclic[:3])} repeats its beginning; the last part of the time is '
-        "held out of signals alone: hold out whole points, such as waveform=road"
+        f'holdout = "{text}": only signals can be split in time; the end of {", ".join(cyclic[:3])} repeats its '
+        "start. Fix: hold out whole points, such as waveform=road"
     ]
 
 
@@ -115,15 +116,15 @@ def _combination(wanted: Identify) -> list[str]:
     bent = wanted.current_law != AFFINE or "+" in wanted.model
     if wanted.current != AFFINE and (wanted.model in SEVERAL or wanted.series_spring or bent):
         problems.append(
-            f'current = "{wanted.current}": goes with one model, without series_spring and without a current law'
+            f'current = "{wanted.current}": requires a single model, without series_spring and without a current law'
         )
     if wanted.temperature_law != NO_LAW and (
         wanted.model in SEVERAL or wanted.current != AFFINE or wanted.series_spring or wanted.method != SEPARABLE
     ):
         problems.append(
-            f'temperature_law = "{wanted.temperature_law}": goes with one model by name, method = "{SEPARABLE}", '
+            f'temperature_law = "{wanted.temperature_law}": requires a single named model, method = "{SEPARABLE}", '
             "without a fit for each current and without series_spring"
         )
     if wanted.series_spring and wanted.model in SEVERAL:
-        problems.append('series_spring: goes with one model; name it, such as model = "asymmetric"')
+        problems.append('series_spring: requires a single model. Fix: name it, such as model = "asymmetric"')
     return problems

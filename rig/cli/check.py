@@ -68,7 +68,7 @@ def _only_listens(*, others: bool) -> None:
         UsageError: there are any.
     """
     if others:
-        raise click.UsageError("--listen only listens: leave --prove, --simulate and arguments after -- out")
+        raise click.UsageError("--listen cannot be combined with --prove, --simulate or arguments after --")
 
 
 def _only_with_listen(options: Mapping[str, object], *, listen: bool) -> None:
@@ -117,9 +117,11 @@ def _check_usage(bench: Path | None, simulator_args: tuple[str, ...], *, simulat
         UsageError: with what to write instead.
     """
     if bench is None and not simulate:
-        raise click.UsageError("which bench? rig check BENCH, or rig check --simulate, or rig check --listen PORT")
+        raise click.UsageError("no bench given. Fix: rig check BENCH, or rig check --simulate, or rig check --listen "
+            "PORT")
     if simulator_args and not simulate:
-        raise click.UsageError("arguments after -- belong to the simulated rig; with BENCH give them to `rig simulate`")
+        raise click.UsageError("arguments after -- are for the simulated rig. Fix: with BENCH give them to `rig "
+            "simulate`")
 
 
 @contextmanager

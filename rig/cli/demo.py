@@ -61,7 +61,10 @@ def _show_beside_truth(fit_path: Path, truth_path: Path, shown: Console) -> None
     show(fit_tables(fit, truth), shown)
     judged = [entry.holds(truth.get(name)) for name, entry in fit.parameters.items()]
     held, counted = judged.count(True), sum(item is not None for item in judged)
-    text = f"{held} of {counted} identifiable parameters have the truth inside their 95 % interval (1 in 20 is outside)"
+    text = (
+        f"{held} of {counted} identifiable parameters: true value within the 95 % interval (1 in 20 is expected "
+        "outside)"
+    )
     shown.print(Text(text, style="green" if held == counted else "yellow"))
 
 

@@ -41,8 +41,8 @@ def _show(slug: str | None, *, as_json: bool) -> int:
         return EXIT_DONE
     if slug not in known:
         near = near_names(slug, known, 3)
-        hint = f"; did you mean {', '.join(near)}?" if near else "; `rig explain` lists them all"
-        raise click.UsageError(f"no code {slug!r}{hint}")
+        hint = f"; did you mean {', '.join(near)}?" if near else "; `rig explain` lists all codes"
+        raise click.UsageError(f"unknown code {slug!r}{hint}")
     answer = explained(slug)
     if as_json:
         write_json(asdict(answer))

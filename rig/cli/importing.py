@@ -33,7 +33,7 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
     for text in value:
         quantity, equals, column = text.partition("=")
         if not (quantity and equals and column):
-            raise click.BadParameter(f"{text!r} is not of the form displacement=x_m", ctx, param)
+            raise click.BadParameter(f"got {text!r}, expected a form such as displacement=x_m", ctx, param)
         if quantity in pairs:
             raise click.BadParameter(f"{quantity} is given twice", ctx, param)
         pairs[quantity] = column
@@ -60,7 +60,7 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     """
     sign = {"tab": "\t", "\\t": "\t", "space": " "}.get(value or "", value)
     if sign is not None and (len(sign) != 1 or sign in '."\n\r' or sign.isalnum()):
-        raise click.BadParameter(f"{value!r} is not one sign, tab or space", ctx, param)
+        raise click.BadParameter(f"{value!r} is not a single character, tab or space", ctx, param)
     return sign
 
 

@@ -35,24 +35,24 @@ class Question:
 QUESTIONS = (
     Question("name", "Name of the rig", "my rig"),
     Question("actuator", "Controller: a preset, or the path of a register map", "demo"),
-    Question("actuator_url", "Its address", "modbus-tcp://192.168.0.10:502"),
+    Question("actuator_url", "Address of the controller", "modbus-tcp://192.168.0.10:502"),
     Question("ecu", "Coil current: an ECU preset, a DBC file (with NAME-roles.toml), a supply, by-hand", "demo"),
     Question("interface", "CAN interface (python-can)", "socketcan"),
     Question("channel", "CAN channel", "can0"),
     Question("supply_url", "Address of the supply", "tcp://192.168.0.20:5025"),
     Question("force", "Load cell: format", "frame16"),
-    Question("force_url", "Its port", "/dev/serial/by-id/usb-load-cell"),
-    Question("force_range", "Its full scale", "10 kN", "force"),
+    Question("force_url", "Port of this sensor", "/dev/serial/by-id/usb-load-cell"),
+    Question("force_range", "Full scale of this sensor", "10 kN", "force"),
     Question("displacement", "Displacement sensor: format", "frame16"),
-    Question("displacement_url", "Its port", "/dev/serial/by-id/usb-lvdt"),
-    Question("displacement_range", "Its full scale", "100 mm", "length"),
-    Question("travel", "Largest position to either side of the middle", "60 mm", "length"),
+    Question("displacement_url", "Port of this sensor", "/dev/serial/by-id/usb-lvdt"),
+    Question("displacement_range", "Full scale of this sensor", "100 mm", "length"),
+    Question("travel", "Largest position on either side of mid-stroke", "60 mm", "length"),
     Question("speed", "Largest speed", "0.5 m/s", "speed"),
     Question("acceleration", "Largest acceleration", "20 m/s^2", "acceleration"),
     Question("force_limit", "Largest force", "5 kN", "force"),
     Question("current", "Largest coil current", "2 A", "current"),
     Question("specimen", "Serial number of the damper", "MR-001"),
-    Question("stroke", "Its whole stroke", "170 mm", "length"),
+    Question("stroke", "Stroke of the damper (total)", "170 mm", "length"),
     Question("amplitude", "Amplitude of the first tests", "20 mm", "length"),
 )
 
@@ -94,8 +94,8 @@ def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
     for path in written:
         say(f"written: {path}")
     bench, matrix = (shlex.quote(str(folder / name)) for name in (BENCH, MATRIX))
-    say(f"next: look at what is marked \"yours\" in {bench}, then\n  rig check {bench}\n"
-        f"  rig plan {matrix} --bench {bench}\n  rig run {matrix} --bench {bench} --simulate --speed 5")
+    say(f'next: check the entries marked "yours" in {bench}, then\n  rig check {bench}\n  rig plan {matrix} --bench '
+        f"{bench}\n  rig run {matrix} --bench {bench} --simulate --speed 5")
     return EXIT_DONE
 
 
@@ -134,7 +134,7 @@ def _check_names(answers: Mapping[str, str]) -> None:
         "displacement": sensor_format_names(),
     }
     unknown = [
-        f"--{key}: {answers[key]!r} is not known; known: {', '.join(names)}, or a file" for key, names in known.items()
+        f"--{key}: {answers[key]!r} is unknown; known: {', '.join(names)}, or a file" for key, names in known.items()
         if answers.get(key) and answers[key] not in names and not answers[key].endswith((".toml", ".dbc"))
     ]
     if unknown:
@@ -165,7 +165,7 @@ def write_files(folder: Path, answers: Mapping[str, str]) -> list[Path]:
         texts[name] = json.dumps(schema, indent=1) + "\n"
     there = [name for name in texts if (folder / name).exists()]
     if there:
-        raise FileProblem(str(folder), [f"{name} is there already; give another folder" for name in there])
+        raise FileProblem(str(folder), [f"{name} already exists. Fix: give another folder" for name in there])
     paths: list[Path] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -104,7 +104,7 @@ class Analyst:
             code = self._process.wait()
             self._log.seek(0)
             tail = self._log.read()[-2000:].strip()
-            return _nothing(f"the identifying process ended (exit {code})\n{tail}", identify)
+            return _nothing(f"the identification process ended (exit code {code})\n{tail}", identify)
         return answer
 
 
@@ -162,7 +162,7 @@ def run_job(
             return JobResult(result)
         finished = result.exit_code in {EXIT_DONE, EXIT_NOT_ALL_VALID}
         usable = finished and any(point.verdict != "invalid" for point in recorded)
-        with _status(console, "identifying and writing the report"):
+        with _status(console, "identifying the damper and writing the report"):
             answer = analyst.analyse(result.campaign, identify if usable else None)
     if answer["report_error"] is not None:
         with contextlib.suppress(OSError):

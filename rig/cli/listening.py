@@ -69,9 +69,9 @@ def listen(source: str | None, options: Mapping[str, Any], *, as_json: bool) -> 
     options = {**options, **{name: value for name, value in DEFAULTS.items() if options[name] is None}}
     captured = options["captured"]
     if source is None and captured is None:
-        raise click.UsageError("what to listen to? rig check --listen PORT, or a file of captured bytes")
+        raise click.UsageError("no source given. Fix: rig check --listen PORT, or a file of captured bytes")
     if source is not None and captured is not None:
-        raise click.UsageError(f"either a port or a file of captured bytes: leave {source} or {captured} out")
+        raise click.UsageError(f"give either a port or a file of captured bytes, not both {source} and {captured}")
     if captured is None and source is not None and Path(source).is_file():
         captured, source = Path(source), None
     options["captured"] = captured
@@ -121,7 +121,7 @@ def _read(path: Path) -> bytes:
     except OSError as error:
         raise FileProblem(str(path), [f"cannot be read: {error.strerror}"]) from error
     if not data:
-        raise FileProblem(str(path), ["is empty: there are no captured bytes in it"])
+        raise FileProblem(str(path), ["is empty: expected captured bytes"])
     return data
 
 
@@ -246,13 +246,13 @@ def _words(answer: Mapping[str, Any]) -> list[str]:
     if len(answer["tried_rates"]) > 1:
         lines.append("rates tried: " + ", ".join(str(one["baudrate"]) for one in answer["tried_rates"]))
     if not answer["bytes"]:
-        return [*lines, "nothing came: is it the right port, is the device on? A device that must be asked is silent, "
-                "and nothing is sent from here; its format needs a request"]  # fmt: skip
+        return [*lines, "nothing received. Fix: check the port and that the device is on. A device that "
+            "answers to requests only is silent, because nothing is sent; its format needs a request"]  # fmt: skip
     if "format" not in answer:
-        return [*lines, f"no format fits; it begins {answer['start']}",
-                "try --baud and --parity as the device is set, listen longer (--seconds 5), or write a format: "
-                "docs/how-to/add-a-sensor-format.md"]  # fmt: skip
-    verdict = "" if answer["found"] else "  (not enough to be sure)"
+        return [*lines, f"no format matches; the data start with {answer['start']}",
+                "Fix: use --baud and --parity as set at the device, listen longer (--seconds 5), or "
+                "write a format, see docs/how-to/add-a-sensor-format.md"]  # fmt: skip
+    verdict = "" if answer["found"] else "  (too few to be certain)"
     rate = f", {answer['rate_Hz']:.4g} a second" if answer["rate_Hz"] else ""
     lines.append(
         f"format {answer['format']}: {answer['matched_bytes']} of {answer['bytes']} bytes are {answer['readings']} "
@@ -263,7 +263,7 @@ def _words(answer: Mapping[str, Any]) -> list[str]:
     lines.append(f"readings: {shown}")
     if answer["missed"]:
         places = ", ".join(f"{one['bytes']} at {one['offset']}" for one in answer["missed"][:SHOWN])
-        lines.append(f"bytes that belong to nothing: {places}")
+        lines.append(f"bytes outside any reading: {places}")
     if "toml" in answer:
         lines += ["", "in a bench file:", "", answer["toml"]]
     return lines
@@ -302,7 +302,7 @@ def _can(frames: list[CanFrame], dbc: Path | None) -> dict[str, Any]:
 
 def _can_words(answer: Mapping[str, Any]) -> list[str]:
     if not answer["frames"]:
-        return ["no frame came: is the bit rate right, is anybody sending, are the bus's ends terminated?"]
+        return ["no frame received. Fix: check the bit rate, that a node is sending, and the termination of the bus"]
     lines = [f"{answer['frames']} frames", "identifier  frames    period   data"]
     for one in answer["identifiers"]:
         name = f"{one['identifier']:08X}" if one["extended"] else f"{one['identifier']:03X}"

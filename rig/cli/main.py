@@ -228,7 +228,7 @@ def _answered(command: click.Command, arguments: Sequence[str], name: str) -> in
     except Exception as error:  # noqa: BLE001 - a traceback helps its reader only; it goes into a file for them
         text = _defect(error)
         moves = not MOVING.isdisjoint(arguments[:1])
-        text += "; the state of the rig is not known: inspect the rig before continuing" if moves else ""
+        text += "; the rig's state is unknown: inspect the rig before continuing" if moves else ""
         answer = {"error": text, "slug": "defect"}
         return _ended(f"rig: {text}", answer, EXIT_UNKNOWN_STATE if moves else EXIT_DEFECT, as_json=as_json)
 
@@ -272,11 +272,11 @@ def foreign_packages(search: list[str] | None = None) -> str | None:
     for name in PACKAGES:
         spec = PathFinder.find_spec(name, search)
         if spec is None or spec.origin is None:
-            return f"the package {name} is missing beside {home / 'rig'}: install mr-damper-rig again"
+            return f"the package {name} is missing in {home / 'rig'}. Fix: reinstall mr-damper-rig"
         if Path(spec.origin).resolve().parents[1] != home:
             return (
-                f"the package {name} at {Path(spec.origin).parent} belongs to another project of that name, and it "
-                f"hides ours in {home}: install mr-damper-rig into an environment of its own (python3 dev.py install)"
+                f"the package {name} at {Path(spec.origin).parent} belongs to another project of that name and hides "
+                f"the one in {home}. Fix: install mr-damper-rig into a separate environment (python3 dev.py install)"
             )
     return None
 

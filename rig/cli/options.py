@@ -72,7 +72,8 @@ class RunPath(click.ParamType[Path]):
         matches = [name for name in names if text in name]
         if len(matches) > 1:
             listed = ", ".join(matches[-5:])
-            self.fail(f"{text!r} is part of {len(matches)} run names in {LOGS}/: {listed}; give more of it", param, ctx)
+            self.fail(f"{text!r} matches {len(matches)} runs in {LOGS}/: {listed}. Fix: give a longer "
+                "part of the name", param, ctx)
         return LOGS / matches[0] if matches else path
 
 

@@ -52,11 +52,11 @@ def page_settings(
     """
     if not wanted:
         if any(option is not None for option in (address, cert, key)):
-            raise click.UsageError("--page-address, --page-cert and --page-key belong to --page")
+            raise click.UsageError("--page-address, --page-cert and --page-key require --page")
         if hold:
-            raise click.UsageError("--hold waits for Start on the page: give --page too")
+            raise click.UsageError("--hold waits for Start on the page and requires --page")
         if stay:
-            raise click.UsageError("--stay keeps the page open at the end: give --page too")
+            raise click.UsageError("--stay keeps the page open at the end and requires --page")
         return None
     from rig.page.settings import PageSettings
 
@@ -192,5 +192,6 @@ def _campaign(run: Path) -> Path:
         FileProblem: it does not.
     """
     if not (run / "journal.jsonl").is_file():
-        raise FileProblem(str(run), ["holds no campaign; give the directory `rig run` printed (see `rig runs`)"])
+        raise FileProblem(str(run), ["contains no campaign. Fix: give the directory that `rig run` printed (see "
+            "`rig runs`)"])
     return run.resolve()

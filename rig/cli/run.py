@@ -135,7 +135,7 @@ def _refuse_without_hybrid(tests: Matrix, path: Path) -> None:
         FileProblem: it has none.
     """
     if tests.hybrid is None:
-        text = "has no table [hybrid], which states the car and the road of a hybrid test; docs/files.md describes it"
+        text = "has no table [hybrid] with the car and the road of a hybrid test; docs/files.md describes it"
         raise FileProblem(str(path), [text])
 
 
@@ -204,9 +204,9 @@ def _requalified(text: str | None, resume: Path | None) -> str:
 
     words = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())
     if resume is None:
-        raise click.UsageError("--requalified belongs to --resume RUN")
+        raise click.UsageError("--requalified requires --resume RUN")
     if not words or len(words) > LONGEST_TEXT:
-        raise click.UsageError(f"--requalified: say in 1 to {LONGEST_TEXT} characters what was checked or replaced")
+        raise click.UsageError(f"--requalified: state in 1 to {LONGEST_TEXT} characters what was checked or replaced")
     return words
 
 
@@ -219,7 +219,7 @@ def _matrix_path(matrix: Path | None, resume: Path | None) -> Path:
     if matrix is not None:
         return matrix
     if resume is None:
-        raise click.UsageError("which matrix? rig run MATRIX --bench FILE, or rig run --resume RUN")
+        raise click.UsageError("no matrix given. Fix: rig run MATRIX --bench FILE, or rig run --resume RUN")
     from rig.campaign.setup import described
 
     described(resume)
@@ -255,20 +255,20 @@ def _check_usage(
     if bench is None and not simulate and resume is None:
         raise click.UsageError("give --bench FILE, or --simulate, or both: simulated with that bench's devices")
     if resume is not None and simulate and bench is not None:
-        raise click.UsageError("a resumed campaign keeps its simulated rig; leave --bench out")
+        raise click.UsageError("a resumed campaign keeps its simulated rig. Fix: remove --bench")
     if resume is not None and seed is not None:
-        raise click.UsageError("a resumed campaign keeps its seed; leave --seed out")
+        raise click.UsageError("a resumed campaign keeps its seed. Fix: remove --seed")
     if speed is not None and not math.isfinite(speed):
-        raise click.UsageError("--speed takes a number between 0.01 and 1000")
+        raise click.UsageError("--speed: expected a number from 0.01 to 1000")
     if simulator_args and not simulator_args[0].startswith("-"):
-        raise click.UsageError(f"one matrix at a time; what is {simulator_args[0]}?")
+        raise click.UsageError(f"give one matrix only: unexpected argument {simulator_args[0]}")
     given = {
         "--speed": speed is not None, "--seed": seed is not None, "--real-time": real_time,
         "arguments after --": bool(simulator_args),
     }
     for name, present in given.items():
         if present and not simulate and (resume is None or bench is not None):
-            raise click.UsageError(f"{name} belong to the simulated rig; with --bench give them to `rig simulate`")
+            raise click.UsageError(f"{name} are for the simulated rig. Fix: with --bench give them to `rig simulate`")
 
 
 def show_result(result: JobResult, shown: Console) -> None:

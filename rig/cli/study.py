@@ -84,7 +84,8 @@ def _resumable(folder: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as stop:
-        raise KeyboardInterrupt(f"what is finished is kept in {folder}; the same command continues") from stop
+        raise KeyboardInterrupt(f"finished results are kept in {folder}; the same command continues the "
+            "study") from stop
 
 
 def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -> int:

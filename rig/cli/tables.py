@@ -29,11 +29,11 @@ FIRST, LAST = 3, 2
 NO_VALUE = "-"
 
 COLUMNS = (
-    Column("point"), Column("verdict"), Column("waveform"), Column("ampl.", "mm", True), Column("freq.", "Hz", True),
+    Column("point"), Column("limits"), Column("waveform"), Column("ampl.", "mm", True), Column("freq.", "Hz", True),
     Column("current", "A", True), Column("speed", "m/s", True), Column("accel.", "m/s^2", True),
     Column("force", "N", True), Column("heat", "J", True), Column("time", "", True),
 )  # fmt: skip
-COLOURS = {"valid": "green", "feasible": "green", "suspect": "yellow", "infeasible": "red", "invalid": "red"}
+COLOURS = {"valid": "green", "suspect": "yellow", "invalid": "red"}
 
 
 def duration(seconds: float) -> str:
@@ -89,9 +89,9 @@ def plan_blocks(plan: Plan, *, everything: bool = False) -> Blocks:
 
 def _verdict(plan: Plan) -> Blocks:
     bad, total = sum(not item.feasible for item in plan.points), len(plan.points)
-    stated = f"all {total} points feasible" if bad == 0 else f"{bad} of {total} points infeasible"
+    stated = f"all {total} points within limits" if bad == 0 else f"{bad} of {total} points outside limits"
     if plan.warm_up is not None and not plan.warm_up.feasible:
-        stated += ", warm-up infeasible"
+        stated += ", warm-up outside limits"
     heat = "" if plan.energy_J is None else f"; {energy(plan.energy_J)} of heat"
     return [
         Note(GOOD if plan.feasible else POOR, stated),
@@ -102,7 +102,7 @@ def _verdict(plan: Plan) -> Blocks:
 def _rig_time(plan: Plan) -> str:
     if plan.duration_s is not None:
         return f"{duration(plan.duration_s)} of rig time"
-    return f"{duration(plan.recorded_s)} of motion; how long warming up and cooling down take is unknown"
+    return f"{duration(plan.recorded_s)} of motion; the time for warm-up and cooling is unknown"
 
 
 def _groups(items: Sequence[PlannedPoint], plan: Plan) -> Blocks:
@@ -112,14 +112,14 @@ def _groups(items: Sequence[PlannedPoint], plan: Plan) -> Blocks:
         groups.setdefault(tuple(cause.slug for cause in item.causes), []).append(item)
     shown, blocks = 0, list[Block]()
     for slugs, members in groups.items():
-        verdict = f"infeasible ({', '.join(slugs)})" if slugs else "feasible"
+        verdict = f"outside limits ({', '.join(slugs)})" if slugs else "within limits"
         count = f"{len(members)} point{'s' if len(members) > 1 else ''}"
         few = len(members) <= FIRST + LAST + 1
         rows = members if few else [*members[:FIRST], *members[-LAST:]]
         shown += len(rows)
         blocks += [Paragraph(""), Note(POOR if slugs else GOOD, f"{verdict}: {count}, {_ranges(members)}")]
         blocks += _rows(rows, plan, left_out=0 if few else len(members) - len(rows))
-    stated = f"{shown} of {len(items)} rows shown; --all shows all of them, --json as data"
+    stated = f"{shown} of {len(items)} rows shown; use --all for all rows, --json for data"
     return [*blocks, Paragraph(""), Paragraph(stated)]
 
 
@@ -151,7 +151,7 @@ def _cells(item: PlannedPoint) -> tuple[str, ...]:
     point = item.point
     frequency = f"{point.frequency_Hz:.4g}" if point.has_frequency else NO_VALUE
     return (
-        point.id, "feasible" if item.feasible else "infeasible", point.motion, f"{point.amplitude_m * 1e3:.4g}",
+        point.id, "within" if item.feasible else "outside", point.motion, f"{point.amplitude_m * 1e3:.4g}",
         frequency, f"{point.current_A:.3g}", f"{item.peaks.speed_m_s:.3f}",
         f"{item.peaks.acceleration_m_s2:.2f}", number(item.predicted_force_N), number(item.energy_J),
         duration(item.duration_s),
@@ -162,7 +162,7 @@ def _why(item: PlannedPoint, warm_up: bool) -> str:
     """A point's reasons; a warm-up that does not warm enough needs more amplitude, not another that fits."""
     if item.would_fit_m is None and warm_up:
         return "; ".join(item.reasons)
-    fit = "no amplitude would fit" if item.would_fit_m is None else f"{item.would_fit_m * 1e3:.2f} mm would fit"
+    fit = "no amplitude fits" if item.would_fit_m is None else f"{item.would_fit_m * 1e3:.2f} mm fits"
     return "; ".join((*item.reasons, fit))
 
 

@@ -135,7 +135,7 @@ def taken(made: Made) -> Iterator[Driven]:
 def test_it_has_what_the_role_has_and_says_what_it_can_do(made: Made) -> None:
     driver = made().driver
     assert [name for name in members_of(Actuator) if not hasattr(driver, name)] == []
-    assert driver.capabilities.can_be_stopped, "neither watchdog nor pressure: the rig would be refused"
+    assert driver.capabilities.can_be_stopped, "neither watchdog nor pressure control: the rig would be refused"
     assert driver.link_kind in set(LinkKind)
 
 
@@ -182,7 +182,7 @@ def test_its_status_is_fresh_and_in_si(made: Made) -> None:
 def test_limits_are_held_as_they_were_written(made: Made) -> None:
     driven = made()
     if not driven.driver.capabilities.limits_read_back:
-        pytest.skip("it holds no limits: capabilities.limits_read_back")
+        pytest.skip("no limits: capabilities.limits_read_back")
     driven.driver.open()
     driven.do(Command.ACQUIRE)
     driven.driver.write_limits(LIMITS)
@@ -215,7 +215,7 @@ def test_a_program_runs_and_a_stop_ends_it_at_rest(taken: Driven) -> None:
 
 def test_an_actuator_that_is_not_fed_stops_by_itself(taken: Driven) -> None:
     if taken.driver.capabilities.watchdog is WatchdogKind.NONE:
-        pytest.skip("it has no watchdog: said at connect, and the rig then relies on taking the pressure away")
+        pytest.skip("no watchdog (reported at connect): the rig relies on switching the pressure off")
     taken.poll()
     taken.fed = False
     taken.until(lambda status: status.state == State.TRIPPED, "the watchdog's trip", 3.0)

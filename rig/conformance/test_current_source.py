@@ -86,7 +86,7 @@ def test_it_says_who_it_is_and_how_it_is(made: Made) -> None:
     assert source.identity_problem == ""
     assert source.temperature is not None
     assert -40.0 < source.temperature.coil_degC < 200.0, "degC"
-    assert abs(measured_A(source)) < 0.1, "A; nothing was asked for"
+    assert abs(measured_A(source)) < 0.1, "A without a command"
 
 
 def test_it_drives_what_is_commanded_in_ampere_and_stops_when_told(made: Made) -> None:

@@ -59,7 +59,7 @@ def split(damper: DamperModel) -> Separation:
     """How it splits; skips the test for one that does not."""
     form = damper.separation(SCALE)
     if form is None:
-        pytest.skip("it does not split: all parameters are searched for at once")
+        pytest.skip("no separable parameters: all are searched at once")
     return form
 
 
@@ -136,7 +136,7 @@ def test_a_settled_cycle_takes_energy_out(damper: DamperModel, current_A: float)
     motion = sine(frequency_Hz=1.0, rate_Hz=2000.0)
     last = slice(-motion.samples_per_cycle, None)
     work_J = float(np.sum(force_N(damper, motion, current_A)[last] * motion.v_m_s[last])) * motion.dt_s
-    assert work_J > 0.0, "a damper that gives energy is none"
+    assert work_J > 0.0, "a damper must dissipate energy"
 
 
 def test_a_split_model_is_its_force(damper: DamperModel) -> None:

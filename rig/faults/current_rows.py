@@ -21,7 +21,7 @@ ROWS = (
         slug="ecu-late", fault="Status late/duplicated",
         where="wire", place="ecu", detected_by="counter delta, age",
         limit_s=0.03, reaction="W→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
-        code=7, detector="ECU status frames repeated again and again, or in place of a fresh one; a single one warns",
+        code=7, detector="repeated ECU status frames, or one instead of a new one; a single one gives a warning",
     ),
     FaultRow(
         slug="ecu-crc", fault="Wrong counter/CRC",
@@ -39,13 +39,13 @@ ROWS = (
         slug="can-babble", fault="Babbling node",
         where="wire", place="can", detected_by="bus load, status jitter",
         limit_s=0.1, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
-        code=48, detector="frames of others fill the bus",
+        code=48, detector="frames from other nodes overload the bus",
     ),
     FaultRow(
-        slug="can-foreign", fault="Foreign sender on our command id",
+        slug="can-foreign", fault="Other sender with the host's command identifier",
         where="wire", place="can", detected_by="self-id seen",
         limit_s=0.01, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
-        code=26, detector="another sender on our command id",
+        code=26, detector="another sender with the host's command identifier",
     ),
     FaultRow(
         slug="ecu-overtemp", fault="ECU over-temp/undervoltage",
@@ -63,7 +63,7 @@ ROWS = (
         slug="current-tracking", fault="Current tracking error",
         where="wire", place="ecu", detected_by="tolerance after settling",
         limit_s=0.05, reaction="P; overcurrent S2", end=Ending.INVALID, disk="J", resume="a",
-        code=49, detector="measured current off the commanded one after settling",
+        code=49, detector="measured current differs from the commanded one after settling",
     ),
     FaultRow(
         slug="ecu-restart", fault="ECU restart",

@@ -12,7 +12,7 @@ ROWS = (
     ),
     FaultRow(
         slug="sigint-storm", fault="Repeated SIGINT",
-        where="process", place="signal", detected_by="must not cut stop",
+        where="process", place="signal", detected_by="must not interrupt the stop",
         limit_s=0.05, reaction="continue S2", end=StopKind.FADE_OUT, disk="J", resume="c",
     ),
     FaultRow(
@@ -30,7 +30,7 @@ ROWS = (
         slug="host-stalled", fault="GC/CPU starvation (SIGSTOP)",
         where="process", place="signal", detected_by="no kick; loop lag",
         limit_s=0.5, reaction="as 46", end=StopKind.FADE_OUT, disk="K", resume="c",
-        code=51, detector="no beat from the application within the heartbeat time-out",
+        code=51, detector="no heartbeat from the application within the heartbeat time-out",
     ),
     FaultRow(
         slug="host-late", fault="Computer too busy: monitoring paused",
@@ -42,7 +42,7 @@ ROWS = (
         slug="host-suspend", fault="Laptop suspend",
         where="process", place="clock", detected_by="BOOTTIME–MONOTONIC jump",
         limit_s=0.5, reaction="as 46; never continue", end=StopKind.FADE_OUT, disk="K", resume="c",
-        code=58, detector="BOOTTIME went on while MONOTONIC stood still: the machine slept",
+        code=58, detector="BOOTTIME advanced while MONOTONIC stopped: the computer was suspended",
     ),
     FaultRow(
         slug="clock-step", fault="NTP step",
@@ -70,13 +70,13 @@ ROWS = (
         occasion="start", reaction="R second", end=Ending.REFUSE, disk="N", resume="c",
     ),
     FaultRow(
-        slug="task-dies", fault="Any task dies",
+        slug="task-dies", fault="A task ends unexpectedly",
         where="process", place="process", detected_by="supervisor",
         limit_s=0.1, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
         code=53, detector="a thread of the station ended",
     ),
     FaultRow(
-        slug="config-absurd", fault="Absurd limits, wrong units",
+        slug="config-absurd", fault="Implausible limits, wrong units",
         where="process", place="file", detected_by="typed units, rig envelope",
         occasion="load", reaction="R", end=Ending.REFUSE, disk="N", resume="c",
     ),

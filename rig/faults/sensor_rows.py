@@ -21,7 +21,7 @@ ROWS = (
         slug="serial-garbage", fault="Garbage, byte loss, framing shift",
         where="wire", place="sensor", detected_by="checksum resync, error rate",
         limit_s=0.1, reaction="P→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
-        code=19, detector="a tenth of a sensor's last frames damaged; a single one warns",
+        code=19, detector="a tenth of a sensor's last frames damaged; a single one gives a warning",
     ),
     FaultRow(
         slug="serial-baud", fault="Baud mismatch (garbled bytes)",
@@ -45,7 +45,7 @@ ROWS = (
         slug="sensor-spike", fault="Spike",
         where="wire", place="sensor", detected_by="slew; flag one, trip on 3",
         limit_s=0.012, reaction="W→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
-        code=14, detector="three samples in a row beyond a jump that physics cannot make",
+        code=14, detector="three samples in a row after an implausible jump",
     ),
     FaultRow(
         slug="sensor-nan", fault="NaN/inf/comma text",
@@ -57,7 +57,7 @@ ROWS = (
         slug="sample-gap", fault="Sample-counter gap, device time backwards",
         where="wire", place="sensor", detected_by="counter/order; store gap, never interpolate",
         limit_s=0.004, reaction="P >0.1%", end=Ending.INVALID, disk="J", resume="a",
-        code=18, detector="hole in the sample counter",
+        code=18, detector="gap in the sample counter",
     ),
     FaultRow(
         slug="clock-drift", fault="Clock drift ±500 ppm",
@@ -75,7 +75,7 @@ ROWS = (
         slug="usb-renumber", fault="USB re-enumerates",
         where="wire", place="sensor", detected_by="bind by serial number; no reopen in motion",
         limit_s=0.02, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
-        code=46, detector="a sensor's port ended while its name leads to another one",
+        code=46, detector="a sensor's port ended while its device name points to another port",
     ),
     FaultRow(
         slug="sensors-swapped", fault="Sensors swapped, sign/scale wrong",

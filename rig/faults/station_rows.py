@@ -37,7 +37,7 @@ ROWS = (
     ),
     FaultRow(
         slug="ecu-command", end=StopKind.FADE_OUT, code=25,
-        detector="ECU says that our command frames are late or wrong",
+        detector="the ECU reports late or wrong command frames",
     ),
     FaultRow(
         slug="can-lost", end=StopKind.FADE_OUT, code=27, detector="CAN port ended or refuses to send",
@@ -58,10 +58,10 @@ ROWS = (
     ),
     FaultRow(
         slug="recorder-unwell", end=StopKind.FADE_OUT, code=52,
-        detector="application says that its recorder is not well",
+        detector="the application reports a recorder failure",
     ),
     FaultRow(
         slug="operator", end=StopKind.FADE_OUT, code=60,
-        detector="stop asked for by the application; its reason is in the detail",
+        detector="stop requested by the application; its reason is in the detail",
     ),
 )

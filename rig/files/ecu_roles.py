@@ -26,7 +26,7 @@ def _signal(name: str) -> str:
 def _number(value: object) -> object:
     if isinstance(value, (bool, int, str)):
         return value
-    raise ValueError("must be a whole number as on the wire, true, false, or the name of a value in quotes")
+    raise ValueError("must be a raw whole number, true, false, or the name of a value in quotes")
 
 
 def _constant(value: object) -> object:
@@ -71,18 +71,18 @@ Fault = Annotated[
 ABOUT: Mapping[str, str] = {
     "command": "the set-point of the current",
     "enable": "output stage on and off",
-    "clear_faults": "asks the ECU to clear its latched faults",
+    "clear_faults": "command that clears the ECU's latched faults",
     "measured_current": "the current as the ECU measures it",
-    "state": "state of the output stage; off, enabled, ...: its numbers or their names in the DBC",
-    "faults": "a word of fault bits (signal); each fault a bit of it, a name of its value, or a signal of its own",
+    "state": "state of the output stage; off, enabled, ...: raw numbers or their names in the DBC",
+    "faults": "word of fault bits (signal); each fault is a bit of it, a name of its value, or a separate signal",
     "coil_temperature": "temperature of the coil",
     "ecu_temperature": "temperature of the ECU",
     "supply_voltage": "supply of the output stage",
-    "clock": "the ECU's own clock, counting up and starting again",
+    "clock": "the ECU's own clock, a free-running counter",
     "serial_number": "serial number",
     "firmware": "firmware version",
-    "layout": "version of the frames; value: the one of this DBC, proved at connect",
-    "boot_count": "how often the ECU has started",
+    "layout": "version of the frame layout; value: the version of this DBC, checked at connect",
+    "boot_count": "number of starts of the ECU",
 }
 
 
@@ -158,15 +158,15 @@ class RolesFile(Roles):  # type: ignore[valid-type,misc]  # a class made of the 
     """What the signals of a DBC file mean: docs/how-to/connect-an-ecu-by-dbc.md."""
 
     constants: dict[str, Constants] | None = Field(
-        None, description='"Message.signal" = number or name: further signals of the messages that are sent'
+        None, description='"Message.signal" = number or name: constant signals of the sent messages'
     )
     protection: dict[str, Protected] | None = Field(None, description="counter and checksum, by message")
     periods: dict[str, Duration] | None = Field(
-        None, description="how often a message comes, where the DBC does not state it"
+        None, description="period of a message, if the DBC does not state it"
     )
     sending: Literal[SENDING] | None = Field(  # type: ignore[valid-type]  # the driver's own list
-        None, description="when commands are sent (default cyclic)"
+        None, description="transmission of commands (default cyclic)"
     )
     command_timeout: Duration | None = Field(
-        None, description="without commands for so long the ECU goes to 0 A itself; leave out if it does not"
+        None, description="time without commands after which the ECU goes to 0 A; omit it if the ECU does not"
     )

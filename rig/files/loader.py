@@ -86,7 +86,7 @@ class WrongKind(FileProblem):
     def __init__(self, path: Path, kind: str, wanted: str) -> None:
         self.kind = kind
         place = _PLACES[kind].format(path=path)
-        super().__init__(str(path), [f"this is a {kind} file, where a {wanted} file is wanted; give it as {place}"])
+        super().__init__(str(path), [f"this is a {kind} file, expected a {wanted} file. Fix: give it as {place}"])
 
 
 def load_section(
@@ -110,7 +110,7 @@ def load_section(
     source = read_toml(path)
     if not source.data:
         way = f"; `rig schema {kind}` prints every key" if kind in {"bench", "matrix"} else ""
-        raise FileProblem(str(path), [f"there is no entry in this file; docs/files.md describes it{way}"])
+        raise FileProblem(str(path), [f"this file has no entries; docs/files.md describes it{way}"])
     if kind and not source.data.keys() & TABLES[kind]:
         for other, tables in TABLES.items():
             if source.data.keys() & tables:
@@ -197,10 +197,10 @@ def _unknown_key(model: Table, section: Table, key: str) -> str:
     """Where an unknown key belongs, else which key was meant, else which there are."""
     homes = [f"[{name}]" for name, table in _tables(model) if table is not section and key in keys_of(table)]
     if homes:
-        return f"unknown key here; it belongs under {' or '.join(homes)}"
+        return f"unknown key here. Fix: move it to {' or '.join(homes)}"
     known = keys_of(section)
     near = near_names(key, [*known, *suffixed_keys(section)])
-    return f"unknown key; did you mean {near[0]}?" if near else f"unknown key; known here: {', '.join(known)}"
+    return f"unknown key; did you mean {near[0]}?" if near else f"unknown key; allowed here: {', '.join(known)}"
 
 
 def _tables(model: Table) -> Iterator[tuple[str, Table]]:
@@ -233,7 +233,7 @@ def _message(detail: ErrorDetails, field: FieldInfo | None) -> str:
     kind, context = detail["type"], detail.get("ctx") or {}
     limits = [] if field is None else list(constraints(field))
     if kind == "tuple_type" and field is not None and section_in(field.annotation) is not None:
-        return f"each has a heading of its own in two brackets: [[{detail['loc'][-1]}]]"
+        return f"each entry needs its own heading in double brackets: [[{detail['loc'][-1]}]]"
     if kind in _KINDS:
         return f"must be {_KINDS[kind]}{_allowed(limits)}"
     if kind in _BEYOND:
@@ -270,7 +270,7 @@ def _text_message(kind: str, limits: list[object]) -> str:
     lengths = [item.max_length if isinstance(item, MaxLen) else item.longest for item in limits
                if isinstance(item, MaxLen | Text)]  # fmt: skip
     most = next(iter(lengths), 0)
-    return f"must have at most {most} characters" if most else "cannot stand here"
+    return f"must have at most {most} characters" if most else "is not allowed here"
 
 
 def _allowed(limits: list[object]) -> str:

@@ -98,9 +98,9 @@ def _words(meaning: tuple[Enum, ...]) -> list[str]:
     return [word(member) for member in meaning]  # type: ignore[arg-type]  # members of IntEnum and IntFlag
 
 
-States = table_of_words("States", "What shows each state.", _words(tuple(State)), StateEntry)
+States = table_of_words("States", "Conditions of each state.", _words(tuple(State)), StateEntry)
 Pressures = table_of_words(
-    "Pressures", "What shows the pressure.", _words((Pressure.OFF, Pressure.LOW, Pressure.ON)), CodesOrCondition
+    "Pressures", "Conditions of the pressure.", _words((Pressure.OFF, Pressure.LOW, Pressure.ON)), CodesOrCondition
 )
 Faults = table_of_words("Faults", "Bits of fault_bits.", _words(tuple(FaultBit)), BitsOrCondition)
 Inputs = table_of_words("Inputs", "Bits of inputs.", _words(tuple(Input)), BitsOrCondition)
@@ -109,7 +109,7 @@ Results = table_of_words("Results", "Codes of result.", _words(tuple(Result)), C
 CommandCodes = table_of_words("CommandCodes", "Codes of commands.", _words(tuple(Command)), Codes)
 Waveforms = table_of_words("Waveforms", "Codes of waveforms.", _words(tuple(Waveform)), Codes)
 Actions = table_of_words("Actions", "Codes of watchdog actions.", _words(tuple(WatchdogAction)), Codes)
-Commands = table_of_words("Commands", "What is written for each command.", COMMANDS, Recipe)
+Commands = table_of_words("Commands", "Writes of each command.", COMMANDS, Recipe)
 
 
 NEEDED: JsonDict = {
@@ -130,9 +130,10 @@ class RegisterMapFile(DescriptionTable):
     name: str | None = None
     description: str | None = None
     unverified: bool | None = None
-    base: str | None = Field(None, description="name of a map that comes with the program")
+    base: str | None = Field(None, description="name of an included map")
     without: tuple[str, ...] | None = Field(
-        None, description="entries of the base that this device does not have", examples=[["commands.start", "table"]]
+        None, description="entries of the base that this device does not "
+            "support", examples=[["commands.start", "table"]]
     )
     modbus: Modbus | None = None
     quantities: dict[str, QuantityEntry] | None = None

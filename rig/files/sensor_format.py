@@ -24,7 +24,8 @@ def _bytes(value: object) -> object:
         if not value.isascii():
             raise ValueError("expected ASCII text, or a list of bytes such as [0x02, 0xA5]")
         if any(written in value for written in ("\\r", "\\n", "\\x", "\\0", "\\u")):
-            raise ValueError('a backslash is itself in single quotes; write "\\r\\n" in double quotes, or [0x0D, 0x0A]')
+            raise ValueError('a backslash is literal in single quotes. Fix: write "\\r\\n" in double quotes, or '
+                "[0x0D, 0x0A]")
     elif not isinstance(value, (list, tuple)) or not all(type(item) is int and 0 <= item <= 0xFF for item in value):
         raise ValueError("expected ASCII text, or a list of bytes from 0 to 0xFF")
     return value
@@ -64,21 +65,23 @@ class _Format(DescriptionTable):
     """Entries of both kinds."""
 
     name: str | None = Field(None, description="name for messages and recordings")
-    base: str | None = Field(None, description="name of a preset whose entries hold where this table has none")
+    base: str | None = Field(None, description="name of a preset that supplies the entries missing in this table")
     kind: Literal["lines", "frames"] | None = Field(
-        None, description="lines of text, or frames of bytes; by the other keys where it is not stated"
+        None, description="lines of text or frames of bytes; default: inferred from the other keys"
     )
-    description: str | None = Field(None, description="what the format is of: maker, device, document; only for people")
+    description: str | None = Field(None, description="manufacturer, device and document of the format; information "
+        "only")
     unit: str | None = Field(None, description="unit of the value")
     nominal_rate_Hz: float | None = Field(
-        None, ge=1e-3, le=1e6, description="readings a second where the bench file does not state it"
+        None, ge=1e-3, le=1e6, description="readings per second, if the bench file does not state them"
     )
     start_command: Bytes | None = Field(
-        None, description="sent when the port is opened, to start the device's own sending"
+        None, description="sent when the port is opened, to start continuous transmission"
     )
     stop_command: Bytes | None = Field(None, description="sent before the port is closed")
     request: Bytes | None = Field(
-        None, description="sent for each reading, at the bench file's rate; {address} in a text becomes `address`"
+        None, description="request sent for each reading, at the bench file's rate; {address} in a text is replaced "
+            "by `address`"
     )
     answer_timeout_ms: float | None = Field(
         None, ge=1, le=5000, description="longest wait for the answer to a request (default 100)"
@@ -90,88 +93,89 @@ class LineFormatFile(_Format):
     """Lines of text."""
 
     start: Bytes | None = Field(
-        None, description="bytes a line begins with, such as STX; not part of pattern and columns"
+        None, description="bytes at the start of a line, such as STX; not part of pattern and columns"
     )
-    terminator: Bytes | None = Field(None, description="bytes a line ends with (default CR LF)")
+    terminator: Bytes | None = Field(None, description="bytes at the end of a line (default CR LF)")
     pattern: str | None = Field(None, description="regular expression of the whole line with a group (?P<value>...)")
     columns: dict[str, Annotated[Place | Span, Check(_column, alone=True)]] | None = Field(
         None, min_length=1,
-        description="in place of a pattern: [first, last] character of value, unit, status, sign, checksum, counted "
-        "from 1; with a separator the number of the column",
+        description="instead of a pattern: [first, last] character of value, unit, status, sign, checksum, counted "
+            "from 1; with a separator the column number",
     )
-    separator: str | None = Field(None, description="character between columns of any width")
-    length: Place | None = Field(None, description="characters of every line, start and terminator not counted")
+    separator: str | None = Field(None, description="separator between columns of any width")
+    length: Place | None = Field(None, description="fixed line length in characters, without start and terminator")
     maximum_length: Place | None = Field(
-        None, description="longest line, start and terminator not counted (default 64)"
+        None, description="longest line in characters, without start and terminator (default 64)"
     )
     number: Literal[tuple(NUMBERS)] | None = Field(  # type: ignore[valid-type]  # the format's own list
-        None, description="how the number is written (default decimal)"
+        None, description="number format (default decimal)"
     )
     decimal_mark: Literal[".", ","] | None = Field(None, description="point or comma (default point)")
     sign: Literal[SIGNS] | None = Field(  # type: ignore[valid-type]  # the format's own list
-        None, description="where the sign is (default leading); separate: in group or column `sign`"
+        None, description="position of the sign (default leading); separate: in group or column `sign`"
     )
     negative_tokens: tuple[str, ...] | None = Field(
         None, description='texts of a separate sign that mean a negative number (default ["-"])'
     )
-    decimals: int | None = Field(None, ge=0, le=9, description="implied decimal places of a number without a mark")
+    decimals: int | None = Field(None, ge=0, le=9, description="implied decimal places of a number without a decimal "
+        "sign")
     scale: float | None = Field(None, description="value = number * scale + offset (default 1)")
     offset: float | None = Field(None, description="see scale (default 0)")
     units: dict[str, float] | None = Field(
-        None, min_length=1, description="units the line may show, each with its factor to `unit`"
+        None, min_length=1, description="units that the line may contain, each with its factor to `unit`"
     )
     status: dict[str, Status] | None = Field(
-        None, min_length=1, description="texts of group or column `status`, each ok, overload or fault"
+        None, min_length=1, description="texts of group or column `status`; each means ok, overload or fault"
     )
     overload_tokens: tuple[str, ...] | None = Field(
-        None, description="texts in place of the number: input out of range"
+        None, description="texts instead of the number: input out of range"
     )
     fault_tokens: tuple[str, ...] | None = Field(
-        None, description="texts in place of the number: sensor broken or not connected"
+        None, description="texts instead of the number: sensor broken or not connected"
     )
     checksum: Literal[LINE_CHECKSUMS] | None = Field(  # type: ignore[valid-type]  # the format's own list
-        None, description="sum written in group or column `checksum` (default none)"
+        None, description="checksum in group or column `checksum` (default none)"
     )
     checksum_from: str | None = Field(
-        None, description="character before the first one covered (default: all from the line's beginning)"
+        None, description="character before the first one covered (default: the start of the line)"
     )
     checksum_to: str | None = Field(
-        None, description="character behind the last one covered (default: all up to the checksum)"
+        None, description="character after the last one covered (default: the checksum)"
     )
     checksum_over: Span | None = Field(
-        None, description="[first, last] character covered, counted from 1, in place of both"
+        None, description="[first, last] character covered, counted from 1, instead of both"
     )
     template: str | None = Field(
-        None, description='how a simulated sensor writes it, such as "ST,{value:+08.3f}"; made from the pattern where '
-        "it is not stated",
+        None, description="template of a simulated sensor's line, such as \"ST,{value:+08.3f}\"; default: derived from "
+            "the pattern",
     )
 
 
 class FieldEntry(DescriptionTable):
     """One number in a frame."""
 
-    at: Byte | None = Field(None, description="its first byte, counted from 0, sync counted")
+    at: Byte | None = Field(None, description="first byte of the field, counted from 0 at the start of the frame")
     type: Literal[tuple(SIZES)] | None = Field(  # type: ignore[valid-type]  # the format's own list
-        None, description="u unsigned, i signed, f float, with its bits"
+        None, description="u unsigned, i signed, f float, followed by the number of bits"
     )
-    order: Order | None = Field(None, description="order of its bytes (default: the frame's)")
+    order: Order | None = Field(None, description="byte order (default: that of the frame)")
     bits: Annotated[tuple[Bit, Bit], Check(_rising)] | None = Field(
-        None, description="[lowest, highest] bit that belong to it, counted from 0"
+        None, description="[lowest, highest] bit of the field, counted from 0"
     )
-    signed: bool | None = Field(None, description="two's complement, where a type does not state it (bits, packed)")
+    signed: bool | None = Field(None, description="two's complement, for fields without a type (bits, packed)")
     scale: float | None = Field(
-        None, description="value = number * scale + offset (default 1); of the time: microseconds a tick"
+        None, description="value = number * scale + offset (default 1); for the time: microseconds per tick"
     )
     offset: float | None = Field(None, description="see scale (default 0)")
     valid: Annotated[tuple[float, float], Check(_limits)] | None = Field(
-        None, description="[lowest, highest] number that is a reading; beyond is an overload"
+        None, description="[lowest, highest] valid number; outside it is an overload"
     )
-    overload_values: tuple[int, ...] | None = Field(None, description="numbers that mean: input out of range")
+    overload_values: tuple[int, ...] | None = Field(None, description="numbers for an input out of range")
     fault_values: tuple[int, ...] | None = Field(
-        None, description="numbers that mean: sensor broken or not connected"
+        None, description="numbers for a sensor that is broken or not connected"
     )
-    overload_bits: Mask | None = Field(None, description="mask of status bits that mean: input out of range")
-    fault_bits: Mask | None = Field(None, description="mask of status bits that mean: sensor broken")
+    overload_bits: Mask | None = Field(None, description="mask of status bits for an input out of range")
+    fault_bits: Mask | None = Field(None, description="mask of status bits for a broken sensor")
 
 
 class Fields(DescriptionTable):
@@ -186,33 +190,35 @@ class Fields(DescriptionTable):
 class FrameFormatFile(_Format):
     """Frames of bytes."""
 
-    sync: Bytes | None = Field(None, description="bytes a frame begins with")
+    sync: Bytes | None = Field(None, description="bytes at the start of a frame")
     length: int | None = Field(
-        None, ge=1, le=256, description="bytes of a whole frame with sync, checksum and end, stuffing not counted"
+        None, ge=1, le=256, description="length of a whole frame in bytes, with sync, checksum and end, without "
+            "stuffing"
     )
-    end: Bytes | None = Field(None, description="bytes a frame ends with")
-    order: Order | None = Field(None, description="order of bytes in numbers (default little)")
+    end: Bytes | None = Field(None, description="bytes at the end of a frame")
+    order: Order | None = Field(None, description="byte order of numbers (default little)")
     fields: Fields | None = Field(
-        None, description="tables value, and where the frame has them status, sequence and time"
+        None, description="table value, and optionally tables status, sequence and time"
     )
     packed: tuple[str, ...] | None = Field(
         None, min_length=1,
-        description="bits of each byte, highest first, of a stream without sync bytes: 0 and 1 as they must be, "
-        f"{', '.join(f'{letter} {name}' for letter, name in LETTERS.items())}, x any",
+        description="bits of each byte, highest first, of a stream without sync bytes: 0 and 1 fixed, "
+            f"{', '.join(f'{letter} {name}' for letter, name in LETTERS.items())}, x any",
     )
     stuffing: Literal[STUFFINGS] | None = Field(  # type: ignore[valid-type]  # the format's own list
-        None, description="how a sync inside of a frame is hidden (default none)"
+        None, description="byte stuffing of a sync inside a frame (default none)"
     )
-    escape: Byte | None = Field(None, description="byte put before a hidden one (default 0x10)")
-    escape_xor: Byte | None = Field(None, description="by what a hidden byte is changed (default 0; HDLC 0x20)")
+    escape: Byte | None = Field(None, description="escape byte before a stuffed byte (default 0x10)")
+    escape_xor: Byte | None = Field(None, description="value by which a stuffed byte is XORed (default 0; HDLC 0x20)")
     checksum: Literal[FRAME_CHECKSUMS] | None = Field(  # type: ignore[valid-type]  # the format's own list
-        None, description="kind of sum (default none)"
+        None, description="checksum (default none)"
     )
-    checksum_at: Byte | None = Field(None, description="its first byte, counted from 0 (default: right before the end)")
+    checksum_at: Byte | None = Field(None, description="first byte of the checksum, counted from 0 (default: "
+        "directly before the end)")
     checksum_over: ByteSpan | None = Field(
         None, description="[first, last] byte covered, counted from 0 (default: all before it)"
     )
-    checksum_order: Order | None = Field(None, description="order of its bytes (default: the frame's)")
+    checksum_order: Order | None = Field(None, description="byte order (default: that of the frame)")
 
 
 def model_of(table: Mapping[str, Any]) -> type[LineFormatFile] | type[FrameFormatFile]:

@@ -67,10 +67,10 @@ class _Supply(DescriptionTable):
     format: Literal[1] | None = None
     maker: str | None = None
     model: str | None = None
-    tried: str | None = Field(None, description="how far it was tried, shown at connect: unverified")
+    tried: str | None = Field(None, description="degree of testing, shown at connect: unverified")
     settling_ms: float | None = Field(
         None, ge=1.0, le=LONGEST_MS,
-        description="time until the current is that of a new set-point, the coil in it (default 300)",
+        description="settling time of the current after a new set-point, with the coil (default 300)",
     )
 
 
@@ -78,8 +78,8 @@ class Link(DescriptionTable):
     """How lines go over the wire."""
 
     terminator: Literal[TERMINATORS] | None = None  # type: ignore[valid-type]  # the driver's own list
-    echo: bool | None = Field(None, description="every command comes back first")
-    acknowledge: Regex | None = Field(None, description="the answer to commands that are not queries")
+    echo: bool | None = Field(None, description="the supply echoes every command before its answer")
+    acknowledge: Regex | None = Field(None, description="answer to commands that are not queries")
     gap_ms: float | None = Field(None, ge=0.0, le=1000.0, description="least time between two commands")
     baudrate: Baudrate | None = None
     bytesize: Literal[7, 8] | None = None
@@ -97,11 +97,11 @@ class Ranges(DescriptionTable):
 
 
 Commands = table_of_words(
-    "Commands", "What is sent for what.", [name for name in COMMANDS if name not in {"set_current", "measure_current"}],
+    "Commands", "Text of each command.", [name for name in COMMANDS if name not in {"set_current", "measure_current"}],
     Sent,
     set_current=(Sent, Field(examples=["CURR {current_A:.3f}"])),
     measure_current=(Sent, Field(
-        examples=["MEAS:CURR?"], description="without a measured current 0 A could not be proved"
+        examples=["MEAS:CURR?"], description="without a measured current 0 A could not be confirmed"
     )),
 )  # fmt: skip
 
@@ -109,11 +109,11 @@ Commands = table_of_words(
 class Answers(DescriptionTable):
     """What its answers look like, where they are not plain."""
 
-    identity: Regex | None = Field(None, description="the answer to identify must look like this")
-    no_error: Regex | None = Field(None, description="the answer to error_queue when there is no error")
+    identity: Regex | None = Field(None, description="required form of the answer to identify")
+    no_error: Regex | None = Field(None, description="answer to error_queue without an error")
     current: ValueRegex | None = Field(None, description="the current, as the group value: (?P<value>[-+0-9.]+)")
     voltage: ValueRegex | None = Field(None, description="the voltage, as the group value")
-    on: Sent | None = Field(None, description="answers to read_output that mean that it is on")
+    on: Sent | None = Field(None, description="answers to read_output for an output that is on")
 
 
 Faults = table_of_words("Faults", "Bits of the answer to read_faults.", FAULTS, Bit)

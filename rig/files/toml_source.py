@@ -16,22 +16,22 @@ from rig.text_file import read_text
 
 SIZE_LIMIT_BYTES = 262_144
 _AT = re.compile(r"\(at line (\d+), column \d+\)")
-_QUOTES = 'texts and quantities stand in quotes, as in speed = "0.8 m/s"; dates are like 2030-01-31'
+_QUOTES = 'texts and quantities are in quotes, as in speed = "0.8 m/s"; dates are like 2030-01-31'
 _HINTS = (
     ("Cannot overwrite a value", "this key is given twice; keep one"),
     ("Cannot declare", "this table is given twice; put all its keys under one heading"),
-    ("Expected newline or end of document", f"more follows the value; {_QUOTES}"),
-    ("Invalid value", f"this is no value; {_QUOTES}; true and false in lower case"),
-    ("Unclosed array", "a list is not closed by ]"),
-    ("Illegal character '\\n'", "a quote is missing at the end"),
-    ("Found invalid character '\\n'", "a quote is missing at the end"),
+    ("Expected newline or end of document", f"unexpected text after the value; {_QUOTES}"),
+    ("Invalid value", f"this is not a value; {_QUOTES}; true and false are lower case"),
+    ("Unclosed array", "the closing ] of a list is missing"),
+    ("Illegal character '\\n'", "the closing quote is missing"),
+    ("Found invalid character '\\n'", "the closing quote is missing"),
     ("Found invalid character '\\r'", "lines end with CR alone; save the file with LF or CR LF"),
-    ("Found invalid character", "there is a control character; delete it"),
-    ("Illegal character", "there is a control character; delete it"),
-    ("Unescaped", "a backslash in double quotes is written twice; or use single quotes"),
-    ("Invalid statement", "neither key = value nor [table] nor # comment"),
-    ("Unterminated string", "a quote is missing at the end"),
-    ("Expected '=' after a key", "a key and its value are written key = value, a heading [name]"),
+    ("Found invalid character", "control character. Fix: delete it"),
+    ("Illegal character", "control character. Fix: delete it"),
+    ("Unescaped", "Fix: write a backslash in double quotes twice, or use single quotes"),
+    ("Invalid statement", "expected key = value, [table] or # comment"),
+    ("Unterminated string", "the closing quote is missing"),
+    ("Expected '=' after a key", "expected key = value, or a heading [name]"),
 )
 
 

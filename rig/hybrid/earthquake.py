@@ -115,7 +115,7 @@ def _number(text: str) -> float | None:
 
 def _implausible(table: FloatArray, intensity: float) -> list[str]:
     if len(table) < 2:
-        return [f"{len(table)} lines of numbers; a record has at least 2"]
+        return [f"{len(table)} lines of numbers; a record needs at least 2"]
     steps = np.diff(table[:, 0])
     step_s = float((table[-1, 0] - table[0, 0]) / (len(table) - 1))
     problems = []

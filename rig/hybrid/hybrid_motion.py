@@ -213,7 +213,7 @@ class HybridMotion:
         self.delay_s, most_s = delay_s, self._order.bounds.delay_s
         if not LEAST_DELAY_S <= delay_s <= most_s:
             text = (
-                f"the rod is {1e3 * delay_s:.1f} ms behind its set-points; allowed {1e3 * LEAST_DELAY_S:g} to "
+                f"the rod is {1e3 * delay_s:.1f} ms behind its set-points; allowed: {1e3 * LEAST_DELAY_S:g} to "
                 f"{1e3 * most_s:.1f} ms"
             )
             self.problem = Problem(text, delay_s, most_s)
@@ -247,7 +247,7 @@ class HybridMotion:
         if not math.isfinite(force_N):
             self._unheard += 1
             if self._unheard > HELD_STEPS:
-                text = f"no fresh force for {self._unheard} steps; allowed {HELD_STEPS}"
+                text = f"no new force value for {self._unheard} steps; allowed: {HELD_STEPS}"
                 self.problem = self.problem or Problem(text, float(self._unheard), float(HELD_STEPS))
             return self._force_N
         self._unheard = 0

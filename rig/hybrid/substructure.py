@@ -90,7 +90,7 @@ class Substructure:
         """
         unknown = given.keys() - {field.name for field in fields(cls)}
         if unknown:
-            raise TypeError(f"no such numbers: {', '.join(sorted(unknown))}")
+            raise TypeError(f"unknown values: {', '.join(sorted(unknown))}")
         return cls(**given)
 
     def to_json(self) -> dict[str, Any]:

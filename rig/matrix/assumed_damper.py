@@ -65,9 +65,10 @@ class AssumedDamper:
             return ()
         hints = [*self._extrapolated(self.fit.tested, tuple(points))]
         if self.fit.adequate is False:
-            hints.append(f"{self.told} does not describe its own tests to their noise: forecasts are as rough")
+            hints.append(f"{self.told} does not fit its own tests within their noise; forecasts have the same error")
         if self.fit.temperature is not None:
-            hints.append(f"{self.told} is forecast at {self.fit.temperature.reference_degC:.4g} degC all the time")
+            hints.append(f"{self.told}: forecast at a constant damper temperature, "
+                f"{self.fit.temperature.reference_degC:.4g} degC")
         return tuple(hints)
 
     def _extrapolated(self, tested: TestedRange | None, points: tuple[TestPoint, ...]) -> Iterator[str]:
@@ -82,8 +83,8 @@ class AssumedDamper:
             largest = math.inf if ends is None else max(map(abs, ends))
             if most > (1.0 + BEYOND) * largest + LEAST.get(name, 0.0):
                 yield (
-                    f"{self.told} was fitted to tests of up to {largest:.3g} {unit}, and the points reach "
-                    f"{most:.3g} {unit}: forces beyond are extrapolated"
+                    f"{self.told} was fitted to tests of up to {largest:.3g} {unit}; the points reach {most:.3g} "
+                    f"{unit}, where forces are extrapolated"
                 )
 
 

@@ -53,18 +53,21 @@ def reasons_against(point: TestPoint, force_N: float | None, matrix: Matrix, ben
     reached_m_s, reached_m_s2 = peaks(point, bench)
     if _beyond(reached_m_s, limits.speed_m_s):
         limit, ripple = limits.speed_m_s, _ripple(reached_m_s, point.peak_speed_m_s, "m/s")
-        text = f"speed {reached_m_s:.3g} m/s{_when(point, 0)} is above the bench's {limit:.3g} m/s{ripple}"
+        text = f"speed {reached_m_s:.3g} m/s{_when(point, 0)} is above the bench's limit, {limit:.3g} m/s{ripple}"
         yield Reason("speed", text)
     if _beyond(reached_m_s2, limits.acceleration_m_s2):
         limit, ripple = limits.acceleration_m_s2, _ripple(reached_m_s2, point.peak_acceleration_m_s2, "m/s^2")
-        text = f"acceleration {reached_m_s2:.3g} m/s^2{_when(point, 1)} is above the bench's {limit:.3g} m/s^2{ripple}"
+        text = (
+            f"acceleration {reached_m_s2:.3g} m/s^2{_when(point, 1)} is above the bench's limit, {limit:.3g} "
+            f"m/s^2{ripple}"
+        )
         yield Reason("acceleration", text)
     yield from _against_travel(point, matrix, bench)
     if force_N is not None and _beyond(force_N, _allowed_force_N(bench)):
         yield Reason(
             "force",
-            f"predicted force {force_N:.4g} N is above the bench's {limits.force_N:.4g} N less "
-            f"{100 * FORCE_HEADROOM:g} % of headroom",
+            f"predicted force {force_N:.4g} N is above the bench's limit, {limits.force_N:.4g} N less "
+            f"{100 * FORCE_HEADROOM:g} % headroom",
         )
     yield from _independent_of_amplitude(point, matrix, bench)
 
@@ -74,15 +77,15 @@ def _against_travel(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[
     limits, specimen = bench.limits, matrix.specimen
     low, high = limits.position_m
     travel_fits = True
-    room = f"; {show(HEADROOM_M, 'mm')} must be left at each end"
+    room = f"; a margin of {show(HEADROOM_M, 'mm')} is required at each end"
     if _beyond(point.amplitude_m, _room_m(point, limits)):
         travel_fits = False
-        text = f"{_span(point)} leaves the bench's {show(low, 'mm')} to {show(high, 'mm')}{room}"
+        text = f"{_span(point)} exceeds the bench's range, {show(low, 'mm')} to {show(high, 'mm')}{room}"
         yield Reason("position", text)
     if _beyond(point.amplitude_m, specimen.stroke_m / 2.0 - HEADROOM_M):
         travel_fits = False
         travel_m, stroke_m = 2.0 * point.amplitude_m, specimen.stroke_m
-        text = f"{show(travel_m, 'mm')} of travel exceed the specimen's stroke {show(stroke_m, 'mm')}{room}"
+        text = f"travel of {show(travel_m, 'mm')} exceeds the specimen's stroke, {show(stroke_m, 'mm')}{room}"
         yield Reason("stroke", text)
     room_m, reached = command_room(matrix, bench)[:2], stopping_reach(point, matrix, bench)
     if travel_fits and not within(reached, room_m):
@@ -122,7 +125,7 @@ def command_limit(point: TestPoint, matrix: Matrix, bench: Bench) -> tuple[float
 def command_room(matrix: Matrix, bench: Bench) -> tuple[float, float, str]:
     """Lowest and highest position (m) that may be commanded, headroom taken off, and what sets them, in words."""
     low_m, high_m = _travel(matrix, bench).position_m
-    where = f"the positions that bench and specimen allow, {show(low_m, 'mm')} to {show(high_m, 'mm')}"
+    where = f"the travel limits of bench and specimen, {show(low_m, 'mm')} to {show(high_m, 'mm')}"
     return low_m + HEADROOM_M, high_m - HEADROOM_M, where
 
 
@@ -136,17 +139,17 @@ def too_hot(point: TestPoint, energy_J: float | None, matrix: Matrix) -> Iterato
     rise_K, width_K = energy_J / temperature.heat_capacity_J_K, high_degC - coldest_degC
     if _beyond(rise_K, width_K):
         wide = "wide above ambient" if coldest_degC > low_degC else "wide"
-        text = f"its heat would warm the damper by {rise_K:.3g} K; the temperature window is {width_K:.3g} K {wide}"
+        text = f"the test would warm the damper by {rise_K:.3g} K; the temperature window is {width_K:.3g} K {wide}"
         yield Reason("heat", text)
 
 
 def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
     if _beyond(point.current_A, bench.limits.current_A):
-        text = f"current {point.current_A:.3g} A is above the bench's {bench.limits.current_A:.3g} A"
+        text = f"current {point.current_A:.3g} A is above the bench's limit, {bench.limits.current_A:.3g} A"
         yield Reason("current", text)
     own = matrix.specimen.max_current_A
     if own is not None and _beyond(point.current_A, own):
-        yield Reason("specimen-current", f"current {point.current_A:.3g} A is above the specimen's {own:.3g} A")
+        yield Reason("specimen-current", f"current {point.current_A:.3g} A is above the specimen's limit, {own:.3g} A")
     assumed = matrix.specimen.assumed
     if point.kind == "hybrid" and matrix.hybrid is not None and assumed is not None:
         yield from (Reason(*given) for given in matrix.hybrid.reasons(point, assumed, bench))
@@ -157,45 +160,49 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     rate_Hz = min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
     if _beyond(SAMPLES_A_CYCLE * point.frequency_Hz, rate_Hz):
         samples = rate_Hz / point.frequency_Hz
-        text = f"{samples:.3g} samples a cycle at {rate_Hz:.4g} Hz; a loop needs {SAMPLES_A_CYCLE}"
+        text = f"{samples:.3g} samples per cycle at {rate_Hz:.4g} Hz; a loop needs {SAMPLES_A_CYCLE}"
         yield Reason("sampling", text)
     if point.waveform == "triangle" and not bench.actuator.makes_triangles:
-        yield Reason("waveform", "a triangle; the controller's function generator makes sines only")
+        yield Reason("waveform", "triangle: the controller's function generator produces sines only")
     streamed_s = bench.actuator.setpoints_s
     if streamed_s is None:
         return
     told = 1.0 / (point.frequency_Hz * streamed_s * bench.clock.device_rate)
     if _beyond(FEWEST_SETPOINTS, told):
         poll_ms = 1e3 * streamed_s
-        text = f"{told:.3g} set-points a cycle at a poll of {poll_ms:.3g} ms; a motion needs {FEWEST_SETPOINTS}"
+        text = (
+            f"{told:.3g} set-points per cycle at a poll interval of {poll_ms:.3g} ms; a motion needs {FEWEST_SETPOINTS}"
+        )
         if bench.clock.device_rate > 1.0:
-            text += f": --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} at most"
+            text += f". Fix: --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
         yield Reason("sampling", text)
 
 
 def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reason]:
     """Whether sensors and set-points carry a signal's highest frequency, and whether there are set-points at all."""
     highest_Hz, rate_Hz = record.highest_Hz, min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
-    upto = f"a cycle of its highest frequency, {highest_Hz:.3g} Hz"
+    upto = f"per cycle of its highest frequency, {highest_Hz:.3g} Hz"
     if _beyond(SAMPLES_A_CYCLE * highest_Hz, rate_Hz):
         text = f"{rate_Hz / highest_Hz:.3g} samples {upto}, at {rate_Hz:.4g} Hz; a signal needs {SAMPLES_A_CYCLE}"
         yield Reason("sampling", text)
     streamed_s = bench.actuator.setpoints_s
     if streamed_s is None:
         yield Reason(
-            "waveform", f"a {point.waveform} is streamed, set-point by set-point; this bench's controller makes its "
-            "motion itself and has no generator for it: an actuator with streamed set-points is needed",
+            "waveform", f"{point.waveform}: requires an actuator with streamed set-points; this bench's controller "
+                "generates its motion itself and has no generator for it",
         )
         return
     told = 1.0 / (highest_Hz * streamed_s * bench.clock.device_rate)
     if _beyond(FEWEST_SETPOINTS, told):
         poll_ms = 1e3 * streamed_s
-        text = f"{told:.3g} set-points {upto}, at a poll of {poll_ms:.3g} ms; a signal needs {FEWEST_SETPOINTS}"
+        text = (
+            f"{told:.3g} set-points {upto}, at a poll interval of {poll_ms:.3g} ms; a signal needs {FEWEST_SETPOINTS}"
+        )
         if bench.clock.device_rate > 1.0 and told * bench.clock.device_rate >= FEWEST_SETPOINTS:
-            text += f": --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} at most"
+            text += f". Fix: --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
         elif point.waveform != "sweep":
             fits_Hz = 1.0 / (FEWEST_SETPOINTS * streamed_s * bench.clock.device_rate)
-            text += f': highest_frequency = "{fits_Hz:.3g} Hz" would do'
+            text += f'. Fix: highest_frequency = "{fits_Hz:.3g} Hz"'
         yield Reason("sampling", text)
 
 
@@ -203,7 +210,7 @@ def _ripple(reached: float, own: float, unit: str) -> str:
     """How much of what is reached the motion itself asks for; empty where that is all."""
     if not _beyond(reached, own):
         return ""
-    return f" (the motion's own: {own:.3g} {unit}; ramps, fade-out, corners and streamed set-points add)"
+    return f" ({own:.3g} {unit} of the motion itself, plus ramps, fade-out, corners and streaming)"
 
 
 def _when(point: TestPoint, which: int) -> str:
@@ -318,9 +325,9 @@ def _rate(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Itera
             fewest = sensor.rate_Hz / max(point.frequency_Hz for point in coarse)
             need_Hz = needed * max(point.frequency_Hz for point in coarse)
             yield (
-                f"{some(coarse)}: down to {fewest:.3g} samples a cycle of the {name} at {sensor.rate_Hz:.4g} Hz; "
-                f"identification from a {waveform} needs {needed:g}, that is {show(need_Hz, 'Hz')} here, because force "
-                "turns round within a few samples at each reversal"
+                f"{some(coarse)}: only {fewest:.3g} samples per cycle from the {name} at {sensor.rate_Hz:.4g} Hz; "
+                f"identification from a {waveform} needs {needed:g}, that is {show(need_Hz, 'Hz')} here, because "
+                "force turns round within a few samples at each reversal"
             )
 
 

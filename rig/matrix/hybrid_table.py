@@ -64,7 +64,7 @@ class HybridCar(Car):
     @field_validator("rear", mode="before")
     @classmethod
     def _one_corner(cls, value: object) -> object:
-        text = "a hybrid test has one corner of a car; take this table out: [hybrid.car.front] is that corner"
+        text = "a hybrid test has one corner of a car, [hybrid.car.front]. Fix: remove this table"
         raise PydanticCustomError("one_corner", text)
 
     def problems(self) -> Iterator[Problem]:
@@ -85,7 +85,7 @@ class HybridRoad(RoadFile):
     @classmethod
     def _computed(cls, value: object) -> object:
         shown = ", ".join(f"[{cls.heading}{name}]" for name in cls.kinds)
-        text = f"a hybrid test has no recorded road; take this table out and give one of {shown}"
+        text = f"a hybrid test cannot use a recorded road. Fix: replace this table by one of {shown}"
         raise PydanticCustomError("recorded_road", text)
 
     def problems(self) -> Iterator[Problem]:
@@ -97,7 +97,9 @@ class HybridRoad(RoadFile):
         for name in self.kinds:
             table = getattr(self, name)
             if table is not None and table.duration_s > LONGEST_S:
-                yield (name, "duration"), f"{table.duration_s:g} s; a hybrid test lasts {LONGEST_S:g} s at most"
+                yield (name, "duration"), (
+                    f"got {table.duration_s:g} s, allowed for a hybrid test: at most {LONGEST_S:g} s"
+                )
 
 
 POLYNOMIAL_ERROR = 0.3
@@ -111,28 +113,29 @@ class HybridTable(Section):
     road: HybridRoad
     current_A: Annotated[float, Quantity("current", "0 A", "20 A")] = Field(default=0.0, alias="current")
     compensation: tuple[Compensator, ...] = Field(
-        default=("model", "none"), min_length=1, description="what leads the set-points; one point each"
+        default=("model", "none"), min_length=1, description="compensation of the actuator's delay; one point for each"
     )
     law: tuple[Law, ...] = Field(
-        default=("passive",), min_length=1, description="of the coil's current, as `rig ride --law`; one point each"
+        default=("passive",), min_length=1, description="control law of the coil current, as in `rig ride --law`; "
+            "one point for each"
     )
     most_current_A: Annotated[float, Quantity("current", "0 A", "20 A", above=True)] = Field(
-        default=1.0, alias="most_current", description="of every law but passive"
+        default=1.0, alias="most_current", description="largest current of every law except passive"
     )
     sky_share: Annotated[float, Quantity("ratio", "0 %", "100 %")] = Field(
-        default=0.7, description="of the laws hybrid and inverse: all for the body, none of it for the wheel"
+        default=0.7, description="skyhook share of the laws hybrid and inverse: 100 % controls the body, 0 % the wheel"
     )
     law_damping_N_s_m: Annotated[float, Quantity("damping", "1 N s/m", "100 kN s/m")] = Field(
-        default=3000.0, alias="law_damping", description="that the law inverse asks for"
+        default=3000.0, alias="law_damping", description="damping that the law inverse requests"
     )
     largest_delay_s: Delay = Field(
-        default=0.015, alias="largest_delay", description="of the actuator, with which the test may still begin"
+        default=0.015, alias="largest_delay", description="largest delay of the actuator with which the test may start"
     )
     largest_energy_error: Annotated[float, Quantity("ratio", "1 %", "100 %")] = Field(
-        default=0.2, description="energy brought by following wrongly, as a share of the specimen's work"
+        default=0.2, description="energy added by the tracking error, as a share of the specimen's work"
     )
     probe_amplitude_m: Annotated[float, Quantity("length", "0.1 mm", "10 mm")] = Field(
-        default=1e-3, alias="probe_amplitude", description="of the sine that measures the delay"
+        default=1e-3, alias="probe_amplitude", description="amplitude of the sine that measures the delay"
     )
     probe_frequency_Hz: Annotated[float, Quantity("frequency", "0.5 Hz", "10 Hz")] = Field(
         default=3.0, alias="probe_frequency"
@@ -153,9 +156,9 @@ class HybridTable(Section):
         without_N, rise_N = prior.rise_N(most_A)
         if not rise_N > LEAST_RISE * abs(without_N):
             yield ("law",), (
-                f"inverse looks for the current of a force, and {prior.told} tells none: at {SPEED_M_S:g} m/s it "
-                f"resists with {without_N:.4g} N at 0 A and {without_N + rise_N:.4g} N at {most_A:g} A; another law, "
-                "or a fit of tests at several currents"
+                f"inverse computes the current from the force, but the force of {prior.told} does not rise with "
+                f"current: at {SPEED_M_S:g} m/s {without_N:.4g} N at 0 A, {without_N + rise_N:.4g} N at {most_A:g} A. "
+                "Fix: use another law, or a fit of tests at several currents"
             )
 
     def control(self, law: Law) -> Control:
@@ -215,38 +218,39 @@ class HybridTable(Section):
         if poll_s is None:
             return [(
                 "hybrid", "a hybrid test needs an actuator that follows streamed set-points; this bench's controller "
-                "makes its motion itself",
+                    "generates its motion itself",
             )]
         against = []
         if bench.clock.device_rate != 1.0:
             rate = bench.clock.device_rate
-            against.append(("hybrid", f"the bench runs at {rate:g} times real time; a hybrid test runs at 1"))
+            against.append(("hybrid", f"the bench runs at {rate:g} times real time; a hybrid test requires 1"))
         if law_named(point.law) != "passive" and (bench.ecu.by_hand or bench.ecu.url is not None):
             against.append(("hybrid", (
-                f"the law {point.law} commands the coil at every step, and this bench's current source is not on CAN: "
-                'law = ["passive"]'
+                f"the law {point.law} commands the coil at every step, but this bench's current source is not on CAN. "
+                'Fix: law = ["passive"]'
             )))
         if point.compensator == "polynomial" and law_named(point.law) != "passive" and (
             self.largest_energy_error < POLYNOMIAL_ERROR
         ):
             against.append(("hybrid-unstable", (
-                "polynomial extrapolates past targets, which a law that switches the current bends: energy errors of "
-                f"20 to 24 % on healthy rigs, allowed {100 * self.largest_energy_error:g} %. Fix: compensation model, "
-                f"ats or inverse, or largest_energy_error of {100 * POLYNOMIAL_ERROR:g} %"
+                "polynomial extrapolates past targets, which a law that switches the current makes curved: energy "
+                f"errors of 20 to 24 % on healthy rigs, allowed {100 * self.largest_energy_error:g} %. Fix: "
+                f"compensation model, ats or inverse, or largest_energy_error of {100 * POLYNOMIAL_ERROR:g} %"
             )))
         critical_s, share = car.critical_delay_s(), 1.0 if point.compensator == "none" else LEFT_SHARE
         acting_s = share * self.largest_delay_s
         if not acting_s * DELAY_MARGIN <= critical_s:
             against.append((
-                "hybrid-unstable", f"unstable with a force {1e3 * critical_s:.1f} ms late; {1e3 * acting_s:.1f} ms may "
-                f"act ({100 * share:g} % of largest_delay {1e3 * self.largest_delay_s:g} ms), and {DELAY_MARGIN:g} "
-                "times that must be stable: a smaller largest_delay, if the actuator keeps it, or a heavier wheel",
+                "hybrid-unstable", f"unstable with a force {1e3 * critical_s:.1f} ms late; {1e3 * acting_s:.1f} ms "
+                    f"may occur ({100 * share:g} % of largest_delay {1e3 * self.largest_delay_s:g} ms), and "
+                    f"{DELAY_MARGIN:g} times that must be stable. Fix: a smaller largest_delay, if the actuator "
+                    "achieves it, or a heavier wheel",
             ))
         hop_Hz = car.highest_mode_Hz()
         if hop_Hz * poll_s * FEWEST_STEPS > 1.0:
             against.append((
-                "sampling", f"{1.0 / (hop_Hz * poll_s):.3g} steps in a period of the wheel ({hop_Hz:.3g} Hz) at a poll "
-                f"of {1e3 * poll_s:g} ms; {FEWEST_STEPS} are needed: a shorter poll, or a softer tyre",
+                "sampling", f"{1.0 / (hop_Hz * poll_s):.3g} steps in a period of the wheel ({hop_Hz:.3g} Hz) at a "
+                    f"poll of {1e3 * poll_s:g} ms; {FEWEST_STEPS} are needed. Fix: a shorter poll, or a softer tyre",
             ))
         return against + _of_road(self, prior, law_named(point.law), poll_s)
 
@@ -292,15 +296,15 @@ def _of_road(table: HybridTable, prior: AssumedDamper, law: Law, poll_s: float) 
     travel_m = float(np.max(np.abs(ride.extension_m)))
     if not travel_m >= LEAST_TRAVEL_M:
         return [(
-            "hybrid", f"the road moves the damper by {1e3 * travel_m:.3g} mm; at least {1e3 * LEAST_TRAVEL_M:g} mm: a "
-            "higher road, on the left side, that begins within its duration and is no shorter than "
-            "the way of a few milliseconds",
+            "hybrid", f"the road moves the damper by {1e3 * travel_m:.3g} mm, required: at least "
+                f"{1e3 * LEAST_TRAVEL_M:g} mm. Fix: a higher road (left side) that starts within its duration and is "
+                "longer than a few milliseconds of travel",
         )]
     lost = table.quarter_car(prior, law).road_lost(poll_s)
     if not lost <= ROAD_LOST:
         return [(
-            "sampling", f"steps of {1e3 * poll_s:g} ms lose {100 * lost:.3g} % of the road's force, RMS; allowed "
-            f"{100 * ROAD_LOST:g} %: a longer bump or edge, a lower speed or last frequency, or a shorter poll",
+            "sampling", f"steps of {1e3 * poll_s:g} ms lose {100 * lost:.3g} % of the road's force, RMS; allowed: "
+                f"{100 * ROAD_LOST:g} %: a longer bump or edge, a lower speed or last frequency, or a shorter poll",
         )]
     return []
 

@@ -203,13 +203,13 @@ class Matrix(Section):
         count += (self.friction is not None) + len(self.current_step)
         count += 0 if self.hybrid is None else len(self.hybrid.compensation) * len(self.hybrid.law)
         if count == 0:
-            yield (), "no test point; fill [matrix] or add [[point]]"
+            yield (), "no test point. Fix: complete [matrix] or add [[point]]"
         if count > POINT_LIMIT:
             product_of = " x ".join(map(str, sizes))
             yield (), (
                 f"{count} test points; allowed: at most {POINT_LIMIT}; they are ({product_of} waveforms x currents x "
                 f"amplitudes x frequencies + {signals} signals + {len(self.extra)} [[point]]) x {sweep.repeats} "
-                "repeats: divide the matrix"
+                "repeats. Fix: divide the matrix"
             )
 
     def _heat_known(self) -> Iterator[Problem]:
@@ -222,8 +222,11 @@ class Matrix(Section):
 
     def _damper_assumed(self) -> Iterator[Problem]:
         if self.hybrid is not None and self.specimen.prior is None:
-            text = 'is missing; a hybrid test is forecast with the assumed damper: name a parameter set, prior = "demo"'
-            text += ', or a fit beside this file, prior = "fit.json"'
+            text = (
+                "is missing; the forecast of a hybrid test needs the expected damper. Fix: name a parameter set, "
+                'prior = "demo"'
+            )
+            text += ', or a fit in the folder of this file, prior = "fit.json"'
             yield ("specimen", "prior"), text
 
     def _current_tells_force(self) -> Iterator[Problem]:
@@ -238,7 +241,7 @@ class Matrix(Section):
         if twice:
             shown = ", ".join(twice[:10]) + (", ..." if len(twice) > 10 else "")
             yield (), (
-                f"two points are called {shown}; give each [[point]] an id of its own (points without one are called "
+                f"two points have the id {shown}. Fix: give each [[point]] a unique id (points without one are called "
                 "p001, p002 ...; repeats add -2, -3 ...; upper and lower case count as the same)"
             )
 
@@ -271,7 +274,8 @@ def load_files(matrix_path: Path, bench_path: Path) -> tuple[Matrix, Bench]:
         problems.append(error)
     if [error.kind for error in problems if isinstance(error, WrongKind)] == ["bench", "matrix"]:
         turned = f"rig plan {bench_path} --bench {matrix_path}"
-        raise FileProblem(str(matrix_path), [f"matrix and bench file are exchanged: this is the bench file; {turned}"])
+        raise FileProblem(str(matrix_path), ["matrix and bench file are swapped: this is the bench file. Fix: "
+            f"{turned}"])
     if matrix is None or bench is None:
         raise problems[0] if len(problems) == 1 else FileProblems(problems)
     return matrix, bench

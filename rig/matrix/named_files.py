@@ -110,8 +110,8 @@ def kept(text: str, folder: Path) -> tuple[str, dict[str, bytes]]:
             renamed.setdefault(place, {})[name] = f"{FOLDER}/{own}"
     if tomllib.loads(text) != _renamed(tomllib.loads(original), renamed):
         raise FileProblem(
-            FOLDER, ["a file's name cannot be replaced in the copy: write it plainly in quotes, and give the file "
-                     "a name that is no other entry of the matrix file"],
+            FOLDER, ["the file name cannot be replaced in the copy. Fix: write it plainly in quotes, and choose a "
+                "name that is not another value of the matrix file"],
         )
     return text, files
 

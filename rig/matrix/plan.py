@@ -165,7 +165,8 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
     if bench.ecu.by_hand:
         currents_A = [0.0, *(item.point.first_current_A for item in points), 0.0]
         asked = sum(before_A != after_A for before_A, after_A in pairwise(currents_A))
-        warnings += (f"the current is set by hand: {asked} changes will be asked for, beside 0 A at the start",)
+        warnings += (f"the current is set manually: the operator must change it {asked} times, in addition to 0 A at "
+            "the start",)
     if matrix.temperature is None:
         return Plan(points, bench.name, specimen.serial_number, prediction, warnings=warnings)
     thermal = thermal_of(in_order, predict, matrix.temperature)
@@ -226,7 +227,7 @@ def _judged_warm_up(
     if judged.energy_J is not None and ambient_degC < thermal.low_degC and reached_degC <= thermal.low_degC:
         text = (
             f"warm-up reaches only {reached_degC:.3g} degC, the temperature window begins at {thermal.low_degC:.3g} "
-            "degC; lower the window or give a stronger [temperature.warm_up]"
+            "degC. Fix: lower the window or give a stronger [temperature.warm_up]"
         )
         causes.append(Reason("warm-up", text))
     return replace(judged, causes=tuple(causes), would_fit_m=fits_m)

@@ -41,16 +41,17 @@ def read_record(path: Path) -> tuple[FloatArray, FloatArray, str]:
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines:
-        raise FileProblem(str(path), ["is empty; a first line of names such as time_s,displacement_mm, then rows"])
+        raise FileProblem(str(path), ["is empty; expected a first line of names such as time_s,displacement_mm, "
+            "then rows"])
     separator = max(SEPARATORS, key=lines[0][1].count)
     names = [name.strip().strip('"') for name in lines[0][1].split(separator)]
     places = {column: _place(path, names, column) for column in WANTED}
     rows, problems = _numbers(lines[1:], separator, [place for place, _ in places.values()], len(names))
     problems += _falling(rows)
     if not problems and len(rows) < FEWEST_ROWS:
-        problems.append(f"{len(rows)} rows are no motion; at least {FEWEST_ROWS}")
+        problems.append(f"{len(rows)} rows; a motion needs at least {FEWEST_ROWS}")
     if problems:
-        more = [f"{len(problems) - MOST_SHOWN} more wrong lines"] if len(problems) > MOST_SHOWN else []
+        more = [f"{len(problems) - MOST_SHOWN} further wrong lines"] if len(problems) > MOST_SHOWN else []
         raise FileProblem(str(path), [*problems[:MOST_SHOWN], *more])
     scale = np.array([scale for _, scale in places.values()])
     table = np.array([values for _, values in rows], np.float64) * scale
@@ -72,8 +73,8 @@ def _place(path: Path, names: list[str], column: str) -> tuple[int, float]:
         said = "no column" if not columns else f"{len(columns)} columns"
         known = ", ".join(f"{column}_{suffix}" for suffix in suffixes)
         raise FileProblem(
-            str(path), [f"line 1: {said} of {column} in {', '.join(names)[:80]!r}; name it with its unit, such as "
-                        f"{WANTED[column]} (one of {known})"],
+            str(path), [f"line 1: {said} of {column} in {', '.join(names)[:80]!r}. Fix: name the column with its "
+                f"unit, such as {WANTED[column]} (one of {known})"],
         )
     return columns[0]
 
@@ -92,9 +93,9 @@ def _numbers(
         if len(values) == len(places) and all(abs(value) <= LARGEST_VALUE for value in values):
             rows.append((number, values))
         else:
-            comma = "; a decimal point is a point" if separator != "," and "," in line else ""
+            comma = "; decimals are written with a point" if separator != "," and "," in line else ""
             problems.append(
-                f"line {number}: {line.strip()[:60]!r} is no row of {columns} columns with finite numbers{comma}"
+                f"line {number}: {line.strip()[:60]!r} is not a row of {columns} columns with finite numbers{comma}"
             )
     return rows, problems
 
@@ -102,6 +103,6 @@ def _numbers(
 def _falling(rows: list[tuple[int, list[float]]]) -> list[str]:
     """The lines whose time is not after the one before."""
     return [
-        f"line {number}: time {now[0]:.10g} is not after {before[0]:.10g}, the time of the row before"
+        f"line {number}: time {now[0]:.10g} is not after {before[0]:.10g}, the time of the previous row"
         for (_, before), (number, now) in pairwise(rows) if not now[0] > before[0]
     ]

@@ -32,7 +32,8 @@ Amplitude = Annotated[float, Quantity("length", "0 mm", "1 m", above=True)]
 Frequency = Annotated[float, Quantity("frequency", "0.001 Hz", "100 Hz")]
 CoilCurrent = Annotated[float, Quantity("current", "0 A", "20 A")]
 CoilTemperature = Annotated[float, Quantity("temperature", "-40 degC", "250 degC")]
-Cycles = Annotated[int, Field(ge=3, le=10_000, description="at full amplitude; first and last are dropped")]
+Cycles = Annotated[int, Field(ge=3, le=10_000, description="number at full amplitude; the first and the last are "
+    "discarded")]
 RampCycles = Annotated[float, Field(ge=0.5, le=20.0)]
 Identifier = Annotated[
     str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"),
@@ -47,7 +48,7 @@ class Specimen(Section):
     stroke_m: Annotated[float, Quantity("length", "0 mm", "2 m", above=True)] = Field(alias="stroke")
     mid_stroke_m: Annotated[float, Quantity("length", "-1 m", "1 m")] = Field(default=0.0, alias="mid_stroke")
     prior: str | None = Field(
-        default=None, description="what is assumed of it: name of a parameter set, or a fit.json beside this file",
+        default=None, description="expected damper: name of a parameter set, or a fit.json in the folder of this file",
         examples=["demo", "fit.json"],
     )
     max_force_N: Annotated[float, Quantity("force", "0 N", "200 kN", above=True)] | None = Field(
@@ -71,7 +72,7 @@ class Specimen(Section):
             return value
         if value not in PARAMETER_SETS:
             known = _unknown("parameter set", value, sorted(PARAMETER_SETS))
-            raise ValueError(f"{known}; or a fit's file, whose name ends in {ENDING}")
+            raise ValueError(f"{known}; or a fit file, whose name ends in {ENDING}")
         _usable(PARAMETER_SETS.__getitem__, value)
         return value
 
@@ -155,7 +156,7 @@ class Sweep(Section):
             if name in self.waveform and name not in self.signals:
                 yield ("waveform",), f"{name} needs a table [matrix.{name}]; docs/files.md describes it"
             if name in self.signals and name not in self.waveform:
-                yield (name,), f'nobody asks for it; write waveform = ["{name}"], or leave the table out'
+                yield (name,), f'the table is not used. Fix: write waveform = ["{name}"], or remove the table'
 
     @property
     def only_signals(self) -> bool:
@@ -168,7 +169,7 @@ class Sweep(Section):
         if self.only_signals:
             if not self.current_A:
                 yield ("current",), 'is missing; write for example current = ["0 A"]'
-            text = "belongs to waveforms with cycles, and there is none; a signal's stands in its own table"
+            text = "applies to waveforms with cycles, but there is none; a signal has its own table"
             yield from (((key,), text) for key in ("amplitude", "frequency") if given[key])
             return
         missing = [key for key, values in given.items() if not values]
@@ -223,8 +224,8 @@ class Temperature(Section):
             )
         if high <= self.ambient_degC:
             yield (), (
-                f"window: no damper cools to {high:g} degC by itself where it is {self.ambient_degC:g} degC; raise the "
-                "window above ambient, or correct ambient"
+                f"window: a damper does not cool to {high:g} degC at an ambient temperature of {self.ambient_degC:g} "
+                "degC. Fix: raise the window above ambient, or correct ambient"
             )
 
 
@@ -308,7 +309,7 @@ class Campaign(Section):
     )
     demagnetise: bool = False
     require_skew: bool = Field(
-        default=False, description="refuse a bench whose load cell or LVDT speaks a format without a clock"
+        default=False, description="refuse a bench whose load cell or LVDT has a format without a clock"
     )
 
 

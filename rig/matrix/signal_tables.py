@@ -60,7 +60,7 @@ Ramp = Annotated[float, Quantity("time", "0.1 s", "60 s")]
 Duration = Annotated[float, Quantity("time", "1 s", "600 s")]
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
 Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=MOST_RECORDS), AfterValidator(_none_twice)]
-RAMP = Field(default=1.0, alias="ramp", description="faded in and out at the ends: neither judged nor fitted")
+RAMP = Field(default=1.0, alias="ramp", description="fade-in and fade-out at the ends, excluded from verdict and fit")
 Maker = tuple[tuple[str | int, ...], Callable[[], Record]]
 """The entry that asks for a record, and what makes it."""
 
@@ -106,16 +106,17 @@ class SweepTable(SignalTable):
     first_Hz: Frequency = Field(alias="first_frequency")
     last_Hz: Frequency = Field(alias="last_frequency")
     first_m: Amplitude = Field(alias="first_amplitude")
-    last_m: Amplitude | None = Field(default=None, alias="last_amplitude", description="as the first where left out")
-    duration_s: Duration = Field(alias="duration", description="with both ramps")
+    last_m: Amplitude | None = Field(default=None, alias="last_amplitude", description="default: the first amplitude")
+    duration_s: Duration = Field(alias="duration", description="duration, both ramps included")
     spacing: Literal["linear", "logarithmic"] = Field(
-        default="linear", description="frequency and amplitude change by equal amounts, or by equal factors, a second"
+        default="linear", description="frequency and amplitude change by equal amounts (linear) or equal factors "
+            "(logarithmic) per second"
     )
     ramp_s: Ramp = RAMP
 
     def _makers(self) -> list[Maker]:
         if self.first_Hz == self.last_Hz:
-            raise located([(("last_frequency",), "is the first one; a sweep goes from one frequency to another")])
+            raise located([(("last_frequency",), "equals first_frequency; a sweep needs two different frequencies")])
         last_m = self.first_m if self.last_m is None else self.last_m
         motion = SweepMotion(
             self.duration_s, self.first_Hz, self.last_Hz, self.first_m, last_m, self.spacing == "logarithmic"
@@ -126,15 +127,17 @@ class SweepTable(SignalTable):
 class RoadTable(SignalTable):
     """`[matrix.road]`: the height of a road under a wheel, less its mean, as the motion of the rod."""
 
-    road: Names = Field(description="names of the program's roads, or road files", examples=[["iso8608-c"]])
-    amplitude_m: Amplitude = Field(alias="amplitude", description="scaled so: largest distance from the centre")
+    road: Names = Field(description="names of included roads, or road files", examples=[["iso8608-c"]])
+    amplitude_m: Amplitude = Field(alias="amplitude", description="the signal is scaled to this largest distance "
+        "from the centre")
     speed_m_s: Annotated[float, Quantity("speed", "0.1 m/s", "100 m/s")] | None = Field(
-        default=None, alias="speed", description="of the car; that of the road's file where left out"
+        default=None, alias="speed", description="speed of the car; default: that of the road file"
     )
-    duration_s: Duration | None = Field(default=None, alias="duration", description="from its beginning; all of it")
+    duration_s: Duration | None = Field(default=None, alias="duration", description="duration from the start of the "
+        "road; default: all of it")
     side: Literal["left", "right"] = "left"
     highest_Hz: Frequency = Field(
-        default=5.0, alias="highest_frequency", description="what is faster is taken off, without phase"
+        default=5.0, alias="highest_frequency", description="cut-off frequency of a zero-phase low-pass filter"
     )
     ramp_s: Ramp = RAMP
 
@@ -146,7 +149,7 @@ class RoadTable(SignalTable):
         file = load_section(path, RoadFile, "road")[0]
         if self.speed_m_s is not None:
             if file.drive is not None:
-                raise NoRecord("is a drive file, which moves posts in its own time; leave the speed out")
+                raise NoRecord("is a drive file, which contains its own time. Fix: remove speed")
             file = file.model_copy(update={"speed_m_s": self.speed_m_s})
         content = read_bytes(path, MOST_ROAD_BYTES)
         table = file.profile or file.drive
@@ -167,14 +170,17 @@ class FileTable(SignalTable):
     """`[matrix.file]`: CSV files of time and displacement about the centre."""
 
     file: Names = Field(
-        description="CSV files with columns such as time_s and displacement_mm; 0 is the specimen's middle of stroke",
+        description="CSV files with columns such as time_s and displacement_mm; 0 is the specimen's mid-stroke "
+            "position",
         examples=[["drive.csv"]],
     )
     amplitude_m: Amplitude | None = Field(
-        default=None, alias="amplitude", description="scaled so: largest distance from the centre; else as written"
+        default=None, alias="amplitude", description="the signal is scaled to this largest distance from the centre; "
+            "default: not scaled"
     )
     highest_Hz: Frequency | None = Field(
-        default=None, alias="highest_frequency", description="what is faster is taken off, without phase; nothing"
+        default=None, alias="highest_frequency", description="cut-off frequency of a zero-phase low-pass filter; "
+            "default: no filter"
     )
     ramp_s: Ramp = RAMP
 

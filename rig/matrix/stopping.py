@@ -1,4 +1,4 @@
-"""Whether a motion can be halted at any instant within the travel there is, and what would do where it cannot.
+"""Whether a motion can be halted at any instant within the travel there is, and what fits where it cannot.
 
 By the rules of `rig.signals.stopping`, with the configured halt deceleration; the station checks the same at the start.
 """
@@ -21,7 +21,7 @@ from rig.units import show
 HARDEST_FIT_M_S2 = 500.0
 """No bench file may ask for more (`[actuator] halt_deceleration`)."""
 FIT_STEP_M_S2 = 0.1
-"""Decelerations that would do are rounded up to this."""
+"""Decelerations that fits are rounded up to this."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class StopFit:
         """In words; empty where there is nothing."""
         fits = []
         if self.halt_deceleration_m_s2 is not None:
-            fits.append(f'halt_deceleration = "{self.halt_deceleration_m_s2:g} m/s^2" would do')
+            fits.append(f'halt_deceleration = "{self.halt_deceleration_m_s2:g} m/s^2" fits')
         if self.centre_m is not None:
-            fits.append(f"a centre (mid_stroke) of {show(self.centre_m, 'mm')} would do")
+            fits.append(f"a centre (mid_stroke) of {show(self.centre_m, 'mm')} fits")
         return "; ".join(fits)
 
 
@@ -55,7 +55,7 @@ def stopping_reach(point: TestPoint, matrix: Matrix, bench: Bench) -> Reach:
 
 
 def stop_fits(point: TestPoint, matrix: Matrix, bench: Bench, room_m: tuple[float, float]) -> StopFit:
-    """What would do for a motion that a halt takes out of its travel.
+    """What fits for a motion that a halt takes out of its travel.
 
     Args:
         point: the motion.

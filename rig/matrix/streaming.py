@@ -96,9 +96,9 @@ def gap_warnings(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]:
         return ()
     fastest_m_s = max(peaks(point, bench).speed_m_s for point in fast)
     return (
-        f"{some(fast)}: a lost set-point: a drive that then stops by itself decelerates from {fastest_m_s:.3g} m/s "
-        f"with about {a_speed * fastest_m_s:.3g} m/s^2 (position loop of 30 Hz), limit {limit_m_s2:.3g} m/s^2. "
-        f"Fix: limit the deceleration in the drive, or plan up to {limit_m_s2 / a_speed:.3g} m/s",
+        f"{some(fast)}: if a set-point is lost, a drive that stops on its own decelerates from {fastest_m_s:.3g} m/s "
+        f"with about {a_speed * fastest_m_s:.3g} m/s^2 (position loop of 30 Hz), limit {limit_m_s2:.3g} m/s^2. Fix: "
+        f"limit the deceleration in the drive, or plan up to {limit_m_s2 / a_speed:.3g} m/s",
     )
 
 

@@ -103,9 +103,9 @@ def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]
     pattern = _current_pattern(wanted.current_from_name)
     unknown = [slug for slug in wanted.accept if slug not in DOUBTS]
     if unknown:
-        raise FileProblem("--accept", [f"{slug!r} is none of {', '.join(DOUBTS)}" for slug in unknown])
+        raise FileProblem("--accept", [f"got {slug!r}, expected one of {', '.join(DOUBTS)}" for slug in unknown])
     if wanted.rate_Hz is not None and not 0.0 < wanted.rate_Hz < np.inf:
-        raise FileProblem("--rate", [f"{wanted.rate_Hz!r} Hz; a rate is greater than 0"])
+        raise FileProblem("--rate", [f"{wanted.rate_Hz!r} Hz; expected a rate above 0"])
     twice = list(_said_twice(files, wanted))
     if twice:
         raise FileProblem("import", twice)
@@ -127,10 +127,13 @@ def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]
 def _said_twice(files: Sequence[Path], wanted: WantedTests) -> Iterator[str]:
     """What is told in two ways, of which one would be left out in silence, or counted twice."""
     if wanted.rate_Hz is not None and "time" in wanted.columns:
-        yield f"--rate and --column time={wanted.columns['time']} both say when a sample was taken: leave one out"
+        yield f"--rate and --column time={wanted.columns['time']} both state the sample times. Fix: remove one"
     places = [Path(file).resolve() for file in files]
     for place in dict.fromkeys(place for place in places if places.count(place) > 1):
-        yield f"{place} is given {places.count(place)} times: repeats of one test would make it surer than it is"
+        yield (
+            f"{place} is given {places.count(place)} times. Fix: give each file once, because copies would reduce the "
+            "intervals wrongly"
+        )
 
 
 def named_files(files: Sequence[Path]) -> str:
@@ -281,14 +284,14 @@ def _notes(breaks: Sequence[Break], count: int, parts: Sequence[tuple[int, int]]
     if headings:
         yield f"{len(headings)} repeated heading(s) ({_lines(headings)})"
     if events:
-        yield f"{sum(one.count for one in events)} row(s) that are no numbers left out ({_lines(events)})"
+        yield f"{sum(one.count for one in events)} row(s) without numbers skipped ({_lines(events)})"
     if count > 1:
-        yield f"split there into {count} parts, a test each"
+        yield f"split there into {count} parts, one test each"
     elif headings:
-        yield "joined, since the time goes on"
+        yield "joined, because the time continues"
     used = sum(stop - start for start, stop in parts)
     if used < rows:
-        yield f"{rows - used} rows in parts of fewer than {FEWEST_ROWS} rows left out"
+        yield f"{rows - used} rows in parts of fewer than {FEWEST_ROWS} rows skipped"
 
 
 def _opened(file: Path, wanted: WantedTests) -> tuple[list[tuple[str, ForeignFile]], str]:
@@ -316,7 +319,7 @@ def _choices(file: Path, opened: ForeignFile, wanted: WantedTests) -> dict[str, 
     try:
         check_wanted(wanted.columns, wanted.scales)
         if {"voltage", "commanded_current"} <= wanted.columns.keys():
-            raise FileProblem("--column", ["voltage and commanded_current are both a command of the coil: name one"])
+            raise FileProblem("--column", ["voltage and commanded_current both command the coil. Fix: name one"])
         return choose(opened.columns, wanted.columns, opened.is_stamps, wanted.scales)
     except FileProblem as error:
         absent = [name for name in (*REQUIRED, "time") if name not in wanted.columns]
@@ -354,7 +357,7 @@ def _table(
         if time_s is None:
             hint = "".join(f"; perhaps {option}" for option in suggestions(opened.columns, ["time"]))
             raise FileProblem(str(file), [
-                f"time: no column named; write --column time=NAME, or --rate '1 kHz'{hint}"
+                f"time: no column given. Fix: write --column time=NAME, or --rate '1 kHz'{hint}"
             ])  # fmt: skip
         table["time"] = time_s
     check_alike(file, list(table), [len(values) for values in table.values()])
@@ -380,12 +383,13 @@ def _together(
         told = ", ".join(f"{opened.columns[choice.place].full or choice.column} {len(by_quantity[quantity])} samples"
                          for quantity, choice in choices.items())  # fmt: skip
         raise FileProblem(str(file), [
-            f"its channels were not sampled together: {told}; bring them to one raster first (MDF.resample)"
+            f"its channels were not sampled together: {told}. Fix: resample them to a common time base first "
+            "(MDF.resample)"
         ])  # fmt: skip
     time_s, channels = brought
     moved = [quantity for quantity in choices if not np.array_equal(by_quantity[quantity], by_quantity["displacement"])]
     return {"time": time_s, **channels}, [
-        *notes, f"{', '.join(moved)} interpolated to the times of displacement (each channel has times of its own)"
+        *notes, f"{', '.join(moved)} interpolated to the times of displacement (each channel has its own times)"
     ]  # fmt: skip
 
 
@@ -397,9 +401,9 @@ def without_no_value(values: FloatArray, stated: Sequence[float] | None) -> tupl
         stated: see `without_sentinels`.
     """
     infinite = np.isinf(values)
-    notes = [f"{np.count_nonzero(infinite)} infinite value(s) taken as no value"] * bool(infinite.any())
+    notes = [f"{np.count_nonzero(infinite)} infinite value(s) read as missing"] * bool(infinite.any())
     values, missing = without_sentinels(np.where(infinite, np.nan, values) if notes else values, stated)
-    return values, [*notes, *(f"{count} x {number:g} taken as no value" for number, count in missing.items())]
+    return values, [*notes, *(f"{count} x {number:g} read as missing" for number, count in missing.items())]
 
 
 def without_sentinels(values: FloatArray, stated: Sequence[float] | None) -> tuple[FloatArray, dict[float, int]]:
@@ -451,8 +455,8 @@ def _wrong_time(
     if len(wrong):
         row = int(wrong[0]) + 1
         yield (f"{opened.row_name(row + first_row)}: time {float(time_s[row])!r} s does not come after "
-               f"{float(time_s[row - 1])!r} s ({len(wrong)} such line(s)); times must increase. Fix: "
-               "if the samples were taken at a constant rate, --rate in place of the column")  # fmt: skip
+            f"{float(time_s[row - 1])!r} s ({len(wrong)} such line(s)); times must increase. Fix: for "
+            "samples at a constant rate, use --rate instead of the column")  # fmt: skip
 
 
 def implausible(
@@ -488,9 +492,8 @@ def _too_large(table: Mapping[str, FloatArray], source: Mapping[str, str]) -> It
         size = float(np.nanmax(values) - np.nanmin(values) if spans else np.nanmax(np.abs(values)))
         if size > limit:
             yield (
-                f"column {source[quantity]!r}, as {quantity}, {verb} {size:.4g} {unit}; "
-                f"a test has at most {limit:g} {unit}: is its unit right, and is it the {quantity}? The numbers are "
-                f"probably in {LIKELY[quantity]}"
+                f"column {source[quantity]!r}, as {quantity}, {verb} {size:.4g} {unit}; a test has at most {limit:g} "
+                f"{unit}: check the unit and the column of {quantity}. The numbers are probably in {LIKELY[quantity]}"
             )
 
 
@@ -504,12 +507,12 @@ def _nominal_A(
     """
     if known is not None:
         if not np.any(np.isfinite(known)):
-            raise ValueError("the column of the current has no number in it")
+            raise ValueError("the column of the current contains no number")
         return float(np.nanmedian(known))
     if pattern is None and wanted.current_A is None:
         raise ValueError(
-            "the coil current is not known: name a column (--column current=i_A), a value (--current '0.5 A') or where "
-            "the file's name says it (--current-from-name '_(?P<current>[0-9.]+)A')",
+            "unknown coil current. Fix: name a column (--column current=i_A), a value (--current '0.5 A') or the "
+            "pattern of the file name (--current-from-name '_(?P<current>[0-9.]+)A')",
         )
     if pattern is None:
         return float(wanted.current_A or 0.0)
@@ -530,8 +533,8 @@ def _doubtful(table: Mapping[str, FloatArray], accept: Sequence[str]) -> Iterato
     time_s, x, force = table["time"], table["displacement"], table["force"]
     rate_Hz = float(1.0 / np.median(np.diff(time_s)))
     if not SLOWEST_Hz <= rate_Hz <= FASTEST_Hz and RATE not in accept:
-        yield (f"{RATE}: {rate_Hz:.4g} samples a second; damper tests are sampled at {SLOWEST_Hz:g} Hz to "
-               f"{FASTEST_Hz:g} Hz: is the unit of the time right? --accept {RATE} takes it as it is")  # fmt: skip
+        yield (f"{RATE}: {rate_Hz:.4g} samples per second; damper tests are sampled at {SLOWEST_Hz:g} Hz "
+            f"to {FASTEST_Hz:g} Hz. Fix: check the unit of the time, or use --accept {RATE}")  # fmt: skip
     if not (np.any(np.isfinite(x)) and np.any(np.isfinite(force))):
         return
     frequency_Hz = cycle_rate_Hz(time_s, x)
@@ -543,6 +546,6 @@ def _doubtful(table: Mapping[str, FloatArray], accept: Sequence[str]) -> Iterato
     )
     for doubt in doubts(size):
         if doubt.slug not in accept:
-            yield (f"{doubt.slug}: {doubt.value:.4g} {doubt.taken_as} is a size that no damper test has; the numbers "
-                   f"are probably in {doubt.likely}. Write the unit after the column's name and a colon, or --accept "
-                   f"{doubt.slug} takes it as it is")  # fmt: skip
+            yield (f"{doubt.slug}: {doubt.value:.4g} {doubt.taken_as} is implausible for a damper test; "
+                f"the numbers are probably in {doubt.likely}. Write the unit after the column's name and "
+                f"a colon, or use --accept {doubt.slug}")  # fmt: skip

@@ -113,9 +113,9 @@ def _spikes(test: TestSamples) -> Iterator[Reason]:
             continue
         first = places[0]
         yield suspect(
-            "sensor-spike", f"{len(places)} single {name} sample(s) leave the signal and return to it, the first at "
-            f"{test.time_s[first]:.6g} s with {factor * values[first]:.5g} {unit}: interference or a damaged row. Fix: "
-            "correct the value in the source, or leave it empty",
+            "sensor-spike", f"{len(places)} single {name} sample(s) deviate from the signal, the first at "
+                f"{test.time_s[first]:.6g} s with {factor * values[first]:.5g} {unit}: interference or a damaged row. "
+                "Fix: correct the value in the source, or leave it empty",
         )
 
 
@@ -131,9 +131,9 @@ def _reversed(test: TestSamples, motion: MeasuredMotion | None) -> list[Reason]:
         return []
     return [invalid(
         "reversed-sign", "the measured force drives the motion instead of resisting it: the sign of force or "
-        "displacement is reversed, or their columns are exchanged (displacement is extension, and a positive force "
-        "resists extension). Fix: import again with --scale force=-1 (a force positive in compression) or "
-        "--scale displacement=-1 (a displacement positive in compression)",
+            "displacement is reversed, or their columns are swapped (displacement is extension, and a positive force "
+            "resists extension). Fix: import again with --scale force=-1 (a force positive in compression) or "
+            "--scale displacement=-1 (a displacement positive in compression)",
     )]
 
 
@@ -149,8 +149,8 @@ def _unsteady(motion: MeasuredMotion | None) -> list[Reason]:
             continue
         least, most = float(np.min(values)), float(np.max(values))
         return [invalid(
-            "unsteady-motion", f"cycles {what} {least:.3g} to {most:.3g} {unit}: not one motion. Fix: import a sweep "
-            f"with the waveform `random`; a motion is one test from {FEWEST_CYCLES} cycles on",
+            "unsteady-motion", f"cycles {what} {least:.3g} to {most:.3g} {unit}: not a single motion. Fix: import a "
+                f"sweep with the waveform `random`; import each motion of {FEWEST_CYCLES} or more cycles as one test",
             least=least, most=most,
         )]
     return []
@@ -195,9 +195,9 @@ def _current_off(test: TestSamples, motion: MeasuredMotion | None) -> list[Reaso
     if not off_A > limit_A:
         return []
     return [invalid(
-        "current-tracking", f"the current is off by {1e3 * off_A:.3g} mA from {test.nominal_current_A:.3g} A in a part "
-        f"of the cycles (limit {1e3 * limit_A:.3g} mA): not one test. Fix: leave that part out; of a current that is "
-        "meant to vary, import it with the waveform `random`",
+        "current-tracking", f"the current is off by {1e3 * off_A:.3g} mA from {test.nominal_current_A:.3g} A in a "
+            f"part of the cycles (limit {1e3 * limit_A:.3g} mA): not a single test. Fix: exclude that part; if the "
+            "current varies intentionally, import it with the waveform `random`",
         off_A=off_A, limit_A=limit_A,
     )]
 

@@ -344,8 +344,8 @@ class PointContext:
         except (AttributeError, KeyError, RecursionError, TypeError) as error:
             raise ValueError(f"journal header is not a point's context: {error}") from error
         if not isinstance(context.provenance, dict):
-            raise ValueError("journal header is not a point's context: provenance is no object")
+            raise ValueError("journal header is not a point's context: provenance is not an object")
         stated = context.channels
         if not isinstance(stated, dict) or not all(isinstance(origin, dict) for origin in stated.values()):
-            raise ValueError("journal header is not a point's context: channels are no objects")
+            raise ValueError("journal header is not a point's context: channels are not objects")
         return context

@@ -108,7 +108,7 @@ def check_one_motion(
     rows = [np.searchsorted(time_s, motion.stretch_s).tolist() for motion in steady]
     parts = [f"{_told(motion)} in rows {first} to {last}" for motion, (first, last) in zip(steady, rows, strict=True)]
     raise FileProblem(name, [
-        f"{len(steady)} motions in one table: {'; '.join(parts)}. Fix: make a point of each, from "
+        f"{len(steady)} motions in one table: {'; '.join(parts)}. Fix: create one point from each, from "
         "table.iloc[FIRST:LAST]"
     ])  # fmt: skip
 

@@ -65,7 +65,7 @@ def campaign_in(path: Path) -> Path:
     inside = sorted(folder for folder in path.iterdir() if (folder / "points").is_dir())
     if len(inside) > 1:
         names = ", ".join(folder.name for folder in inside[:3]) + (" ..." if len(inside) > 3 else "")
-        raise FileProblem(str(path), [f"{len(inside)} campaigns lie in this folder ({names}): name one of them"])
+        raise FileProblem(str(path), [f"{len(inside)} campaigns found in this folder ({names}). Fix: name one of them"])
     return inside[0] if inside else path
 
 

@@ -185,7 +185,8 @@ class RecordedPoint:
         ), waveform)  # fmt: skip
         if not {"amplitude_m", "frequency_Hz"} <= set(description):
             if assessment.motion is None:
-                raise FileProblem(id, ["no whole cycle is in the displacement; give amplitude_m and frequency_Hz"])
+                raise FileProblem(id, ["the displacement contains no whole cycle. Fix: give amplitude_m and "
+                    "frequency_Hz"])
             sizes = {"amplitude_m": assessment.motion.amplitude_m, "frequency_Hz": assessment.motion.frequency_Hz}
             description = {**sizes, **description}
             description["test"] = {**description.get("test", {}), MOTION_MEASURED: True}
@@ -327,10 +328,10 @@ def _check_arrays(name: str, given: Mapping[str, FloatArray | None]) -> None:
     shapes = {key: np.shape(values) for key, values in given.items() if values is not None}
     wanted = shapes["time_s"]
     problems = [
-        f"{key} has shape {shape}; it must be (n,), as long as time_s: {wanted}"
+        f"{key} has shape {shape}, expected (n,) like time_s: {wanted}"
         for key, shape in shapes.items() if shape != wanted or len(shape) != 1
     ]
     if not problems and (wanted[0] < 2 or not np.all(np.diff(np.asarray(given["time_s"], np.float64)) > 0.0)):
-        problems.append("time_s must increase from sample to sample, two samples or more")
+        problems.append("time_s must have two or more samples and increase from sample to sample")
     if problems:
         raise FileProblem(name, problems)

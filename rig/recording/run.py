@@ -69,11 +69,11 @@ def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
     if name not in NUMBERS:
         near = near_names(name, (*TEXTS, *NUMBERS), 1, 0.4)
         hint = f"did you mean {near[0]}?" if near else "known: " + ", ".join((*TEXTS, *NUMBERS))
-        raise ValueError(f"{name!r} is no attribute of a point; {hint}")
+        raise ValueError(f"{name!r} is not an attribute of a point; {hint}")
     try:
         return name, tuple(float(item) for item in value.split("|"))
     except ValueError as error:
-        raise ValueError(f"{name} = {value!r} is not a number, in the unit its name says") from error
+        raise ValueError(f"{name} = {value!r} is not a number in the unit that its name states") from error
 
 
 def _equal(point: object, name: str, wanted: str | float) -> bool:
@@ -198,8 +198,10 @@ def read_words(folder: Path) -> dict[str, Any]:
 
 def _why_no_run(place: Path) -> str:
     if not place.exists():
-        return "no such directory; give the directory of a campaign, as printed by `rig run` or listed by `rig runs`"
+        return (
+            "no such directory. Fix: give the directory of a campaign, as printed by `rig run` or listed by `rig runs`"
+        )
     leftovers = unfinished(place / "points") if (place / "points").is_dir() else []
     if leftovers:
-        return f"holds no finished point, but {len(leftovers)} journal(s): run `rig recover` on it first"
+        return f"contains no finished point, but {len(leftovers)} journal(s). Fix: run `rig recover` on it first"
     return "not a run: it has no points/*.h5"

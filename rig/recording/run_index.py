@@ -63,7 +63,7 @@ class RunFilter:
         wrong = [part for part in (self.date or "").split(":") if part and not DATE.fullmatch(part)]
         if wrong or (self.date is not None and (self.date.count(":") > 1 or not self.date.strip(":"))):
             raise FileProblem("--date", [
-                f"{self.date!r}: write 2026, 2026-11, 2026-11-23 or two of them, 2026-11-01:2026-11-23 (UTC)"
+                f"{self.date!r}: expected 2026, 2026-11, 2026-11-23 or a range such as 2026-11-01:2026-11-23 (UTC)"
             ])  # fmt: skip
 
     def may_hold(self, specimen: str, started: str, model: str) -> bool:

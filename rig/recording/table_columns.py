@@ -68,9 +68,9 @@ class TableUnits:
         unit = named_unit(str(text), dimension)
         if unit is None:
             known = ", ".join(units_for(dimension))
-            raise ValueError(f"column {column!r}: {text!r} is no unit of {dimension}; {known}")
+            raise ValueError(f"column {column!r}: {text!r} is not a unit of {dimension}; {known}")
         if by_name is not None and by_name != unit[1]:
-            raise ValueError(f"column {column!r}: its name says {suffix}, its unit is stated as {text}")
+            raise ValueError(f"column {column!r}: its name states {suffix}, but its unit is stated as {text}")
         return unit[1]
 
 
@@ -96,7 +96,7 @@ def table_channels(
     """
     if not table.columns.is_unique:
         twice = sorted({str(name) for name in table.columns[table.columns.duplicated()]})
-        raise FileProblem(where, [f"the table has several columns {name!r}; which one is meant?" for name in twice])
+        raise FileProblem(where, [f"the table has several columns {name!r}. Fix: rename all but one" for name in twice])
     attribute = table.attrs.get("units", {})
     known = TableUnits(units or {}, attribute if isinstance(attribute, Mapping) else {})
     time_s, time_column = table_time(table, where, known)
@@ -115,7 +115,7 @@ def table_channels(
         if values is None:
             continue
         if quantity in source:
-            problems.append(f"columns {source[quantity]!r} and {name!r} are both the {quantity}: leave one out")
+            problems.append(f"columns {source[quantity]!r} and {name!r} are both the {quantity}. Fix: remove one")
         channels[quantity], source[quantity] = values, name
     problems += [f"the table has no column {name!r}; it has {list(table)}" for name in ("displacement", "force")
                  if name not in channels and not problems]  # fmt: skip
@@ -130,18 +130,19 @@ def table_channels(
         row = int(wrong[0]) + 1
         now_s, before_s = channels["time"][row], channels["time"][row - 1]
         raise FileProblem(where, [
-            f"row {row}: time {now_s:.9g} s does not come after {before_s:.9g} s ({len(wrong)} such rows); "
-            "it must increase from row to row, and no uniform rate is behind the stamps. "
-            "Fix: sort them, or set the time: table.index = pd.Index(np.arange(len(table)) / rate_Hz, name='time_s')"
+            f"row {row}: time {now_s:.9g} s does not come after {before_s:.9g} s ({len(wrong)} such rows); it must "
+            "increase from row to row, and the time stamps have no uniform rate. Fix: sort them, or set the time: "
+            "table.index = pd.Index(np.arange(len(table)) / rate_Hz, name='time_s')"
         ])
     doubts = list(implausible(channels, source, accept))
     if doubts:
-        way_out = "Fix: units={'displacement': 'mm', ...}; accept=(SLUG,) takes a size as it is"
+        way_out = "Fix: units={'displacement': 'mm', ...}; accept=(SLUG,) accepts the magnitude as it is"
         raise FileProblem(where, [*doubts, way_out])
     if known.assumed:
         told = ", ".join(f"{name} in {unit}" for name, unit in known.assumed.items())
-        warnings.warn(f"{where}: columns without a unit are taken in SI: {told}. State them: units={{'force': 'kN'}}, "
-                      "table.attrs['units'], or names such as force_kN", stacklevel=3)  # fmt: skip
+        warnings.warn(f"{where}: columns without a unit are read in SI: {told}. State "
+            f"them: units={{'force': 'kN'}}, table.attrs['units'], or names such as "
+            "force_kN", stacklevel=3)  # fmt: skip
     return channels, times
 
 
@@ -217,12 +218,12 @@ def table_time(
     differing = [name for name, time_s in certain[1:] if not _same(certain[0][1], time_s)]
     if differing:
         told = ", ".join("the index" if name is None else repr(name) for name, _time_s in certain)
-        raise FileProblem(where, [f"the table has several times that differ: {told}; leave out all but one"])
+        raise FileProblem(where, [f"the table has several different time columns: {told}. Fix: remove all but one"])
     times = certain or bare
     if not times:
         raise FileProblem(where, [
-            f"the table has no time: its index ({table.index.name or 'without a name'}) counts rows; give a column "
-            "`time_s`, or set the index to the time in s: table.index = pd.Index(time_s, name='time_s')"
+            f"the table has no time: its index ({table.index.name or 'without a name'}) counts rows. Fix: give a "
+            "column `time_s`, or set the index to the time in s: table.index = pd.Index(time_s, name='time_s')"
         ])  # fmt: skip
     column, time_s = times[0]
     if not certain:
@@ -280,7 +281,7 @@ def _seconds(source: Any, where: str, known: TableUnits) -> FloatArray:  # noqa:
     if stated is not None:
         unit = named_unit(str(stated), "time")
         if unit is None or ("_" in name and unit[1].scale != scale):
-            problem = f"the time in {source.name!r}: {stated!r} is no unit of time, or not that of its name"
+            problem = f"the time in {source.name!r}: {stated!r} is not a unit of time, or not the unit in its name"
             raise FileProblem(where, [problem])
         scale = unit[1].scale
     try:

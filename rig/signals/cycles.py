@@ -108,7 +108,7 @@ def full_cycles(cycles: Cycles) -> Cycles:
     edges = np.diff(np.concatenate(([0], full.astype(np.int8), [0])))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if starts.size == 0:
-        raise NoCycles(f"none of {len(cycles)} cycles is at full amplitude; the motion was still ramping")
+        raise NoCycles(f"none of {len(cycles)} cycles is at full amplitude: the motion was still in its ramp")
     longest = int(np.argmax(stops - starts))
     return cycles.between(int(starts[longest]), int(stops[longest]))
 
@@ -123,7 +123,7 @@ def kept_cycles(cycles: Cycles, *, drop_first: int = 1, drop_last: int = 1) -> C
     if len(full) <= drop_first + drop_last:
         raise NoCycles(
             f"{len(full)} cycles at full amplitude; more than {drop_first + drop_last} are needed, because the first "
-            f"{drop_first} and the last {drop_last} are dropped"
+            f"{drop_first} and the last {drop_last} are discarded"
         )
     return full.between(drop_first, len(full) - drop_last)
 

@@ -237,7 +237,8 @@ class LoadTrain:
         if most is None or usual.mean_N + noise_N >= KEPT_FORCE * most.mean_N:
             return None
         return (
-            f"mean force of a cycle is {usual.mean_N:.4g} N, at no higher current and speed it was {most.mean_N:.4g} N"
+            f"mean force of a cycle is {usual.mean_N:.4g} N, at the same or lower current and speed it was "
+            f"{most.mean_N:.4g} N"
         )
 
     def _rests(self, cycle: Cycle, force: Samples, displacement: Samples) -> str | None:
@@ -258,7 +259,9 @@ class LoadTrain:
         if play_m <= MORE_PLAY * self._usual_play_m + NEW_PLAY_M:
             return None
         was_mm, is_mm = 1e3 * self._usual_play_m, 1e3 * play_m
-        return f"the force now rests at zero over {is_mm:.2g} mm after its changes of sign, before over {was_mm:.2g} mm"
+        return (
+            f"the force now remains at zero over {is_mm:.2g} mm after its changes of sign, before over {was_mm:.2g} mm"
+        )
 
 
 def measured_cycle(force: Samples, displacement: Samples, servo: Samples | None) -> Cycle | None:

@@ -188,8 +188,8 @@ def through_rows(time_s: FloatArray, position_m: FloatArray) -> FloatArray:
     usual_s, widest = float(np.median(apart_s)), int(np.argmax(apart_s))
     if apart_s[widest] > LARGEST_GAP * usual_s:
         raise NoRecord(
-            f"between {time_s[widest]:.6g} s and {time_s[widest + 1]:.6g} s there is no row for "
-            f"{apart_s[widest]:.3g} s, elsewhere one every {usual_s:.3g} s; at most {LARGEST_GAP:g} times that"
+            f"between {time_s[widest]:.6g} s and {time_s[widest + 1]:.6g} s there is no row for {apart_s[widest]:.3g} "
+            f"s, while the usual step is {usual_s:.3g} s; allowed: at most {LARGEST_GAP:g} times that"
         )
     spline = CubicSpline(time_s, position_m)
     fine_s = STEP_S / max(1, math.ceil(STEP_S / usual_s - 1e-6))
@@ -221,12 +221,12 @@ def _faded(
     faded = position_m * 0.5 * (1.0 - np.cos(math.pi * np.clip(left_s / ramp_s, 0.0, 1.0)))
     largest_m = float(np.max(np.abs(faded)))
     if not largest_m > 0.0:
-        raise NoRecord("nothing moves")
+        raise NoRecord("no motion")
     moved = float(np.ptp(faded[left_s >= ramp_s - 0.5 * STEP_S])) / largest_m
     if not moved >= LEAST_MOTION:
         raise NoRecord(
-            f"nothing moves between the ramps, where it is judged and fitted: {100 * moved:.2g} % of the largest "
-            f"distance from the centre, at least {100 * LEAST_MOTION:g} %; what moves may lie in a ramp of {ramp_s:g} s"
+            f"no motion between the ramps, where it is judged and fitted: {100 * moved:.2g} % of the largest distance "
+            f"from the centre, at least {100 * LEAST_MOTION:g} %; what moves may lie in a ramp of {ramp_s:g} s"
         )
     shape = np.asarray(faded / largest_m, np.float64)
     mark = hashlib.sha256(shape.tobytes()).hexdigest()

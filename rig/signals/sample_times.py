@@ -97,14 +97,16 @@ class SampleTimes:
         """The time base in words; empty where the times are uniform as they are read."""
         few = f"stamps in steps of {1e3 * self.resolution_s:.4g} ms" if self.resolution_s > 0.0 else "stamps"
         if self.base is TimeBase.ROUNDED:
-            return f"{few} taken as a uniform {self.rate_Hz:.5g} Hz"
+            return f"{few} read as a uniform {self.rate_Hz:.5g} Hz"
         if self.base is TimeBase.JITTER:
             return (
-                f"{few} that jitter by {1e3 * self.scatter_s:.3g} ms (standard deviation) taken as a uniform "
+                f"{few} that jitter by {1e3 * self.scatter_s:.3g} ms (standard deviation) read as a uniform "
                 f"{self.rate_Hz:.5g} Hz, over which displacement and force are smooth"
             )
         if self.base is TimeBase.IRREGULAR:
-            left = f"an error of {1e3 * self.std_s:.3g} ms each is in the intervals" if self.std_s > 0.0 else (
+            left = (
+                f"an error of {1e3 * self.std_s:.3g} ms of each stamp is included in the intervals"
+            ) if self.std_s > 0.0 else (
                 "displacement and force are smooth over them"
             )
             return f"{few} are not uniform ({1e3 * self.scatter_s:.3g} ms standard deviation), used as read: {left}"

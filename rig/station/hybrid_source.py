@@ -106,7 +106,8 @@ class HybridSource:
             self._coil = None  # 0 A is latched: a trip is under way
         except DriverError as error:
             self._coil = None
-            self._supervisor.report([Finding("can-lost", f"the law's current could not be sent: {error}", now_ns)])
+            self._supervisor.report([Finding("can-lost", "the current of the control law could not be "
+                f"sent: {error}", now_ns)])
         else:
             self._commanded_A = wanted_A
 
@@ -147,7 +148,8 @@ def start_hybrid(given: object, devices: Devices, supervisor: Supervisor, comman
     order = hybrid_order(given, devices.config)
     commanded = order.control.law != "passive"
     if commanded and (ecu.by_hand or ecu.url is not None):
-        raise StationRefused("matrix-infeasible", "start: a law commands the current, and its source is not on CAN")
+        raise StationRefused("matrix-infeasible", "start: a control law commands the current, but the current source "
+            "is not on CAN")
     sensors = Sensors(devices.load_cell.value, devices.lvdt.position_m)
     coil = devices.coil if commanded else None
     source = HybridSource(HybridMotion(order), sensors, supervisor, devices.append, coil)

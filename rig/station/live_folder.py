@@ -59,7 +59,7 @@ def make_live_folder(place: Path | None = None) -> tuple[Path, int]:
     folder = Path(tempfile.mkdtemp(SUFFIX, PREFIX, parent))
     lock = hold(folder / LOCK)
     if lock is None:
-        raise OSError(f"{folder}: its lock is held by somebody else")
+        raise OSError(f"{folder}: its lock is held by another process")
     return folder, lock
 
 

@@ -72,11 +72,11 @@ def read_order(given: object, what: str, from_json: Callable[[Mapping[str, Any]]
         StationRefused: it is none.
     """
     if not isinstance(given, dict):
-        raise StationRefused("bad-request", f"start: {what} is no table of numbers")
+        raise StationRefused("bad-request", f"start: expected {what}, got no table of numbers")
     try:
         return from_json(given)
     except (KeyError, TypeError, ValueError) as error:
-        raise StationRefused("bad-request", f"start: not {what}: {error!r}") from error
+        raise StationRefused("bad-request", f"start: expected {what}: {error!r}") from error
 
 
 def refuse_beyond(extents: Sequence[Extent], what: str, rounding: float) -> None:
@@ -167,10 +167,10 @@ def _program(arguments: Arguments, devices: Devices) -> Program:
     """
     name = str(arguments.get("waveform")).upper()
     if name not in Waveform.__members__:
-        raise StationRefused("bad-request", f"start: waveform {arguments.get('waveform')!r} is not known")
+        raise StationRefused("bad-request", f"start: waveform {arguments.get('waveform')!r} is unknown")
     waveform, limits = Waveform[name], devices.config.limits
     if waveform is Waveform.TRIANGLE and not devices.actuator.capabilities.triangle:
-        raise StationRefused("matrix-infeasible", "start: this actuator moves in sines only")
+        raise StationRefused("matrix-infeasible", "start: this actuator generates sines only")
     amplitude_m = number(arguments, "amplitude_m", 0.0, LARGEST_AMPLITUDE_M)
     frequency_Hz = number(arguments, "frequency_Hz", 1e-3, 1e3)
     centre_m = number(arguments, "centre_m", limits.position_min_m, limits.position_max_m)
@@ -226,7 +226,7 @@ def _table(arguments: Arguments, devices: Devices) -> list[float]:
         StationRefused: the actuator plays none, or the values are none.
     """
     if not devices.actuator.capabilities.table:
-        raise StationRefused("matrix-infeasible", "start: this actuator plays no table waveforms")
+        raise StationRefused("matrix-infeasible", "start: this actuator does not support table waveforms")
     table = arguments.get("table")
     if not isinstance(table, list) or len(table) < 2:
         raise StationRefused("bad-request", "start: waveform table needs `table`, a list of at least 2 values (m)")

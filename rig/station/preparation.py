@@ -94,7 +94,7 @@ class Preparation:
             raise StationRefused(
                 slug,
                 f"{sensor.name}: {sensor.samples} valid samples within {FIRST_DATA_S:g} s, expected about "
-                f"{sensor.config.rate_Hz:g} a second; check baud rate and format",
+                f"{sensor.config.rate_Hz:g} per second; check baud rate and format",
             )
         return {"rate_Hz": rate_Hz}
 
@@ -113,7 +113,7 @@ class Preparation:
             raise StationRefused(slug, f"ecu: {words}")
         if missing:
             bad = coil.thrown_away
-            failing = ", though frames come: they fail their checks" if bad else ""
+            failing = "; frames arrive, but fail their checks" if bad else ""
             told = f"ecu: no valid {' and '.join(missing)} frames within {first_s:g} s{failing}"
             raise StationRefused(bad or "no-answer", told)
         return identity
@@ -133,10 +133,11 @@ class Preparation:
         if status.state == State.TRIPPED:
             if status.fault_bits != FaultBit.WATCHDOG:
                 bits = FaultBit(status.fault_bits).name
-                raise StationRefused("controller-trip", f"arm: the controller is tripped ({bits}); find out why, reset")
+                raise StationRefused("controller-trip", f"arm: the controller is tripped ({bits}); find the cause, "
+                    "then reset it")
             self._commands.command(Command.RESET)
             self._commands.await_status(
-                lambda answer: answer.state != State.TRIPPED, "controller-trip", "controller stays tripped"
+                lambda answer: answer.state != State.TRIPPED, "controller-trip", "the controller remains tripped"
             )
         wanted = self._limits()
         if not (actuator.capabilities.limits_read_back or actuator.capabilities.settings_written):
@@ -203,8 +204,8 @@ class Preparation:
             if coil.faults & SourceFault.COMMAND_CHECK:
                 raise StationRefused(
                     "ecu-command",
-                    f"arm: ECU {coil.describe()}: it throws the commands away; check their protection: profile, E2E "
-                    "data id, counter, and the DBC",
+                    f"arm: ECU {coil.describe()}: it rejects the commands; check their protection: profile, E2E data "
+                    "id, counter, and the DBC",
                 )
             raise StationRefused("coil-not-ready", f"arm: ECU {coil.describe()}")
         current_A = coil.fresh_current_A
@@ -228,11 +229,12 @@ class Preparation:
             raise StationRefused(
                 "ecu-command",
                 f"arm: ECU {coil.describe()}: {asked_A:g} A commanded at rest, its measured current does not follow "
-                f"({measured_A:.3f} A): it throws the commands away, or its output stage "
-                "has no power; check the protection of the command message: profile, E2E data id, counter, and the DBC",
+                f"({measured_A:.3f} A): it rejects the commands, or its output stage has no power; check the "
+                "protection of the command message: profile, E2E data id, counter, and the DBC",
             )
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
-            raise StationRefused("current-stuck", f"arm: measured current {current_A} A after {asked_A:g} A was proved")
+            raise StationRefused("current-stuck", f"arm: measured current {current_A} A after {asked_A:g} A was "
+                "confirmed")
 
     def starve_watchdog(self) -> float | None:
         """Stop feeding, see the controller trip, reset it: proves that a dead host stops the rig.
@@ -247,7 +249,7 @@ class Preparation:
         if actuator.capabilities.watchdog is WatchdogKind.NONE:
             return None
         if not actuator.rests(monotonic_ns()):
-            raise StationRefused("not-at-rest", "starve_watchdog: the actuator moves, or does not say that it stands")
+            raise StationRefused("not-at-rest", "starve_watchdog: the actuator moves or does not report standstill")
         # Many watchdogs run from the first feed on.
         actuator.wait_fed(ACK_TIMEOUT_S)
         begin_ns = monotonic_ns()
@@ -260,7 +262,7 @@ class Preparation:
             supervisor.starve(proving=True, feeding=True)
             if tripped is None:
                 raise StationRefused(
-                    "watchdog-absent", f"the controller did not trip within {allowed_s:g} s of not being fed"
+                    "watchdog-absent", f"the controller did not trip within {allowed_s:g} s without watchdog refresh"
                 )
             self._commands.command(Command.RESET)
             self._commands.await_status(
@@ -289,7 +291,7 @@ class Preparation:
                 self._end_watchdog()
         except (StationRefused, DriverError, TimeoutError) as error:
             slug = error.slug if isinstance(error, StationRefused) else "modbus-halfopen"
-            supervisor.tell(slug, f"the controller is not left as it was found: {error}")
+            supervisor.tell(slug, f"the controller's original state was not restored: {error}")
 
     def _end_watchdog(self) -> None:
         """Wait for the trip of a watchdog that is not fed any more, and reset it.

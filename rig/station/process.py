@@ -69,7 +69,7 @@ class Station:
             try:
                 self._stop_socket = StopSocket(Path(self.config.stop_socket), self._asked_to_stop)
             except OSError as error:
-                self.supervisor.tell("station-link", f"no stop from a page, only by the application: {error}")
+                self.supervisor.tell("station-link", f"the page cannot stop the rig, only the application can: {error}")
         self.link.emit(
             {
                 "event": "ready",
@@ -103,7 +103,7 @@ class Station:
         arguments = {key: value for key, value in message.items() if key not in {"id", "do"}}
         waits = do not in AT_ONCE
         if waits and not self._busy.acquire(blocking=False):
-            self.link.emit({"id": number, "refused": "busy", "message": f"{do}: another request is under way"})
+            self.link.emit({"id": number, "refused": "busy", "message": f"{do}: another request is in progress"})
             return
         try:
             answer: dict[str, object] = {"ok": True, **self.requests.handle(do, arguments)}
@@ -132,7 +132,8 @@ class Station:
         code = EXIT_DONE
         if self.supervisor.armed:
             if number is not None:
-                self.supervisor.ask_stop(StopKind.PRESSURE_OFF, "sigterm", f"station got {signal.Signals(number).name}")
+                self.supervisor.ask_stop(StopKind.PRESSURE_OFF, "sigterm", "station received "
+                    f"{signal.Signals(number).name}")
             self.supervisor.application_gone()
             code = EXIT_DONE if self._wait_safe() else EXIT_UNKNOWN_STATE
             if code == EXIT_DONE:
@@ -208,7 +209,7 @@ def main(arguments: list[str]) -> int:
         ring = RingWriter(Path(config.ring_path), config.ring_capacity)
     except OSError as error:
         folder, needed = Path(config.ring_path).parent, ring_bytes(config.ring_capacity)
-        sys.stderr.write(f"the ring of samples, {needed / 1e6:.0f} MB, cannot be made in {folder}: {error}\n")
+        sys.stderr.write(f"the ring of samples, {needed / 1e6:.0f} MB, cannot be created in {folder}: {error}\n")
         return EXIT_REFUSED
     # Threads inherit the priority, so it comes before the first one.
     refused = real_time_priority(config.real_time)

@@ -114,7 +114,7 @@ class Requests:
         """
         handler = self._table.get(do)
         if handler is None:
-            raise StationRefused("bad-request", f"no request {do!r}; known: {', '.join(self._table)}, shutdown")
+            raise StationRefused("bad-request", f"unknown request {do!r}; known: {', '.join(self._table)}, shutdown")
         if not self._connected and do not in BEFORE:
             raise StationRefused("not-connected", f"{do}: connect first")
         try:
@@ -251,12 +251,13 @@ class Requests:
             raise StationRefused("bad-request", f"stop: kind {kind!r} is not one of S2, S1, SO")
         supervisor = self._supervisor
         reason = str(arguments.get("reason", "operator"))
-        supervisor.ask_stop(StopKind(str(kind)), reason, str(arguments.get("detail", "asked for by the application")))
+        supervisor.ask_stop(StopKind(str(kind)), reason, str(arguments.get("detail", "requested by the application")))
         with supervisor.changed:
             settled = wait_for(supervisor.changed, lambda: supervisor.settled, STOP_TIMEOUT_S)
         stop = supervisor.stop
         if not settled or stop is None or not supervisor.proved_safe:
-            raise StationRefused("unknown", f"stop: {_not_proved(stop)} cannot be proved; inspect the rig")
+            raise StationRefused("unknown", f"stop: {_not_proved(stop)} is not confirmed. Fix: inspect the rig before "
+                "continuing")
         return {"stop": str(stop.kind), "standstill": stop.standstill, **supervisor.evidence()}
 
     def _reset(self, arguments: Arguments) -> Answer:
@@ -269,12 +270,12 @@ class Requests:
         supervisor, devices = self._supervisor, self._devices
         ended = supervisor.stop
         if not supervisor.settled:
-            raise StationRefused("not-at-rest", "reset: the stop is still under way")
+            raise StationRefused("not-at-rest", "reset: the stop is still in progress")
         devices.revive()
         now_ns = monotonic_ns()
         still_s = devices.lvdt.still_s(now_ns)
         if still_s is None or still_s < STILL_S or not devices.actuator.rests(now_ns):
-            raise StationRefused("not-at-rest", "reset: standstill is not proved by LVDT and controller")
+            raise StationRefused("not-at-rest", "reset: standstill is not confirmed by LVDT and controller")
         try:
             self._preparation.prepare_coil()
         except BaseException:
@@ -287,20 +288,20 @@ class Requests:
             if status.state == State.TRIPPED or status.fault_bits:
                 self._commands.command(Command.RESET)
                 self._commands.await_status(
-                    lambda answer: answer.fault_bits == 0, "controller-trip", "the controller stays tripped"
+                    lambda answer: answer.fault_bits == 0, "controller-trip", "the controller remains tripped"
                 )
             limits = self._preparation.prepare_controller()
         finally:
             supervisor.starve(proving=False, feeding=True)
         self._await_quiet()
         if not supervisor.reset(ended):
-            raise StationRefused("not-at-rest", "reset: a stop was taken up again meanwhile")
+            raise StationRefused("not-at-rest", "reset: a stop was resumed in the meantime")
         return {"limits": asdict(limits)}
 
     def _disarm(self, arguments: Arguments) -> Answer:
         del arguments
         if not self._supervisor.settled:
-            raise StationRefused("not-at-rest", "disarm: a stop is under way")
+            raise StationRefused("not-at-rest", "disarm: a stop is in progress")
         # Without the ECU's link its own time-out takes the current away: no reason to leave the pressure on.
         if not self._devices.coil.by_hand:
             with suppress(DriverError):
@@ -352,7 +353,7 @@ class Requests:
         patience_s = REST_PATIENCE_S + max(STILL_S, period_s) / self._config.device_rate
         if actuator.wait_status(lambda _: actuator.rests(monotonic_ns()), patience_s) is None:
             raise StationRefused(
-                "not-at-rest", f"{do}: the actuator moves, or does not say that it stands; stop it first"
+                "not-at-rest", f"{do}: the actuator moves or does not report standstill. Fix: stop it first"
             )
 
     def _await_quiet(self) -> None:
@@ -365,7 +366,7 @@ class Requests:
         deadline_ns = monotonic_ns() + QUIET_PATIENCE_NS
         while (left_ns := supervisor.trouble.t_ns + QUIET_NS - monotonic_ns()) > 0:
             if monotonic_ns() + left_ns > deadline_ns:
-                raise StationRefused(supervisor.trouble.slug, f"reset: still there: {supervisor.trouble.detail}")
+                raise StationRefused(supervisor.trouble.slug, f"reset: the cause persists: {supervisor.trouble.detail}")
             with supervisor.changed:
                 supervisor.changed.wait(left_ns * 1e-9)
 

@@ -79,7 +79,7 @@ class SignalOrder:
         if sys.byteorder == "big":
             numbers.byteswap()
         if not (math.isfinite(centre_m) and all(map(math.isfinite, numbers))):
-            raise ValueError("not all of it are finite numbers")
+            raise ValueError("not all numbers are finite")
         return cls(step_s, numbers[:count], numbers[count:], centre_m)
 
     def at(self, elapsed_s: float) -> Setpoint:
@@ -167,8 +167,8 @@ def signal_order(given: object, limits: Limits, halt_deceleration_m_s2: float) -
         *travel_extents(Reach(centre_m + reached.low_m, centre_m + reached.high_m), limits),
         Extent("speed", "m/s", max(speed_m_s, way_m_s), limits.speed_m_s),
         Extent("acceleration", "m/s^2", change_m_s2, limits.acceleration_m_s2),
-        Extent("begin or end off centre by", "m", max(abs(positions[0]), abs(positions[-1])), REST_M),
-        Extent("begin or end at", "m/s", max(abs(speeds[0]), abs(speeds[-1])), REST_M_S),
+        Extent("distance from the centre at start or end", "m", max(abs(positions[0]), abs(positions[-1])), REST_M),
+        Extent("speed at start or end", "m/s", max(abs(speeds[0]), abs(speeds[-1])), REST_M_S),
     )
     refuse_beyond(extents, "a signal is", ROUNDING)
     return order

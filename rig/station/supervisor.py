@@ -386,7 +386,7 @@ class Supervisor:
             elif self._application_gone and before.kind is not StopKind.PRESSURE_OFF:
                 self.stop, actions = safe_stop.escalate(before, StopKind.PRESSURE_OFF, inputs.now_ns)
             elif safe_stop.broken(before, inputs):
-                self._internal("stop-ignored", "the rod moves although its standstill was proved: hydraulics off")
+                self._internal("stop-ignored", "the rod moves after its standstill was confirmed: hydraulics off")
                 return
             else:
                 return

@@ -29,9 +29,9 @@ LOOK_AGAIN_NS = 20_000_000
 GRACE_NS = 5_000_000
 """... and what waited in its port is read within this time."""
 TOO_BUSY = "this computer was too busy: monitoring paused"
-STOPPED = "monitoring paused, this process did not run"
-FIX = "Fix: close other programs, or give real-time rights"
-LET_RUN = "Fix: do not stop it (SIGSTOP, debugger, frozen container); where nobody did, close other programs"
+STOPPED = "monitoring paused: this process was stopped"
+FIX = "Fix: close other programs, or grant real-time priority"
+LET_RUN = "Fix: do not stop this process (SIGSTOP, debugger, frozen container); otherwise close other programs"
 LATE = "host-late"
 SILENT_HOST = "host-silent"
 WINDOW_NS = 1_000_000_000
@@ -309,7 +309,7 @@ class Watchdogs:
         """A machine that slept."""
         slept_s = self._suspend.slept_s()
         if slept_s > 0.0:
-            detail = f"the machine slept for {slept_s:.3f} s; what the rig did meanwhile is not known"
+            detail = f"the computer was suspended for {slept_s:.3f} s; the rig was not monitored meanwhile"
             yield Finding("host-suspend", detail, now_ns, slept_s)
 
     def application(self, now_ns: int) -> Iterator[Finding]:
@@ -320,11 +320,11 @@ class Watchdogs:
         if finding is not None:
             yield finding
         elif not self._application_well:
-            yield Finding("recorder-unwell", "the application says that its recorder is not well", now_ns)
+            yield Finding("recorder-unwell", "the application reports a recorder failure", now_ns)
 
     def consumer(self, now_ns: int) -> Iterator[Finding]:
         """What the recorder leaves unread; the limits never wait for it, they are judged before a record goes in."""
         unread = self._unread_share()
         if unread > HIGH_WATER:
-            detail = f"the recorder has left {100 * unread:.0f} % of the ring unread, allowed {100 * HIGH_WATER:.0f} %"
+            detail = f"the recorder has left {100 * unread:.0f} % of the ring unread, allowed: {100 * HIGH_WATER:.0f} %"
             yield Finding("slow-consumer", detail, now_ns, unread, HIGH_WATER)

@@ -155,11 +155,13 @@ def points_are_there(view: View) -> Findings:
         try:
             point = read_once(RecordedPoint.open, path)
         except (OSError, FileProblem) as error:
-            yield f"{name}: told to be finished, and {error}", float(line["host_ns"])
+            yield f"{name}: reported as finished, but {error}", float(line["host_ns"])
             continue
         verdict = str(point.quality.verdict.verdict)
         if verdict not in verdicts[name]:
-            yield f"{name}: told {' or '.join(sorted(verdicts[name]))}, its file says {verdict}", float(line["host_ns"])
+            yield (
+                f"{name}: reported {' or '.join(sorted(verdicts[name]))}, but its file contains {verdict}"
+            ), float(line["host_ns"])
 
 
 def recorded_points_are_written(view: View) -> Findings:
@@ -199,7 +201,7 @@ def a_current_that_is_left_is_told(view: View) -> Findings:
     seen = CURRENT_FLOWS & {str(line.get("slug")) for line in view.station("trip", "also")}
     stop = answer.stop
     if not seen and (stop is None or stop.current_zero or stop.kind != str(StopKind.PRESSURE_OFF)):
-        yield f"{rows[-1, 2]:.2f} A in the coil at the end, and the rig is called safe", rows[0, 0]
+        yield f"{rows[-1, 2]:.2f} A in the coil at the end, but the rig is reported safe", rows[0, 0]
 
 
 def answer_agrees(view: View) -> Findings:
@@ -209,10 +211,12 @@ def answer_agrees(view: View) -> Findings:
         return
     valid = sum(point.verdict == "valid" for point in answer.points)
     if valid != answer.valid:
-        yield f"{answer.valid} valid points answered, {valid} listed", view.session.ended_ns
+        yield f"{answer.valid} valid points reported, {valid} listed", view.session.ended_ns
     results = [line for line in view.lines if line.get("event") == "result"]
     if results and int(results[-1]["valid"]) != answer.valid:
-        yield f"{answer.valid} valid points answered, the journal says {results[-1]['valid']}", view.session.ended_ns
+        yield (
+            f"{answer.valid} valid points reported, the journal contains {results[-1]['valid']}"
+        ), view.session.ended_ns
 
 
 def recorded_is_what_was_there(view: View) -> Findings:
@@ -255,7 +259,7 @@ def what_is_finished_is_not_run_again(view: View) -> Findings:
             finished.discard(str(line.get("file")))
     for line in view.lines:
         if line.get("event") == "point" and str(line["point"]) in finished:
-            yield f"{line['point']} is run again, though it was finished", float(line["host_ns"])
+            yield f"{line['point']} is repeated although it was finished", float(line["host_ns"])
 
 
 def limits_stop_the_rig(view: View) -> Findings:
@@ -280,7 +284,7 @@ def limits_stop_the_rig(view: View) -> Findings:
             allowed = round(allowed_s / EVERY_S)
             if len(beyond) > allowed:
                 worst = beyond[np.argmax(np.abs(beyond[:, column])), column]
-                words = f"{name} {low:.4g} to {high:.4g} {unit} at most, {worst:.4g} {unit}, and no stop"
+                words = f"{name} {low:.4g} to {high:.4g} {unit} allowed, got {worst:.4g} {unit} without a stop"
                 yield words, beyond[allowed, 0]
 
 
@@ -368,7 +372,7 @@ def campaign_is_complete(world: World) -> Iterator[str]:
             continue
         # A user's own instruments may leave doubts without any fault.
         if point.verdict != "suspect" or not (world.plan.happenings or world.plan.bench):
-            yield f"{point.id} is {point.verdict} in the end: {'; '.join(point.reasons)[:300]}"
+            yield f"{point.id} is {point.verdict} at the end: {'; '.join(point.reasons)[:300]}"
 
 
 def skew_covers_the_truth(world: World) -> Iterator[str]:

@@ -215,7 +215,7 @@ class Kernel:
             RuntimeError: none does.
         """
         if self.current is None:
-            raise RuntimeError("only a task of a world can wait in it")
+            raise RuntimeError("only a task of the scenario can wait")
         return self.current
 
     def wake(self, task: Task, at_ns: int | None = None) -> None:
@@ -245,7 +245,7 @@ class Kernel:
             RuntimeError: called by a task.
         """
         if self.current is not None:
-            raise RuntimeError("a world is run from outside of it")
+            raise RuntimeError("a scenario must be started from outside its tasks")
         due = self._due
         while not until():
             if not due:

@@ -57,7 +57,7 @@ class Stand:
     def __getattr__(self, name: str) -> object:
         if self._real is not None and (name in self._same or name.isupper() or name[:3] in {"SIG", "LOC"}):
             return self.__dict__.setdefault(name, getattr(self._real, name))
-        raise NoCounterpart(f"{self._name}.{name} has no counterpart in a world")
+        raise NoCounterpart(f"{self._name}.{name} is not supported in a scenario")
 
 
 SAME_OS = """

@@ -58,7 +58,7 @@ class Telling:
 
     def __enter__(self) -> Self:
         for words in self._asked.stood_in:
-            self._shown.print(Text(f"in these worlds {words}", style="dim"), soft_wrap=True)
+            self._shown.print(Text(f"in these scenarios {words}", style="dim"), soft_wrap=True)
         self._bar.start()
         return self
 
@@ -80,21 +80,24 @@ class Telling:
         self.worlds += 1
         self.rig_s += world.rig_s
         self.digests[world.seed] = world.digest
-        self.not_happened += [{"seed": world.seed, "happening": words} for words in world.not_happened]
+        self.not_happened += [{"seed": world.seed, "event": words, "happening": words} for words in world.not_happened]
         if world.not_happened and self._asked.happenings is not None:
             words = f"seed {world.seed}: the campaign ended before {', '.join(world.not_happened)}"
             self._shown.print(Text(words, style=LOOK), soft_wrap=True)
         again = self._asked.again(world.seed)
         for invariant, words, at_s in world.failed:
             self.failed.append(
-                {"seed": world.seed, "invariant": invariant, "at_s": at_s, "words": words, "again": again,
-                 "happenings": list(world.happenings)}
+                {
+                    "seed": world.seed, "check": invariant, "at_s": at_s, "message": words, "repeat": again,
+                    "events": list(world.happenings), "invariant": invariant, "words": words, "again": again,
+                    "happenings": list(world.happenings),
+                }
             )  # fmt: skip
             line = Text(f"seed {world.seed}, {at_s:.3f} s: {invariant}: {words[:LONGEST_WORDS]}", style=BAD)
             self._shown.print(line, soft_wrap=True)
         if world.failed:
-            self._shown.print(Text(f"  in it: {', '.join(world.happenings) or 'nothing'}"), soft_wrap=True)
-            self._shown.print(Text(f"  again: {again}"), soft_wrap=True)
+            self._shown.print(Text(f"  events: {', '.join(world.happenings) or 'nothing'}"), soft_wrap=True)
+            self._shown.print(Text(f"  repeat with: {again}"), soft_wrap=True)
         self._bar.update(self._task, completed=self.worlds, description=self._progress())
         if not self._shown.is_terminal and self.worlds * LINES // self._count > self._told:
             self._told = self.worlds * LINES // self._count
@@ -104,35 +107,37 @@ class Telling:
         count = len(self.failed_seeds)
         failed = f"[{BAD}]{count} failed[/]" if count else "none failed"
         if not self.worlds:
-            return f"0/{self._count} worlds"
+            return f"0/{self._count} scenarios"
         left_s = self.wall_s / self.worlds * (self._count - self.worlds)
         rate = self.rig_s / self.wall_s
-        return f"{self.worlds}/{self._count} worlds, {failed}, {rate:.1f} rig s/s, {duration(left_s)} left"
+        return f"{self.worlds}/{self._count} scenarios, {failed}, {rate:.1f} rig s/s, {duration(left_s)} left"
 
     def summary(self) -> Text:
         """The last sentence."""
-        worlds = "1 world" if self.worlds == 1 else f"{self.worlds} worlds"
+        worlds = "1 scenario" if self.worlds == 1 else f"{self.worlds} scenarios"
         if self.worlds < self._count:
             worlds += f" of {self._count}"
-        line = Text(f"{worlds}, {duration(self.rig_s)} on the rig, in {duration(self.wall_s)}: ")
+        line = Text(f"{worlds}, {duration(self.rig_s)} of rig time in {duration(self.wall_s)}: ")
         seeds = self.failed_seeds
         if not seeds and (not self.worlds or self._asked.until_s is not None):
-            return line.append("nothing was judged", style=LOOK)
+            return line.append("no checks were made", style=LOOK)
         if self.not_happened:
             count = len({entry["seed"] for entry in self.not_happened})
-            late = f"in {'1 of them' if count == 1 else f'{count} of them'} something would have come after the end, "
+            late = f"{count} ended before all events occurred, "
             line.append(late, style=LOOK)
         if not seeds:
-            return line.append("everything held in every one", style=GOOD)
+            return line.append("all checks passed", style=GOOD)
         kinds = Counter(entry["invariant"] for entry in self.failed)
         named = ", ".join(f"{invariant} {count}" for invariant, count in kinds.most_common())
         line.append(f"{len(seeds)} failed ({named})", style=BAD)
-        return line.append(f". The first one again, looked at closely: {self._asked.again(seeds[0])} --shrink")
+        return line.append(f". To reduce the first one: {self._asked.again(seeds[0])} --shrink")
 
     def answer(self) -> dict[str, Any]:
         """The object of `--json`."""
         return {
+            "scenarios": self.worlds,
             "worlds": self.worlds,
+            "checked": self._asked.until_s is None,
             "judged": self._asked.until_s is None,
             "failed": sorted(self.failed, key=lambda entry: (entry["seed"], entry["at_s"])),
             "not_happened": sorted(self.not_happened, key=lambda entry: entry["seed"]),

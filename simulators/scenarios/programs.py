@@ -106,7 +106,7 @@ class Popen:
         stdin, stdout = asked.pop("stdin", None), asked.pop("stdout", None)
         text, start_new_session = asked.pop("text", False), asked.pop("start_new_session", False)
         if asked:
-            raise TypeError(f"a world's processes know no {', '.join(sorted(asked))}")
+            raise TypeError(f"not supported in a scenario: {', '.join(sorted(asked))}")
         name, parent = arguments[2], machine.here
         program = machine.programs[name]
         log = parent.stderr if parent is not None else None

@@ -108,10 +108,11 @@ def seeds_of(text: str) -> range:
     first = int(match[1])
     end = first + 1 if match[2] is None else int(match[2])
     if end == first:
-        raise click.BadParameter(f"{text!r}: no seed is in it; END is not included, write {first}:{first + 1}",
+        raise click.BadParameter(f"{text!r}: the range is empty because END is excluded. Fix: write "
+            f"{first}:{first + 1}",
                                  param_hint="--seeds")  # fmt: skip
     if end < first:
-        raise click.BadParameter(f"{text!r}: FIRST is behind END; write {end}:{first}", param_hint="--seeds")
+        raise click.BadParameter(f"{text!r}: FIRST is greater than END. Fix: write {end}:{first}", param_hint="--seeds")
     return range(first, end)
 
 
@@ -135,7 +136,8 @@ def asked_for(files: Files, happenings: Iterable[str], until_s: float | None, ac
     wanted = () if words == (NOTHING,) else tuple(map(_happening, words))
     given, stood_in = _given(files)
     if actuator and given.actuator not in {"", actuator}:
-        raise click.BadParameter(f"this bench reaches the controller by {given.actuator}", param_hint="--actuator")
+        raise click.BadParameter("this bench is connected to the controller by "
+            f"{given.actuator}", param_hint="--actuator")
     given = replace(given, actuator=given.actuator or actuator)
     _check_happenings(wanted, given)
     options = [*files.options, *(word for text in words for word in ("--event", text))]
@@ -153,13 +155,13 @@ def _happening(text: str) -> Happening:
         raise click.BadParameter("; ".join(error.problems), param_hint="--event") from None
     times_s = [time_s for time_s in (happening.at_s, happening.lasts_s) if time_s is not None]
     if not all(0.0 <= time_s <= LATEST_S for time_s in times_s):
-        raise click.BadParameter(f"{text!r}: times are 0 to {LATEST_S:g} s", param_hint="--event")
+        raise click.BadParameter(f"{text!r}: allowed times: 0 to {LATEST_S:g} s", param_hint="--event")
     what, lasts_s = happening.what, happening.lasts_s
     if what in LASTS and not lasts_s:
         example = f"{what}@{happening.at_s:g}+0.5"
-        raise click.BadParameter(f"{text!r}: say for how long, such as {example}", param_hint="--event")
+        raise click.BadParameter(f"{text!r}: a duration is required, such as {example}", param_hint="--event")
     if happening.around and lasts_s is not None and what not in (*LASTS, "clock-step"):
-        words = f"{text!r}: has no duration; write {what}@{happening.at_s:g}"
+        words = f"{text!r}: has no duration. Fix: write {what}@{happening.at_s:g}"
         raise click.BadParameter(words, param_hint="--event")
     return happening
 
@@ -177,20 +179,25 @@ def _check_happenings(wanted: tuple[Happening, ...], given: Given) -> None:
         needed = ONLY_ON.get(slug)
         problem = ""
         if needed == BY_ID:
-            problem = "ports with names do not exist in a world; `rig simulate --ports by-id` has them"
+            problem = "named ports do not exist in a scenario; use `rig simulate --ports by-id`"
         elif given.streamed and happening.what in AT_THE_PANEL:
-            problem = "happens only to a program of the controller's own; this bench streams set-points"
+            problem = "requires a controller with a function generator; this bench streams set-points"
         elif needed is not None and needed != link and not (needed == STREAMED and given.streamed):
-            has = "one controller cannot be reached by both" if len(links) > 1 else f"this bench reaches it by {link}"
-            problem = f"happens only where the controller is reached by {needed}; {has}"
+            has = "a controller cannot have both connections" if len(links) > 1 else (
+                f"this bench is connected by {link}"
+            )
+            problem = f"requires a controller connected by {needed}; {has}"
         elif given.supply and not happens_to_supply(happening.what):
-            problem = "does not happen where a supply drives the coil: no bus, and its current outlives its host"
+            problem = (
+                "does not occur with a power supply as current source: there is no bus, and its current continues "
+                "without the host"
+            )
         elif happening.what in ONLY_BY_SUPPLY and not given.supply:
-            problem = "happens only where a supply drives the coil; give a --bench that has one"
+            problem = "requires a power supply as current source. Fix: give a --bench that has one"
         elif given.untold and not happens_untold(happening.what):
-            problem = "does not happen where nobody measures the current: nothing tells of the coil"
+            problem = "does not occur if the current is not measured"
         elif happening.what in NEEDS_AUXILIARY and not given.auxiliary:
-            problem = "needs an auxiliary channel; give a --bench that has one"
+            problem = "requires an auxiliary channel. Fix: give a --bench that has one"
         if problem:
             raise click.BadParameter(f"{happening.what!r}: {problem}", param_hint="--event")
 
@@ -233,8 +240,8 @@ def _drawn_matrices(path: Path, text: str) -> tuple[Given, tuple[str, ...]]:
     try:
         accepted(matrix, bench)
     except Refused as error:
-        raise Refused(error.slug, f"{path}: the matrices that worlds draw do not fit this bench; give your own with "
-                      f"--matrix FILE\n{error}") from error  # fmt: skip
+        raise Refused(error.slug, f"{path}: drawn matrices do not fit this bench. Fix: give "
+            f"your own with --matrix FILE\n{error}") from error  # fmt: skip
     return _on_bench(Given(), text, user), user.stood_in
 
 
@@ -294,8 +301,8 @@ def _forecast(matrix: Matrix, bench: Bench, text: str) -> Given:
         try:
             accepted(matrix.model_copy(update={"specimen": stated}), bench)
         except Refused as error:
-            raise Refused(error.slug, "the damper of the simulated rig (set demo) is too strong for this bench; name a "
-                          f"weaker one with specimen.prior\n{error}") from error  # fmt: skip
+            raise Refused(error.slug, "the damper of the simulated rig (set demo) is too "
+                f"strong for this bench. Fix: name a weaker one with specimen.prior\n{error}") from error  # fmt: skip
     motion_s = math.fsum(item.duration_s for item in plan.points)
     lasts_s = longest_s(plan.duration_s, motion_s, matrix.campaign.retries)
     return Given(matrix=text, motion_s=motion_s, lasts_s=lasts_s)

@@ -195,7 +195,7 @@ def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     try:
         yield pool
     except BrokenProcessPool as error:
-        raise RigError("a process that ran worlds was killed (out of memory?); try fewer --jobs") from error
+        raise RigError("a worker process was killed (out of memory?). Fix: use fewer --jobs") from error
     except BaseException:
         _end(pool)
         raise

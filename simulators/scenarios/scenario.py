@@ -190,7 +190,7 @@ class World:
             try:
                 self._sessions(until_s)
             except NothingHappens as stuck:
-                self.ended = f"nothing can happen any more: {stuck}"
+                self.ended = f"deadlock: {stuck}"
 
     def _sessions(self, until_s: float | None) -> None:
         for number in range(1, self.most_sessions + 1):
@@ -224,10 +224,10 @@ class World:
         session.exit_code, session.ended_ns = application.exit_code, self.kernel.now_ns
         session.answer, session.refusal = ran.answer, ran.refusal
         if until_s is not None and self.kernel.now_ns > last_ns:
-            self.ended = "as asked"
+            self.ended = "as requested"
             return session
         if application.alive:
-            self.ended = f"session {number} does not end"
+            self.ended = f"session {number} does not finish"
             return session
         rest_ns = self.kernel.now_ns + int(REST_S * 1e9)
         self.kernel.run(lambda: self.stage.at_rest or self.kernel.now_ns > rest_ns)
@@ -239,7 +239,7 @@ class World:
         """A new campaign, or the one that was begun."""
         matrix, out, folder = self.root / "matrix.toml", self.root / "out", self.folder
         if folder is not None and (folder / "campaign.json").exists():
-            return CampaignOptions(matrix, out, resume_path=folder, requalified="looked at in this world")
+            return CampaignOptions(matrix, out, resume_path=folder, requalified="checked in this scenario")
         return CampaignOptions(matrix, out, bench_path=self.root / "bench.toml")
 
     @property

@@ -38,7 +38,7 @@ def shrunk(
                 tell(f"without {words}: still fails")
                 plan, ended, again = smaller, tried, bool(held)
             else:
-                tell(f"without {words}: holds")
+                tell(f"without {words}: passes")
                 held.add(words)
     return plan, ended
 
@@ -67,7 +67,7 @@ def tell_smallest(seed: int, asked: Asked) -> None:
     plan = asked.plan(seed).fitted()
     ended = alone(plan)
     if not ended.failed:
-        say(f"seed {seed} holds this time", err=True)
+        say(f"seed {seed}: no failure this time", err=True)
         return
     smallest, _ = shrunk(plan, ended, lambda words: say(f"  seed {seed} {words}", err=True))
     say(_words(smallest, asked), err=True)

@@ -168,7 +168,7 @@ def first_cause_is_named(view: View) -> Findings:
         return  # The operator came before the station knew of anything.
     told = {line["slug"] for line in view.station("trip", "also", "warning")}
     if answer.stopped_by in SEEN_BY_STATION - told:
-        yield f"stopped by {answer.stopped_by}, which the station never told", float(trips[-1]["t_ns"])
+        yield f"stopped by {answer.stopped_by}, which the station did not report", float(trips[-1]["t_ns"])
     if answer.stopped_by != trips[-1]["slug"] and answer.stopped_by in later[1:]:
         yield f"stopped by {answer.stopped_by}, the first cause was {trips[-1]['slug']}", float(trips[-1]["t_ns"])
 
@@ -201,7 +201,7 @@ def a_foreign_stop_is_noticed(view: View) -> Findings:
     for line in view.session.truth.log:
         noticed = any(at_ns < line.host_ns + 1e9 for at_ns in trips) or _leaves_no_trace(view, line)
         if line.code == "FOREIGN" and line.text == "foreign-stop" and not noticed:
-            yield "somebody else's stop was not noticed", line.host_ns
+            yield "another master's stop was not detected", line.host_ns
 
 
 def _leaves_no_trace(view: View, stop: Noted) -> bool:
@@ -237,7 +237,7 @@ def a_stop_fault_is_noticed(view: View) -> Findings:
         running = view.between(line.host_ns + 1e9, view.session.ended_ns)
         moved = len(running) and np.max(np.abs(running[:, 1])) > MOVING_M_S
         if happening is not None and happening.lasts_s is None and moved and not told and slug not in said:
-            yield f"{line.text} was not noticed", line.host_ns
+            yield f"{line.text} was not detected", line.host_ns
 
 
 def _sees_the_chain(view: View) -> bool:
@@ -276,7 +276,9 @@ def stops_have_a_cause(view: View) -> Findings:
         if "estop" in begun and view.hiding_places(begun - {"estop"}) & WAY:
             causes.add("ecu-overtemp")  # What opens the contactor too was not to be heard of: the ECU's own word is.
         if trip["slug"] not in causes and not (begun and trip["slug"] in OF_ANY_FAULT):
-            yield f"stopped for {trip['slug']} ({trip['detail']}), what happened explains {sorted(causes)}", latched_ns
+            yield (
+                f"stopped for {trip['slug']} ({trip['detail']}), but the events explain only {sorted(causes)}"
+            ), latched_ns
 
 
 def the_first_is_told_first(view: View) -> Findings:
@@ -284,7 +286,9 @@ def the_first_is_told_first(view: View) -> Findings:
     told = view.station("trip", "also")
     for line, following in pairwise(told):
         if float(following["latched_ns"]) < float(line["latched_ns"]):
-            yield f"{line['slug']} was told before {following['slug']}, which came first", float(line["latched_ns"])
+            yield (
+                f"{line['slug']} was reported before {following['slug']}, which occurred first"
+            ), float(line["latched_ns"])
 
 
 def a_stop_is_sent(view: View) -> Findings:
@@ -336,7 +340,7 @@ def a_fault_ends_the_motion(view: View) -> Findings:
         rows = view.between(at_ns, min(until_ns, at_ns + 1e9 * view.lasts_s(fault)))
         moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
         if moved_s > max(UNNOTICED_S, UNNOTICED_TIMES * (row.limit_s or 0.0)):
-            yield f"{fault}: the rod moved on for {moved_s:.1f} s", at_ns
+            yield f"{fault}: the rod continued to move for {moved_s:.1f} s", at_ns
 
 
 def a_program_ends(view: View) -> Findings:
@@ -359,7 +363,7 @@ def a_program_ends(view: View) -> Findings:
         rows = view.between(ends_ns, min(later, default=view.session.ended_ns))
         moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
         if moved_s > OVERRUN_S:
-            yield f"{line['point']}: the rod moved on for {moved_s:.1f} s after its program's end", ends_ns
+            yield f"{line['point']}: the rod continued to move for {moved_s:.1f} s after its program's end", ends_ns
 
 
 def what_is_spoiled_is_not_valid(view: View) -> Findings:
@@ -371,7 +375,7 @@ def what_is_spoiled_is_not_valid(view: View) -> Findings:
         for at_ns, fault in view.begun(began[str(line["id"])]):
             row = MATRIX.get(fault.partition(":")[0])
             if row is not None and row.end is Ending.INVALID and row.slug in SPOILED and view.stays(fault):
-                yield f"{line['id']} is valid, though {fault} was there", at_ns
+                yield f"{line['id']} is valid although {fault} was present", at_ns
 
 
 def refused_before_it_moves(view: View) -> Findings:
@@ -401,11 +405,13 @@ def a_watcher_that_stands_is_noticed(view: View) -> Findings:
         rows = view.between(at_ns, ends_ns)
         moving = len(rows) and np.mean(np.abs(rows[:, 1]) > MOVING_M_S) > MOVING_SHARE
         if moving and not view.killed and not any(trip_ns < ends_ns + TOLD_NS for trip_ns in trips):
-            yield f"{happening}: the rod moved on, and nobody minded", at_ns
+            yield f"{happening}: the rod continued to move without a stop", at_ns
         first = next((trip for trip in view.station("trip") if float(trip["latched_ns"]) > at_ns), None)
         own = happening.what == "application-stalled" or first is None or first["slug"] in OWN_SLUGS
         if moving and not own and len(view.session.happened) == 1 and not view.begun(ends_ns + TOLD_NS):
-            yield f"{happening}: stopped for {first and first['slug']}, not for the station's own lateness", at_ns
+            yield (
+                f"{happening}: stopped for {first and first['slug']}, expected a stop because monitoring was paused"
+            ), at_ns
 
 
 STOP_CHECKS: dict[str, Callable[[View], Findings]] = {

@@ -163,8 +163,9 @@ def _unlike(bench: Bench) -> Iterator[str]:
     actuator, ecu = bench.actuator, bench.ecu
     if ActuatorAddress.parse(actuator.url).kind not in LINKS:
         yield (
-            f'actuator.url = "{actuator.url}": no simulated controller speaks its maker\'s own protocol; allowed in a '
-            'world: modbus-tcp:// and modbus-rtu:. Try the matrix on a copy of this file with such a controller'
+            f"actuator.url = \"{actuator.url}\": there is no simulated controller for a manufacturer's protocol; "
+            "allowed in a scenario: modbus-tcp:// and modbus-rtu:. Fix: use a copy of this file with such a "
+            "controller"
         )  # fmt: skip
     for key, group, name, device in (
         ("actuator.register_map", plugins.ACTUATORS, actuator.map_name, "controller"),
@@ -174,18 +175,17 @@ def _unlike(bench: Bench) -> Iterator[str]:
             continue
         if name != DEMO and plugins.simulated_as(group, name) != DEMO:
             yield (
-                f'{key} = "{name}": there is no simulated {device} of that description; allowed in a world: "{DEMO}". '
-                f'Try the matrix on a copy of this file with {key.partition(".")[2]} = "{DEMO}"; what belongs to the '
-                f"device itself is not tried then"
+                f'{key} = "{name}": there is no simulated {device} for it; allowed in a scenario: "{DEMO}". Fix: use '
+                f'a copy of this file with {key.partition(".")[2]} = "{DEMO}"; the device itself is then not tested'
             )
     if bench.clock.device_rate != 1.0:
         rate = bench.clock.device_rate
-        yield f"clock.device_rate = {rate:g}: devices of a world run at the rate of hardware; allowed: 1. Take it out"
+        yield f"clock.device_rate = {rate:g}: devices of a scenario run in real time; allowed: 1. Fix: remove it"
     for place, sensor in _sensors(bench).items():
         if sensor.rate_Hz > HIGHEST_RATE_Hz:
             yield (
-                f"{place}.rate = {sensor.rate_Hz:g} Hz: simulated sensors send at most {HIGHEST_RATE_Hz:g} Hz; try "
-                f"the matrix on a copy of this file with a rate up to that"
+                f"{place}.rate = {sensor.rate_Hz:g} Hz: simulated sensors send at most {HIGHEST_RATE_Hz:g} Hz. Fix: "
+                "use a copy of this file with a lower rate"
             )
         try:
             _format(sensor)
@@ -203,15 +203,18 @@ def _emulated_ecu(bench: Bench) -> EmulatedEcuFiles:
 
 def _stood_in(bench: Bench) -> Iterator[str]:
     """What a world has otherwise than the file says, in words."""
-    yield "serial lines and networks are sockets of the world; baud rates do not count"
+    yield "serial lines and networks are simulated as sockets without a baud rate"
     if bench.ecu.by_hand:
-        yield "a simulated hand sets the current at once; nobody kills a process, nor is there a power cut"
+        yield "the manual current is set immediately; no process is killed and there is no power failure"
     elif bench.ecu.url is not None:
-        yield "the supply is reached by TCP; nobody kills the station, nor is there a power cut: its current would stay"
+        yield (
+            "the supply is connected by TCP; the station is not killed and there is no power failure, because the "
+            "current would continue"
+        )
     elif bench.ecu.interface != "slcan":
-        yield f"the CAN bus is reached by slcan at {BITRATE // 1000} kbit/s in place of {bench.ecu.interface}"
+        yield f"the CAN bus is connected by slcan at {BITRATE // 1000} kbit/s instead of {bench.ecu.interface}"
     if bench.auxiliary:
-        yield "auxiliary channels show the rod's travel, scaled to a part of their range"
+        yield "auxiliary channels show the scaled rod travel"
 
 
 def _patience_s(sensor: SensorConfig) -> float:
@@ -234,7 +237,7 @@ def _format(sensor: SensorConfig) -> str | SensorFormat:
         return FRAME16
     if isinstance(given, str) and given not in TABLES:
         known = ", ".join((FRAME16, *TABLES))
-        raise LocalProtocolError(f"{given!r} has a driver of its own; allowed in a world: {known}, a file or a table")
+        raise LocalProtocolError(f"{given!r} has its own driver; allowed in a scenario: {known}, a file or a table")
     described = described_format(given)
     slope, offset = sensor.calibration.line(sensor.dimension)
     writer(described, (offset - sensor.span) / slope, (offset + sensor.span) / slope)

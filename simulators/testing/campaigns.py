@@ -153,9 +153,9 @@ def run_campaign(files: Files, faults: tuple[str, ...], seed: int, root: Path) -
     world.run()
     if world.not_happened:
         late = ", ".join(map(str, world.not_happened))
-        raise NotHappened(f"{late}: the campaign was over before; let it begin earlier, or make the matrix longer")
+        raise NotHappened(f"{late}: the campaign had already ended. Fix: use an earlier time or a longer matrix")
     if world.ended:
-        raise NotHappened(f"the world ended before its campaign: {world.ended}")
+        raise NotHappened(f"the scenario ended before its campaign: {world.ended}")
     session = world.sessions[0]
     answer = session.answer
     told, slug = session.refusal[1], session.refusal[0]

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 CONFORMANCE = "rig.conformance"
 CONFORMANCE_OPTIONS = {
-    "driver": ("NAME", "the driver to try: a name of `register_map`, `dbc` or `format`, or ROLE:NAME"),
-    "model": ("NAME", "the damper model to try"),
-    "method": ("NAME", "the identification method to try"),
-    "peer": ("URL", "where the driver's device is, in place of a simulated one; it will be moved"),
+    "driver": ("NAME", "driver to test: a name of `register_map`, `dbc` or `format`, or ROLE:NAME"),
+    "model": ("NAME", "damper model to test"),
+    "method": ("NAME", "identification method to test"),
+    "peer": ("URL", "address of the driver's real device, which will move"),
 }
 BENCH, MATRIX = "rig_bench", "rig_matrix"
 QUICK = """format = 1
@@ -55,7 +55,7 @@ def pytest_load_initial_conftests(parser: pytest.Parser, args: list[str]) -> Non
     """The options of the conformance suite, where it is asked for: their short names may be another plug-in's."""
     if not any(argument.startswith(CONFORMANCE) for argument in args):
         return
-    group = parser.getgroup("rig conformance", "what a driver, a damper model or a method must keep")
+    group = parser.getgroup("rig conformance", "requirements for a driver, a damper model or a method")
     for name, what in CONFORMANCE_OPTIONS.items():
         group.addoption(f"--{name}", dest=f"rig_{name}", metavar=what[0], help=what[1])
 
@@ -101,7 +101,7 @@ def bench(bench_path: Path | None) -> Bench:
     from rig.bench.model import Bench
 
     if bench_path is None:
-        pytest.fail(f"the fixture `bench` reads your bench file: name it in pytest's ini file, {BENCH} = FILE")
+        pytest.fail(f"the fixture `bench` needs your bench file. Fix: name it in pytest's ini file, {BENCH} = FILE")
     return Bench.load(bench_path)
 
 
@@ -228,7 +228,7 @@ def _started(folders: Folders) -> Iterator[StartRig]:
         if bench_file is None:
             command = ["simulators", "--no-real-time", "--exit-when-idle", "--bench", str(out), *arguments]
         elif arguments:
-            pytest.fail("arguments are for the usual simulated rig: simulated_rig(..., usual=True)")
+            pytest.fail("arguments require the default simulated rig: simulated_rig(..., usual=True)")
         else:
             matrix_file = folders.file(folder, "matrix.toml", matrix)
             command = ["simulators.testing.rehearsal", str(bench_file), str(matrix_file), str(out)]

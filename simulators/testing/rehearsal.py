@@ -99,7 +99,7 @@ def start(command: list[str], log_path: Path) -> RigProcess:
     if not line:
         rig.stop()
         tail = log_path.read_text(encoding="utf-8", errors="replace")[-2000:].strip()
-        raise RigError(f"the simulated rig did not start (exit code {process.returncode}); it said:\n{tail}")
+        raise RigError(f"the simulated rig did not start (exit code {process.returncode}); its output:\n{tail}")
     return rig
 
 

@@ -45,10 +45,10 @@ def refused_format(table: dict[str, Any]) -> str:
         ({"kind": [1], "pattern": VALUE}, "kind: must be 'lines' or 'frames'"),
         ({"pattern": "(" * 480 + VALUE + ")" * 480}, "nested 481 deep"),
         ({"columns": {"value": 256}, "separator": ";", "maximum_length": 256}, "too many columns"),
-        ({"columns": {"value": 1}, "separator": "é"}, "one character of ASCII"),
+        ({"columns": {"value": 1}, "separator": "é"}, "one ASCII character"),
         ({"pattern": VALUE, "template": "X{value:.1f}"}, "writes 'X0.0', which does not match the pattern"),
         ({"pattern": rf"(?P<sign>-?){VALUE}", "sign": "separate", "number": "hexadecimal-signed"}, "in its digits"),
-        ({"pattern": r"(?P<value>[0-9A-F]+-?)", "sign": "trailing", "number": "hexadecimal"}, "no sign behind them"),
+        ({"pattern": r"(?P<value>[0-9A-F]+-?)", "sign": "trailing", "number": "hexadecimal"}, "has no trailing sign"),
     ],
 )  # fmt: skip
 def test_a_format_that_nothing_can_be_made_of_is_refused(table: dict[str, Any], says: str) -> None:
@@ -132,24 +132,24 @@ FED = (
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"quantities": 'velocity = {address = 40, type = "string", length = 2}'}, "velocity is a number, not a text"),
-        ({"quantities": 'clock = {address = 40, type = "string", length = 2}'}, "clock is a number, not a text"),
-        ({"quantities": 'speed_max = {address = 40, type = "string", length = 2}'}, "speed_max is a number"),
-        ({"quantities": 'config_hash = {address = 40, type = "string", length = 2}'}, "config_hash is a number"),
-        ({"quantities": 'boot_count = {address = 40, type = "f32"}'}, "boot_count is a whole number"),
-        ({"quantities": 'clock = {address = 40, scale = 5e-324, unit = "us"}'}, "is not a measurement"),
+        ({"quantities": 'velocity = {address = 40, type = "string", length = 2}'}, "velocity must be a number"),
+        ({"quantities": 'clock = {address = 40, type = "string", length = 2}'}, "clock must be a number"),
+        ({"quantities": 'speed_max = {address = 40, type = "string", length = 2}'}, "speed_max must be a number"),
+        ({"quantities": 'config_hash = {address = 40, type = "string", length = 2}'}, "config_hash must be a number"),
+        ({"quantities": 'boot_count = {address = 40, type = "f32"}'}, "boot_count must be a whole number"),
+        ({"quantities": 'clock = {address = 40, scale = 5e-324, unit = "us"}'}, "is implausible"),
         ({"quantities": f'velocity = {{address = 40, scale = {HUGE}, unit = "mm/s"}}'}, "more than 64 bits"),
-        ({"quantities": "many = {address = 40, count = 3}", "halt": "many = 3"}, "only a [table] writes such"),
+        ({"quantities": "many = {address = 40, count = 3}", "halt": "many = 3"}, "only a [table] can write them"),
         ({"quantities": "many = {address = 40, count = 3}", "tables": "[identity]\nmany = 3"}, "it has 3 values"),
         ({"quantities": 'many = {address = 40, count = 3}', "tables": '[faults]\nsensor = {quantity = "many"}'},
-         "a condition looks at one number"),
+         "a condition needs a single number"),
         ({"quantities": 'model = {address = 40, type = "string", length = 1}', "tables": '[identity]\nmodel = "ABCD"'},
-         "can never be shown: 1 registers hold 2 characters"),
+         "is impossible: 1 registers hold 2 characters"),
         ({"quantities": 'model = {address = 40, type = "string", length = 4}', "tables": '[identity]\nmodel = "µC"'},
          "a text is ASCII"),
-        ({"tables": "[identity]\nstate = 1"}, "does not prove which device this is"),
-        ({"quantities": 'speed_max = {address = 40, access = "r"}'}, "it is written and read back"),
-        ({"quantities": 'speed_max = {address = 40, access = "w"}'}, "it is written and read back"),
+        ({"tables": "[identity]\nstate = 1"}, "cannot identify the device"),
+        ({"quantities": 'speed_max = {address = 40, access = "r"}'}, "which is written and read back"),
+        ({"quantities": 'speed_max = {address = 40, access = "w"}'}, "which is written and read back"),
         ({"top": 'base = "demo"\nwithout = ["name.x"]\n'}, "'name.x' is not an entry of demo"),
         ({"top": 'base = "demo"\nwithout = ["format.1"]\n'}, "'format.1' is not an entry of demo"),
         ({"quantities": 'alive = {address = 60, type = "i16"}', "tables": FED}, "$counter is 0 to 65535"),
@@ -296,7 +296,7 @@ def test_sizes_and_numbers_of_a_dbc_are_refused_before_they_cost_anything(old: s
 def test_an_outputs_quantity_is_one_value_and_a_supplys_fault_a_whole_bit() -> None:
     current = {"address": 0, "scale": 0.001, "unit": "A"}
     output = {"quantities": {"current": current, "enable": {"address": 5, "count": 3}}, "range": {"current_A": [0, 2]}}
-    assert "is one value: take count out" in [text for _, text in problems_of("supply", output)]
+    assert "must be one value. Fix: remove count" in [text for _, text in problems_of("supply", output)]
     supply = {
         "commands": {"set_current": "CURR {current_A}", "measure_current": "MEAS?", "read_faults": "F?"},
         "range": {"current_A": [0, 5]}, "faults": {"short": 1.5},
@@ -309,5 +309,5 @@ def test_limits_that_the_registers_cannot_hold_are_found_before_the_rig_is_armed
     made = read('position_min = {address = 40, unit = "mm"}\nforce_max = {address = 42, unit = "N"}')
     assert [text.partition(" (")[0] for text in made.unheld_limits(limits)] == ["'position_min'"]
     action = read("watchdog_action = {address = 40}", "[watchdog_actions]\nnone = 7")
-    assert "fade-and-hold is nothing this controller knows" in action.unheld_limits(limits)[0]
+    assert "fade-and-hold is not supported by this controller" in action.unheld_limits(limits)[0]
     assert read('force_max = {address = 42, unit = "N"}').unheld_limits(limits) == []

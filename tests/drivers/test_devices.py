@@ -56,9 +56,9 @@ def test_the_demo_devices_have_the_rigs_own_codes() -> None:
 
 
 def test_a_name_that_nobody_knows_is_refused_with_those_that_are_known() -> None:
-    with pytest.raises(UnknownDevice, match=r"'mine' is not known; known: .*demo"):
+    with pytest.raises(UnknownDevice, match=r"unknown \w+ 'mine'; known: .*demo"):
         make_actuator("mine", ActuatorConnection("tcp://127.0.0.1:1"))
-    with pytest.raises(UnknownDevice, match=r"'mine' is not known; known: .*demo"):
+    with pytest.raises(UnknownDevice, match=r"unknown \w+ 'mine'; known: .*demo"):
         make_current_source("mine", None, CanAddress("virtual", "x"))
     with pytest.raises(LocalProtocolError, match="known: delta-rmc, demo"):
         controller("mine")
@@ -79,7 +79,7 @@ def test_an_actuator_with_a_driver_of_its_own_comes_through_the_same_door(monkey
 def test_a_sensor_with_a_driver_of_its_own_comes_through_the_same_door(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivers.catalogue._SENSORS", {})
     asked = SensorConnection("/dev/null", 9600, "load_cell", Channel.FORCE, "polled", SampleScale())
-    with pytest.raises(LocalProtocolError, match="no line format 'polled'"):
+    with pytest.raises(LocalProtocolError, match="unknown line format 'polled'"):
         make_sensor(asked)
     made = make_sensor(replace(asked, format="frame16"))
     register_sensor("polled", lambda connection: made)

@@ -102,14 +102,14 @@ def test_the_smallest_roles_file_says_what_is_left_without_the_rest() -> None:
     })  # fmt: skip
     lacking = dict(made.lacking)
     assert {"timeout", "faults", "enable", "counter", "checksum", "coil-temperature", "identity"} <= lacking.keys()
-    assert "stays until the supply is switched off" in lacking["timeout"]
+    assert "continues until its supply is switched off" in lacking["timeout"]
     assert made.timing == (0.005, 0.0, 0.0)
 
 
 def test_a_share_of_full_scale_and_units_of_ones_own() -> None:
     percent = DBC.replace('Target : 23|16@0- (0.25,0) [-5000|5000] "mA"', 'Target : 23|16@0+ (0.1,0) [0|100] "%"')
     said = refused(ROLES, percent)
-    assert 'command.full_scale: is a share in %: write the current of 100 %, full_scale = "3 A"' in said
+    assert 'command.full_scale: is given in %. Fix: write the current at 100 %, full_scale = "3 A"' in said
     with_scale = ROLES.replace('"DriverCommand.Target"', '{signal = "DriverCommand.Target", full_scale = "4 A"}')
     assert problems_of("ecu-roles", tomllib.loads(with_scale)) == []
     made = described(with_scale, percent)
@@ -156,7 +156,7 @@ SIG_VALTYPE_ 17 Amps : 1;
         ('"CURRENT_CONTROL"', '"CURENT_CONTROL"', "no value named 'CURENT_CONTROL'; nearest: CURRENT_CONTROL"),
         ('off = "STANDBY"', 'off = "CURRENT_CONTROL"', "on and off are both 2"),
         ("open = 0", "open = 16", "ErrorWord has the bits 0 to 15"),
-        ("open = 0", "open = 1", "bit 1 means open already"),
+        ("open = 0", "open = 1", "bit 1 is already used for open"),
         ("short = 1", 'short = "DriverStatus.Shorted"', "has no signal 'Shorted'"),
         ("value = 3", "value = 300", "FrameVersion holds 0 to 255"),
         ("data_id = 0x2A1", "", "protection.DriverCommand.data_id: missing"),
@@ -165,12 +165,12 @@ SIG_VALTYPE_ 17 Amps : 1;
         ('counter = "Alive"', 'counter = "Mode"', "e2e-1 counts in 4 bits; Mode has 3"),
         ('crc = "Checksum"', 'crc = "Alive"', "e2e-1 has a checksum of 8 bits in whole bytes"),
         ("[protection.DriverStatus]", "[protection.DriverStatu]", "did you mean DriverStatus?"),
-        ('"60 ms"', '"60"', '60 has no unit; a time is written like "10 ms"'),
+        ('"60 ms"', '"60"', '60 has no unit; a time is written as, for example, "10 ms"'),
         ('"DriverCommand.SlewRate" = 100', '"DriverCommand.SlewRate" = 256', "SlewRate holds 0 to 255 on the wire"),
-        ('"DriverCommand.SlewRate" = 100', '"DriverCommand.Target" = 1', "is the signal of command too"),
-        ('"DriverCommand.SlewRate" = 100', '"DriverStatus.Stage" = 1', "'DriverStatus' is sent and heard"),
+        ('"DriverCommand.SlewRate" = 100', '"DriverCommand.Target" = 1', "is also the signal of command"),
+        ('"DriverCommand.SlewRate" = 100', '"DriverStatus.Stage" = 1', "'DriverStatus' is both sent and received"),
         ('counter = "Alive"\ncrc = "Checksum"\n\n', "offset = 2\n\n", "Target and the checksum of [protection."),
-        ("command_timeout", 'sending = "on-change"\ncommand_timeout', "goes to 0 A between two changes; send cyclic"),
+        ("command_timeout", 'sending = "on-change"\ncommand_timeout', "Fix: send cyclic"),
     ],
 )
 def test_a_roles_file_that_cannot_be_used_is_refused_by_place(old: str, new: str, said: str) -> None:
@@ -181,12 +181,12 @@ def test_a_roles_file_that_cannot_be_used_is_refused_by_place(old: str, new: str
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("(0.25,0) [-5000|5000]", "(0,0) [-5000|5000]", "its scale is 0; a scale is any number but 0"),
-        ("@0- (0.25,0) [-5000|5000]", "@0+ (0.25,500) [0|0]", "cannot give 0 A"),
-        ("[-5000|5000]", "[200|5000]", "cannot give 0 A, and nothing would take the coil's current away"),
+        ("(0.25,0) [-5000|5000]", "(0,0) [-5000|5000]", "its scale is 0; the scale must not be 0"),
+        ("@0- (0.25,0) [-5000|5000]", "@0+ (0.25,500) [0|0]", "cannot represent 0 A"),
+        ("[-5000|5000]", "[200|5000]", "cannot represent 0 A, so the coil could not be switched off"),
         ("Actual : 23|16", "Actual : 62|16", "ends beyond the 8 bytes of DriverStatus"),
-        ("Actual : 23|16", "Actual : 7|16", "Actual and the checksum of [protection.DriverStatus] take the same bits"),
-        ("2566856960", "2566856704", "have one identifier, 0x18FF2000"),
+        ("Actual : 23|16", "Actual : 7|16", "Actual and the checksum of [protection.DriverStatus] overlap"),
+        ("2566856960", "2566856704", "have the same identifier, 0x18FF2000"),
         ('"mA" Host', '"Nm" Host', "Actual is in 'Nm'; allowed: A, mA"),
     ],
 )
@@ -222,7 +222,7 @@ def test_files_that_are_none_of_that_kind_are_refused(tmp_path: Path) -> None:
     ((_, said),) = entry_problems("ecu-roles", roles)
     assert "not valid TOML" in said
     ((place, said),) = ecu_problems(dbc, {"command": "A.b", "measured_current": "A.c"})
-    assert (place, "not a DBC file" in said) == (("dbc",), True)
+    assert (place, "not a readable DBC file" in said) == (("dbc",), True)
     with pytest.raises(FileProblem, match="there is no such file"):
         dbc_text(tmp_path / "no.dbc")
 

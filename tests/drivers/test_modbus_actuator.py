@@ -109,7 +109,7 @@ def test_limits_are_written_and_read_back(device: ModbusDevice, actuator: Modbus
 
 def test_limits_the_controller_does_not_hold_are_seen(device: ModbusDevice, actuator: ModbusActuator) -> None:
     device.ignore_writes = True
-    with pytest.raises(WrongAnswer, match=r"wrote position_min_m = -0\.085, the controller holds 0"):
+    with pytest.raises(WrongAnswer, match=r"position_min_m: wrote -0\.085, read back 0"):
         actuator.write_limits(LIMITS)
 
 
@@ -253,7 +253,7 @@ def other_function(frame: bytes, right: bytes) -> list[bytes]:
     return [framed(frame, struct.pack(">BHH", 16, 100, 34))]
 
 
-@pytest.mark.parametrize(("fault", "message"), [(short, "asked for 34 registers, got 2"), (other_function, "function")])
+@pytest.mark.parametrize(("fault", "message"), [(short, "requested 34 registers, got 2"), (other_function, "function")])
 def test_an_answer_to_another_question_is_not_believed(
     device: ModbusDevice, actuator: ModbusActuator, fault: object, message: str
 ) -> None:
@@ -343,7 +343,7 @@ def test_a_connection_whose_numbers_are_wrong_is_left_without_waiting_for_better
 
 def test_an_answer_of_another_unit_is_not_believed(device: ModbusDevice, actuator: ModbusActuator) -> None:
     device.faults = [another_unit, another_unit]
-    with pytest.raises(WrongAnswer, match="asked unit 1, unit 2 answers"):
+    with pytest.raises(WrongAnswer, match="request to unit 1, answer from unit 2"):
         actuator.read_status()
 
 

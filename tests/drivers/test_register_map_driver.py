@@ -279,7 +279,7 @@ def test_set_points_are_laid_where_the_rod_is_before_it_can_move_and_then_stream
         pass
     # 22.5 mm: 0x41B40000
     assert device.writes()[-1] == "100014000204" + "41b40000"
-    with pytest.raises(LocalProtocolError, match="reset is nothing this controller knows"):
+    with pytest.raises(LocalProtocolError, match="reset is not supported by this controller"):
         actuator.send(Command.RESET)
 
 

@@ -149,13 +149,13 @@ WRONG = [
     (("position  = {address = 1", "place     = {address = 1"), "position is missing"),
     (("amplitude = {address = 103", "amplitude = {address = 102"), r"line \d+: quantities.amplitude: overlaps 'speed'"),
     (("amplitude = {address = 103", "amplitude = {address = 65536"), "0 to 65535"),
-    (("frequency = {address = 104,", "frequency = {address = 65535, type = \"u32\","), "reach beyond the last one"),
-    (("scale = 0.01, unit = \"Hz\"", "scale = 0, unit = \"Hz\""), r"line \d+: quantities.frequency.scale = 0: 0 makes"),
+    (("frequency = {address = 104,", "frequency = {address = 65535, type = \"u32\","), "extend beyond the last one"),
+    (("scale = 0.01, unit = \"Hz\"", "scale = 0, unit = \"Hz\""), r"line \d+: quantities.frequency.scale = 0: 0 would make"),
     (("unit = \"Hz\"", "unit = \"hertz\""), "unknown unit"),
     (("unit = \"daN\"", "unit = \"mm\""), "force is a force"),
     (("type = \"i16\", unit = \"daN\"", "type = \"int16\""), "must be 'u16'"),
     (("hold = 1", "held = 1"), "did you mean hold"),
-    (("moving = 2", "moving = 1"), "hold and moving are both 1"),
+    (("moving = 2", "moving = 1"), "hold and moving both have code 1"),
     (("e-stop = {quantity = \"alarms\"", "e-stop = {quantity = \"alarm\""), "did you mean alarms"),
     (("e-stop = {quantity = \"alarms\", bit = 1", "e-stop = {quantity = \"alarms\", bit = 16"), "0 to 15"),
     (("{write = {pump = 0}}", "{write = {pumps = 0}}"), "pumps = 0: is not among .quantities.; did you mean pump"),
@@ -175,7 +175,7 @@ WRONG = [
     (("{write = {command = 3}}", "{recipe = \"stop\"}"), "'stop' is not among .recipes."),
     (("{write = {command = 3}}", '{recipe = "a"}\n[recipes]\na = {recipe = "b"}\nb = {recipe = "a"}'), "a -> b -> a"),
     (("{write = {command = 3}}", "{write = {command = 70000}}"), "70000 does not fit"),
-    (("halt = {write = {command = 3}}", "halt = [{pause = \"9 s\"}, {write = {command = 3}}]"), "a stop begins with"),
+    (("halt = {write = {command = 3}}", "halt = [{pause = \"9 s\"}, {write = {command = 3}}]"), "a stop must start"),
     (("hydraulics-off = {write = {pump = 0}}", "hydraulics-off = {write = {pump = 1}}"), "same as hydraulics-on"),
     (("[faults]", "[watchdog]\nkind = \"counter\"\n[faults]"), "needs write"),
     (("[faults]", "[watchdog]\nkind = \"dog\"\n[faults]"), "must be 'counter'"),
@@ -200,7 +200,7 @@ def test_recipes_that_double_thirty_times_are_refused_at_once() -> None:
     text = edited(("halt = {write = {command = 3}}", 'halt = [{write = {command = 3}}, {recipe = "r0"}]'))
     found = problems(f'{text}\n[recipes]\n{doubling}r30 = {{pause = "1 ms"}}\n')
     assert len(found) == 1
-    assert "recipes run recipes more than 500 times in this file" in found[0]
+    assert "recipes call recipes more than 500 times in this file" in found[0]
 
 
 def test_all_problems_of_a_file_are_told_at_once_in_the_order_of_its_lines() -> None:
@@ -275,7 +275,7 @@ def test_a_bench_with_a_wrong_map_tells_everything_that_is_wrong_in_it(tmp_path:
     told = str(refused.value)
     of_map = r"line \d+: actuator.register_map = \"mine.toml\": mine.toml: line \d+: "
     assert re.search(rf"{of_map}quantities.frequency.scale = 0: ", told)
-    assert re.search(r"mine.toml: line \d+: state.moving = 2: hold and moving are both 2", told)
+    assert re.search(r"mine.toml: line \d+: state.moving = 2: hold and moving both have code 2", told)
     with pytest.raises(FileProblem, match="there is no such file"):
         Bench.load(bench_with(tmp_path, "missing.toml"))
 

@@ -19,7 +19,7 @@ LATE_S = 35.0
 def test_a_station_that_goes_on_late_proves_its_stop_before_the_campaign_is_called_safe(
     begin_world: BeginWorld,
 ) -> None:
-    """It was called safe by the station's exit code, and "coil current not proved" in the same sentence."""
+    """It was called safe by the station's exit code, and "coil current not confirmed" in the same sentence."""
     campaign = begin_world(ONCE)
     campaign.move()
     campaign.hold("rig.station", LATE_S)

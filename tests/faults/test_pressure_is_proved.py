@@ -90,6 +90,6 @@ def test_a_pressure_that_is_not_proved_off_is_no_safe_end(
     assert stop["pressure_off"] is (code == 4)
     if code == 7:
         unsaid = name == "float-drive" and around is trips
-        assert ("HYDRAULICS NOT PROVED OFF" if unsaid else "HYDRAULICS STILL ON") in stop["stands"]
+        assert ("HYDRAULICS NOT CONFIRMED OFF" if unsaid else "HYDRAULICS STILL ON") in stop["stands"]
         assert "hydraulics off could not be proved" in ending.said
         assert "Inspect" in ending.said or "Go and look" in ending.said

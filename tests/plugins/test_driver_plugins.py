@@ -74,9 +74,9 @@ def test_a_broken_driver_is_refused_with_its_package_and_entry_point_when_the_be
         ("", "has no attribute 'make'"),
         ("import not_there_at_all", "No module named 'not_there_at_all'"),
         ("import sys\nsys.exit('bye')", "SystemExit: bye"),
-        ("make = 3", "expected a function or class that makes a driver, got int"),
-        ("def make(connection): raise ValueError('no such port')", "it makes no driver: ValueError: no such port"),
-        ("def make(connection): return object()", "a driver of this role also has: busy, capabilities, close"),
+        ("make = 3", "expected a function or class that creates a driver, got int"),
+        ("def make(connection): raise ValueError('no such port')", "cannot create a driver: ValueError: no such"),
+        ("def make(connection): return object()", "missing for a driver of this role: busy, capabilities, close"),
     ],
 )
 def test_whatever_is_wrong_with_a_driver_is_one_kind_of_error(install: Install, source: str, why: str) -> None:
@@ -127,5 +127,5 @@ def test_a_driver_that_says_what_it_works_with_is_believed(my_lab: Path, install
     assert said["template"] == "@{value:+08.1f}*{checksum}"
     assert plugins.simulated_as(plugins.SENSORS, "frame16") is None
     install("vague-lab", {"mr_rig.sensors": {"vague": "vague_lab:make"}}, "def make(c): ...\nmake.simulated_as = 7")
-    with pytest.raises(BrokenPlugIn, match="simulated_as: expected a name or the description of a line, got 7"):
+    with pytest.raises(BrokenPlugIn, match="simulated_as: got 7, expected a name or the description of a line"):
         plugins.simulated_as(plugins.SENSORS, "vague")

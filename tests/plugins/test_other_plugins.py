@@ -229,7 +229,7 @@ def test_rig_plugins_lists_each_with_its_state(
     assert states == {"bingham": "shadowed", "separable": "shadowed", "lost": "broken"}
     assert main(["plugins"]) == 2
     said = capsys.readouterr().out
-    assert "this program has a method 'separable' of its own" in said
+    assert "the built-in method 'separable' is used instead" in said
     assert "has no attribute 'c'" in said
 
 

@@ -60,5 +60,5 @@ def test_a_plug_ins_driver_records_the_force_of_a_plug_ins_model(my_lab: Path) -
 
 def test_a_driver_that_says_nothing_of_a_simulated_device_is_refused_by_name(install: Install) -> None:
     folder = install("mute-lab", {"mr_rig.sensors": {"mute": "mute_lab:make"}}, "def make(connection): ...")
-    with pytest.raises(FileProblem, match=r"load_cell\.format.*'mute' has a driver of its own"):
+    with pytest.raises(FileProblem, match=r"load_cell\.format.*'mute' has its own driver"):
         asked_for(asked_files(folder, "mute", MATRIX.replace("demo-my-lab-friction", "demo")), (), None)

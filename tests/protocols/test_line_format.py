@@ -164,10 +164,10 @@ def test_a_described_format_reads_its_lines() -> None:
         ({"pattern": r"(?P<value>\d{5})(?P<sign>.)"}, 'which needs sign = "separate"'),
         ({"columns": {"value": [3, 8], "unit": [7, 9]}}, "columns.unit: overlaps"),
         ({"columns": {"value": 2}}, r"must be \[first, last\]"),
-        ({"columns": {"value": [1, 3]}, "pattern": "(?P<value>...)"}, "a pattern is given too"),
+        ({"columns": {"value": [1, 3]}, "pattern": "(?P<value>...)"}, "cannot be combined with a pattern"),
         ({"pattern": r"(?P<value>\d+)", "request": "{address}?\r"}, "needs address"),
-        ({"pattern": r"(?P<value>\d+)", "answer_timeout_ms": 20}, "belongs to a request"),
-        ({"base": "laumas-slow"}, "no format 'laumas-slow'; there are signed-decimal"),
+        ({"pattern": r"(?P<value>\d+)", "answer_timeout_ms": 20}, "requires a request"),
+        ({"base": "laumas-slow"}, "unknown format 'laumas-slow'; known: signed-decimal"),
     ],
 )
 def test_a_contradictory_description_is_refused_with_its_reason(table: dict[str, object], message: str) -> None:
@@ -264,5 +264,5 @@ def test_a_base_s_entries_hold_where_the_table_has_none() -> None:
 
 
 def test_an_unknown_preset_names_those_there_are() -> None:
-    with pytest.raises(LocalProtocolError, match="no line format 'nope'; there are signed-decimal"):
+    with pytest.raises(LocalProtocolError, match="unknown line format 'nope'; known: signed-decimal"):
         preset("nope")

@@ -35,11 +35,11 @@ def test_zero_has_no_sign() -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("CURR {current}", "{current} means nothing here; allowed: {current_A}"),
-        ("CURR {current_A.__class__}", "means nothing here"),
-        ("CURR {current_A:>{width}}", "means nothing here"),
-        ("CURR {current_A:999999999f}", "like {current_A:.3f}"),
-        ("CURR {current_A", "without its other half"),
+        ("CURR {current}", "{current} is unknown here; allowed: {current_A}"),
+        ("CURR {current_A.__class__}", "is unknown here"),
+        ("CURR {current_A:>{width}}", "is unknown here"),
+        ("CURR {current_A:999999999f}", "such as {current_A:.3f}"),
+        ("CURR {current_A", "unmatched brace"),
         ("CURR 1\nOUTP ON", "on one line"),
         ("CURR 1 µA", "ASCII"),
         ("", "1 to 200 characters"),
@@ -70,7 +70,7 @@ def test_what_is_no_measurement_is_refused(answer: str) -> None:
 def test_a_pattern_says_where_the_number_stands() -> None:
     pattern = Pattern(r"^I1 (?P<value>[-+0-9.]+)$")
     assert number_in("I1 -0.25", pattern) == -0.25
-    with pytest.raises(RemoteProtocolError, match="does not look like"):
+    with pytest.raises(RemoteProtocolError, match="does not match"):
         number_in("V1 12.0", pattern)
 
 

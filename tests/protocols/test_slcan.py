@@ -76,7 +76,7 @@ def test_any_bytes_never_crash_and_give_only_possible_frames(noise: bytes) -> No
 
 @pytest.mark.parametrize(("identifier", "data"), [(0x800, b""), (-1, b""), (0x123, bytes(9))])
 def test_what_no_frame_can_carry_is_our_own_error(identifier: int, data: bytes) -> None:
-    with pytest.raises(LocalProtocolError, match="no classic frame"):
+    with pytest.raises(LocalProtocolError, match="not a classic frame"):
         encode_frame(identifier, data)
 
 
@@ -91,5 +91,5 @@ def test_can_fd_frames_have_lengths_by_code_and_their_own_letters() -> None:
     wrong = SlcanDecoder()
     assert wrong.feed(b"t1239000102030405060708090A0B\rd1239000102\r") == []
     assert wrong.malformed == 2
-    with pytest.raises(LocalProtocolError, match="13 bytes is no CAN FD frame"):
+    with pytest.raises(LocalProtocolError, match="13 bytes is not a CAN FD frame"):
         encode_fd_frame(1, bytes(13))

@@ -68,7 +68,7 @@ def test_every_variant_belongs_to_a_row_and_can_be_written(name: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [("sensor-stuck:valve@1", "sensor-stuck has sensor-stuck:lvdt"), ("estop:left", "estop has no variants"),
-     ("sensor-stuck:", "sensor-stuck has"), ("usb-renumber:lvdt@1+2", "does not pass by itself")],
+     ("sensor-stuck:", "sensor-stuck has"), ("usb-renumber:lvdt@1+2", "is permanent")],
 )
 def test_an_unknown_variant_says_which_there_are(text: str, message: str) -> None:
     with pytest.raises(FileProblem, match=message):

@@ -121,10 +121,10 @@ def test_damaged_frames_are_cut_lengthened_and_flipped_in_turn() -> None:
         for _ in range(6):
             with pytest.raises(WrongAnswer) as caught:
                 link.read(0, 2)
-            said |= {word for word in ("cut short", "behind", "checksum") if word in str(caught.value)}
+            said |= {word for word in ("truncated", "extra bytes", "checksum") if word in str(caught.value)}
         return said
 
-    assert seen_by_a_host("rtu-crc", host, "rtu") == {"cut short", "behind", "checksum"}
+    assert seen_by_a_host("rtu-crc", host, "rtu") == {"truncated", "extra bytes", "checksum"}
 
 
 def test_a_fault_with_a_duration_ends_by_itself() -> None:

@@ -48,7 +48,7 @@ def test_every_fault_of_the_rig_is_drawn_sooner_or_later_and_none_of_another_kin
 
 def test_a_fault_that_cannot_be_taken_away_refuses_an_end() -> None:
     for slug in LASTING:
-        with pytest.raises(FileProblem, match="does not pass by itself"):
+        with pytest.raises(FileProblem, match="is permanent"):
             parse_fault(f"{slug}@1+2")
     for slug in PASSING:
         assert parse_fault(f"{slug}@1+2") == ScheduledFault(slug, 1.0, 2.0)

@@ -49,10 +49,10 @@ def test_a_setting_takes_its_unit_or_a_bare_number_in_the_unit_of_its_help(
 @pytest.mark.parametrize(
     ("name", "given", "message"),
     [
-        ("servo_stiffness", "20 kN", "a force; a stiffness is written like"), ("hum", "-1", "outside the range"),
-        ("actuator_force_delay", "2 N", "a time is written like"), ("actuator_force_delay", "1 min", "0 to 100 ms"),
-        ("load_cell_gain", "5 %", "a plain number"), ("load_cell_gain", "0", "outside the range of 0.1 to 10"),
-        ("load_cell_gain", "nan", "a plain number"), ("hum", "1e999", "outside the range"), ("hum", "", "not a number"),
+        ("servo_stiffness", "20 kN", "a force; a stiffness is written as"), ("hum", "-1", "allowed"),
+        ("actuator_force_delay", "2 N", "a time is written as"), ("actuator_force_delay", "1 min", "0 to 100 ms"),
+        ("load_cell_gain", "5 %", "a plain number"), ("load_cell_gain", "0", "allowed 0.1 to 10"),
+        ("load_cell_gain", "nan", "a plain number"), ("hum", "1e999", "allowed"), ("hum", "", "not a number"),
         ("coil_sensor_offset", "-12 degC", "a temperature difference"), ("lvdt_zero", "1,5 mm", "with a point"),
         ("ecu_current_offset", "3 A", "-2000 to 2000 mA"),
     ],

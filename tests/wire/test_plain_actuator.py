@@ -58,7 +58,7 @@ def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, 
     matrix.write_text(MATRIX, encoding="utf-8")
     unknown = rig("plan", str(matrix), "--bench", str(bench), plain=False)
     assert unknown.returncode == 2
-    assert "'plain' is not known; known: delta-rmc, demo" in unknown.stderr + unknown.stdout
+    assert "unknown register_map 'plain'; known: delta-rmc, demo" in unknown.stderr + unknown.stdout
     done = rig("run", str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"), "--json")
     answer = json.loads(done.stdout)
     folder = Path(answer["campaign"])

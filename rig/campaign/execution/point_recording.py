@@ -113,7 +113,7 @@ class PointRecording:
 
     def _connected(self) -> PointRecorder:
         if self.recorder is None:
-            raise RecorderFailed("there is no recorder before the station is connected")
+            raise RecorderFailed("no recorder: the station is not connected yet")
         return self.recorder
 
     def remark(self, action: act.Remark) -> None:

@@ -255,7 +255,7 @@ class Runner:
         if not self._campaign.client.alive and "gone" not in self._said:
             self._said.add("gone")
             events.append(
-                ev.StationGone("the station process has ended; station.log in the campaign's directory says why")
+                ev.StationGone("the station process has ended; see station.log in the campaign's directory")
             )
         return events
 

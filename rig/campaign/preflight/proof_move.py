@@ -357,8 +357,11 @@ def read_baseline(folder: Path, *, points_kept: bool) -> Baseline:
         return Baseline(folder, anew=True)
     baseline = Baseline(folder)
     if baseline.signature is None:
-        text = "is missing or empty, and points are kept: nobody can tell that this is their damper and their devices; "
-        raise FileProblem(str(folder / "baseline.json"), [text + "put the file back, or begin a new campaign"])
+        text = (
+            "is missing or empty, but points are kept: it cannot be verified that this is their damper and their "
+            "devices; "
+        )
+        raise FileProblem(str(folder / "baseline.json"), [text + "restore the file, or start a new campaign"])
     try:
         baseline.other_device({})
     except (AttributeError, TypeError, ValueError) as error:

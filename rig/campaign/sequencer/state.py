@@ -196,17 +196,17 @@ class Phase(StrEnum):
     NEW = "new"
     CONNECTING = "connecting"
     ARMING = "arming"
-    PROVING_WATCHDOG = "proving the watchdog"
+    PROVING_WATCHDOG = "testing watchdog"
     CHECKING_ZEROS = "checking zeros"
     PRESSURE_LOW = "hydraulics to low pressure"
     PRESSURE_ON = "hydraulics to full pressure"
-    PROVING_SENSORS = "proving the sensors by a slow move"
+    PROVING_SENSORS = "checking sensors by a slow move"
     CENTRING = "centring"
     GATING = "reading the temperature"
     COOLING = "cooling down"
-    YIELDING = "lowering the pressure for somebody at the supply"
-    ASKING = "waiting for a current set by hand"
-    TOLD = "taking down the current set by hand"
+    YIELDING = "lowering the pressure for the operator at the supply"
+    ASKING = "waiting for the manual current"
+    TOLD = "recording the manual current"
     DEMAGNETISING = "demagnetising"
     SETTLING = "settling the current"
     WARMING = "warming up"
@@ -218,13 +218,13 @@ class Phase(StrEnum):
     PAUSED = "paused"
     JUDGING = "waiting for verdicts"
     STOPPING = "stopping"
-    COOLING_DOWN = "standing still until the ECU has cooled down"
+    COOLING_DOWN = "at rest until the ECU has cooled down"
     RESETTING = "resetting after a stop"
     STANDING = "coming to rest"
     CHECKING_RETURN = "checking zeros again"
     FINISHING = "hydraulics off"
-    TAKING_AWAY = "waiting for the current to be taken away by hand"
-    TAKEN_AWAY = "taking down that no current flows"
+    TAKING_AWAY = "waiting for the manual current to be switched off"
+    TAKEN_AWAY = "recording that no current flows"
     ENDED = "ended"
 
 
@@ -364,7 +364,7 @@ def start_state(points: tuple[TestPoint, ...], retries: int, conditions: Conditi
     """
     ids = [point.id for point in points]
     if not points or len(set(ids)) != len(ids):
-        raise ValueError(f"expected at least one point and no id twice, got {ids}")
+        raise ValueError(f"points: got {ids}, expected at least one point and unique ids")
     if not 0 <= retries <= MOST_RETRIES:
-        raise ValueError(f"retries: expected 0..{MOST_RETRIES}, got {retries}")
+        raise ValueError(f"retries: got {retries}, expected 0 to {MOST_RETRIES}")
     return State(queue=points, retries=retries, conditions=conditions)

@@ -134,7 +134,7 @@ def align(
     by_name = records if isinstance(records, Mapping) else split(records)
     for name in ("displacement", "force"):
         if name not in by_name:
-            raise NothingRecorded(f"no {name} sample was recorded")
+            raise NothingRecorded(f"no sample of {name} was recorded")
     host = _host_map(by_name, context.device_rate)
     sensors, delays = timed_sensors(by_name, host, context, delays, behind_arrivals)
     timed = {

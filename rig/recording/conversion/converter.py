@@ -119,7 +119,7 @@ class Converter:
         self.start()
         process = self._process
         if process is None or process.stdin is None:
-            raise ConversionEnded("conversion-crashed", "the process that makes files could not be started")
+            raise ConversionEnded("conversion-crashed", "the converter process could not be started")
         try:
             process.stdin.write(json.dumps(request).encode() + b"\n")
             process.stdin.flush()
@@ -150,7 +150,7 @@ class Converter:
             if left_s <= 0.0 or not select.select([process.stdout], [], [], left_s)[0]:
                 process.kill()
                 process.wait()
-                raise ConversionEnded("conversion-timeout", f"not done within {timeout_s:.0f} s, given up")
+                raise ConversionEnded("conversion-timeout", f"not finished within {timeout_s:.0f} s, cancelled")
             data = os.read(process.stdout.fileno(), 1 << 16)
             if not data:
                 return None
@@ -164,8 +164,8 @@ class Converter:
         how = f"ended with exit code {code}"
         if code < 0:
             name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
-            how = f"was ended by {name}"
-        return ConversionEnded("conversion-crashed", f"the process that made its file {how}")
+            how = f"was terminated by {name}"
+        return ConversionEnded("conversion-crashed", f"the converter process {how}")
 
     def __enter__(self) -> Self:
         return self

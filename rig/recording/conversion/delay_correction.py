@@ -92,15 +92,16 @@ def _change(point: RecordedPoint, skew: PointSkew | BehindArrivals, instruments:
     stated_s = skew.std_s if point.quality.skew.std_s is None else point.quality.skew.std_s
     if isinstance(skew, BehindArrivals):
         if stated_s > max(CERTAIN * skew.std_s, MATTERS_S) or after != before:
-            why = f"all points together tie force and displacement to {1e3 * skew.std_s:.2g} ms"
-            return Change(f"{why}, its own signals to {1e3 * stated_s:.2g} ms", skew, reasons)
+            why = f"all points combined determine the delay between force and displacement to {1e3 * skew.std_s:.2g} ms"
+            return Change(f"{why}, its own signals determine it to {1e3 * stated_s:.2g} ms", skew, reasons)
         return None
     off = abs(skew.shift_s) > max(CERTAIN * min(skew.std_s, stated_s), MATTERS_S)
     if off or skew.std_s > max(CERTAIN * stated_s, MATTERS_S):
-        why = f"all points together put its skew at {1e3 * skew.delays.value_s:.3f} +- {1e3 * skew.std_s:.2g} ms"
+        why = f"all points combined give a sensor delay of {1e3 * skew.delays.value_s:.3f} +- {1e3 * skew.std_s:.2g} ms"
         return Change(why, skew, reasons)
     if after != before:
-        return Change(f"by all points together it is {after.verdict}, by itself it was {before.verdict}", skew, reasons)
+        return Change(f"with all points combined it is {after.verdict}, on its own it was "
+            f"{before.verdict}", skew, reasons)
     return None
 
 
@@ -158,7 +159,7 @@ def _journal_of(path: Path, old: RecordedPoint) -> JournalContent:
     with opened(path) as file:
         group = file["entry/events"]
         if "host_ns" not in group or "journal_end" not in provenance:
-            raise FileProblem(str(path), ["does not hold what it was made from; it stays as it is"])
+            raise FileProblem(str(path), ["does not contain the data that it was made from; it is not changed"])
         times = group["host_ns"][:].tolist()
         texts = [[text.decode("utf-8", "replace") for text in group[name][:].tolist()] for name in ("code", "text")]
     events = tuple(Event(time_ns, code, text.strip()) for time_ns, code, text in zip(times, *texts, strict=True))

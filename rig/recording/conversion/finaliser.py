@@ -73,7 +73,7 @@ class Finaliser:
             self._input.flush()
         except (OSError, ValueError) as error:
             self._answers.put(FinishedPoint(
-                journal.id, error=f"the finaliser process is gone: {error}", error_slug="conversion-crashed"
+                journal.id, error=f"the finaliser process was lost: {error}", error_slug="conversion-crashed"
             ))
 
     def results(self) -> list[FinishedPoint]:
@@ -117,7 +117,7 @@ class Finaliser:
         try:
             problem = self._retimed.get(timeout=timeout_s)
         except queue.Empty:
-            raise TimeoutError(f"the points were not brought to one skew within {timeout_s:g} s") from None
+            raise TimeoutError(f"the points were not corrected to one sensor delay within {timeout_s:g} s") from None
         if problem:
             raise OSError(problem)
         return self.results()
@@ -156,7 +156,7 @@ class Finaliser:
                     continue
                 answered.add(answer["id"])
                 self._answers.put(FinishedPoint.from_json(answer))
-        gone = "the finaliser process ended before it was finished; `rig recover` will"
+        gone = "the finaliser process ended early; `rig recover` completes the files"
         for point_id in list(self._pending):
             if point_id not in answered:
                 self._answers.put(FinishedPoint(point_id, error=gone, error_slug="conversion-crashed"))

@@ -80,10 +80,11 @@ def check_wanted(columns: Mapping[str, str], scales: Mapping[str, str | float]) 
         f"{quantity}={text}: unknown quantity; known: {', '.join(DIMENSION)}"
         for quantity, text in columns.items() if quantity not in DIMENSION
     ]  # fmt: skip
-    problems += [f"{name}: no column named; write --column {name}=NAME" for name in REQUIRED if name not in columns]
+    problems += [f"{name}: no column given. Fix: write --column "
+        f"{name}=NAME" for name in REQUIRED if name not in columns]
     for quantity, text in scales.items():
         if quantity not in columns:
-            problems.append(f"--scale {quantity}={text}: no column of {quantity} is named")
+            problems.append(f"--scale {quantity}={text}: no column of {quantity} is given")
             continue
         try:
             scaling_of(quantity, text)
@@ -143,12 +144,12 @@ def _chosen(
     scaling = scaling_of(quantity, scales[quantity]) if quantity in scales else None
     if scaling is None and column.unapplied:
         raise ValueError(
-            f"its numbers are integers, and its property {column.unapplied} is not one that the format applies. Fix: "
-            f"--scale {quantity}=FACTOR with that factor (1 if the numbers are in their unit already)"
+            f"its numbers are integers, and its property {column.unapplied} is not applied by the format. Fix: "
+            f"--scale {quantity}=FACTOR with that factor (1 if the numbers are already in their unit)"
         )
     if quantity == "time" and not given and stamps(place):
         if scaling is not None:
-            raise ValueError("time stamps have no factor; leave --scale time out")
+            raise ValueError("time stamps have no factor. Fix: remove --scale time")
         return ColumnChoice(text, column.name, place, None, "", "")
     try:
         return ColumnChoice(text, column.name, place, *_scaled_unit(column, given, DIMENSION[quantity], scaling))
@@ -156,8 +157,8 @@ def _chosen(
         if quantity != "time":
             raise
         raise ValueError(
-            f"{error}. If it holds time stamps, their form is not known: write them as 2026-12-31 23:59:59.123 or as "
-            "seconds, or, of samples taken at a constant rate, give --rate in place of the column"
+            f"{error}. If it contains time stamps, their format is unknown. Fix: write them as 2026-12-31 "
+            "23:59:59.123 or as seconds, or, for samples at a constant rate, use --rate instead of the column"
         ) from error
 
 
@@ -203,7 +204,7 @@ def _found(columns: Sequence[ForeignColumn], text: str) -> tuple[int, str]:
             full = [columns[place].full for place in places]
             apart = all(full) and len({*full}) == len(full)
             others = ", ".join(full if apart else [f"#{place + 1}" for place in places])
-            raise ValueError(f"{len(places)} columns are called {wanted!r}; name one of them by {others}")
+            raise ValueError(f"{len(places)} columns have the name {wanted!r}. Fix: select one by {others}")
     shown = ", ".join(column.name for column in columns[:MOST_SHOWN])
     more = f" and {len(columns) - MOST_SHOWN} more" if len(columns) > MOST_SHOWN else ""
     raise ValueError(f"no column {(name if colon else text)!r}; columns: {shown}{more}")
@@ -227,18 +228,19 @@ def _unit(column: ForeignColumn, given: str, dimension: str) -> tuple[str, str]:
     """
     units = f"units: {', '.join(units_for(dimension))}"
     if given:
-        return _of(given, dimension, f"{given!r} is no unit of {dimension}; {units}"), "as given"
+        return _of(given, dimension, f"{given!r} is not a unit of {dimension}; {units}"), "as given"
     by_name = _suffix_unit(column.name, dimension)
     if not column.unit:
         if not by_name:
-            raise ValueError("its unit is not known: end the name with it (x_mm), write it after a colon "
-                             f"({column.name}:{units_of(dimension)[0]}), or give a sensitivity by --scale")  # fmt: skip
+            raise ValueError("unknown unit. Fix: end the name with it (x_mm), write it after a colon "
+                f"({column.name}:{units_of(dimension)[0]}), or give a sensitivity by --scale")  # fmt: skip
         return by_name, "by its name"
-    problem = (f"the file says {column.unit!r}, which is no unit of {dimension} ({units}); one after a colon counts "
-               "more, and --scale gives a sensitivity")  # fmt: skip
+    problem = (f"the file states {column.unit!r}, which is not a unit of {dimension} ({units}). Fix: "
+        "write the unit after a colon, or a sensitivity by --scale")  # fmt: skip
     by_file = _of(column.unit, dimension, problem)
     if by_name and by_name != by_file:
-        raise ValueError(f"its name says {by_name} and the file {by_file}: write after a colon which it is")
+        raise ValueError(f"its name states {by_name}, but the file {by_file}. Fix: write the correct unit after a "
+            "colon")
     return by_file, "the file says"
 
 

@@ -112,8 +112,8 @@ def decoded(file: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
         cut = " to its end, as of a recording that lost its power" if not data[data.index(b"\0") :].strip(b"\0") else ""
         raise FileProblem(str(file), [
-            f"line {line}: zero bytes{cut}, which a text in {wanted.removesuffix('-sig')} has none of. Fix: repair or "
-            "leave out that line, or --encoding"
+            f"line {line}: zero bytes{cut}, which do not occur in {wanted.removesuffix('-sig')} text. Fix: repair or "
+            "remove that line, or use --encoding"
         ])  # fmt: skip
     try:
         return data.decode(wanted), wanted.removesuffix("-sig")
@@ -125,7 +125,7 @@ def decoded(file: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
             return data.decode("cp1252", errors="replace"), "cp1252"
         line = data.count(b"\n", 0, start) + 1
         shown = "UTF-8" if wanted == "utf-8-sig" else wanted
-        told = f"line {line}: not {shown} text; --encoding says another one, such as cp1252"
+        told = f"line {line}: not {shown} text. Fix: state another one with --encoding, such as cp1252"
         raise FileProblem(str(file), [told]) from error
 
 
@@ -185,8 +185,9 @@ def layout_of(file: Path, text: str, encoding: str, said: Dialect) -> CsvLayout:
     if rows is None:
         fortran = next((hint for k, line in enumerate(lines) if (hint := _fortran_in(k + 1, line))), "")
         raise FileProblem(str(file), [
-            f"no rows of numbers in the first {len(lines)} lines (three at least, of at least two columns): "
-            + (fortran or "--separator, --decimal and --header-line say how it is written"),
+            f"no rows of numbers in the first {len(lines)} lines (expected three or more, with two or more columns). "
+            "Fix: "
+            + (fortran or "state the layout with --separator, --decimal and --header-line"),
         ])  # fmt: skip
     separator, first, count = rows
     sample = [cells for line in lines[first : first + 200] if (cells := cells_of(line, separator))]
@@ -344,15 +345,15 @@ def signs_of(file: Path, rows: Sequence[Sequence[str]], said: Dialect) -> tuple[
     decimal = stated or next(("," if cell.rfind(",") > cell.rfind(".") else "." for cell in both), "")
     commas = [cell for cell in cells if COMMA.fullmatch(cell) and "," in cell]
     points = [cell for cell in cells if POINT.fullmatch(cell) and "." in cell]
-    way_out = "--decimal ',' or --decimal . states which sign is meant, --thousands the other one"
+    way_out = "--decimal ',' or --decimal . states the decimal sign, --thousands the other one"
     if not decimal and commas and points:
-        raise FileProblem(str(file), [f"{commas[0]!r} and {points[0]!r} are both numbers in it: {way_out}"])
+        raise FileProblem(str(file), [f"{commas[0]!r} and {points[0]!r} both occur as numbers: {way_out}"])
     unclear = commas or points
     if not decimal and unclear and all(_grouped("." if commas else ",", cell) for cell in unclear):
         whole = re.sub("[.,]", "", unclear[0])
         raise FileProblem(str(file), [
-            f"{unclear[0]!r} may be {whole}, or a number with three decimals, and so may every other one with that "
-            f"sign: {way_out}",
+            f"{unclear[0]!r} may be {whole} or a number with three decimals, as every other number with that sign: "
+            f"{way_out}",
         ])  # fmt: skip
     decimal = decimal or ("," if commas else ".")
     other = "," if decimal == "." else "."

@@ -197,18 +197,18 @@ class CsvFile:
         if numbers:
             raise FileProblem(str(self._file), [
                 *self._wrong_values(places),
-                f"{len(numbers)} row(s) with numbers that are written otherwise, or more numbers than columns. Fix: "
-                "--decimal, --thousands; a thousands sign must not be the separator too",
+                f"{len(numbers)} row(s) with numbers in another format, or more numbers than columns. Fix: --decimal, "
+                "--thousands; the thousands sign must differ from the separator",
             ])  # fmt: skip
         if events and self._said.event_rows == "refuse":
             raise FileProblem(str(self._file), [
                 *self._wrong_values(places),
-                f"{events} row(s) between rows of numbers are none. Fix: if they are events or remarks, --event-rows "
-                "skip leaves them out, --event-rows split makes a test of the rows before and after each",
+                f"{events} row(s) between rows of numbers contain text. Fix: if they are events or remarks, skip them "
+                "with --event-rows skip, or split the file there with --event-rows split",
             ])  # fmt: skip
         if events > max(FEW_EVENTS, MOST_EVENTS * np.count_nonzero(good)):
             raise FileProblem(str(self._file), [
-                *self._wrong_values(places), f"{events} of {len(lines)} rows are no numbers: too many to be events",
+                *self._wrong_values(places), f"{events} of {len(lines)} rows are not numbers: too many for events",
             ])  # fmt: skip
         self._lines = np.flatnonzero(good) + first
         return "\n".join(line for line, row in zip(lines, good, strict=True) if row) + "\n" * self._text.endswith("\n")
@@ -250,8 +250,8 @@ class CsvFile:
             units = _trimmed(layout.units_heading)
             if cells != names or (units and following != units):
                 raise FileProblem(str(self._file), [
-                    f"line {number + first}: another table begins: {', '.join(cells + following)[:200]}; the first has "
-                    f"{', '.join(names + units)[:200]}. Fix: save each table as a file of its own",
+                    f"line {number + first}: another table starts: {', '.join(cells + following)[:200]}; the first "
+                    f"has {', '.join(names + units)[:200]}. Fix: save each table as a separate file",
                 ])  # fmt: skip
             return True
         return False
@@ -306,15 +306,15 @@ class CsvFile:
         wrong = [k for k, text in enumerate(texts) if not is_stamp(text)]
         if wrong:
             raise FileProblem(str(self._file), [
-                f"{self.row_name(k)}, column {self.columns[place].name!r}: {texts[k][:40]!r} is no time stamp. "
-                "Fix: repair the row, or, of samples taken at a constant rate, --rate in place of the column"
+                f"{self.row_name(k)}, column {self.columns[place].name!r}: {texts[k][:40]!r} is not a time stamp. "
+                "Fix: repair the row, or, for samples at a constant rate, use --rate instead of the column"
                 for k in wrong[:MOST_PROBLEMS]
             ])  # fmt: skip
         try:
             nanoseconds = _nanoseconds(texts)
         except (ValueError, OverflowError) as error:
-            problem = f"column {self.columns[place].name!r}: not all time stamps are written alike: {error}. Fix: " + (
-                "of samples taken at a constant rate, --rate in place of the column"
+            problem = f"column {self.columns[place].name!r}: the time stamps have different formats: {error}. Fix: " + (
+                "for samples at a constant rate, use --rate instead of the column"
             )
             raise FileProblem(str(self._file), [problem]) from error
         if not stamp_forms(texts[0]) or not re.search(r"\d[-/.]", texts[0][:5]):
@@ -351,7 +351,7 @@ class CsvFile:
             yield from problems
             told += len(problems)
             if told >= MOST_PROBLEMS:
-                yield "and maybe more"
+                yield "and possibly more"
                 return
 
 

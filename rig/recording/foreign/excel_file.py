@@ -61,8 +61,8 @@ def open_workbook(file: Path, data: bytes, said: Dialect) -> list[tuple[str, She
             ]
             if said.sheet is None and len(wanted) > 1:
                 raise FileProblem(str(file), [
-                    f"{len(wanted)} sheets hold tables: {_quoted(wanted)}. Fix: --sheet NAME, or --sheet all for a "
-                    "test of each"
+                    f"{len(wanted)} sheets contain tables: {_quoted(wanted)}. Fix: --sheet NAME, or --sheet all for "
+                    "one test per sheet"
                 ])  # fmt: skip
             if not wanted:
                 raise FileProblem(str(file), [f"Excel workbook without rows of numbers; its sheets: {_quoted(sheets)}"])
@@ -114,13 +114,13 @@ def _check_parts(file: Path, data: bytes) -> None:
             largest = LARGEST_BYTES if part.filename.startswith("xl/worksheets/") else LARGEST_PART_BYTES
             if part.file_size > largest:
                 raise FileProblem(str(file), [
-                    f"{part.filename[:80]!r} in it unpacks to {part.file_size} bytes; at most {largest} can be imported"
+                    f"{part.filename[:80]!r} unpacks to {part.file_size} bytes; allowed at most {largest}"
                 ])  # fmt: skip
             if part.filename.endswith((".xml", ".rels")):
                 with packed.open(part) as content:
                     head = content.read(4096)
                 if any(mark in head for mark in HIDDEN_MARKUP):
-                    raise FileProblem(str(file), [f"{part.filename[:80]!r} in it defines entities: not from Excel"])
+                    raise FileProblem(str(file), [f"{part.filename[:80]!r} defines XML entities: not written by Excel"])
 
 
 def _has_table(file: Path, sheet: Any, said: Dialect) -> bool:  # noqa: ANN401 - of a half annotated library

@@ -152,11 +152,11 @@ def read_foreign_bytes(file: Path) -> bytes:
         FileProblem: no such file, unreadable, empty, or larger than 512 MiB.
     """
     if not file.is_file():
-        kind = "is a folder" if file.is_dir() else "is no regular file" if file.exists() else "no such file"
+        kind = "is a folder" if file.is_dir() else "is not a regular file" if file.exists() else "no such file"
         raise FileProblem(str(file), [kind])
     size = file.stat().st_size
     if size > LARGEST_BYTES:
-        raise FileProblem(str(file), [f"{size} bytes; at most {LARGEST_BYTES} can be imported"])
+        raise FileProblem(str(file), [f"{size} bytes; allowed at most {LARGEST_BYTES}"])
     try:
         data = file.read_bytes()
     except OSError as error:
@@ -186,7 +186,7 @@ def check_size(file: Path, numbers: int) -> None:
         FileProblem: it does.
     """
     if numbers > MOST_NUMBERS:
-        raise FileProblem(str(file), [f"claims to hold {numbers} numbers; at most {MOST_NUMBERS} can be imported"])
+        raise FileProblem(str(file), [f"declares {numbers} numbers; allowed at most {MOST_NUMBERS}"])
 
 
 def check_alike(file: Path, names: Sequence[str], rows: Sequence[int]) -> None:
@@ -197,7 +197,8 @@ def check_alike(file: Path, names: Sequence[str], rows: Sequence[int]) -> None:
     """
     if len(set(rows)) > 1:
         told = ", ".join(f"{name} {count}" for name, count in zip(names, rows, strict=True))
-        raise FileProblem(str(file), [f"its columns have different numbers of rows: {told}; one time base is needed"])
+        raise FileProblem(str(file), [f"its columns have different numbers of rows: {told}; a single time base is "
+            "required"])
 
 
 def unreadable(kind: str, error: BaseException) -> list[str]:
@@ -213,7 +214,7 @@ def unreadable(kind: str, error: BaseException) -> list[str]:
         gc.collect()
     finally:
         sys.unraisablehook = hook
-    return [f"cannot be read as {kind}; it is damaged, or something else ({told})"]
+    return [f"cannot be read as {kind}; it is damaged or has another format ({told})"]
 
 
 def stream(data: bytes) -> io.BytesIO:

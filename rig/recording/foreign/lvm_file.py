@@ -59,7 +59,7 @@ class LvmFile(CsvFile):
             other = next(one for one in self._segments if one.units != self._segments[0].units)
             raise FileProblem(str(file), [
                 f"line {other.line}: this segment has the units {', '.join(other.units)}; the first has "
-                f"{', '.join(self._segments[0].units)}. Fix: save each segment as a file of its own",
+                f"{', '.join(self._segments[0].units)}. Fix: save each segment as a separate file",
             ])  # fmt: skip
 
     @property
@@ -102,7 +102,7 @@ class LvmFile(CsvFile):
             ):
                 raise FileProblem(str(self._file), [
                     f"line {segment.line}: its channels were not sampled together: X0 {segment.first_s}, Delta_X "
-                    f"{segment.step_s} s; name a column of time"
+                    f"{segment.step_s} s. Fix: name a column of time"
                 ])  # fmt: skip
             after_s = (at - begun[0]).total_seconds() if at is not None and begun[0] is not None else 0.0
             parts.append(after_s + segment.first_s[0] + segment.step_s[0] * np.arange(count))
@@ -118,7 +118,8 @@ class LvmFile(CsvFile):
         columns = self.values([*places, *mine])[len(places) :]
         if any(not np.array_equal(columns[0], one, equal_nan=True) for one in columns):
             raise FileProblem(str(self._file), [
-                "its channels have columns X_Value that differ: they were not sampled together; name channels of one",
+                "its channels have columns X_Value that differ: they were not sampled together. Fix: name channels "
+                "of one of them",
             ])
         return columns[0]
 

@@ -80,7 +80,7 @@ class MatFile(NoLines):
         except Exception as error:
             raise FileProblem(str(file), unreadable(self.read_as, error)) from error
         if not self._held:
-            raise FileProblem(str(file), [opaque or f"{self.read_as}: it holds no vector or matrix of real numbers"])
+            raise FileProblem(str(file), [opaque or f"{self.read_as}: it contains no vector or matrix of real numbers"])
         self.columns: Sequence[ForeignColumn] = [ForeignColumn(name, units.get(name, "")) for name in self._held]
 
     def _add_tables(self, held: dict[str, Any]) -> dict[str, str]:
@@ -129,8 +129,8 @@ def _check_elements(file: Path, data: bytes) -> None:
     check_size(file, unpacked // 8)
     if unpacked > max(SMALL_BYTES, LARGEST_RATIO * len(data)):
         raise FileProblem(str(file), [
-            f"holds {len(data) / 1e6:.3g} MB that unpack to {unpacked / 1e6:.4g} MB, more than {LARGEST_RATIO} times "
-            "as much: save only the columns of the test"
+            f"contains {len(data) / 1e6:.3g} MB that unpack to {unpacked / 1e6:.4g} MB, more than {LARGEST_RATIO} "
+            "times as much. Fix: save only the columns of the test"
         ])
     holders = elements = 0
     for part in _plain(data, order):
@@ -138,8 +138,8 @@ def _check_elements(file: Path, data: bytes) -> None:
             elements, holders = elements + 1, holders + holds
             if holders > MOST_HOLDERS or elements > MOST_ELEMENTS:
                 raise FileProblem(str(file), [
-                    f"holds more than {MOST_HOLDERS} cells, structs or objects, or {MOST_ELEMENTS} elements: save the "
-                    "columns alone"
+                    f"contains more than {MOST_HOLDERS} cells, structs or objects, or {MOST_ELEMENTS} elements. Fix: "
+                    "save only the columns"
                 ])  # fmt: skip
         place = 0
         while place + 8 <= len(part):
@@ -201,7 +201,7 @@ def _check_array(data: bytes, order: str, place: int, end: int, depth: int = 0) 
     """
     kind, start, stop, after = _element(data, order, place, end)
     if kind != ARRAY or depth > DEEPEST_ARRAYS:
-        raise ValueError(f"no array at byte {place}, or one too deep in others")
+        raise ValueError(f"no array at byte {place}, or nested too deeply")
     if start == stop:
         return after
     if start + 16 > stop:
@@ -219,7 +219,7 @@ def _check_array(data: bytes, order: str, place: int, end: int, depth: int = 0) 
             if kind not in NUMBERS and not (of_class == CHARACTERS and kind in TEXTS):
                 raise ValueError(f"numbers of type {kind}, which does not exist, before byte {place}")
     if depth and place != stop:
-        raise ValueError(f"{stop - place} bytes too many in the array before byte {stop}")
+        raise ValueError(f"{stop - place} extra bytes in the array before byte {stop}")
     return after
 
 
@@ -236,12 +236,12 @@ def _element(data: bytes, order: str, place: int, end: int) -> tuple[int, int, i
         stop = place + 8 + size
         if stop <= end:
             return kind, place + 8, stop, stop if kind == ARRAY else min(stop + -size % 8, end)
-    raise ValueError(f"the element at byte {place} goes on beyond the end of its array")
+    raise ValueError(f"the element at byte {place} extends beyond the end of its array")
 
 
 def _hdf5(file: Path, data: bytes) -> dict[str, Any]:
     if not is_hdf5(data):
-        raise FileProblem(str(file), ["is no MATLAB file of version 5 or 7.3: save it with -v7 or -v7.3"])
+        raise FileProblem(str(file), ["is not a MATLAB file of version 5 or 7.3. Fix: save it with -v7 or -v7.3"])
     with h5py.File(stream(data), "r") as held:
         arrays = dict(_arrays(held))
         check_size(file, sum(int(one.size or 0) for one in arrays.values()))

@@ -129,8 +129,8 @@ class Mf4File(NoLines):
         if kind or known is None:
             what = kind or f"numbers in {unit!r}"
             raise FileProblem(str(self._file), [
-                f"group {group}: its master channel {str(master.name)!r} holds {what}, no time. Fix: --column time= "
-                "with a channel of time, or --rate"
+                f"group {group}: its master channel {str(master.name)!r} contains {what} instead of a time. Fix: "
+                "--column time= with a channel of time, or --rate"
             ])  # fmt: skip
         return known[1].scale
 
@@ -149,7 +149,7 @@ class Mf4File(NoLines):
         signal = self._signal(place)
         values = np.asarray(signal.samples)
         if values.dtype.kind not in "fiub" or values.ndim != 1:
-            raise FileProblem(str(self._file), [f"channel {self.columns[place].name!r} holds no series of numbers"])
+            raise FileProblem(str(self._file), [f"channel {self.columns[place].name!r} contains no series of numbers"])
         numbers = values.astype(np.float64)
         if signal.invalidation_bits is not None:
             numbers[np.asarray(signal.invalidation_bits, bool)] = np.nan
@@ -160,8 +160,8 @@ class Mf4File(NoLines):
         conversion = self._mdf.groups[group].channels[index].conversion
         if conversion is not None and getattr(conversion, "conversion_type", None) == ALGEBRAIC:
             raise FileProblem(str(self._file), [
-                f"channel {self.columns[place].name!r}: its numbers come by a formula in the file, which is not run; "
-                "export it with its values converted"
+                f"channel {self.columns[place].name!r}: its values need a text formula of the file, which is not "
+                "evaluated. Fix: export it with converted values"
             ])  # fmt: skip
         try:
             with _quiet():

@@ -47,7 +47,7 @@ class Rpc3File(NoLines):
         except KeyError as error:
             raise FileProblem(str(file), [f"RPC III file without the keyword {error}: it is damaged"]) from error
         except ValueError as error:
-            raise FileProblem(str(file), [f"RPC III file: a number in its header is none: {error}"]) from error
+            raise FileProblem(str(file), [f"RPC III file: invalid number in its header: {error}"]) from error
         dtype, history = f"{ORDERS.get(form, '')}{TYPES.get(kind, '')}", keys.get("FILE_TYPE", "TIME_HISTORY")
         if len(dtype) != 3 or history != "TIME_HISTORY":
             raise FileProblem(str(file), [
@@ -104,7 +104,7 @@ def _samples(file: Path, body: bytes, dtype: np.dtype[np.generic], sizes: tuple[
     full, short = (groups + (rest > 0)) * group * channels, count * channels
     if held < short or (full != short and short < held < full):
         raise FileProblem(str(file), [
-            f"RPC III file: {held} numbers after the header, expected {full}: it was cut off, or is damaged"
+            f"RPC III file: {held} numbers after the header, expected {full}: it is truncated or damaged"
         ])  # fmt: skip
     numbers = np.frombuffer(body, dtype, held)
     whole = numbers[: groups * group * channels].reshape(groups, channels, group).transpose(1, 0, 2)

@@ -41,7 +41,7 @@ TEXTS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
      "save it as TDMS or CSV"),
     (re.compile(rb"\s*<\?xml[^>]*>\s*(<\?mso[^>]*>\s*)?<Workbook\b"), "an Excel workbook in XML (2003)",
      "save it as .xlsx or CSV"),
-    (re.compile(rb"(?i)\s*(<!doctype html|<html|<table)\b"), "a web page (HTML), as programs that call it .xls write",
+    (re.compile(rb"(?i)\s*(<!doctype html|<html|<table)\b"), "a web page (HTML), which some programs name .xls",
      "open it in a spreadsheet and save it as .xlsx or CSV"),
     (re.compile(rb"\s*<\?xml\b"), "an XML file", CSV),
 )  # fmt: skip

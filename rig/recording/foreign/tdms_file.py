@@ -62,7 +62,7 @@ class TdmsFile(NoLines):
         except Exception as error:
             raise FileProblem(str(file), unreadable(READ_AS, error)) from error
         if remarks:
-            self.read_as = f"{READ_AS}, cut off or damaged: {remarks[0]}"
+            self.read_as = f"{READ_AS}, truncated or damaged: {remarks[0]}"
         self.columns: Sequence[ForeignColumn] = [
             ForeignColumn(channel.name, _unit(channel.properties), f"{channel.group_name}/{channel.name}",
                           self._unapplied(channel))
@@ -96,7 +96,7 @@ class TdmsFile(NoLines):
         if len(waves) > 1:
             told = ", ".join(f"{self.columns[place].name}: {_wave(self._channels[place].properties)}"
                              for place in places)  # fmt: skip
-            problem = f"its channels were not sampled together (start, step in s, begun): {told}"
+            problem = f"its channels were not sampled together (start, step in s, start time): {told}"
             raise FileProblem(str(self._file), [problem])
         (wave,) = waves
         if wave is None:
@@ -115,7 +115,7 @@ class TdmsFile(NoLines):
             stamps = values.astype("datetime64[ns]").astype(np.int64)
             return np.asarray((stamps - stamps[0]) * 1e-9 if len(stamps) else stamps, np.float64)
         if values.dtype.kind not in "fiub":
-            raise FileProblem(str(self._file), [f"channel {self.columns[place].name!r} holds no numbers"])
+            raise FileProblem(str(self._file), [f"channel {self.columns[place].name!r} contains no numbers"])
         return values.astype(np.float64)
 
 

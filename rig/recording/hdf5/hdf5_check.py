@@ -104,7 +104,7 @@ def _check_groups(file: h5py.File, path: Path, groups: Iterable[str]) -> None:
                 place = "/".join(parts[:depth])
                 link = file.get(place, getlink=True)
                 if not isinstance(link, h5py.HardLink) or not isinstance(file[place], h5py.Group):
-                    problems.append(f"/{place}: missing, or not a group of the file itself")
+                    problems.append(f"/{place}: missing, or not a group within the file")
                     break
             else:
                 problems += [f"/{name}: {text}" for text in _attribute_problems(file[name].id)]
@@ -140,7 +140,7 @@ class _Walk:
             where, info = f"{place}/{_printable(name)}", group.links.get_info(key)
             if info.type != h5py.h5l.TYPE_HARD:
                 kind = type(h5py.Group(group).get(name, getlink=True)).__name__
-                self.problems.append(f"{where}: {kind} refused; a recording holds its data itself")
+                self.problems.append(f"{where}: {kind} refused; a recording must contain its data")
                 continue
             if info.u in self._walked:
                 continue  # stamps that channels share are one dataset with many names
@@ -199,7 +199,7 @@ def _storage_problems(storage: h5py.h5p.PropDCID, kind: np.dtype[Any], dimension
     texts += [f"filter {code} ({text!r}) refused; allowed: {', '.join(ALLOWED_FILTERS.values())}"
               for code, _, _, text in filters if code not in ALLOWED_FILTERS]
     if len(set(codes)) < len(codes):
-        texts.append(f"the same filter twice refused: {codes}")
+        texts.append(f"filter given twice, refused: {codes}")
     return texts
 
 

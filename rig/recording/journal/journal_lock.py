@@ -32,10 +32,12 @@ def campaign_held(folder: Path) -> Iterator[None]:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         os.close(handle)
-        raise Refused("two-instances", f"{folder}: the campaign still runs, or another process recovers it") from error
+        raise Refused("two-instances", f"{folder}: the campaign is still running, or another process is "
+            "recovering it") from error
     except OSError as error:
         os.close(handle)
-        raise FileProblem(str(folder), [f"cannot be locked: {error.strerror}; use a file system with locks"]) from error
+        raise FileProblem(str(folder), [f"cannot be locked: {error.strerror}. Fix: use a file system with "
+            "locks"]) from error
     try:
         yield
     finally:

@@ -245,10 +245,10 @@ def checked_context(context: PointContext, name: str) -> PointContext:
             problems.append(f"no sensor {channel}")
     for channel, sensor in context.sensors.items():
         problems += _outside(channel, vars(sensor), SENSOR, needed=("rate_Hz",))
-        problems += [f"{channel}: {key} is no text" for key in ("sensor", "unit", "long_name")
+        problems += [f"{channel}: {key} is not a text" for key in ("sensor", "unit", "long_name")
                      if not isinstance(vars(sensor)[key], str)]
     if problems:
-        raise JournalProblem("the header holds what no rig records: " + "; ".join(problems))
+        raise JournalProblem("the header contains implausible values: " + "; ".join(problems))
     return replace(context, point=replace(point, id=name))
 
 
@@ -278,7 +278,8 @@ def check_records(channels: Mapping[str, Records]) -> None:
             if least < low or greatest > high:
                 raise JournalProblem(f"{name}: {key} from {least} to {greatest}, expected {low} to {high}")
             if key == "host_ns" and greatest - least > LONGEST_NS:
-                raise JournalProblem(f"{name}: records {1e-9 * (greatest - least):.0f} s apart; a point takes a month")
+                raise JournalProblem(f"{name}: records {1e-9 * (greatest - least):.0f} s apart; a point cannot take a "
+                    "month")
 
 
 def _extremes(records: Records, key: str) -> tuple[int, int]:

@@ -89,7 +89,7 @@ class PointRecorder:
         """Why the recorder is not healthy; empty while it is."""
         if self._error is not None:
             return str(self._error)
-        return "" if self._thread.is_alive() else "the recorder's thread has ended"
+        return "" if self._thread.is_alive() else "the recorder's thread has stopped"
 
     def begin(self, context: PointContext, *, expected_s: float = 0.0) -> Path:
         """Open the journal of the point in `context` and record from here on.
@@ -106,7 +106,7 @@ class PointRecorder:
             RuntimeError: the point before was not ended.
         """
         if self._journal is not None:
-            raise RuntimeError(f"point {self._id} is still being recorded: call end() first")
+            raise RuntimeError(f"point {self._id} is still being recorded. Fix: call end() first")
         self._id = context.point.id
         path = self.folder / f"{self._id}{JOURNAL}"
         try:
@@ -146,7 +146,7 @@ class PointRecorder:
         """
         with self._lock:
             if self._journal is None:
-                raise RuntimeError("no point is being recorded: call begin() first")
+                raise RuntimeError("no point is being recorded. Fix: call begin() first")
             self._drain()
             journal, self._journal = self._journal, None
             lost = self._ring.lost - self._lost_before

@@ -62,13 +62,13 @@ class RingReader:
     def _check_header(self) -> int:
         header = self._map[:HEADER_SIZE]
         if len(header) < HEADER_SIZE or header[:8] != MAGIC:
-            raise RingProblem(f"{self.path}: not a ring: expected magic {MAGIC!r}, got {header[:8]!r}")
+            raise RingProblem(f"{self.path}: not a ring: expected the magic number {MAGIC!r}, got {header[:8]!r}")
         size, capacity = struct.unpack_from("<II", header, OFFSET_RECORD_SIZE)
         expected = HEADER_SIZE + capacity * RECORD_DTYPE.itemsize
         if size != RECORD_DTYPE.itemsize or capacity == 0 or len(self._map) < expected:
             raise RingProblem(
-                f"{self.path}: expected records of {RECORD_DTYPE.itemsize} bytes and {expected} bytes in all, "
-                f"got records of {size} and {len(self._map)} bytes",
+                f"{self.path}: expected records of {RECORD_DTYPE.itemsize} bytes and {expected} bytes in total, got "
+                f"records of {size} and {len(self._map)} bytes",
             )
         return int(capacity)
 

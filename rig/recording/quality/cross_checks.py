@@ -187,11 +187,11 @@ def _row(
     instrument: str, what: str, reference: str, difference: Estimate | None, unit: str, limit: _Limit,
 ) -> CrossCheck:
     if difference is None:
-        few = "no point moved enough, or was read often enough, to compare it with"
+        few = "no point with enough motion or enough samples for a comparison"
         return CrossCheck(instrument, what, f"{few} the {reference}")
     shown = f"{difference.signed} {unit}"
     if not limit.exceeded and PROVES * difference.std > limit.tolerance:
-        return CrossCheck(instrument, what, f"{reference}: too uncertain to prove anything", shown, limit.text)
+        return CrossCheck(instrument, what, f"{reference}: too uncertain for a conclusion", shown, limit.text)
     state = CheckState.DISAGREES if limit.exceeded else CheckState.AGREES
     return CrossCheck(instrument, what, reference, shown, limit.text, state)
 
@@ -200,12 +200,13 @@ def _zero_over_campaign(points: Sequence[Checked], doubted: set[str]) -> list[Cr
     allowed = f"{points[0].tolerances.force_zero_change_N:.3g} N over the campaign"
     change = zero_change(points, deviations(len(points)))
     if change is None:
-        return [CrossCheck("load cell", "drift and crosstalk of its zero", "fewer than two points tell its zero")]
+        return [CrossCheck("load cell", "drift and crosstalk of its zero", "fewer than two points determine its zero")]
     moved = "zero-change" in doubted
     rows = []
     for what, slug, slope, unit, missing in (
-        ("drift of its zero", "zero-drift", change.drift_N_s, "N/s", "all points were measured at one time"),
-        ("crosstalk from the coil's current", "crosstalk", change.crosstalk_N_A, "N/A", "all points have one current"),
+        ("drift of its zero", "zero-drift", change.drift_N_s, "N/s", "all points were measured at the same time"),
+        ("crosstalk from the coil's current", "crosstalk", change.crosstalk_N_A, "N/A", "all points have the same "
+            "current"),
     ):
         if slope.known:
             state = CheckState.DISAGREES if moved or slug in doubted else CheckState.AGREES
@@ -229,10 +230,10 @@ def _ecu(points: Sequence[Checked], doubted: set[str]) -> list[CrossCheck]:
         CrossCheck("ECU's current measurement", "sensitivity", "the bench has no second current sensor"),
     ]
     if not colder:
-        rows.append(CrossCheck("coil temperature", "offset", "neither coil nor ECU told a temperature at rest"))
+        rows.append(CrossCheck("coil temperature", "offset", "neither coil nor ECU temperature was reported at rest"))
     else:
         rows.append(CrossCheck(
-            "coil temperature", "offset, against a coil that seems colder only", "ECU's own temperature at rest",
+            "coil temperature", "offset, only detected if the coil appears colder", "ECU's own temperature at rest",
             f"{round(-max(colder), 1) + 0.0:+.1f} K", f"{-tolerances.coil_temperature_K:g} K",
             CheckState.DISAGREES if "coil-temperature" in doubted else CheckState.AGREES,
         ))

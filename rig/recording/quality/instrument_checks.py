@@ -101,7 +101,7 @@ class Instruments:
     @property
     def either(self) -> str:
         """Which of the two is wrong, and what to do."""
-        return f"{self.sensor} or {self.reference} is wrong, neither is proved; check both calibrations"
+        return f"{self.sensor} or {self.reference} is wrong; check both calibrations"
 
 
 FORCE = Instruments(
@@ -183,13 +183,13 @@ def _doubts(
     """
     together, count = pooled(estimates.values()), len(estimates)
     if together is not None and together.beyond(*limit) and (count > 1 or not jumps):
-        alone = "this point alone" if len(points) == 1 else "by the one point that tells"
-        by = f"{count} points together" if count > 1 else alone
+        alone = "this point only" if len(points) == 1 else "from the one conclusive point"
+        by = f"{count} points combined" if count > 1 else alone
         return dict.fromkeys((point.id for point in points), told(together, by))
     if not jumps:
         return {}
     return {
-        name: told(estimate, "this point alone") for name, estimate in estimates.items() if estimate.beyond(*limit)
+        name: told(estimate, "this point only") for name, estimate in estimates.items() if estimate.beyond(*limit)
     }
 
 
@@ -247,7 +247,8 @@ def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict
         return Reason(
             instruments.lag_slug, _kind(lag.value, tolerance_s),
             f"{instruments.reference} and {instruments.sensor} disagree in time by {lag.times(-1e3).plain} ms, the "
-            f"input later than its declared delay (allowed {1e3 * tolerance_s:.2g} ms; {by}): neither is proved",
+            f"input later than its declared delay (allowed {1e3 * tolerance_s:.2g} ms; {by}): it is not known which "
+            "one is wrong",
             {"lag_s": lag.value, "lag_std_s": lag.std, "tolerance_s": tolerance_s},
         )
 
@@ -293,15 +294,15 @@ def _changes(points: Sequence[Checked], k: float) -> list[Reason]:
         *([("crosstalk", by_current, change.over_current_N)] if crossed else []),
     ]
     if not change.told_apart and len(ways) > 1:
-        both = f"{by_time}, or {by_current} (the points' order does not tell which)"
+        both = f"{by_time}, or {by_current} (the order of the points does not distinguish them)"
         largest_N = max(change.over_time_N, change.over_current_N, key=lambda moved_N: abs(moved_N.value))
         ways = [("zero-change", both, largest_N)]
     numbers = {"drift_N_s": change.drift_N_s.value, "crosstalk_N_A": change.crosstalk_N_A.value}
     return [
         Reason(
             slug, Kind.INVALID if abs(over_N.value) > gross_N else Kind.SUSPECT,
-            f"the load cell's zero moves against the {FORCE.reference}: {text} (allowed {tolerance_N:.3g} N): "
-            f"{FORCE.either}", numbers,
+            f"the load cell's zero drifts relative to the {FORCE.reference}: {text} (allowed "
+            f"{tolerance_N:.3g} N): {FORCE.either}", numbers,
         )
         for slug, text, over_N in ways
     ]
@@ -313,9 +314,9 @@ def _current_zero(point: Checked, k: float) -> list[Reason]:
         return []
     return [Reason(
         "current-zero", _kind(zero.value, tolerance_A),
-        f"the ECU reports {zero.times(1e3).signed} mA while its output stage is off (allowed "
-        f"{1e3 * tolerance_A:g} mA): its current measurement and its command disagree, and the coil's true current is "
-        "off by as much at every set-point",
+        f"the ECU reports {zero.times(1e3).signed} mA while its output stage is off (allowed {1e3 * tolerance_A:g} "
+        "mA): its current measurement and its command disagree, and the true coil current has the same error at "
+        "every set-point",
         {"current_A": zero.value, "tolerance_A": tolerance_A},
     )]
 
@@ -325,7 +326,7 @@ def _coil_temperature(point: Checked) -> list[Reason]:
         return []
     return [Reason(
         "coil-temperature", Kind.SUSPECT,
-        f"the coil's temperature sensor shows {point.colder_K:.1f} K less than the ECU's own before anything was moved "
+        f"the coil's temperature sensor shows {point.colder_K:.1f} K less than the ECU's own before any motion "
         f"(allowed {point.tolerances.coil_temperature_K:g} K): one of the two is wrong, or the ECU was warm",
         {"colder_K": point.colder_K},
     )]

@@ -152,7 +152,7 @@ def _sensor_reasons(evidence: PointEvidence) -> list[Reason]:
     for name, counts in evidence.sensors.items():
         total = counts.samples + counts.lost
         if total == 0:
-            reasons.append(invalid("no-samples", f"{name} delivered nothing"))
+            reasons.append(invalid("no-samples", f"{name} delivered no data"))
             continue
         if counts.lost > LARGEST_LOSS_SHARE * total:
             reasons.append(_share("sample-gap", name, counts.lost, total, "lost", LARGEST_LOSS_SHARE))
@@ -162,7 +162,8 @@ def _sensor_reasons(evidence: PointEvidence) -> list[Reason]:
         if counts.faulty:
             reasons.append(invalid("sensor-fault", f"{counts.faulty} {name} samples reported faulty by the sensor"))
         if counts.spikes:
-            reasons.append(suspect("sensor-spike", f"{counts.spikes} {name} samples jump beyond the machine's speed"))
+            reasons.append(suspect("sensor-spike", f"{counts.spikes} {name} samples jump faster than the machine can "
+                "move"))
         reasons += _bandwidth(name, counts, evidence.wanted_frequency_Hz)
     return reasons
 
@@ -176,13 +177,13 @@ def _standing(name: str, counts: SensorCounts, samples_a_cycle: float) -> list[R
     if name == "force" and counts.flat >= FLAT_SAMPLES:
         return [invalid(
             "sensor-saturated",
-            f"the {name} stands at its extreme value for {counts.flat} samples: the amplifier's end",
+            f"the {name} remains at its extreme value for {counts.flat} samples: amplifier saturation",
         )]
     if counts.coarse and counts.step > RESOLUTION_SUSPECT * counts.span > 0.0:
         return [suspect(
             "sensor-resolution",
-            f"the {name} comes in steps of {100 * counts.step / counts.span:.2g} % of its span "
-            f"(limit {100 * RESOLUTION_SUSPECT:g} %): a finer range or resolution is needed",
+            f"the {name} has steps of {100 * counts.step / counts.span:.2g} % of its span (limit "
+            f"{100 * RESOLUTION_SUSPECT:g} %): a finer range or resolution is needed",
             step=counts.step, span=counts.span,
         )]
     return []
@@ -197,15 +198,15 @@ def _bandwidth(name: str, counts: SensorCounts, frequency_Hz: float) -> list[Rea
         a_cycle = counts.rate_Hz / frequency_Hz
         reasons.append(suspect(
             "bandwidth",
-            f"{name} at {counts.rate_Hz:g} Hz gives {a_cycle:.3g} samples a cycle of {frequency_Hz:g} Hz, harmonics up "
-            f"to order {0.5 * a_cycle:.3g} only ({SAMPLES_A_CYCLE} samples would do)",
+            f"{name} at {counts.rate_Hz:g} Hz gives {a_cycle:.3g} samples per cycle at {frequency_Hz:g} Hz, harmonics "
+            f"up to order {0.5 * a_cycle:.3g} only ({SAMPLES_A_CYCLE} samples are required)",
             rate_Hz=counts.rate_Hz, frequency_Hz=frequency_Hz,
         ))
     if counts.bandwidth_Hz is not None and counts.bandwidth_Hz < HARMONICS_NEEDED * frequency_Hz:
         reasons.append(suspect(
             "bandwidth",
-            f"{name} passes {counts.bandwidth_Hz:g} Hz only, {counts.bandwidth_Hz / frequency_Hz:.3g} times the test's "
-            f"{frequency_Hz:g} Hz ({HARMONICS_NEEDED} times would do)",
+            f"{name} passes {counts.bandwidth_Hz:g} Hz only, {counts.bandwidth_Hz / frequency_Hz:.3g} times the "
+            f"test's {frequency_Hz:g} Hz ({HARMONICS_NEEDED} times are required)",
             bandwidth_Hz=counts.bandwidth_Hz, frequency_Hz=frequency_Hz,
         ))
     return reasons
@@ -231,13 +232,13 @@ def _motion(evidence: PointEvidence) -> list[Reason]:
             # Nobody's fault: the point was stopped, and that is said already.
             return []
         counted = "none" if evidence.measured_cycles is None else f"{evidence.measured_cycles:g}"
-        return [invalid("too-few-cycles", f"{counted} full cycles measured, {evidence.wanted_cycles:g} wanted")]
+        return [invalid("too-few-cycles", f"{counted} full cycles measured, expected {evidence.wanted_cycles:g}")]
     reasons = []
     if evidence.measured_amplitude_m is not None and evidence.wanted_amplitude_m > 0:
         error = evidence.measured_amplitude_m / evidence.wanted_amplitude_m - 1.0
         text = (
-            f"{1e3 * evidence.measured_amplitude_m:.4g} mm measured, {1e3 * evidence.wanted_amplitude_m:.4g} mm "
-            f"wanted ({100 * error:+.1f} %)"
+            f"{1e3 * evidence.measured_amplitude_m:.4g} mm measured, expected {1e3 * evidence.wanted_amplitude_m:.4g} "
+            f"mm ({100 * error:+.1f} %)"
         )
         tolerance = evidence.amplitude_tolerance
         allowed = AMPLITUDE_SUSPECT if tolerance is None else tolerance * (1.0 + TOLERANCE_ROUNDING)
@@ -249,7 +250,7 @@ def _motion(evidence: PointEvidence) -> list[Reason]:
         if abs(error) > FREQUENCY_SUSPECT:
             reasons.append(suspect(
                 "frequency",
-                f"{evidence.measured_frequency_Hz:.4g} Hz measured, {evidence.wanted_frequency_Hz:.4g} Hz wanted",
+                f"{evidence.measured_frequency_Hz:.4g} Hz measured, expected {evidence.wanted_frequency_Hz:.4g} Hz",
             ))
     return reasons
 
@@ -297,8 +298,8 @@ def _specimen(evidence: PointEvidence) -> list[Reason]:
     if evidence.free_play_m > 0.0:
         reasons.append(invalid(
             "free-play",
-            f"the force rests at zero over about {1e3 * evidence.free_play_m:.2g} mm after it changes sign: "
-            "a fixture or joint slips",
+            f"the force remains at zero over about {1e3 * evidence.free_play_m:.2g} mm after it changes sign: a "
+            "fixture or joint slips",
         ))
     if evidence.span_N is None or evidence.scatter_N is None or evidence.change_N is None or not evidence.span_N > 0.0:
         return reasons

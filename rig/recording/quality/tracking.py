@@ -163,8 +163,9 @@ def tracking_reasons(wanted: WantedPoint, tracking: Tracking | None, *, stopped:
     if tracking.nrms <= TRACKING_SUSPECT:
         return []
     text = (
-        f"the rod was off its target by {100 * tracking.nrms:.3g} % of it, RMS, {1e3 * tracking.delay_s:.3g} ms of "
-        f"delay taken off (limit {100 * TRACKING_INVALID:g} %); it reached {100 * tracking.reached:.3g} % of the span"
+        f"tracking error of the rod {100 * tracking.nrms:.3g} % of the target, RMS, after removing "
+        f"{1e3 * tracking.delay_s:.3g} ms of delay (limit {100 * TRACKING_INVALID:g} %); the rod reached "
+        f"{100 * tracking.reached:.3g} % of the span"
     )
     kind = Kind.INVALID if tracking.nrms > TRACKING_INVALID else Kind.SUSPECT
     return [Reason("tracking", kind, text, {"nrms": tracking.nrms, "delay_s": tracking.delay_s})]

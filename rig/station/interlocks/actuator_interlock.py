@@ -174,7 +174,7 @@ class ActuatorInterlock:
             return
         forward_us = (status.clock_us - before.clock_us) % CLOCK_MODULUS
         if forward_us >= CLOCK_MODULUS // 2:
-            detail = f"controller clock fell back from {before.clock_us} to {status.clock_us} us"
+            detail = f"controller clock went back from {before.clock_us} to {status.clock_us} us"
             findings.append(Finding("actuator-reboot", detail, status.received_ns))
             self._anchor_m = math.nan
         else:
@@ -186,7 +186,7 @@ class ActuatorInterlock:
         age_ms = (status.received_ns - self._beat_ns) / 1e6
         self.frozen = age_ms > self.frozen_after_ns / 1e6
         if self.frozen:
-            detail = f"controller heartbeat has stood at {status.heartbeat} for {age_ms:.0f} ms"
+            detail = f"controller heartbeat unchanged at {status.heartbeat} for {age_ms:.0f} ms"
             findings.append(Finding("actuator-frozen", detail, status.received_ns, age_ms, self.frozen_after_ns / 1e6))
 
     def _follow_bits(self, status: ActuatorStatus, findings: list[Finding]) -> None:
@@ -199,15 +199,15 @@ class ActuatorInterlock:
         if status.e_stop_open and not status.fault_bits & FaultBit.E_STOP:
             findings.append(Finding("estop", "e-stop chain open", t_ns))
         if rest or (status.state == State.TRIPPED and status.fault_bits == 0):
-            names = ", ".join(bit.name or "?" for bit in FaultBit if bit & rest) or "no bit named"
+            names = ", ".join(bit.name or "?" for bit in FaultBit if bit & rest) or "no fault bit reported"
             findings.append(Finding("controller-trip", f"controller tripped: {names}", t_ns, float(status.fault_bits)))
         if not self.leased or not self._has_lease:
             return
         if status.owner not in {0, self.owner_id}:
-            detail = f"controller's lease is held by {status.owner}, ours is {self.owner_id}"
+            detail = f"controller's lease is held by {status.owner}, expected {self.owner_id} (this host)"
             findings.append(Finding("second-master", detail, t_ns, status.owner, self.owner_id))
         elif status.owner == 0:
-            findings.append(Finding("actuator-reboot", "controller no longer knows our lease", t_ns))
+            findings.append(Finding("actuator-reboot", "the controller no longer holds this host's lease", t_ns))
 
     def _follow_program(
         self, status: ActuatorStatus, lvdt_m: float | None, lvdt_speed_m_s: float, findings: list[Finding]
@@ -233,7 +233,9 @@ class ActuatorInterlock:
         elif lvdt_m is not None and lvdt_m != shown_m:
             self._restless += 1
         if self._restless >= 4 * CONSECUTIVE:
-            detail = f"the controller says {State(status.state).name}, the LVDT moves at {lvdt_speed_m_s:.3g} m/s"
+            detail = (
+                f"the controller reports {State(status.state).name}, but the LVDT moves at {lvdt_speed_m_s:.3g} m/s"
+            )
             findings.append(Finding("stop-ignored", detail, t_ns, lvdt_speed_m_s, RESTLESS_M_S))
 
     def _overrun_s(self) -> float:
@@ -252,7 +254,7 @@ class ActuatorInterlock:
             travel_m = self._lvdt_high_m - self._lvdt_low_m
             if travel_m > FROZEN_TRAVEL_M and self._repeats >= FROZEN_POLLS:
                 detail = (
-                    f"controller position stands at {status.position_m:.6g} m while the LVDT moved {travel_m:.4g} m"
+                    f"controller position unchanged at {status.position_m:.6g} m while the LVDT moved {travel_m:.4g} m"
                 )
                 findings.append(Finding("actuator-frozen", detail, t_ns, travel_m, FROZEN_TRAVEL_M))
         else:
@@ -263,7 +265,9 @@ class ActuatorInterlock:
         apart_m = abs(status.position_m - lvdt_m)
         self._apart = self._apart + 1 if apart_m > allowed_m else 0
         if self._apart >= 2 * CONSECUTIVE:
-            detail = f"controller at {status.position_m:.6g} m, LVDT at {lvdt_m:.6g} m, allowed {allowed_m:.4g} m apart"
+            detail = (
+                f"controller at {status.position_m:.6g} m, LVDT at {lvdt_m:.6g} m, allowed difference {allowed_m:.4g} m"
+            )
             findings.append(Finding("position-disagreement", detail, t_ns, apart_m, allowed_m))
 
 
@@ -325,7 +329,9 @@ class CommandWatch:
             self._before = acknowledged
         if not self._acknowledged or acknowledged == self._before:
             return []
-        detail = f"the controller's last command is {_name(acknowledged[1])} as {acknowledged[0]}: not from this host"
+        detail = (
+            f"the controller's last command is {_name(acknowledged[1])}, number {acknowledged[0]}: not from this host"
+        )
         if status.acked_command == Command.ACQUIRE and status.result == Result.REFUSED_OWNER:
             # Another host asks whether the rig is free, and has been told that it is not: said once.
             if acknowledged == self._knocked:
@@ -339,12 +345,14 @@ class CommandWatch:
         before, self._running = self._running, status.program_id if status.state == State.RUNNING else 0
         started = _last(sent, {Command.START})
         if self._running and (self._running, int(Command.START)) != started:
-            detail = f"the controller runs program {status.program_id}, which was not started here"
+            detail = f"the controller runs program {status.program_id}, which this host did not start"
             return [Finding(SLUG, detail, status.received_ns, status.program_id)]
         ended = before and before == status.program_id and status.state == State.HOLD
         whole = int(self._cycles + CYCLE_SLACK)
         if ended and not _stopped(sent) and status.cycles_done < whole:
-            detail = f"the program ended after {status.cycles_done} of {whole} cycles, and nobody here stopped it"
+            detail = (
+                f"the program ended after {status.cycles_done} of {whole} cycles without a stop command from this host"
+            )
             return [Finding(SLUG, detail, status.received_ns, status.cycles_done, whole)]
         return []
 
@@ -358,7 +366,7 @@ class CommandWatch:
         self._unasked = self._unasked + 1 if stopping or moving or (pressureless and self._pressurised) else 0
         if self._unasked < UNASKED:
             return []
-        detail = f"the controller is {State(status.state).name}, without a fault, and nobody here asked for it"
+        detail = f"the controller is {State(status.state).name}, without a fault and without a command from this host"
         return [Finding(SLUG, detail, status.received_ns, status.state)]
 
 

@@ -175,7 +175,8 @@ class ChannelInterlock:
         elif not math.isnan(value):
             self._saturated = 0
         if self._saturated >= CONSECUTIVE:
-            findings.append(Finding("sensor-saturated", f"{self.name}: at its end", host_ns, value, self.limits.span))
+            findings.append(Finding("sensor-saturated", f"{self.name}: at the end "
+                "of its range", host_ns, value, self.limits.span))
 
     def _check_limits(self, host_ns: int, value: float, findings: list[Finding]) -> None:
         low, high, unit = self.limits.low, self.limits.high, self.limits.unit

@@ -74,14 +74,16 @@ class CurrentInterlock:
         if self._off != CONSECUTIVE:
             return []
         slug = "current-stuck" if commanded_A == 0.0 else "current-tracking"
-        detail = f"measured {status.current_A:.3f} A, commanded {commanded_A:.3f} A, allowed {allowed_A:.3f} A apart"
+        detail = (
+            f"measured {status.current_A:.3f} A, commanded {commanded_A:.3f} A, allowed difference {allowed_A:.3f} A"
+        )
         return [Finding(slug, detail, t_ns, status.current_A, commanded_A)]
 
 
 WRONG = {
-    "can-malformed": "ECU status frames in a row with a wrong length or kind",
-    "ecu-crc": "ECU status frames in a row with a wrong counter, CRC or length",
-    "current-unmeasured": "answers of the current source in a row without a measured number",
+    "can-malformed": "consecutive ECU status frames with a wrong length or kind",
+    "ecu-crc": "consecutive ECU status frames with a wrong counter, CRC or length",
+    "current-unmeasured": "consecutive answers of the current source without a measured number",
 }
 """What was discarded, by fault."""
 
@@ -119,7 +121,10 @@ class BusInterlock:
         """Take the counters as they stand after a read that ended at `t_ns` (host monotonic)."""
         findings = [*self._frames(counted, t_ns), *self._load(counted, t_ns)]
         if counted.foreign_commands > self._foreign:
-            detail = f"{counted.foreign_commands - self._foreign} frames of another sender on our command id"
+            detail = (
+                f"{counted.foreign_commands - self._foreign} frames from another sender with this host's command "
+                "identifier"
+            )
             findings.append(Finding("can-foreign", detail, t_ns))
         return findings
 
@@ -133,7 +138,7 @@ class BusInterlock:
             findings.append(Finding(slug, detail, t_ns, counted.bad_in_a_row, CONSECUTIVE, warns=few))
         self._bad = bad
         if counted.gaps_in_a_row >= CONSECUTIVE:
-            detail = f"{counted.gaps_in_a_row} ECU status frames in a row whose counter left some out"
+            detail = f"{counted.gaps_in_a_row} consecutive ECU status frames after gaps in the counter"
             findings.append(Finding("ecu-crc", detail, t_ns, counted.gaps_in_a_row, CONSECUTIVE))
         repeated, lost = counted.duplicates - self._duplicates, counted.lost - self._lost
         if repeated or lost:
@@ -151,7 +156,7 @@ class BusInterlock:
         self._bits, self._window_ns = counted.other_bits, t_ns
         if share <= FULL_BUS:
             return []
-        detail = f"frames of others take {100 * share:.0f} % of the bus, allowed {100 * FULL_BUS:.0f} %"
+        detail = f"frames from other nodes occupy {100 * share:.0f} % of the bus, allowed: {100 * FULL_BUS:.0f} %"
         return [Finding("can-babble", detail, t_ns, share, FULL_BUS)]
 
 
@@ -222,7 +227,7 @@ class EcuInterlock:
             detail = f"coil at {temperature.coil_degC:.1f} degC, allowed {limit:.1f} degC"
             findings.append(Finding("coil-temperature", detail, t_ns, temperature.coil_degC, limit))
         if self._boot_count is not None and temperature.boot_count != self._boot_count:
-            detail = f"ECU boot count went from {self._boot_count} to {temperature.boot_count}"
+            detail = f"ECU boot count changed from {self._boot_count} to {temperature.boot_count}"
             findings.append(Finding("ecu-restart", detail, t_ns, temperature.boot_count, self._boot_count))
         self._boot_count = temperature.boot_count
         return findings
@@ -233,5 +238,5 @@ class EcuInterlock:
             return []
         status_ms = 1e3 * self._timing.status_s
         age_ms, allowed_ms = round(status_ms * self._untold), round(status_ms * self._untold_allowed)
-        detail = f"ecu: no coil temperature for {age_ms} ms of its clock, allowed {allowed_ms} ms"
+        detail = f"ecu: no coil temperature for {age_ms} ms (ECU clock), allowed: {allowed_ms} ms"
         return [Finding("ecu-silent", detail, t_ns, age_ms / 1e3, allowed_ms / 1e3)]

@@ -61,7 +61,7 @@ class LinkFaults:
         self._busy = self._wrong = 0
         findings = [*self._stale(t_ns)]
         if self._link.busy > self._seen_busy:
-            detail = f"controller was busy {self._link.busy - self._seen_busy} times and then answered"
+            detail = f"controller was busy {self._link.busy - self._seen_busy} times before it answered"
             findings.append(Finding("modbus-busy", detail, t_ns, warns=True))
         self._seen_busy = self._link.busy
         return findings
@@ -99,7 +99,7 @@ class LinkFaults:
         if count == 0:
             return []
         slug = "rtu-stale" if self._kind is LinkKind.MODBUS_RTU else "modbus-wrong-tid"
-        return [Finding(slug, f"{count} answers to other requests were thrown away", t_ns, warns=True)]
+        return [Finding(slug, f"{count} answers to other requests were discarded", t_ns, warns=True)]
 
 
 @dataclass

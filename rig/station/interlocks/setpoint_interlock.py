@@ -53,8 +53,8 @@ def unfollowable(program: Program, limits: Limits, poll_s: float) -> list[str]:
     problems = []
     if frequency_Hz > most_Hz * (1.0 + LIMIT_SLACK):
         problems.append(
-            f"{frequency_Hz:g} Hz has fewer than {FEWEST_SETPOINTS} set-points a cycle: at most {most_Hz:g} Hz, or a "
-            "shorter poll"
+            f"{frequency_Hz:g} Hz has fewer than {FEWEST_SETPOINTS} set-points per cycle. Fix: at most {most_Hz:g} "
+            "Hz, or a shorter poll interval"
         )
     if speed_m_s > limits.speed_m_s * (1.0 + LIMIT_SLACK):
         problems.append(f"speed {speed_m_s:g} m/s, allowed {limits.speed_m_s:g} m/s")
@@ -167,7 +167,7 @@ class SetpointInterlock:
         detail = (
             f"{omitted} of the last {len(self._omitted)} set-points were omitted because this computer was too busy "
             f"(the last one sent {1e3 * late_s:.1f} ms late, period {1e3 * self._period_s:g} ms): the rod does not "
-            "follow the motion. Fix: close other programs, or give this one real-time rights"
+            "follow the motion. Fix: close other programs, or grant this one real-time priority"
         )
         return [Finding(LATE, detail, t_ns, omitted, MOST_LATE, warns=True)]
 
@@ -186,7 +186,9 @@ class SetpointInterlock:
             allowed_s: the longest gap after which a motion goes on (wall s).
             t_ns: host time.
         """
-        detail = f"no set-point was taken for {1e3 * gap_s:.0f} ms, allowed {1e3 * allowed_s:.0f} ms: the motion ends"
+        detail = (
+            f"no set-point was accepted for {1e3 * gap_s:.0f} ms, allowed {1e3 * allowed_s:.0f} ms: the motion ends"
+        )
         return Finding(LATE, detail, t_ns, gap_s, allowed_s)
 
     def answered(self, sent: Setpoint, taken_m: float, position_m: float, t_ns: int) -> list[Finding]:
@@ -209,7 +211,7 @@ class SetpointInterlock:
         what = "the device's set-point" if shows else "the rod"
         detail = (
             f"{what} is {1e3 * apart_m:.2f} mm from the set-point sent, allowed {1e3 * allowed_m:.2f} mm: the device "
-            "does not take what is streamed to it"
+            "does not follow the streamed set-points"
         )
         return [Finding(LOST, detail, t_ns, apart_m, allowed_m)]
 

@@ -347,7 +347,7 @@ class ActuatorThread(DeviceThread):
         """A controller that has booted, or whose limits somebody else changed, is not the one that was prepared."""
         shown = self._driver.read_identity().settings
         if shown != expected:
-            detail = f"controller's boot count and configuration hash are {shown}, they were {expected}"
+            detail = f"controller's boot count and configuration hash are {shown}, expected {expected}"
             self._supervisor.report([Finding("actuator-reboot", detail, monotonic_ns())])
 
     def _run_job(self) -> None:
@@ -413,7 +413,7 @@ class ActuatorThread(DeviceThread):
         if taken:
             return
         last = f"{status.acked_command} as {status.acked_sequence}"
-        detail = f"{command.name} was written as {sent.sequence}, the controller's last command is {last}"
+        detail = f"{command.name} was written with number {sent.sequence}, the controller's last command is {last}"
         slug = "second-master" if swallowed else "modbus-write-lost"
         self._supervisor.report([Finding(slug, detail, status.received_ns)])
         if not self._supervisor.settled:

@@ -307,7 +307,7 @@ class CurrentSourceThread(ReadingThread):
         if status is None:
             return "sends no status"
         if status.state == UNKNOWN_STATE:
-            return f"in a state that it does not tell, faults {SourceFault(status.faults)!r}"
+            return f"in an unknown state, faults {SourceFault(status.faults)!r}"
         state = SourceState(status.state).name if status.state in set(SourceState) else str(status.state)
         return f"in state {state}, faults {SourceFault(status.faults)!r}"
 
@@ -376,9 +376,9 @@ class CurrentSourceThread(ReadingThread):
         findings += self.judge.judge_temperature_age(now_ns)
         findings += self._bus_judge.judge(self._driver.counters, now_ns)
         if self._driver.send_error is not None:
-            findings.append(Finding("can-lost", f"command frames ended: {self._driver.send_error}", now_ns))
+            findings.append(Finding("can-lost", f"command frames stopped: {self._driver.send_error}", now_ns))
         elif self._zero_error is not None:
-            findings.append(Finding("can-lost", f"0 A could not be sent at once: {self._zero_error}", now_ns))
+            findings.append(Finding("can-lost", f"0 A could not be sent immediately: {self._zero_error}", now_ns))
         if not self.begun:
             return findings
         silence = self._supervisor.host.missed(self.name, self._silence(), self._last_ns, self._stale_ns, now_ns)
@@ -391,8 +391,8 @@ class CurrentSourceThread(ReadingThread):
             self._stamps_told = True
             self._supervisor.tell(
                 "ecu-time-stamps",
-                f"its frames are timed by the CAN interface's stamps, known on this host's clock to "
-                f"{uncertainty_ns / 1e3:.0f} us beside the shortest time that reading takes",
+                "its frames have the CAN interface's time stamps, converted to this host's clock within "
+                f"{uncertainty_ns / 1e3:.0f} us plus the shortest read time",
             )
 
     def _tell_not_numbers(self) -> None:
@@ -402,7 +402,7 @@ class CurrentSourceThread(ReadingThread):
             self._supervisor.tell(
                 "ecu-value-missing",
                 f"its {channel.name.lower().replace('_', ' ')} is not a finite number in some frames: that value is "
-                "left out, the rest of the frame is used",
+                "discarded, the rest of the frame is used",
             )
 
     def _silence(self) -> str:

@@ -240,7 +240,7 @@ class SensorThread(ReadingThread):
         """
         slug = "sensor-saturated" if self.judge.at_extreme else "sensor-stuck"
         value = self.judge.last_value
-        detail = f"{self.name}: {self.judge.repeats} samples of exactly {value:g} during motion"
+        detail = f"{self.name}: {self.judge.repeats} identical samples ({value:g}) during motion"
         return Finding(slug, detail, t_ns, value)
 
     def _judge_line(self, good: int, t_ns: int) -> None:

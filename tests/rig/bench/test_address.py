@@ -89,5 +89,5 @@ def test_an_interface_whose_package_is_not_installed_is_refused_when_the_file_is
 ) -> None:
     monkeypatch.delitem(sys.modules, "can.interfaces.canalystii", raising=False)
     monkeypatch.setitem(sys.modules, "canalystii", None)
-    with pytest.raises(ValueError, match=r"needs for it is not installed here: .*canalystii"):
+    with pytest.raises(ValueError, match=r"needs for it is not installed: .*canalystii"):
         address.can_interface("canalystii")

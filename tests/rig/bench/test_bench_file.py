@@ -61,7 +61,7 @@ def test_a_device_id_that_a_serial_line_does_not_have_is_refused_there_alone(pro
     serial = ("modbus-tcp://192.168.0.10:502", "modbus-rtu:/dev/ttyUSB0")
     for number in (0, 255):
         assert problems(serial, ("device_id = 1", f"device_id = {number}")) == [
-            f"line {line_of('device_id')}: actuator.device_id = {number}: is no device on a serial line: 1 to 247 there"
+            f"line {line_of('device_id')}: actuator.device_id = {number}: invalid on a serial line; allowed: 1 to 247"
         ]
     path = tmp_path / "bench.toml"
     path.write_text(TEXT.replace("device_id = 1", "device_id = 255"))
@@ -81,7 +81,7 @@ def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ('speed = "0.8 m/s"', 'speed = "25 N"', 'limits.speed = "25 N": 25 N is a force; a speed is written like'),
+        ('speed = "0.8 m/s"', 'speed = "25 N"', 'limits.speed = "25 N": 25 N is a force; a speed is written as'),
         ('speed = "0.8 m/s"', "speed = 0.8", "limits.speed = 0.8: the number 0.8 has no unit"),
         ('speed = "0.8 m/s"', 'speed = "80 m/s"', "too large (allowed: more than 0 m/s to 5 m/s)"),
         ('speed = "0.8 m/s"', 'speed = "0 m/s"', "too small (allowed: more than 0 m/s to 5 m/s)"),
@@ -105,9 +105,9 @@ def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
         ('offset = "0 mm"', 'offset = "0 N"', 'lvdt.calibration.offset = "0 N": 0 N is a force'),
         ("due = 2030-01-01", 'due = "2030-01-01"', "must be a date such as 2030-01-01"),
         ('format = "frame16"', 'format = "frame17"', "unknown format; did you mean frame16? known: frame16"),
-        ('stale_after = "20 ms"', 'stale_after = "6 ms"', "less than two samples; allowed: at least 8 ms"),
-        ('watchdog = "500 ms"', 'watchdog = "60 ms"', "less than two polls or time-outs; allowed: at least 80 ms"),
-        ('stale_after = "30 ms"', 'stale_after = "15 ms"', "less than two status frames; allowed: at least 20 ms"),
+        ('stale_after = "20 ms"', 'stale_after = "6 ms"', "shorter than two samples; allowed: at least 8 ms"),
+        ('watchdog = "500 ms"', 'watchdog = "60 ms"', "shorter than two polls or time-outs; allowed: at least 80 ms"),
+        ('stale_after = "30 ms"', 'stale_after = "15 ms"', "shorter than two status frames; allowed: at least 20 ms"),
         ("by-id/usb-lvdt", "by-id/usb-load-cell", "lvdt.url"),
         ('range = "10 kN"', 'range = "4 kN"', "beyond the load cell's range; allowed: at most 4 kN"),
         ('range = "100 mm"', 'range = "50 mm"', "beyond the LVDT's range; allowed: within +-50 mm"),
@@ -216,9 +216,9 @@ def test_an_auxiliary_channel_has_its_own_unit(tmp_path: Path) -> None:
     ("text", "expected"),
     [
         (auxiliary() + auxiliary(port=2), "name of another auxiliary channel"),
-        (auxiliary(name="force"), "the name of a channel every run has"),
+        (auxiliary(name="force"), "the name of a channel that every run has"),
         (auxiliary(name="Kraft!"), "auxiliary[1].name"),
-        (auxiliary() + auxiliary(name="second"), "every sensor has its own"),
+        (auxiliary() + auxiliary(name="second"), "every sensor needs its own port"),
         (auxiliary(limit="400 N"), "400 N is a force"),
         (auxiliary(limit="-1 bar"), "must be more than 0"),
         (auxiliary(offset="1 mm"), "1 mm is a length"),

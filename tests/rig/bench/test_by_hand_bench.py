@@ -53,7 +53,7 @@ def test_entries_of_other_current_sources_are_refused_all_at_once(tmp_path: Path
     with pytest.raises(FileProblem) as caught:
         bench(tmp_path, 'interface = "socketcan"', 'channel = "can0"', 'voltage_limit = "12 V"')
     for name in ("interface", "channel", "voltage_limit"):
-        assert any(f"ecu.{name}" in text and "does not belong beside by_hand" in text for text in caught.value.problems)
+        assert any(f"ecu.{name}" in text and "combined with by_hand" in text for text in caught.value.problems)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_points_run_by_rising_current_with_their_names_and_the_changes_are_count
     planned = plan(given, bench(tmp_path))
     assert [item.point.current_A for item in planned.points] == [0.0, 0.0, 0.5, 0.5, 1.0, 1.0]
     assert [item.point.id for item in planned.points] == ["p003", "p004", "p005", "p006", "p001", "p002"]
-    assert any("3 changes will be asked for" in warning for warning in planned.warnings), "to 0.5, to 1, back to 0"
+    assert any("must change it 3 times" in warning for warning in planned.warnings), "to 0.5, to 1, back to 0"
     drawn = matrix(tmp_path, MATRIX + 'order = "random"\nseed = 4\n')
     assert [item.point for item in plan(drawn, bench(tmp_path)).points] == list(drawn.points())
 
@@ -91,7 +91,7 @@ def test_matrices_that_nobody_can_follow_are_refused(tmp_path: Path, added: str,
 def test_without_somebody_at_a_terminal_it_is_refused(tmp_path: Path) -> None:
     given = bench(tmp_path)
     check_hand(given, attended=True)
-    with pytest.raises(Refused, match="run it at a terminal") as caught:
+    with pytest.raises(Refused, match="run at a terminal") as caught:
         check_hand(given, attended=False)
     assert caught.value.slug == "by-hand-unattended"
     check_hand(bench(tmp_path, 'rehearsal = "tcp://127.0.0.1:5025"'), attended=False)

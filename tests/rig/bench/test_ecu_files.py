@@ -61,10 +61,10 @@ def test_roles_may_stand_in_the_bench_file_itself(folder: Path) -> None:
     ("ecu", "said"),
     [
         ('dbc = "coil-driver.dbc"', 'a DBC file needs roles.*write roles = "ecu-roles.toml"'),
-        ('dbc = "demo"\nroles = "coil-driver-roles.toml"', 'the signals of a DBC file mean; "demo" has its own'),
+        ('dbc = "demo"\nroles = "coil-driver-roles.toml"', 'the signals of a DBC file; "demo" includes it'),
         ('dbc = "none.dbc"\nroles = "coil-driver-roles.toml"', "none.dbc: there is no such file"),
         ('dbc = "coil-driver.dbc"\nroles = "none.toml"', "none.toml: there is no such file"),
-        (f'{BY_FILE}\ninterface_options = {{channel = "x"}}', r"is an entry of \[ecu\] itself"),
+        (f'{BY_FILE}\ninterface_options = {{channel = "x"}}', r"is an entry of \[ecu\]\. Fix"),
     ],
 )
 def test_what_does_not_go_together_is_refused_by_line(folder: Path, ecu: str, said: str) -> None:
@@ -82,12 +82,12 @@ def test_a_limit_beyond_the_set_point_and_a_patience_below_two_statuses_are_refu
     dbc.write_text(dbc.read_text().replace("[-5000|5000]", "[-2000|2000]"), encoding="utf-8")
     with pytest.raises(FileProblem, match=r"limits\.current = .*beyond the set-point of the current source"):
         Bench.load(bench(folder))
-    with pytest.raises(FileProblem, match=r"ecu\.command_period = .*too long for an ECU that waits 60 ms"):
+    with pytest.raises(FileProblem, match=r"ecu\.command_period = .*too long for an ECU with a time-out of 60 ms"):
         Bench.load(bench(_mended(folder), f'{BY_FILE}\ncommand_period = "40 ms"\nstale_after = "90 ms"'))
     slow = 'periods = {DriverStatus = "20 ms"}\n' + ROLES
     (folder / "coil-driver-roles.toml").write_text(slow, encoding="utf-8")
     dbc.write_text((EXAMPLES / "coil-driver.dbc").read_text(), encoding="utf-8")
-    with pytest.raises(FileProblem, match=r"ecu\.stale_after = .*less than two periods of the measured current"):
+    with pytest.raises(FileProblem, match=r"ecu\.stale_after = .*shorter than two periods of the measured current"):
         Bench.load(bench(folder))
 
 

@@ -53,7 +53,7 @@ def rig(environment: dict[str, str], *arguments: str) -> tuple[int, str]:
         (("plan", "matrix", "--bench", "wrong"), 2, 'unknown unit "u'),
         (("plan", "none", "--bench", "bench"), 2, "there is no such file"),
         (("plan", "matrix"), 2, "Missing option '--bench'"),
-        (("runs", "--in", "none"), 2, "there is no such folder"),
+        (("runs", "--in", "none"), 2, "no such folder"),
         (("report", "none"), 2, "no such directory"),
         (("recover", "none"), 2, "not a campaign's directory"),
         (("identify", "none"), 2, "no such directory"),
@@ -108,6 +108,6 @@ def test_a_plan_fits_the_terminal_it_is_shown_on(columns: int, terminal: str) ->
     assert process.returncode == 3
     plain = re.sub(r"\x1b\[[0-9;]*m", "", shown.decode("ascii"))
     assert max(map(len, plain.splitlines())) <= columns
-    assert plain.startswith("2 of 2 points infeasible")
+    assert plain.startswith("2 of 2 points outside limits")
     assert ("\x1b[31m" in shown.decode("ascii")) is (terminal != "dumb")
-    assert " ".join(plain.split()).count("set-points add); 11.78 mm would fit") == 2
+    assert " ".join(plain.split()).count("and streaming); 11.78 mm fits") == 2

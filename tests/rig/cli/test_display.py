@@ -85,7 +85,7 @@ def test_the_live_display_fits_eighty_columns_with_every_word_whole() -> None:
     console = Console(file=text, force_terminal=True, width=80, color_system=None)
     with LiveDisplay(console) as display:
         display.planned(PLAN)
-        display.phase("proving the sensors by a slow move")
+        display.phase("checking sensors by a slow move")
         display.progress("p002", 4, 43_980.0, {**LIVE, "position_m": -0.1234, "force_N": -12345.0})
     lines = [re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", line) for line in re.split(r"[\r\n]+", text.getvalue())]
     assert max(map(len, lines)) <= 80
@@ -159,15 +159,15 @@ def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"moved": False}, "nothing had moved"),
+        ({"moved": False}, "no motion had started"),
         ({"halted": True}, "motion halted"),
         ({"faded": False}, "rod at rest, coil at 0 A"),
-        ({"current_zero": False}, "coil current not proved"),
+        ({"current_zero": False}, "coil current not confirmed"),
         ({"pressure_off": False}, "HYDRAULICS STILL ON"),
-        ({"proved": False}, "standstill is not proved, coil at 0 A, hydraulics off"),
-        ({"pressure_off": False, "pressure": "unknown"}, "HYDRAULICS NOT PROVED OFF"),
+        ({"proved": False}, "standstill is not confirmed, coil at 0 A, hydraulics off"),
+        ({"pressure_off": False, "pressure": "unknown"}, "HYDRAULICS NOT CONFIRMED OFF"),
         ({"pressure_off": False, "pressure": "none"}, "actuator holds (no hydraulics to switch off)"),
-        ({"moved": False, "pressure_off": False, "pressure": "on"}, "nothing had moved, HYDRAULICS STILL ON"),
+        ({"moved": False, "pressure_off": False, "pressure": "on"}, "no motion had started, HYDRAULICS STILL ON"),
         ({"unfinished": ""}, "All points were run"),
         ({"slug": "estop", "resume": "n"}, '--requalified "WHAT WAS CHECKED"'),
         ({"slug": "ecu-silent"}, "Stopped by ecu-silent (S2), no status: "),

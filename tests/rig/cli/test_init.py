@@ -106,7 +106,7 @@ def test_nothing_is_overwritten_and_a_device_that_there_is_not_is_refused(tmp_pa
     (tmp_path / "matrix.toml").write_text("mine", encoding="utf-8")
     refused = init(str(tmp_path), "--yes")
     assert refused.returncode == 2
-    assert "matrix.toml is there already" in refused.stderr
+    assert "matrix.toml already exists" in refused.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["matrix.toml"]
     unknown = init(str(tmp_path / "new"), "--yes", "--force", "laumas")
     assert unknown.returncode == 2

@@ -95,7 +95,7 @@ def test_a_port_is_listened_to_and_nothing_is_sent(capsys: pytest.CaptureFixture
 def test_what_fits_nothing_is_told_with_what_to_try(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, told = run(capsys, captured(tmp_path, bytes(range(256)) * 3))
     assert code == 5
-    assert "no format fits; it begins 00 01 02" in told
+    assert "no format matches; the data start with 00 01 02" in told
     assert "add-a-sensor-format.md" in told
 
 
@@ -122,4 +122,4 @@ def test_a_log_of_a_bus_is_told_by_identifiers_and_decoded_by_a_dbc(
 
 def test_a_port_that_is_not_there_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "--listen", "/dev/no-such-port", "--baud", "9600"]) == 2
-    assert "cannot open: No such file" in capsys.readouterr().err
+    assert "cannot be opened: No such file" in capsys.readouterr().err

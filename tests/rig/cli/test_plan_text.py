@@ -47,13 +47,13 @@ def words(text: str) -> str:
 @pytest.mark.parametrize("width", WIDTHS)
 def test_the_verdict_comes_first_and_no_value_or_reason_is_lost(width: int) -> None:
     lines = [text for text, _ in PlanText(REFUSED).lines(width)]
-    assert lines[0] == "20 of 20 points infeasible"
+    assert lines[0] == "20 of 20 points outside limits"
     assert max(map(len, lines)) <= width
     text = words("\n".join(lines))
     assert "MR-001 on paper bench, 0.15 m/s; 4 min 20 s of rig time; 21 kJ of heat" in text
     for item in REFUSED.points:
         (reason,) = item.reasons
-        assert f"{item.point.id}: {reason}; {1e3 * (item.would_fit_m or 0.0):.2f} mm would fit" in text
+        assert f"{item.point.id}: {reason}; {1e3 * (item.would_fit_m or 0.0):.2f} mm fits" in text
         for value in (f"{item.predicted_force_N:.4g}", f"{item.energy_J:.4g}", f"{item.point.peak_speed_m_s:.3f}"):
             assert value in text
 
@@ -71,16 +71,16 @@ def test_a_long_plan_is_shown_by_groups_with_its_hours(width: int, long_plan: Pl
     lines = [text for text, _ in PlanText(long_plan).lines(width)]
     bad = sum(not item.feasible for item in long_plan.points)
     assert 0 < bad < 5000
-    assert lines[0] == f"{bad} of 5000 points infeasible"
+    assert lines[0] == f"{bad} of 5000 points outside limits"
     assert len(lines) < 100
     assert max(map(len, lines)) <= width
     text = words("\n".join(lines))
     assert long_plan.duration_s is not None
     assert f"{int(long_plan.duration_s / 3600)} h {round(long_plan.duration_s / 60) % 60} min of rig time" in text
-    assert f"feasible: {5000 - bad} points, 2 to 40 mm, 0.1 to 5 Hz, 0 to 2 A" in text
+    assert f"within limits: {5000 - bad} points, 2 to 40 mm, 0.1 to 5 Hz, 0 to 2 A" in text
     for group in {item.causes[0].slug for item in long_plan.points if item.causes}:
-        assert f"infeasible ({group}" in text
-    assert "rows shown; --all shows all of them, --json as data" in text
+        assert f"outside limits ({group}" in text
+    assert "rows shown; use --all for all rows, --json for data" in text
 
 
 def test_with_all_every_row_and_every_reason_is_shown(long_plan: Plan) -> None:
@@ -107,7 +107,7 @@ def test_piped_output_does_not_depend_on_the_terminal(
 def test_a_console_prints_the_plan_at_its_own_width() -> None:
     file = io.StringIO()
     Console(file=file, width=47, force_terminal=True, color_system="truecolor").print(PlanText(REFUSED))
-    assert "20 of 20 points infeasible" in file.getvalue()
+    assert "20 of 20 points outside limits" in file.getvalue()
     assert "\x1b[31m" in file.getvalue()
 
 
@@ -145,7 +145,7 @@ def test_too_few_samples_for_identification_are_a_warning_with_the_limit(
     needed = {"sine": 50, "triangle": 80}[waveform]
     for warning, sensor in zip(result.warnings, ("load cell", "LVDT"), strict=False):
         fewest = 250 / float(frequency.split()[0])
-        assert warning.startswith(f"p001: down to {fewest:.3g} samples a cycle of the {sensor}")
+        assert warning.startswith(f"p001: only {fewest:.3g} samples per cycle from the {sensor}")
         assert f"needs {needed}, that is" in warning
 
 

@@ -78,7 +78,7 @@ def test_a_matrix_beyond_the_simulated_rig_is_refused_before_anything_moves(tmp_
     assert code == 3, out + err
     refused = json.loads(out)
     assert refused.get("slug", refused.get("stopped_by")) == "matrix-infeasible"
-    assert "63.66 mm would fit" in err + out
+    assert "63.66 mm fits" in err + out
     assert not list(tmp_path.glob("*/points/*.h5"))
 
 
@@ -86,9 +86,9 @@ def test_a_matrix_beyond_the_simulated_rig_is_refused_before_anything_moves(tmp_
 def test_the_demo_covers_the_simulated_truth_and_says_what_cannot_be_identified(tmp_path: Path) -> None:
     code, out, err = finish(start("demo", "--out", str(tmp_path)))
     assert code == 0, out + err
-    for expected in ("all 8 points feasible", "p008", "truth", "eta not identifiable", "report.html", "fit.json"):
+    for expected in ("all 8 points within limits", "p008", "truth", "eta not identifiable", "report.html", "fit.json"):
         assert expected in out, expected
-    held = re.search(r"(\d+) of (\d+) identifiable parameters have the truth inside", out)
+    held = re.search(r"(\d+) of (\d+) identifiable parameters: true value within", out)
     assert held is not None
     assert int(held[2]) >= 10
     assert int(held[2]) - int(held[1]) <= 3, out  # of twelve 95 % intervals four miss in one demo of 400

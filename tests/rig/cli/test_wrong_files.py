@@ -37,12 +37,12 @@ LONGEST_S = 1.0
 MANY = ", ".join(f'"{number} mA"' for number in range(2000))
 
 WRONG_BENCHES = {
-    "no unit": (SPEED, 'speed = "0.8"', 'limits.speed = "0.8": 0.8 has no unit; a speed is written like "0.8 m/s"'),
+    "no unit": (SPEED, 'speed = "0.8"', 'limits.speed = "0.8": 0.8 has no unit; a speed is written as,'),
     "bare number": (SPEED, "speed = 0.8", "the number 0.8 has no unit"),
     "unquoted quantity": (SPEED, "speed = 0.8 m/s", "not valid TOML: speed = 0.8 m/s: more follows the value"),
     "foreign unit": (SPEED, 'speed = "3 mph"', 'unknown unit "mph" (known units: m/s, mm/s, cm/s)'),
     "unit with spaces": (SPEED, 'speed = "0.8 m / s"', 'did you mean "m/s"?'),
-    "unit of another quantity": (SPEED, 'speed = "25 N"', "25 N is a force; a speed is written like"),
+    "unit of another quantity": (SPEED, 'speed = "25 N"', "25 N is a force; a speed is written as, for example,"),
     "decimal comma": (SPEED, 'speed = "0,8 m/s"', "decimals are written with a point"),
     "empty text": (SPEED, 'speed = ""', "not a number with a unit"),
     "negative": (SPEED, 'speed = "-0.8 m/s"', "too small (allowed: more than 0 m/s to 5 m/s)"),
@@ -57,13 +57,13 @@ WRONG_BENCHES = {
     "date": (SPEED, "speed = 2020-01-01", "not a date"),
     "unit of another quantity in the key": (SPEED, "speed_mm = 800", "unknown key; did you mean speed_mm_s?"),
     "twice": (SPEED, SPEED + "\n" + SPEED, "this key is given twice; keep one"),
-    "no closing quote": (SPEED, 'speed = "0.8 m/s', "a quote is missing at the end"),
-    "no equals sign": (SPEED, 'speed "0.8 m/s"', "a key and its value are written key = value"),
-    "backslash": (SPEED, r'speed = "\q"', "a backslash in double quotes is written twice"),
-    "zero byte": (SPEED, SPEED + "#\0", "there is a control character; delete it"),
+    "no closing quote": (SPEED, 'speed = "0.8 m/s', "the closing quote is missing"),
+    "no equals sign": (SPEED, 'speed "0.8 m/s"', "expected key = value"),
+    "backslash": (SPEED, r'speed = "\q"', "write a backslash in double quotes twice"),
+    "zero byte": (SPEED, SPEED + "#\0", "control character. Fix: delete it"),
     "escape sequence as key": (SPEED, SPEED + '\n"\\u001b[31mx" = 1', r"limits.\x1b[31mx = 1: unknown key"),
     "misspelt key": (SPEED, SPEED.replace("speed", "speeed"), "unknown key; did you mean speed?"),
-    "key of another table": (SPEED, SPEED + '\npoll = "10 ms"', "unknown key here; it belongs under [actuator]"),
+    "key of another table": (SPEED, SPEED + '\npoll = "10 ms"', "unknown key here. Fix: move it to [actuator]"),
     "table twice": ("[lvdt]", "[load_cell]", "this table is given twice; put all its keys under one heading"),
     "missing key": ('force = "5 kN"\n', "", 'limits.force: missing; write for example force = "5 kN"'),
     "missing list": ('position = ["-85 mm", "85 mm"]\n', "", 'write for example position = ["-85 mm", "85 mm"]'),
@@ -103,13 +103,13 @@ WRONG_MATRICES = {
     "frequency left out": ('frequency = ["1 Hz"]\n', "", "frequency missing: give amplitude, frequency and current"),
     "serial number with a blank": ('"MR-001"', '"MR 001"', '- or _ (32 at most), for example "MR-001"'),
     "path as serial number": ('"MR-001"', '"../x"', "must be a letter or digit, then letters, digits"),
-    "no points": (MATRIX[MATRIX.index("[matrix]") :], "", "no test point; fill [matrix] or add [[point]]"),
-    "single brackets": ("cycles = 10", "[point]", "a heading of its own in two brackets: [[point]]"),
+    "no points": (MATRIX[MATRIX.index("[matrix]") :], "", "no test point. Fix: complete [matrix] or add [[point]]"),
+    "single brackets": ("cycles = 10", "[point]", "its own heading in double brackets: [[point]]"),
     "empty point": ("cycles = 10", "[[point]]", 'point[1].amplitude: missing; write for example amplitude = "50 mm"'),
     "method misspelt": ("cycles = 10", '[identify]\nmethod = "separably"', "did you mean separable?"),
     "model misspelt": ("cycles = 10", '[identify]\nmodel = "bouc-wen"', "unknown model; did you mean bouc_wen?"),
     "setting under the wrong table": (
-        "cycles = 10", "[identify]\nrepeats = 2", "unknown key here; it belongs under [matrix]",
+        "cycles = 10", "[identify]\nrepeats = 2", "unknown key here. Fix: move it to [matrix]",
     ),
     "random without a seed": ("cycles = 10", 'order = "random"', 'order = "random" needs a seed, for example seed = 1'),
     "millions of points": (
@@ -176,10 +176,10 @@ def test_what_a_slcan_channel_must_be_is_a_port_too(told: Run, tmp_path: Path) -
 
 
 ENCODINGS = {
-    "empty": (b"", "there is no entry in this file"),
-    "only comments": (b"# nothing\n", "there is no entry in this file"),
-    "latin-1": (b"# a\n# 20 \xb0C\n", "line 2: not UTF-8 text (byte 0xb0 at 9); save the file as UTF-8"),
-    "UTF-16": (BENCH.encode("utf-16"), "UTF-16 text; save it as UTF-8"),
+    "empty": (b"", "this file has no entries"),
+    "only comments": (b"# nothing\n", "this file has no entries"),
+    "latin-1": (b"# a\n# 20 \xb0C\n", "line 2: not UTF-8 text (byte 0xb0 at 9). Fix: save the file as UTF-8"),
+    "UTF-16": (BENCH.encode("utf-16"), "UTF-16 text. Fix: save it as UTF-8"),
     "CR alone": (BENCH.replace("\n", "\r").encode(), "lines end with CR alone; save the file with LF or CR LF"),
     "binary": (b"\x89HDF\r\n\x1a\n" + bytes(100), "line 1: not UTF-8 text"),
     "JSON": (b'{"format": 1}', "line 1: not valid TOML"),
@@ -277,16 +277,16 @@ def test_exchanged_files_are_one_line_that_says_so(tmp_path: Path, capsys: pytes
     bench.write_text(BENCH)
     assert main(["plan", str(bench), "--bench", str(matrix)]) == EXIT_USAGE
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.endswith(f"this is the bench file; rig plan {matrix} --bench {bench}")
+    assert line.endswith(f"this is the bench file. Fix: rig plan {matrix} --bench {bench}")
     assert "exchanged" in line
 
 
 @pytest.mark.parametrize(
     ("files", "expected"),
     [
-        (("m", "--bench", "m"), "this is a matrix file, where a bench file is wanted"),
-        (("b", "--bench", "b"), "this is a bench file, where a matrix file is wanted"),
-        (("s", "--bench", "b"), "this is a study file, where a matrix file is wanted; give it as rig study"),
+        (("m", "--bench", "m"), "this is a matrix file, expected a bench file"),
+        (("b", "--bench", "b"), "this is a bench file, expected a matrix file"),
+        (("s", "--bench", "b"), "this is a study file, expected a matrix file. Fix: give it as rig study"),
     ],
 )
 def test_a_file_of_another_kind_is_called_by_its_name(

@@ -109,9 +109,9 @@ local = "SYST:LOC {time}"
 over-temperature = 4
 """)
     for line, says in {
-        4: 'commands.set_current = "CURR 1": does not carry the current; write for example "... {current_A:.3f}"',
+        4: 'commands.set_current = "CURR 1": does not contain the current; write for example "... {current_A:.3f}"',
         5: 'commands.measure_current = ["MEAS:CURR?", "MEAS?"]: must be one command',
-        6: 'commands.output_on = "OUTP {current_A} ON": carries current, which is not known here',
+        6: 'commands.output_on = "OUTP {current_A} ON": contains current, which is unknown here',
         7: 'commands.clear = "*CLS?": is a query (?)',
         8: 'commands.local = "SYST:LOC {time}": {time} means nothing here',
         9: "faults: means bits of an answer: write the question as read_faults",
@@ -123,7 +123,7 @@ over-temperature = 4
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (SMALLEST.replace("[0, 5]", "[0.1, 5]"), "this supply cannot give 0 A"),
+        (SMALLEST.replace("[0, 5]", "[0.1, 5]"), "the coil could not be switched off"),
         (SMALLEST.replace('measure_current = "I?"\n', ""), "commands.measure_current: missing"),
         (SMALLEST.replace("[0, 5]", "[0, 0]"), "the first must be below the second"),
         ("x = [", "not valid TOML"),

@@ -40,5 +40,5 @@ def test_a_folder_in_which_one_campaign_lies_stands_for_it_and_one_with_two_is_r
     assert campaign_in(tmp_path) == tmp_path / "one"
     assert campaign_in(tmp_path / "one") == tmp_path / "one"
     (tmp_path / "two" / "points").mkdir(parents=True)
-    with pytest.raises(FileProblem, match="2 campaigns lie in this folder"):
+    with pytest.raises(FileProblem, match="2 campaigns found in this folder"):
         campaign_in(tmp_path)

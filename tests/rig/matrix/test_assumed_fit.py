@@ -206,11 +206,11 @@ def test_the_plan_says_where_a_fit_is_asked_beyond_its_tests(tmp_path: Path) -> 
         tested=TESTED | {"displacement_m": [-0.001, 0.0005], "velocity_m_s": [-0.05, 0.04], "current_A": [0.0, 0.5]},
     )
     warnings = plan(load(tmp_path, TEXT.replace('current = "0 A"', 'current = "1 A"')), bench(tmp_path)).warnings
-    assert any(re.search(r"fit\.json was fitted to tests of up to 0\.05 m/s, and the points reach 0\.\d+ m/s", warning)
+    assert any(re.search(r"fit\.json was fitted to tests of up to 0\.05 m/s; the points reach 0\.\d+ m/s", warning)
                for warning in warnings), warnings  # fmt: skip
-    assert any("up to 0.5 A, and the points reach 1 A" in warning for warning in warnings), warnings
-    assert any(re.search(r"up to 0\.001 m, and the points reach 0\.\d+ m:", warning) for warning in warnings), warnings
-    assert any("does not describe its own tests" in warning for warning in warnings), warnings
+    assert any("up to 0.5 A; the points reach 1 A" in warning for warning in warnings), warnings
+    assert any(re.search(r"up to 0\.001 m; the points reach 0\.\d+ m,", warning) for warning in warnings), warnings
+    assert any("does not fit its own tests" in warning for warning in warnings), warnings
 
 
 def test_a_world_s_damper_is_the_fitted_one(tmp_path: Path) -> None:

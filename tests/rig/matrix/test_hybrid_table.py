@@ -165,7 +165,7 @@ REAR = '[hybrid.car.rear]\nunsprung_mass = "-1 kg"\n'
 @pytest.mark.parametrize(
     ("text", "place", "way_out"),
     [
-        (EXAMPLE.replace("[hybrid.road]\n", f"{REAR}[hybrid.road]\n"), "hybrid.car.rear", "take this table out"),
+        (EXAMPLE.replace("[hybrid.road]\n", f"{REAR}[hybrid.road]\n"), "hybrid.car.rear", "remove this table"),
         (EXAMPLE.replace(SWEEP, '[hybrid.road.drive]\nfile = "a.csv"\n'), "hybrid.road.drive", "[hybrid.road.sweep]"),
         (EXAMPLE.replace(SWEEP, "[hybrid.road.profile]\n"), "hybrid.road.profile", "[hybrid.road.bump]"),
         (EXAMPLE.replace(SWEEP, ""), "hybrid.road", "none is given; write one"),

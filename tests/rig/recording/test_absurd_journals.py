@@ -75,7 +75,7 @@ HEADERS: dict[str, str] = {
     "device rate missing": header(device_rate=None),
     "point a list": header(point=[1, 2]),
     "sensors a number": header(sensors=3),
-    "no object": "[]",
+    "not an object": "[]",
     "deep": "[" * 100_000,
     "empty": "{}",
 }
@@ -194,7 +194,7 @@ def test_a_hanging_journal_is_given_up_by_name_and_the_next_one_finished(campaig
     with Converter(timeout_s=1.0) as converter:
         first = converter.finish(held)
         assert first.error_slug == "conversion-timeout"
-        assert first.error.startswith("p001.journal: not done within 1 s")
+        assert first.error.startswith("p001.journal: not finished within 1 s")
         converter._timeout_s = 120.0  # however busy the machine is
         assert converter.finish(good).verdict == "valid"
         os.close(handle)

@@ -54,7 +54,7 @@ def test_blocks_are_tests_of_their_own_where_it_does_not(later: float, tmp_path:
 @pytest.mark.parametrize("second", ["Stroke\tLoad\tTime\nmm\tkN\tSec", "Load\tStroke\tTime\nN\tmm\tSec", "A\tB\tC"])
 def test_a_block_of_another_heading_is_never_joined(second: str, tmp_path: Path) -> None:
     for event_rows in ("refuse", "skip", "split"):
-        with pytest.raises(FileProblem, match="line 258: another table begins"):
+        with pytest.raises(FileProblem, match="line 258: another table starts"):
             read(tmp_path / "a.dat", blocks(T, second=second), event_rows=event_rows)
 
 
@@ -103,16 +103,16 @@ def test_events_between_rows_are_named_left_out_or_split_off(tmp_path: Path) -> 
         read(tmp_path / "a.txt", text)
     (test,) = read(tmp_path / "a.txt", text, event_rows="skip")
     assert test.force_N == pytest.approx(F_N, abs=1e-3)
-    assert "1 row(s) that are no numbers left out (line 303)" in test.read_as
+    assert "1 row(s) without numbers skipped (line 303)" in test.read_as
     assert [len(one.time_s) for one in read(tmp_path / "a.txt", text, event_rows="split")] == [300, 300]
 
 
 def test_many_rows_that_are_no_numbers_are_no_events(tmp_path: Path) -> None:
     lines = [line.replace(".", ",", 1) if k > 20 and k % 3 == 0 else line for k, line in enumerate(rows())]
-    with pytest.raises(FileProblem, match="numbers that are written otherwise"):
+    with pytest.raises(FileProblem, match="numbers in another format"):
         read(tmp_path / "a.txt", HEADING + "\n" + "\n".join(lines) + "\n", event_rows="skip", decimal=".", thousands="")
     lines = [f"event {k}" if k > 20 and k % 3 == 0 else line for k, line in enumerate(rows())]
-    with pytest.raises(FileProblem, match="too many to be events"):
+    with pytest.raises(FileProblem, match="too many for events"):
         read(tmp_path / "a.txt", HEADING + "\n" + "\n".join(lines) + "\n", event_rows="skip")
 
 

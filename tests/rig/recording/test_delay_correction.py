@@ -179,7 +179,7 @@ def test_a_file_made_again_says_when_and_why_and_from_which_delays(tmp_path: Pat
     for point in changed_points(tmp_path):
         said = point.provenance
         assert said["rewritten"].startswith("20")
-        assert "all points together" in said["rewritten_why"]
+        assert "all points combined" in said["rewritten_why"]
         assert said["rewritten_from_force_delay_s"] == before[point.id].quality.force.undeclared_delay_s
         assert said["rewritten_to_force_delay_s"] == point.quality.force.undeclared_delay_s
         assert said["journal_check"] == before[point.id].provenance["journal_check"]

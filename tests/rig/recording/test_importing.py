@@ -108,9 +108,9 @@ def test_infinite_values_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("columns", "message"), [
     ({**COLUMNS, "displacement": "stroke_mm"}, "no column 'stroke_mm'; columns: t_s, x_mm, F"),
-    ({**COLUMNS, "force": "F"}, "its unit is not known"),
-    ({**COLUMNS, "force": "F:mm"}, "'mm' is no unit of force; units: N"),
-    ({"time": "t_s", "force": "F:kN"}, "displacement: no column named"),
+    ({**COLUMNS, "force": "F"}, "unknown unit"),
+    ({**COLUMNS, "force": "F:mm"}, "'mm' is not a unit of force; units: N"),
+    ({"time": "t_s", "force": "F:kN"}, "displacement: no column given"),
     ({**COLUMNS, "speed": "v_m_s"}, "speed=v_m_s: unknown quantity; known: time"),
 ])
 def test_wrong_columns_say_what_would_fit(tmp_path: Path, columns: dict[str, str], message: str) -> None:
@@ -118,7 +118,7 @@ def test_wrong_columns_say_what_would_fit(tmp_path: Path, columns: dict[str, str
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"current_A": None}, "the coil current is not known"),
+    ({"current_A": None}, "unknown coil current"),
     ({"current_from_name": "_(?P<current>[0-9]+)mA"}, "the name does not match"),
     ({"current_from_name": "_([0-9.]+)A"}, "no group"),
     ({"current_from_name": "("}, "regular expression"),
@@ -169,7 +169,7 @@ def test_every_measured_test_is_imported_with_its_droop_and_true_frequency(tmp_p
 def test_values_no_damper_test_has_are_refused_with_their_column(tmp_path: Path) -> None:
     path = sine_file(tmp_path)
     message = refused(tmp_path, path, columns={**COLUMNS, "displacement": "x_mm:m"})
-    assert "column 'x_mm:m', as displacement, spans 10 m; a test has at most 2 m: is its unit right" in message
+    assert "column 'x_mm:m', as displacement, spans 10 m; a test has at most 2 m: check the unit" in message
     assert "column 'F:kN', as force, reaches 9e+05 N" in refused(tmp_path, changed(path, 500, "2.490,12.0,900"))
 
 
@@ -274,5 +274,5 @@ def test_an_unknown_form_of_time_stamps_is_refused_with_the_way_out(tmp_path: Pa
     rows = [f"00h00m{0.01 * number:06.3f}s,{number % 7},{number % 5}" for number in range(50)]
     (tmp_path / "a.csv").write_text("\n".join(("when,x_mm,F_N", *rows)) + "\n", encoding="utf-8")
     columns = {"time": "when", "displacement": "x_mm", "force": "F_N"}
-    with pytest.raises(FileProblem, match=r"their form is not known.*--rate in place of the column"):
+    with pytest.raises(FileProblem, match=r"their format is unknown.*--rate instead of the column"):
         import_tests([tmp_path / "a.csv"], columns=columns, out=tmp_path, current_A=0.0)

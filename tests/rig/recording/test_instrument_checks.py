@@ -91,7 +91,7 @@ def test_what_no_single_point_proves_is_proved_by_all_together_and_said_of_each(
     assert sum("load-cell-gain" in told for told in alone) <= 4
     found = judge(points)
     assert all({reason.slug for reason in reasons} == {"load-cell-gain"} for reasons in found.values())
-    assert all("20 points together" in reason.text for reasons in found.values() for reason in reasons)
+    assert all("20 points combined" in reason.text for reasons in found.values() for reason in reasons)
 
 
 def test_one_point_whose_zero_jumped_is_doubted_alone() -> None:

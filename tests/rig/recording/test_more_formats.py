@@ -71,7 +71,7 @@ def test_the_table_of_a_workbook_is_read(rows: list[list[object]], columns: dict
 
 def test_sheets_are_chosen_by_name_or_are_tests_each(tmp_path: Path) -> None:
     path = workbook(tmp_path / "a.xlsx", {"0.5A": TABLE, "1.0A": TABLE[:301]})
-    with pytest.raises(FileProblem, match=r"2 sheets hold tables: '0\.5A', '1\.0A'\. Fix: --sheet"):
+    with pytest.raises(FileProblem, match=r"2 sheets contain tables: '0\.5A', '1\.0A'\. Fix: --sheet"):
         read(path, COLUMNS)
     with pytest.raises(FileProblem, match=r"no sheet 'x'; its sheets: '0\.5A', '1\.0A'"):
         read(path, COLUMNS, sheet="x")
@@ -96,7 +96,7 @@ def test_workbooks_that_unpack_beyond_measure_are_refused(tmp_path: Path, monkey
         read(path, COLUMNS)
     wide = workbook(tmp_path / "b.xlsx", {"Run": [*TABLE, [*[None] * 16_000, 1.0]] * 2})
     monkeypatch.setattr("rig.recording.foreign.foreign_file.MOST_NUMBERS", 20_000)
-    with pytest.raises(FileProblem, match="claims to hold"):
+    with pytest.raises(FileProblem, match="declares"):
         read(wide, COLUMNS)
 
 
@@ -263,7 +263,7 @@ def test_damaged_rpc3_files_are_named(tmp_path: Path) -> None:
             read(tmp_path / "a.rsp", COLUMNS)
     rpc3(tmp_path / "b.rsp")
     (tmp_path / "b.rsp").write_bytes((tmp_path / "b.rsp").read_bytes()[:-200])
-    with pytest.raises(FileProblem, match="cut off, or is damaged"):
+    with pytest.raises(FileProblem, match="is truncated or damaged"):
         read(tmp_path / "b.rsp", COLUMNS)
 
 

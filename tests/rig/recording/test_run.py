@@ -106,7 +106,7 @@ def test_a_point_made_in_memory_has_the_wanted_current_and_central_differences()
 
 
 @pytest.mark.parametrize(("change", "says"), [
-    ({"force_N": np.zeros(7)}, r"force_N has shape \(7,\); it must be \(n,\), as long as time_s: \(8,\)"),
+    ({"force_N": np.zeros(7)}, r"force_N has shape \(7,\), expected \(n,\) like time_s: \(8,\)"),
     ({"displacement_m": np.zeros((8, 1))}, r"displacement_m has shape \(8, 1\)"),
     ({"velocity_m_s": np.zeros(9)}, "velocity_m_s has shape"),
     ({"time_s": np.repeat(np.arange(4.0), 2)}, "time_s must increase"),

@@ -157,5 +157,5 @@ def test_all_filters_must_hold(folder: Path, wanted: RunFilter, names: list[str]
 
 @pytest.mark.parametrize("date", ["yesterday", "2026-1", "1:2:3", ":", ""])
 def test_a_date_that_cannot_be_read_is_refused(date: str) -> None:
-    with pytest.raises(FileProblem, match="write 2026, 2026-11, 2026-11-23"):
+    with pytest.raises(FileProblem, match="expected 2026, 2026-11, 2026-11-23"):
         RunFilter(date=date)

@@ -47,7 +47,7 @@ ACCEPTED: dict[str, tuple[Callable[[], pd.DataFrame], float]] = {
 }  # fmt: skip
 
 
-@pytest.mark.filterwarnings("ignore:.* columns without a unit are taken in SI")
+@pytest.mark.filterwarnings("ignore:.* columns without a unit are read in SI")
 @pytest.mark.parametrize(("make", "first_s"), ACCEPTED.values(), ids=ACCEPTED)
 def test_a_time_is_read_in_seconds_wherever_it_stands(make: Callable[[], pd.DataFrame], first_s: float) -> None:
     point = RecordedPoint.from_pandas(make(), id="mine", current_A=0.5)
@@ -59,7 +59,7 @@ def test_a_time_is_read_in_seconds_wherever_it_stands(make: Callable[[], pd.Data
 
 
 REFUSED: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
-    "row numbers": (lambda: table(), "counts rows; give a column `time_s`"),
+    "row numbers": (lambda: table(), "counts rows. Fix: give a column `time_s`"),
     "filtered row numbers": (lambda: table().iloc[7:], "counts rows"),
     "row numbers as floats": (lambda: table(np.arange(len(TIME_S), dtype=float)), "counts rows"),
     "index named sample": (lambda: table(pd.Index(TIME_S, name="sample")), "its index (sample) counts rows"),
@@ -69,7 +69,7 @@ REFUSED: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
     ),
     "column of texts": (lambda: table(time=["x"] * len(TIME_S)), "the time in 'time' is not a number"),
     "column of row numbers": (lambda: table(time=np.arange(len(TIME_S))).set_axis(range(len(TIME_S))), "counts rows"),
-    "times that differ": (lambda: table(time_s=TIME_S, t_ms=TIME_S), "several times that differ: 'time_s', 't_ms'"),
+    "different time columns": (lambda: table(time_s=TIME_S, t_ms=TIME_S), "time columns: 'time_s', 't_ms'"),
     "backwards": (lambda: table(pd.Index(TIME_S[::-1], name="time_s")), "must increase from row to row"),
     "a date missing": (
         lambda: table(pd.DatetimeIndex([pd.NaT, *(START + pd.to_timedelta(TIME_S[1:], "s"))])), "must increase",
@@ -176,6 +176,6 @@ def test_a_current_that_sags_makes_a_tables_test_invalid_as_a_files(
 def test_a_number_for_no_value_in_a_table_is_none_as_in_a_file() -> None:
     made = rounded_sine()
     made.loc[700, "force_N"] = -9999.0
-    with pytest.warns(DataWarning, match="'force_N': 1 x -9999 taken as no value"):
+    with pytest.warns(DataWarning, match="'force_N': 1 x -9999 read as missing"):
         point = RecordedPoint.from_pandas(made, id="gap", current_A=0.0)
     assert np.isnan(point.force_N[700])

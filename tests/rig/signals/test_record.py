@@ -91,5 +91,5 @@ def test_too_short_for_its_ramps_or_too_long_is_refused(length_s: float, ramp_s:
 
 
 def test_a_record_that_stands_is_refused() -> None:
-    with pytest.raises(NoRecord, match="nothing moves"):
+    with pytest.raises(NoRecord, match="no motion"):
         record_of("own", np.zeros(5001), 1.0)

@@ -71,8 +71,8 @@ def test_every_set_point_is_recorded_and_the_last_one_is_the_centre() -> None:
         (sent(amplitude_m=-0.06), "to minus 0.058 m"),
         (sent(amplitude_m=0.04, rate_Hz=2.0), "speed 0.25"),
         (sent(amplitude_m=0.04, rate_Hz=3.0), "acceleration"),
-        (sent(samples=packed([0.001 * k for k in range(3)], [0.0] * 3)), "end off centre"),
-        (sent(samples=packed([0.0] * 501, [0.15] + [0.0] * 500)), "begin or end at 0.15 m/s"),
+        (sent(samples=packed([0.001 * k for k in range(3)], [0.0] * 3)), "distance from the centre at start or end"),
+        (sent(samples=packed([0.0] * 501, [0.15] + [0.0] * 500)), "speed at start or end 0.15 m/s"),
         # A jump that the speeds hide.
         (sent(samples=packed([0.0] * 250 + [0.01] + [0.0] * 250, [0.0] * 501)), "speed 2.5"),
         (sent(samples=packed([math.nan] * 5, [0.0] * 5)), "not a signal"),

@@ -44,7 +44,7 @@ def test_a_quantity_becomes_its_SI_value(text: str, dimension: str, value: float
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("25 N", '25 N is a force; a length is written like "50 mm"'),
+        ("25 N", '25 N is a force; a length is written as, for example, "50 mm"'),
         ("9.8 g", "9.8 g is a mass"),
         (50, "the number 50 has no unit"),
         (50.5, "the number 50.5 has no unit"),

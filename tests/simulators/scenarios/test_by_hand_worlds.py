@@ -52,7 +52,7 @@ def test_a_matrix_runs_and_its_files_say_that_nobody_measured_the_current(tmp_pa
     run = Run.open(world.folder)
     (point,) = run.points
     assert (point.verdict, point.quality.current.mean_A, point.quality.current.told_by) == ("valid", None, "operator")
-    assert "ecu-without-measurement: nobody measures" in fragment(unsupported(read_log(run.path)))
+    assert "ecu-without-measurement: the coil current is not measured" in fragment(unsupported(read_log(run.path)))
 
 
 def test_a_stop_takes_the_pressure_away_and_then_has_the_current_taken_away(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_a_stop_takes_the_pressure_away_and_then_has_the_current_taken_away(tmp_
     gone = stopped[np.flatnonzero(np.abs(stopped[:, 2]) < 0.05)[0]]
     assert gone[5] == 0.0, "the pressure is off before anybody turns the knob"
     phases = [line["phase"] for line in world.journal if line.get("event") == "phase"]
-    assert "waiting for the current to be taken away by hand" in phases
+    assert "waiting for the manual current to be switched off" in phases
 
 
 def test_what_tells_of_the_coil_does_not_happen_here(tmp_path: Path) -> None:
@@ -74,5 +74,5 @@ def test_what_tells_of_the_coil_does_not_happen_here(tmp_path: Path) -> None:
     drawn = {happening.what for seed in range(100) for happening in asked_for(given, (), None).plan(seed).happenings}
     assert drawn
     assert not drawn & {"ecu-silent", "coil-open-short", "current-stuck", "can-busoff", "application-killed"}
-    with pytest.raises(click.BadParameter, match="nobody measures the current"):
+    with pytest.raises(click.BadParameter, match="if the current is not measured"):
         asked_for(given, ("coil-open-short@1",), None)

@@ -106,7 +106,7 @@ def test_a_rod_that_goes_a_millimetre_while_something_presses_on_it_did_not_stan
     shown.notes("FAULT", JAMMED, noted_s)
     shown.moves(0.06, 0.2, speed_m_s)
     (found,) = what_is_proved_is_true(shown.view)
-    assert found == ("standstill was proved before the rod moved on at 0.03 m/s", SAFE_NS)
+    assert found == ("standstill was confirmed before the rod moved again at 0.03 m/s", SAFE_NS)
 
 
 @pytest.mark.parametrize("fault", [None, ("load-train", 0.05), (JAMMED, -0.3), (JAMMED, 0.3), ("current-stuck", 0.05)])
@@ -117,14 +117,14 @@ def test_a_rod_that_moves_on_with_nothing_to_press_it_just_then_did_not_stand(
         shown.notes("FAULT", *fault)
     shown.moves(0.06, 0.1, 6e-3)
     assert [words for words, _ in what_is_proved_is_true(shown.view)] == [
-        "standstill was proved before the rod moved on at 0.006 m/s"
+        "standstill was confirmed before the rod moved again at 0.006 m/s"
     ]
 
 
 def test_a_rod_that_moves_when_its_standstill_is_proved_is_found_whatever_presses_on_it_later(shown: Shown) -> None:
     shown.notes("FAULT", JAMMED, 0.1)
     shown.moves(-0.5, 0.0, 6e-3)
-    assert [words for words, _ in what_is_proved_is_true(shown.view)] == ["standstill was proved at 0.006 m/s"]
+    assert [words for words, _ in what_is_proved_is_true(shown.view)] == ["standstill was confirmed at 0.006 m/s"]
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_a_current_that_begins_after_the_last_status_was_measured_is_not_in_the_
 
 def test_a_current_that_has_not_gone_yet_is_in_the_proof(shown: Shown) -> None:
     shown.flows(-0.5, 0.002, 0.3)
-    assert [words for words, _ in what_is_proved_is_true(shown.view)] == ["0 A was proved at 0.30 A"]
+    assert [words for words, _ in what_is_proved_is_true(shown.view)] == ["0 A was confirmed at 0.30 A"]
 
 
 @pytest.mark.parametrize(
@@ -248,7 +248,7 @@ def test_a_fault_of_anything_else_is_to_be_noticed_at_0_A_too(shown: Shown) -> N
     shown.happenings = (Happening("ecu-silent", 0.1),)
     shown.notes("FAULT", "ecu-silent", 0.0)
     shown.moves(0.0, 4.0, 0.1)
-    assert [words for words, _ in a_stop_fault_is_noticed(shown.view)] == ["ecu-silent was not noticed"]
+    assert [words for words, _ in a_stop_fault_is_noticed(shown.view)] == ["ecu-silent was not detected"]
 
 
 @pytest.mark.parametrize(("besides", "found"), [(None, 1), ("loadcell-pulled", 1), ("rtu-crc", 0)])

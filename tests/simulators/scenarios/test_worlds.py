@@ -200,30 +200,30 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
     assert answer["wall_s"] > 0.0
     assert len(set(answer["digests"].values())) == 2
     assert "2/2 worlds, none failed" in done.stderr
-    assert "everything held in every one" in done.stderr
+    assert "all checks passed" in done.stderr
     assert answer["not_happened"] == [{"seed": 3, "happening": "estop@99"}, {"seed": 4, "happening": "estop@99"}]
     assert "seed 4: the campaign ended before estop@99" in done.stderr
-    assert "in 2 of them something would have come after the end" in done.stderr
+    assert "2 ended before all events occurred" in done.stderr
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--seeds", "5:5"], "no seed is in it; END is not included, write 5:6"),
-        (["--seeds", "9:3"], "FIRST is behind END; write 3:9"),
+        (["--seeds", "5:5"], "the range is empty because END is excluded. Fix: write 5:6"),
+        (["--seeds", "9:3"], "FIRST is greater than END. Fix: write 3:9"),
         (["--seeds", "a:b"], "expected FIRST:END"),
         (["--seeds", "-3:1"], "expected FIRST:END"),
         (["--seeds", "1_0:20"], "expected FIRST:END"),
         (["--seeds", "1", "--event", "e-stop@3"], "is no row of the fault matrix"),
         (["--seeds", "1", "--event", "power-cut@soon"], "write power-cut@SECONDS"),
-        (["--seeds", "1", "--event", "power-cut@nan"], "times are 0 to"),
-        (["--seeds", "1", "--event", "usb-renumber@1"], "ports with names do not exist in a world"),
-        (["--seeds", "1", "--event", "rtu-crc@1", "--event", "modbus-reset@1"], "reached by tcp"),
-        (["--seeds", "1", "--event", "loadcell-pulled:auxiliary@1"], "needs an auxiliary channel"),
-        (["--seeds", "1", "--event", "station-stalled@3"], "say for how long, such as station-stalled@3+0.5"),
-        (["--seeds", "1", "--event", "pause@3+0"], "say for how long"),
-        (["--seeds", "1", "--event", "disk-full@3+2"], "has no duration; write disk-full@3"),
-        (["--seeds", "1", "--event", "rtu-crc@1", "--actuator", "tcp"], "this bench reaches it by tcp"),
+        (["--seeds", "1", "--event", "power-cut@nan"], "allowed times: 0 to"),
+        (["--seeds", "1", "--event", "usb-renumber@1"], "named ports do not exist in a scenario"),
+        (["--seeds", "1", "--event", "rtu-crc@1", "--event", "modbus-reset@1"], "connected by tcp"),
+        (["--seeds", "1", "--event", "loadcell-pulled:auxiliary@1"], "requires an auxiliary channel"),
+        (["--seeds", "1", "--event", "station-stalled@3"], "a duration is required, such as station-stalled@3+0.5"),
+        (["--seeds", "1", "--event", "pause@3+0"], "a duration is required"),
+        (["--seeds", "1", "--event", "disk-full@3+2"], "has no duration. Fix: write disk-full@3"),
+        (["--seeds", "1", "--event", "rtu-crc@1", "--actuator", "tcp"], "this bench is connected by tcp"),
         (["--seeds", "1", "--until", "nan"], "expected a number of seconds above 0"),
         (["--seeds", "0:2", "--trace", "steps"], "--trace writes one"),
         (["--seeds", "1", "--shrink", "--until", "3"], "--shrink needs"),
@@ -248,7 +248,7 @@ def test_a_matrix_that_the_rig_cannot_do_is_refused(tmp_path: Path, capfd: pytes
     assert answered(command, ["--matrix", str(matrix), "--json"], "rig scenarios") == 3
     told = json.loads(capfd.readouterr().out)
     assert (told["slug"], told["exit_code"]) == ("matrix-infeasible", 3)
-    assert "above the bench's 0.8 m/s" in told["error"]
+    assert "above the bench's limit, 0.8 m/s" in told["error"]
     assert "an amplitude of" in told["error"]
 
 
@@ -264,7 +264,7 @@ def test_a_world_that_fails_is_told_with_the_command_that_runs_it_again(
     assert [(entry["seed"], entry["invariant"], entry["at_s"]) for entry in answer["failed"]] == [(17, "points", 12.5)]
     assert answer["failed"][0]["again"] == again
     assert answer["rig_hours"] == 0.02
-    assert err.rstrip().endswith(f"1 failed (points 1). The first one again, looked at closely: {again} --shrink")
+    assert err.rstrip().endswith(f"1 failed (points 1). To reduce the first one: {again} --shrink")
 
 
 def test_a_world_that_breaks_the_simulation_is_a_failure_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -291,7 +291,7 @@ def test_a_traced_world_is_answered_as_any_other(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["worlds"] == 1
     assert json.loads(done.stdout)["judged"] is False
     assert "connecting" in done.stderr
-    assert "nothing was judged" in done.stderr
+    assert "no checks were made" in done.stderr
     assert (tmp_path / "steps").read_text(encoding="utf-8").count("application") > 10
 
 
