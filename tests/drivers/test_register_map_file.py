@@ -150,7 +150,7 @@ WRONG = [
     (("amplitude = {address = 103", "amplitude = {address = 102"), r"line \d+: quantities.amplitude: overlaps 'speed'"),
     (("amplitude = {address = 103", "amplitude = {address = 65536"), "0 to 65535"),
     (("frequency = {address = 104,", "frequency = {address = 65535, type = \"u32\","), "extend beyond the last one"),
-    (("scale = 0.01, unit = \"Hz\"", "scale = 0, unit = \"Hz\""), r"line \d+: quantities.frequency.scale = 0: 0 would make"),
+    (("scale = 0.01, unit = \"Hz\"", "scale = 0, unit = \"Hz\""), r"line \d+: quantities.frequency.scale = 0: 0 would"),
     (("unit = \"Hz\"", "unit = \"hertz\""), "unknown unit"),
     (("unit = \"daN\"", "unit = \"mm\""), "force is a force"),
     (("type = \"i16\", unit = \"daN\"", "type = \"int16\""), "must be 'u16'"),

@@ -39,7 +39,7 @@ MANY = ", ".join(f'"{number} mA"' for number in range(2000))
 WRONG_BENCHES = {
     "no unit": (SPEED, 'speed = "0.8"', 'limits.speed = "0.8": 0.8 has no unit; a speed is written as,'),
     "bare number": (SPEED, "speed = 0.8", "the number 0.8 has no unit"),
-    "unquoted quantity": (SPEED, "speed = 0.8 m/s", "not valid TOML: speed = 0.8 m/s: more follows the value"),
+    "unquoted quantity": (SPEED, "speed = 0.8 m/s", "not valid TOML: speed = 0.8 m/s: unexpected text after the value"),
     "foreign unit": (SPEED, 'speed = "3 mph"', 'unknown unit "mph" (known units: m/s, mm/s, cm/s)'),
     "unit with spaces": (SPEED, 'speed = "0.8 m / s"', 'did you mean "m/s"?'),
     "unit of another quantity": (SPEED, 'speed = "25 N"', "25 N is a force; a speed is written as, for example,"),

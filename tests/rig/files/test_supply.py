@@ -110,14 +110,14 @@ over-temperature = 4
 """)
     for line, says in {
         4: 'commands.set_current = "CURR 1": does not contain the current; write for example "... {current_A:.3f}"',
-        5: 'commands.measure_current = ["MEAS:CURR?", "MEAS?"]: must be one command',
+        5: 'commands.measure_current = ["MEAS:CURR?", "MEAS?"]: must be a single command',
         6: 'commands.output_on = "OUTP {current_A} ON": contains current, which is unknown here',
         7: 'commands.clear = "*CLS?": is a query (?)',
-        8: 'commands.local = "SYST:LOC {time}": {time} means nothing here',
-        9: "faults: means bits of an answer: write the question as read_faults",
+        8: 'commands.local = "SYST:LOC {time}": {time} is unknown here',
+        9: "faults: defines bits of an answer. Fix: write the query as read_faults",
     }.items():
         assert any(text.startswith(f"line {line}: {says}") for text in problems), (line, problems)
-    assert any("commands.output_off: is missing; a supply that has one of the two" in text for text in problems)
+    assert any("commands.output_off: is missing; a supply needs both" in text for text in problems)
 
 
 @pytest.mark.parametrize(

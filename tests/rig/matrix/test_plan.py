@@ -187,7 +187,7 @@ def test_a_motion_that_a_halt_would_take_out_of_its_travel_is_refused_with_all_t
 def test_a_centre_that_leaves_a_halt_its_travel_is_named() -> None:
     bench = halting(4.0)
     (item,) = plan(one("40 mm", "2 Hz", specimen='mid_stroke = "42 mm"'), bench).points
-    centre = re.search(r"a centre \(mid_stroke\) of ([-\d.]+) mm would do", item.reasons[0])
+    centre = re.search(r"a centre \(mid_stroke\) of ([-\d.]+) mm fits", item.reasons[0])
     assert centre is not None
     assert plan(one("40 mm", "2 Hz", specimen=f'mid_stroke = "{centre[1]} mm"'), bench).feasible
 

@@ -135,7 +135,7 @@ def test_thousands_are_told_from_decimals_where_a_number_has_both(tmp_path: Path
 
 
 @pytest.mark.parametrize(("text", "columns", "problem"), [
-    ("t_s;x;F_N\ns;mm;N\n", {"displacement": "x:N"}, "displacement=x:N: 'N' is no unit of length"),
+    ("t_s;x;F_N\ns;mm;N\n", {"displacement": "x:N"}, "displacement=x:N: 'N' is not a unit of length"),
     ("t_s;x_mm;F\ns;m;N\n", {"displacement": "x_mm"}, "its name states mm, but the file m"),
     ("t_s;x;F\ns;mm;N\n", {"displacement": "F"}, "the file states 'N', which is not a unit of length"),
     ("t_s;x_mm;x_mm\n", {"displacement": "x_mm"}, "2 columns have the name 'x_mm'"),

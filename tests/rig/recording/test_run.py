@@ -109,9 +109,9 @@ def test_a_point_made_in_memory_has_the_wanted_current_and_central_differences()
     ({"force_N": np.zeros(7)}, r"force_N has shape \(7,\), expected \(n,\) like time_s: \(8,\)"),
     ({"displacement_m": np.zeros((8, 1))}, r"displacement_m has shape \(8, 1\)"),
     ({"velocity_m_s": np.zeros(9)}, "velocity_m_s has shape"),
-    ({"time_s": np.repeat(np.arange(4.0), 2)}, "time_s must increase"),
-    ({"time_s": np.arange(8.0)[::-1]}, "time_s must increase"),
-    ({"time_s": np.zeros(0), "displacement_m": np.zeros(0), "force_N": np.zeros(0)}, "two samples or more"),
+    ({"time_s": np.repeat(np.arange(4.0), 2)}, "time_s must have"),
+    ({"time_s": np.arange(8.0)[::-1]}, "time_s must have"),
+    ({"time_s": np.zeros(0), "displacement_m": np.zeros(0), "force_N": np.zeros(0)}, "two or more samples"),
 ])
 def test_arrays_that_are_no_samples_of_one_time_base_are_refused(change: dict[str, np.ndarray], says: str) -> None:
     arrays = {"time_s": np.arange(8.0), "displacement_m": np.zeros(8), "force_N": np.zeros(8), **change}

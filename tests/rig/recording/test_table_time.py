@@ -126,7 +126,7 @@ def test_bare_numbers_are_taken_in_si_with_a_warning_and_wrong_units_are_refused
     with pytest.warns(UserWarning, match="the index in s, displacement in m, force in N. State them"):
         point = RecordedPoint.from_pandas(made, id="mine", current_A=0.5)
     RecordedPoint.from_pandas(point.to_pandas(), id="again", current_A=0.5)  # its units are in the table
-    for units, says in (({"force": "mm"}, "no unit of force"), ({"speed": "m/s"}, "no column 'speed'")):
+    for units, says in (({"force": "mm"}, "not a unit of force"), ({"speed": "m/s"}, "no column 'speed'")):
         with pytest.raises(FileProblem, match=says):
             RecordedPoint.from_pandas(made, id="mine", current_A=0.5, units=units)
     made = made.rename(columns={"force": "force_kN"}).assign(force_N=MOTION_M)
