@@ -83,7 +83,7 @@ def _input(table: str, quantity: str, unit: str, largest: float) -> tuple[Settin
     name, whose = f"actuator-{quantity}", f"controller's {quantity} input"
     return (
         Setting(f"{name}-delay", f"{table}.delay_s", "ms", 0.0, 100.0,
-                f"Undeclared delay of the {whose} in addition to its filter delay."),
+                f"Undeclared extra delay of the {whose}."),
         Setting(f"{name}-bandwidth", f"{table}.bandwidth_Hz", "Hz", 1.0, 2000.0,
                 f"Low-pass of the {whose} (delay in the bench file)."),
         Setting(f"{name}-gain", f"{table}.gain", "", 0.1, 10.0, f"Gain of the {whose}; 1 is correct."),
@@ -103,7 +103,7 @@ def _sensor(name: str, table: str, unit: str, per_si: float, largest: float) -> 
         Setting(f"{name}-resolution", f"{table}.resolution", unit, 0.0, largest, f"Resolution of the {shown}.",
                 per_si),
         Setting(f"{name}-delay", f"{table}.skew_s", "ms", 0.0, 100.0,
-                f"Undeclared delay of the {shown} in addition to its filter delay."),
+                f"Undeclared extra delay of the {shown}."),
     )
 
 
@@ -126,7 +126,7 @@ SETTINGS = (
     Setting("ecu-current-gain", "coil.current_gain", "", 0.1, 10.0,
             "Gain of the ECU's current measurement, which it uses for control."),
     Setting("ecu-current-offset", "coil.current_offset_A", "mA", -2000.0, 2000.0,
-            "Offset of the ECU's current measurement: shifts the true current, and the reported current at 0 A."),
+            "Offset of the ECU's current measurement; shifts the true current."),
     Setting("coil-sensor-offset", "coil.temperature_offset_K", "K", -100.0, 100.0,
             "Error of the coil's temperature sensor."),
     Setting("coil-heat-capacity", "damper.coil_heat_capacity_J_K", "J/K", 0.1, 1e5,

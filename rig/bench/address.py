@@ -1,4 +1,4 @@
-"""Where a device is, as a bench file says it: serial ports, CAN interfaces, Modbus addresses. Nothing is opened."""
+"""Addresses of devices in a bench file: serial ports, CAN interfaces, Modbus addresses; nothing is opened."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rig's limits as the actuator's controller is told them."""
+"""The rig's limits as they are written to the actuator's controller."""
 
 from __future__ import annotations
 

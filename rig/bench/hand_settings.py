@@ -1,4 +1,4 @@
-"""What belongs in an `[ecu]` whose current a person sets (`by_hand = true`), and what does not."""
+"""Checks of an `[ecu]` table with manual current (`by_hand = true`): allowed and forbidden entries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bench file: `Bench.load("bench.toml")`, the settings of every device, and what the file says beside them."""
+"""The bench file: `Bench.load("bench.toml")`, the settings of every device and of the rig."""
 
 from __future__ import annotations
 

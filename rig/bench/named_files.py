@@ -1,6 +1,6 @@
-"""Files that a bench file names: a device's description in a file of its own, by its path from the bench file's folder.
+"""Files that a bench file names: descriptions of devices, by their path from the bench file's folder.
 
-An entry that ends like such a file is one; any other text is the name of something that comes with the program.
+An entry with the ending of such a file is a file name; any other text is the name of an included description.
 """
 
 from __future__ import annotations

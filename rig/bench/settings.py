@@ -1,9 +1,9 @@
-"""The rig's settings: frozen values that the bench file is read into and the station uses as they are.
+"""The rig's settings: frozen values that are read from the bench file and used by the station unchanged.
 
 Each entry is declared once, here and in `sensor_settings`: key in the file, unit, range, default. `rig.bench.model`
-reads them from TOML with a place for every problem; `StationConfig.to_json` and `settings_json.from_json` carry them to
-the station's process, which loads no validator (0.1 s of its start) but checks the same ranges. Every number is SI;
-durations are wall seconds unless the name says otherwise.
+reads them from TOML and reports the location of every problem; `StationConfig.to_json` and `settings_json.from_json`
+carry them to the station process, which loads no validator (0.1 s of its start) but checks the same ranges. Every
+number is SI; durations are wall seconds unless the name states otherwise.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Settings read back from the JSON that `StationConfig.to_json` wrote: types and ranges as declared, nothing else.
+"""Settings read back from the JSON that `StationConfig.to_json` wrote, with the declared types and ranges.
 
-Generic over frozen dataclasses; the station's process reads its configuration by this, without a validator's package.
+Generic over frozen dataclasses; the station process reads its configuration with it, without a validator package.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a bench file must say of a supply that drives the coil, and what its description must fit."""
+"""Required entries of a bench file for a supply that drives the coil, checked against the supply's description."""
 
 from __future__ import annotations
 

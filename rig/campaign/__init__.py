@@ -1,9 +1,9 @@
-"""The campaign: what happens in which order, and what happens when it does not.
+"""The campaign: the order of events and the reaction to failures.
 
-`run_campaign` is the door. `sequencer` decides, pure: state and event in, state and actions out; `execution` feeds it
-with what the rig reports and carries out its actions; `preflight` judges what rig and damper show before they are
-moved. Beside them: directory, locks, resuming, the simulated rig's process, the words. Ports, wire formats and file
-formats may not live here: the station owns the first two, `rig.recording` the last.
+`run_campaign` is the entry point. `sequencer` is a pure state machine: state and event in, state and actions out;
+`execution` feeds it with reports of the rig and executes its actions; `preflight` evaluates rig and damper before they
+are moved. Further modules: directory, locks, resuming, the process of the simulated rig, messages. Ports, wire formats
+and file formats do not belong here: the station owns the first two, `rig.recording` the last.
 """
 
 from rig.campaign.campaign import run_campaign

@@ -1,4 +1,4 @@
-"""A whole campaign from two files to a directory of judged points: `run_campaign`."""
+"""A whole campaign from two files to a directory of evaluated points: `run_campaign`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What a resumed campaign has to be told first, by the fault matrix's classes of resuming.
+"""What the operator must confirm before a campaign is resumed, by the resume class of the fault row.
 
-After a stop of class `c` somebody has to have looked: typing `--resume` says so, and what it says is printed. After one
-of class `n` (e-stop, broken coil, load train ...) the specimen is requalified, and `--requalified TEXT` says how. Both
-are kept in the journal, so that what was confirmed once need not be confirmed again.
+After a stop of class `c` the operator must have checked the cause: `--resume` confirms this, and the check is printed.
+After one of class `n` (e-stop, broken coil, load train ...) the specimen must be requalified, and `--requalified TEXT`
+states how. Both are stored in the journal, so that nothing is confirmed twice.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Somebody who sets the current by hand: asked at the terminal and on a page; a rehearsed one answers at once."""
+"""Manual current: the operator is asked at the terminal or on a page; a rehearsed operator answers immediately."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The user's files, kept with a campaign."""
+"""Copies of the user's files in the campaign's directory."""
 
 from __future__ import annotations
 

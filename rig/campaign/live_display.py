@@ -1,7 +1,7 @@
-"""What pages are shown of a campaign, as three small files in its live folder; see `rig.station.live_folder`.
+"""The state of a campaign for pages, as three small files in its live folder; see `rig.station.live_folder`.
 
 Implements `rig.campaign.results.Display`. Every file is replaced as a whole, so that any number of readers can come,
-stand still and go.
+pause and go.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The application's side of the live folder: what pages may ask for, and what they are shown.
+"""The application's side of the live folder: requests from pages, and the state shown to them.
 
-Taken in the campaign's loop, a datagram at a time, never waited for. A page may ask for a stop, a pause, a start of
-what is paused or held, and leave words: who operates, notes, the specimen's data. Nothing here resets an interlock or
-moves anything by itself: a start is the sequencer's own, after its own proofs.
+Datagrams are read in the campaign's loop, one at a time, without waiting. A page may request a stop, a pause, the start
+of a paused or held campaign, and enter texts: operator, notes, data of the specimen. It cannot reset an interlock or
+move anything: a start is an action of the sequencer, after its own checks.
 """
 
 from __future__ import annotations

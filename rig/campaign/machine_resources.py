@@ -1,10 +1,9 @@
-"""What a campaign takes of this machine: the locks of its devices, the place of the ring, the station's process.
+"""Resources of this computer that a campaign uses: the locks of its devices, the location of the ring, the station.
 
-Locks end with the process that holds them, however it ends. One names the device, not how a bench file writes it:
-`localhost`, `127.0.0.1`, `::1` and this machine's own name are one, a symbolic link is the port it leads to. The files
-lie in one directory for every user of the machine, whatever TMPDIR says. Other machines, and containers with a
-directory of their own, are told apart by the controller's lease. The ring lies in memory where there is such a place:
-its pages must never wait for a disk.
+A lock ends with the process that holds it. It names the device, not its spelling in a bench file: `localhost`,
+`127.0.0.1`, `::1` and this computer's own name are one, a symbolic link is the port it points to. The lock files are in
+one directory for all users, whatever TMPDIR states. Other computers, and containers with a directory of their own, are
+excluded by the controller's lease. The ring is in memory if possible: its pages must never wait for a disk.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The operator's wishes in (signals, pages), what the operator sees out; neither can hurt a campaign.
+"""Input of the operator (signals, pages) and output to the operator; neither can disturb a campaign.
 
-Signals are a queue: a stop stops the rig once, further ones change nothing and cut nothing short. The display runs on a
-thread of its own: the first failure switches it off, the rig continues.
+Signals are queued: a stop stops the rig once, further ones have no effect and interrupt nothing. The display runs on a
+separate thread: its first failure switches it off, and the campaign continues.
 """
 
 from __future__ import annotations

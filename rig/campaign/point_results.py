@@ -1,4 +1,4 @@
-"""The books of a campaign: one result for each point, whatever became of its attempts."""
+"""Results of a campaign: one for each point, from all of its attempts."""
 
 from __future__ import annotations
 

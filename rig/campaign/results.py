@@ -1,4 +1,4 @@
-"""What the caller of a campaign gives and gets: options, a display, the points' results, how it ended."""
+"""Inputs and results of a campaign: options, a display, the points' results, how it ended."""
 
 from __future__ import annotations
 

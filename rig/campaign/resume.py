@@ -1,7 +1,7 @@
-"""Continuing a campaign that ended early: finish what it left, find out what is valid, refuse what has changed.
+"""Resuming a campaign that ended early: complete its files, determine the valid points, refuse changed inputs.
 
-A campaign goes on at a point boundary, with its own matrix, specimen and seed, on a rig of the same configuration;
-every proof of the preflight is made again. Valid points stay as they are, all others are run anew.
+A campaign resumes at a point boundary, with its own matrix, specimen and seed, on a rig of the same configuration;
+every check of the preflight is repeated. Valid points are kept, all others are repeated.
 """
 
 from __future__ import annotations

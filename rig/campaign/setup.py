@@ -1,7 +1,7 @@
-"""The campaign's directory and its description, and what must hold before anything is connected.
+"""The campaign's directory and its description, and the requirements before anything is connected.
 
-The plan must be feasible, the disk must have room, and the bench file must promise calibrations that are not overdue,
-and clocks where the matrix asks for the skew.
+The plan must be within limits, the disk must have room, calibrations must not be overdue if the bench file requires
+it, and sensors must have clocks if the matrix requires a known sensor delay.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The simulated rig as a process: started like hardware is switched on, known only by the bench file it prints."""
+"""The simulated rig as a process: started as hardware is switched on, known only by the bench file it prints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Why and how something stops: slugs of the fault matrix, kinds of stop, and which stops a retry may follow."""
+"""Causes and kinds of a stop: codes of the fault matrix, and the stops after which a retry is allowed."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""The hybrid benchmark through the simulated rig's wires: the structure here, the transfer system behind Modbus TCP.
+"""The hybrid benchmark over the simulated rig's wires: the structure here, the transfer system behind Modbus TCP.
 
-The plant is that of the tests in process, in a process of its own (`simulators.plant.transfer`). Each step is one
-request of the driver that real controllers have too (FC23: the set-point that was computed from the answer before, and
-position and force back): so a command arrives one step after what it follows from, beside what wires, host and devices
-add. The controller's lease, limits and watchdog are as in a campaign; no station, no load cell and no coil take part.
+The plant is the one of the in-process tests, in a separate process (`simulators.plant.transfer`). Each step is one
+request of the driver that is used for real controllers (FC23: the set-point computed from the previous answer is
+written, position and force are read): so a command arrives one step after the measurement it follows from, plus the
+latency of wires, host and devices. The controller's lease, limits and watchdog are as in a campaign; station, load cell
+and coil are not used.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""A whole check: station up, every device looked at, seconds of rest recorded, the proofs where they may be made.
+"""A whole check: start the station, examine every device, record seconds of rest, make the tests if permitted.
 
-What only doing proves: the watchdog trips when it is not fed, and the sensors follow a small, slow move. The station
-does it, armed like for a campaign: its interlocks, limits and stops are a campaign's. Whatever goes wrong here, closing
-the link has the station stop the rig and take the pressure away.
+Two properties need a test: the watchdog trips without refresh, and the sensors follow a small, slow move. The station
+executes it, armed as for a campaign, with the same interlocks, limits and stops. If anything fails, closing the link
+makes the station stop the rig and switch the pressure off.
 """
 
 from __future__ import annotations

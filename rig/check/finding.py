@@ -1,4 +1,4 @@
-"""What a check says of a device: findings with cause and fix, numbers, and the verdict that follows."""
+"""Results of a check of a device: findings with cause and fix, numbers, and the resulting verdict."""
 
 from __future__ import annotations
 

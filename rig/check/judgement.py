@@ -1,4 +1,4 @@
-"""What a bench's devices showed at rest, held against its file: examination and records in, findings out."""
+"""Evaluation of a bench's devices at rest against its file: examination and records in, findings out."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The fault matrix and the station's table of reactions, put together from the rows.
+"""The fault matrix and the station's table of reactions, combined from the rows.
 
-One source: `python -m simulators --list-faults` prints the matrix, the station takes its reactions from here, the
-campaign its restarts, and the fault suite (`tests/faults`) its expectations. A row without a test fails the suite.
-Detectors report by slug and the row decides the reaction, so a detector is switched off at one place.
+It is the only source: `python -m simulators --list-faults` prints the matrix, the station takes its reactions from it,
+the campaign its restarts, and the fault suite (`tests/faults`) its expectations. A row without a test fails the suite.
+Detectors only report a code; the row defines the reaction.
 """
 
 from __future__ import annotations

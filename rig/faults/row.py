@@ -1,4 +1,4 @@
-"""One fault as a row of data, and what it can lead to."""
+"""One fault as a row of data, and its possible consequences."""
 
 from __future__ import annotations
 

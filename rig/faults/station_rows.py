@@ -1,4 +1,4 @@
-"""Faults that the station detects beside the matrix: limits, its own links, what the operator asks for."""
+"""Faults that the station detects in addition to the matrix: limits, its own links, requests of the operator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is assumed of the specimen (`[specimen] prior`): a parameter set by its name, or a fit beside the file."""
+"""The expected damper (`[specimen] prior`): a parameter set by its name, or a fit in the folder of the matrix file."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Whether one point can be run: every limit of machine and specimen, the amplitude that would fit, and hints.
+"""Checks of one point against every limit of machine and specimen, the largest amplitude that fits, and hints.
 
-A hint warns of a point that can be run, but whose recording could be too coarse to identify a damper from.
+A hint warns of a point within limits whose recording could be too coarse to identify a damper.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Force and heat of a point before it is run: from a named parameter set, from a stated bound, or unknown."""
+"""Forecast of force and heat of a point: from a named parameter set, from a stated bound, or unknown."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""`[hybrid]` of a matrix file: the car around the damper, computed, while the damper itself is moved.
+"""`[hybrid]` of a matrix file: the car around the damper is computed while the damper itself is moved.
 
-Each compensator with each law of the current is one point. What it is forecast to do, and with which delay it would be
-stable, is known before anything moves: by the same car with the specimen's `prior` in it.
+Each compensator with each control law of the current is one point. Its motion and the delay up to which it is stable
+are computed before any motion, by the same car with the specimen's `prior`.
 """
 
 from __future__ import annotations

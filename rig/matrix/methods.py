@@ -1,6 +1,6 @@
-"""Names of the identification methods a file may ask for.
+"""Names of the identification methods that a file may request.
 
-As in `rig.identification`, which lies above this room and may not be imported here; a test compares the two.
+The same as in `rig.identification`, which is above this room and cannot be imported here; a test compares the two.
 """
 
 from __future__ import annotations

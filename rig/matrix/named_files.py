@@ -1,4 +1,4 @@
-"""Files that a matrix file names (roads, records, a fit): found beside it, hashed by content, kept with a campaign."""
+"""Files that a matrix file names (roads, records, a fit): located, hashed by content, copied to the campaign."""
 
 from __future__ import annotations
 

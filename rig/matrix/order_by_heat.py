@@ -1,8 +1,8 @@
-"""The order `by heat`: points run in the order that keeps the damper inside its temperature window soonest.
+"""The order `by heat`: the order of points that keeps the damper inside its temperature window in the shortest time.
 
-Every point must begin warm enough and end cool enough; where it does not, the damper is warmed by a motion or left to
-cool first. The time of an order is computed exactly from the heat model; good orders are improved by moving and
-exchanging single points until nothing helps. Deterministic: the same file gives the same order.
+Every point must start warm enough and end cool enough; otherwise the damper is warmed by a motion or left to cool
+first. The duration of an order is computed exactly from the heat model; good orders are improved by moving and swapping
+single points until no change helps. Deterministic: the same file gives the same order.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The plan: every point judged before anything moves (PHYSICS section 1; fault row `matrix-infeasible`)."""
+"""The plan: every point is checked before any motion (PHYSICS section 1; fault row `matrix-infeasible`)."""
 
 from __future__ import annotations
 

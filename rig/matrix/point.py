@@ -1,4 +1,4 @@
-"""One test point: what the machine is asked to do, as a value (PHYSICS: waveforms (1) and (2))."""
+"""One test point: the requested motion and current as a value (PHYSICS: waveforms (1) and (2))."""
 
 from __future__ import annotations
 

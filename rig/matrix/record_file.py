@@ -1,7 +1,7 @@
-"""A CSV file of time and displacement: what is in it as numbers, or every line that is wrong.
+"""A CSV file of time and displacement: its content as numbers, or every wrong line.
 
-One line of names, commas, semicolons or tabs between; the unit stands in the name: `time_s,displacement_mm`. Other
-columns are left alone. Empty lines and lines that begin with # are passed over.
+One line of names, separated by commas, semicolons or tabs; the unit is part of the name: `time_s,displacement_mm`.
+Other columns, empty lines and lines that start with # are ignored.
 """
 
 from __future__ import annotations

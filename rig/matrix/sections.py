@@ -1,4 +1,4 @@
-"""The tables of a matrix file, one class each; `rig.matrix.model` puts them together. Every number is SI."""
+"""The tables of a matrix file, one class each; `rig.matrix.model` combines them. Every number is SI."""
 
 from __future__ import annotations
 

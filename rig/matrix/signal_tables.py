@@ -1,6 +1,6 @@
 """`[matrix.sweep]`, `[matrix.road]`, `[matrix.file]`: motions of the rig that do not repeat, each point a record.
 
-What a table names is read with the matrix file: a record that cannot be used is refused with every other wrong entry.
+Files named in a table are read with the matrix file: an invalid record is refused with every other wrong entry.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Whether a motion can be halted at any instant within the travel there is, and what fits where it cannot.
+"""Whether a motion can be halted at any instant within the available travel, and what fits if it cannot.
 
 By the rules of `rig.signals.stopping`, with the configured halt deceleration; the station checks the same at the start.
 """

@@ -1,7 +1,7 @@
-"""The application's end of the link to the station process: requests, events, beats.
+"""The application's end of the link to the station process: requests, events, heartbeats.
 
-One JSON object a line in both directions. A request carries `id` and `do`; its answer carries the same `id` and either
-`ok` with results or `refused` with a slug. Lines without `id` from the station are events. `beat` has no answer.
+One JSON object per line in both directions. A request carries `id` and `do`; its answer carries the same `id` and
+either `ok` with results or `refused` with a code. Lines without `id` from the station are events. `beat` has no answer.
 """
 
 from __future__ import annotations

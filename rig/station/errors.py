@@ -1,4 +1,4 @@
-"""What this room raises: each error is named after the condition."""
+"""Exceptions of this room, each named after its condition."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the station tells the application of trips and stops: the longer lines of its link, as values."""
+"""The station's messages about trips and stops: the longer lines of its link, as values."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Every device looked at by itself: opened, proved and counted, so that one that is missing hides no other.
+"""Separate examination of every device: opened, identified and counted, so that a missing device hides no other.
 
-Nothing is written to a device but what reading it needs; nothing can be armed unless every device is well.
+Nothing is written to a device except what reading requires; arming is impossible unless every device is well.
 """
 
 from __future__ import annotations

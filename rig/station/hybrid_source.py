@@ -1,7 +1,7 @@
-"""A hybrid test in the station: sensors in, set-points out; findings to the supervisor, what it computes to the ring.
+"""A hybrid test in the station: sensors in, set-points out; findings to the supervisor, computed values to the ring.
 
-The computed part runs here because here the sensors' newest values are and from here the set-points go: no process or
-queue lies between the measured force and the set-point that follows from it. It is pure arithmetic (`rig.hybrid`).
+The computed part runs here because the sensors' newest values are here and set-points are sent from here: no process or
+queue lies between the measured force and the resulting set-point. It is pure arithmetic (`rig.hybrid`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the supervisor needs of the device threads."""
+"""Interface of the device threads that the supervisor uses."""
 
 from __future__ import annotations
 

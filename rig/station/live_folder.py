@@ -1,15 +1,15 @@
-"""The folder of a running campaign's live side: who watches it, and asks for a stop, finds everything here.
+"""The live folder of a running campaign: the interface for processes that watch it or request a stop.
 
-It lies in shared memory, belongs to one user (mode 0700) and goes with the campaign:
+It is in shared memory, belongs to one user (mode 0700) and is removed with the campaign:
 
-    live.lock          held (`flock`) for as long as the application lives
-    operator.lock      held by whoever serves the operator: one at a time
-    plan.json          what is to be run, written once; results.json, state.json: replaced as a whole, never half
+    live.lock          held (`flock`) while the application runs
+    operator.lock      held by the process that serves the operator: one at a time
+    plan.json          the plan, written once; results.json, state.json: always replaced as a whole
     station.sock       datagrams to the station: a stop, nothing else
     application.sock   datagrams to the application: stop, pause, start, notes
 
-Datagrams have no connection: who sends them can wait for nobody, stand still or die, and nobody notices. The station
-takes orders of its application on the pipes alone; here it knows one word.
+Datagrams have no connection: a sender cannot block or disturb the receiver. The station takes commands of its
+application on the pipes only; here it accepts a stop only.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Lines for people in the station's log. A full disk or a closed pipe there must never keep anybody from a stop."""
+"""Lines for readers of the station's log. A full disk or a closed pipe must never prevent a stop."""
 
 from __future__ import annotations
 

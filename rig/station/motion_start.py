@@ -1,8 +1,8 @@
-"""How motions begin: what is read of a start request, what is refused, what the supervisor is told.
+"""Start of motions: reading a start request, refusing it, informing the supervisor.
 
-A motion of cycles begins here; those that the station computes set-point by set-point (`signal_source`,
-`hybrid_source`) share `read_order`, `refuse_beyond` and `begin`. Of every motion the travel is refused beyond which a
-halt could not come to rest (`rig.signals.stopping`), as the plan does.
+A motion of cycles starts here; motions that the station computes set-point by set-point (`signal_source`,
+`hybrid_source`) share `read_order`, `refuse_beyond` and `begin`. Any motion is refused from which a halt could not come
+to rest within the travel (`rig.signals.stopping`), as in the plan.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where the station's own channels come from, and all channels of the connected devices together."""
+"""Provenance of the station's own channels, combined with the channels of the connected devices."""
 
 from __future__ import annotations
 

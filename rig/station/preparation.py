@@ -1,4 +1,4 @@
-"""What must be proved before anything moves: identities, rates, lease, limits, a quiet coil, a watchdog that trips."""
+"""Checks before any motion: identities, rates, lease, limits, a coil without current, a watchdog that trips."""
 
 from __future__ import annotations
 

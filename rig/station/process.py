@@ -1,7 +1,7 @@
-"""The station process: `python -m rig.station CONFIG.json`, spoken to over stdin and stdout.
+"""The station process: `python -m rig.station CONFIG.json`, controlled over stdin and stdout.
 
-It lives as long as the application's link, and after its end until the rig is stopped. Exit code 0: ended at rest;
-2: the configuration cannot be used; 7: the rig's state could not be proved at the end.
+It runs as long as the application's link, and after its end until the rig is stopped. Exit code 0: ended at rest;
+2: the configuration cannot be used; 7: the rig's state could not be confirmed at the end.
 """
 
 from __future__ import annotations

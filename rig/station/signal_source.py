@@ -1,7 +1,7 @@
-"""A prescribed motion without cycles in the station: samples in, set-points out, each recorded as it was asked for.
+"""A prescribed motion without cycles in the station: samples in, set-points out, each recorded as requested.
 
-The samples come with the start request and are judged here once more, against the machine's limits, before any is sent.
-Between two of them the set-point goes along the cubic that has their positions and speeds.
+The samples come with the start request and are checked here again, against the machine's limits, before any is sent.
+Between two of them the set-point follows the cubic through their positions and speeds.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The station's second door: a stop, from whoever may write to its socket, without the application in between.
+"""The station's second input: a stop, from any process that may write to its socket, without the application.
 
-Datagrams `{"do": "stop", "by": TEXT}`; anything else is thrown away. There is no other word here: nothing that starts,
-moves, resets or asks. It goes the way of every stop: latched, coil to 0 A, motion faded out, told to the application.
+Datagrams `{"do": "stop", "by": TEXT}`; anything else is discarded. There is no other command: none that starts, moves,
+resets or reads. It is handled like every stop: latched, coil to 0 A, motion faded out, reported to the application.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The supervisor: latches the first cause, stops the rig, proves that it stopped.
+"""The supervisor: latches the first cause, stops the rig, confirms that it stopped.
 
-Reader threads call `report` with what their judges found; the call that latches a trip also sends 0 A and wakes the
-actuator's thread, so a stop never waits for a polling period. A thread of its own ticks the slow checks: ages, the
-application's beat, the stop machine, its own lateness.
+Reader threads call `report` with the findings of their interlocks; the call that latches a trip also sends 0 A and
+wakes the actuator's thread, so a stop never waits for a poll. A separate thread runs the slow checks: ages, the
+application's heartbeat, the stop machine, its own latency.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""The station's own lateness, told apart from the silence of its devices. No I/O, no clock of its own.
+"""The station's own latency, distinguished from the silence of its devices. No I/O, no clock of its own.
 
-Every thread says when it ran (`awake`) and when a device was heard (`heard`). Two things make a blind time:
+Every thread reports when it ran (`awake`) and when a device was heard (`heard`). Two conditions make a blind time:
 
-- no thread ran for `SHORTEST_NS`: the process was stopped, or its machine taken away;
-- no device at all was heard for `quiet_ns`, though each has a line of its own: the host's ports or its machine.
+- no thread ran for `SHORTEST_NS`: the process was stopped, or its computer suspended;
+- no device at all was heard for `quiet_ns`, although each has its own line: the host's ports or the computer.
 
-A thread that finds that its own wait took longer than it asked for adds that (`blind`). A device is called silent only
-by time in which the station was not blind, after it has been looked at again; so what waits in a port is read first.
-A cable that is really gone is therefore named its stale-after later than usual, at most `limit_ns` later.
+A thread whose own wait took longer than requested adds that time (`blind`). A device counts as silent only by time in
+which the station was not blind, after it has been read again; so data that wait in a port are read first. A
+disconnected cable is therefore reported later than its stale-after, by `limit_ns` at most.
 """
 
 from __future__ import annotations

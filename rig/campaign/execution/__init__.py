@@ -1,5 +1,5 @@
-"""The running campaign: the loop that turns what the rig reports into events and carries out the sequencer's actions.
+"""The running campaign: the loop that turns reports of the rig into events and executes the sequencer's actions.
 
-`runner` is the door. Here live its observer of the ring, its requests to the station, the recording of points and what
-it watches while they run. What comes next is not decided here: that is the sequencer's.
+`runner` is the entry point. The room contains the observer of the ring, the requests to the station, the recording of
+points and their monitoring. The sequencer decides what comes next.
 """

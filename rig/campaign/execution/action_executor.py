@@ -1,6 +1,6 @@
-"""What actions do: requests to the station, what the observer waits for afterwards, points begun and ended.
+"""Execution of actions: requests to the station, conditions for the observer, start and end of points.
 
-`StationRequests` asks the station without waiting for it: one thread asks, a second one carries stops past it.
+`StationRequests` sends requests without waiting: one thread sends them, a second one lets stops overtake them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a campaign works with, gathered in one value."""
+"""Everything that a running campaign uses, in one value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Watches the campaign's loop: whether it still turns, and since when it has turned without a pause."""
+"""Monitor of the campaign's loop: whether it runs, and since when it has run without a pause."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""From ring records to facts: what the sequencer waits for is found here, on the rig's own clocks.
+"""From ring records to facts: the conditions that the sequencer waits for, on the rig's own clocks.
 
-The observer keeps the last value of every channel and at most one thing that is waited for. It reads no clock: the
-controller's clock comes with its status (`device_us` of the channel STATE), arrival times with the records. What the
-displacement sensor saw of a program is measured while it runs, and its cycles are compared with those before.
+The observer stores the last value of every channel and at most one condition. It reads no clock: the controller's clock
+comes with its status (`device_us` of the channel STATE), arrival times with the records. The displacement of a program
+is evaluated while it runs, and its cycles are compared with earlier ones.
 """
 
 from __future__ import annotations

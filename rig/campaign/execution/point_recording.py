@@ -1,4 +1,4 @@
-"""Points as they are recorded: journal begun and ended, file made, verdict entered; in the end all are collected."""
+"""Recording of points: start and end of the journal, conversion to a file, entry of the verdict."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""The application's loop: what the rig reports becomes events, the sequencer's actions are carried out.
+"""The application's loop: reports of the rig become events, the sequencer's actions are executed.
 
-One turn every few milliseconds: beat, collect events, step, act. Nothing in a turn waits for the rig; requests are
-answered on threads of their own, samples are recorded on the recorder's thread, files are written by the
-finaliser's process. Events of one turn are taken in this order: signals, station, answers, facts, verdicts, faults,
-deadlines; so a trip is always known before the answer or the fact that came with it. What this program itself takes for
-somebody's stop, for a load train that gives way, or for an answer that never came waits until all that the station has
-said is read: after a time in which this process stood still, samples and its own clock are seen first.
+One turn every few milliseconds: heartbeat, collect events, step, act. A turn never waits for the rig; requests are
+answered on separate threads, samples are recorded on the recorder's thread, files are written by the finaliser's
+process. Events of one turn are processed in this order: signals, station, answers, facts, verdicts, faults, deadlines;
+so a trip is always known before the answer or the fact that arrived with it. Conclusions of this program itself
+(another master's stop, a loose load train, a missing answer) wait until all messages of the station are read: after a
+pause of this process, samples and its own clock are processed first.
 """
 
 from __future__ import annotations

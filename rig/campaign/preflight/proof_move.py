@@ -1,12 +1,12 @@
-"""The slow proof move (rows `sensors-swapped`, `wrong-damper`): do the sensors follow, and is it the campaign's damper?
+"""The slow check move (rows `sensors-swapped`, `wrong-damper`): do the sensors follow, is it the campaign's damper?
 
-After full pressure and before anything else moves, the rod goes 2 mm one way and 2 mm the other way, at 10 mm/s and
-0 A. At both ends, where it rests and no clocks need to be tied together, the LVDT is compared with the controller's own
-position. On the way the damper resists, so the force of the way up must lie above the force of the way down.
+After full pressure and before any other motion, the rod moves 2 mm in one and 2 mm in the other direction, at 10 mm/s
+and 0 A. At both ends, where it rests and no clock alignment is needed, the LVDT is compared with the controller's own
+position. The damper resists the motion, so the force of the up stroke must be above the force of the down stroke.
 
-The same move shows the damper's 0 A signature: its mean is gas force and offset, its swing friction and oil at that
-speed. It must not be stronger than the specimen's prior allows, because the plan relies on that. What the campaign's
-first session saw of rig and damper (`Baseline`), every later one must see again.
+The same move measures the damper's 0 A signature: its mean is gas force and offset, its swing friction and oil at that
+speed. It must not exceed what the specimen's expected damper allows, because the plan relies on it. Every later session
+must reproduce what the first session measured of rig and damper (`Baseline`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The rig at rest: what it must show before it is armed (rows `not-tared`, `sensors-swapped`), and again at the end.
+"""Requirements on the rig at rest, before it is armed (rows `not-tared`, `sensors-swapped`) and at the end.
 
 Load cell and LVDT are compared with the controller's own force and position inputs, before the first motion and when
 the rod rests at 0 A at the end (`zero_return` compares both).

@@ -1,6 +1,6 @@
-"""Both rests of a session compared: has a sensor's zero drifted from the controller's own input meanwhile?
+"""Comparison of both rests of a session: has a sensor's zero drifted relative to the controller's own input?
 
-What has changed between makes the session's points suspect.
+A drift makes the points of the session suspect.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""The campaign's order of things, pure: state and event in, state and actions out.
+"""The sequence of a campaign as a pure state machine: state and event in, state and actions out.
 
-`step` is the door; `stopping` and `point_preparation` are parts of it, `action`, `event` and `state` its words. Tests
-explore it by state and event. No clock, no file, no device and no thread may live here.
+`step` is the entry point; `stopping` and `point_preparation` are parts of it; `action`, `event` and `state` define its
+values. Tests explore it by state and event. No clock, file, device or thread belongs here.
 """

@@ -1,4 +1,4 @@
-"""What the sequencer wants done: frozen values, carried out by the runner in the order given."""
+"""Actions of the sequencer: frozen values, executed by the runner in the given order."""
 
 from __future__ import annotations
 

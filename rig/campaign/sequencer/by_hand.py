@@ -1,8 +1,8 @@
-"""Sequencer: a current that a person sets. Asked for before each point that needs another one, taken away at the end.
+"""Sequencer: manual current. Requested before each point that needs another one, switched off at the end.
 
-While somebody is at the supply nothing moves, and the pressure is as the bench wants it then; afterwards it comes back
-and the campaign goes on where it was. A current that was asked for may flow although nobody said so yet: it counts as
-one that flows until somebody says that it was taken away.
+While the operator is at the supply nothing moves, and the pressure is as the bench file states for this time;
+afterwards it is restored and the campaign continues. A current that was requested may flow before it is confirmed: it
+counts as flowing until the operator confirms that it was switched off.
 """
 
 from __future__ import annotations

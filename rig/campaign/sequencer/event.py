@@ -1,4 +1,4 @@
-"""What the sequencer is told: frozen values made by the runner from answers, ring records, signals and verdicts."""
+"""Events of the sequencer: frozen values made by the runner from answers, ring records, signals and verdicts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sequencer: what follows where a phase lasts longer than it may; none is without a deadline and an answer to it."""
+"""Sequencer: the reaction to a phase that exceeds its deadline; every phase has one."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
-"""Sequencer: what comes before a point's own motion so that it can be trusted, and what is learned after it.
+"""Sequencer: preparation of a point, and what is learned from its motion.
 
-Temperature gate, warming up, cooling down, demagnetising, trial programs. Where the campaign goes on afterwards is
-handed in by the sequencer (`onwards`).
+Temperature gate, warm-up, cooling, demagnetising, trial programs. The sequencer passes in the step that follows
+(`onwards`).
 
-Peak and valley of the commanded motion are compensated: what was reached decides what is asked next. A machine that
-reaches 46 mm when told 50 mm is told 54.3 mm the next time. What is learned for a motion (waveform, amplitude,
-frequency) at a current serves every later point with both: a damper at another current pushes the rod with another
-force, and no servo is infinitely stiff. A current not yet seen begins with what the motion's known currents predict, a
-motion not yet seen with the nearest known one's correction. Where nothing has had to be corrected, points run without a
+Peak and valley of the commanded motion are compensated: the amplitude that was reached determines the next command. If
+a machine reaches 46 mm with a command of 50 mm, the next command is 54.3 mm. A correction of a motion (waveform,
+amplitude, frequency) at a current is used for every later point with both: at another current the damper loads the rod
+with another force, and no servo is infinitely stiff. A new current starts with the prediction from the motion's known
+currents, a new motion with the correction of the nearest known one. Without any correction, points run without a
 trial: on a good machine this costs nothing.
 """
 

@@ -1,4 +1,4 @@
-"""Where a campaign stands: one frozen value, its phases, and the conditions under which points are measured."""
+"""The state of a campaign: one frozen value, its phases, and the conditions under which points are measured."""
 
 from __future__ import annotations
 

@@ -1,14 +1,14 @@
-"""The campaign's order of things as a pure function: `step(state, event) -> (state, actions)`.
+"""The sequence of a campaign as a pure function: `step(state, event) -> (state, actions)`.
 
-1. No clock, no I/O: everything that happens arrives as an event, everything wanted leaves as an action.
-2. Nothing moves unless the rig is armed, watchdog and zeros are proved, pressure is on and no stop is latched.
+1. No clock, no I/O: all input arrives as events, all output leaves as actions.
+2. Nothing moves unless the rig is armed, watchdog and zeros are checked, pressure is on and no stop is latched.
 
-The way through: connect, check zeros, arm, prove the watchdog, pressure low, pressure on, prove the sensors by a slow
-move, then for each point: centre, settle the current, record and run, back to 0 A, rest; at the end hydraulics off.
-Temperature, magnetic history and trial programs come in between where the matrix asks for them (`point_preparation`),
-somebody who is asked for the current where a person sets it (`by_hand`).
-Tables hold it: `NEXT` for the phase an event belongs to, `ALWAYS` for what can come at any time, `OVERDUE` (`overdue`)
-for phases that last too long. An event in none of them is late news and changes nothing.
+The sequence: connect, check zeros, arm, test the watchdog, pressure low, pressure on, check the sensors by a slow move,
+then for each point: centre, settle the current, record and run, back to 0 A, rest; at the end hydraulics off.
+Temperature, magnetic history and trial programs come in between if the matrix requires them (`point_preparation`),
+the operator if the current is set manually (`by_hand`).
+It is defined by tables: `NEXT` for the phase an event belongs to, `ALWAYS` for events that can come at any time,
+`OVERDUE` (`overdue`) for phases that exceed their deadline. An event in none of them is late and has no effect.
 """
 
 from __future__ import annotations

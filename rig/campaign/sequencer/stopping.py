@@ -1,7 +1,7 @@
-"""How a campaign stops and how it ends: the part of the sequencer that knows nothing of points' order.
+"""Sequencer: how a campaign stops and how it ends, independent of the order of points.
 
-Every fault leads to a latch, from there to a proof of standstill or to "not known", and from both to the end; only a
-stop of kind S2 for a cause that allows it leads back, through an explicit reset and every proof of the preflight.
+Every fault leads to a latch, from there to a confirmed standstill or to "unknown", and from both to the end; only a
+stop of kind S2 with a cause that allows it leads back, through an explicit reset and every check of the preflight.
 """
 
 from __future__ import annotations

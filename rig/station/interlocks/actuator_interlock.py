@@ -1,4 +1,4 @@
-"""Interlocks on what the devices say about themselves: controller status, ECU status; pure, no clock, no I/O."""
+"""Interlocks on the status that the controller reports; pure, no clock, no I/O."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Interlocks on samples: pure judges that see every sample once and answer with findings; no clock, no I/O.
+"""Interlocks on samples: pure detectors that check every sample once and return findings; no clock, no I/O.
 
-A judge is fed the batches a reader thread got from its driver (ring-record tuples) and keeps only what it needs of the
-past. The common case (nothing unusual) costs a minimum and a maximum over the batch.
+A detector is fed with the batches that a reader thread got from its driver (tuples of ring records) and stores only
+what it needs of the past. The usual case (no finding) costs a minimum and a maximum over the batch.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Interlocks on the coil's current, on what the ECU says of itself, and on its bus; pure, no clock, no I/O."""
+"""Interlocks on the coil current, on the ECU's status, and on its bus; pure, no clock, no I/O."""
 
 from __future__ import annotations
 

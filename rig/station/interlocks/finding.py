@@ -1,4 +1,4 @@
-"""What a detector says: a finding, by the slug of its row in the fault matrix."""
+"""The result of a detector: a finding, with the code of its row in the fault matrix."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Interlock on a current that a law commands anew at every step: it never settles, but its mean follows. Pure.
+"""Interlock on a current that a control law commands anew at every step: it never settles, but its mean follows. Pure.
 
-A current that follows its command with a lag of T has the command's mean, but for T times what it changed by between
-the ends of the window, divided by the window. So a source that does not follow is found though no command lasts.
+A current that follows its command with a lag of T has the mean of the command, except for T times its change between
+the ends of the window, divided by the window. So a source that does not follow is detected although no command lasts.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Interlocks on a sensor's line: how many frames come damaged, and whether its clock keeps time; pure, no I/O."""
+"""Interlocks on a sensor's line: the rate of damaged frames, and the drift of its clock; pure, no I/O."""
 
 from __future__ import annotations
 

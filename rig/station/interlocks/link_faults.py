@@ -1,4 +1,4 @@
-"""What the controller's link goes through, by name: which errors are a fault at once, which only in a row. No I/O."""
+"""Errors of the controller's link, by name: which are a fault immediately, which only when consecutive. No I/O."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Is the rod moving, how fast, and does a sensor say so? Pure, no clock, no I/O.
+"""Is the rod moving, how fast, and does a sensor show it? Pure, no clock, no I/O.
 
-`MotionInterlock` follows the LVDT. `StandingInterlock` compares a sensor that repeats one value with what the
-controller says of the rod by its own transducers. A sensor whose steps are finer than its noise is stuck when the rod
-has gone a way meanwhile; where it had not followed a motion before, some polls after that was seen: what it sent at
-rest may still have been under way. One of coarse steps may repeat a value along a whole stroke; it is stuck when the
-controller's own measure of it has changed by several of those steps.
+`MotionInterlock` evaluates the LVDT. `StandingInterlock` compares a sensor that repeats one value with the controller's
+own transducers. A sensor whose resolution is finer than its noise is stuck if the rod has moved meanwhile; if it has
+not yet followed a motion, some polls after the motion was seen, because values sent at rest may still be in transit.
+One with a coarse resolution may repeat a value along a whole stroke; it is stuck if the controller's own measurement
+has changed by several of its steps.
 """
 
 from __future__ import annotations

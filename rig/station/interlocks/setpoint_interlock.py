@@ -1,8 +1,8 @@
-"""Interlock on a motion that the host streams: were its set-points sent in time, did the device take them? Pure.
+"""Interlock on a motion that the host streams: were its set-points sent in time, did the device follow them? Pure.
 
-Every poll is a step; its set-point is due at the poll's time. A step is late when it was sent, or left out because the
-next one was due already, more than the bench's `setpoint_late` after that. Only steps of a motion are judged. Where the
-polls are shorter than `setpoint_late`, steps that are left out are a warning, once a motion.
+Every poll is a step; its set-point is due at the poll's time. A step is late if its set-point was sent, or omitted
+because the next one was already due, more than the bench's `setpoint_late` after that. Only steps of a motion are
+checked. If the poll interval is shorter than `setpoint_late`, omitted steps give a warning, once per motion.
 """
 
 from __future__ import annotations

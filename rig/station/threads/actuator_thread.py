@@ -1,7 +1,7 @@
-"""The actuator's thread: the only one that talks to the controller; polls, feeds its watchdog, carries out commands.
+"""The actuator's thread, the only one that talks to the controller: polls, refreshes its watchdog, executes commands.
 
-A stop action is carried out before anything else and wakes the thread out of its wait. Commands of requests run as jobs
-between two polls, so that no request keeps the interlocks waiting for longer than one exchange.
+A stop is executed before anything else and wakes the thread. Commands of requests run as jobs between two polls, so
+that no request delays the interlocks by more than one exchange.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The ECU's thread: reads its frames, judges them, writes them into the ring; the driver itself repeats the command.
+"""The ECU's thread: reads its frames, checks them, writes them into the ring; the driver itself repeats the command.
 
-0 A is sent by whichever thread trips (`zero_now`), at once; the driver's beat then repeats it. After that no other
-current is taken until `begin` prepares the coil anew.
+0 A is sent immediately by the thread that trips (`zero_now`); the driver's cycle then repeats it. After that no other
+current is accepted until `begin` prepares the coil again.
 """
 
 from __future__ import annotations

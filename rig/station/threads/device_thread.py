@@ -1,4 +1,4 @@
-"""The base of the station's threads: each owns one device, says when it dies, and ends when asked."""
+"""The base of the station's threads: each owns one device, reports its failure, and ends on request."""
 
 from __future__ import annotations
 

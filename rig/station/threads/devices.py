@@ -1,4 +1,4 @@
-"""The station's devices: drivers made from the configuration, their judges and threads, opened and proved together."""
+"""The station's devices: drivers, interlocks and threads, opened and checked together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The thread of one serial sensor: reads, judges every sample, writes them into the ring."""
+"""The thread of one serial sensor: reads, checks every sample, writes them into the ring."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""When the actuator's thread polls, and what it makes of each poll where the poll carries a set-point.
+"""Timing of the actuator thread's polls, and the set-point of each poll.
 
-Steps lie on a grid that does not drift: one that is sent late moves none of those after it, and one that is overtaken
-by the next is left out.
+Steps lie on a grid that does not drift: a late step does not shift the following ones, and a step that is overtaken by
+the next one is omitted.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The controller's status as records of the ring, on its clock unwrapped; no I/O."""
+"""The controller's status as ring records, with its clock unwrapped; no I/O."""
 
 from __future__ import annotations
 
