@@ -1,7 +1,7 @@
 """Wire formats: bytes to values and back.
 
-What lives here: Modbus and SCPI, CAN signals and their protection, line and frame formats, and how a stream's format is
-guessed. What may not: sockets, files, clocks, threads, numpy. Every decoder of a stream takes chunks of any size: a
-chunk is never taken for a message. Our own mistake (`LocalProtocolError`) is told from the peer's
+The room contains Modbus and SCPI, CAN signals and their protection, line and frame formats, and guessing the format of
+a stream. Not allowed: sockets, files, clocks, threads, numpy. Every stream decoder takes chunks of any size: a chunk is
+never assumed to be a message. Errors of this host (`LocalProtocolError`) are distinguished from errors of the peer
 (`RemoteProtocolError`).
 """

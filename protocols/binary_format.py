@@ -1,9 +1,9 @@
-"""Binary frames of sensors, described by data: which bytes mean what.
+"""Binary frames of sensors, described by data: the meaning of each byte.
 
-    sync   fields at their places ...   checksum   end          positions count from 0, the first sync byte's
+    sync   fields at their offsets ...   checksum   end          offsets count from 0, the first sync byte
 
-A frame is accepted whole or not at all: sync, length, end and checksum must be right. A packed stream has no sync
-bytes; fixed bits in each of its bytes say which byte of the frame it is.
+A frame is accepted as a whole or not at all: sync, length, end and checksum must be correct. A packed stream has no
+sync bytes; fixed bits in each of its bytes identify the position in the frame.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Numbers in CAN frames: where each lies, by integers and shifts. No DBC, no meaning, no I/O.
+"""Numbers in CAN frames: location of each, by integers and shifts. No DBC, no meaning, no I/O.
 
-Bits are numbered as in a DBC file: byte n holds bits 8n to 8n+7, the most significant bit of a byte has the highest
+Bits are numbered as in a DBC file: byte n contains bits 8n to 8n+7, the most significant bit of a byte has the highest
 number. A little-endian signal starts at its least significant bit and grows upwards; a big-endian (Motorola) one starts
-at its most significant bit and goes down through its byte, then on at the top of the next.
+at its most significant bit, goes down through its byte and continues at the top of the next.
 """
 
 from __future__ import annotations

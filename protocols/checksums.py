@@ -1,7 +1,7 @@
 """Checksums of sensor lines and frames, by the names that a format's `checksum` may have.
 
-Check values are those of the nine characters `123456789`. A name with `-hex` behind it is the same sum written as
-hexadecimal digits, high digit first, as lines of text have it.
+Check values are those of the nine characters `123456789`. A name that ends in `-hex` is the same sum written as
+hexadecimal digits, high digit first, as in lines of text.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a description contradicts: places in its table, each with what would be right."""
+"""Contradictions in a description: location in its table, and the correction."""
 
 from __future__ import annotations
 

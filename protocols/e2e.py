@@ -1,8 +1,8 @@
 """Protection of CAN messages: a counter, a checksum, the AUTOSAR E2E profiles 1, 2, 5 and 11.
 
 After AUTOSAR PRS_E2EProtocol (R22-11), chapters 6.3 (profile 1), 6.4 (2), 6.6 (5) and 6.11 (11). A profile's checksum
-covers a data id that is not sent: a frame with a right counter and a checksum that is wrong by the same bits every time
-has another data id.
+covers a data id that is not sent: a frame with a correct counter and a checksum that is wrong by the same bits every
+time has another data id.
 """
 
 from __future__ import annotations

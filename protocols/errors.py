@@ -1,4 +1,4 @@
-"""Who erred on the wire: we (`LocalProtocolError`) or the peer (`RemoteProtocolError`)."""
+"""Errors on the wire: caused by this host (`LocalProtocolError`) or by the peer (`RemoteProtocolError`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is sent to a sensor: commands that start and stop its own sending, or a request for each reading."""
+"""Data sent to a sensor: commands that start and stop continuous transmission, or a request for each reading."""
 
 from __future__ import annotations
 

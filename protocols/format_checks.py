@@ -1,6 +1,6 @@
-"""What is wrong with a sensor format beyond the shape of its entries.
+"""Checks of a sensor format beyond the form of its entries.
 
-Entries that contradict each other, formats that can never match, frames whose beginning nobody can tell.
+Contradictory entries, formats that can never match, frames whose start cannot be detected.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What captured CAN frames look like: periods, lengths, changing bytes, counters, bytes that may be checksums."""
+"""Properties of captured CAN frames: periods, lengths, changing bytes, counters, possible checksums."""
 
 from __future__ import annotations
 

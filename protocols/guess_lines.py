@@ -1,4 +1,4 @@
-"""From captured bytes to the description of a line format: where lines end, which part of them is the reading."""
+"""From captured bytes to the description of a line format: line endings, and the part of a line that is the reading."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""A line that a format accepts, made from its pattern.
+"""A line that a format accepts, derived from its pattern.
 
-By it a format that can never match is found, and lines are written where a format does not say how. The pattern is
-walked part by part for its shortest text; the number is tried in many ways of writing it until one fits for every
-number that is wanted.
+It detects formats that can never match, and lets lines be written if a format has no template. The pattern is walked
+part by part for its shortest text; several ways of writing the number are tried until one fits for every requested
+number.
 """
 
 from __future__ import annotations

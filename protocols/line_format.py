@@ -1,13 +1,13 @@
-r"""ASCII lines: one reading a line, described by data.
+r"""ASCII lines: one reading per line, described by data.
 
     signed-decimal       +0001234.5 N\r\n
     laumas-fast          001234\r\n                  negative: -01234\r\n
     laumas-checksummed   &T001234P000000\03\r        two hex digits: XOR of the characters between & and \
     flintec              G+01.100\r\n                after SG\r
 
-A line is accepted whole or not at all: the pattern must match all of it, the number must be a plain number, the unit
-must be an expected one and the checksum right. The first line after the start is dropped, for its beginning may be
-missing. Without a checksum a flipped digit cannot be seen; fixed-width patterns at least see lost bytes.
+A line is accepted as a whole or not at all: the pattern must match all of it, the number must be a plain number, the
+unit must be an expected one and the checksum correct. The first line after the start is discarded, because its start
+may be missing. Without a checksum a flipped digit cannot be detected; fixed-width patterns at least detect lost bytes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The known name that an unknown one was meant to be: one rule for files, commands and names of devices."""
+"""Suggestion of the known name nearest to an unknown one: one rule for files, commands and names of devices."""
 
 from __future__ import annotations
 

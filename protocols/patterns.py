@@ -1,7 +1,7 @@
-"""Regular expressions that users write, matched in time linear in the text: no damaged line can hold up a thread.
+"""Regular expressions of users, matched in time linear in the text: no corrupted line can block a thread.
 
 The engine is RE2, which never backtracks; look-around and back references, which would need that, are refused. Patterns
-of our own modules use `re`.
+of this program's own modules use `re`.
 """
 
 from __future__ import annotations

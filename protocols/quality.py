@@ -1,4 +1,4 @@
-"""Quality flags that travel with every sample from the wire to the recorded file."""
+"""Quality flags that accompany every sample from the wire to the recorded file."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Lines of a programmable supply: commands with numbers in them, answers that are numbers. Bytes in, values out.
+"""Lines of a programmable supply: commands with numbers, answers that are numbers. Bytes in, values out.
 
-A supply's language is data (`drivers.devices.supply`); here is what all of them share. A command is ASCII text in which
-`{current_A:.3f}`, `{current_mA:.0f}`, `{voltage_V:.2f}`, `{voltage_mV}` or `{time_s}`, `{time_ms}` stand for numbers.
-An answer is one line; a number in it may be followed by its unit (IEEE 488.2: NR1, NR2, NR3).
+A supply's commands are data (`drivers.devices.supply`); this module contains what all supplies share. A command is
+ASCII text in which `{current_A:.3f}`, `{current_mA:.0f}`, `{voltage_V:.2f}`, `{voltage_mV}` or `{time_s}`, `{time_ms}`
+stand for numbers. An answer is one line; a number in it may be followed by its unit (IEEE 488.2: NR1, NR2, NR3).
 """
 
 from __future__ import annotations

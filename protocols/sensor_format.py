@@ -1,7 +1,7 @@
-"""Sensor formats from their descriptions, or every reason why a description cannot be used.
+"""Sensor formats from their descriptions, or every reason why a description is invalid.
 
-A description is a table of plain values as a user's file has them, or the name of a preset; `base = "preset"` takes
-another one's entries where the table has none of its own.
+A description is a table of plain values as in a user's file, or the name of a preset; `base = "preset"` takes the
+entries that the table does not have from a preset.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-r"""Sensor formats that come with the project, as a user would write them.
+"""Sensor formats that are included, in the form in which a user would write them.
 
-`DOCUMENTS` names what each was read from; the bytes of those documents are in `tests/protocols/test_preset_bytes.py`,
-by hand. No device was ever at the other end.
+`DOCUMENTS` names the source of each; bytes from those documents are in `tests/protocols/test_preset_bytes.py`, typed
+manually. None was tested with a device.
 """
 
 from __future__ import annotations

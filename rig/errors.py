@@ -1,4 +1,4 @@
-"""What can go wrong, by exit code: each error has a slug to be told by, and words: expected, got, where, what to do."""
+"""Errors by exit code: each has a code that identifies it, and a message: expected, got, where, what to do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plug-ins as the rooms of `rig` see them: a catalogue is its own entries, and what other packages bring."""
+"""Plug-ins as the rooms of `rig` see them: a catalogue of included entries and those of other packages."""
 
 from __future__ import annotations
 

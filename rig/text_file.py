@@ -1,4 +1,4 @@
-"""Small files that people write or hand on, read without trust: regular files only, bounded, UTF-8."""
+"""Small files from users, read without trust: regular files only, bounded, UTF-8."""
 
 from __future__ import annotations
 

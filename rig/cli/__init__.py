@@ -1,5 +1,5 @@
-"""The `rig` command: arguments in, a room's function called, text or one JSON object out.
+"""The `rig` command: arguments in, a function of a room called, text or one JSON object out.
 
-Nothing is computed here and no device is touched. Each command is a module of its own, loaded when it is called, so
-that `rig --help` loads nothing but click.
+Nothing is computed here and no device is used. Each command is a separate module, loaded when it is called, so that
+`rig --help` loads click only.
 """

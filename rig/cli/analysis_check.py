@@ -1,6 +1,6 @@
-"""What the end of a campaign needs, checked before its start: would the matrix's `[identify]` work on its points?
+"""Check before a campaign starts: can the matrix's `[identify]` be applied to its points at the end?
 
-Numbers of the tests can still make an identification fail; names, filters and combinations cannot after this.
+After this check, only the measured values can make an identification fail, not names, filters or combinations.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The process that identifies and reports while the application stays with the rig: `python -m rig.cli.analyst`.
+"""The process that identifies and reports while the application controls the rig: `python -m rig.cli.analyst`.
 
 It is started before the motion, loads the numeric packages at low priority during it, and then answers one JSON line
 on its standard input, {"run", "identify": {"model", "method", "holdout"} or null}, with one on its standard output:

@@ -1,4 +1,4 @@
-"""A check of a bench as blocks of a document: the devices, latencies, every finding with its fix."""
+"""A check of a bench as blocks of a document: devices, latencies, every finding with its fix."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`rig compare`: runs side by side, and acceptance bands."""
+"""`rig compare`: comparison of runs, and acceptance bands."""
 
 from __future__ import annotations
 

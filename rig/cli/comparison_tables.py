@@ -1,4 +1,4 @@
-"""A comparison in short, as blocks of a document: the verdict first, what did not pass, what changed, remarks."""
+"""Summary of a comparison, as blocks of a document: verdict, failed values, changes, remarks."""
 
 from __future__ import annotations
 

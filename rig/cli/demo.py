@@ -1,4 +1,4 @@
-"""`rig demo`: plan, run, identify and report on the simulated rig, and the fit beside the truth."""
+"""`rig demo`: plan, run, identify and report on the simulated rig, and compare the fit with the true values."""
 
 from __future__ import annotations
 

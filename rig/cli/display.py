@@ -1,4 +1,4 @@
-"""What the operator sees while a campaign runs: live on a terminal, plain lines elsewhere."""
+"""The operator's display of a running campaign: live on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`rig explain`: what a code means, what was done, what to check."""
+"""`rig explain`: meaning of a code, reaction, and what to check."""
 
 from __future__ import annotations
 

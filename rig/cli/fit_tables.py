@@ -1,4 +1,4 @@
-"""A fit in short, as blocks of a document: ranking, parameters, errors on validation tests, what to try."""
+"""Summary of a fit, as blocks of a document: ranking, parameters, errors on validation tests, next steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`rig identify`: a damper model fitted to recorded or imported runs."""
+"""`rig identify`: fit damper models to recorded or imported runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`rig import`: tests from elsewhere become a run of ours."""
+"""`rig import`: convert test files of other programs to a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`rig init`: a commented bench and matrix file to begin with, and the schemas by which editors complete them."""
+"""`rig init`: a commented bench and matrix file to start from, and the schemas by which editors complete them."""
 
 from __future__ import annotations
 

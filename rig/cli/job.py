@@ -1,4 +1,4 @@
-"""A whole job, as `rig run` and `rig demo` do it: campaign, then identification and report in their own process."""
+"""A whole job, as in `rig run` and `rig demo`: campaign, then identification and report in a separate process."""
 
 from __future__ import annotations
 

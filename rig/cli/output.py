@@ -1,4 +1,4 @@
-"""What a command writes: one JSON object, or text for people in whatever encoding their terminal has."""
+"""Output of a command: one JSON object, or text in the encoding of the terminal."""
 
 from __future__ import annotations
 

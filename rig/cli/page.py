@@ -1,4 +1,4 @@
-"""`rig page`: the operator's page of a run; and what `rig run` does for its pages."""
+"""`rig page`: the operator's page of a run; and the part of `rig run` that serves pages."""
 
 from __future__ import annotations
 

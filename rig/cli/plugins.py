@@ -1,4 +1,4 @@
-"""`rig plugins`: what other packages bring by entry point, and whether each can be used."""
+"""`rig plugins`: what other packages provide by entry point, and whether each can be used."""
 
 from __future__ import annotations
 

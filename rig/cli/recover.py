@@ -1,4 +1,4 @@
-"""`rig recover`: what a crash left behind becomes finished points."""
+"""`rig recover`: complete the points that a crash left unfinished."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`rig ride`: the same car with several fitted dampers, and whether they really differ."""
+"""`rig ride`: the same car with several fitted dampers, and whether they differ significantly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`rig runs`: which runs there are, how they ended, how well they were fitted."""
+"""`rig runs`: list of runs, how they ended, how well they were fitted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`rig simulate`: the simulated rig alone, in the place of this process."""
+"""`rig simulate`: the simulated rig alone; replaces this process."""
 
 from __future__ import annotations
 

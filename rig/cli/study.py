@@ -1,4 +1,4 @@
-"""`rig study`: the papers' comparison over recordings, or a benchmark on open ones; resumable."""
+"""`rig study`: the papers' comparison over recordings, or a benchmark on open ones; can be resumed."""
 
 from __future__ import annotations
 

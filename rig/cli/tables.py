@@ -1,6 +1,6 @@
-"""A plan as blocks of a document: the verdict first, then the points as a table, then every reason in full.
+"""A plan as blocks of a document: verdict, points as a table, every reason in full.
 
-A plan of many points is shown by groups: how many points, over which range, the first and the last of them.
+A plan of many points is shown by groups: number of points, their range, the first and the last of them.
 """
 
 from __future__ import annotations

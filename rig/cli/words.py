@@ -1,4 +1,4 @@
-"""How a campaign ended, in words: what stopped it, the rig's state, what is not finished, how to continue."""
+"""How a campaign ended, as text: cause of the stop, the rig's state, what is not finished, how to continue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a driver, a damper model or a method must keep, as tests that its author runs on his own.
+"""Requirements for a driver, a damper model or a method, as tests that its author runs.
 
     pytest --pyargs rig.conformance --driver NAME      on the simulated rig, or --peer URL: the author's own peer
     pytest --pyargs rig.conformance --model NAME

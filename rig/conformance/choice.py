@@ -1,4 +1,4 @@
-"""What the options name, and which files of this folder are about it."""
+"""The objects that the options name, and the test files of this folder that apply to them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is tried, and on which peer: the files of this folder are collected as the options ask for."""
+"""Object and peer of the test: the files of this folder are collected as the options state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The other end of a driver under test: where it is, and the wire to it, which can be cut."""
+"""The peer of a driver under test: its address, and the wire to it, which can be cut."""
 
 from __future__ import annotations
 

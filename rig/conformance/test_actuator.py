@@ -1,6 +1,6 @@
-"""What an actuator's driver must keep (`drivers.roles.Actuator`).
+"""Requirements for an actuator's driver (`drivers.roles.Actuator`).
 
-The peer moves by 5 mm and plays two cycles of 2 mm: never a machine with a specimen in it, and nobody near it.
+The peer moves by 5 mm and runs two cycles of 2 mm: never use a machine with a specimen, keep its guard area clear.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What a current source's driver must keep (`drivers.current_source.CurrentSource`).
+"""Requirements for a current source's driver (`drivers.current_source.CurrentSource`).
 
-The peer drives a coil of some ohms, or something like it: up to half an ampere is asked of it.
+The peer drives a coil of some ohms, or a similar load: up to half an ampere is commanded.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What an identification method must keep (`rig.optimisers.methods.Algorithm`)."""
+"""Requirements for an identification method (`rig.optimisers.methods.Algorithm`)."""
 
 from __future__ import annotations
 

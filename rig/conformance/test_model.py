@@ -1,4 +1,4 @@
-"""What a damper model must keep (`rig.dampers.DamperModel`)."""
+"""Requirements for a damper model (`rig.dampers.DamperModel`)."""
 
 from __future__ import annotations
 

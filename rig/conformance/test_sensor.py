@@ -1,4 +1,4 @@
-"""What a sensor's driver must keep (`drivers.roles.Sensor`)."""
+"""Requirements for a sensor's driver (`drivers.roles.Sensor`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Entries that name or hold a device's description: their type, and what drivers take in their place."""
+"""Entries that name or contain a device's description: their type, and what drivers receive instead."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Descriptions of devices (sensor formats, supplies, roles of signals, register maps): a file or a table of one.
 
-The entries are checked here, by their models; what they say together is checked by the driver or protocol that is made
-of the plain table. Neither reads a file: what a bench file names is read here, once, and goes on as its table.
+The entries are checked here, by their models; their combination is checked by the driver or protocol that is made from
+the plain table. Neither reads a file: a file that a bench file names is read here, once, and passed on as its table.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A user's DBC file and the roles of its signals, together: what each has wrong, and what they contradict."""
+"""A user's DBC file and the roles of its signals: the errors of each, and their contradictions."""
 
 from __future__ import annotations
 

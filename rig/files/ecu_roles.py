@@ -1,4 +1,4 @@
-"""A roles file: which signals of a DBC file have which meaning, and how its messages are protected."""
+"""A roles file: the meaning of a DBC file's signals, and the protection of its messages."""
 
 from __future__ import annotations
 

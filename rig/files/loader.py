@@ -1,4 +1,4 @@
-"""From what the validator found to one clear line for each wrong entry: place, value, range, what would fit."""
+"""From the validator's errors to one clear line for each wrong entry: location, value, range, what would fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which entries name files."""
+"""Entries that name files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Places in a user's file: the line, how an entry is written there, the table and field that hold it."""
+"""Locations in a user's file: the line, the spelling of an entry, the table and field that contain it."""
 
 from __future__ import annotations
 

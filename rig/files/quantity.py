@@ -1,7 +1,8 @@
-"""How an entry of a user's file is declared: key, quantity with unit and range, text, own check. Loads no validator.
+"""Declaration of an entry of a user's file: key, quantity with unit and range, text, own check. Loads no validator.
 
-These are annotations of a field, `Annotated[float, Quantity(...)]`. Reading a file they are part of the validator's
-schema, reading values back (`rig.bench.settings_json`) their `check` is called: one declaration, one range.
+These are annotations of a field, `Annotated[float, Quantity(...)]`. When a file is read they are part of the
+validator's schema, when values are read back (`rig.bench.settings_json`) their `check` is called: one declaration, one
+range.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A register map's file: where a controller's values are, what its codes mean, what is written for each command."""
+"""A register map's file: location of a controller's values, meaning of its codes, writes of each command."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Tables of a user's file as the validator sees them: strict, with the unit in the value or in the key.
 
-A table is a `Section` (a model of the validator), or one of the frozen `rig.bench.settings`, which loads no validator
-by itself: what both need is here.
+A table is a `Section` (a model of the validator), or one of the frozen `rig.bench.settings`, which load no validator:
+this module contains what both need.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 r"""A sensor format's file, or its table in a bench file: lines of text, or frames of bytes.
 
 Byte strings are written as text of ASCII characters ("\\r\\n", in double quotes), or as a list of numbers
-([0x10, 0x7E]). What entries say together is checked by `protocols.sensor_format`, which makes the format.
+([0x10, 0x7E]). The combination of entries is checked by `protocols.sensor_format`, which makes the format.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A supply's file: a programmable supply that is spoken to in lines of text, or an analogue output on Modbus."""
+"""A supply's file: a programmable supply with text commands, or an analogue output on Modbus."""
 
 from __future__ import annotations
 

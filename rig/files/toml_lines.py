@@ -1,4 +1,4 @@
-"""Where every table and key of a TOML text stands, and what makes a text too large to parse."""
+"""The line of every table and key of a TOML text, and limits of a text that may be parsed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A TOML file with the line of every key: the standard parser gives the values, a scan gives the places."""
+"""A TOML file with the line of every key: the standard parser gives the values, a scan gives the lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a hybrid test's record says: did the rod follow, and did the structure answer as the whole one computed would?
+"""Assessment of a hybrid test's record: did the rod follow, and did the structure respond as if computed completely?
 
 The criteria are those of the benchmark (`rig.hybrid.criteria`), the floors being the specimen's extension, the body and
 the wheel:

@@ -1,4 +1,4 @@
-"""The benchmark's building: three floors, four cases, divided into what is computed and what is tested.
+"""The benchmark's building: three floors, four cases, divided into the computed and the tested part.
 
 Source: C. E. Silva, D. Gomez, A. Maghareh, S. J. Dyke, B. F. Spencer, "Benchmark control problem for real-time hybrid
 simulation", Mechanical Systems and Signal Processing 135 (2020) 106381, Table 1, and the authors' code package

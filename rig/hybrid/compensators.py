@@ -1,6 +1,6 @@
-"""What is commanded so that the specimen is where it should be: the transfer system's delay, compensated.
+"""Compensation of the transfer system's delay, so that the specimen follows its target.
 
-One step of each compensator, compiled, on plain arrays: the same in a virtual test and beside a real one.
+One step of each compensator, compiled, on plain arrays, for virtual and real tests.
 
 Sources: polynomial extrapolation, Horiuchi et al. 1999; third-order inverse by backward differences, as in Galmez and
 Fermandois 2022; adaptive time series (ATS), Chae, Kazemibidokhti and Ricles 2013; PI with phase lead, the benchmark's

@@ -1,4 +1,4 @@
-"""How late a specimen's force may be before a hybrid test of a linear structure is unstable, whatever causes it."""
+"""Critical delay of a specimen's force, at which a hybrid test of a linear structure becomes unstable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The small sine that shows by how much the actuator is behind its set-points; pure numbers, no numpy."""
+"""The small sine that measures the delay of the actuator behind its set-points; pure numbers, no numpy."""
 
 from __future__ import annotations
 

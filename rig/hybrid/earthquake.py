@@ -1,7 +1,7 @@
-"""Ground motion: one that is synthesised, the same for a seed, or a user's record.
+"""Ground motion: synthesised, identical for a seed, or a user's record.
 
-The benchmark's own records (El Centro 1940, Kobe 1995, Morgan Hill 1984) are not shipped: their files name no licence.
-A record read from a file takes the place of the synthesised one.
+The benchmark's own records (El Centro 1940, Kobe 1995, Morgan Hill 1984) are not included: their files name no licence.
+A record from a file replaces the synthesised one.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""A hybrid test as a motion that is computed as it goes, with what watches over it; pure numbers, no numpy.
+"""A hybrid test as a motion that is computed step by step, with its monitoring; pure numbers, no numpy.
 
-    PROBE    a small sine with ramps: by how much the rod is behind its set-points
-    PAUSE    the rod stands: what the specimen pulls at rest, which the springs carry
-    TEST     the road: at each step the measured force goes into the computed part, whose answer is sent, led
-    RETURN   back to the centre within a second; then it is over
+    PROBE    a small sine with ramps: measures the delay of the rod behind its set-points
+    PAUSE    the rod rests: measures the specimen's force at rest, which the springs carry
+    TEST     the road: at each step the measured force enters the computed part; its response is sent, compensated
+    RETURN   back to the centre within a second; then the test is over
 
-What is found against going on (`problem`) ends it at once: the caller stops the rig. The set-point with which it was
-found is not sent: from the last good one on the rod is braked, so that a halt begins from there.
+A violation (`problem`) ends the test at once: the caller stops the rig. The set-point of that step is not sent: the rod
+is decelerated from the last good one, so that a halt starts from there.
 """
 
 from __future__ import annotations

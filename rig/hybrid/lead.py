@@ -1,7 +1,7 @@
-"""What is sent ahead of the target, so that the rod is where it should be when the actuator has followed; pure numbers.
+"""Set-points ahead of the target, so that the rod reaches the target in time after the actuator's delay; pure numbers.
 
-The same compensators as in the benchmark (`rig.hybrid.compensators`, sources there) beside a real rig, where the delay
-is measured and the computed part gives the target's speed and acceleration:
+The same compensators as in the benchmark (`rig.hybrid.compensators`, sources there) for a real rig, where the delay is
+measured and the computed part gives the target's speed and acceleration:
 
 none        u = x
 polynomial  u = 4 x(t) - 6 x(t - d) + 4 x(t - 2 d) - x(t - 3 d)        Horiuchi et al. 1999

@@ -1,4 +1,4 @@
-"""What a hybrid test must keep to, and what is judged of it at each step; pure numbers, no numpy."""
+"""Bounds of a hybrid test, checked at each step; pure numbers, no numpy."""
 
 from __future__ import annotations
 

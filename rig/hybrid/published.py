@@ -1,4 +1,4 @@
-"""What others printed for the benchmark, to stand beside our numbers, and what is asked of ours."""
+"""Published results of the benchmark, for comparison, and the targets of this implementation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The computed part of a hybrid test of a quarter car: everything but its damper; and what the whole car would do."""
+"""The computed part of a hybrid test of a quarter car (everything except its damper), and the fully computed car."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """A hybrid test in process: computed building and simulated transfer system, step by step at one rate.
 
-Each step: position and force are measured, the computed part goes on to now with the force along a line, the
-compensator gives the command, the converter rounds and holds it, the transfer system moves on exactly. No time passes
-between measuring and commanding.
+Each step: position and force are measured, the computed part advances with the force along a line, the compensator
+gives the command, the converter rounds and holds it, the transfer system advances exactly. No time passes between
+measuring and commanding.
 """
 
 from __future__ import annotations

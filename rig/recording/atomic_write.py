@@ -1,8 +1,8 @@
-"""The one place that puts a recording's files on the disk: whole or not at all, and a full disk is an error of ours.
+"""The only module that writes a recording's files: completely or not at all, with a full disk as a regular error.
 
-HDF5 does not survive a write that fails: the library raises, and the process then dies in it (SIGSEGV). So HDF5 never
-writes to a disk here. It writes to a `ReservedFile`, which takes room on the disk ahead of every write, never fails in
-the library's sight, remembers what the disk refused, and raises it as soon as our own code asks (`check`).
+HDF5 does not survive a failed write: the library raises, and the process then crashes in it (SIGSEGV). So HDF5 never
+writes to a disk here. It writes to a `ReservedFile`, which reserves disk space ahead of every write, never fails from
+the library's view, stores the disk's error, and raises it as soon as this program asks (`check`).
 """
 
 from __future__ import annotations

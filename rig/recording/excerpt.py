@@ -1,8 +1,8 @@
-"""The end of a recorded point as plain arrays, for whoever must not load HDF5: `python -m rig.recording.excerpt FILE`.
+"""The end of a recorded point as plain arrays, for processes without HDF5: `python -m rig.recording.excerpt FILE`.
 
 Writes an `.npz` archive to standard output: the last `SHOWN_CYCLES` cycles at full amplitude, of a motion without
 cycles the last `SHOWN_S` (`loop_time` s, `loop_displacement` m, `loop_velocity` m/s, `loop_force` N), and of the last
-`SHOWN_S` what each channel measured (`time_NAME` s, `NAME` SI): (n,) float64, values that are none left out.
+`SHOWN_S` what each channel measured (`time_NAME` s, `NAME` SI): (n,) float64, without missing values.
 """
 
 from __future__ import annotations

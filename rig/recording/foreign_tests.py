@@ -1,4 +1,4 @@
-"""Damper tests in files of other programs: read, brought to SI, and looked at before they are believed."""
+"""Damper tests in files of other programs: read, converted to SI, and checked for plausibility."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Foreign tests as a run of ours: files with named columns and units become points in the same format.
+"""Conversion of tests of other programs to a run: files with named columns and units become points in the same format.
 
-Nothing is filtered or resampled; ramps and rests at both ends stay. What is not in the files is said to be unknown.
+Nothing is filtered or resampled; ramps and rests at both ends remain. Values that the files do not contain are stated
+as unknown.
 """
 
 from __future__ import annotations

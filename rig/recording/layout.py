@@ -1,6 +1,6 @@
-"""What is recorded of a point: its journal's header and the contents of its file (`docs/files.md`, "A point's file").
+"""The recorded data of a point: its journal's header and the contents of its file (`docs/files.md`, "A point's file").
 
-HDF5 is made of it by `hdf5_image`.
+`hdf5_image` writes it as HDF5.
 """
 
 from __future__ import annotations

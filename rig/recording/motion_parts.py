@@ -1,4 +1,4 @@
-"""One imported file as tests: each of its steady motions is one, and how much of the record a test uses is stated."""
+"""Division of an imported file into tests: one for each steady motion, with the used share of the record."""
 
 from __future__ import annotations
 

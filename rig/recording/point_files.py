@@ -1,15 +1,15 @@
-"""Under which names a point's data lie in a campaign's `points/`, and how other names are told from them exactly.
+"""File names of a point's data in a campaign's `points/`, and their exact distinction from other points' names.
 
-    ID.journal                          the running point, or one that is to be made a file of
-    ID.h5.tmp                           a file that is being written; its journal is still there
+    ID.journal                          the running point, or one that is still to be converted
+    ID.h5.tmp                           a file that is being written; its journal still exists
     ID.h5                               the point
-    ID-attempt2.journal, .h5            a further attempt, after a fault that may be repeated
-    ID-out-of-tolerance1.journal, .h5   a motion that was not the wanted one; the point was run again
-    ID-attempt1.h5.old                  the file of an attempt that an earlier session made
-    NAME-unreadable-TIME.journal.old    a journal of which no file could be made when the point was run again
+    ID-attempt2.journal, .h5            a further attempt, after a fault that may be retried
+    ID-out-of-tolerance1.journal, .h5   a motion out of tolerance; the point was repeated
+    ID-attempt1.h5.old                  the file of an attempt of an earlier session
+    NAME-unreadable-TIME.journal.old    a journal that could not be converted when the point was repeated
 
-An id may itself end like one of these, or be the beginning of another: names are compared whole, never by pattern.
-Where the name of an attempt is the id of another point, a dot, which no id has, takes the place of its dash.
+An id may itself end like one of these, or be the start of another: names are compared as a whole, never by pattern. If
+the name of an attempt is the id of another point, a dot, which no id contains, replaces its dash.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""One recorded point, read back: its description at once, its arrays when they are first asked for.
+"""One recorded point, read back: its description immediately, its arrays on first access.
 
-A file from outside is checked by `rig.recording.hdf5.hdf5_check` before anything in it is believed.
+A file from outside is checked by `rig.recording.hdf5.hdf5_check` before its content is trusted.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Which runs lie in a folder, remembered in an SQLite file beside them: `.rig-runs.sqlite`.
+"""Index of the runs in a folder, stored in an SQLite file: `.rig-runs.sqlite`.
 
-The files alone say what is true. The index keeps a summary of each run with a stamp of all files it was made of; where
-a stamp differs, a run is new or the index cannot be used, the summary is made again, and what is gone is forgotten. It
-may be deleted at any time, and nothing is refused where it cannot be written. Files of points, where most of the time
-would go, are looked at only of runs that may be wanted by what stands beside them.
+Only the files are authoritative. The index stores a summary of each run with a stamp of all files it was made from; if
+a stamp differs, a run is new or the index cannot be used, the summary is made again, and removed runs are deleted from
+it. It may be deleted at any time, and nothing is refused if it cannot be written. The files of points, which take most
+of the time, are read only for runs that may match the filter by their other data.
 """
 
 from __future__ import annotations

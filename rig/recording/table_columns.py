@@ -1,4 +1,4 @@
-"""Columns of a table from a notebook: which quantity each one is, in which unit, and which one is the time."""
+"""Columns of a table from a notebook: the quantity and unit of each one, and the time column."""
 
 from __future__ import annotations
 

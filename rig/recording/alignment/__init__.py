@@ -1,5 +1,5 @@
-"""From records as they were received to channels on one time base.
+"""From records as received to channels on one time base.
 
-Which channel is tied to which clock is known here; how clocks and delays are computed is in `rig.signals`. Nothing is
-judged here and no file is written.
+This room knows which channel belongs to which clock; the computation of clocks and delays is in `rig.signals`. Nothing
+is evaluated and no file is written here.
 """

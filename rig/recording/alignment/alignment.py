@@ -1,8 +1,8 @@
-"""From records as they came to channels on one time base: the displacement's samples on the controller's clock.
+"""From records as received to channels on one time base: the displacement's samples on the controller's clock.
 
-Each channel gets a clock model (`rig.recording.alignment.sensor_clock`), its delay is taken off, and force and current
-are brought to the displacement's sample times. Nothing is interpolated over a gap: what was lost is missing. Long
-channels are computed a part at a time (`rig.signals.chunked_column`).
+Each channel gets a clock model (`rig.recording.alignment.sensor_clock`), its delay is removed, and force and current
+are interpolated at the displacement's sample times. Nothing is interpolated over a gap: lost samples are missing. Long
+channels are computed in parts (`rig.signals.chunked_column`).
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""How the sensors' samples get their times on the controller's clock, and what is left uncertain.
+"""Times of the sensors' samples on the controller's clock, and their uncertainty.
 
-Best first: edges latched in both clocks; the signal itself, laid over the controller's own; arrivals, less what other
-points of the campaign show them to be late by; arrivals as they are. Where edges tie the clocks, the signals still show
-whether the sensors' delays are the declared ones: an edge does not pass through the conditioner's filter, the quantity
-does. Both sensors are compared with the controller's inputs before either delay is weighed
-(`rig.signals.delay_estimation.delay_model`), because what the two have in common is not known of either.
+Best first: edges latched in both clocks; the signal itself, compared with the controller's own; arrival times,
+corrected by the latency from other points of the campaign; arrival times. With edges, the signals still show whether the sensors'
+declared delays are right: the quantity passes through the conditioner's filter, an edge does not. Both sensors are
+compared with the controller's inputs before either delay is estimated (`rig.signals.delay_estimation.delay_model`),
+because a common delay cannot be attributed to one of them.
 """
 
 from __future__ import annotations

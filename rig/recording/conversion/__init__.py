@@ -1,4 +1,4 @@
-"""Journals become files: in a process of its own, proved against what they were made of, and again after a crash.
+"""Conversion of journals to files: in a separate process, verified against the journal, and repeated after a crash.
 
 Nothing here decides what is valid (`rig.recording.quality`) or how a file is laid out (`rig.recording.hdf5`).
 """

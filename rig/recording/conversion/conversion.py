@@ -1,6 +1,6 @@
-"""From a closed or cut-off journal to a point's finished file: aligned, judged, laid out, proved by reading it back.
+"""From a closed or truncated journal to a point's finished file: aligned, evaluated, written, read back.
 
-How values got from the wire into SI and onto the common time base is written beside them, in words and numbers.
+The conversion of wire values to SI and to the common time base is documented in the file, in words and numbers.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Journals become files in a process of its own: whatever one journal does to it, the others go on.
+"""Conversion of journals in a separate process: a crash caused by one journal does not affect the others.
 
     python -m rig.recording.conversion.converter
 
-reads one JSON object a line, `{"journal": path, "recovered": bool}` or `{"retime": points folder}`, answers with lines
-of the fields of `FinishedPoint`, and with `{"done": error or ""}` when a request is done. `Converter` is the other end:
-it starts the process, names what happened to it (a crash of a library, no end in time) and starts another one.
+reads one JSON object per line, `{"journal": path, "recovered": bool}` or `{"retime": points folder}`, answers with
+lines of the fields of `FinishedPoint`, and with `{"done": error or ""}` when a request is finished. `Converter` is the other
+end: it starts the process, reports its failure (a crash of a library, a time-out) and starts another one.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""A campaign's points brought to one skew, and to one judgement, once all of them are recorded.
+"""Correction of a campaign's points to one sensor delay, and to one verdict, once all of them are recorded.
 
-A delay that nobody declared is one constant of the rig, but each point's file is made when the point ends, by what that
-point alone could see. At the end of the campaign all of them together know it several times better
-(`rig.recording.quality.campaign_delay`), and so they do of the instruments (`rig.recording.quality.cross_checks`). A
-finished file is not touched lightly: only one whose loop is certainly wrong, or whose verdict changes, is made again,
-from what was received, by the function that made it the first time (`conversion.build`), and says so in
-`/entry/provenance`. Where only the verdict changes, only its attributes are written again.
+An undeclared delay is a constant of the rig, but each point's file is made when the point ends, from the data of that
+point alone. At the end of the campaign all points combined determine it several times better
+(`rig.recording.quality.campaign_delay`), and the instruments too (`rig.recording.quality.cross_checks`). A finished
+file is replaced only if its loop is certainly wrong or its verdict changes: it is made again from the received data, by
+the same function (`conversion.build`), and `/entry/provenance` states this. If only the verdict changes, only its
+attributes are rewritten.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""The finaliser: one process a campaign that turns journals into files, so that compression never delays a sample.
+"""The finaliser: one process per campaign that converts journals to files, so that compression never delays a sample.
 
     python -m rig.recording.conversion.finaliser
 
-reads one JSON object a line, `{"journal": path}`, and answers one line each with the fields of `FinishedPoint`. To
-`{"retime": points folder}` it answers one line for each file it wrote again (`delay_correction`) and a last one
-`{"retimed": error or ""}`. The work itself is done by a process below it (`converter`), so that a journal at which a
-library dies costs this point and no other. It ends when its input does, after the last journal it was given; so it also
-finishes what a killed application left.
+reads one JSON object per line, `{"journal": path}`, and answers one line each with the fields of `FinishedPoint`. To
+`{"retime": points folder}` it answers one line for each rewritten file (`delay_correction`) and a last one
+`{"retimed": error or ""}`. The work is done by a child process (`converter`), so that a journal that crashes a library
+costs this point only. It ends when its input ends, after the last journal; so it also completes the files of a killed
+application.
 """
 
 from __future__ import annotations

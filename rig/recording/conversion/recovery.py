@@ -1,6 +1,6 @@
-"""After a crash: what journals and half-written files are left in a campaign becomes finished points.
+"""Recovery after a crash: journals and incomplete files of a campaign become finished points.
 
-Before a point is run anew, what earlier sessions left of it makes room; nothing of any other point is touched.
+Before a point is repeated, its files from earlier sessions are set aside; files of other points are not changed.
 """
 
 from __future__ import annotations

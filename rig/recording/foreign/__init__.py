@@ -1,5 +1,5 @@
-"""Files that other programs wrote, read without trust: which columns they have, in what unit, on which time.
+"""Files of other programs, read without trust: their columns, units and times.
 
-`formats` opens any of them, `csv_dialect` guesses how a CSV file is written, `columns` finds the wanted ones and their
-units. What the numbers mean for a damper test is for `rig.recording.importing`.
+`formats` opens any of them, `csv_dialect` guesses the format of a CSV file, `columns` finds the requested columns and
+their units. The meaning for a damper test belongs to `rig.recording.importing`.
 """

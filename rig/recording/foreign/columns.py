@@ -1,4 +1,4 @@
-"""Which column of a foreign file is which quantity, and in what unit."""
+"""Assignment of a file's columns to quantities and units."""
 
 from __future__ import annotations
 

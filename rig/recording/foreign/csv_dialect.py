@@ -1,6 +1,6 @@
-"""How a CSV file is written: encoding, separator, decimal sign, where names, units and numbers stand.
+"""Format of a CSV file: encoding, separator, decimal sign, lines of names, units and numbers.
 
-Guessed from its first lines; what the user says goes before what is guessed.
+Guessed from its first lines; the user's options take precedence.
 """
 
 from __future__ import annotations

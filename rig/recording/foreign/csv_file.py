@@ -1,4 +1,4 @@
-"""A CSV file's columns as numbers, and where in it a value is wrong."""
+"""A CSV file's columns as numbers, and the locations of invalid values."""
 
 from __future__ import annotations
 

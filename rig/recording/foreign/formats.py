@@ -1,4 +1,4 @@
-"""Any foreign file, recognised by its first bytes, not by its name."""
+"""Any file of another program, recognised by its first bytes, not by its name."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """HDF5 files: data sets by their path, such as `run1/force`; also NetCDF 4, which is HDF5.
 
-Only what is in the file itself is read: no link to another place or file is followed.
+Only the content of the file itself is read: links to other locations or files are not followed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""LVM files: LabVIEW's measurement files of text, in segments with a header each.
+"""LVM files: LabVIEW's text measurement files, in segments with a header each.
 
 Source: NI, "Specification for the LabVIEW Measurement File (.lvm)": keys of the file's and of each segment's header.
 """

@@ -1,4 +1,4 @@
-"""Files that are not read, by their first bytes: what each one is, and the way out."""
+"""Unsupported files, by their first bytes: what each one is, and how to convert it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Channels of one test that were sampled at times of their own, as on a CAN bus, brought to one time."""
+"""Channels of one test that were sampled at different times, as on a CAN bus, interpolated to common times."""
 
 from __future__ import annotations
 

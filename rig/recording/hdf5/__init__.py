@@ -1,5 +1,5 @@
-"""A point's file as HDF5: written as an image, checked before anything in it is believed, read into plain values.
+"""A point's file as HDF5: written as an image, checked before its content is trusted, read into plain values.
 
-Everything that knows h5py lives here, in `conversion.finishing` (proof by reading back) and in
-`conversion.delay_correction` (verdicts written again).
+All code that uses h5py is here, in `conversion.finishing` (verification by reading back) and in
+`conversion.delay_correction` (rewritten verdicts).
 """

@@ -1,8 +1,8 @@
-"""HDF5 from outside is hostile: what a recording never contains is refused before a single value is read.
+"""Check of HDF5 files from outside: anything that a recording never contains is refused before a value is read.
 
-Refused: external and soft links, external storage, virtual datasets, filters other than our own or applied twice,
-chunks, elements, attributes and declared sizes beyond what a point can have or beyond what the file can hold, nesting
-deeper than the layout, more objects, links or attributes than the layout, references, types of other kinds.
+Refused: external and soft links, external storage, virtual datasets, filters other than this program's or applied
+twice, chunks, elements, attributes and declared sizes beyond what a point can have or what the file can contain,
+nesting deeper than the layout, more objects, links or attributes than the layout, references, other types.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""A point's content as HDF5, written into an open file (`rig.recording.atomic_write`), small and for every reader.
+"""A point's content as HDF5, written into an open file (`rig.recording.atomic_write`), compact and portable.
 
-Plain types only, so that xarray, pandas, MATLAB, Octave, HDFView and h5dump read it without us: float64 time as an
-attached dimension scale, float32 channels, parallel one-dimensional arrays for events, fixed-length text, int8 flags.
-What is received with the same stamps (the channels of one poll, of one frame) is stored once and linked.
+Plain types only, so that xarray, pandas, MATLAB, Octave, HDFView and h5dump can read it: float64 time as an attached
+dimension scale, float32 channels, parallel one-dimensional arrays for events, fixed-length text, int8 flags. Time
+stamps that several channels share (channels of one poll, of one frame) are stored once and linked.
 """
 
 from __future__ import annotations

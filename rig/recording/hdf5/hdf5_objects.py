@@ -1,7 +1,7 @@
-"""Attributes and datasets by h5py's lower interface, whose calls are HDF5's own.
+"""Attributes and datasets by h5py's low-level interface, whose calls are HDF5's own.
 
-A short point's file has 500 attributes and 70 datasets. h5py's upper interface opens a handle of its own for each
-question asked of each of them, and takes three times as long to write a file and to read it back.
+A short point's file has 500 attributes and 70 datasets. h5py's high-level interface opens a new handle for each access,
+and takes three times as long to write a file and to read it back.
 """
 
 from __future__ import annotations

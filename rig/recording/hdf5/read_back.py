@@ -1,4 +1,4 @@
-"""A finished file read back and compared with what was to be written, before anything else is given up for it."""
+"""Verification of a finished file: read back and compared with the written data, before its journal is deleted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading a point's file back into plain values; every way in goes through `rig.recording.hdf5.hdf5_check`."""
+"""Reading a point's file into plain values; every access goes through `rig.recording.hdf5.hdf5_check`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The campaign's own journal, `journal.jsonl`: one line an event, appended, readable by people and by `jq`."""
+"""The campaign's own journal, `journal.jsonl`: one line per event, appended, for readers and for `jq`."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""The running point's journal: append-only, one unbuffered write a block, every block with its own check.
+"""The running point's journal: append-only, one unbuffered write per block, every block with its own checksum.
 
 ```
 header: "MRJOURN1" | length u32 | crc32 u32 of the text | context, JSON
 block : "MRBK" | kind u16 | 0 u16 | index u32 | length u32 | crc32 u32 of kind..length and data | data
 kinds : 1 records (RECORD_DTYPE)   2 event, JSON   3 end, JSON
 ```
-All little-endian. Room is reserved beforehand, so the file may end in zeros. Reading never trusts a block whose check,
-index or length does not fit: whatever was cut or flipped is missing, and said to be missing, never a false sample.
+All little-endian. Space is reserved beforehand, so the file may end in zeros. A block is discarded if its checksum,
+index or length does not match: truncated or corrupted data are reported as missing and never become a false sample.
 """
 
 from __future__ import annotations

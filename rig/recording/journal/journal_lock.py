@@ -1,7 +1,7 @@
-"""Who works on what: a lock on a campaign's directory, a lock on each journal; both end with their process.
+"""Locks: one on a campaign's directory, one on each journal; both end with their process.
 
-The application holds its campaign's directory, the recorder the journal it writes, and whoever makes a file of a
-journal holds that. So nobody recovers what is still being recorded, and two who finish one journal take turns.
+The application locks its campaign's directory, the recorder the journal it writes, and a converter the journal it
+reads. So no process recovers a point that is still being recorded, and two that finish one journal take turns.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""A point's journal read as a whole: header, events, samples by channel, all with values that a rig can have.
+"""A point's journal as a whole: header, events, samples by channel, all with plausible values.
 
-Samples are kept in memory while they are few, in temporary files once they are many.
+Few samples are kept in memory, many in temporary files.
 """
 
 from __future__ import annotations

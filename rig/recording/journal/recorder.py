@@ -1,7 +1,7 @@
-"""The recorder: from the station's ring to the running point's journal, on a thread of its own.
+"""The recorder: from the station's ring to the running point's journal, on a separate thread.
 
-The thread lives as long as the campaign, keeps its cursor in the ring moving (the station watches it), and writes
-while a point is open. What it cannot write makes it unhealthy, and it says so; it never drops anything in silence.
+The thread runs as long as the campaign, advances its cursor in the ring (which the station monitors), and writes while
+a point is open. A failed write makes it unhealthy, which it reports; it never drops data silently.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Reading the station's ring with numpy: new records since the last look, by channel, and how many were lost.
+"""Reading the station's ring with numpy: new records since the last call, by channel, and the number of lost ones.
 
 The layout is drawn in `drivers.ring`. The writer raises the reserved index, fills the slots, publishes the write index;
-a reader copies first and looks at the reserved index afterwards: what may have been overwritten meanwhile is lost.
+a reader copies first and reads the reserved index afterwards: records that may have been overwritten count as lost.
 """
 
 from __future__ import annotations

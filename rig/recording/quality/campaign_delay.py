@@ -1,12 +1,12 @@
-"""One delay for one sensor: what each point saw of the sensors' delays, taken together over a campaign.
+"""One delay per sensor: the estimates of all points of a campaign, combined.
 
-A point alone sees an undeclared delay to a fraction of a millisecond where the controller is polled seldom, and hardly
-at all where the force is small; twenty points of the same sensors see it several times better, and what remains is one
-error shared by all of them. The load train's compliance is one constant of the bench too: speed and force differ from
-point to point, which tells it from a delay of the displacement.
+A single point determines an undeclared delay to a fraction of a millisecond if the controller is polled slowly, and
+hardly at all if the force is small; twenty points of the same sensors determine it several times better, and the
+remaining error is common to all of them. The load train's compliance is one constant of the bench too: speed and force
+differ from point to point, which distinguishes it from a delay of the displacement.
 
-Without edges the signals tie each point's clocks, and arrivals where the force is too weak for that. How late arrivals
-are is a property of the bench too, so points with a strong force tie those with a weak one (`behind_arrivals`).
+Without edges the signals align each point's clocks, or arrival times if the force is too weak. The latency of arrivals
+is a property of the bench too, so points with a strong force calibrate those with a weak one (`behind_arrivals`).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""What the bench's instruments say of each other: reasons for a point and a campaign, and a table for the report.
+"""Comparison of the bench's instruments: reasons for a point and a campaign, and a table for the report.
 
-`/entry/quality` holds how load cell and LVDT lie over the controller's own inputs, what was seen at rest before the
-first motion, and the tolerances of the bench file; `rig.recording.quality.instrument_checks` decides. Two
-instruments that agree may still be wrong alike: agreement is no calibration; where the bench has no second instrument,
-the table says so.
+`/entry/quality` contains the comparison of load cell and LVDT with the controller's own inputs, the values at rest
+before the first motion, and the tolerances of the bench file; `rig.recording.quality.instrument_checks` decides. Two
+instruments that agree may still have the same error: agreement is no calibration; if the bench has no second
+instrument, the table states it.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """Whether load cell and LVDT agree with the controller's own force and position inputs: values in, reasons out.
 
-Every point's sensor is laid over the controller's input: `sensor = gain input + offset`, the sensor later by a lag.
-Where the two differ by more than instruments of their class may, one of them is wrong; the file cannot know which, so
-both are named and the bench is to blame. A single weak point proves little: all points of one set of instruments are
-pooled, and what only all together prove is said of each of them. A zero that changes between the points is laid
-over time (drift) and over the coil's current (crosstalk).
+Every point's sensor is fitted to the controller's input: `sensor = gain input + offset`, the sensor delayed by a lag.
+If the two differ by more than instruments of their class may, one of them is wrong; the file cannot determine which, so
+both are named and the bench is the cause. A single weak point is not conclusive: all points of one set of instruments
+are pooled, and what only all combined show is reported for each of them. A zero that changes between the points is
+fitted over time (drift) and over the coil current (crosstalk).
 
-A difference counts when it is more than `k` standard deviations, and more than its tolerance and two of them; `k` keeps
-the chance of one false alarm in a whole campaign, whatever its size, at `FALSE_ALARM`.
+A difference counts if it is more than `k` standard deviations, and more than its tolerance and two of them; `k` keeps
+the probability of a false alarm in a whole campaign, whatever its size, at `FALSE_ALARM`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What a point's own evidence makes of it: limits, and a reason for each that is exceeded.
+"""Verdict of a point from its own evidence: limits, and a reason for each that is exceeded.
 
-The evidence is measured by `rig.recording.quality.quality_checks`; what a reason and a verdict are, is in
+The evidence is measured by `rig.recording.quality.quality_checks`; reasons and verdicts are defined in
 `rig.recording.quality.verdict`.
 """
 

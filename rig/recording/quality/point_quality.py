@@ -1,6 +1,6 @@
-"""What is known of the quality of a recorded point, as values: `/entry/quality` of its file, field by field.
+"""Quality of a recorded point as values: `/entry/quality` of its file, field by field.
 
-Each section stands beside the functions that measure it; a new number of a point is one field and one expression.
+Each section is next to the functions that measure it; a new number of a point is one field and one expression.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What a point's samples show before it is judged: losses, standing values, motion, current, temperature, loop shape.
+"""Evidence in a point's samples: losses, frozen values, motion, current, temperature, loop shape.
 
-`judged` is the whole way: `examine` collects the evidence, `point_quality.measured_quality` what the file says of the
-point, `judgement.judge` gives the verdict.
+`judged` does everything: `examine` collects the evidence, `point_quality.measured_quality` the quality section of the
+file, `judgement.judge` gives the verdict.
 """
 
 from __future__ import annotations

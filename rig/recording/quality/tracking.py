@@ -1,8 +1,8 @@
-"""A signal in its recording: when it began, what of it is judged, and how the rod followed it.
+"""A signal in its recording: its start, the evaluated part, and the tracking of the rod.
 
-Every set-point was recorded with its time since the motion began, so the motion is found in the recording by that; the
-ramps at its ends are left out. The rod is behind its set-points by the servo's delay, which no fit minds: the distance
-is taken at the delay at which it is smallest, and both are said.
+Every set-point was recorded with its time since the motion started, which locates the motion in the recording; the
+ramps at its ends are excluded. The rod lags its set-points by the servo's delay, which does not affect a fit: the
+error is taken at the delay that minimises it, and both are reported.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Values that stand in a file's attributes: a section is a dataclass whose fields name their attributes.
+"""Values in a file's attributes: a section is a dataclass whose fields name its attributes.
 
-`Section.read` and `Section.attributes` go through the fields, so a new number of a point is one field. A field is None
-where nothing was measured; then the file has no such attribute.
+`Section.read` and `Section.attributes` iterate over the fields, so a new number of a point is one field. A field is
+None if nothing was measured; then the file has no such attribute.
 """
 
 from __future__ import annotations
