@@ -1,10 +1,10 @@
 """Times of the sensors' samples on the controller's clock, and their uncertainty.
 
 Best first: edges latched in both clocks; the signal itself, compared with the controller's own; arrival times,
-corrected by the latency from other points of the campaign; arrival times. With edges, the signals still show whether the sensors'
-declared delays are right: the quantity passes through the conditioner's filter, an edge does not. Both sensors are
-compared with the controller's inputs before either delay is estimated (`rig.signals.delay_estimation.delay_model`),
-because a common delay cannot be attributed to one of them.
+corrected by the latency from other points of the campaign; arrival times. With edges, the signals still show whether
+the sensors' declared delays are right: the quantity passes through the conditioner's filter, an edge does not. Both
+sensors are compared with the controller's inputs before either delay is estimated
+(`rig.signals.delay_estimation.delay_model`), because a common delay cannot be attributed to one of them.
 """
 
 from __future__ import annotations

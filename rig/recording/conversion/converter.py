@@ -3,8 +3,8 @@
     python -m rig.recording.conversion.converter
 
 reads one JSON object per line, `{"journal": path, "recovered": bool}` or `{"retime": points folder}`, answers with
-lines of the fields of `FinishedPoint`, and with `{"done": error or ""}` when a request is finished. `Converter` is the other
-end: it starts the process, reports its failure (a crash of a library, a time-out) and starts another one.
+lines of the fields of `FinishedPoint`, and with `{"done": error or ""}` when a request is finished. `Converter` is the
+other end: it starts the process, reports its failure (a crash of a library, a time-out) and starts another one.
 """
 
 from __future__ import annotations
