@@ -60,7 +60,7 @@ class EarlierStop:
 
     def to_json(self) -> dict[str, str]:
         """One entry of `confirmed` in `rig run --json`."""
-        return {key: str(value) for key, value in asdict(self).items()}
+        return {key: str(value) for key, value in asdict(self).items()} | {"check": self.look_at}
 
 
 def resume_class(slug: str) -> str:

@@ -211,7 +211,7 @@ class StopReport:
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `stop` in `rig run --json`."""
-        return asdict(self) | {"stands": self.stands}
+        return asdict(self) | {"text": self.stands, "stands": self.stands}
 
 
 @dataclass(frozen=True)

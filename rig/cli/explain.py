@@ -49,8 +49,8 @@ def _show(slug: str | None, *, as_json: bool) -> int:
         return EXIT_DONE
     say(slug + (f"   ({answer.reaction})" if answer.reaction else ""))
     for heading, lines in (
-        ("means", (answer.means,)), ("was done", (answer.done,)), ("look at", answer.look_at),
-        ("then", (answer.resume,)), ("exit code", ("" if answer.exit_code is None else str(answer.exit_code),)),
+        ("means", (answer.means,)), ("reaction", (answer.done,)), ("check", answer.look_at),
+        ("to resume", (answer.resume,)), ("exit code", ("" if answer.exit_code is None else str(answer.exit_code),)),
     ):
         for index, line in enumerate(filter(None, lines)):
             first = f"  {'' if index else heading:<11}"

@@ -157,7 +157,8 @@ def _told(results: Iterator[Result], as_json: bool) -> list[Result]:
 def _plain(result: Result) -> dict[str, Any]:
     return {
         "case": result.case, "rate_Hz": result.rate_Hz, "compensator": result.compensator, "plants": result.plants,
-        "criteria": result.criteria, "worst": result.worst, "published": result.published, "asked": result.asked,
+        "criteria": result.criteria, "worst": result.worst, "published": result.published,
+        "required": result.asked, "asked": result.asked,
         "stopped": result.stopped, "first_stop_s": result.first_stop_s, "verdict": result.verdict,
         "critical_delay_ms": result.critical_delay_ms,
     }  # fmt: skip

@@ -97,7 +97,7 @@ def _summary(place: Path) -> dict[str, Any]:
 
     summary: dict[str, Any] = {
         "id": place.name, "path": "", "specimen": "", "started": "", "verdict": "", "model": "", "points": 0,
-        "valid": 0, "unfinished": 0, "apart": 0, "nrmse_percent_of_peak": None, "remark": "",
+        "valid": 0, "unfinished": 0, "out_of_tolerance": 0, "apart": 0, "nrmse_percent_of_peak": None, "remark": "",
     }  # fmt: skip
     try:
         summary["unfinished"] = len(unfinished(place / "points"))
@@ -109,7 +109,8 @@ def _summary(place: Path) -> dict[str, Any]:
             run = Run.open(place)
         summary["remark"] = "; ".join(run.unreadable)
         verdicts = [point.verdict for point in run.points]
-        summary |= {"points": len(verdicts), "valid": verdicts.count("valid"), "apart": len(run.apart)}
+        summary |= {"points": len(verdicts), "valid": verdicts.count("valid")}
+        summary |= dict.fromkeys(("out_of_tolerance", "apart"), len(run.apart))
         summary["verdict"] = next((name for name in reversed(VERDICTS) if name in verdicts), "")
         summary["nrmse_percent_of_peak"], summary["model"] = _fit_error(place / "fit.json")
     except FileProblem as error:

@@ -199,9 +199,9 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
     assert answer["rig_hours"] > 0.001
     assert answer["wall_s"] > 0.0
     assert len(set(answer["digests"].values())) == 2
-    assert "2/2 worlds, none failed" in done.stderr
+    assert "2/2 scenarios, none failed" in done.stderr
     assert "all checks passed" in done.stderr
-    assert answer["not_happened"] == [{"seed": 3, "happening": "estop@99"}, {"seed": 4, "happening": "estop@99"}]
+    assert [(one["seed"], one["event"]) for one in answer["not_happened"]] == [(3, "estop@99"), (4, "estop@99")]
     assert "seed 4: the campaign ended before estop@99" in done.stderr
     assert "2 ended before all events occurred" in done.stderr
 
@@ -387,7 +387,7 @@ def test_interrupted_worlds_tell_what_they_did() -> None:
     )  # fmt: skip
     assert process.stderr is not None
     before = process.stderr.readline()
-    assert before.startswith("1/20 worlds")
+    assert before.startswith("1/20 scenarios")
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=20)
     assert process.returncode == 4, err
