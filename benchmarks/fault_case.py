@@ -1,4 +1,4 @@
-"""How each row of the fault matrix is brought about by somebody who has only the command line.
+"""How each row of the fault matrix is brought about from the command line only.
 
 On the wire: `python -m simulators --fault SLUG@T`. Around the processes: signals, a full disk and the seams of the
 fault suite, switched on while the second point moves. Rows of files and folders have no moment; the suite proves them.

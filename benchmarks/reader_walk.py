@@ -2,8 +2,8 @@
 
     python benchmarks/reader_walk.py [--json]
 
-Runs a campaign of one point on the simulated rig with the application's Python calls traced, and follows it as somebody
-does who reads the code for the first time: into each function where it is first called, depth first, and back to the
+Runs a campaign of one point on the simulated rig with the application's Python calls traced, and follows it as a
+reader who sees the code for the first time: into each function where it is first called, depth first, and back to the
 caller. Only functions of this project count, each once; what runs on import does not.
 
 files: project files entered. doors: from which file into which other one, each pair once. climbs: doors that lead back

@@ -84,7 +84,7 @@ def matrix(points: int) -> str:
 
 
 class Silent:
-    """Nobody watches."""
+    """Without a display."""
 
     def planned(self, plan: object) -> None:
         """Nothing is shown."""

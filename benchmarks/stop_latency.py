@@ -130,7 +130,7 @@ def is_halt(request: bytes) -> bool:
 
 
 def wires(orders: Connection, controller_port: int, real_time: bool) -> None:
-    """The process of the wires; it takes the priority of the simulated rig, as hardware waits for nobody."""
+    """The process of the wires; it takes the priority of the simulated rig, as hardware does not wait."""
     if real_time:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     Wires(controller_port).serve(orders)

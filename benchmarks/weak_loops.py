@@ -6,7 +6,7 @@
 Each setting draws a waveform (sine, triangle, the slow triangle of a friction test), 0.1 to 2 Hz, 1 to 30 mm, 0 to 2 A
 (0 A in two of three), 4 to 10 cycles, speed 1 to 20 (the controller's record is polled every 10 ms of wall time), noise
 and resolution of both sensors and of the controller's inputs, filters 5 % off their data sheet, and a delay of the load
-cell that nobody declared: none in half of the settings, else 0.3, 2 or 10 ms. Half of the benches declare the delay of
+cell that is not declared: none in half of the settings, else 0.3, 2 or 10 ms. Half of the benches declare the delay of
 the controller's inputs; where they do not, the inputs are late by what such inputs usually are.
 
 Deviation: error of the point's skew over its stated standard deviation. Interval: the stated 95 % interval of the skew

@@ -1,4 +1,4 @@
-"""Listening to a CAN bus that nobody has described yet: which frames come, and what a DBC makes of them."""
+"""Listening to a CAN bus without a description: which frames come, and what a DBC makes of them."""
 
 from __future__ import annotations
 

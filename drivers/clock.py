@@ -189,7 +189,7 @@ def _lives(process: int) -> bool:
 
 
 def _locked(handle: int) -> bool:
-    """Somebody else holds the file's lock."""
+    """Another process holds the file's lock."""
     try:
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -1,4 +1,4 @@
-"""What the rig needs of the coil's current source, whoever made it.
+"""What the rig needs from the coil's current source, independent of its manufacturer.
 
 As in `drivers.roles`: the numbers of `SourceState` and `SourceFault` are those of recorded files, and a code without a
 name is shown as it is, moved out of the way (`drivers.roles.UNNAMED`) where it would be taken for a named one.

@@ -12,7 +12,7 @@
      |    +-- OtherAnswer  intact, but the answer to something else
      |    +-- DamagedAnswer  cut short, too long, with a wrong checksum
      |    +-- LocalEcho    the host's own request
-     +-- UnknownDevice     nobody here knows such a device
+     +-- UnknownDevice     unknown device
 
 Each is one condition; what to do about it is decided by class or `code`, never by the message.
 """
@@ -29,7 +29,7 @@ class DriverError(Exception):
         device: name of the device as in the bench file, e.g. "load_cell".
         port: URL or channel of its port.
         message: what was expected and what came, without device and port.
-        fix: what would mend it, where that is known; else empty.
+        fix: what would fix it, where that is known; else empty.
         code: the condition as a slug; decide by it or by the class, never by the message.
     """
 

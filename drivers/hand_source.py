@@ -1,7 +1,7 @@
 """The coil's current set by a person: nothing is on a wire, what flows is what that person said last.
 
-A command that enables the output passes on what the person confirmed; one that switches it off is a stop, which nobody
-here can carry out: what was said stays said until it is said that the current was taken away.
+A command that enables the output passes on what the person confirmed; one that switches it off is a stop, which
+this program cannot carry out: the confirmed current counts until the operator confirms its removal.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class HandSource(ToldSource):
 
     @property
     def identity_problem(self) -> str:
-        """Nobody can prove which supply it is."""
+        """The supply cannot be identified."""
         return ""
 
     @property
@@ -96,7 +96,7 @@ class HandSource(ToldSource):
             self._rehearsed.start(period_s)
 
     def command(self, current_A: float, *, enable: bool = True, clear_faults: bool = False) -> None:
-        """Take what the person said flows (A); a stop (`enable` False) changes nothing: nobody turned the knob."""
+        """Take the confirmed current (A); a stop (`enable` False) changes nothing: the knob has not been turned."""
         if not enable:
             return
         self._wanted = current_A, True

@@ -124,7 +124,7 @@ class ModbusActuator:
         """Connect; does nothing when connected. Nothing is written, but for the addresses of an indirect map.
 
         Raises:
-            PortClosed: nobody answers at the URL.
+            PortClosed: no answer at the URL.
             DriverError: the indirect map cannot be written.
         """
         before = self._link.is_open

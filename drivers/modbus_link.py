@@ -80,7 +80,7 @@ class ModbusLink:
             timeout_s: longest wait for the connection, s.
 
         Raises:
-            PortClosed: the URL is no Modbus URL, or nobody answers there.
+            PortClosed: the URL is no Modbus URL, or does not answer.
         """
         if self._wire is None:
             raise PortClosed(self.device, self.url, "expected modbus-tcp://host:port or modbus-rtu:PORT")

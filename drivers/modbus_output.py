@@ -1,8 +1,8 @@
 """The coil's current by an analogue output: a module on Modbus whose value commands a current amplifier.
 
 A thread of the driver asks and writes, one request at a time. A set-point goes out before anything else, as soon as the
-answer under way has come: whoever asks for it wakes that thread. It goes on as long as the driver is open: a
-module that comes back is told 0 A, whoever has given it up meanwhile.
+answer under way has come: the thread that requests it wakes that thread. It goes on as long as the driver is open: a
+module that comes back receives 0 A, even if the driver was abandoned meanwhile.
 """
 
 from __future__ import annotations
@@ -322,7 +322,7 @@ class ModbusOutput(PolledSource):
                 self._progress.notify_all()
 
     def _judge_held(self, shown_A: float, values: Values) -> None:
-        """A module that does not hold what it took: it restarted, its time-out went by, or somebody else writes."""
+        """A module that does not hold what it took: it restarted, its time-out expired, or another master writes."""
         if self._held_A is None or self._woken.is_set():
             return
         off = ENABLE in values and bool(values[ENABLE]) is not (self.commanded_A != 0.0)

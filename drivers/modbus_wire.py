@@ -35,7 +35,7 @@ class Wire(Protocol):
     """One way to a device; used by one thread.
 
     Attributes:
-        stale: answers to earlier requests, or to nobody's, that were recognised and thrown away.
+        stale: answers to earlier or unknown requests, recognised and discarded.
     """
 
     stale: int
@@ -54,7 +54,7 @@ class Wire(Protocol):
         """Send one request and return the PDU of its answer."""
 
     def drain(self) -> int:
-        """Throw away what nobody waits for any more; number of bytes."""
+        """Discard answers that are no longer awaited; number of bytes."""
 
 
 class TcpWire:
@@ -79,7 +79,7 @@ class TcpWire:
         """Connect.
 
         Raises:
-            PortClosed: not such a URL, or nobody answers there.
+            PortClosed: not such a URL, or no answer.
         """
         host, port = self._address.host, self._address.port
         if host is None or port is None:

@@ -147,7 +147,7 @@ class RingWriter:
         fresh = target.with_name(target.name + ".new")
         try:
             with fresh.open("w+b") as file:
-                # Ends with this process however it dies; whoever can take it may remove the file.
+                # Ends with this process however it dies; a process that can take the lock may remove the file.
                 fcntl.flock(file.fileno(), fcntl.LOCK_EX)
                 # Real blocks, not a sparse file: a full disk shows here, not as SIGBUS in the middle of a test.
                 os.posix_fallocate(file.fileno(), 0, size)

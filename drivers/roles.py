@@ -1,4 +1,4 @@
-"""What the rig needs of its devices, whoever made them: an actuator and sensors.
+"""What the rig needs from its devices, independent of their manufacturer: an actuator and sensors.
 
 Everything above `drivers` speaks these words and no device's own. A driver maps the device's registers, frames and
 codes to them, by the device's description (`drivers.devices`). The numbers of `State`, `ProgramPhase`, `FaultBit` and
@@ -149,7 +149,7 @@ class ActuatorIdentity:
 
     @property
     def settings(self) -> tuple[int, int]:
-        """What a reboot or somebody else's settings would change."""
+        """What a reboot or settings by another client would change."""
         return self.boot_count, self.config_hash
 
 

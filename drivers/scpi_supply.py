@@ -311,7 +311,7 @@ class ScpiSupply(PolledSource):
             self._faults |= SourceFault.OPEN
 
     def _take_output(self, *, on: bool) -> None:
-        """An output that is off although it was switched on: it protected itself, restarted, or somebody did it."""
+        """An output that is off although it was switched on: protection, restart, or a manual switch."""
         if self._output_on and not on and not self._faults and self._settled(clock.monotonic_ns()):
             self._faults |= SourceFault.RESTARTED
 

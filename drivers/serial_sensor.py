@@ -253,7 +253,7 @@ class Poll:
         return self._due_ns
 
     def feed(self, chunk: bytes) -> list[Reading]:
-        """Readings that answer requests, numbered by them; what nobody asked for is damaged."""
+        """Readings that answer requests, numbered by them; unrequested bytes are damaged."""
         bad = self._decoder.bad_frames
         answers = self._decoder.feed(chunk)
         self.bad_frames += self._decoder.bad_frames - bad

@@ -1,4 +1,4 @@
-"""Listening to a sensor that nobody has described: what comes, at which rate, in which format; nothing is sent."""
+"""Listening to a sensor without a description: what comes, at which rate, in which format; nothing is sent."""
 
 from __future__ import annotations
 

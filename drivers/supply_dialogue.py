@@ -32,7 +32,7 @@ class Wanted(Enum):
     EARLIER = auto()
     """The current, asked for before the newest set-point was sent."""
     NOTHING = auto()
-    """Nobody asked for it."""
+    """It was not requested."""
 
 
 class Job(NamedTuple):
@@ -83,7 +83,7 @@ class SupplyDialogue:
         self._asked_ns = self._free_ns = 0
         self._known = ""
         self._told_again = False
-        self._strays = 0  # answers to `identify` that are still to come, or may be; 0: every answer is somebody's
+        self._strays = 0  # answers to `identify` that are still to come, or may be; 0: every answer has a request
 
     @property
     def malformed(self) -> int:
@@ -145,7 +145,7 @@ class SupplyDialogue:
         return self._asked_ns + self._timeout_ns if self._expected else max(now_ns, self._free_ns)
 
     def feed(self, data: bytes) -> Iterator[tuple[Wanted, str]]:
-        """Take what has arrived; every answer that is somebody's, and what it is about."""
+        """Take what has arrived; every answer to a request, and what it is about."""
         for answer in self._lines.feed(data):
             if self._strays:
                 if answer == self._known:
@@ -177,7 +177,7 @@ class SupplyDialogue:
             self.jobs.extend(Job(command, Wanted.IDENTITY) for command in self._identify)
 
     def _find_back(self) -> None:
-        """It has said who it is: once for every time it was asked, and the next answer is somebody's again."""
+        """It has said who it is: once for every time it was asked, and the next answer has a request again."""
         self._strays -= 1
         self._told_again = True
         self._asked_ns = clock.monotonic_ns()

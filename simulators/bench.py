@@ -18,7 +18,7 @@ from simulators.options import SI_UNITS, RigOptions, SensorOptions
 from simulators.toml_text import toml_text
 
 BY_HAND = "generic-scpi"
-"""The supply that is turned in place of somebody who sets the current by hand."""
+"""The supply that is adjusted in place of the operator who sets the current."""
 SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
 STATUS_S = 0.010
 """Usual period of an ECU's status, and of the commands to it."""
@@ -141,7 +141,7 @@ def supply_lines(
 ) -> list[str]:
     """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often.
 
-    Where the current is set by hand (`by_hand`: the pressure meanwhile) the supply is turned in somebody's place.
+    Where the current is set by hand (`by_hand`: the pressure meanwhile) the supply is adjusted in the operator's place.
     """
     if by_hand:
         return ["[ecu]", "by_hand = true", f'pressure_while_asked = "{by_hand}"', f'rehearsal = "{url}"']

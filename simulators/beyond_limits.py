@@ -1,6 +1,6 @@
 """Faults that drive the rig beyond the bench's limits: variants of rows of the fault matrix.
 
-Somebody at the controller's panel turns its knobs while a program of ours runs, its limit detectors switched off; the
+A person at the controller's panel turns its knobs while a program of ours runs, its limit detectors switched off; the
 transducer of its position loop slips; the damper jams; the coil's output stage or the coil itself goes wrong. How far
 they go follows from the limits that the controller was given.
 """

@@ -53,7 +53,7 @@ class Channel:
 
     @property
     def read_once(self) -> bool:
-        """Whether anybody has ever asked; for whom the rig's clock may wait."""
+        """Whether a client has ever asked; the rig's clock may wait for it."""
         return self._asked_once
 
     def unread(self) -> int:

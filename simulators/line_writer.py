@@ -153,7 +153,7 @@ class LineWriter:
         return b""
 
     def _noise(self) -> bytes:
-        """A line that nobody takes for a reading."""
+        """A line that is not taken for a reading."""
         end = self._format.terminator
         return b"?" * (self._longest - len(end)) + end
 

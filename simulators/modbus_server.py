@@ -299,5 +299,5 @@ class SerialLine:
             try:
                 os.write(self._master, data)
             except BlockingIOError:
-                # Nobody reads: what does not fit is lost, as on a line.
+                # No reader: what does not fit is lost, as on a line.
                 continue

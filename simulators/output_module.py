@@ -56,7 +56,7 @@ class SimulatedOutput:
 
     @property
     def stays_on(self) -> bool:
-        """Its current stays when nobody speaks to it any more."""
+        """Its current stays when it receives no more commands."""
         return not self._watching
 
     async def open(self) -> None:
@@ -136,7 +136,7 @@ class SimulatedOutput:
         return self._wanted_A() != 0.0
 
     def _wanted_A(self) -> float:
-        """What is asked of the amplifier; a register that nobody has written gives nothing."""
+        """What is asked of the amplifier; a register that was not written gives nothing."""
         enable, current = self._output.quantities.get(ENABLE), self._output.current
         if (current.space, current.address) not in self._cells or (enable is not None and not self._raw(enable)):
             return 0.0

@@ -57,11 +57,11 @@ class Pace:
 
 
 class Reader(Protocol):
-    """Somebody who reads what the rig sends."""
+    """A client that reads what the rig sends."""
 
     @property
     def read_once(self) -> bool:
-        """Whether anybody reads here at all."""
+        """Whether a client reads here at all."""
 
     def unread(self) -> int:
         """Bytes sent and not yet read."""

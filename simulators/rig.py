@@ -76,7 +76,7 @@ class RunOptions:
     actuator: str = "tcp"
     supply: str | Mapping[str, Any] = ""
     by_hand: str = ""
-    """The coil's current by a supply in place of the ECU; by hand: the pressure while somebody turns its knob."""
+    """The coil's current by a supply in place of the ECU; by hand: the pressure while its knob is turned."""
     auxiliary: int = 0
     auxiliaries: tuple[SensorOptions, ...] = ()
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
@@ -85,7 +85,7 @@ class RunOptions:
     emulated_ecu: EmulatedEcuFiles = DEMO_ECU
     """What describes the current ECU."""
     drop_unread: bool = False
-    """The ports drop what the host has not read in time, as real ones do; the rig's clock waits for nobody."""
+    """The ports drop what the host has not read in time, as real ones do; the rig's clock does not wait."""
     faults: tuple[ScheduledFault, ...] = ()
 
 
@@ -309,7 +309,7 @@ class SimulatedRig:
             self.advance(steps)
 
     def _readers_are_behind(self, now_ns: int, served_s: float) -> bool:
-        """Whether simulated time should wait for whoever reads a sensor, hears the bus or polls the controller."""
+        """Whether simulated time should wait for a client that reads a sensor, the bus or the controller."""
         speed, pressure, shared = self.run_options.speed, self._backpressure, self._shared
         fast = speed > 1.0 or shared is not None
         behind, patience_s = False, self._patience_s(now_ns)

@@ -75,7 +75,7 @@ class SensorPort(Protocol):
 SPEEDS = {int(name[1:]): getattr(termios, name) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()}
 """The system's code of a baud rate, by the rate (Bd)."""
 UNSET = termios.B38400
-"""What a pty says before anybody has chosen a rate."""
+"""The rate of a pty before one is chosen."""
 GARBLING = bytes((37 * place + 11) % 256 for place in range(256))
 
 
@@ -142,7 +142,7 @@ class PtyPort:
         return on_the_line + len(self._held)
 
     def _look_for_a_reader(self, on_the_line: int, missing: bool) -> None:
-        """Somebody reads where bytes go from the line, or where some are missing that had time to arrive there."""
+        """A client reads where bytes go from the line, or where some are missing that had time to arrive there."""
         now_ns = monotonic_ns()
         if not missing:
             self._complete_ns = now_ns
@@ -270,7 +270,7 @@ class SocketPort:
         asyncio.get_running_loop().add_reader(peer.fileno(), self._discard_input)
 
     def _discard_input(self) -> None:
-        """Read what the host sent, and forget it unless somebody listens; an empty read means it hung up."""
+        """Read what the host sent, and discard it without a listener; an empty read means it hung up."""
         if self._peer is None:
             return
         try:

@@ -63,7 +63,7 @@ class SlcanBus:
 
     @property
     def clients(self) -> tuple[SlcanClient, ...]:
-        """Whoever is connected."""
+        """The connected client."""
         return tuple(self._clients)
 
     def send(self, frames: Iterable[tuple[int, bytes]]) -> None:

@@ -112,7 +112,7 @@ class SimulatedSupply:
 
     @property
     def stays_on(self) -> bool:
-        """Its current stays when nobody speaks to it any more."""
+        """Its current stays when it receives no more commands."""
         return not self._watching
 
     async def open(self) -> None:

@@ -268,7 +268,7 @@ def when_there_is_room(folder: Path, needed: Callable[[], int], do: Callable[[],
                 raise
         if not waits:
             waits = True
-            print(  # noqa: T201 - to whoever waits for this process
+            print(  # noqa: T201 - to the process that waits for this one
                 f"simulated rig: no disk space in {folder}: waiting up to {longest_s:g} "
                 "s; a second signal ends this process and leaves an incomplete file", file=sys.stderr, flush=True,
             )

@@ -39,7 +39,7 @@ CROWDED = 0.6
 BEGAN_S = time.monotonic()
 STARTS_PROCESSES = frozenset({"start", "run_wired", "in_motion", "start_brisk", "start_campaign", "wired_station_rig",
                               "simulated_rig"})
-"""Fixtures that start real processes on real transports: whoever uses them is marked `wire`."""
+"""Fixtures that start real processes on real transports: tests that use them are marked `wire`."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

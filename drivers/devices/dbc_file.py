@@ -48,7 +48,7 @@ class DbcSignal:
         signal: where it lies, and what a step of it is worth.
         line: in the file (from 1); 0 where it was not named.
         names: names of its numbers (VAL_).
-        start_number: what is sent while nobody says otherwise (GenSigStartValue), as on the wire.
+        start_number: what is sent by default (GenSigStartValue), as on the wire.
         minimum, maximum: the range that the file states, in the signal's unit; None where it states none.
         pages: the multiplexers that must have one of these numbers for it to be in a frame.
         is_multiplexer: its number says which page a frame is.

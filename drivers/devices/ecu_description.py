@@ -45,7 +45,7 @@ class SentFrame:
 
 @dataclass(frozen=True)
 class HeardMessage:
-    """A message that is read; `period_s` is 0 where nobody knows how often it comes.
+    """A message that is read; `period_s` is 0 if its period is unknown.
 
     One with pages shows each of them once in `pages` frames.
     """

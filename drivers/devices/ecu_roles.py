@@ -302,7 +302,7 @@ class _Roles:
                 self._reading.wrong((), said, message.line)
 
     def _timing(self, heard: Mapping[int, HeardMessage]) -> SourceTiming:
-        """Periods as stated; where nobody states one, what is usual."""
+        """Periods as stated; the usual one if none is stated."""
         of = {role: message.period_s * message.pages for message in heard.values() for role in message.roles}
         return SourceTiming(
             of[CURRENT] or STATUS_S,

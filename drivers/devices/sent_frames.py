@@ -147,7 +147,7 @@ def _taken(
     changing: Mapping[str, Placed],
     constants: Mapping[str, tuple[Found, int, Place]],
 ) -> bool:
-    """Whether the bits of a signal that nobody named belong to one that was, or do not fit."""
+    """Whether the bits of an unnamed signal belong to one that was, or do not fit."""
     bits, size = signal.bits(message.size), message.size
     others = [placed.signal.bits(size) for placed in changing.values()]
     others += [named.signal.bits(size) for named, _, _ in constants.values()]
@@ -156,7 +156,7 @@ def _taken(
 
 
 def _start(given: DbcSignal) -> int:
-    """What a signal that nobody named is sent as: its start value, else 0 on the wire."""
+    """What an unnamed signal is sent as: its start value, else 0 on the wire."""
     signal = given.signal
     if signal.is_float:
         return Signal(signal.name, signal.start, signal.length, is_float=True).raw(float(given.start_number))

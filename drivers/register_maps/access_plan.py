@@ -20,7 +20,7 @@ class Rules:
     """What a device allows.
 
     Attributes:
-        largest_gap: so many registers that nobody asked for may be read with others.
+        largest_gap: number of unrequested registers that may be read with others.
         largest_read: registers of one request.
         unreadable: first and last address of holding and of input registers that must not be read.
         first: what the file calls the first register or coil of a space, for messages; 0 where a space is not in it.
@@ -36,7 +36,7 @@ class Rules:
         return dict(self.first).get(space, 0)
 
     def may_bridge(self, first: int, last: int) -> bool:
-        """Whether the registers first..last, which nobody asked for, may be read."""
+        """Whether the unrequested registers first..last may be read."""
         forbidden = any(low <= last and first <= high for low, high in self.unreadable)
         return last < first or (last - first < self.largest_gap and not forbidden)
 
@@ -105,7 +105,7 @@ def writes(values: Mapping[Quantity, Value], span: tuple[int, int] | None = None
 
     Args:
         values: quantity -> value.
-        span: first and last holding register that travel in one request; those nobody names are written as 0.
+        span: first and last holding register that travel in one request; unnamed ones are written as 0.
 
     Raises:
         LocalProtocolError: a value does not fit.

@@ -17,7 +17,7 @@ OTHER = {"big": "little", "little": "big"}
 def unproved(
     controller: ControllerMap, values: Values, answers: Iterable[tuple[Read, Sequence[int]]]
 ) -> tuple[str, str]:
-    """What a device shows otherwise than its map says, and what would mend the map, in words; empty where all is well.
+    """What a device shows otherwise than its map says, and what would correct the map, as text; empty if all is well.
 
     Args:
         controller: its map.

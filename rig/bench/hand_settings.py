@@ -21,7 +21,7 @@ class HandEntries(Protocol):
 
     @property
     def pressure_while_asked(self) -> str:
-        """The pressure while somebody is at the supply: off, low or on."""
+        """The pressure while the operator is at the supply: off, low or on."""
 
     @property
     def rehearsal(self) -> str | None:

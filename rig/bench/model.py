@@ -202,7 +202,7 @@ class Bench(Section):
         return [(("limits", "current"), f"is beyond the set-point of the current source; allowed: within {held}")]
 
     def _hands(self) -> list[Problem]:
-        """The pressure while somebody is at the supply."""
+        """The pressure while the operator is at the supply."""
         if self.ecu.pressure_while_asked == "on" or self.actuator.takes_pressure_away:
             return []
         told = (

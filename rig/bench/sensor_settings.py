@@ -72,7 +72,7 @@ def wire_unit(value: WireValue) -> str:
 class Calibration(Settings):
     """How the value on the wire becomes SI: `sensitivity * wire - offset`, times -1 where polarity is reversed.
 
-    The polarity is applied in one place: everybody else computes with a sensor's own `sensitivity` and `offset`. In
+    The polarity is applied in one place: all other code computes with a sensor's own `sensitivity` and `offset`. In
     place of a sensitivity there may be two points, or a rated output with its capacity.
     """
 
@@ -272,7 +272,7 @@ class SensorConfig(Settings):
                 if wire_unit(value or 0) not in {"", unit}:
                     yield (name,), f"the format's unit is {unit}. Fix: write these values in it, or without a unit"
                     break
-        # A table stands beside its calibration; of a file nobody sees here what its numbers are.
+        # A table stands beside its calibration; the numbers of a file are not known here.
         known = units.UNITS.get(units.ALIASES.get(unit, unit)) if is_file(self.format) else None
         usual = given.sensitivity == 1.0 and given.points is None and given.rated_output is None
         if known is not None and usual and not (known.dimension == self.dimension and known.scale == 1.0):

@@ -332,7 +332,7 @@ class EcuConfig(Settings):
 
     @property
     def port(self) -> str:
-        """Where it is: the supply's port, a serial CAN adapter's, interface and channel; empty: in somebody's hand."""
+        """Where it is: the supply's port, a serial CAN adapter's, interface and channel; empty: set manually."""
         if self.by_hand:
             return self.rehearsal or ""
         if self.url is not None:
@@ -341,7 +341,7 @@ class EcuConfig(Settings):
 
     @property
     def measured(self) -> bool:
-        """Somebody measures the current: else it is what a person said, or what an output was told."""
+        """Whether the current is measured: else it is what the operator confirmed or what an output was sent."""
         source = None if self.by_hand else self.described_supply
         return not self.by_hand and (source is None or source.measures)
 
@@ -427,7 +427,7 @@ class StationConfig(Station, Clock):
     A time for which the station itself did not watch is recorded from `late_after_s` on and stops the rig beyond
     `late_limit_s`. `disagreement_m` is how far LVDT and controller position may be apart. `owner_id` is the lease at
     the controller, 1..65535; 0 has the station draw one at random. At `stop_socket` it takes a stop from others than
-    its application; empty: from nobody.
+    its application; empty: none.
     """
 
     actuator: ActuatorConfig

@@ -109,7 +109,7 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
 
 
 def _paged(live: LiveLink | None) -> LiveLink | None:
-    """The live folder where a page is served with the campaign: somebody can be asked there."""
+    """The live folder where a page is served with the campaign: an operator can be asked there."""
     return live if live is not None and live.paged else None
 
 

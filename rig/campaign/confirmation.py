@@ -69,7 +69,7 @@ def resume_class(slug: str) -> str:
 
 
 def look_at(slug: str) -> str:
-    """What somebody should have looked at after this stop."""
+    """What the operator must have checked after this stop."""
     row = MATRIX.get(slug)
     if row is None:
         return LOOK_AT_THE_RIG

@@ -18,7 +18,7 @@ UNATTENDED = "by-hand-unattended"
 
 
 class Hand(Protocol):
-    """Somebody at the supply."""
+    """The operator at the supply."""
 
     def ask(self, current_A: float) -> None:
         """A current (A) is asked for from now on; what was said before is no answer to it."""
@@ -72,7 +72,7 @@ class TerminalHand:
             return False
         data = os.read(self._descriptor, CHUNK)
         if not data:
-            self._asked = False  # it has hung up: nobody will answer
+            self._asked = False  # it has hung up: no answer will come
             return False
         *lines, self._typed = (self._typed + data).split(b"\n")
         if not any(not line.strip() for line in lines):
@@ -82,11 +82,11 @@ class TerminalHand:
 
 
 class PageHand:
-    """Whoever holds the operator's lease of a page, and, beside it, somebody at the terminal: who answers first counts.
+    """The operator with the page's lease and the operator at the terminal: the first answer counts.
 
     Args:
         live: where pages show what is asked, and answer.
-        terminal: None where nobody sits there.
+        terminal: None without an operator there.
     """
 
     def __init__(self, live: LiveLink, terminal: Hand | None) -> None:
@@ -113,11 +113,11 @@ class PageHand:
 
 
 def hand_of(bench: Bench, *, attended: bool, live: LiveLink | None = None) -> Hand | None:
-    """Whoever sets the current of this bench; None where a device drives it.
+    """The operator who sets the current of this bench; None if a device drives it.
 
     Args:
         bench: the bench.
-        attended: somebody sits at the terminal.
+        attended: an operator is at the terminal.
         live: where an operator's page is served; None without one.
     """
     if not bench.ecu.by_hand:
@@ -129,14 +129,14 @@ def hand_of(bench: Bench, *, attended: bool, live: LiveLink | None = None) -> Ha
 
 
 def check_hand(bench: Bench, *, attended: bool) -> None:
-    """Refuse a bench whose current is set by hand where nobody can be asked for it.
+    """Refuse a bench whose current is set manually if no operator can be asked.
 
     Args:
         bench: the bench.
-        attended: somebody sits at the terminal and can read what is asked, or has the operator's page.
+        attended: an operator is at the terminal and can read prompts, or has the operator's page.
 
     Raises:
-        Refused: nobody does (`by-hand-unattended`).
+        Refused: not attended (`by-hand-unattended`).
     """
     if bench.ecu.by_hand and bench.ecu.rehearsal is None and not attended:
         raise Refused(

@@ -69,7 +69,7 @@ class LiveLink:
         paused: a pause was asked for.
         held: nothing has begun yet.
         confirm: earlier stops that a start of a held campaign must name, each with `slug` and `text`'s parts.
-        asked: the current (A) that somebody is to set by hand now; None: none.
+        asked: the current (A) that the operator is to set now; None: none.
         paged: an operator's page is served with the campaign.
 
     Raises:

@@ -38,7 +38,7 @@ STATION_STOPS_S = 90.0
 """How long the station of a killed campaign may need to bring its rig to rest and give the devices back."""
 LOOK_AGAIN_S = 0.1
 LOCK_FOLDERS = (Path("/run/lock"), Path("/tmp"))
-"""The first that everybody may write to is taken."""
+"""The first one writable by all users is taken."""
 SHARED = stat.S_ISVTX | stat.S_IWOTH
 SERIAL_PREFIXES = ("modbus-rtu:", "spy://")
 SLCAN = "slcan"
@@ -90,7 +90,7 @@ def device_names(address: str) -> tuple[str, ...]:
 
 
 def _places(host: str) -> set[str]:
-    """Network addresses of a host; every address of this machine is one. A name nobody knows stands for itself."""
+    """Network addresses of a host; every address of this machine is one. An unknown name stands for itself."""
     try:
         answers = socket.getaddrinfo(host, None, type=socket.SOCK_DGRAM)
     except OSError:
@@ -122,7 +122,7 @@ def _lock(device: str, address: str) -> int:
     """A descriptor that holds the device's lock.
 
     Raises:
-        Refused: somebody else holds it, or its file is not one of ours to open.
+        Refused: another process holds it, or its file is not one of ours to open.
     """
     name = hashlib.sha256(device.encode()).hexdigest()[:16]
     path = _folder() / f"mr-damper-rig-{name}.lock"
@@ -160,7 +160,7 @@ def _folder() -> Path:
 
 
 def _open(path: Path) -> int:
-    """Open a lock's file without following, truncating or trusting what somebody may have put there.
+    """Open a lock's file without following, truncating or trusting a file placed there.
 
     Raises:
         OSError: it is a symbolic link, has a second name, is no regular file, or may not be opened.

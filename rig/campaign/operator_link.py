@@ -57,7 +57,7 @@ class Signals:
 
     @property
     def held(self) -> bool:
-        """The campaign begins only when somebody presses Start."""
+        """The campaign begins only when the operator presses Start."""
         return self.live is not None and self.live.held
 
     def catch(self, number: int, _frame: FrameType | None) -> None:
@@ -65,7 +65,7 @@ class Signals:
         self.caught.append(number)
 
     def beginning(self) -> list[ev.Event]:
-        """The campaign's first event; of a held one none, until somebody presses Start."""
+        """The campaign's first event; of a held one none, until the operator presses Start."""
         return [] if self.held else [ev.Begin()]
 
     def take(self) -> list[ev.Event]:
@@ -135,7 +135,7 @@ log = logging.getLogger(__name__)
 
 DISPLAY_ENDS_S = 5.0
 MOST_WAITING = 10_000
-"""Calls kept for a display that is slow or stands still (Ctrl-S, a pipe that nobody reads); further ones are lost."""
+"""Calls kept for a display that is slow or stands still (Ctrl-S, a pipe that is not read); further ones are lost."""
 
 
 class GuardedDisplay:

@@ -91,7 +91,7 @@ class PointResults:
                 if result.file is not None and result.file in names:
                     books[point_id] = replace(result, file=names[result.file])
 
-    def mended(self, file: Path, verdict: str, reasons: Iterable[str], quality: Mapping[str, float]) -> None:
+    def corrected(self, file: Path, verdict: str, reasons: Iterable[str], quality: Mapping[str, float]) -> None:
         """A point's file (absolute path) was written again; its verdict and numbers are these now."""
         for books in (self.results, self.earlier):
             for point_id, result in books.items():
@@ -118,7 +118,7 @@ class PointResults:
             except (FileProblem, OSError) as error:
                 warn(f"{file.name}: the zero drift could not be entered in the file: {error}")
                 continue
-            self.mended(file, told.verdict, told.reasons, told.quality)
+            self.corrected(file, told.verdict, told.reasons, told.quality)
 
     def given_up(self, point: TestPoint, cause: StopCause) -> PointResult:
         """Enter a point that could not be begun or whose file could not be written."""

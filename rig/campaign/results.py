@@ -43,7 +43,7 @@ class CampaignOptions:
         simulator_args: further arguments for `python -m simulators`, as given.
         resume_path: the directory of an earlier campaign to continue (then `out` does not count); None for a new one.
         requalified: what was checked or replaced after a stop that demands it, in the operator's words; empty: nothing.
-        attended: somebody sits at the terminal and can be asked for a current set by hand.
+        attended: an operator is at the terminal and can be asked to set a current.
     """
 
     matrix_path: Path
@@ -233,7 +233,7 @@ class CampaignResult:
         waits: warming up and cooling down in this session, in order.
         findings: what the session as a whole showed about its instruments.
         stop: how it was stopped; None when it ran to its end or was refused.
-        confirmed: stops of earlier sessions whose mending the operator confirmed by resuming.
+        confirmed: stops of earlier sessions whose repair the operator confirmed by resuming.
         setpoints: how late the set-points were that were streamed to the actuator; None where it has a generator.
     """
 

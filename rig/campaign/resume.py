@@ -158,7 +158,7 @@ class Stock:
     """What an earlier session left: results to keep, points to run, attempts already made of each point.
 
     `invalid` is what was recorded of points that are to be run again. `temperatures_degC` are the lowest and highest
-    coil temperatures of everything recorded, kept or not; `confirmed` the stops whose mending the operator confirms
+    coil temperatures of everything recorded, kept or not; `confirmed` the stops whose repair the operator confirms
     by resuming.
     """
 

@@ -330,7 +330,7 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
     """Refuse a matrix that asks for what a supply cannot do.
 
     Raises:
-        Refused: temperatures that nobody measures (`source-without-temperature`), or currents that it does not drive
+        Refused: temperatures that are not measured (`source-without-temperature`), or currents that it does not drive
             (`source-without-negative-current`).
     """
     described = bench.ecu.described_supply
@@ -356,7 +356,7 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
 
 
 def _check_by_hand(matrix: Matrix) -> None:
-    """Refuse a matrix that nobody can follow by hand.
+    """Refuse a matrix that an operator cannot follow manually.
 
     Raises:
         Refused: as `check_source`; or it has a [[current_step]] (`by-hand-without-steps`).

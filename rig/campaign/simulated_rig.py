@@ -154,7 +154,7 @@ class SimulatedRig:
         """End it and wait for its truth file; True when it ended by itself in time.
 
         Args:
-            settle_s: wall seconds it is given first, when nobody proved standstill: its dead-men act on their own, and
+            settle_s: wall seconds it is given first, if standstill was not proved: its watchdogs act, and
                 what they do belongs to the truth.
             disk_refuses: its disk is full or gone; then, and where it lacks room, it is not waited for long.
         """

@@ -48,7 +48,7 @@ def because(slug: str, message: str, **values: object) -> StopCause:
 
 
 OPERATOR = frozenset({"sigint", "sigterm", "operator"})
-"""Stops that somebody wanted: no fault, and nobody's."""
+"""Stops that were requested: no fault."""
 
 # The point may restart by itself from zero amplitude, where the matrix file's `[campaign] retries` allows it.
 MOST_RETRIES = 2

@@ -83,7 +83,7 @@ def hybrid_tests(run: Run) -> tuple[HybridTest, ...]:
     matrix = load_matrix(run.path / "matrix.toml")
     assumed = matrix.specimen.assumed
     if matrix.hybrid is None or assumed is None:
-        raise FileProblem(str(run.path / "matrix.toml"), ["has no [hybrid], and the run holds hybrid tests"])
+        raise FileProblem(str(run.path / "matrix.toml"), ["has no [hybrid], but the run contains hybrid tests"])
     lines = read_lines(run.path)
     return tuple(_test(point, matrix.hybrid, assumed, lines) for point in points)
 

@@ -224,7 +224,7 @@ def without_cut_ends(test: Measurement) -> tuple[Measurement, list[str]]:
         test: its measurement.
     """
     ends_cut = [
-        f"the force stood at its {warning.numbers['end']} value, {warning.numbers['extreme_N']:.0f} N"
+        f"the force is constant at its {warning.numbers['end']} value, {warning.numbers['extreme_N']:.0f} N"
         for warning in test.warnings if warning.slug == "saturated-force"
     ]
     if ends_cut:
@@ -249,7 +249,7 @@ def without_cut_ends(test: Measurement) -> tuple[Measurement, list[str]]:
         if abs(rise_N) < RISE_ERRORS * 2.0 * noise_N / math.sqrt(speed.size):
             kept &= ~at_end
             ends_cut.append(
-                f"the force stands at {end_N:+.0f} N, within its noise, at {100 * SLOWEST:.0f} to 100 % of its "
-                "greatest speed: probably the end of the channel's range"
+                f"the force is constant at {end_N:+.0f} N, within its noise, from {100 * SLOWEST:.0f} to 100 % of its "
+                "largest speed: probably the end of the channel's range"
             )
     return (replace(test, usable=kept) if ends_cut else test), ends_cut

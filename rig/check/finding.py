@@ -51,7 +51,7 @@ def failed(slug: str, text: str, fix: str = "") -> CheckFinding:
 
 
 def warning(slug: str, text: str, fix: str = "") -> CheckFinding:
-    """A finding that somebody should look at; the rig runs with it."""
+    """A finding that the operator should check; the rig runs with it."""
     return CheckFinding(slug, Severity.WARNING, told(text), told(fix or _look_at(slug)))
 
 

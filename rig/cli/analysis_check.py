@@ -46,11 +46,11 @@ def analysis_problems(wanted: Identify, points: Iterable[TestPoint]) -> list[str
     """The same as lines of text; none when the identification can begin."""
     loops = [point for point in points if point.kind in {"loop", "signal"}]
     if not loops:
-        return ["enabled: the matrix has no loop to fit a model to; add points, or set enabled = false"]
+        return ["enabled: the matrix has no loop for a fit. Fix: add points, or set enabled = false"]
     problems, fitted = _holdout(wanted.holdout, loops)
     problems += _combination(wanted)
     if wanted.current != AFFINE and _currents(fitted) == 1:
-        problems.append(f'current = "{wanted.current}": needs fitted tests at two or more currents, and all have one')
+        problems.append(f'current = "{wanted.current}": got fitted tests at one current, expected two or more currents')
     return problems
 
 
@@ -111,7 +111,8 @@ def _combination(wanted: Identify) -> list[str]:
     problems = []
     if wanted.method == THREE_STEPS and wanted.model != MODEL_OF_THREE_STEPS:
         problems.append(
-            f'method = "{THREE_STEPS}": identifies {MODEL_OF_THREE_STEPS} only; set model = "{MODEL_OF_THREE_STEPS}"'
+            f'method = "{THREE_STEPS}": got another model, expected {MODEL_OF_THREE_STEPS}. Fix: set model = '
+            f'"{MODEL_OF_THREE_STEPS}"'
         )
     bent = wanted.current_law != AFFINE or "+" in wanted.model
     if wanted.current != AFFINE and (wanted.model in SEVERAL or wanted.series_spring or bent):

@@ -39,7 +39,7 @@ def analyse(run: Path, wanted: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def _made(make: Callable[[], Path]) -> tuple[str | None, str | None]:
-    """The path of what was made, or why it could not be: a message, or the traceback of what nobody foresaw."""
+    """The path of what was made, or why it could not be: a message, or the traceback of an unexpected error."""
     try:
         return str(make().resolve()), None
     except (RigError, OSError) as error:

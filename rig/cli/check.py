@@ -139,7 +139,7 @@ def _bench_file(
     simulator_args = (*(wearing(bench) if bench is not None else ()), *simulator_args)
     options = CampaignOptions(folder, folder, simulate=True, simulator_args=simulator_args)
     specimen = Specimen.model_validate({"serial_number": "CHECK", "stroke": "170 mm"})
-    ignore: Callable[[float], None] = lambda _: None  # noqa: E731 - nobody is told of the wait
+    ignore: Callable[[float], None] = lambda _: None  # noqa: E731 - the wait is not reported
     simulated = SimulatedRig.start(folder, options, specimen, ignore)
     try:
         yield simulated.bench_path

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from rig.comparison.acceptance import PERCENT, AcceptanceResult, Result, State
 from rig.comparison.changes import Change
 from rig.comparison.differences import Comparison
-from rig.comparison.judgement import PERCENT, Judgement, Result, State
 from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES
 from rig.document.blocks import Block, Blocks, Column, Heading, Note, Paragraph, table
 from rig.document.terminal import Line, lines
@@ -35,7 +35,7 @@ def comparison_blocks(compared: Comparison, *, everything: bool) -> Blocks:
     return blocks + [Note(FAIR, f"remark: {remark}") for remark in compared.remarks]
 
 
-def _judged(judgement: Judgement, several: bool, *, everything: bool) -> Blocks:
+def _judged(judgement: AcceptanceResult, several: bool, *, everything: bool) -> Blocks:
     total, bad = len(judgement.results), judgement.not_passed
     if judgement.passed:
         least = min(judgement.results, key=lambda result: _or_infinite(result.margin_percent))
@@ -130,8 +130,8 @@ def _changes(compared: Comparison, index: int, *, everything: bool) -> Blocks:
     if listed:
         shown.append(table(LISTED, listed))
     elif rows:
-        shown.append(Note(GOOD, "nothing differs by more than its expanded uncertainty"))
-    return [Heading(f"{compared.runs[index].name} against the first", 3), *shown]
+        shown.append(Note(GOOD, "no difference exceeds its expanded uncertainty"))
+    return [Heading(f"{compared.runs[index].name} relative to the first", 3), *shown]
 
 
 def _cells(first: float, now: float, changed: Change, unit: str) -> tuple[str, str, str, str]:

@@ -37,7 +37,7 @@ def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
     from rig.matrix.model import load_matrix
 
     shown = console(as_json=as_json)
-    shown.print(f"A simulated rig {speed:g} times faster than a real one runs {MATRIX.name}:", markup=False)
+    shown.print(f"A simulated rig, {speed:g} times faster than real time, runs {MATRIX.name}:", markup=False)
     options = CampaignOptions(matrix_path=MATRIX, out=out, simulate=True, speed=speed, seed=seed)
     result = run_job(options, load_matrix(MATRIX).identify, shown)
     if result.exit_code == EXIT_DONE and result.fit is not None:

@@ -22,8 +22,8 @@ from rig.errors import EXIT_DONE
 @click.argument("source", type=RunPath())
 @click.option(
     "--to", "name", required=True, metavar="NAME",
-    help="Format: csv, parquet, mat, mf4, netcdf (of a run); json, c, fmi, modelica, octave, python, table, inverse ("
-    "of a fit); or a plug-in's.",
+    help="Format: csv, parquet, mat, mf4, netcdf (of a run); json, c, fmi, modelica, octave, python, table, inverse "
+         "(of a fit); or one of a plug-in.",
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), required=True,

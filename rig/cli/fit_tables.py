@@ -15,8 +15,8 @@ from rig.matrix.methods import FEW_MODELS
 from rig.report.fit import cross_validation, extrapolated_words, outside, selection
 
 INADEQUATE = (
-    "Model error exceeds the repeatability of the tests: the values are a best fit, the intervals do not include model "
-    "error"
+    "Model error exceeds the repeatability of the tests: the values are a best fit; the intervals do not include "
+    "model error"
 )
 
 
@@ -68,9 +68,9 @@ def _to_try(fit: FitRecord) -> Blocks:
     """What else this command can do with the same tests, where that gives more information."""
     hints = []
     if fit.adequate is False and {score.model for score in fit.selection} <= set(FEW_MODELS):
-        hints.append("rig identify RUN --model all: compares every model on validation tests")
+        hints.append("rig identify RUN --model all: compares all models on validation tests")
     if fit.holdout is None and len(fit.error.per_test) > 1:
-        hints.append("rig identify RUN --holdout frequency_Hz=...: measures the error on tests that are not fitted")
+        hints.append("rig identify RUN --holdout frequency_Hz=...: evaluates the error on validation tests")
         if fit.unseen is None:
             hints.append("rig identify RUN --unseen pairs: leave-one-motion-out cross-validation")
     return [Paragraph(f"try: {hint}") for hint in hints]
@@ -91,8 +91,8 @@ def _remarks(fit: FitRecord) -> Blocks:
         lines.append(Paragraph(f"{name} by profile likelihood, 95 %: {low} to {high}"))
     lines += [Note(FAIR, text) for text in _reasons(fit.parameters)]
     for place, cause in enumerate(fit.diagnosis, 1):
-        lines.append(Note(POOR if place == 1 else PLAIN, f"diagnosis {place}: {cause.text}"))
-        lines.append(Paragraph(f"  next: {cause.next}"))
+        lines.append(Note(POOR if place == 1 else PLAIN, f"probable cause {place}: {cause.text}"))
+        lines.append(Paragraph(f"  next step: {cause.next}"))
     for proposal in fit.next_tests:
         lines.append(Paragraph(f"next test: {proposal.text}; lines for the matrix file:"))
         lines.append(Listing(proposal.toml.strip()))
@@ -111,7 +111,7 @@ def _reasons(parameters: Mapping[str, Estimate]) -> list[str]:
         if not entry.identifiable:
             reason = entry.reason or "the data do not determine it"
             rest = reason.removeprefix(f"{name} ")
-            named.setdefault(rest if rest != reason else f"cannot be identified: {reason}", []).append(name)
+            named.setdefault(rest if rest != reason else f"not identifiable: {reason}", []).append(name)
     return [f"{', '.join(names)} {reason}" for reason, names in named.items()]
 
 
@@ -120,5 +120,5 @@ def _estimate(entry: Estimate) -> tuple[str, str]:
     if entry.identifiable and entry.low is not None and entry.high is not None:
         return value, f"{entry.low:.5g} to {entry.high:.5g}"
     if not entry.identifiable and entry.low is None and entry.high is not None:
-        return value, f"below {entry.high:.5g}; cannot be identified"
-    return value, "cannot be identified"
+        return value, f"below {entry.high:.5g}; not identifiable"
+    return value, "not identifiable"

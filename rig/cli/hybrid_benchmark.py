@@ -27,7 +27,7 @@ CASES = (1, 2, 3, 4)
 SEED = 2020
 DESCRIPTION = (
     "J1: delay of the specimen behind its target, ms. RMS in %: J2 tracking; J4, J6, J7 floors 1, 2, 3.",
-    "Peak in %: J3 tracking; J5, J8, J9 floors 1, 2, 3. The floors are compared with the whole building's.",
+    "Peak in %: J3 tracking; J5, J8, J9 floors 1, 2, 3. The floors are compared with those of the complete building.",
     "Means over the plants. Published: Silva et al. 2020, Table 3, El Centro x 0.4, nominal plant.",
 )
 
@@ -42,7 +42,9 @@ DESCRIPTION = (
     ),
 )
 @click.option("--case", "cases", type=click.IntRange(1, 4), multiple=True, help="Building case.  [default: all four]")
-@click.option("--rate", "rates", type=click.Choice(RATES), multiple=True, help="Steps a second.  [default: all three]")
+@click.option(
+    "--rate", "rates", type=click.Choice(RATES), multiple=True, help=("Steps per second.  [default: all three]")
+)
 @click.option(
     "--compensator",
     "compensators",
@@ -50,14 +52,16 @@ DESCRIPTION = (
     multiple=True,
     help="Delay compensation.  [default: all]",
 )
-@click.option("--plants", type=click.IntRange(1, 1000), help="Perturbed plants a case.  [default: 20; with --wires 1]")
+@click.option(
+    "--plants", type=click.IntRange(1, 1000), help=("Perturbed plants per case.  [default: 20; with --wires 1]")
+)
 @click.option("--seed", type=click.IntRange(0), default=SEED, show_default=True, help="Seed of plants and noise.")
-@click.option("--wires", is_flag=True, help="Through a simulated rig's Modbus, 250 Hz, in real time.")
+@click.option("--wires", is_flag=True, help="Run through the Modbus of a simulated rig, 250 Hz, in real time.")
 @click.option(
     "--earthquake",
     type=click.Path(path_type=Path),
     metavar="CSV",
-    help="Your record: lines of time (s) and acceleration (m/s^2).  [default: synthesised]",
+    help="Your own record: lines of time (s) and acceleration (m/s^2).  [default: synthesised]",
 )
 @click.option(
     "--intensity",
@@ -111,8 +115,9 @@ def _benchmark(asked: BenchmarkOptions, seed: int, *, as_json: bool) -> int:
         return code
     _show(results, motion.name)
     if (wires := how["wires"]) is not None:
+        priority = "" if wires["real_time"] else ", without real-time priority"
         say(f"{wires['late_steps']} of {wires['steps']} steps late; 99 % within {wires['p99_step_ms']:.2g} ms, worst "
-            f"{wires['worst_step_ms']:.2g} ms{'' if wires['real_time'] else ', without real-time rights'}")  # fmt: skip
+            f"{wires['worst_step_ms']:.2g} ms{priority}")  # fmt: skip
     return code
 
 
@@ -132,8 +137,8 @@ def _on_wires(asked: BenchmarkOptions, motion: Earthquake, seed: int, as_json: b
         UsageError: another rate or latency than that of the wires.
     """
     if set(asked.rates) - {"250"} or asked.latency_steps:
-        raise click.UsageError("--wires: 250 steps a second, and what the wires are late by: leave --rate and "
-                               "--latency-steps out")  # fmt: skip
+        raise click.UsageError("--wires: runs 250 steps a second and measures the latency. Fix: omit --rate and "
+                               "--latency-steps")  # fmt: skip
     from rig.campaign.wired_benchmark import LATENCY_STEPS, Wires
     from rig.station.process import real_time_priority
 

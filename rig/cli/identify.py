@@ -55,16 +55,16 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 @click.argument("runs", type=RunPath(), nargs=-1, required=True)
 @click.option(
     "--model",
-    help="Damper model; `few` to compare five, `all` every one.  [default: few; asymmetric with an option that goes "
-    "with one model: a search, --current, --series-spring, --temperature-law, --profile-of, --hysteresis printed]",
+    help="Damper model; `few` compares five, `all` compares all.  [default: few; asymmetric with an option for one "
+         "model: a search method, --current, --series-spring, --temperature-law, --profile-of, --hysteresis printed]",
 )
 @click.option(
     "--method", type=MethodName(), metavar="NAME", default="separable", show_default=True,
-    help=f"Fitting method: {', '.join(METHODS)}, or a plug-in's.",
+    help=f"Fitting method: {', '.join(METHODS)}, or one of a plug-in.",
 )  # fmt: skip
 @click.option(
     "--holdout",
-    help="Tests left out of the fit and used to validate it: a run, or a filter (waveform=triangle).",
+    help="Tests for validation, not fitted: a run, or a filter (waveform=triangle).",
 )
 @click.option(
     "--hysteresis", type=click.Choice(["kwok", "printed"]), default="kwok", show_default=True,
@@ -72,19 +72,21 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 )  # fmt: skip
 @click.option(
     "--current", type=click.Choice(DEPENDENCES), metavar="NAME", default="affine", show_default=True,
-    help="Dependence of the parameters on current: affine in one fit, or one fit per current and a relation of them: "
-    f"{', '.join(DEPENDENCES[1:])}.",
+    help="Dependence of the parameters on current: affine in one fit, or one fit per current and a relation between "
+         f"them: {', '.join(DEPENDENCES[1:])}.",
 )  # fmt: skip
 @click.option(
     "--current-law", type=click.Choice(LAWS), default="affine", show_default=True,
-    help="Effect of the current, for any model: proportional (affine), a saturating or polynomial "
-         "law, one fit per current, or all compared.",
+    help="Effect of the current, for any model: proportional (affine), a saturating or polynomial law, one level per "
+         "current, or all compared.",
 )  # fmt: skip
 @_correction_options
 @click.option("--suspect", is_flag=True, help="Include suspect points; by default only valid points are fitted.")
 @click.option(
     "--weight", type=click.Choice(["1", "v", "relative"]),
-    help="Weight of a residual: 1, the speed, or one over its test's peak.  [default: the method's own]",
+    help=(
+        "Weight of a residual: 1, the speed, or the inverse of the peak of its test.  [default: depends on the method]"
+    ),
 )
 @click.option(
     "--loss", type=click.Choice(["squares", "huber"]), default="squares", show_default=True,
@@ -92,7 +94,7 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 )
 @click.option(
     "--budget", type=click.IntRange(1), default=16_000, show_default=True,
-    help="Model evaluations of a search.",
+    help="Maximum number of model evaluations of a search.",
 )
 @click.option("--population", type=click.IntRange(2), default=50, show_default=True, help="Candidates per generation.")
 @click.option(
@@ -100,7 +102,7 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
     help="Search range: each parameter's own range, +-10,000 (SI) for all, or unbounded as in the papers.",
 )  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed of stochastic methods.")
-@click.option("--profile", is_flag=True, help="Also compute profile likelihoods of the nonlinear parameters.")
+@click.option("--profile", is_flag=True, help="Also compute the profile likelihoods of the nonlinear parameters.")
 @click.option(
     "--profile-of", multiple=True, metavar="NAME",
     help="Also compute the profile likelihood of this parameter (repeatable).",
@@ -151,7 +153,7 @@ def command(
             options = replace(options, on_progress=lambda line: click.echo(line, err=True))
         fit = identify_run(runs, options, suspect=suspect)
     if fit.kept is not None:
-        click.echo(f"the earlier fit is kept as {fit.kept.resolve()}", err=True)
+        click.echo(f"the previous fit was saved as {fit.kept.resolve()}", err=True)
     if as_json:
         write_json(fit.to_json())
         return EXIT_DONE
@@ -177,7 +179,7 @@ def _searching(method: Method, scheduler: str | None) -> Iterator[Method]:
         return
     if method.name not in METHODS:
         raise click.UsageError(
-            f"--scheduler: {method.name} evaluates no populations; leave it out, or choose a --method that does: "
+            f"--scheduler: {method.name} evaluates no populations. Fix: omit it, or choose another --method: "
             f"{', '.join(METHODS)}"
         )
     from rig.identification.cluster import cluster

@@ -35,7 +35,7 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
         if not (quantity and equals and column):
             raise click.BadParameter(f"got {text!r}, expected a form such as displacement=x_m", ctx, param)
         if quantity in pairs:
-            raise click.BadParameter(f"{quantity} is given twice", ctx, param)
+            raise click.BadParameter(f"{quantity}: given twice", ctx, param)
         pairs[quantity] = column
     return pairs
 
@@ -101,7 +101,7 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     "none: no such number.",
 )
 @click.option(
-    "--rate", type=QuantityOption("frequency"), help="Sample rate, such as '1 kHz', where there is no column of time."
+    "--rate", type=QuantityOption("frequency"), help="Sample rate, such as '1 kHz', if there is no time column."
 )
 @click.option("--separator", callback=_separator, metavar="SIGN", help="CSV: separator: one character, tab or space.")
 @click.option("--decimal", type=click.Choice([".", ","]), help="CSV: decimal sign.")
@@ -122,7 +122,7 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     "--accept", multiple=True, metavar="SLUG",
     help="Accept implausible magnitudes: units-time, units-displacement, units-force, sample-rate.",
 )
-@click.option("--dry-run", is_flag=True, help="Read and check everything and show it; write nothing.")
+@click.option("--dry-run", is_flag=True, help="Read, check and show everything; write nothing.")
 @click.option("--current", type=QuantityOption("current"), help="Coil current of all files, such as '0.5 A'.")
 @click.option(
     "--current-from-name", metavar="REGEX",

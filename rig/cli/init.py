@@ -24,7 +24,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 @dataclass(frozen=True)
 class Question:
-    """One question: key of the templates, what is asked, the answer where nobody answers, and its dimension if any."""
+    """One question: key of the templates, what is asked, the default answer, and its dimension if any."""
 
     key: str
     text: str
@@ -58,7 +58,7 @@ QUESTIONS = (
 
 
 BY_HAND = "by-hand"
-"""The answer to the question for the coil's current where somebody sets it."""
+"""The answer to the question for the coil's current if an operator sets it."""
 OF_A_SUPPLY, NOT_OF_A_SUPPLY = frozenset({"supply_url"}), frozenset({"interface", "channel"})
 
 

@@ -115,7 +115,7 @@ def _nothing(why: str, identify: Identify | None) -> dict[str, Any]:
 
 @contextmanager
 def _status(console: Console, text: str) -> Iterator[None]:
-    """Say what is done meanwhile; a terminal that went away keeps nobody from doing it."""
+    """Say what is done meanwhile; a closed terminal does not prevent it."""
     with contextlib.ExitStack() as shown:
         with contextlib.suppress(OSError):
             shown.enter_context(console.status(text))

@@ -31,7 +31,10 @@ def listen_options(function: Callable[..., int]) -> Callable[..., int]:
     """The options of `rig check --listen`."""
     for option in reversed((
         click.option("--listen", is_flag=True,
-                     help="Show what a port or CAN bus (in place of BENCH) sends, and its lines of a bench file."),
+                     help=(
+                         "Show the data on a port or CAN bus (in place of BENCH), and the matching lines of a bench "
+                         "file."
+                     )),
         click.option("--from", "captured", type=FILE, hidden=True),
         click.option("--format", "given", metavar="FORMAT",
                      help="With --listen: decode with this format (a name or a file) instead of guessing."),
@@ -225,7 +228,7 @@ def _per_unit(given: Mapping[str, Any] | str) -> float:
 
 
 def _rounded(rate_Hz: float) -> float:
-    """A rate as somebody would have set it: two digits."""
+    """A rate as a user would set it: two digits."""
     return float(f"{rate_Hz:.2g}")
 
 
@@ -265,7 +268,7 @@ def _words(answer: Mapping[str, Any]) -> list[str]:
         places = ", ".join(f"{one['bytes']} at {one['offset']}" for one in answer["missed"][:SHOWN])
         lines.append(f"bytes outside any reading: {places}")
     if "toml" in answer:
-        lines += ["", "in a bench file:", "", answer["toml"]]
+        lines += ["", "for a bench file:", "", answer["toml"]]
     return lines
 
 

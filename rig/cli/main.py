@@ -36,9 +36,9 @@ OPERATOR_STOP = "sigint"
 # loads no module.
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Set up": {
-        "demo": ("rig.cli.demo", "Complete example on the simulated rig, in under a minute."),
-        "init": ("rig.cli.init", "Write a commented bench file and matrix file to start from."),
-        "check": ("rig.cli.check", "Check every device of a bench; --listen shows what a device sends."),
+        "demo": ("rig.cli.demo", "Run a complete example on the simulated rig, in under a minute."),
+        "init": ("rig.cli.init", "Write a commented bench file and matrix file as a starting point."),
+        "check": ("rig.cli.check", "Check every device of a bench; --listen shows the data of a device."),
         "plan": ("rig.cli.plan", "Check every point of a matrix against the limits of a bench."),
     },
     "Run": {
@@ -81,7 +81,7 @@ EXAMPLES = (
 
 EXIT_CODES = (
     ("0", "done"),
-    ("1", "defect of this program; the message names a file to report it with"),
+    ("1", "defect of this software; the message names a file to send with a report"),
     ("2", "bad usage or file"),
     ("3", "refused before motion"),
     ("4", "stopped by a fault or the operator; the rig is safe"),
@@ -176,7 +176,7 @@ def cli() -> None:
 def main(arguments: Sequence[str]) -> int:
     """Run one command; return its exit code.
 
-    Errors a user can mend are one clear message on standard error; with `--json` also one object on standard output.
+    Errors that a user can correct are one message on standard error; with `--json` also one object on standard output.
     """
     return answered(cli, arguments, "rig")
 
@@ -216,7 +216,7 @@ def _answered(command: click.Command, arguments: Sequence[str], name: str) -> in
     except RigError as error:
         return _ended(f"rig: {error}", {"error": str(error), "slug": error.slug}, error.exit_code, as_json=as_json)
     except BrokenPipeError:
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - whoever read the output has left; nothing more is said
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - the reader of the output has closed it; nothing more is printed
         return EXIT_DONE
     except OSError as error:
         text = f"{error.filename or 'input or output'}: {error.strerror or error}"

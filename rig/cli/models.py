@@ -37,7 +37,7 @@ def command(names: tuple[str, ...], as_json: bool) -> int:
 
 def _entry(damper: DamperModel) -> dict[str, Any]:
     from rig.dampers.catalogue import set_name
-    from rig.dampers.lawed_model import base_of
+    from rig.dampers.current_law_model import base_of
 
     return {
         "name": damper.name,
@@ -83,7 +83,7 @@ def _show(damper: DamperModel, *, whole: bool) -> None:
                     soft_wrap=not shown.is_terminal)  # fmt: skip
     if not whole:
         return
-    head: list[Head] = ["parameter", "unit", "role", Column("demonstration", "", True), "warm oil", "meaning"]
+    head: list[Head] = ["parameter", "unit", "role", Column("demonstration", "", True), "warm fluid", "meaning"]
     rows = [
         [
             entry["name"], entry["unit"], entry["role"], f"{entry['demonstration']:g}", entry["softens"] or "",

@@ -46,7 +46,7 @@ class MethodName(click.ParamType[str]):
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """The name as it is; an unknown one is a usage error."""
         if value not in METHODS and value not in method_names():
-            self.fail(f"{value!r} is not one of {', '.join(map(repr, method_names()))}.", param, ctx)
+            self.fail(f"{value!r}: expected one of {', '.join(map(repr, method_names()))}.", param, ctx)
         check_method(value)
         return value
 
@@ -67,7 +67,7 @@ class RunPath(click.ParamType[Path]):
         if count := LAST.fullmatch(text):
             back = int(count[1] or 1)
             if back > len(names):
-                self.fail(f"{text}: {LOGS}/ holds {len(names)} run(s); `rig runs` lists them", param, ctx)
+                self.fail(f"{text}: not found; {LOGS}/ contains {len(names)} run(s); `rig runs` lists them", param, ctx)
             return LOGS / names[-back]
         matches = [name for name in names if text in name]
         if len(matches) > 1:

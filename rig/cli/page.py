@@ -30,10 +30,12 @@ def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
     options = (
         click.option(
             "--page-address", metavar="HOST[:PORT]",
-            help="Address of the page; default 127.0.0.1 and any free port. Other machines can reach it only with TLS.",
+            help="Address of the page; default 127.0.0.1 and any free port. TLS is required for other machines.",
         ),
         click.option("--page-cert", type=click.Path(path_type=Path), metavar="FILE", help="TLS certificate (PEM)."),
-        click.option("--page-key", type=click.Path(path_type=Path), metavar="FILE", help="Its private key (PEM)."),
+        click.option("--page-key", type=click.Path(path_type=Path), metavar="FILE", help=(
+            "Private key of the certificate (PEM)."
+        )),
     )
     for option in reversed(options):
         command = option(command)
@@ -88,14 +90,14 @@ class RunLink:
         """Keep the page, with what is left of the campaign, until an operator closes it there, or Ctrl-C here.
 
         The rig is at rest and let go of, and the campaign's own link taken away: it may be resumed meanwhile, and the
-        page follows. Whoever ended the program (SIGTERM, a closed terminal) is not kept waiting.
+        page follows. After SIGTERM or a closed terminal the program does not wait.
         """
         if self._page is None or self.link is None or result.stopped_by == GONE:
             return
         with contextlib.suppress(KeyboardInterrupt):
             self.link.close()
             with contextlib.suppress(OSError):
-                say("The page stays open; 'Close the page' there or Ctrl-C here ends it.", err=True)
+                say("The page remains open; end it with 'Close the page' there or Ctrl-C here.", err=True)
             self._page.wait()
 
     def refused(self, error: RigError) -> None:

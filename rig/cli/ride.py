@@ -88,7 +88,7 @@ def _check_currents(given: dict[str, float]) -> None:
 
     for name, value in given.items():
         if not 0.0 <= value <= MOST_A:
-            raise click.BadParameter(f"{value:g} A; allowed: 0 to {MOST_A:g} A", param_hint=name)
+            raise click.BadParameter(f"got {value:g} A, expected 0 to {MOST_A:g} A", param_hint=name)
 
 
 def _progress(done: int, of: int) -> None:

@@ -140,7 +140,7 @@ def _refuse_without_hybrid(tests: Matrix, path: Path) -> None:
 
 
 def _stay(live: RunLink, result: JobResult) -> None:
-    """Wait with the page until somebody lets it go; a terminal that goes away does, too."""
+    """Wait with the page until an operator closes it or the terminal is closed."""
     from rig.cli.job import hangups_interrupt
 
     with hangups_interrupt():
@@ -150,7 +150,7 @@ def _stay(live: RunLink, result: JobResult) -> None:
 def _show(result: JobResult, shown: Console, *, as_json: bool, page: str | None, hybrid: bool) -> None:
     """Say how it ended, for people or as JSON.
 
-    Whoever read the output may have left meanwhile: the exit code still says how the campaign ended.
+    The reader of the output may have closed it meanwhile: the exit code still states how the campaign ended.
     """
     from rig.cli.hybrid_tables import hybrid_numbers, show_hybrid_tests
     from rig.cli.words import ending
@@ -168,7 +168,7 @@ def _show(result: JobResult, shown: Console, *, as_json: bool, page: str | None,
 
 
 def _attended(*, as_json: bool) -> bool:
-    """Somebody reads what is asked and can answer it."""
+    """Whether an operator can read and answer prompts."""
     return not as_json and sys.stdin.isatty() and sys.stdout.isatty()
 
 

@@ -32,9 +32,12 @@ MOST_SHOWN = 200
 @click.option("--specimen", metavar="TEXT", help="Specimen's serial number; * and ? are wildcards.")
 @click.option(
     "--date", metavar="DATE",
-    help="Start date (UTC): a year, month or day (2026-11-23), or a range (2026-11-01:2026-11-23), also half open.",
+    help=(
+        "Start date (UTC): a year, month or day (2026-11-23), or a range (2026-11-01:2026-11-23), which may be open "
+        "at one end."
+    ),
 )
-@click.option("--verdict", type=click.Choice(VERDICTS), help="Worst verdict of the run's points.")
+@click.option("--verdict", type=click.Choice(VERDICTS), help="Worst verdict among the points of the run.")
 @click.option("--model", metavar="NAME", help="Fitted model.")
 @json_option
 def command(
@@ -69,7 +72,7 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
 
     shown = console()
     if not runs:
-        shown.print(f"no such runs in {folder}", markup=False)
+        shown.print(f"no matching runs in {folder}", markup=False)
         return
     wide, unfinished = shown.width >= WIDE, any(run["unfinished"] for run in runs)
     head = [

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder for the results; an interrupted study in it is continued.  [default: logs/study-<file's name>]",
+    help="Folder for the results; an interrupted study in it is continued.  [default: logs/study-<name of the file>]",
 )
 @click.option("--processes", type=click.IntRange(1, 1024), help="Worker processes.  [default: one per processor]")
 @scheduler_option

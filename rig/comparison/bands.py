@@ -26,9 +26,9 @@ class Band(Section):
     low: float | None = None
     high: float | None = None
     most_change: Change | None = Field(
-        default=None, description="of every later run against the first, either way"
+        default=None, description="change of every later run relative to the first, in both directions"
     )
-    note: str = Field(default="", max_length=200, description="shown beside the result")
+    note: str = Field(default="", max_length=200, description="shown next to the result")
 
     @property
     def where(self) -> str:
@@ -96,8 +96,8 @@ class JounceForce(ForceLimits, LoopBand):
         yield from super().problems()
         if self.low is not None and self.low >= 0.0:
             yield ("low",), (
-                "forces in jounce are negative here: a damper that gives 900 to 1100 N has "
-                'low = "-1100 N", high = "-900 N"'
+                'forces in compression are negative: for a damper that delivers 900 to 1100 N write low = "-1100 N", '
+                'high = "-900 N"'
             )
 
 
@@ -129,8 +129,8 @@ class SingleForce(ForceLimits, Band):
 class ParameterBand(Band):
     """`[[parameter]]`: of the fitted model, in the unit of `fit.json`."""
 
-    name: str = Field(min_length=1, max_length=80, description="as in fit.json, such as Fya")
-    unit: str = Field(max_length=40, description="as in fit.json; empty for a number without one")
+    name: str = Field(min_length=1, max_length=80, description="name as in fit.json, such as Fya")
+    unit: str = Field(max_length=40, description="unit as in fit.json; empty for a dimensionless parameter")
 
     @property
     def where(self) -> str:
@@ -142,10 +142,10 @@ class Bands(Section):
     """A whole bands file."""
 
     format: Literal[1]
-    name: str = Field(min_length=1, max_length=120, description="shown in results, such as the drawing's number")
+    name: str = Field(min_length=1, max_length=120, description="shown in results, such as the number of the drawing")
     decision: Literal["simple", "guarded"] = Field(
         default="simple",
-        description="guarded: passed only where the margin is more than the expanded uncertainty (ISO 14253-1)",
+        description="guarded: passes only if the margin exceeds the expanded uncertainty (ISO 14253-1)",
     )
     rebound_force: tuple[ReboundForce, ...] = ()
     jounce_force: tuple[JounceForce, ...] = ()
@@ -160,7 +160,7 @@ class Bands(Section):
         """See `Section.problems`."""
         if not self.all:
             names = ", ".join(f"[[{key}]]" for key in (*QUANTITIES, "parameter"))
-            yield ("name",), f"the file has no band; at least one of {names}"
+            yield ("name",), f"no band given, expected at least one of {names}"
 
     @property
     def all(self) -> tuple[tuple[str, Band], ...]:

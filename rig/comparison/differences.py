@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig.comparison.acceptance import AcceptanceResult, evaluate
 from rig.comparison.bands import load_bands
 from rig.comparison.changes import Change, ChangeSummary, change, summarised, transfer
-from rig.comparison.judgement import Judgement, judge
 from rig.comparison.readings import (
     LOOP_QUANTITIES,
     QUANTITIES,
@@ -50,7 +50,7 @@ class Comparison:
 
     runs: tuple[RunReadings, ...]
     rows: tuple[MotionRow, ...]
-    judgement: Judgement | None = None
+    judgement: AcceptanceResult | None = None
 
     def change(self, run: int, quantity: str, row: MotionRow) -> Change | None:
         """Of a quantity of a motion, against the first run; None where one of them lacks it."""
@@ -103,10 +103,13 @@ class Comparison:
             lines.append("the runs have no motion with cycles in common")
         lines += [*self._corrected(), *self._near()]
         if len({run.load_cell for run in self.runs if run.load_cell}) > 1:
-            lines.append("different load cells or sensitivities: their calibrations count in the differences")
+            lines.append(
+                "different load cells or sensitivities: the uncertainty of their calibrations is included in the "
+                "differences"
+            )
         given = Counter(run.identity for run in self.runs)
         if max(given.values()) > 1:
-            lines.append("one run is given more than once: between itself and itself nothing can have changed")
+            lines.append("one run is given more than once; identical data cannot show a change")
         for run in self.runs:
             if signals := [point.id for point in run.run.points if point.kind == SIGNAL]:
                 lines.append(
@@ -116,7 +119,7 @@ class Comparison:
             if run.not_recorded:
                 lines.append(f"{run.name}: {len(run.not_recorded)} planned point(s) were not recorded")
             if run.left_out:
-                lines.append(f"{run.name}: {len(run.left_out)} thing(s) left out; first: {run.left_out[0]}")
+                lines.append(f"{run.name}: {len(run.left_out)} item(s) not evaluated; first: {run.left_out[0]}")
         return tuple(lines)
 
     def _corrected(self) -> Iterator[str]:
@@ -152,17 +155,17 @@ class Comparison:
                 if apart < NEARBY:
                     yield (
                         f"{run.name}: {loop.motion.label} is not compared: the nearest motion of the first run, "
-                        f"{nearest.label}, differs by {100.0 * apart:.2g} %, more than can be corrected "
+                        f"{nearest.label}, differs by {100.0 * apart:.2g} %, more than the largest correction "
                         f"({100.0 * MOTION_SHARE:g} %)"
                     )
                 else:
                     extra.append(loop.motion.label)
             if any(row.loops[0] and row.loops[index] for row in self.rows):
-                for labels, where in ((extra, "not in the first run"), (alone, "in the first run alone")):
+                for labels, where in ((extra, "not in the first run"), (alone, "only in the first run")):
                     if labels:
                         more = ", ..." * (len(labels) > MOST_LABELS)
                         yield (
-                            f"{run.name}: {len(labels)} motion(s) {where}, so not compared: "
+                            f"{run.name}: {len(labels)} motion(s) {where}, therefore not compared: "
                             f"{'; '.join(labels[:MOST_LABELS])}{more}"
                         )
 
@@ -242,11 +245,11 @@ def compare(runs: Sequence[Path | str | Run], bands: Path | str | None = None) -
     """
     limits = None if bands is None else load_bands(bands)
     if not runs or (len(runs) == 1 and limits is None):
-        raise RigError("nothing to compare: give two runs, or one and acceptance bands (--bands FILE)")
+        raise RigError("nothing to compare. Fix: give two runs, or one run and acceptance bands (--bands FILE)")
     if len(runs) > MOST_RUNS:
-        raise RigError(f"{len(runs)} runs; at most {MOST_RUNS} can be compared at once")
+        raise RigError(f"got {len(runs)} runs, expected at most {MOST_RUNS}")
     read = tuple(readings_of(run if isinstance(run, Run) else Run.open(run)) for run in runs)
-    judgement = None if limits is None else judge(limits, read, str(bands))
+    judgement = None if limits is None else evaluate(limits, read, str(bands))
     return Comparison(read, _rows(read), judgement)
 
 

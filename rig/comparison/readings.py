@@ -344,7 +344,9 @@ def fitted_of(run: Run) -> tuple[str, dict[str, FittedReading]]:
     fit = fit_in(run.path)
     if fit is None:
         return "", {}
-    poor = "" if fit.adequate is not False else "the fit does not describe the tests: not a property"
+    poor = "" if fit.adequate is not False else (
+        "the fit does not describe the tests, so its parameters are not properties of the damper"
+    )
     return fit.model, {name: _fitted(entry, poor) for name, entry in fit.parameters.items()}
 
 

@@ -84,7 +84,7 @@ def plugin_group(kind: str) -> str:
 
 
 def silent_port() -> int:
-    """A port of this machine on which nobody listens."""
+    """A port of this machine without a listener."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return int(free.getsockname()[1])
@@ -125,8 +125,8 @@ class Peer:
         return self._served if self._listening is None else self._at(int(self._listening.getsockname()[1]))
 
     @property
-    def nobody(self) -> str:
-        """The same with a port on which nobody listens; skips the test where there is no such thing."""
+    def without_listener(self) -> str:
+        """The same with a port without a listener; skips the test where there is no such port."""
         self._needs_relay()
         return self._at(silent_port())
 
@@ -147,7 +147,10 @@ class Peer:
 
     def _needs_relay(self) -> None:
         if self._listening is None:
-            pytest.skip(f"{self._served}: a wire without host and port cannot be cut; try it with one that has")
+            pytest.skip(
+                f"{self._served}: the connection cannot be interrupted without host and port. Fix: test with a "
+                "network connection"
+            )
 
     def _pass_on(self) -> None:
         """The relay's thread."""

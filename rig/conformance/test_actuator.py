@@ -68,7 +68,7 @@ class Driven:
     def do(self, command: Command, order: Move | Program | None = None) -> ActuatorStatus:
         """Send a command and wait until it is acknowledged as done."""
         sequence = self.driver.send(command, order)
-        assert (sequence, int(command)) in list(self.driver.sent), "what was sent is listed"
+        assert (sequence, int(command)) in list(self.driver.sent), "commands sent are listed"
         if not self.driver.capabilities.acknowledge:
             return self.poll()
         status = self.until(
@@ -157,7 +157,7 @@ def test_it_opens_closes_and_opens_again(made: Made) -> None:
 
 def test_where_nobody_is_opening_raises_and_names_the_port(made: Made, peer: Peer) -> None:
     with pytest.raises(DriverError) as raised:
-        made(peer.nobody).driver.open()
+        made(peer.without_listener).driver.open()
     assert raised.value.port
 
 
@@ -196,7 +196,7 @@ def test_it_moves_to_a_position_in_metres_and_holds_there(taken: Driven) -> None
     begin_m = taken.poll().position_m
     target_m = begin_m + (STEP_M if begin_m < 0.0 else -STEP_M)
     taken.do(Command.MOVE_TO, Move(target_m, 0.01))
-    status = taken.until(lambda status: status.state == State.HOLD, "the end of the move")
+    status = taken.until(lambda status: status.state == State.HOLD, "end of the move")
     assert status.position_m == pytest.approx(target_m, abs=5e-4)
 
 
@@ -204,7 +204,7 @@ def test_a_program_runs_and_a_stop_ends_it_at_rest(taken: Driven) -> None:
     centre_m = taken.poll().position_m
     for stop in (Command.FADE_STOP, Command.HALT):
         taken.do(Command.START, replace(PROGRAM, centre_m=centre_m))
-        taken.until(lambda status: status.state == State.RUNNING, "the program's motion")
+        taken.until(lambda status: status.state == State.RUNNING, "motion of the program")
         seen = [taken.poll() for _ in range(100)]
         travel_m = max(status.position_m for status in seen) - min(status.position_m for status in seen)
         assert travel_m == pytest.approx(2.0 * PROGRAM.amplitude_m, rel=0.25)
@@ -218,7 +218,7 @@ def test_an_actuator_that_is_not_fed_stops_by_itself(taken: Driven) -> None:
         pytest.skip("no watchdog (reported at connect): the rig relies on switching the pressure off")
     taken.poll()
     taken.fed = False
-    taken.until(lambda status: status.state == State.TRIPPED, "the watchdog's trip", 3.0)
+    taken.until(lambda status: status.state == State.TRIPPED, "watchdog trip", 3.0)
     taken.fed = True
     taken.do(Command.RESET)
 

@@ -47,7 +47,7 @@ def until(source: CurrentSource, true: Callable[[], bool], seconds: float = SETT
         batches.append(source.read_batch(0.05))
         if true():
             return batches
-    pytest.fail(f"it did not come within {seconds:g} s; the last status is {source.status}")
+    pytest.fail(f"did not occur within {seconds:g} s; the last status is {source.status}")
 
 
 def measured_A(source: CurrentSource) -> float:
@@ -76,7 +76,7 @@ def test_it_opens_closes_and_opens_again(made: Made) -> None:
 
 def test_where_nobody_is_opening_raises(made: Made, peer: Peer) -> None:
     with pytest.raises(DriverError):
-        made(peer.nobody).open()
+        made(peer.without_listener).open()
 
 
 def test_it_says_who_it_is_and_how_it_is(made: Made) -> None:

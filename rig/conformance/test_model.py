@@ -192,9 +192,9 @@ def test_a_fit_finds_the_truth_again(damper: DamperModel) -> None:
             test.force_N[:] = true_N + random.normal(0.0, NOISE_N, true_N.size)
             tests.append(test)
     fit = identify(tests, model=damper.name)
-    assert fit.error.rmse_N < 1.15 * NOISE_N, "fitted to the noise"
+    assert fit.error.rmse_N < 1.15 * NOISE_N, "fitted within the noise"
     known = [name for name in fit.identifiable if name in damper.demonstration]
-    assert known, "something is identified"
+    assert known, "at least one parameter is identified"
     for name in known:
         estimate, truth = fit.parameters[name], damper.demonstration[name]
         assert estimate.simultaneous_low is not None

@@ -68,11 +68,11 @@ def test_it_opens_closes_and_opens_again(made: Made) -> None:
 
 
 def test_where_nobody_is_opening_raises_and_names_device_and_port(made: Made, peer: Peer) -> None:
-    nobody = peer.nobody
+    unreachable = peer.without_listener
     with pytest.raises(DriverError) as raised:
-        made(url=nobody).open()
+        made(url=unreachable).open()
     assert raised.value.device == "load_cell"
-    assert raised.value.port == nobody
+    assert raised.value.port == unreachable
 
 
 def test_samples_come_at_their_rate_in_order_and_undamaged(made: Made) -> None:
@@ -83,9 +83,9 @@ def test_samples_come_at_their_rate_in_order_and_undamaged(made: Made) -> None:
     before_ns = time.monotonic_ns()
     records = read(sensor, 2.0)
     after_ns = time.monotonic_ns()
-    assert len(records) == pytest.approx(2.0 * RATE_HZ, rel=0.2), "samples of two seconds"
+    assert len(records) == pytest.approx(2.0 * RATE_HZ, rel=0.2), "two seconds of samples"
     assert sensor.bad_frames == bad
-    assert np.all(np.diff([record[3] for record in records]) >= 1), "sequences rise"
+    assert np.all(np.diff([record[3] for record in records]) >= 1), "sequence numbers increase"
     times_ns = [record[0] for record in records]
     assert before_ns <= times_ns[0] <= times_ns[-1] <= after_ns, "arrival on the host's monotonic clock (ns)"
     assert np.all(np.diff(times_ns) >= 0)

@@ -34,7 +34,7 @@ OFFSET = shape_parameter(
     "delta", "1", 0.5, -20.0, 20.0, "half width of the yield loop, as an argument of tanh", term="yield"
 )
 OFFSET_SPEED = shape_parameter(
-    "lambda", "m/s", 0.01, -2.0, 2.0, "half width of the yield loop, as a speed", term="yield"
+    "lambda", "m/s", 0.01, -2.0, 2.0, "half width of the yield loop, in terms of speed", term="yield"
 )
 
 
@@ -54,9 +54,9 @@ YIELD = (
 )
 VISCOUS_ASYMMETRIC = (
     viscous("Ca_plus", "N s/m", 500.0, "viscous damping in rebound at zero current", symbol="Cca+"),
-    viscous("Ca_minus", "N s/m", 500.0, "viscous damping in jounce at zero current", symbol="Cca-"),
+    viscous("Ca_minus", "N s/m", 500.0, "viscous damping in compression at zero current", symbol="Cca-"),
     viscous("Cb_plus", "N s/(m A)", 50.0, "viscous damping in rebound per ampere", "Ca_plus", "Ccb+"),
-    viscous("Cb_minus", "N s/(m A)", 50.0, "viscous damping in jounce per ampere", "Ca_minus", "Ccb-"),
+    viscous("Cb_minus", "N s/(m A)", 50.0, "viscous damping in compression per ampere", "Ca_minus", "Ccb-"),
 )
 VISCOUS_SYMMETRIC = (
     viscous("Ca", "N s/m", 500.0, "viscous damping at zero current", symbol="Cca"),
@@ -246,8 +246,8 @@ class AsymmetricModel(TanhModel):
         "K = Ka + Kb I (c-FOA paper, equations 3-11)"
     )
     energy: ClassVar[str] = (
-        "viscous and yield terms dissipate where they have the sign of the speed; tanh with delta gives back "
-        "between mid-stroke and -delta/beta; K and m are elastic"
+        "viscous and yield terms dissipate energy where they have the sign of the speed; tanh with delta returns "
+        "energy between mid-stroke and -delta/beta; K and m are conservative"
     )
     forms: ClassVar[tuple[Hysteresis, ...]] = ("kwok", "printed")
     fixed_names: ClassVar[tuple[str, ...]] = ("m", "F0", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus", "Ka", "Kb")
@@ -293,7 +293,7 @@ class SymmetricModel(TanhModel):
     equation: ClassVar[str] = (
         "F = m a + C(I) v + K(I) u + Fy(I) tanh(y) + F0 (c-FOA paper, equations 3-11 with C+ = C-)"
     )
-    energy: ClassVar[str] = "as asymmetric"
+    energy: ClassVar[str] = "see asymmetric"
     forms: ClassVar[tuple[Hysteresis, ...]] = ("kwok", "printed")
     fixed_names: ClassVar[tuple[str, ...]] = ("m", "F0", "Ca", "Cb", "Ka", "Kb")
     yield_names: ClassVar[tuple[str, str]] = ("Fya", "Fyb")
@@ -340,7 +340,7 @@ class KwokModel(TanhModel):
     equation: ClassVar[str] = (
         "F = c v + k u + alpha z + f0, z = tanh(beta v + delta sgn u) (Kwok 2006); c, k, alpha affine in I"
     )
-    energy: ClassVar[str] = "as asymmetric, without inertia"
+    energy: ClassVar[str] = "see asymmetric, without inertia"
     fixed_names: ClassVar[tuple[str, ...]] = ("c", "c_b", "k", "k_b", "f0")
     yield_names: ClassVar[tuple[str, str]] = ("alpha", "alpha_b")
     general: ClassVar[Mapping[str, tuple[str, ...]]] = {

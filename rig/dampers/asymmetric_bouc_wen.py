@@ -54,7 +54,7 @@ class AsymmetricBoucWenModel(HystereticModel):
         "F = kx u + kv v + kva |v| + kw w + kwa |w| + f0, w as in normalized_bouc_wen (after Kwok 2007); "
         "kv, kva, kw, kwa affine in I"
     )
-    energy: ClassVar[str] = "dissipates over a loop where |kwa| <= kw and |kva| <= kv"
+    energy: ClassVar[str] = "dissipative over a closed loop for |kwa| <= kw and |kva| <= kv"
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 700.0, "kv_b": 110.0, "f0": -150.0, "kva": 150.0, "kva_b": -40.0, "kw": 80.0, "kw_b": 250.0,
@@ -62,10 +62,14 @@ class AsymmetricBoucWenModel(HystereticModel):
     }  # fmt: skip
     parameters: tuple[Parameter, ...] = (
         *BACKGROUND,
-        linear_parameter("kva", "N s/m", 0.0, "half of viscous damping in rebound less jounce", softens=True),
+        linear_parameter(
+            "kva", "N s/m", 0.0, "half the difference of viscous damping, rebound minus compression", softens=True
+        ),
         linear_parameter("kva_b", "N s/(m A)", 0.0, "the same per ampere", at_zero="kva", softens=True),
         *YIELD,
-        linear_parameter("kwa", "N", 0.0, "half of yield force in rebound less jounce", softens=True),
+        linear_parameter(
+            "kwa", "N", 0.0, "half the difference of yield force, rebound minus compression", softens=True
+        ),
         linear_parameter("kwa_b", "N/A", 0.0, "the same per ampere", at_zero="kwa", softens=True),
         *LOOP,
     )

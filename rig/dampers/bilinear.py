@@ -42,7 +42,7 @@ class HystereticBiviscousModel(HystereticModel):
         "F = kx u + kv v + ky max(-1, min(1, q/vy)) + f0, q = v -+ v0 while v rises, falls "
         "(Wereley 1998); kv, ky, vy affine in I"
     )
-    energy: ClassVar[str] = "over a loop faster than v0 + vy it dissipates; within 2 v0 of a turn it gives back"
+    energy: ClassVar[str] = "dissipative over a loop faster than v0 + vy; returns energy within 2 v0 of a reversal"
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 700.0, "kv_b": 110.0, "f0": -150.0, "ky": 60.0, "ky_b": 240.0, "vy": 0.03, "vy_b": 0.01,
         "v0": 0.015,
@@ -51,9 +51,11 @@ class HystereticBiviscousModel(HystereticModel):
         *BACKGROUND,
         linear_parameter("ky", "N", 50.0, "yield force at zero current", term="yield", softens=True),
         linear_parameter("ky_b", "N/A", 200.0, "yield force per ampere", term="yield", at_zero="ky", softens=True),
-        shape_parameter("vy", "m/s", 0.02, 1e-5, 10.0, "speed from v0 at which the force yields, at zero current"),
+        shape_parameter("vy", "m/s", 0.02, 1e-5, 10.0, (
+            "speed relative to v0 at which the force yields, at zero current"
+        )),
         shape_parameter("vy_b", "m/(s A)", 0.0, 0.0, 10.0, "the same per ampere", at_zero="vy"),
-        shape_parameter("v0", "m/s", 0.01, 1e-6, 10.0, "half width of the loop over the speed"),
+        shape_parameter("v0", "m/s", 0.01, 1e-6, 10.0, "half width of the loop in terms of speed"),
     )
 
     def kernel(self) -> Kernel:
@@ -102,10 +104,10 @@ class DigressiveBilinearModel(HystereticModel):
     name: ClassVar[str] = "digressive_bilinear"
     states: ClassVar[int] = 0
     equation: ClassVar[str] = (
-        "F = kx u + f0 + cl v + (ch - cl) (v - vk) beyond vk, plus (rebound) and minus (jounce) apart (Dixon 2007); "
-        "cl, ch affine in I"
+        "F = kx u + f0 + cl v + (ch - cl) (v - vk) beyond vk, with separate values in rebound and compression (Dixon "
+        "2007); cl, ch affine in I"
     )
-    energy: ClassVar[str] = "dissipates at every instant where no slope is negative"
+    energy: ClassVar[str] = "dissipative at every instant if no slope is negative"
     knees: ClassVar[Mapping[str, tuple[str, ...]]] = {
         f"vk_{side}": tuple(f"{slope}_{side}{ampere}" for slope in ("cl", "ch") for ampere in ("", "_b"))
         for side in ("plus", "minus")
@@ -121,10 +123,10 @@ class DigressiveBilinearModel(HystereticModel):
         BACKGROUND[3],
         *_piece("cl_plus", "in slow rebound"),
         *_piece("ch_plus", "in fast rebound"),
-        *_piece("cl_minus", "in slow jounce"),
-        *_piece("ch_minus", "in fast jounce"),
+        *_piece("cl_minus", "in slow compression"),
+        *_piece("ch_minus", "in fast compression"),
         shape_parameter("vk_plus", "m/s", 0.05, 1e-5, 10.0, "speed of the knee in rebound"),
-        shape_parameter("vk_minus", "m/s", 0.05, 1e-5, 10.0, "speed of the knee in jounce"),
+        shape_parameter("vk_minus", "m/s", 0.05, 1e-5, 10.0, "speed of the knee in compression"),
     )
 
     def kernel(self) -> Kernel:

@@ -44,8 +44,7 @@ class BoucWenModel(HystereticModel):
         "F = c0 v + k0 (u - x0) + alpha z, z' = -gamma |v| z |z|^(n-1) - beta v |z|^n + A v (Spencer 1997)"
     )
     energy: ClassVar[str] = (
-        "dissipates over a loop for gamma + beta > 0 and gamma >= beta; the rest is elastic and comes "
-        "back"
+        "dissipative over a closed loop for gamma + beta > 0 and gamma >= beta; the rest is elastic and is returned"
     )
     redundant: ClassVar[Mapping[str, tuple[str, ...]]] = {"A": ("alpha", "alpha_b", "gamma", "beta")}
     demonstration: ClassVar[Mapping[str, float]] = {
@@ -60,7 +59,7 @@ class BoucWenModel(HystereticModel):
             "c0_b", "N s/(m A)", 0.0, "viscous damping per ampere", term="viscous", at_zero="c0", softens=True
         ),
         linear_parameter("k0", "N/m", 0.0, "stiffness"),
-        shape_parameter("x0", "m", 0.0, -1.0, 1.0, "extension at which the spring is free"),
+        shape_parameter("x0", "m", 0.0, -1.0, 1.0, "extension at which the spring force is zero"),
         linear_parameter(
             "alpha", "N/m", 1e5, "hysteretic force per hysteretic displacement at zero current", term="yield",
             softens=True,
@@ -116,7 +115,7 @@ class NormalizedBoucWenModel(HystereticModel):
     equation: ClassVar[str] = (
         "F = kx u + kv v + kw w + f0, w' = rho [v - sigma |v| |w|^(n-1) w + (sigma - 1) v |w|^n] (Ikhouane-Rodellar)"
     )
-    energy: ClassVar[str] = "dissipates over a loop for sigma >= 1/2; the rest is elastic and comes back"
+    energy: ClassVar[str] = "dissipative over a closed loop for sigma >= 1/2; the rest is elastic and is returned"
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 700.0, "kv_b": 110.0, "kw": 80.0, "kw_b": 250.0, "f0": -150.0, "rho": 1500.0, "sigma": 0.6,
@@ -176,7 +175,9 @@ class ThinningBoucWenModel(NormalizedBoucWenModel):
     equation: ClassVar[str] = (
         "F = kx u + kv v + kt tanh(v/vt) + kw w + f0, w as in normalized_bouc_wen; kv affine, kt and kw cubic in I"
     )
-    energy: ClassVar[str] = "as normalized_bouc_wen; kt tanh(v/vt) dissipates at every instant where kt is not negative"
+    energy: ClassVar[str] = (
+        "see normalized_bouc_wen; kt tanh(v/vt) is dissipative at every instant if kt is not negative"
+    )
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 400.0, "kv_b": 40.0, "kw": 30.0, "kw_b": 250.0, "f0": -270.0, "rho": 900.0, "sigma": 0.8,
         "n": 1.6, "kw_c": 20.0, "kw_d": -12.0, "kt": 60.0, "kt_b": 60.0, "kt_c": 10.0, "kt_d": -5.0, "vt": 0.08,
@@ -189,7 +190,7 @@ class ThinningBoucWenModel(NormalizedBoucWenModel):
         linear_parameter("kt_b", "N/A", 50.0, "the same per ampere", at_zero="kt"),
         linear_parameter("kt_c", "N/A^2", 0.0, "the same per ampere squared", at_zero="kt", power=2),
         linear_parameter("kt_d", "N/A^3", 0.0, "the same per ampere cubed", at_zero="kt", power=3),
-        shape_parameter("vt", "m/s", 0.02, 1e-4, 10.0, "speed at which the viscous force has bent"),
+        shape_parameter("vt", "m/s", 0.02, 1e-4, 10.0, "speed at which the viscous force saturates"),
     )
 
     def kernel(self) -> Kernel:

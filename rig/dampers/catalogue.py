@@ -13,9 +13,9 @@ from rig.dampers.algebraic import AsymmetricModel, KwokModel, SymmetricModel
 from rig.dampers.asymmetric_bouc_wen import AsymmetricBoucWenModel
 from rig.dampers.bilinear import DigressiveBilinearModel, HystereticBiviscousModel
 from rig.dampers.bouc_wen import BoucWenModel, NormalizedBoucWenModel, ThinningBoucWenModel
+from rig.dampers.current_law_model import PLUS, with_law
 from rig.dampers.friction import DahlModel
 from rig.dampers.general_bouc_wen import GeneralizedBoucWenModel
-from rig.dampers.lawed_model import PLUS, with_law
 from rig.dampers.lost_motion import LostMotionModel
 from rig.dampers.lugre import LuGreModel
 from rig.dampers.model import DamperModel
@@ -63,9 +63,9 @@ def model_of_plug_in(name: str, brought: object) -> DamperModel:
     """
     made = brought() if isinstance(brought, type) else brought
     if not isinstance(made, DamperModel):
-        raise ValueError(f"expected a rig.dampers.DamperModel, class or object, got {type(made).__name__}")
+        raise ValueError(f"got {type(made).__name__}, expected a rig.dampers.DamperModel, class or object")
     if made.name != name:
-        raise ValueError(f"the model calls itself {made.name!r}; the entry point's name must be the same")
+        raise ValueError(f"got a model named {made.name!r}, expected the name of its entry point")
     made.vector(made.demonstration)
     return made
 
@@ -146,11 +146,9 @@ def model(name: str, hysteresis: Hysteresis = "kwok") -> DamperModel:
     if hysteresis == "kwok":
         return MODELS[name]
     if hysteresis != "printed":
-        raise UnknownName(f"unknown hysteresis form {hysteresis!r}; known: kwok, printed")
+        raise UnknownName(f"unknown hysteresis form {hysteresis!r}; expected kwok or printed")
     if name not in PRINTED:
-        raise UnknownName(
-            f"{name} has no printed form of the hysteresis argument; models that have: {', '.join(PRINTED)}"
-        )
+        raise UnknownName(f"{name}: no printed form of the hysteresis argument; models with one: {', '.join(PRINTED)}")
     return PRINTED[name]
 
 

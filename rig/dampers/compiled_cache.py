@@ -55,8 +55,8 @@ def njit(**options: Any) -> Callable[[F], F]:  # noqa: ANN401 - numba's own opti
 def _not_kept() -> None:
     """Warns, once."""
     text = (
-        "compiled models cannot be kept: neither the package's folder nor one of the user's can be written; every "
-        "start compiles them again, for up to a minute. Set NUMBA_CACHE_DIR to a folder that can be written"
+        "compiled models cannot be cached: neither the package's folder nor the user's cache folder is writable, so "
+        "every start compiles them again (up to a minute). Fix: set NUMBA_CACHE_DIR to a writable folder"
     )
     warnings.warn(text, RuntimeWarning, stacklevel=2)
 

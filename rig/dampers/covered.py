@@ -61,7 +61,7 @@ class Covered:
     def outside(self, values: Mapping[str, FloatArray | None], share: float = BEYOND) -> dict[str, BoolArray]:
         """Quantity -> which of its values (SI, any shape) lie beyond by `share`; only those with such values.
 
-        A temperature that is given where no test recorded one lies beyond: nobody knows. What is no number (a
+        A temperature that is given where no test recorded one is outside: its effect is unknown. What is no number (a
         temperature that was not read) does not.
         """
         intervals, outside = self.intervals(share), {}
@@ -82,7 +82,7 @@ class Covered:
         if not self.only_at_A:
             return ranges
         currents = ", ".join(f"{current_A:.4g}" for current_A in self.only_at_A)
-        return f"{ranges}, of the currents only {currents} A (too few for the model to know the force between them)"
+        return f"{ranges}, only near the currents {currents} A (too few for the model to interpolate between them)"
 
 
 def in_words(names: Iterable[str]) -> str:

@@ -83,7 +83,7 @@ class SaturatingLaw(CurrentLaw):
     text = SATURATING
     formula = "x = sgn(I) (1 - exp(-k_sat |I|)) / k_sat"
     parameters = (
-        Parameter("k_sat", "k_sat", "1/A", 0.5, -2.0, 50.0, False, "inverse of the current of saturation", power=2),
+        Parameter("k_sat", "k_sat", "1/A", 0.5, -2.0, 50.0, False, "inverse of the saturation current", power=2),
     )
     demonstration: Mapping[str, float] = {"k_sat": 0.6}
 
@@ -124,8 +124,8 @@ class PolynomialLaw(CurrentLaw):
     text = POLYNOMIAL
     formula = "x = I + q2 I^2 + q3 I^3"
     parameters = (
-        Parameter("q2", "q2", "1/A", 0.0, -100.0, 100.0, False, "bend of the current law", power=2),
-        Parameter("q3", "q3", "1/A^2", 0.0, -100.0, 100.0, False, "change of that bend", power=3),
+        Parameter("q2", "q2", "1/A", 0.0, -100.0, 100.0, False, "quadratic coefficient of the current law", power=2),
+        Parameter("q3", "q3", "1/A^2", 0.0, -100.0, 100.0, False, "cubic coefficient of the current law", power=3),
     )
     demonstration: Mapping[str, float] = {"q2": 0.1, "q3": -0.08}
 
@@ -165,14 +165,14 @@ class TableLaw(CurrentLaw):
         if self.levels_A.size < FEWEST_LEVELS or not rising:
             told = ", ".join(f"{level:g}" for level in levels_A) or "none"
             raise UnknownLaw(
-                f"{PER_CURRENT}: currents {told} A; expected {FEWEST_LEVELS} or more that rise, such as "
+                f"{PER_CURRENT}: got currents {told} A, expected {FEWEST_LEVELS} or more, increasing, such as "
                 f"{PER_CURRENT}{AT}0,1,2"
             )
         inner = self.levels_A[1:-1].tolist()
         self.text = f"{PER_CURRENT}{AT}{','.join(f'{level:g}' for level in self.levels_A)}"
-        self.formula = f"x by straight lines through its values at {', '.join(f'{x:g}' for x in self.levels_A)} A"
+        self.formula = f"x interpolated linearly between its values at {', '.join(f'{x:g}' for x in self.levels_A)} A"
         self.parameters = tuple(
-            Parameter(f"x at {level:g} A", "x", "A", level, -1e3, 1e3, False, f"what {level:g} A are felt as")
+            Parameter(f"x at {level:g} A", "x", "A", level, -1e3, 1e3, False, f"effective current at {level:g} A")
             for level in inner
         )
         span, low = self.levels_A[-1] - self.levels_A[0], self.levels_A[0]
@@ -235,6 +235,6 @@ def current_law(text: str) -> CurrentLaw | None:
         except ValueError:
             pass
     raise UnknownLaw(
-        f"current law {text!r}; known: {AFFINE}, {SATURATING}, {POLYNOMIAL}, {PER_CURRENT}{AT}I1,I2,... (three or more "
-        f"currents in A, rising, such as {PER_CURRENT}{AT}0,1,2)"
+        f"current law: got {text!r}; known: {AFFINE}, {SATURATING}, {POLYNOMIAL}, {PER_CURRENT}{AT}I1,I2,... (three "
+        f"or more currents in A, increasing, such as {PER_CURRENT}{AT}0,1,2)"
     )

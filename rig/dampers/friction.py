@@ -34,7 +34,7 @@ FRICTION = (
     linear_parameter("kw", "N", 50.0, "friction at zero current", term="yield", softens=True),
     linear_parameter("kw_b", "N/A", 200.0, "friction per ampere", term="yield", at_zero="kw", softens=True),
 )
-BRISTLE = shape_parameter("rho", "1/m", 500.0, 1e-2, 1e6, "inverse of the travel in which friction turns round")
+BRISTLE = shape_parameter("rho", "1/m", 500.0, 1e-2, 1e6, "inverse of the travel over which the friction reverses")
 
 
 def travel_rates(scale: MotionScale) -> tuple[float, float, list[float]]:
@@ -49,7 +49,7 @@ class DahlModel(HystereticModel):
     name: ClassVar[str] = "dahl"
     states: ClassVar[int] = 1
     equation: ClassVar[str] = "F = kx u + kv v + kw w + f0, w' = rho (v - |v| w) (Dahl 1968); kv, kw affine in I"
-    energy: ClassVar[str] = "dissipates rho |v| w^2 kw + kv v^2 at every instant; the rest is elastic and comes back"
+    energy: ClassVar[str] = "dissipates rho |v| w^2 kw + kv v^2 at every instant; the rest is elastic and is returned"
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 700.0, "kv_b": 110.0, "f0": -150.0, "kw": 80.0, "kw_b": 250.0, "rho": 800.0,

@@ -34,7 +34,7 @@ class GeneralizedBoucWenModel(HystereticModel):
         "F = kx u + kv v + kw w + f0, w' = rho v [1 - |w|^n (sigma sgn(v w) + 1 - sigma + phi (sgn v + sgn w))] "
         "(Wang and Wen 2000); kv, kw affine in I"
     )
-    energy: ClassVar[str] = "dissipates over a loop for sigma >= 1/2 and |phi| < 1/2"
+    energy: ClassVar[str] = "dissipative over a closed loop for sigma >= 1/2 and |phi| < 1/2"
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 700.0, "kv_b": 110.0, "f0": -150.0, "kw": 80.0, "kw_b": 250.0, "rho": 900.0, "sigma": 0.8,
@@ -44,7 +44,7 @@ class GeneralizedBoucWenModel(HystereticModel):
         *BACKGROUND,
         *YIELD,
         *LOOP,
-        shape_parameter("phi", "1", 0.1, -MOST_LEANING, MOST_LEANING, "by how much the loop leans to one side"),
+        shape_parameter("phi", "1", 0.1, -MOST_LEANING, MOST_LEANING, "asymmetry of the loop"),
     )
 
     def kernel(self) -> Kernel:

@@ -57,8 +57,8 @@ class LostMotionModel(HystereticModel):
         "(Wen 1976; Eyring 1936)"
     )
     energy: ClassVar[str] = (
-        "kv, kg and kt dissipate at every instant where not negative; the yield force over a loop, while it "
-        "unloads it gives back"
+        "kv, kg and kt are dissipative at every instant if not negative; the yield force is dissipative over a closed "
+        "loop and returns energy while it unloads"
     )
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
@@ -75,17 +75,17 @@ class LostMotionModel(HystereticModel):
         _yield("ky_b", "N/A", 200.0, "the same per ampere", "ky"),
         _yield("ky_c", "N/A^2", 0.0, "the same per ampere squared", "ky", 2),
         _yield("ky_d", "N/A^3", 0.0, "the same per ampere cubed", "ky", 3),
-        _yield("ku", "N/m", 0.0, "its change along the stroke at zero current"),
+        _yield("ku", "N/m", 0.0, "change of the yield force along the stroke at zero current"),
         _yield("ku_b", "N/(m A)", 0.0, "the same per ampere", "ku"),
-        _viscous("kg", "N s/m", 1000.0, "viscous damping within the lost motion, beside the rest, at zero current"),
+        _viscous("kg", "N s/m", 1000.0, "additional viscous damping within the lost motion at zero current"),
         _viscous("kg_b", "N s/(m A)", 0.0, "the same per ampere", "kg"),
         _viscous("kg_c", "N s/(m A^2)", 0.0, "the same per ampere squared", "kg", 2),
-        _yield("kt", "N", 20.0, "force that grows with the logarithm of the speed, at zero current"),
+        _yield("kt", "N", 20.0, "amplitude of the logarithmic viscous force at zero current"),
         _yield("kt_b", "N/A", 50.0, "the same per ampere", "kt"),
         _yield("kt_c", "N/A^2", 0.0, "the same per ampere squared", "kt", 2),
         _yield("kt_d", "N/A^3", 0.0, "the same per ampere cubed", "kt", 3),
         shape_parameter("rho", "1/m", 1000.0, 1e-2, 1e6, "twice the inverse of the lost motion"),
-        shape_parameter("vt", "m/s", 0.005, 1e-6, 10.0, "speed from which that force grows as its logarithm"),
+        shape_parameter("vt", "m/s", 0.005, 1e-6, 10.0, "speed at which the logarithmic viscous force begins"),
     )
 
     def kernel(self) -> Kernel:

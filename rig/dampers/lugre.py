@@ -40,7 +40,9 @@ class LuGreModel(HystereticModel):
         "F = kx u + kv v + kw w + kd w'/rho + f0, w' = rho (v - |v| w / g), g = 1 + s exp(-(v/vs)^2) "
         "(Canudas, Olsson, Astrom and Lischinsky 1995); kv, kw, kd affine in I"
     )
-    energy: ClassVar[str] = "dissipates rho |v| w^2 kw / g + kv v^2 + kd w' v / rho; the rest is elastic and comes back"
+    energy: ClassVar[str] = (
+        "dissipates rho |v| w^2 kw / g + kv v^2 + kd w' v / rho; the rest is elastic and is returned"
+    )
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 600.0, "kv_b": 90.0, "f0": -150.0, "kw": 60.0, "kw_b": 220.0, "kd": 200.0, "kd_b": 120.0,
@@ -52,8 +54,15 @@ class LuGreModel(HystereticModel):
         linear_parameter("kd", "N s/m", 0.0, "damping of the bristles at zero current", softens=True),
         linear_parameter("kd_b", "N s/(m A)", 0.0, "the same per ampere", at_zero="kd", softens=True),
         BRISTLE,
-        shape_parameter("s", "1", 0.3, 1e-3, 10.0, "static over sliding friction, less 1"),
-        shape_parameter("vs", "m/s", 0.05, 1e-5, 10.0, "speed at which static friction has become sliding friction"),
+        shape_parameter("s", "1", 0.3, 1e-3, 10.0, "ratio of static to sliding friction, minus 1"),
+        shape_parameter(
+            "vs",
+            "m/s",
+            0.05,
+            1e-5,
+            10.0,
+            ("speed of the transition from static to sliding friction (Stribeck velocity)"),
+        ),
     )
 
     def kernel(self) -> Kernel:

@@ -76,7 +76,7 @@ class DamperModel(ABC):
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
-        raise KeyError(f"{self.name} has no parameter {name!r}; it has {', '.join(self.names)}")
+        raise KeyError(f"{self.name}: got parameter {name!r}, expected one of {', '.join(self.names)}")
 
     def of_term(self, term: Term) -> tuple[str, ...]:
         """Names of the parameters of one part of the force."""
@@ -92,7 +92,7 @@ class DamperModel(ABC):
         if values.keys() != set(names):
             missing = [name for name in names if name not in values]
             unknown = [name for name in values if name not in names]
-            raise KeyError(f"{self.name}: missing {missing}, unknown {unknown}; it takes {', '.join(names)}")
+            raise KeyError(f"{self.name}: missing {missing}, unknown {unknown}; expected {', '.join(names)}")
         return np.array([float(values[name]) for name in names])
 
     def values(self, vector: Sequence[float] | FloatArray) -> dict[str, float]:
@@ -136,7 +136,7 @@ class DamperModel(ABC):
         Raises:
             NotImplementedError: the model splits.
         """
-        raise NotImplementedError(f"{self.name} splits: see `separation`")
+        raise NotImplementedError(f"{self.name} is separable: see `separation`")
 
     @abstractmethod
     def force(

@@ -37,7 +37,9 @@ class ModifiedBoucWenModel(HystereticModel):
         "F = c1 y' + k1 (u - x0), y' = [alpha z + c0 u' + k0 (u - y)]/(c0 + c1), "
         "z' = -gamma |u' - y'| z |z|^(n-1) - beta (u' - y') |z|^n + A (u' - y') (Spencer 1997)"
     )
-    energy: ClassVar[str] = "its dampers c0, c1 dissipate; the hysteresis as bouc_wen; the springs k0, k1 give back"
+    energy: ClassVar[str] = (
+        "its dampers c0, c1 dissipate energy; hysteresis as bouc_wen; the springs k0, k1 return energy"
+    )
     redundant: ClassVar[Mapping[str, tuple[str, ...]]] = {"A": ("alpha_a", "alpha_b", "gamma", "beta")}
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
@@ -55,7 +57,7 @@ class ModifiedBoucWenModel(HystereticModel):
         linear_parameter("c1b", "N s/(m A)", 1e2, "the same per ampere", at_zero="c1a", softens=True),
         linear_parameter("k0", "N/m", 0.0, "stiffness at large speeds"),
         linear_parameter("k1", "N/m", 0.0, "accumulator stiffness"),
-        shape_parameter("x0", "m", 0.0, -1.0, 1.0, "extension at which the accumulator spring is free"),
+        shape_parameter("x0", "m", 0.0, -1.0, 1.0, "extension at which the force of the accumulator spring is zero"),
         shape_parameter("gamma", "m^-n", 1e6, 0.0, 1e9, "shape of the loop, with the sign of the speed"),
         shape_parameter("beta", "m^-n", 1e6, -1e9, 1e9, "shape of the loop"),
         shape_parameter("A", "1", 100.0, 1e-6, 1e6, "initial slope of z; redundant with alpha, beta and gamma"),

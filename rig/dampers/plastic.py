@@ -31,7 +31,7 @@ class BinghamModel(AlgebraicModel):
 
     name: ClassVar[str] = "bingham"
     equation: ClassVar[str] = "F = fc sgn(v) + c0 v + f0 (Stanway 1987, as in Spencer 1997); fc, c0 affine in I"
-    energy: ClassVar[str] = "dissipates at every instant where fc and c0 are not negative"
+    energy: ClassVar[str] = "dissipative at every instant if fc and c0 are not negative"
     jumps_at: ClassVar[Jump] = "reversal"
     fixed_names: ClassVar[tuple[str, ...]] = ("c0", "c0_b", "f0")
     yield_names: ClassVar[tuple[str, str]] = ("fc", "fc_b")
@@ -84,7 +84,7 @@ class ViscoelasticPlasticModel(HystereticModel):
         "yielded (|F - f0| > fc): F = k1 (x2 - x1) + c1 (v2 - v1) + f0 = c0 v1 + fc sgn(v1) + f0 = k2 (x3 - x2) + f0; "
         "else v1 = 0; x3 = u (Gamota and Filisko 1991, as in Spencer 1997)"
     )
-    energy: ClassVar[str] = "its dampers c0, c1 and the friction fc dissipate; its springs k1, k2 give back"
+    energy: ClassVar[str] = "its dampers c0, c1 and the friction fc dissipate energy; its springs k1, k2 return energy"
     demonstration: ClassVar[Mapping[str, float]] = {
         "k1": 1.5e5, "c1": 1500.0, "k2": 3e5, "c0": 700.0, "fc": 60.0, "fc_b": 238.0, "c0_b": 110.0, "f0": -270.0,
     }  # fmt: skip
@@ -93,7 +93,7 @@ class ViscoelasticPlasticModel(HystereticModel):
         shape_parameter("c1", "N s/m", 2e3, 1.0, 1e7, "dashpot of the viscoelastic element", softens=True),
         shape_parameter("k2", "N/m", 1e6, 1e2, 1e9, "series spring"),
         shape_parameter(
-            "c0", "N s/m", 500.0, 1.0, 1e6, "viscous damping once yielded, at zero current", term="viscous",
+            "c0", "N s/m", 500.0, 1.0, 1e6, "viscous damping after yield at zero current", term="viscous",
             softens=True,
         ),
         shape_parameter("fc", "N", 50.0, 0.0, 1e5, "yield force at zero current", term="yield", softens=True),
@@ -101,7 +101,7 @@ class ViscoelasticPlasticModel(HystereticModel):
             "fc_b", "N/A", 200.0, 0.0, 1e5, "yield force per ampere", term="yield", at_zero="fc", softens=True
         ),
         shape_parameter(
-            "c0_b", "N s/(m A)", 0.0, 0.0, 1e6, "viscous damping once yielded, per ampere", term="viscous",
+            "c0_b", "N s/(m A)", 0.0, 0.0, 1e6, "viscous damping after yield per ampere", term="viscous",
             at_zero="c0", softens=True,
         ),
         linear_parameter("f0", "N", 0.0, "force offset"),

@@ -51,7 +51,7 @@ def _cfoa_sets() -> list[ParameterSet]:
         values = dict(zip(CFOA_KEYS, numbers, strict=True))
         sets.append(ParameterSet(name, "asymmetric", values, f"{CFOA}, {table}; its lambda read as delta (no unit)"))
         printed = {("lambda" if key == "delta" else key): value for key, value in values.items()}
-        source = f"{CFOA}, {table}, as printed: with lambda above every speed the yield force only follows sgn(u)"
+        source = f"{CFOA}, {table}, as printed: with lambda larger than every speed the yield force only follows sgn(u)"
         sets.append(ParameterSet(f"{name}-printed", "asymmetric", printed, source, hysteresis="printed"))
     return sets
 

@@ -55,8 +55,8 @@ class SprungBoucWenModel(HystereticModel):
         "than 0 (Wen 1976; Eyring 1936)"
     )
     energy: ClassVar[str] = (
-        "kv and kt dissipate at every instant; the yield force over a loop, while it unloads it gives back; the "
-        "springs k, kx and the mass give back"
+        "kv and kt are dissipative at every instant; the yield force is dissipative over a closed loop and returns "
+        "energy while it unloads; the springs k, kx and the mass return energy"
     )
     speeds_tell_yield: ClassVar[bool] = True
     non_negative: ClassVar[tuple[str, ...]] = ("kv",)
@@ -67,10 +67,10 @@ class SprungBoucWenModel(HystereticModel):
     }  # fmt: skip
     parameters: tuple[Parameter, ...] = (
         *(LostMotionModel().parameter(name) for name in TAKEN),
-        shape_parameter("rho", "1/m", 1000.0, 1e-2, 1e6, "inverse of the way in which the yield force turns round"),
-        shape_parameter("vt", "m/s", 0.005, 1e-6, 10.0, "speed from which kt's force grows as its logarithm"),
+        shape_parameter("rho", "1/m", 1000.0, 1e-2, 1e6, "inverse of the travel over which the yield force reverses"),
+        shape_parameter("vt", "m/s", 0.005, 1e-6, 10.0, "speed at which the logarithmic viscous force begins"),
         shape_parameter("k", "N/m", 1e6, 1e3, 1e10, "stiffness of the spring in series"),
-        linear_parameter("m", "kg", 0.0, "mass that moves with the rod", term="inertia"),
+        linear_parameter("m", "kg", 0.0, "mass moving with the rod", term="inertia"),
     )
 
     def kernel(self) -> Kernel:

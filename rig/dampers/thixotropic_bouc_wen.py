@@ -46,8 +46,9 @@ class ThixotropicBoucWenModel(SprungBoucWenModel):
         "Eyring 1936; Barnes 1997)"
     )
     energy: ClassVar[str] = (
-        "kv and kt dissipate at every instant; the yield force over a loop, while it unloads it gives back; the "
-        "springs k, kx, kxx and the mass give back; while the fluid heals at rest, what the loop's flank stores grows"
+        "kv and kt are dissipative at every instant; the yield force is dissipative over a closed loop and returns "
+        "energy while it unloads; the springs k, kx, kxx and the mass return energy; while the fluid rebuilds its "
+        "structure at rest, the stored energy of the loop's flank increases"
     )
     demonstration: ClassVar[Mapping[str, float]] = {**SprungBoucWenModel.demonstration, "ky": 120.0, "kxx": 4e3}
     parameters: tuple[Parameter, ...] = (

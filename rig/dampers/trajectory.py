@@ -235,7 +235,7 @@ def _inverse(key: str, states: int) -> Compiled:
                 for place in range(size):
                     state[place] = start[min(k, start.shape[0] - 1), place]
             elif follows:
-                used[k] = used[k - 1]  # what it is nobody knows yet
+                used[k] = used[k - 1]  # its value is not known yet
                 for place in range(size):
                     before[place] = state[place]
                 _step(row, state, u, v, a, used, dt, k - 1, k)

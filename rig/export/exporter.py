@@ -41,7 +41,10 @@ class Source:
             FileProblem: it is none.
         """
         if self.path.suffix == ".json":
-            raise FileProblem(str(self.path), ["is a fit; this format is made of a run: give the campaign's directory"])
+            raise FileProblem(
+                str(self.path),
+                ["got a fit, expected a run: this format exports recordings. Fix: give a campaign's directory"],
+            )
         return Run.open(self.path)
 
     @cached_property
@@ -53,7 +56,7 @@ class Source:
         """
         file = self.fit_file
         if not file.is_file():
-            raise FileProblem(str(file), ["there is no fit; make one with `rig identify`"])
+            raise FileProblem(str(file), ["no fit found. Fix: create one with `rig identify`"])
         return FitRecord.load(file)
 
     @property
@@ -112,7 +115,7 @@ def exporter_of_plug_in(name: str, brought: object) -> Exporter:
     if not isinstance(brought, Exporter):
         raise ValueError(f"expected a rig.export.Exporter, got {type(brought).__name__}")
     if brought.name != name:
-        raise ValueError(f"the exporter calls itself {brought.name!r}; the entry point's name must be the same")
+        raise ValueError(f"got an exporter named {brought.name!r}, expected the name of its entry point")
     return brought
 
 
@@ -151,21 +154,21 @@ def _write_table(source: Source, out: Path) -> list[Path]:
 
 
 OWN = (
-    Exporter("csv", "run", "one CSV file a point, and one of all points", lambda source, out: write_points(
+    Exporter("csv", "run", "one CSV file per point, and one of all points", lambda source, out: write_points(
         source.run, out)),
-    Exporter("mat", "run", "one MATLAB file a point", lambda source, out: write_mat(source.run, out)),
-    Exporter("netcdf", "run", "one NetCDF file a point", lambda source, out: write_netcdf(source.run, out)),
-    Exporter("parquet", "run", "one Parquet file a point", lambda source, out: write_parquet(source.run, out)),
-    Exporter("mf4", "run", "one ASAM MDF 4 file a point", lambda source, out: write_mf4(source.run, out)),
-    Exporter("json", "fit", "the parameters with their units and intervals, without the rest of fit.json", lambda
+    Exporter("mat", "run", "one MATLAB file per point", lambda source, out: write_mat(source.run, out)),
+    Exporter("netcdf", "run", "one NetCDF file per point", lambda source, out: write_netcdf(source.run, out)),
+    Exporter("parquet", "run", "one Parquet file per point", lambda source, out: write_parquet(source.run, out)),
+    Exporter("mf4", "run", "one ASAM MDF 4 file per point", lambda source, out: write_mf4(source.run, out)),
+    Exporter("json", "fit", "the parameters with units and intervals, without the rest of fit.json", lambda
              source, out: [write_values(source.fit_record, out / f"{source.name}-parameters.json")]),
-    Exporter("c", "fit", "the model as C99 source, verified against this program's", _write_c),
-    Exporter("fmi", "fit", "the model as an FMU 2.0 for co-simulation, sources inside", _write_fmu),
-    Exporter("modelica", "fit", "the model as a Modelica block, of most models", _write_modelica),
+    Exporter("c", "fit", "the model as C99 source, verified against this software's model", _write_c),
+    Exporter("fmi", "fit", "the model as an FMU 2.0 for co-simulation, with sources", _write_fmu),
+    Exporter("modelica", "fit", "the model as a Modelica block (most models)", _write_modelica),
     Exporter("octave", "fit", "the model as a function for Octave and MATLAB", _write_octave),
-    Exporter("python", "fit", "the model as a Python module that needs nothing else", _write_python),
-    Exporter("table", "fit", "force over speed and current as CSV, within what was tested", _write_table),
-    Exporter("inverse", "fit", "the current over speed and force, one CSV table", lambda
+    Exporter("python", "fit", "the model as a self-contained Python module", _write_python),
+    Exporter("table", "fit", "force over speed and current as CSV, within the tested range", _write_table),
+    Exporter("inverse", "fit", "current over speed and force as one CSV table", lambda
              source, out: [write_inverse(source.path, out / f"{source.name}-inverse.csv")]),
 )  # fmt: skip
 """This program's formats. A new one is a line here."""
@@ -191,7 +194,7 @@ def export(path: Path | str, to: str, out: Path | str) -> list[Path]:
         PlugInProblem: the format is a plug-in's, and that cannot be used or failed.
     """
     if to not in EXPORTERS:
-        raise RigError(f"no export {to!r}; known: {', '.join(EXPORTERS)}")
+        raise RigError(f"export: got {to!r}, expected one of {', '.join(EXPORTERS)}")
     exporter, source, folder = EXPORTERS[to], Source(Path(path)), Path(out)
     _ = source.run if exporter.takes == "run" else source.fit_record
     made = [level for level in (folder, *folder.parents) if not level.exists()]

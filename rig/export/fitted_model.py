@@ -78,12 +78,12 @@ class FittedModel:
             f"Damper model {self.model.name}, hysteresis form {self.model.hysteresis}, fitted by mr-damper-rig.",
             f"Equation: {self.model.equation}",
             "Extension u (m about mid-stroke), velocity v (m/s, > 0 in rebound), acceleration a (m/s^2),",
-            "current I (A, the coil's own, after its lag); force F (N), > 0 resists extension. All values SI.",
+            "current I (A, in the coil, after its lag); force F (N), > 0 resists extension. All values SI.",
             f"SHA-256 of the fit: {self.sha256}",
             *self._judged(),
             *self._softens(),
             "",
-            "Parameters: value, unit, 95 % interval of each by itself, standard error",
+            "Parameters: value, unit, 95 % interval (each parameter separately), standard error",
             *(self._parameter(name) for name in self.model.names),
         ]
         names, matrix = self.covariance()
@@ -98,15 +98,17 @@ class FittedModel:
     def _judged(self) -> list[str]:
         lines = []
         if (covered := self.covered) is not None:
-            lines.append(f"Tested, and valid, within: {covered.told()}. Beyond is extrapolation.")
+            lines.append(f"Valid within the tested range: {covered.told()}. The force outside it is an extrapolation.")
         else:
-            lines.append("This fit does not say within which motion and currents it was tested.")
+            lines.append("The tested range of this fit is unknown.")
         if self.fit.adequate is False:
             lines.append("DOES NOT FIT: model error exceeds the repeatability of the tests.")
         spring = self.fit.series
         if spring is not None and spring.stiffness_N_m is not None:
             stiffness = f"{spring.stiffness_N_m:.6g} N/m"
-            lines.append(f"A spring of {stiffness} in series was found; the force here is the damper's behind it.")
+            lines.append(
+                f"The fit includes a series spring of {stiffness}; the force here is that of the damper behind it."
+            )
         return lines
 
     def _softens(self) -> list[str]:
@@ -116,15 +118,15 @@ class FittedModel:
             return []
         rates = ", ".join(f"{name} = {rate:.6g} 1/K" for name, rate in law.rates.items())
         return [
-            f"The force here is that at {law.reference_degC:.4g} degC, whatever the temperature T is. Fitted at "
-            f"{term.lowest_degC:.4g} to {term.highest_degC:.4g} degC; at another T take:",
+            f"The force here is for {law.reference_degC:.4g} degC, independent of the temperature T. Fitted from "
+            f"{term.lowest_degC:.4g} to {term.highest_degC:.4g} degC; for another T use:",
             f"{law.formula(self.model)}; {rates}",
         ]
 
     def _parameter(self, name: str) -> str:
         entry, parameter = self.fit.parameters.get(name), self.model.parameter(name)
         if entry is None or entry.value is None:
-            line = f"{name} = not known {parameter.unit}"
+            line = f"{name} unknown, {parameter.unit}"
         else:
             line = f"{name} = {self.values[name]!r} {parameter.unit}"
         if entry is not None:
@@ -133,5 +135,5 @@ class FittedModel:
             if entry.standard_error is not None:
                 line += f", +- {entry.standard_error:.3g}"
             if not entry.identifiable:
-                line += ", not identifiable by these tests"
+                line += ", not identifiable from these tests"
         return f"{line} ({parameter.meaning})"

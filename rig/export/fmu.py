@@ -21,7 +21,7 @@ from rig.recording.atomic_write import write_durably
 
 INPUTS = {
     "u": ("m", "Extension about mid-stroke"), "v": ("m/s", "Velocity, positive in rebound"),
-    "a": ("m/s2", "Acceleration"), "current": ("A", "Current of the coil itself"),
+    "a": ("m/s2", "Acceleration"), "current": ("A", "Actual coil current"),
 }  # fmt: skip
 UNITS = """  <UnitDefinitions>
     <Unit name="m"><BaseUnit m="1"/></Unit>
@@ -137,7 +137,7 @@ def _compiled(place: Path, source: str) -> bytes:
     """
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
-        raise FileProblem("fmi", ["needs a C compiler (cc, gcc or clang): apt install gcc libc6-dev"])
+        raise FileProblem("fmi", ["no C compiler found (cc, gcc or clang). Fix: apt install gcc libc6-dev"])
     library = place / "model.so"
     command = [compiler, "-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared",
                "fmu.c", source, "-lm", "-o", library.name]  # fmt: skip

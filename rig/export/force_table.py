@@ -28,13 +28,15 @@ def write_table(fitted: FittedModel, folder: Path, file: str) -> list[Path]:
     """
     tested = fitted.tested
     if not tested:
-        raise FileProblem(file, ["does not say which speeds and currents were tested (`tested`): identify again"])
+        raise FileProblem(file, ["the fit does not state its tested range (`tested`). Fix: identify again"])
     low, high = tested["velocity_m_s"]
     speeds = np.linspace(low, high, SPEEDS)
     least, most = tested["current_A"]
     currents = np.linspace(least, most, CURRENTS) if most > least else np.array([least])
     forces = fitted.model.force_at(fitted.values, speeds[:, None], currents[None, :])
-    told = [*fitted.described(), "", "Force (N) passing mid-stroke at constant velocity, the friction slid in:"]
+    told = [*fitted.described(), "", (
+        "Force (N) at mid-stroke at constant velocity, with the hysteresis in its steady state:"
+    )]
     head = ["velocity_m_s", *(f"force_N at {current:.6g} A" for current in currents)]
     rows = [
         ",".join(repr(float(value)) for value in (speed, *row)) for speed, row in zip(speeds, forces, strict=True)

@@ -27,8 +27,8 @@ def write_inverse(fit: Path, path: Path) -> Path:
         f"# {known.model}: {known.equation}",
         f"# tested: {tested}",
         *([f"# {beyond}"] if (beyond := str(table.attrs["extrapolation"])) else []),
-        *([f"# at {warmth.reference_degC:.4g} degC: at another temperature see the equation"] if warmth else []),
-        "# sliding at mid-stroke; SI units; low_A and high_A: 95 % band of current_A",
+        *([f"# at {warmth.reference_degC:.4g} degC; for another temperature see the equation"] if warmth else []),
+        "# steady sliding at mid-stroke; SI units; low_A and high_A: 95 % band of current_A",
     )
     content = (
         "\n".join(" ".join(line.split()) for line in lines) + "\n" + table.to_csv(index=False, float_format="%.9g")

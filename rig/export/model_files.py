@@ -47,10 +47,10 @@ def write_c(fitted: FittedModel, folder: Path) -> list[Path]:
     write_text_durably(header, f"""/*
 {told}
  *
- * {name}_start takes the first sample and returns its force; {name}_step takes each further one, dt > 0 (s) later.
- * d is the damper's memory: one array for each damper, written by both.
- * {name}_beyond says whether a force there is an extrapolation: {ABOUT};
- * 8: the temperature (degC; not a number where it is not known). The force itself does not follow it.
+ * {name}_start returns the force at the first sample; {name}_step returns the force at each next sample, dt > 0 (s)
+ * later. Both write d, the state of the damper: use one array per damper.
+ * {name}_beyond states whether a force is an extrapolation: {ABOUT};
+ * 8: the temperature (degC; NaN if unknown). The force does not depend on the temperature.
  */
 #ifndef {guard}
 #define {guard}
@@ -106,10 +106,10 @@ def write_octave(fitted: FittedModel, folder: Path) -> list[Path]:
     write_text_durably(path, f"""function [F, d, beyond] = {name}(u, v, a, current, dt, d)
 {told}
 %
-% [F, d] = {name}(u, v, a, current, dt): force (N) at each sample of a motion that is sampled every dt (s).
-% [F, d] = {name}(u, v, a, current, dt, d): the samples that follow those which gave back d.
-% u, v, a: vectors of one length; current: a vector, or one number.
-% beyond, the third output, says where F is an extrapolation: {ABOUT}.
+% [F, d] = {name}(u, v, a, current, dt): force (N) at each sample of a motion with sampling interval dt (s).
+% [F, d] = {name}(u, v, a, current, dt, d): continues from the state d that an earlier call returned.
+% u, v, a: vectors of equal length; current: a vector or a scalar.
+% beyond, the third output, states where F is an extrapolation: {ABOUT}.
     p = [{_numbers(fitted)}]; % {", ".join(fitted.model.names)}
     F = zeros(size(u));
     if isscalar(current)
@@ -164,7 +164,7 @@ _P = [{_numbers(fitted)}]
 {python_functions(library)}
 
 def memory():
-    """A damper's memory, for `start` and `step`."""
+    """Initial state of a damper, for `start` and `step`."""
     return [0.0] * {program.length}
 
 
@@ -179,14 +179,14 @@ def step(d, u, v, a, current, dt):
 
 
 def beyond(u, v, current, temperature=None):
-    """In what a sample lies beyond the tests, so that its force is an extrapolation: names of `TESTED`; "" within.
+    """Names in `TESTED` whose range a sample is outside of, so that its force is an extrapolation; "" if none.
 
-    The temperature (degC) is only compared with those tested; the force itself does not follow it.
+    The temperature (degC) is only compared with its range; the force does not depend on it.
     """
 {python_beyond(fitted.covered)}
 
 def force(u, v, a, current, dt):
-    """Force (N) at each sample of a motion that is sampled every dt (s), a list; all but dt are sequences."""
+    """Force (N) at each sample of a motion with sampling interval dt (s), a list; all but dt are sequences."""
     d = memory()
     samples = list(zip(u, v, a, current))
     return [start(d, *samples[0])] + [step(d, *sample, dt) for sample in samples[1:]]
@@ -207,8 +207,8 @@ def write_modelica(fitted: FittedModel, folder: Path) -> list[Path]:
     unproved = "internal states" if hidden else "a table in its equation" if library.arrays else ""
     if unproved:
         raise NotTranslatable(
-            f"{model.name} has {unproved}: as Modelica no tool could prove it, so it is not offered; --to fmi "
-            "is an FMU, which Modelica tools import"
+            f"{model.name} has {unproved}: its Modelica code could not be verified with a tool, so it is not offered. "
+            "Fix: use --to fmi, an FMU that Modelica tools import"
         )
     called = library.functions[-1].name
     name = source_name(fitted)
@@ -232,7 +232,7 @@ block {name} "MR damper, force of motion and coil current"
   input Real u(unit = "m") "extension about mid-stroke";
   input Real v(unit = "m/s") "velocity, positive in rebound";
   input Real a(unit = "m/s2") "acceleration";
-  input Real current(unit = "A") "the coil's own";
+  input Real current(unit = "A") "actual coil current";
   output Real force(unit = "N") "positive where it resists extension";
   output Real beyond "{ABOUT}";
   constant Real p[{len(fitted.vector)}] = {{{_numbers(fitted)}}}; // {", ".join(model.names)}

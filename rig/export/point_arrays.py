@@ -109,7 +109,7 @@ def _parquet(point: RecordedPoint) -> bytes:
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
-        raise FileProblem("parquet", [f"needs pyarrow: {INSTALL_FILES}"]) from error
+        raise FileProblem("parquet", [f"pyarrow is not installed. Fix: {INSTALL_FILES}"]) from error
     channels = _recorded(point)
     fields = [pyarrow.field(name, pyarrow.float64(), metadata={"unit": UNITS[name]}) for name in channels]
     told = {name: _text(value) for name, value in described(point).items()}
@@ -123,7 +123,7 @@ def _mf4(point: RecordedPoint) -> bytes:
     try:
         from asammdf import MDF, Signal
     except ImportError as error:
-        raise FileProblem("mf4", [f"needs asammdf: {INSTALL_FILES}"]) from error
+        raise FileProblem("mf4", [f"asammdf is not installed. Fix: {INSTALL_FILES}"]) from error
     channels, content = _recorded(point), io.BytesIO()
     time_s = channels.pop("time_s", np.zeros(0))
     with MDF(version="4.10") as file:

@@ -9,7 +9,7 @@ from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED
 
 PROVED_BY = "test_every_row.py::test_every_row_ends_as_the_matrix_says"
 UNUSABLE_FILES = frozenset({"config-absurd"})
-"""Refused while the file is read, as every file with wrong entries: the user mends the file, not the rig."""
+"""Refused while the file is read, as every file with wrong entries: the user corrects the file, not the rig."""
 
 
 class StopKind(StrEnum):

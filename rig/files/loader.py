@@ -291,7 +291,7 @@ def _allowed(limits: list[object]) -> str:
 
 
 def _example(field: FieldInfo) -> str:
-    """How a missing key could be written, as TOML; empty where nobody can know."""
+    """How a missing key could be written, as TOML; empty if unknown."""
     if field.examples:
         return shown(field.examples[0])
     for item in constraints(field):

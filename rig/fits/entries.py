@@ -229,7 +229,7 @@ class Cause:
         text: what was found, with its numbers.
         explains: share of the misfit beyond the noise that it explains (0 to 1); 1 for units and signs, 0 for what
             these tests cannot show.
-        next: what to measure or mend.
+        next: what to measure or correct.
     """
 
     slug: str
@@ -446,7 +446,7 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class DrawnInterval:
+class BootstrapInterval:
     """One parameter over the draws of a bootstrap, in its unit: 95 % interval and standard error."""
 
     low: float
@@ -455,7 +455,7 @@ class DrawnInterval:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class BootstrapResult:
     """A bootstrap: the tests drawn again, and what each draw gave.
 
     Attributes:
@@ -469,7 +469,7 @@ class Drawn:
     count: int
     tests: int
     widening: float
-    parameters: Mapping[str, DrawnInterval]
+    parameters: Mapping[str, BootstrapInterval]
     draws: Mapping[str, tuple[float, ...]]
 
 
@@ -489,7 +489,7 @@ class Uncertainty:
     condition: float = math.nan
     notes: tuple[str, ...] = ()
     profiles: Mapping[str, Profile] = field(default_factory=dict)
-    drawn: Drawn | None = None
+    drawn: BootstrapResult | None = None
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.dampers.current_law import AFFINE
-from rig.dampers.lawed_model import PLUS
+from rig.dampers.current_law_model import PLUS
 from rig.dampers.temperature_law import RATES
 from rig.errors import FileProblem
 from rig.fits.entries import Corrections, ErrorSummary, Evaluation, SolverReport, Uncertainty, Unseen
@@ -21,9 +21,9 @@ from rig.fits.relation import CurrentRelations
 from rig.text_file import JSON_LIMIT_BYTES, json_of, read_bytes
 
 FILE = "fit.json"
-INTERVAL = "95 % interval (each parameter by itself)"
+INTERVAL = "95 % interval (each parameter separately)"
 MOST_PROBLEMS = 12
-FIX = "Fix: identify again (`rig identify RUN`), or restore the file from a copy"
+FIX = "Fix: identify again (`rig identify RUN`), or restore the file from a backup"
 FORMS = ("kwok", "printed")
 KEYS = {
     "form": "equation", "drawn": "bootstrap", "series": "series_spring", "others": "corrections",
@@ -41,7 +41,7 @@ def read_fit(kind: type[Value], path: Path) -> Value:
     """
     file = path / FILE if path.is_dir() else path
     if path.is_dir() and not file.is_file():
-        raise FileProblem(str(file), ["there is no fit in this run. Fix: `rig identify RUN` makes one"])
+        raise FileProblem(str(file), ["this run has no fit. Fix: create one with `rig identify RUN`"])
     raw = read_bytes(file, JSON_LIMIT_BYTES)
     try:
         content = json_of(file, raw)
@@ -92,7 +92,9 @@ def _without_counterpart(
     for key, names in (
         ("correlation", uncertainty.correlation), ("profiles", profiles), ("bootstrap.draws", draws),
     ):  # fmt: skip
-        yield from (f"{key}.{name}: `parameters` has no {name}" for name in names if name not in parameters)
+        yield from (
+            f"{key}.{name}: got a name that is missing in `parameters`" for name in names if name not in parameters
+        )
     rates = () if corrections.temperature is None else RATES.get(corrections.temperature.law, ())
     for name in (*rates, *profiles):
         if (parameters.get(name) or {}).get("value") is None:
@@ -100,13 +102,13 @@ def _without_counterpart(
     if related is not None:
         yield from ["current.currents_A: is missing"] * bool(related.relations and not related.currents_A)
         for name in sorted(related.relations.keys() ^ related.ranges.keys()):
-            yield f"current: {name} is in only one of relations and ranges"
+            yield f"current: {name}: expected in both relations and ranges, got one"
     for key, lists in (
         *((f"profiles.{name}", [one.values, one.deviance]) for name, one in profiles.items()),
         ("bootstrap.draws", list(draws.values())),
     ):
         if len({len(values) for values in lists}) > 1:
-            yield f"{key}: lists of different lengths"
+            yield f"{key}: got lists of different lengths"
 
 
 def _unknown_words(content: Mapping[str, Any]) -> Iterator[str]:

@@ -189,7 +189,7 @@ class FitRecord:
         reasons = {name: self.parameters[name].reason for name in missing if name in self.parameters}
         if self.current is not None:
             raise FileProblem(file, [
-                f"holds one fit for each current ({self.current.dependence}), expected one fit over all currents. Fix: "
+                f"got one fit per current ({self.current.dependence}), expected one fit over all currents. Fix: "
                 "identify again with --current affine"
             ])  # fmt: skip
         if missing:
@@ -240,7 +240,7 @@ class FitRecord:
         """
         term, law = self.temperature, self.temperature_law
         if term is None or law is None:
-            raise IdentificationFailed("this fit has no temperature law: fit again with --temperature-law")
+            raise IdentificationFailed("this fit has no temperature law. Fix: fit again with --temperature-law")
         if not -273.15 < temperature_degC < math.inf:
             raise IdentificationFailed(f"{temperature_degC:g} degC is no temperature")
         model, warmer_K = self.damper, temperature_degC - term.reference_degC

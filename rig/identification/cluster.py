@@ -32,9 +32,11 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
     try:
         client = Client(address, timeout=ANSWER_WITHIN)
     except (OSError, ValueError) as error:
-        raise RigError(f"no Dask scheduler answers at {address} within {ANSWER_WITHIN}: {error}") from error
+        raise RigError(f"Dask scheduler {address}: no answer within {ANSWER_WITHIN}: {error}") from error
     with client:
         threads = sum(client.nthreads().values())
         if threads == 0:
-            raise RigError(f"the Dask scheduler at {address} has no workers: start one with `dask worker {address}`")
+            raise RigError(
+                f"Dask scheduler {address}: no workers connected. Fix: start one with `dask worker {address}`"
+            )
         yield client.get_executor(), threads

@@ -39,7 +39,7 @@ def complete(state: FitState) -> FitState:
 
 def _found_lag(state: FitState) -> float:
     """Eta (1/s) with the requested model if that is algebraic, else with the asymmetric one: it is the coil's alone."""
-    state.options.report("finding the coil's lag from the commanded current")
+    state.options.report("identifying the coil lag from current steps")
     model = next((model for model in state.models if model.states == 0), rig.dampers.model("asymmetric", "kwok"))
     findings, quick = examine(model, state.fitted), Method(weight=state.options.how.weight)
     near: dict[str, float] = {}
@@ -68,5 +68,5 @@ def _of_steps(state: FitState) -> FitState:
         simultaneous_high=lag.eta_1_s + together,
         standard_error=lag.std_1_s,
     )
-    note = f"eta: from {lag.steps} current steps, commanded to measured current; the force model has no part in it"
+    note = f"eta: from {lag.steps} current steps, commanded against measured current, independent of the force model"
     return state.with_parts(parameters={**fit.parameters, ETA: eta}, uncertainty={"notes": (*fit.notes, note)})

@@ -33,8 +33,8 @@ CORRECTIONS = (
     Correction("coil_lag", "rig.identification.coil_lag", choices=()),
     Correction(
         "temperature_law", "rig.identification.temperature",
-        "Parameters that depend on a recorded temperature: viscosity, yield force, both with a common rate, or both "
-        "separately.",
+        "Temperature-dependent parameters: viscosity, yield force, both with a common rate, or both with separate "
+        "rates.",
         TEMPERATURE_LAWS,
     ),
 )  # fmt: skip

@@ -13,7 +13,7 @@ from rig.identification.corrections import Correction
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.solving import Candidate
 from rig.identification.options import FitOptions
-from rig.identification.points.given import Given
+from rig.identification.points.inputs import FitInputs
 from rig.identification.uncertainty.fit import Fit
 
 
@@ -38,7 +38,7 @@ class FitState:
     """
 
     options: FitOptions
-    known: Given
+    known: FitInputs
     models: tuple[DamperModel, ...]
     laws: tuple[str, ...]
     fitted: list[Measurement]
@@ -59,7 +59,10 @@ class FitState:
             ValueError: no model was fitted yet.
         """
         if self.fit is None:
-            raise ValueError("no model was fitted yet: this stage belongs after the fit")
+            raise ValueError(
+                "corrections: this stage needs a fitted model, but no model was fitted before it. Fix: place it after "
+                "the fit"
+            )
         return self.fit
 
     def with_found(self, correction: str, found: object) -> Self:

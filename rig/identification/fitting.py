@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import rig.dampers
 from rig.dampers.current_law import AFFINE
-from rig.dampers.lawed_model import PLUS, with_law
+from rig.dampers.current_law_model import PLUS, with_law
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed, evaluating
 from rig.fits.entries import Cause, ErrorSummary
 from rig.identification.application.tested_range import tested_range
+from rig.identification.cross_validation import cross_validated, refuse_one_pair
 from rig.identification.fit_state import FitState, stages_of
 from rig.identification.models.coverage import beyond, recorded_degC
 from rig.identification.models.law_search import laws_over, named_over
@@ -27,21 +28,20 @@ from rig.identification.models.solving import Candidate, Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.next_test import bench_of, next_tests
 from rig.identification.options import ALL, FEW, FitOptions
-from rig.identification.pairs import foretold, refuse_one_pair
 from rig.identification.per_current import fit_per_current
 from rig.identification.per_current import refuse as refuse_per_current
-from rig.identification.points.consistency import contradictions, runs_apart, without_reversed_signs
-from rig.identification.points.given import given
+from rig.identification.points.consistency import contradictions, inconsistent_runs, without_reversed_signs
+from rig.identification.points.inputs import fit_inputs
 from rig.identification.resampling import bootstrap
 from rig.identification.selection import candidates_of, compare, doubts_of, groups_of, weighted_by_misfit
 from rig.identification.uncertainty.assessment import judged
 from rig.identification.uncertainty.fit import Fit
-from rig.identification.uncertainty.scoring import score, told_apart
+from rig.identification.uncertainty.scoring import score, with_extrapolations
 from rig.identification.words import UNTRIED, say, some
 from rig.matrix.methods import FEW_MODELS
 
 if TYPE_CHECKING:
-    from rig.identification.points.given import Tests
+    from rig.identification.points.inputs import Tests
 
 DRAWN_SAMPLES = 250  # samples of a cycle that figures show
 DIAGNOSED_SAMPLES = 125  # of a cycle, of models with internal states: a cause costs an integration of all tests a step
@@ -85,7 +85,7 @@ def _started(tests: Tests, options: FitOptions) -> FitState:
     options = replace(options, method=options.how)
     if options.allowance is None and not isinstance(tests, Sequence):
         options = replace(options, allowance=bench_of(tests.path))
-    known = given(tests, options.holdout, options.campaign)
+    known = fit_inputs(tests, options.holdout, options.campaign)
     resisting, reversed_tests = without_reversed_signs(known.fitted)
     known = replace(known, fitted=resisting, warnings=(*known.warnings, *reversed_tests))
     _refuse_unseen(options, known.fitted)
@@ -112,9 +112,11 @@ def _refuse_unseen(options: FitOptions, tests: Sequence[Measurement]) -> None:
     if options.unseen is None:
         return
     if options.unseen != "pairs":
-        raise IdentificationFailed(f"unseen = {options.unseen!r}; known: 'pairs'")
+        raise IdentificationFailed(f"unseen: got {options.unseen!r}, expected 'pairs'")
     if options.current != AFFINE or options.setting("series_spring"):
-        raise IdentificationFailed("unseen 'pairs' goes without a series spring and without a fit for each current")
+        raise IdentificationFailed(
+            "unseen: 'pairs' cannot be combined with a series spring or with one fit per current"
+        )
     refuse_one_pair(tests)
 
 
@@ -149,7 +151,7 @@ def _fit_models(state: FitState) -> FitState:
     reweighted = [say("relative-weights", ratio=ratio)] if method.weight != options.how.weight else []
     options = replace(options, method=method)
     if len(candidates) > 1:
-        options.report("comparing the models on held-out tests")
+        options.report("comparing the models on validation tests")
     ranking, best = compare(candidates, fitted, held_out, method)
     doubts = doubts_of(ranking, held_out)
     if len(state.laws) > 1:
@@ -169,7 +171,7 @@ def _fit_models(state: FitState) -> FitState:
         compared = references(fitted, held_out, groups_of(fitted))
         fit = replace(fit, evaluation=replace(fit.evaluation, references=compared))
     if fit.adequate is False:
-        apart = runs_apart(fitted, fit.error.rmse_N, _error_of(best, method))
+        apart = inconsistent_runs(fitted, fit.error.rmse_N, _error_of(best, method))
         fit = replace(fit, warnings=(*apart, *fit.warnings))
     return state.fitted_as(fit, best)
 
@@ -194,7 +196,8 @@ def _with_tested_range(state: FitState) -> FitState:
     temperature_degC = state.known.temperature_degC or recorded_degC(fitted)
     tested = tested_range(fit.behind_spring.law, fitted, held_out, temperature_degC, widened)
     cycles = tuple(spaced(first_cycle(test), DRAWN_SAMPLES) for test in fitted)
-    holdout = None if fit.holdout is None else told_apart(fit.holdout, [beyond(tested, test) for test in held_out])
+    outside = [beyond(tested, test) for test in held_out]
+    holdout = None if fit.holdout is None else with_extrapolations(fit.holdout, outside)
     return state.with_parts(
         tested=tested, tests=cycles, test_set=set_of(fitted).summary, evaluation={"holdout": holdout}
     )
@@ -250,7 +253,7 @@ def _with_cross_validation(state: FitState) -> FitState:
         apart = identify(rest, alone, holdout=group)
         return apart.error if apart.holdout is None else apart.holdout
 
-    return state.with_parts(evaluation={"unseen": foretold(state.known.fitted, error_of)})
+    return state.with_parts(evaluation={"unseen": cross_validated(state.known.fitted, error_of)})
 
 
 def _with_next_tests(state: FitState) -> FitState:

@@ -51,7 +51,7 @@ def envelope_of(measurements: Sequence[Measurement]) -> Allowance:
         acceleration_m_s2=largest(lambda test: test.a_m_s2),
         force_N=largest(lambda test: test.force_N) / FORCE_SHARE,
         current_A=largest(lambda test: test.current_A) / ROUNDING,
-        source="inside what was tested so far",
+        source="within the range tested so far",
     )
 
 
@@ -215,10 +215,10 @@ def _proposal(point: TestPoint, name: str, fit: Fit, ratio: float, allowance: Al
     test = f"a sine of {mm:g} mm at {point.frequency_Hz:g} Hz and {point.current_A:g} A"
     if not estimate.identifiable or estimate.standard_error is None:
         after = None
-        gain = f"would make {name} known"
+        gain = f"would make {name} identifiable"
     else:
         after = ratio * estimate.standard_error
-        gain = f"would narrow the interval of {name}, the widest, to {100.0 * ratio:.0f} % of what it is"
+        gain = f"would narrow the interval of {name}, the widest, to {100.0 * ratio:.0f} % of its present width"
     toml = (
         f'[[point]]\nwaveform = "sine"\namplitude = "{mm:g} mm"\nfrequency = "{point.frequency_Hz:g} Hz"\n'
         f'current = "{point.current_A:g} A"\n'
@@ -229,4 +229,4 @@ def _proposal(point: TestPoint, name: str, fit: Fit, ratio: float, allowance: Al
 def _steps(allowance: Allowance) -> NextTest:
     high_A = round(allowance.current_A / 2.0, 2)
     toml = f'[[current_step]]\ncurrent = ["0 A", "{high_A:g} A", "0 A"]\nhold = "{STEP_HOLD}"\n'
-    return NextTest("eta", "current steps while the rod stands would make eta known", toml, None, None)
+    return NextTest("eta", "current steps at rest would make eta identifiable", toml, None, None)

@@ -13,7 +13,7 @@ from rig.identification.models.solving import SEPARABLE, Method
 from rig.matrix.point import TestPoint
 
 if TYPE_CHECKING:
-    from rig.identification.points.given import Tests
+    from rig.identification.points.inputs import Tests
     from rig.recording.recorded_point import RecordedPoint
 
 ALL, FEW = "all", "few"

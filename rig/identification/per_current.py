@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rig.dampers.current_law import AFFINE
-from rig.dampers.lawed_model import PLUS
+from rig.dampers.current_law_model import PLUS
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.fits.entries import Cause, Corrections, Estimate, Evaluation, SolverReport, Uncertainty
@@ -32,7 +32,7 @@ from rig.identification.words import say
 from rig.matrix.methods import DEPENDENCES
 from rig.signals.test_set import rounded_levels
 
-EACH_ALONE = "each current fitted alone, then related to the current"
+EACH_ALONE = "each current fitted separately, then relations of the parameters to the current"
 PER_CURRENT = {name: name.removeprefix("per-current-") for name in DEPENDENCES if name != AFFINE}
 
 
@@ -56,11 +56,10 @@ def refuse(options: FitOptions) -> None:
         options.current_law != AFFINE
     ):
         raise IdentificationFailed(
-            f"current dependence {options.current!r} goes with one model, without profiles, without a series spring, "
-            "without a bootstrap and without a current law"
+            f"current: {options.current!r} needs one model, without profiles, series spring, bootstrap or current law"
         )
     if options.current not in PER_CURRENT:
-        raise IdentificationFailed(f"unknown current dependence {options.current!r}; known: {', '.join(DEPENDENCES)}")
+        raise IdentificationFailed(f"current: got {options.current!r}, expected one of {', '.join(DEPENDENCES)}")
 
 
 def fit_per_current(state: FitState) -> FitState:
@@ -78,8 +77,8 @@ def fit_per_current(state: FitState) -> FitState:
         levels.append(Level(current_A, name_A, tuple(tests), _fit_level(model, name_A, tests, options)))
     if len(levels) < 2:
         raise IdentificationFailed(
-            f"{options.current} needs tests at two or more currents, and all ran at {levels[0].name_A:g} A; add tests "
-            "at another current, or fit without this option"
+            f"{options.current} needs tests at two or more currents, but all ran at {levels[0].name_A:g} A. Fix: add "
+            "tests at another current, or fit without this option"
         )
     related = _relations(model, levels, PER_CURRENT[options.current])
     return state.fitted_as(_joined(model, levels, related, state))
@@ -95,8 +94,8 @@ def _levels(tests: Sequence[Measurement]) -> list[tuple[float, float, list[Measu
     for number in levels.changing[:1]:
         test = tests[number]
         raise IdentificationFailed(
-            f"{test.id}: its current changes from {np.min(test.current_A):.2f} to {np.max(test.current_A):.2f} A; "
-            "a fit for each current needs constant currents"
+            f"{test.id}: its current changes from {np.min(test.current_A):.2f} to {np.max(test.current_A):.2f} A; one "
+            "fit per current needs constant currents"
         )
     names_A = rounded_levels(levels.values_A)
     return [

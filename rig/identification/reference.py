@@ -1,6 +1,6 @@
 """References that are no models: how far the best one is from what tests repeat, and from what a regression learns.
 
-The mean cycle is the floor: each cycle of a test foretold by the mean of its others. The regression is gradient
+The mean cycle is the floor: each cycle of a test predicted by the mean of its others. The regression is gradient
 boosting (Friedman 2001; scikit-learn) on extension, speed, way since the last reversal and current; it knows no
 physics, so it shows what motion and current tell where it has seen both, and how little of that goes on to motions it
 has not seen. In motion without cycles it also gets speed and current at some times before, never a force.
@@ -24,7 +24,7 @@ from rig.signals.waveform import WAVEFORMS
 if TYPE_CHECKING:
     from sklearn.ensemble import GradientBoostingRegressor
 
-INSTALL = f"not computed: scikit-learn is not installed; {how_to_install('reference')}"
+INSTALL = f"not computed: scikit-learn is not installed. Fix: {how_to_install('reference')}"
 MOST_ROWS = 5000  # that the regression learns from
 FEWEST_A_CYCLE = 20
 MOST_FOLDS = 5
@@ -54,7 +54,7 @@ def _mean_cycle(fitted: Sequence[Measurement], held_out: Sequence[Measurement]) 
 
 
 def _apart(test: Measurement) -> float:
-    """Error (% of peak) of each cycle foretold by the mean of the test's others; NaN with a single one."""
+    """Error (% of peak) of each cycle predicted by the mean of the test's others; NaN with a single one."""
     if test.waveform not in WAVEFORMS:
         return math.nan
     length = samples_a_cycle(test.u_m)
@@ -76,7 +76,7 @@ def _regression(
     except ImportError:
         return Reference("regression", None, None, INSTALL)
     if len({test.waveform in WAVEFORMS for test in (*fitted, *held_out)}) > 1:
-        return Reference("regression", None, None, "tests with cycles and without are not learnt together")
+        return Reference("regression", None, None, "tests with and without cycles cannot be learned together")
     most = max(FEWEST_A_CYCLE, MOST_ROWS // len(fitted))
     whole = _learnt([_spaced(test, most) for test in fitted])
     seen = _mean([_error(whole, _spaced(test, most)) for test in fitted])
@@ -84,7 +84,7 @@ def _regression(
         return _regressed(seen, [(_error(whole, _spaced(test, most)), test, fitted) for test in held_out])
     folds = [[test for group in groups[k::MOST_FOLDS] for test in group] for k in range(min(MOST_FOLDS, len(groups)))]
     if len(folds) < 2:
-        return Reference("regression", None, seen, "all tests have one motion; none can be left out")
+        return Reference("regression", None, seen, "all tests have the same motion; none can be left out")
     errors: list[tuple[float, Measurement, Sequence[Measurement]]] = []
     for fold in folds:
         rest = [test for other in folds if other is not fold for test in other]

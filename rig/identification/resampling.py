@@ -25,15 +25,15 @@ import rig.dampers
 from rig.dampers import Hysteresis
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
-from rig.fits.entries import Drawn
+from rig.fits.entries import BootstrapResult
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.projection import Weighting
 from rig.identification.models.solving import Method, huber_weights, solve_weighted, splits
 from rig.identification.models.tanh_projection import WORTH_COMPILING
 from rig.identification.models.undetermined import examine
-from rig.identification.points.given import given
+from rig.identification.points.inputs import fit_inputs
+from rig.identification.uncertainty.bootstrap_result import PREDICTED, bootstrap_result, intervals_of
 from rig.identification.uncertainty.covariance import quantile
-from rig.identification.uncertainty.drawn import PREDICTED, drawn_of, intervals_of
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.words import some
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from rig.identification.application.motion_table import Table
-    from rig.identification.points.given import Tests
+    from rig.identification.points.inputs import Tests
 
 FEWEST_TESTS = 3
 LEAST_DRAWS = 20
@@ -92,9 +92,9 @@ class Bootstrap:
         draws = self.draws[:PREDICTED]
         return self.fit.predict_among(self.names, draws, self.widening, table, mid_stroke_m=mid_stroke_m)
 
-    def kept(self) -> Drawn:
+    def kept(self) -> BootstrapResult:
         """What a fit keeps of it (`Fit.drawn`)."""
-        return drawn_of(self.names, self._values(), self.draws, self.tests, self.widening)
+        return bootstrap_result(self.names, self._values(), self.draws, self.tests, self.widening)
 
     def _values(self) -> FloatArray:
         return np.array([self.fit.values[name] for name in self.names])
@@ -138,8 +138,8 @@ def bootstrap(
             relations to the current, or a series spring.
     """
     if count < LEAST_DRAWS:
-        raise IdentificationFailed(f"bootstrap: count = {count}, expected {LEAST_DRAWS} draws or more")
-    measurements = tuple(given(tests, None, ()).fitted)
+        raise IdentificationFailed(f"bootstrap: got count = {count}, expected {LEAST_DRAWS} or more")
+    measurements = tuple(fit_inputs(tests, None, ()).fitted)
     task = _task(fit, measurements, seed)
     _refuse_others([test.id for test in fit.error.per_test], [test.id for test in measurements])
     numbers = np.array_split(np.arange(count), 1 if executor is None else chunks or os.cpu_count() or 1)
@@ -148,7 +148,7 @@ def bootstrap(
     draws = np.concatenate(list(results))
     kept = draws[np.all(np.isfinite(draws), axis=1)]
     if kept.shape[0] < 0.9 * count:
-        raise IdentificationFailed(f"bootstrap: {count - kept.shape[0]} of {count} draws could not be fitted")
+        raise IdentificationFailed(f"bootstrap: {count - kept.shape[0]} of {count} samples could not be fitted")
     many = len(measurements)
     widening = math.sqrt((many + 1.0) / (many - 1.0)) * quantile(1, many - 1.0) / quantile()
     return Bootstrap(fit, kept, task.names, many, widening)
@@ -164,7 +164,9 @@ def _refuse_others(fitted: Sequence[str], drawn: Sequence[str]) -> None:
     both = (("not fitted:", more), ("missing:", fewer))
     differ = [f"{what} {some(list(ids.elements()))}" for what, ids in both if ids]
     if differ:
-        raise IdentificationFailed(f"bootstrap: give the tests of the fit, without held-out ones ({'; '.join(differ)})")
+        raise IdentificationFailed(
+            f"bootstrap: expected the tests of the fit, without validation tests ({'; '.join(differ)})"
+        )
 
 
 def _task(fit: Fit, measurements: tuple[Measurement, ...], seed: int) -> _Task:
@@ -176,13 +178,13 @@ def _task(fit: Fit, measurements: tuple[Measurement, ...], seed: int) -> _Task:
     model = fit.damper
     problems = []
     if len(measurements) < FEWEST_TESTS:
-        problems.append(f"{len(measurements)} tests; {FEWEST_TESTS} or more are drawn from")
+        problems.append(f"got {len(measurements)} tests, expected {FEWEST_TESTS} or more")
     if fit.current is not None:
-        problems.append("the parameters follow relations to the current; fit with current='affine'")
+        problems.append("the parameters are relations to the current. Fix: fit with current='affine'")
     if fit.series is not None and fit.series.stiffness_N_m is not None:
-        problems.append("there is a series spring; fit without it")
+        problems.append("the fit has a series spring. Fix: fit without it")
     if not splits(model, measurements):
-        problems.append(f"{model.name} is searched with all parameters at once, which takes too long for many fits")
+        problems.append(f"all parameters of {model.name} are searched at once, which takes too long for many fits")
     if problems:
         raise IdentificationFailed(f"no bootstrap: {'; '.join(problems)}")
     weight = None if fit.weight == "1" else fit.weight

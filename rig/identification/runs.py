@@ -56,7 +56,7 @@ def identify_run(
         say("left-out", test=point.id, reason=f"{point.verdict} ({'; '.join(point.reasons)})") for point in others
     ]
     if not points:
-        hint = "; `--suspect` takes suspect points too" if any(point.verdict == "suspect" for point in others) else ""
+        hint = "; `--suspect` includes suspect points" if any(point.verdict == "suspect" for point in others) else ""
         raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}{hint}")
     other = options.holdout
     if isinstance(other, str | Path) and Path(other).exists():
@@ -65,8 +65,8 @@ def identify_run(
     specimens = {str(run.campaign.get("specimen")) for run in tested if run.campaign.get("specimen") is not None}
     if len(specimens) > 1:
         raise IdentificationFailed(
-            f"these runs tested different specimens ({', '.join(sorted(specimens))}); one fit describes one damper: "
-            "identify them apart"
+            f"these runs have different specimens ({', '.join(sorted(specimens))}), but a fit describes one damper. "
+            "Fix: identify them separately"
         )
     options = replace(
         options, holdout=other, declared=declared_errors(points), allowance=bench_of(runs[0].path),
@@ -76,7 +76,7 @@ def identify_run(
         fit = identify(points, options, model=QUICK if options.model == AUTO else options.model)
         if options.model == AUTO and fit.adequate is not True and not (options.one_model_only or options.profile):
             fit = identify(points, options, model=FEW)
-    doubted = [f"calibration in doubt, and in no interval: {line}" for line in doubts(points)]
+    doubted = [f"calibration in doubt, not included in any interval: {line}" for line in doubts(points)]
     fit = replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
     written, kept = write_fit(fit, runs[0].path)
     return replace(fit, path=written, kept=kept)

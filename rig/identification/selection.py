@@ -20,10 +20,10 @@ from rig.errors import IdentificationFailed, evaluating
 from rig.fits.entries import ModelScore, TestError, mean_within
 from rig.identification.models.coverage import beyond, covered_by
 from rig.identification.models.measurement import Measurement, first_cycle, set_of, spaced
-from rig.identification.models.separable import GivenUp, motion_scale
+from rig.identification.models.separable import SearchAbandoned, motion_scale
 from rig.identification.models.solving import GUARD_S, SEPARABLE, SQUARES, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
-from rig.identification.uncertainty.scoring import score, told_apart
+from rig.identification.uncertainty.scoring import score, with_extrapolations
 from rig.identification.words import Saying, say, some
 
 RANKING_SAMPLES = 250  # samples of a cycle that rank models
@@ -58,7 +58,7 @@ def candidates_of(
                 if len(models) > 1:
                     rival_N = min(rival_N, score(model, candidate.solution.values, fitted).rmse_N)
             candidates.append(candidate)
-        except GivenUp as reason:
+        except SearchAbandoned as reason:
             free = len(findings.free(model.names))
             given_up.append(ModelScore(model.name, None, math.nan, math.nan, free, method.name, str(reason)))
         except IdentificationFailed as error:
@@ -76,7 +76,7 @@ def compare(
     With held-out tests each model's error on them decides. Without, models that describe all tests to their scatter
     come before those that do not; then each group of tests of the same waveform, amplitude and frequency is left out in
     turn (of the same current, if there is only one such group), and the error on those decides that lie within the data
-    of the others: beyond them it says how a model extrapolates, which nobody asked for. Models whose errors are equal
+    of the others: beyond them it is the error of an extrapolation. Models whose errors are equal
     to 1 %, and all where none lies within, are ranked by the Bayesian information criterion (Schwarz 1978). All are
     scored on the same samples: those where one of them jumps, and a fit of it does not look, count for none.
     """
@@ -109,7 +109,7 @@ def _ordered(scores: Sequence[ModelScore], scatter_N: float = math.inf, *, withi
 
 
 def doubts_of(scores: Sequence[ModelScore], held_out: Sequence[Measurement]) -> list[Saying]:
-    """Warnings: that the first model is not the one that foretells best, or that an extrapolation decided."""
+    """Warnings: that the first model is not the one that predicts best, or that an extrapolation decided."""
     if len(scores) < 2 or scores[0].holdout_nrmse_percent_of_peak is None:
         return []
     first, other, outside = scores[0], scores[_ordered(scores, within=True)[0]], scores[0].beyond
@@ -145,7 +145,7 @@ def _score(
     error = score(model, values, fitted)
     if held_out:
         covered = covered_by(fitted)
-        told = told_apart(score(model, values, held_out), [beyond(covered, test) for test in held_out])
+        told = with_extrapolations(score(model, values, held_out), [beyond(covered, test) for test in held_out])
         unseen = list(told.per_test)
     else:
         unseen = [] if alone else cross_validated(model, fitted, method, values)
@@ -182,7 +182,7 @@ def cross_validated(
         rest = [test for test in measurements if not any(test is other for other in group)]
         solution = solve(model, rest, method, examine(model, rest), near)
         covered = covered_by(rest)
-        told = told_apart(score(model, solution.values, group), [beyond(covered, test) for test in group])
+        told = with_extrapolations(score(model, solution.values, group), [beyond(covered, test) for test in group])
         errors += told.per_test
     return errors
 

@@ -43,7 +43,7 @@ def refuse(options: FitOptions) -> None:
         IdentificationFailed: several models are requested.
     """
     if options.several:
-        raise IdentificationFailed("a series spring goes with one model: name it, such as `asymmetric`")
+        raise IdentificationFailed("series spring: needs one model. Fix: name it, such as `asymmetric`")
 
 
 def prepare(state: FitState) -> FitState:
@@ -57,7 +57,7 @@ def prepare(state: FitState) -> FitState:
     if spring.stiffness_N_m is None:
         return state
     compliance_m_N = 1.0 / spring.stiffness_N_m
-    fitted, held_out = (Softened(tests).by(compliance_m_N) for tests in (state.fitted, state.held_out))
+    fitted, held_out = (ComplianceCorrection(tests).by(compliance_m_N) for tests in (state.fitted, state.held_out))
     return replace(state, fitted=fitted, held_out=held_out)
 
 
@@ -67,7 +67,7 @@ def complete(state: FitState) -> FitState:
     return state.with_parts(corrections={"series": state.found[SPRING].widened(widening, quantile() * SMOOTHING)})
 
 
-class Softened:
+class ComplianceCorrection:
     """Tests whose motion can be corrected for any compliance.
 
     Raises:
@@ -126,8 +126,8 @@ def find_spring(model: DamperModel, tests: Sequence[Measurement], method: Method
     from scipy.optimize import minimize_scalar
 
     if method.loss != SQUARES:
-        raise IdentificationFailed(f"a series spring is found by least squares, not with loss {method.loss!r}")
-    softened, findings = Softened(tests), examine(model, tests)
+        raise IdentificationFailed(f"series spring: needs least squares, got loss {method.loss!r}")
+    softened, findings = ComplianceCorrection(tests), examine(model, tests)
     near: dict[str, float] = {}
 
     def left(compliance: float) -> float:

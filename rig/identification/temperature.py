@@ -24,8 +24,8 @@ from rig.fits.entries import Estimate, TemperatureTerm
 from rig.identification.fit_state import FitState
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force, parameter_slopes
-from rig.identification.models.softening import force_change_N
 from rig.identification.models.solving import SEPARABLE, SQUARES, Method, solve
+from rig.identification.models.temperature_effect import force_change_N
 from rig.identification.models.undetermined import Undetermined, examine
 from rig.identification.options import FitOptions
 from rig.identification.uncertainty.covariance import quantile
@@ -39,12 +39,12 @@ ROUNDS = 15
 SETTLED = 0.01  # standard errors by which a rate may still move
 STEP_1_K = 1e-5
 MOST_1_K = 0.2  # of any rate: oil ten times as thin in 12 K
-UNTOLD = 0.5  # standard error of a rate times the span from which the tests do not tell it
+UNIDENTIFIED = 0.5  # standard error of a rate times the span from which the tests do not tell it
 SINGULAR = 1e-10
 
 
 @dataclass(frozen=True)
-class Softening:
+class TemperatureCorrection:
     """What the tests tell of a damper's temperature.
 
     Attributes:
@@ -80,26 +80,26 @@ def refuse(options: FitOptions) -> None:
     """
     law = options.setting(TEMPERATURE)
     if law not in RATES:
-        raise IdentificationFailed(f"temperature law {law!r}; known: {', '.join(RATES)}")
+        raise IdentificationFailed(f"temperature law: got {law!r}, expected one of {', '.join(RATES)}")
     others = options.current != AFFINE or options.profile or options.bootstrap or len(options.corrections) > 1
     if others or options.how.name != SEPARABLE:
         raise IdentificationFailed(
-            "a temperature law goes with --method separable, without a fit for each current, a series spring, profiles "
-            "and a bootstrap"
+            "temperature law: needs --method separable, without one fit per current, series spring, profiles or "
+            "bootstrap"
         )
     if options.several:
-        raise IdentificationFailed("a temperature law goes with one model: name it, such as `asymmetric`")
+        raise IdentificationFailed("temperature law: needs one model. Fix: name it, such as `asymmetric`")
 
 
 def prepare(state: FitState) -> FitState:
     """What the temperature does, and the tests as they were at one temperature.
 
     Raises:
-        IdentificationFailed: as `find_softening`; a held-out test has no temperature.
+        IdentificationFailed: as `find_temperature_law`; a held-out test has no temperature.
     """
     refuse_without(state.held_out)
     model, options = state.models[0], state.options
-    softening = find_softening(model, state.fitted, options.how, options.setting(TEMPERATURE))
+    softening = find_temperature_law(model, state.fitted, options.how, options.setting(TEMPERATURE))
     fitted, held_out = (softening.corrected(model, tests) for tests in (state.fitted, state.held_out))
     measured = (softening, state.fitted, state.held_out)
     return replace(state.with_found(TEMPERATURE, measured), fitted=fitted, held_out=held_out)
@@ -115,8 +115,8 @@ def refuse_without(tests: Sequence[Measurement]) -> list[FloatArray]:
     lacking = [test.id for test, values in zip(tests, known, strict=True) if not values.size]
     if lacking:
         raise IdentificationFailed(
-            f"temperature law: {len(lacking)} of {len(tests)} tests recorded no temperature "
-            f"({', '.join(lacking[:3])}); leave them out, or fit without a temperature law"
+            f"temperature law: {len(lacking)} of {len(tests)} tests have no recorded temperature "
+            f"({', '.join(lacking[:3])}). Fix: leave them out, or fit without a temperature law"
         )
     strange = [
         f"{test.id}: {np.min(values):.4g} to {np.max(values):.4g}"
@@ -125,9 +125,9 @@ def refuse_without(tests: Sequence[Measurement]) -> list[FloatArray]:
     ]
     if strange:
         raise IdentificationFailed(
-            f"temperature law: {len(strange)} of {len(tests)} tests recorded temperatures that no damper has "
-            f"({', '.join(strange[:3])} degC; expected {COLDEST_degC:g} to {WARMEST_degC:g}); kelvin are given as such "
-            "at the import (`--column temperature=NAME:K`), or less 273.15; a sensor that failed: leave the tests out"
+            f"temperature law: {len(strange)} of {len(tests)} tests have implausible temperatures "
+            f"({', '.join(strange[:3])} degC; expected {COLDEST_degC:g} to {WARMEST_degC:g}). Fix: state kelvin at "
+            "import (`--column temperature=NAME:K`), or leave out tests with a failed sensor"
         )
     return known
 
@@ -142,13 +142,15 @@ def recorded_ends(tests: Sequence[Measurement]) -> tuple[float, float]:
     low, high = (float(end([end(values) for values in known])) for end in (np.min, np.max))
     if high - low < LEAST_SPAN_K:
         raise IdentificationFailed(
-            f"temperature law: the tests ran at {low:.4g} to {high:.4g} degC; {LEAST_SPAN_K:g} K or more show what a "
-            "temperature does: add tests of the same motion with the damper warm"
+            f"temperature law: the tests cover {low:.4g} to {high:.4g} degC, expected a span of {LEAST_SPAN_K:g} K or "
+            "more. Fix: add tests of the same motion with the damper warm"
         )
     return low, high
 
 
-def find_softening(model: DamperModel, tests: Sequence[Measurement], method: Method, kind: str) -> Softening:
+def find_temperature_law(
+    model: DamperModel, tests: Sequence[Measurement], method: Method, kind: str
+) -> TemperatureCorrection:
     """The rates that explain the tests best with this model.
 
     Raises:
@@ -156,13 +158,13 @@ def find_softening(model: DamperModel, tests: Sequence[Measurement], method: Met
             softens, the loss is not that of least squares, or the tests do not tell the rates.
     """
     if method.loss != SQUARES:
-        raise IdentificationFailed(f"a temperature law is found by least squares, not with loss {method.loss!r}")
+        raise IdentificationFailed(f"temperature law: needs least squares, got loss {method.loss!r}")
     ends_degC = recorded_ends(tests)
     reference = float(np.mean([np.mean(_finite(test)) for test in tests]))
     search = _Search(model, tests, method, examine(model, tests))
     law = TemperatureLaw(reference, dict.fromkeys(RATES[kind], 0.0))
     if len(law.formula(model).split("; ")) < len(law.rates) or not law.formula(model):
-        raise IdentificationFailed(f"temperature law {kind!r}: no parameter of {model.name} follows such a rate")
+        raise IdentificationFailed(f"temperature law {kind!r}: {model.name} has no parameter with such a rate")
     solution = solve(model, tests, method, search.findings)
     for _ in range(ROUNDS):
         values = solution.values
@@ -174,18 +176,19 @@ def find_softening(model: DamperModel, tests: Sequence[Measurement], method: Met
         solution = solve(model, _corrected(model, values, law, tests), method, search.findings, values)
         if np.all(np.abs(step) <= SETTLED * np.sqrt(np.diag(covariance))):
             break
-    _refuse_untold(law, covariance, ends_degC)
-    return Softening(law, kind, solution.values, ends_degC, names, covariance, moves, form)
+    _refuse_unidentified(law, covariance, ends_degC)
+    return TemperatureCorrection(law, kind, solution.values, ends_degC, names, covariance, moves, form)
 
 
-def _refuse_untold(law: TemperatureLaw, covariance: FloatArray, ends_degC: tuple[float, float]) -> None:
+def _refuse_unidentified(law: TemperatureLaw, covariance: FloatArray, ends_degC: tuple[float, float]) -> None:
     errors = np.sqrt(np.diag(covariance)) * (ends_degC[1] - ends_degC[0])
-    far = [name for name, error in zip(law.rates, errors, strict=True) if not error < UNTOLD]
+    far = [name for name, error in zip(law.rates, errors, strict=True) if not error < UNIDENTIFIED]
     if far or any(abs(rate) >= MOST_1_K for rate in law.rates.values()):
-        other = "" if len(law.rates) == 1 else f", or fit one rate of both ('common', {COMMON})"
+        other = "" if len(law.rates) == 1 else f", or fit one common rate ('common', {COMMON!r})"
         raise IdentificationFailed(
-            f"temperature law: {ends_degC[0]:.4g} to {ends_degC[1]:.4g} degC do not tell {', '.join(far or law.rates)} "
-            f"in these tests; add tests at the same speeds and currents at another temperature{other}"
+            f"temperature law: {ends_degC[0]:.4g} to {ends_degC[1]:.4g} degC are not enough to identify "
+            f"{', '.join(far or law.rates)}. Fix: add tests at the same speeds and currents at another "
+            f"temperature{other}"
         )
 
 
@@ -209,7 +212,7 @@ class _Search:
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Gauss-Newton step of the rates (k,), their covariance (k, k), how they move the parameters (p, k), the form.
 
-        The last is `Softening.form`, (p + k,).
+        The last is `TemperatureCorrection.form`, (p + k,).
         """
         size, count = len(names) + len(law.rates), 0
         normal, right, bent, left = np.zeros((size, size)), np.zeros(size), np.zeros(size), 0.0
@@ -267,7 +270,7 @@ def complete(state: FitState) -> FitState:
 
 
 def _with_rates(
-    fit: Fit, found: Softening, fitted: Sequence[Measurement], held_out: Sequence[Measurement]
+    fit: Fit, found: TemperatureCorrection, fitted: Sequence[Measurement], held_out: Sequence[Measurement]
 ) -> Fit:
     """The fit of the corrected tests with its rates, its errors on the tests as they were measured."""
     widening = max((residual.widening for residual in fit.residuals), default=1.0)
@@ -302,7 +305,7 @@ def _with_rates(
     return replace(fit, evaluation=evaluation)
 
 
-def _moved(name: str, entry: Estimate, found: Softening, widening: float) -> Estimate:
+def _moved(name: str, entry: Estimate, found: TemperatureCorrection, widening: float) -> Estimate:
     """A parameter's estimate with what the rates leave uncertain of it."""
     if entry.standard_error is None or entry.value is None or name not in found.names or not entry.standard_error:
         return entry

@@ -48,216 +48,219 @@ def some(texts: Sequence[str], separator: str = ", ") -> str:
 
 PARAMETERS = {
     "no-knee": (
-        "{name} not identifiable: on its side of standstill one straight line fits as well, so {knee} lies beyond the "
-        "tested speeds, or there is none; test faster and slower"
+        "{name} not identifiable: on its side of standstill one straight line fits equally well, so {knee} is outside "
+        "the tested speeds or does not exist. Fix: test at higher and lower speeds"
     ),
-    "no-current-step": "eta not identifiable: every test held its current constant; add a current step",
+    "no-current-step": "eta not identifiable: the current was constant in every test. Fix: add a current step",
     "redundant": (
-        "{name} not identifiable on its own: {by} only scales {scaled}; the values given are for {by} = {value:g} "
-        "(normalized_bouc_wen has no such freedom)"
+        "{name} not identifiable separately: {by} only scales {scaled}; the values are for {by} = {value:g} "
+        "(normalized_bouc_wen has no such redundancy)"
     ),
-    "few-currents": "{name} not identifiable: it needs tests at {needed} different currents, and there are {levels}",
+    "few-currents": "{name} not identifiable: got tests at {levels} different currents, expected {needed}",
     "lower-power": (
-        "{name} is known only together with {left_out}, which the tests' currents do not tell: the value given is for "
-        "0 there; add tests at other currents"
+        "{name} is identified only together with {left_out}, which the tested currents do not determine: the value is "
+        "for {left_out} = 0. Fix: add tests at other currents"
     ),
-    "no-current": "{name} not identifiable: every test ran without current; add tests at another current",
-    "one-current": "{name} not separable from {base}: every test ran at {mean_A:.2f} A; add tests at another current",
+    "no-current": "{name} not identifiable: every test ran at 0 A. Fix: add tests at another current",
+    "one-current": (
+        "{name} not separable from {base}: every test ran at {mean_A:.2f} A. Fix: add tests at another current"
+    ),
     "sum-at-one-current": (
-        "only {base} + {name} I is known, at I = {mean_A:.2f} A, where every test ran; the value given is that sum"
+        "only {base} + {name} I is identified, at I = {mean_A:.2f} A, the current of every test; the value is that sum"
     ),
     "one-frequency": (
-        "m is not separately identifiable from {stiffness}: every test ran at one frequency, where inertia and "
-        "stiffness are proportional; add another frequency"
+        "m is not separable from {stiffness}: every test ran at one frequency, where inertia and stiffness are "
+        "proportional. Fix: add another frequency"
     ),
     "harmonics-only": (
-        "m is not separately identifiable from {stiffness}: every test ran at one frequency, where inertia and "
-        "stiffness are proportional; add another frequency (only harmonics separate them here; m stays in the fit, so "
-        "that {stiffness} is right)"
+        "m is not separable from {stiffness}: every test ran at one frequency, where inertia and stiffness are "
+        "proportional. Fix: add another frequency (only harmonics separate them here; m stays in the fit so that "
+        "{stiffness} is correct)"
     ),
     "difference-at-one-frequency": (
-        "only {stiffness} - m (2 pi f)^2 is known: every test ran at one frequency; the value given is that "
-        "difference; add another frequency"
+        "only {stiffness} - m (2 pi f)^2 is identified: every test ran at one frequency; the value is that "
+        "difference. Fix: add another frequency"
     ),
     "one-speed": (
-        "{name} not identifiable: every test ran at one speed, where viscous and yield force are one; add another "
-        "speed or a sine"
+        "{name} not identifiable: every test ran at one speed, where viscous and yield force are not separable. Fix: "
+        "add another speed or a sine"
     ),
-    "held": "{reason}; taken as 0 here",
+    "held": "{reason}; its value is set to 0",
     "no-effect": "{name} not identifiable: it has no effect on the force in these tests",
     "inseparable": "{name} not separable from {partners} in these tests",
     "degenerate-yield": (
-        "{name} not identifiable: the hysteresis is degenerate, {offset} outweighs every speed, so that the tanh "
-        "follows sgn(u) and the yield force dissipates nothing; only its height is known"
+        "{name} not identifiable: the hysteresis is degenerate, {offset} exceeds the speed term everywhere, so that "
+        "the tanh follows sgn(u) and the yield force dissipates no energy; only its height is identified"
     ),
     "straight-tanh": (
-        "{name} not identifiable: the tanh is a straight line here (at most {largest:.2g}), so that yield and viscous "
-        "force are one; add faster tests"
+        "{name} not identifiable: the tanh is linear here (at most {largest:.2g}), so that yield and viscous force "
+        "are not separable. Fix: add faster tests"
     ),
     "bent-or-steep": (
-        "{name} not identifiable: at these speeds a steep tanh and a bent one, with other yield and viscous forces, "
-        "fit alike; add other speeds or a sine"
+        "{name} not identifiable: at these speeds a steep and a rounded tanh, with different yield and viscous "
+        "forces, fit equally well. Fix: add other speeds or a sine"
     ),
     "saturated-tanh": (
-        "{name} not identifiable: the tanh is saturated at nearly all samples, towards or away from mid-stroke, so it "
-        "hardly changes the force; the yield force is only a sign function there"
+        "{name} not identifiable: the tanh is saturated at nearly all samples, on both sides of mid-stroke, so it "
+        "hardly affects the force; the yield force is only a sign function there"
     ),
     "would-be-negative": (
-        "{name} is not identifiable: it would be negative, and is held at its limit, 0; with 95 % it is below the "
-        "upper end of its interval"
+        "{name} is not identifiable: the unconstrained estimate is negative, so it is set to its lower bound, 0; the "
+        "upper end of its interval is a 95 % bound"
     ),
     "at-limit": (
-        "{name} is not identifiable: its search ended at its limit, {limit:.6g}; a value beyond it would fit as well "
-        "or better"
+        "{name} is not identifiable: the search ended at its limit, {limit:.6g}; a value beyond the limit would fit "
+        "equally well or better"
     ),
     "too-wide": (
-        "{name} is not identifiable: {value:.3g} +- {half:.3g} (95 %) is wider than its value, and stands for "
-        "{percent:.0f} % of the force, for which other parameters make up"
+        "{name} is not identifiable: the interval {value:.3g} +- {half:.3g} (95 %) is wider than the value, although "
+        "its term is {percent:.0f} % of the force: other parameters compensate for it"
     ),
 }
 """Why a parameter is not identified."""
 
 WARNINGS = {
-    "few-cycles": "only {cycles} full cycle(s); none could be dropped, so the ends may hold transients",
+    "few-cycles": "only {cycles} full cycle(s), so none was discarded and transients at the ends may remain",
     "no-repeat": (
-        "the motion does not repeat from cycle to cycle; a local polynomial gives the velocity, and its errors are in "
-        "no interval"
+        "the motion does not repeat from cycle to cycle: velocity is from a local polynomial, whose errors are not "
+        "included in the intervals"
     ),
     "one-cycle-no-series": (
-        "no series describes the motion of the single cycle that is left without the first and the last; a local "
-        "polynomial gives the velocity, and its errors are in no interval"
+        "only one cycle remains without the first and last, and no Fourier series describes its motion: velocity is "
+        "from a local polynomial, whose errors are not included in the intervals"
     ),
     "whole-record": (
-        "the motion has no cycles: the whole record is used, {used}; errors of its velocity are in no interval"
+        "the motion has no cycles: the whole record is used, {used}; errors of its velocity are not included in the "
+        "intervals"
     ),
-    "command-steps": "no current was measured; eta is found with the commanded one",
-    "command-steady": "no current was measured; the commanded {current_A:g} A is used",
+    "command-steps": "no measured current: eta is identified from the commanded current",
+    "command-steady": "no measured current: the commanded {current_A:g} A is used",
     "saturated-force": (
-        "the force stands still at its {end} value, {extreme_N:.1f} N, {times} times; it is probably saturated, and "
-        "the fit does without these samples: the greatest forces are not in it"
+        "the force remains at its {end} value, {extreme_N:.1f} N, {times} times: it is probably saturated, and these "
+        "samples are excluded, so the fit does not cover the largest forces"
     ),
-    "left-out": "{test} left out: {reason}",
-    "no-diagnosis": "no cause of the misfit was looked for: {reason}",
+    "left-out": "{test} not used: {reason}",
+    "no-diagnosis": "causes of the misfit were not searched: {reason}",
     "time-errors": (
-        "the times of the samples are known to {std_ms:.3g} ms each (their stamps are rounded or jitter); the noise of "
-        "the force and the delay allow for it"
+        "sample times are uncertain by {std_ms:.3g} ms each (rounded or jittering time stamps); the uncertainties of "
+        "force noise and delay include this"
     ),
     "constant-channel": (
-        "{test} left out: its {channel[0]} is {channel[1]:g} {channel[2]} in all samples: a channel that was not "
-        "connected, or a wrong column. Fix: measure it again, or name another column"
+        "{test} not used: its {channel[0]} is {channel[1]:g} {channel[2]} in all samples (channel not connected, or "
+        "wrong column). Fix: measure again, or select another column"
     ),
     "contradiction": (
-        "tests of the same motion and current measured different forces ({pairs}): two specimens, two temperatures, or "
-        "a rig that changed between them; one fit describes one damper in one condition"
+        "tests of the same motion and current have different forces ({pairs}): two specimens, two temperatures, or a "
+        "change of the rig between them; a fit describes one damper in one condition"
     ),
     "current-contradicts": (
-        "the measured current contradicts the requested one: {tests}; these tests are grouped by what was measured. "
+        "the measured current differs from the requested one: {tests}; these tests are grouped by measured current. "
         "Fix: check the current source and the requested values"
     ),
     "currents-merged": (
-        "currents {levels} are grouped as one level each, although their outermost tests differ by more than the "
-        "resolution of the measured current ({resolution_mA:.2g} mA): neighbouring tests cannot be separated. Fix: "
-        "record the requested currents, or measure the current with less noise"
+        "currents {levels} are each grouped as one level, although their outermost tests differ by more than the "
+        "resolution of the measured current ({resolution_mA:.2g} mA): adjacent tests cannot be separated. Fix: record "
+        "the requested currents, or measure the current with less noise"
     ),
     "runs-apart": (
-        "the {count} runs are described to {apart_N:.3g} N when each is fitted apart, and only to {together_N:.3g} N "
-        "by one fit: they are probably not the same damper, or not in the same condition; identify them apart"
+        "the {count} runs fit to {apart_N:.3g} N separately, but only to {together_N:.3g} N jointly: probably "
+        "different dampers, or one damper in different conditions. Fix: identify them separately"
     ),
     "degenerate-hysteresis": (
-        "degenerate hysteresis: {offset} = {value:.3g} outweighs beta v at every tested speed, so that the yield force "
-        "follows the side of mid-stroke, sgn(u), and not the motion, and dissipates nothing; check the mid-stroke, or "
-        "fit another model"
+        "degenerate hysteresis: {offset} = {value:.3g} exceeds beta v at every tested speed, so that the yield force "
+        "follows the position, sgn(u), instead of the motion, and dissipates no energy. Fix: check the mid-stroke "
+        "position, or fit another model"
     ),
     "not-passive": (
-        "the fitted model is not passive: at {percent:.0f} % of the tested speeds and currents its force, gas force "
-        "left out, drives the rod instead of damping it ({worst}); a simulation with it can gain energy"
+        "the fitted model is not passive: at {percent:.0f} % of the tested speeds and currents its force (without gas "
+        "force) drives the rod instead of damping it ({worst}); a simulation with it can gain energy"
     ),
-    "energy-unknown": "energy per cycle is unknown where a stretch of every cycle has no force samples: {tests}",
+    "energy-unknown": "energy per cycle unknown, because part of every cycle has no force samples: {tests}",
     "energy-differs": "energy per cycle differs by more than {percent:g} % between model and measurement: {tests}",
     "misses-held-out": (
-        "the model describes the tests it was fitted to, but misses the held-out ones by more than their own scatter: "
-        "outside of what it was fitted to it does not hold"
+        "the model fits its tests, but the errors of the validation tests exceed their measurement noise: the model "
+        "does not generalise"
     ),
     "model-error": (
-        "Model error exceeds the repeatability (scatter) of the tests: the values are a best fit of the closest model, "
-        "the intervals do not include model error"
+        "Model error exceeds the repeatability (scatter) of the tests: the values are a best fit of the closest "
+        "model; the intervals do not include model error"
     ),
     "no-two-cycles": (
-        "no test has two whole cycles left without its first and last, which are not fitted, so whether the model fits "
-        "to the noise is unknown; run more cycles"
+        "no test has two whole cycles besides its first and last, which are not fitted, so it is unknown whether the "
+        "model fits within measurement noise. Fix: run more cycles"
     ),
     "ranked-unseen-by-none": (
-        "every test that was left out to compare the models lies beyond the others' data ({quantities}): its error is "
-        "that of an extrapolation, so the information criterion ranks the models; add tests between these"
+        "every test used to compare the models is outside the fitted range ({quantities}), so its error is an "
+        "extrapolation error; the models are ranked by the information criterion. Fix: add tests in between"
     ),
     "ranked-beyond": (
-        "every held-out test lies beyond the fitted ones' data ({quantities}): the models are ranked by how they "
-        "extrapolate"
+        "every validation test is outside the fitted range ({quantities}): the models are ranked by extrapolation error"
     ),
     "described-first": (
-        "{model} comes first because it describes every test to its scatter; {other} foretells tests left out better "
-        "({other_error:.3g} % of peak against {error:.3g} %), but its error on the fitted ones is {times:.3g} times as "
-        "large: measure more motions"
+        "{model} is first because it fits all tests within measurement noise; {other} predicts held-out tests better "
+        "({other_error:.3g} % of peak, {model} {error:.3g} %), but its error on the fitted tests is {times:.3g} times "
+        "as large. Fix: measure more motions"
     ),
     "ranked-by-those-beyond": (
-        "{model} is first by held-out tests beyond the fitted ones' data ({tests}: {quantities}); on those within it "
-        "{other} is: {other_error:.3g} % of peak, {model} {error:.3g} %"
+        "{model} is first by validation tests outside the fitted range ({tests}: {quantities}); by those inside it "
+        "{other} is first: {other_error:.3g} % of peak, {model} {error:.3g} %"
     ),
     "relative-weights": (
-        "what even the best model leaves is {ratio:.1f} times the tests' scatter, so misfit: every test counts alike, "
-        "by its error in % of its peak, and not by newtons; weight 1 counts all samples alike"
+        "the residual of the best model is {ratio:.1f} times the measurement noise, so it is model error: every test "
+        "has equal weight, by its error in % of its peak; weight 1 gives all samples equal weight"
     ),
-    "weight-v": "weight v (equation 12) mutes the reversals; compare with weight 1",
+    "weight-v": "weight v (equation 12) suppresses the reversals; compare with weight 1",
     "sharp-reversals": (
         "every test reverses more sharply than its displacement samples resolve (velocity there uncertain by up to "
-        "{worst_mm_s:.1f} mm/s); the intervals allow for it; add sines to narrow them"
+        "{worst_mm_s:.1f} mm/s); the intervals include this. Fix: add sines to narrow them"
     ),
     "unfinished": (
-        "{method} stopped before the least-squares solution: {names} lie more than {errors:g} standard errors from it, "
-        "and the intervals, which are those of the solution, do not hold; give it more budget, or use separable"
+        "{method} stopped before the least-squares solution: {names} differ from it by more than {errors:g} standard "
+        "errors, so the intervals, which are those of the solution, do not apply. Fix: increase the budget, or use "
+        "separable"
     ),
     "systematic-residuals": (
-        "{count} of {tests} residuals are systematic{worst}; the intervals are widened for it by {widening:.1f}"
+        "{count} of {tests} residuals are systematic{worst}; the intervals are widened by a factor of {widening:.1f}"
     ),
-    "relations-beyond": ("held out beyond the fitted currents, where the relations foretell nothing: {tests}"),
+    "relations-beyond": ("validation tests outside the fitted currents, where the relations predict nothing: {tests}"),
     "given-up": (
-        "{model}: given up after {evaluations} evaluations on one cycle of each test: its error, {reached_N:.3g} N, is "
-        "{times:.1f} times that of the best model before it, {rival_N:.3g} N"
+        "{model}: stopped after {evaluations} evaluations on one cycle of each test: its error, {reached_N:.3g} N, is "
+        "{times:.1f} times that of the best model so far, {rival_N:.3g} N"
     ),
 }
 """What the reader of a fit should know before using its numbers."""
 
 CAUSES = {
     "units-force": (
-        "the greatest force is {value:.3g} {unit}, which no test of a damper has: it is probably in {likely}"
+        "the largest force is {value:.3g} {unit}, implausible for a damper test: it is probably in {likely}"
     ),
-    "units-time": "a cycle lasts {value:.3g} {unit}, which no test of a damper does: the time is probably in {likely}",
+    "units-time": "a cycle lasts {value:.3g} {unit}, implausible for a damper test: the time is probably in {likely}",
     "units-displacement": (
-        "the displacement spans {value:.3g} {unit}, which no test of a damper does: it is probably in {likely}"
+        "the displacement spans {value:.3g} {unit}, implausible for a damper test: it is probably in {likely}"
     ),
-    "units-current": "the greatest current is {value:.3g} {unit}, which no coil takes: it is probably in {likely}",
-    "units-of-some": "in {tests} and no other test {what}",
+    "units-current": "the largest current is {value:.3g} {unit}, implausible for a coil: it is probably in {likely}",
+    "units-of-some": "in {tests} only: {what}",
     "odd-test": (
-        "{test} does not fit the other tests, whose fit misses {percent_missed:.0f} % of its force; {mends}"
+        "{test} is inconsistent with the other tests: a fit to those misses {percent_missed:.0f} % of its force; "
+        "{corrections}"
     ),
-    "odd-test-mended": "it would with {mends}",
-    "odd-test-apart": "no gain of its force, other current or other motion makes up for it",
-    "mend-force": "its force multiplied by {factor:.3g}",
-    "mend-current": "a current of {likely_A:.2f} A, not {told_A:.2f} A",
-    "mend-motion": "its motion multiplied by {factor:.3g}",
+    "odd-test-corrected": "it would be consistent with {corrections}",
+    "odd-test-apart": "no gain of its force, other current or other motion explains this",
+    "correction-force": "its force multiplied by {factor:.3g}",
+    "correction-current": "a current of {likely_A:.2f} A, not {stated_A:.2f} A",
+    "correction-motion": "its motion multiplied by {factor:.3g}",
     "units-velocity": (
-        "the displacement changes {ratio:.3g} times as fast as the velocity says: one of them, or the sampling "
-        "interval, is in another unit"
+        "the rate of the displacement is {ratio:.3g} times the given velocity: one of them, or the sampling interval, "
+        "is in another unit"
     ),
     "signs-reversed": (
-        "the force's middle at low speed is {offset_N:+.3g} N, towards extension, against the gas that pushes the rod "
-        "out: probably the signs of both force and displacement are reversed, unless the load cell's zero is off by "
-        "that"
+        "the mean force at low speed is {offset_N:+.3g} N, towards extension, but gas force pushes the rod out: force "
+        "and displacement probably both have the wrong sign, unless the zero of the load cell is wrong by that amount"
     ),
     "force-offset": (
-        "the force's middle at low speed is {offset_N:+.3g} N, towards extension: a preload, or a load cell that does "
-        "not read 0 without force; the model's offset takes it. A damper with gas and both signs reversed looks like "
-        "that too, where it does not resist rebound more than jounce"
+        "the mean force at low speed is {offset_N:+.3g} N, towards extension: a preload, or a wrong zero of the load "
+        "cell; the model's offset includes it. A gas damper with both signs reversed gives the same result if it does "
+        "not resist rebound more than compression"
     ),
     "skew": (
         "a delay of {skew_ms:+.3g} ms of the force behind the displacement explains {percent_explained:.0f} % of the "
@@ -268,109 +271,112 @@ CAUSES = {
         "explains {percent_explained:.0f} % of the misfit"
     ),
     "force-drift-some": (
-        "a force channel that drifts in each test by itself ({tests}; most {percent:+.3g} % in gain from its start to "
-        "its end) explains {percent_explained:.0f} % of the misfit"
+        "a drift of the force channel within single tests ({tests}; largest {percent:+.3g} % in gain from start to "
+        "end) explains {percent_explained:.0f} % of the misfit"
     ),
     "temperature": (
-        "the recorded temperature, {percent:+.3g} % of force and {zero_N:+.3g} N from the coldest to the warmest, "
-        "explains {percent_explained:.0f} % of the misfit"
+        "the recorded temperature, {percent:+.3g} % of force and {zero_N:+.3g} N from lowest to highest, explains "
+        "{percent_explained:.0f} % of the misfit"
     ),
     "temperature-rates": (
-        "the recorded temperature, which weakens viscous forces by {viscous_percent_K:.2g} % and yield forces by "
+        "the recorded temperature, which reduces viscous forces by {viscous_percent_K:.2g} % and yield forces by "
         "{yield_percent_K:.2g} % per kelvin, explains {percent_explained:.0f} % of the misfit"
     ),
     "outliers": (
-        "{count} samples of the force ({percent:.2g} %) lie far from their neighbours and explain "
-        "{percent_explained:.0f} % of the misfit"
+        "{count} outliers of the force ({percent:.2g} % of the samples) explain {percent_explained:.0f} % of the misfit"
     ),
     "clipping": (
-        "a force channel that ends at {low_N:.4g} and {high_N:.4g} N explains {percent_explained:.0f} % of the misfit"
+        "clipping of the force channel at {low_N:.4g} and {high_N:.4g} N explains {percent_explained:.0f} % of the "
+        "misfit"
     ),
-    "clipping-one-end": "a force channel that ends at {end_N:.4g} N explains {percent_explained:.0f} % of the misfit",
-    "clipping-left-out": "the force stood at the end of its range in {tests}; the fit does without these samples",
+    "clipping-one-end": (
+        "clipping of the force channel at {end_N:.4g} N explains {percent_explained:.0f} % of the misfit"
+    ),
+    "clipping-left-out": "the force is clipped in {tests}; these samples are excluded from the fit",
     "series-compliance": (
-        "a spring of {stiffness_N_m:.3g} N/m in series, such as mounts that give way, explains "
-        "{percent_explained:.0f} % of the misfit"
+        "a spring of {stiffness_N_m:.3g} N/m in series, such as compliant mounts, explains {percent_explained:.0f} % "
+        "of the misfit"
     ),
     "current-law": (
-        "another law of the current than the model's, over {currents} A, explains {percent_explained:.0f} % of the "
-        "misfit: probably the force saturates"
+        "another current law than the model's, over {currents} A, explains {percent_explained:.0f} % of the misfit: "
+        "the force probably saturates"
     ),
     "current-law-two": (
-        "the law of the current is drawn through {low_A:.3g} and {top_A:.3g} A alone and leaves {zero_N:.3g} N, "
-        "{percent:.0f} % of the yield force at {top_A:.3g} A, at zero current, where nothing was measured: probably "
-        "the force saturates"
+        "the current law is determined by {low_A:.3g} and {top_A:.3g} A only and predicts {zero_N:.3g} N at 0 A, "
+        "{percent:.0f} % of the yield force at {top_A:.3g} A, but 0 A was not measured: the force probably saturates"
     ),
     "current-sign": (
-        "currents of both signs: the force follows the current's size and not its sign, which explains "
+        "currents of both signs: the force follows the magnitude of the current, which explains "
         "{percent_explained:.0f} % of the misfit"
     ),
     "missing-hysteresis": (
-        "a force that changes with the path after each reversal, which the model lacks, explains "
-        "{percent_explained:.0f} % of the misfit; {percent:.0f} % of it lies within 1 mm after a reversal"
+        "a force that depends on the travel after each reversal, which the model does not include, explains "
+        "{percent_explained:.0f} % of the misfit; {percent:.0f} % of the misfit is within 1 mm after a reversal"
     ),
     "mixed-specimens": (
-        "two dampers instead of one explain {percent_explained:.0f} % of the misfit; the other one's tests are {tests}"
+        "two dampers instead of one explain {percent_explained:.0f} % of the misfit; tests of the second: {tests}"
     ),
     "speed-shape": (
-        "another shape of the force over speed than the model's explains {percent_explained:.0f} % of the misfit"
+        "another force-velocity shape than the model's explains {percent_explained:.0f} % of the misfit"
     ),
     "stroke-shape": (
-        "another shape of the force over the stroke than the model's, such as end stops or gas that stiffens, explains "
+        "another force-displacement shape than the model's, such as end stops or progressive gas stiffness, explains "
         "{percent_explained:.0f} % of the misfit"
     ),
     "unexplained": (
-        "no cause that was looked for explains {least:.0f} % of the misfit; {near:.0f} % of it lies within 1 mm after "
-        "a reversal, {slow:.0f} % below a tenth of the greatest speed, {of_worst:.0f} % in {worst}, one of {count} "
-        "tests"
+        "none of the causes searched explains {least:.0f} % of the misfit; {near:.0f} % of it is within 1 mm after a "
+        "reversal, {slow:.0f} % below a tenth of the largest speed, {of_worst:.0f} % in {worst}, one of {count} tests"
     ),
 }
 """What may explain a misfit, or is implausible."""
 
 NEXT = {
-    "next-units-force": "multiply the force by {factor:g}, or name its unit on import (--column force=NAME:kN)",
-    "next-units-time": "multiply the time by {factor:g}, or name its unit on import (--column time=NAME:ms)",
+    "next-units-force": "multiply the force by {factor:g}, or state its unit on import (--column force=NAME:kN)",
+    "next-units-time": "multiply the time by {factor:g}, or state its unit on import (--column time=NAME:ms)",
     "next-units-displacement": (
-        "multiply the displacement by {factor:g}, or name its unit on import (--column displacement=NAME:mm)"
+        "multiply the displacement by {factor:g}, or state its unit on import (--column displacement=NAME:mm)"
     ),
-    "next-units-current": "multiply the current by {factor:g}, or name its unit on import (--column current=NAME:mA)",
+    "next-units-current": "multiply the current by {factor:g}, or state its unit on import (--column current=NAME:mA)",
     "next-odd-test": (
-        "check the current, the units and the ranges of both channels of that test and the damper in it, or identify "
-        "without it"
+        "check the current, the units and ranges of both channels and the damper of that test, or identify without it"
     ),
     "next-units-velocity": "give displacement in m, velocity in m/s, acceleration in m/s^2 and the interval in s",
     "next-signs-reversed": (
-        "check the signs by a slow extension by hand: displacement rises, force is positive; if both are reversed, "
-        "multiply both by -1; if neither is, check the load cell's zero"
+        "check the signs by a slow manual extension: displacement increases, force is positive; if both are reversed, "
+        "multiply both by -1; if neither is, check the zero of the load cell"
     ),
     "next-force-offset": (
-        "read the load cell with the rod free, and check the signs by a slow extension by hand: displacement rises, "
-        "force is positive"
+        "read the load cell with the rod free, and check the signs by a slow manual extension: displacement "
+        "increases, force is positive"
     ),
-    "next-skew": "measure the delay of both channels with one sharp motion, or shift the force by it before the fit",
+    "next-skew": (
+        "measure the delay of both channels with one sharp motion, or shift the force by this delay before the fit"
+    ),
     "next-force-drift": (
-        "check the load cell's zero and gain before and after the tests; warm amplifier and damper up, and repeat the "
-        "first test at the end"
+        "check zero and gain of the load cell before and after the tests; warm up amplifier and damper, and repeat "
+        "the first test at the end"
     ),
-    "next-temperature": "fit with --temperature-law both, or hold the damper in a temperature window",
-    "next-outliers": "fit with --loss huber; look for interference or lost bits in the force channel",
-    "next-clipping": "use a larger range of the force channel, or less speed and current",
+    "next-temperature": "fit with --temperature-law both, or keep the damper within a temperature window",
+    "next-outliers": "fit with --loss huber; check the force channel for interference or lost bits",
+    "next-clipping": "use a larger range of the force channel, or reduce speed and current",
     "next-series-compliance": "fit with --series-spring; measure the displacement at the damper itself",
     "next-current-law": "fit with --current-law saturating, or compare the laws with --current-law all",
-    "next-current-law-two": "measure at 0 A and at one current between",
-    "next-current-sign": "give all currents without their sign: the magnetic field's direction changes no yield force",
-    "next-missing-hysteresis": (
-        "{untried}measure slow triangles of several amplitudes, which show the path after a reversal"
+    "next-current-law-two": "measure at 0 A and at an intermediate current",
+    "next-current-sign": (
+        "give all currents as positive values: the direction of the magnetic field does not affect the yield force"
     ),
-    "next-mixed-specimens": "check which damper was mounted, and identify these tests apart",
+    "next-missing-hysteresis": (
+        "{untried}measure slow triangles of several amplitudes, which show the force after a reversal"
+    ),
+    "next-mixed-specimens": "check which damper was mounted, and identify these tests separately",
     "next-speed-shape": "{untried}measure sines of more amplitudes at the same frequency",
     "next-unexplained": (
-        "{untried}repeat {worst}, the first test and one with the currents in another order: what then "
-        "differs is no model's to describe"
+        "{untried}repeat {worst}, the first test and one with the currents in another order: a model cannot describe "
+        "differences between repeats"
     ),
-    "next-stroke-shape": "measure with less amplitude, and at more positions of the stroke",
+    "next-stroke-shape": "measure with smaller amplitudes, at more positions of the stroke",
 }
-"""What to measure or mend then; `untried` is `UNTRIED` where not every model was compared, else empty."""
+"""What to measure or correct next; `untried` is `UNTRIED` where not every model was compared, else empty."""
 
 UNTRIED = "fit with --model all; "
 

@@ -31,7 +31,7 @@ class PlannedPoint:
     `peaks` are those of the rod at the point's own amplitude, the ripple of streamed set-points included.
     `highest_peaks` bound those of every command for the point: where the amplitude is adapted, a machine that does not
     reach it is commanded more, up to where the command's own peaks reach the limits (`command_limit`).
-    `would_fit_m` is the largest amplitude that mends an infeasible point, None when no amplitude does.
+    `would_fit_m` is the largest amplitude that makes an infeasible point feasible, None when no amplitude does.
     """
 
     point: TestPoint
@@ -125,7 +125,7 @@ class Plan:
 
     @property
     def recorded_s(self) -> float:
-        """How long the points are recorded at speed 1 (s): motion, ramps and settling; nobody records the rests."""
+        """How long the points are recorded at speed 1 (s): motion, ramps and settling; rests are not recorded."""
         return math.fsum(item.point.motion_s + SETTLING_S for item in self.points)
 
     def to_json(self) -> dict[str, Any]:

@@ -10,10 +10,10 @@ set-points a cycle (docs/maintainers/decisions/streamed-headroom.md):
     speed           v (1 + 0.46 w0 j)
     acceleration    a (1 + c (w0 T)^2) + 0.7 w0^2 j v        c = 0.05; 0.4 of a hybrid test
 
-After a corner (triangle) the loop overshoots the new speed by 9 %, whoever makes the motion; that is within the 10 % by
+After a corner (triangle) the loop overshoots the new speed by 9 %, for any source of motion; that is within the 10 % by
 which the interlock lies above the speed limit. The turn takes an acceleration of 0.92 w0 v. Where a controller's own
 generator makes the corner and it allows less, it overshoots more: by 0.61 (w0 v / limit - 1.09) v beside that. Streamed
-set-points have nobody who limits it, and a corner that they rounded would be another motion: it is the point's.
+set-points have no generator that limits it, and a corner that they rounded would be another motion: it is the point's.
 
 Before all that come ramps and fade-out: where the share s of the amplitude changes by s' a cycle, the motion x of unit
 amplitude moves at s x' + s' x. A controller's own generator fades linearly, s' = -1 / n over n cycles: a sine reaches

@@ -43,7 +43,7 @@ class DifferentialEvolution:
     def __post_init__(self) -> None:
         if self.strategy not in {4, 5}:
             raise SearchError(
-                f"de: strategy = {self.strategy!r} is neither 4 (dither per vector) nor 5 (dither per generation)"
+                f"de: strategy: got {self.strategy!r}, expected 4 (dither per vector) or 5 (dither per generation)"
             )
         require("de", "F", self.F, 0.0, 1.0)
         require("de", "crossover", self.crossover, 0.0, 1.0)

@@ -110,11 +110,11 @@ class Evaluation:
         if answer is not None:
             return answer
         if self.executor is None:
-            raise RuntimeError("an evaluation without executor has no futures")
+            raise RuntimeError("an evaluation without an executor has no futures")
         if self._payload is None:
             self._payload = pickle.dumps(objective)
         self.shipped += 1
         told = self.executor.submit(evaluate_chunk, self._token, part, self._payload).result()
         if told is None:
-            raise RuntimeError(f"a worker was sent the objective {self._token} and still does not know it")
+            raise RuntimeError(f"a worker received the objective {self._token} and still does not have it")
         return told

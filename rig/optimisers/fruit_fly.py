@@ -59,7 +59,7 @@ class ContrastFruitFly:
 
     def __post_init__(self) -> None:
         if self.variant not in {"intended", "printed"}:
-            raise SearchError(f"c_foa: variant = {self.variant!r} is neither 'intended' nor 'printed'")
+            raise SearchError(f"c_foa: variant: got {self.variant!r}, expected 'intended' or 'printed'")
         require("c_foa", "kappa", self.kappa, 1, 1000)
         require("c_foa", "M", self.M, 1e-12, 1 - 1e-12)
         require("c_foa", "resolution", self.resolution, 2, 10**9)

@@ -55,7 +55,7 @@ class Genetic:
 
     def __post_init__(self) -> None:
         if self.mutation not in {"gaussian", "feasible direction"}:
-            raise SearchError(f"ga: mutation = {self.mutation!r} is neither 'gaussian' nor 'feasible direction'")
+            raise SearchError(f"ga: mutation: got {self.mutation!r}, expected 'gaussian' or 'feasible direction'")
         require("ga", "elite", self.elite, 0.0, 0.9)
         require("ga", "crossover", self.crossover, 0.0, 1.0)
         require("ga", "scale", self.scale, 0.0, 1e300)

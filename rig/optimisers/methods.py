@@ -87,7 +87,7 @@ class Hybrid:
         require("hybrid", "share", self.share, 1e-6, 1.0)
         require("hybrid", "tolerance", self.tolerance, 1e-15, 0.1)
         if self.first == "hybrid":
-            raise SearchError("hybrid: first = 'hybrid' would never start; name another method")
+            raise SearchError("hybrid: first: got 'hybrid', which cannot start itself. Fix: name another method")
 
     def run(self, search: Search) -> str:
         """Search globally, then refine.
@@ -103,7 +103,9 @@ class Hybrid:
             SearchEndedError: The budget is spent or the callback said stop.
         """
         if not isinstance(search.objective, HasResiduals):
-            raise SearchError(f"hybrid: {type(search.objective).__name__} has no residuals(vector); use {self.first!r}")
+            raise SearchError(
+                f"hybrid: {type(search.objective).__name__} has no residuals(vector). Fix: use {self.first!r}"
+            )
         algorithm = make_algorithm(self.first, **self.settings)
         whole = search.budget
         search.budget = max(1, int(self.share * whole))
@@ -162,10 +164,10 @@ def method_of_plug_in(name: str, brought: object) -> type[Algorithm]:
         ValueError: It is something else.
     """
     if not isinstance(brought, type) or not is_dataclass(brought) or not callable(getattr(brought, "run", None)):
-        raise ValueError(f"expected a dataclass with a method run(search) -> str, got {brought!r}")
+        raise ValueError(f"got {brought!r}, expected a dataclass with a method run(search) -> str")
     for setting in fields(brought):
         if setting.default is MISSING and setting.default_factory is MISSING:
-            raise ValueError(f"its setting {setting.name} has no default; `--method {name}` gives none")
+            raise ValueError(f"setting {setting.name!r}: no default, expected one, because `--method {name}` sets none")
     return cast("type[Algorithm]", brought)
 
 
@@ -188,11 +190,15 @@ def make_algorithm(method: str, **settings: object) -> Algorithm:
         PlugInProblem: It is a plug-in's, and that cannot be used.
     """
     if method not in METHODS:
-        raise SearchError(f"method {method!r} is unknown{_closest(method, list(METHODS))}; known: {', '.join(METHODS)}")
+        raise SearchError(
+            f"method: got {method!r}{_closest(method, list(METHODS))}, expected one of {', '.join(METHODS)}"
+        )
     known = [setting.name for setting in fields(METHODS[method])]  # type: ignore[arg-type]  # settings are dataclasses
     for name in settings:
         if name not in known:
-            raise SearchError(f"{method} has no setting {name!r}{_closest(name, known)}; it has: {', '.join(known)}")
+            raise SearchError(
+                f"{method}: got setting {name!r}{_closest(name, known)}, expected one of {', '.join(known)}"
+            )
     return METHODS[method](**settings)
 
 

@@ -61,7 +61,7 @@ class ParticleSwarm:
         require("pso", "neighbours", self.neighbours, 0.0, 1.0)
         if self.inertia_rule not in {"every generation", "when better"}:
             raise SearchError(
-                f"pso: inertia_rule = {self.inertia_rule!r} is neither 'every generation' nor 'when better'"
+                f"pso: inertia_rule: got {self.inertia_rule!r}, expected 'every generation' or 'when better'"
             )
         require("pso", "reach", self.reach, 1e-300, 1e300)
         require("pso", "stall_generations", self.stall_generations, 0, 10**9)
@@ -84,17 +84,18 @@ class ParticleSwarm:
         speeds = (high - low) * (2.0 * rng.random(places.shape) - 1.0)
         own, own_values = places.copy(), search.evaluate(places)
         smallest = max(2, int(self.neighbours * search.population))
-        mood = Mood(self.inertia_high, smallest, 0, smallest, search.population, self.inertia_low, self.inertia_high)
+        limits = self.inertia_low, self.inertia_high
+        swarm = SwarmState(self.inertia_high, smallest, 0, smallest, search.population, *limits)
         marks = [search.value]
         while True:
-            leaders = leaders_of(own_values, rng.random((len(places), len(places))), mood.neighbours)
-            speeds = self.accelerated(speeds, places, own, own[leaders], rng.random((2, *places.shape)), mood.inertia)
+            leaders = leaders_of(own_values, rng.random((len(places), len(places))), swarm.neighbours)
+            speeds = self.accelerated(speeds, places, own, own[leaders], rng.random((2, *places.shape)), swarm.inertia)
             places, speeds = stopped_at_bounds(places + speeds, speeds, search.low, search.high)
             before = search.value
             values = search.evaluate(places)
             improved = values < own_values
             own[improved], own_values[improved] = places[improved], values[improved]
-            mood = mood.after(better=search.value < before, always=self.inertia_rule == "every generation")
+            swarm = swarm.after(better=search.value < before, always=self.inertia_rule == "every generation")
             search.generation_done()
             marks.append(search.value)
             if self._stalled(marks):
@@ -134,7 +135,7 @@ class ParticleSwarm:
 
 
 @dataclass(frozen=True)
-class Mood:
+class SwarmState:
     """Inertia, neighbourhood and stall counter of the swarm.
 
     Attributes:
@@ -155,15 +156,15 @@ class Mood:
     inertia_low: float = 0.1
     inertia_high: float = 1.1
 
-    def after(self, *, better: bool, always: bool = True) -> Mood:
-        """Mood after a generation, equations (21) and (22).
+    def after(self, *, better: bool, always: bool = True) -> SwarmState:
+        """State after a generation, equations (21) and (22).
 
         Args:
             better: Whether the swarm found a value better than ever.
             always: Whether w changes after every generation, or only after a better one.
 
         Returns:
-            The next mood.
+            The next swarm.
         """
         stalls = max(0, self.stalls - 1) if better else self.stalls + 1
         neighbours = self.smallest if better else min(self.neighbours + self.smallest, self.particles)

@@ -254,7 +254,7 @@ def require(algorithm: str, setting: str, value: float, low: float, high: float)
         SearchError: The value is outside [low, high] or not a number.
     """
     if not low <= value <= high:
-        raise SearchError(f"{algorithm}: {setting} = {value!r} is not between {low:g} and {high:g}")
+        raise SearchError(f"{algorithm}: {setting}: got {value!r}, expected {low:g} to {high:g}")
 
 
 def make_search(
@@ -297,12 +297,12 @@ def make_search(
     if bounds is not None:
         box = np.asarray(bounds, dtype=np.float64)
         if box.shape != (size, 2):
-            raise SearchError(f"bounds have shape {box.shape}; {size} parameters need ({size}, 2)")
+            raise SearchError(f"bounds: got shape {box.shape}, expected ({size}, 2) for {size} parameters")
         low, high = box[:, 0].copy(), box[:, 1].copy()
         wrong = np.flatnonzero(~(low < high))
         if wrong.size:
             raise SearchError(
-                f"bounds[{wrong[0]}] = ({low[wrong[0]]:g}, {high[wrong[0]]:g}): the first must be below the second"
+                f"bounds[{wrong[0]}]: got ({low[wrong[0]]:g}, {high[wrong[0]]:g}), expected the first below the second"
             )
     first = None if start is None else _checked_start(np.asarray(start, dtype=np.float64), low, high)
     rng = np.random.default_rng(seed)
@@ -322,9 +322,9 @@ def make_search(
 
 def _checked_start(start: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     if start.shape != low.shape:
-        raise SearchError(f"start has shape {start.shape}; {low.size} parameters need ({low.size},)")
+        raise SearchError(f"start: got shape {start.shape}, expected ({low.size},) for {low.size} parameters")
     outside = np.flatnonzero(~((start >= low) & (start <= high)) | ~np.isfinite(start))
     if outside.size:
         at = outside[0]
-        raise SearchError(f"start[{at}] = {start[at]:g} is outside its bounds ({low[at]:g}, {high[at]:g})")
+        raise SearchError(f"start[{at}]: got {start[at]:g}, expected {low[at]:g} to {high[at]:g}")
     return start

@@ -1,4 +1,4 @@
-"""What a browser may ask for, by its rights: a stop by everybody, the rest by the holder of the lease.
+"""What a browser may ask for, by its rights: a stop by every client, the rest by the holder of the lease.
 
     {"do": "stop"}                                        every client, always
     {"do": "lease", "name": TEXT}, {"do": "release"}      an operator's client
@@ -49,7 +49,7 @@ class Commands:
         lease: the operator's.
         folder: the running campaign's live folder; None: nothing runs.
         end: ends the page.
-        say: sends a datagram; False where nobody takes it.
+        say: sends a datagram; False if it is not received.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Commands:
         return {"do": "stop", "ok": True, "station": station, "application": application}
 
     def _close(self, client: Client) -> dict[str, Any]:
-        """End the page for everybody; never that of a campaign that runs, where it is a way to stop the rig."""
+        """End the page for all clients; never that of a campaign that runs, where it is a way to stop the rig."""
         if client.role is not Role.OPERATOR:
             return _refused("viewer", "close")
         if self._folder() is not None:

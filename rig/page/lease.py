@@ -1,4 +1,4 @@
-"""The operator's lease: one browser at a time commands, everybody else looks on; anybody may stop.
+"""The operator's lease: one browser at a time commands, the others watch; every browser may stop.
 
 It is held by a connection, for as long as that lives and a little longer (a phone that sleeps, a page loaded again). A
 lock file in the live folder keeps a second page process of the same campaign from giving out another one.

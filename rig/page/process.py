@@ -23,7 +23,7 @@ from rig.page.settings import PageProblem, PageSettings
 from rig.page.watched_run import WatchedRun
 
 LAST_WORDS_S = 1.0
-"""After its campaign's end: the last state is still shown to whoever looks."""
+"""After its campaign's end: the last state is still shown to viewers."""
 
 
 def listening(settings: PageSettings) -> socket.socket:
@@ -42,7 +42,7 @@ def listening(settings: PageSettings) -> socket.socket:
     except OSError as error:
         if sock is not None:
             sock.close()
-        raise PageProblem(f"page address {settings.address!r} cannot be served: {error}") from error
+        raise PageProblem(f"page address {settings.address!r}: cannot be served: {error}") from error
     return sock
 
 

@@ -1,8 +1,8 @@
 """The page's server: two addresses, `/` for the page and `/ws` for its data, and nothing else.
 
-One loop sends everybody a frame of samples 25 times a second, and now and then what has changed of the run. A browser
+One loop sends every client a frame of samples 25 times a second, and at times what has changed of the run. A browser
 that does not read gets nothing more until it does; one that talks too much is shown the door. None of this is waited
-for by anybody else, least of all by the rig.
+for by any other client, least of all by the rig.
 """
 
 from __future__ import annotations
@@ -207,7 +207,7 @@ class PageServer:
             broadcast([connection], written(self._standing(client)))
 
     async def send(self) -> None:
-        """Samples, and what has changed of the run, until cancelled; while nobody looks no sample is read.
+        """Samples, and what has changed of the run, until cancelled; without a client no sample is read.
 
         One loop for both: to wake up costs more than what is done then.
         """

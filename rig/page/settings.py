@@ -81,19 +81,19 @@ class PageSettings:
         problems = []
         if host in WILDCARDS or "/" in self.address or (self.address.count(":") > 1 and not host.startswith("[")):
             problems.append(
-                f"page address {self.address!r}: give the one name or address that browsers open, such as "
-                "rig-pc.lab.example:8443 or [fd00::2]:8443"
+                f"page address {self.address!r}: got a wildcard or no name, expected the name or address that browsers "
+                "open, such as rig-pc.lab.example:8443 or [fd00::2]:8443"
             )
         elif not is_loopback(host) and not (self.cert and self.key):
             problems.append(
-                f"page address {self.address!r} is reachable from other machines: give a certificate and its key, or "
-                "leave the address out: then the page is served on this machine alone"
+                f"page address {self.address!r}: other machines can reach it, but TLS is missing. Fix: give a "
+                "certificate and its key, or omit the address to serve the page on this machine only"
             )
         if port and (not port.isascii() or not port.isdigit() or int(port) > MOST_PORT):
-            problems.append(f"page address {self.address!r}: the port is a number from 0 to {MOST_PORT}")
+            problems.append(f"page address {self.address!r}: got an invalid port, expected 0 to {MOST_PORT}")
         if bool(self.cert) != bool(self.key):
-            problems.append("a certificate needs its key, and a key its certificate")
-        problems += [f"{path}: no such file" for path in (self.cert, self.key) if path and not Path(path).is_file()]
+            problems.append("expected a certificate with its key: only one of them was given")
+        problems += [f"{path}: file not found" for path in (self.cert, self.key) if path and not Path(path).is_file()]
         return problems
 
     def to_json(self) -> dict[str, Any]:

@@ -208,7 +208,7 @@ class SensorContext:
 
 @dataclass(frozen=True)
 class WantedPoint:
-    """What the matrix asked of a point and how its motion was commanded. What nobody stated is None.
+    """What the matrix asked of a point and how its motion was commanded. What is not stated is None.
 
     Attributes:
         id: name of the point's files.
@@ -295,8 +295,8 @@ class PointContext:
         moving_mass_kg: mass between load cell and damper; its inertia is part of the measured force.
         current_tolerance_A: largest deviation of measured from wanted current in a valid point.
         simulated: True when no real damper was tested.
-        current_by_hand: the current is what the operator said to have set; nobody measured it.
-        current_unmeasured: the current is what an analogue output was told; nobody measured it.
+        current_by_hand: the current is what the operator confirmed; it was not measured.
+        current_unmeasured: the current is what an analogue output was sent; it was not measured.
         streamed: the motion was made of set-points sent one by one.
         calibration: what is known of the instruments before the point, by attribute of `/entry/quality`: what the bench
             allows them to differ by, and what they showed at rest before the first motion.
@@ -323,7 +323,7 @@ class PointContext:
 
     @property
     def current_told_by(self) -> str:
-        """Who says which current flows where nobody measures it: "operator", "set-point"; else empty."""
+        """The source of a current that is not measured: "operator", "set-point"; else empty."""
         return "operator" if self.current_by_hand else "set-point" if self.current_unmeasured else ""
 
     def to_json(self) -> str:

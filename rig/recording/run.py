@@ -201,7 +201,7 @@ def _why_no_run(place: Path) -> str:
         return (
             "no such directory. Fix: give the directory of a campaign, as printed by `rig run` or listed by `rig runs`"
         )
-    leftovers = unfinished(place / "points") if (place / "points").is_dir() else []
-    if leftovers:
-        return f"contains no finished point, but {len(leftovers)} journal(s). Fix: run `rig recover` on it first"
+    journals = unfinished(place / "points") if (place / "points").is_dir() else []
+    if journals:
+        return f"contains no finished point, but {len(journals)} journal(s). Fix: run `rig recover` on it first"
     return "not a run: it has no points/*.h5"

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 from rig.comparison import Comparison
+from rig.comparison.acceptance import AcceptanceResult, Result, State
 from rig.comparison.changes import Change
 from rig.comparison.differences import MotionRow
-from rig.comparison.judgement import Judgement, Result, State
 from rig.comparison.readings import COVERAGE, LOOP_QUANTITIES, SINGLE_QUANTITIES, Reading
 from rig.document import html
 from rig.document.blocks import (
@@ -85,7 +85,7 @@ def _facts(compared: Comparison) -> Facts:
     return Facts(tuple(facts))
 
 
-def _bands(judgement: Judgement, *, several: bool) -> Blocks:
+def _bands(judgement: AcceptanceResult, *, several: bool) -> Blocks:
     ordered = sorted(judgement.results, key=lambda result: (result.state == State.PASSED, _or_last(result.margin)))
     head: list[Head] = [
         "Result", "Quantity", "Where", *(["Run"] if several else []), Column("Value", "", True),

@@ -183,7 +183,7 @@ def _line(x: FloatArray, y: FloatArray, with_slope: bool) -> tuple[float, float,
 def by_envelope(local_s: Values, arrival_s: Values, *, device_rate: float = 1.0) -> ClockModel:
     """Lower envelope of arrival over local time: the straight line nearest below all points.
 
-    Its uncertainty is the scatter of the block minima about the line together with a least latency nobody can see
+    Its uncertainty is the scatter of the block minima about the line together with a least latency that cannot be seen
     from arrivals alone (`UNKNOWN_LATENCY_S`, in device seconds).
 
     Args:
@@ -204,7 +204,7 @@ def by_envelope(local_s: Values, arrival_s: Values, *, device_rate: float = 1.0)
 
 
 def miscount_std_s(local_s: Values, arrival_s: Values, period_s: float, *, device_rate: float = 1.0) -> float:
-    """How uncertain a count of samples is as a clock, for samples lost that nobody counted (s); 0 where none can be.
+    """How uncertain a count of samples is as a clock, for lost samples that were not counted (s); 0 where none can be.
 
     A sample that is missing in the count puts all that follow too early, so the lower envelope of their arrival steps
     up by a period and stays there; a single late block does not. Half of what it wanders is one standard deviation.

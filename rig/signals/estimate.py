@@ -168,14 +168,14 @@ class ZeroChange:
         drift_N_s: per second; `crosstalk_N_A` per ampere of the coil.
         over_time_N, over_current_N: what that makes between the first and the last point, and between the smallest and
             the largest current (N).
-        told_apart: whether the points tell the two from each other; else each is what explains all alone.
+        separable: whether the points separate the two; else each is what explains all alone.
     """
 
     drift_N_s: Estimate
     crosstalk_N_A: Estimate
     over_time_N: Estimate
     over_current_N: Estimate
-    told_apart: bool
+    separable: bool
 
     def moved(self, tolerance_N: float, k: float) -> tuple[bool, bool]:
         """Whether it certainly moved by more than a tolerance with time, and with the current."""
@@ -201,21 +201,21 @@ def zero_changes(seen: Sequence[ZeroSeen], floor_N: float) -> tuple[ZeroChange, 
     offset_N = np.array([point.offset_N.value for point in known])
     std_N = np.array([point.offset_N.widened(floor_N).std for point in known])
     (drift,), (crosstalk,) = (_slopes((column,), offset_N, std_N) for column in (time_s, current_A))
-    alone = _change(drift, crosstalk, time_s, current_A, told_apart=False)
+    alone = _change(drift, crosstalk, time_s, current_A, separable=False)
     both_vary = len(known) >= FEWEST_FOR_BOTH and np.ptp(time_s) > 0.0 and np.ptp(current_A) > 0.0
     if not both_vary or abs(float(np.corrcoef(time_s, current_A)[0, 1])) > COLLINEAR:
         return (alone,)
     drift, crosstalk = _slopes((time_s, current_A), offset_N, std_N)
-    return (_change(drift, crosstalk, time_s, current_A, told_apart=True), alone)
+    return (_change(drift, crosstalk, time_s, current_A, separable=True), alone)
 
 
 def _change(
-    drift: Estimate, crosstalk: Estimate, time_s: FloatArray, current_A: FloatArray, *, told_apart: bool,
+    drift: Estimate, crosstalk: Estimate, time_s: FloatArray, current_A: FloatArray, *, separable: bool,
 ) -> ZeroChange:
     long_s, wide_A = float(np.ptp(time_s)), float(np.ptp(current_A))
     over_time_N = drift.times(long_s) if long_s > 0.0 else UNKNOWN
     over_current_N = crosstalk.times(wide_A) if wide_A > 0.0 else UNKNOWN
-    return ZeroChange(drift, crosstalk, over_time_N, over_current_N, told_apart)
+    return ZeroChange(drift, crosstalk, over_time_N, over_current_N, separable)
 
 
 def _slopes(columns: Sequence[FloatArray], values: FloatArray, std: FloatArray) -> list[Estimate]:

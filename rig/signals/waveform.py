@@ -1,6 +1,6 @@
 """The waveforms of a test motion as values: shape, peaks, harmonics, and how the controller is asked for one.
 
-A waveform is a periodic motion of unit amplitude that begins at 0 and goes up. Everybody who needs to know more of it
+A waveform is a periodic motion of unit amplitude that begins at 0 and goes up. All code that needs more of it
 than its name asks the value; a name that is not here is refused (`waveform_named`). A further one is one more entry of
 `WAVEFORMS`: the controller plays what it does not know itself as a table (docs/how-to/add-a-waveform.md).
 """

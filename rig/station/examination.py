@@ -39,7 +39,7 @@ class Seen:
     Attributes:
         name: as in the bench file.
         slug, message: what is wrong with it; empty where nothing is.
-        fix: what would mend it, where the driver knows.
+        fix: what would fix it, where the driver knows.
         proved: its identity, or its rate.
         reads_at: baud rates at which a sensor that could not be read is read.
         answers_s: how long the controller took for each of `ASKED` answers (s).
@@ -97,7 +97,7 @@ def examine(devices: Devices, preparation: Preparation) -> Examined:
 
 
 def fix_of(error: Exception) -> str:
-    """What would mend it, where its driver knows; else empty."""
+    """What would fix it, where its driver knows; else empty."""
     return error.fix if isinstance(error, DriverError) else ""
 
 

@@ -74,7 +74,7 @@ def _left_over(folder: Path) -> bool:
 
 
 def hold(path: Path) -> int | None:
-    """Take a lock file; the descriptor holds it until it is closed or its process ends. None: somebody else has it.
+    """Take a lock file; the descriptor holds it until it is closed or its process ends. None: another process has it.
 
     Raises:
         OSError: the file cannot be made.
@@ -89,7 +89,7 @@ def hold(path: Path) -> int | None:
 
 
 def held(path: Path) -> bool:
-    """Whether somebody holds this lock file; False where there is none."""
+    """Whether a process holds this lock file; False where there is none."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
@@ -155,7 +155,7 @@ def received(inbox: socket.socket) -> dict[str, Any] | None:
 
 
 def tell(path: str | Path, message: dict[str, Any]) -> bool:
-    """Send a message; never blocks. False: nobody is there, or they do not read."""
+    """Send a message; never blocks. False: no receiver, or it does not read."""
     with contextlib.suppress(OSError, ValueError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as outbox:
         outbox.setblocking(False)
         with address(Path(path)) as short:

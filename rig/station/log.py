@@ -11,7 +11,7 @@ STANDARD_ERROR = 2
 
 def say(line: str) -> None:
     """Write a line to standard error, unbuffered; what cannot be written is lost, and nothing else is."""
-    # Nobody is left to be told; what matters goes over the link as well.
+    # There is no reader left; what matters goes over the link as well.
     with contextlib.suppress(OSError):
         os.write(STANDARD_ERROR, f"{line}\n".encode(errors="replace"))
 

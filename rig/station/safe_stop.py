@@ -345,7 +345,7 @@ def _hydraulics(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[Sto
 def _conclude(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:
     """Motion is over: safe once the current is proved, or its deadline has passed and been judged.
 
-    A source that is not heard, and keeps its current then, leaves the rig in a state that nobody knows.
+    A source that is not heard, and keeps its current then, leaves the rig in an unknown state.
     """
     if stop.current_judged and not stop.current_zero and inputs.current_A is None and stop.current_falls_s is None:
         return replace(stop, step=StopPhase.UNKNOWN, step_ns=inputs.now_ns), ()

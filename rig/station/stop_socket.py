@@ -66,4 +66,4 @@ class StopSocket:
 def asked_by(message: dict[str, object]) -> str:
     """Who asks, on one printable line of at most 80 characters."""
     text = "".join(sign if sign.isprintable() else " " for sign in str(message.get("by", "")))
-    return text[:LONGEST_NAME].strip() or "somebody"
+    return text[:LONGEST_NAME].strip() or "unknown client"

@@ -1,4 +1,4 @@
-"""The public benchmark: every model and method on open recordings, with split and scorer fixed for everybody.
+"""The public benchmark: every model and method on open recordings, with split and scorer fixed for all entries.
 
 An entry is fitted to what a split gives it and scored on the rest: NRMSE, 100 x RMSE / max|F - mean F| of each unseen
 test, averaged over all of them; and the share of the unseen force's variance that is explained.
@@ -29,7 +29,7 @@ from rig.identification.models.measurement import first_cycle, spaced, thinned
 from rig.identification.models.solving import THREE_STEPS, known_methods, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.reference import references
-from rig.identification.uncertainty.scoring import score, told_apart
+from rig.identification.uncertainty.scoring import score, with_extrapolations
 from rig.plugins import DAMPER_MODELS, METHODS
 from rig.plugins import found as plug_ins
 from rig.study.benchmark_file import SEPARABLE, BenchmarkFile, load_benchmark
@@ -43,16 +43,16 @@ REFERENCE = "reference"
 SEARCHED_A_CYCLE = 125
 SEARCHED_OF_RECORD = 5000
 COLUMNS = (
-    "recordings", "model", "method", "unseen NRMSE / % of peak", "unseen variance explained / %",
-    "worst test / % of peak", "without those beyond the data / % of peak", "fitted NRMSE / % of peak", "evaluations",
+    "recordings", "model", "method", "validation NRMSE / % of peak", "validation variance explained / %",
+    "worst test / % of peak", "without extrapolated tests / % of peak", "fitted NRMSE / % of peak", "evaluations",
     "CPU / s", "note",
 )  # fmt: skip
 SCORER = (
-    "NRMSE of a test: 100 x RMSE / max|F - mean F|; the mean over all unseen tests. Models run freely: motion and "
-    "current go in, never a measured force. Methods other than separable see one cycle of each test, or every few "
-    "samples of a record without cycles, and are scored on all samples. Beyond the data: unseen tests with a "
-    "displacement, velocity, current or temperature that no fitted test of the split has; they are foretold by "
-    "extrapolation."
+    "NRMSE of a test: 100 x RMSE / max|F - mean F|; mean over all validation tests. Models are simulated in open "
+    "loop: the inputs are motion and current, never a measured force. Methods other than separable are fitted to one "
+    "cycle of each test, or to every n-th sample of a record without cycles, and are evaluated on all samples. "
+    "Extrapolated: validation tests with a displacement, velocity, current or temperature outside the range of the "
+    "fitted tests of the split."
 )
 
 
@@ -105,7 +105,7 @@ def run_benchmark(
     lacking = [one.lacking for one in sets if not one.complete]
     facts = {
         "name": wanted.name,
-        "summary": f"{len(entries)} entries; {sum(one.complete for one in sets)} of {len(sets)} sets of recordings.",
+        "summary": f"{len(entries)} entries; {sum(one.complete for one in sets)} of {len(sets)} data sets.",
         "recordings": [_source(one) for one in sets],
         "entries": len(entries),
         "left_out": lacking,
@@ -227,14 +227,14 @@ def _scored(wanted: BenchmarkFile, fold: Fold, model: str, method: str) -> _Scor
     if method == SEPARABLE:
         fit = identify(fold.fitted, model=model, holdout=fold.unseen, diagnose=False)
         if fit.holdout is None:
-            raise RigError("nothing was held out")
+            raise RigError("holdout: no test was held out")
         return _Scored(fit.error, fit.holdout, fit.evaluations)
     settings = Method(method, weight="1", budget=chosen.budget, population=chosen.population, seed=chosen.seed)
     damper, tests = damper_model(model), [_sampled(test) for test in fold.fitted]
     solution = solve(damper, tests, settings, examine(damper, tests))
     values = dict(solution.values)
     covered = covered_by(fold.fitted)
-    unseen = told_apart(score(damper, values, fold.unseen), [beyond(covered, test) for test in fold.unseen])
+    unseen = with_extrapolations(score(damper, values, fold.unseen), [beyond(covered, test) for test in fold.unseen])
     return _Scored(score(damper, values, tests), unseen, solution.evaluations)
 
 
@@ -264,18 +264,18 @@ def _row(model: str, method: str, scored: Sequence[_Scored]) -> dict[str, Any]:
 def _beyond(test: TestError) -> str:
     """In what a test lies beyond the data of its fit."""
     told = in_words(test.beyond or ())
-    return f" (beyond the data: {told})" if told else ""
+    return f" (extrapolated: {told})" if told else ""
 
 
 def _reference_rows(folds: Sequence[Fold]) -> list[dict[str, Any]]:
     """The mean cycle and the regression, on the same splits; neither is a model."""
-    foretold = [references(fold.fitted, fold.unseen, [fold.fitted]) for fold in folds]
+    predicted = [references(fold.fitted, fold.unseen, [fold.fitted]) for fold in folds]
     rows = []
-    for place, title in enumerate(("mean cycle of each unseen test (the floor)", "gradient boosting")):
-        errors = [one[place].holdout_nrmse_percent_of_peak for one in foretold]
+    for place, title in enumerate(("mean cycle of each validation test (noise floor)", "gradient boosting")):
+        errors = [one[place].holdout_nrmse_percent_of_peak for one in predicted]
         counts = [len(fold.unseen) for fold in folds]
         known = [(error, count) for error, count in zip(errors, counts, strict=True) if error is not None]
-        row: dict[str, Any] = {"model": title, "method": "no model", "note": foretold[0][place].reason}
+        row: dict[str, Any] = {"model": title, "method": "no model", "note": predicted[0][place].reason}
         if known:
             row["unseen"] = float(np.average([error for error, _ in known], weights=[count for _, count in known]))
         single = folds[0].unseen[0] if len(folds) == 1 and len(folds[0].unseen) == 1 else None
@@ -304,7 +304,7 @@ def benchmark_table(found: Sequence[Found], lines: Sequence[Mapping[str, Any]]) 
         entries.sort(key=lambda row: _rank(one, row))
         keys = ("model", "method", "unseen", "variance", "worst", "within", "seen", "evaluations", "cpu_s", "note")
         rows += [(name, *(row.get(key) for key in keys)) for row in entries]
-    title = "Models and methods on open recordings, scored on what no fit has seen"
+    title = "Models and methods on open recordings, evaluated on validation tests"
     return Table("benchmark", "Benchmark", title, COLUMNS, tuple(rows), SCORER)
 
 

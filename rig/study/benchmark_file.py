@@ -14,7 +14,7 @@ from rig.errors import FileProblem, IdentificationFailed
 from rig.files.loader import load_section
 from rig.files.places import problem_at
 from rig.files.section import Section
-from rig.identification.pairs import LEFT_OUT as PAIRS
+from rig.identification.cross_validation import LEFT_OUT as PAIRS
 from rig.identification.points.whole_record import last_share
 
 SEPARABLE = "separable"
@@ -25,11 +25,15 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class Published(Section):
-    """A result of somebody else on the same recordings, shown beside ours as it was published."""
+    """A published result of others on the same recordings, shown next to ours."""
 
     who: str
-    nrmse_percent: float | None = Field(default=None, gt=0.0, lt=100.0, description="unseen, % of peak")
-    variance_percent: float | None = Field(default=None, gt=0.0, le=100.0, description="of the force, unseen")
+    nrmse_percent: float | None = Field(
+        default=None, gt=0.0, lt=100.0, description=("NRMSE of validation tests, % of peak")
+    )
+    variance_percent: float | None = Field(
+        default=None, gt=0.0, le=100.0, description=("variance of the force explained in validation tests")
+    )
     note: str = ""
 
 
@@ -40,14 +44,14 @@ class Recordings(Section):
     title: str
     source: str
     licence: str
-    prepare: str = Field(default="", description="how what is downloaded becomes the files named")
-    folder: str = Field(description="where the files lie, relative to this file's folder")
-    variable: str = Field(default="", description="environment variable that names another folder")
+    prepare: str = Field(default="", description="how to prepare the named files from the download")
+    folder: str = Field(description="folder of the files, relative to the folder of this file")
+    variable: str = Field(default="", description="environment variable that overrides the folder")
     files: dict[str, Sha256] = Field(min_length=1)
     columns: dict[str, str]
     current_from_name: str | None = None
     waveform: Literal["sine", "triangle", "random"] = "sine"
-    split: str = Field(description='"leave-one-pair-out", or of motion without cycles "last 30 %"')
+    split: str = Field(description='"leave-one-pair-out", or "last 30 %" for motion without cycles')
     published: tuple[Published, ...] = ()
 
     def problems(self) -> Iterator[Problem]:
@@ -58,9 +62,9 @@ class Recordings(Section):
             yield (), str(error)
             return
         if self.split != PAIRS and share is None:
-            yield (), f'split = "{self.split}": "{PAIRS}" or "last 30 %"'
+            yield (), f'split: got "{self.split}", expected "{PAIRS}" or "last 30 %"'
         elif (share is None) == (self.waveform == "random"):
-            yield (), f'"{PAIRS}" goes with cycles, "last 30 %" with waveform = "random"'
+            yield (), f'split: "{PAIRS}" needs motion with cycles, "last 30 %" needs waveform = "random"'
 
 
 class Benchmark(Section):
@@ -69,7 +73,7 @@ class Benchmark(Section):
     models: Literal["all"] | tuple[str, ...] = "all"
     methods: Literal["all"] | tuple[str, ...] = "all"
     searched: tuple[str, ...] = Field(
-        default=("asymmetric",), description="models that methods other than separable are run on"
+        default=("asymmetric",), description="models that are fitted by methods other than separable"
     )
     budget: int = Field(default=4000, ge=10, le=100_000_000)
     population: int = Field(default=50, ge=4, le=100_000)
@@ -111,14 +115,14 @@ def load_benchmark(path: Path) -> BenchmarkFile:
         "methods": (wanted.benchmark.methods, known_methods()),
     }
     problems = [
-        problem_at(source, ("benchmark", key), f"{name!r} is unknown; known: {', '.join(known)}")
+        problem_at(source, ("benchmark", key), f"got {name!r}, expected one of {', '.join(known)}")
         for key, (names, known) in named.items()
         if names != "all"
         for name in names
         if name not in known
     ]
     names = [one.name for one in wanted.recordings]
-    problems += [f"recordings: name {name!r} is there twice" for name in sorted(set(names)) if names.count(name) > 1]
+    problems += [f"recordings: name: got {name!r} twice" for name in sorted(set(names)) if names.count(name) > 1]
     if problems:
         raise FileProblem(str(path), problems)
     return wanted

@@ -200,9 +200,11 @@ def study_tests(study: StudyFile, lines: dict[str, dict[str, Any]]) -> dict[str,
 
 
 def _over_all_settings(study: StudyFile, lines: dict[str, dict[str, Any]]) -> KruskalWallis | None:
-    note = "Each search counts once: the repeats of searches that serve several budgets are dealt out to them."
+    note = (
+        "Each search is used once: the repeats of searches that serve several budgets are divided among these budgets."
+    )
     once = kruskal_wallis(setting_groups(study, lines, each_search_once=True), note)
     if once is not None:
         return once
-    note = "Too few repeats to count each search once: budgets that share a search are not independent here."
+    note = "Too few repeats to use each search once: budgets that share a search are not independent here."
     return kruskal_wallis(setting_groups(study, lines), note)

@@ -76,8 +76,8 @@ def run_search(study: StudyFile, fingerprint: str, cell: SearchCell) -> dict[str
         bench = Workbench(study)
         if bench.fingerprint != fingerprint:
             raise RigError(
-                f"this worker's recordings or software differ (fingerprint {bench.fingerprint}, the study's is "
-                f"{fingerprint}): workers need the same version and the same files at the same place"
+                f"recordings or software of this worker differ: got fingerprint {bench.fingerprint}, expected "
+                f"{fingerprint}. Fix: install the same version on all workers, with the same files in the same folders"
             )
         _benches.clear()
         _benches[fingerprint] = bench

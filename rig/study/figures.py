@@ -94,7 +94,7 @@ def _convergence(study: StudyFile, results: Lines) -> Panels:
         traces += [area(grid, low, high, colour), Trace(grid, middle, name=name, colour=colour)]
     evaluations, unit = "Objective evaluations", objective_unit(study)
     best = Axis("Best f(s): median, middle half", unit, log=True)
-    detail = Axis("Best f(s), detail", unit, (0.8 * lowest, DETAIL * lowest), log=True)
+    detail = Axis("Best f(s), enlarged", unit, (0.8 * lowest, DETAIL * lowest), log=True)
     return Panels((
         Figure(Axis(evaluations), best, traces, HALF, 340, legend=True),
         Figure(Axis(evaluations, limits=(0.5 * ends[1], 1.03 * ends[1])), detail, traces, HALF, 340),
@@ -187,7 +187,7 @@ def _at(history: np.ndarray, evaluations: np.ndarray) -> np.ndarray:
 
 def _against_current(study: StudyFile, results: Lines) -> Panels:
     if study.current is None:
-        raise ValueError("this study has no per-current part to draw")
+        raise ValueError("this study has no [per_current] to draw")
     outcomes = current_results(study, results)
     method = "ga_novel" if "ga_novel" in outcomes else next(iter(outcomes))
     currents = sorted(outcomes[method])

@@ -71,10 +71,11 @@ def _best_methods(study: StudyFile, results: Lines) -> Iterator[Claim]:
     beside = [f"{TITLES[method]} {mean:.3g}" for method, mean in every.items() if method not in BEST]
     yield Claim(
         "best-methods", verdict,
-        'Paper 1 concludes that "PSO and c-FOA achieve the best performance". Its own Table 2, by mean value, orders '
-        f"{_order(theirs)}: the genetic algorithm's mean lies between c-FOA's and PSO's. This study orders "
-        f"{_order(ours)} (mean of each method's best setting, {', '.join(f'{best[method]:.3g}' for method in ours)})."
-        f"{' Other readings of these methods: ' + ', '.join(beside) + '.' if beside else ''}",
+        'Paper 1 concludes that "PSO and c-FOA achieve the best performance". Its own Table 2 gives the order of mean '
+        f"values {_order(theirs)}: the mean of the genetic algorithm is between those of c-FOA and PSO. The order in "
+        f"this study is {_order(ours)} (mean of each method's best setting, "
+        f"{', '.join(f'{best[method]:.3g}' for method in ours)})."
+        f"{' Other variants of these methods: ' + ', '.join(beside) + '.' if beside else ''}",
     )  # fmt: skip
 
 
@@ -87,22 +88,22 @@ def _signs(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> Ite
         ratio = best["c_foa printed"] / lowest
         works = ratio < FAR
         why = (
-            "" if works else " With M < 1 no coordinate of (13) ever changes its sign, so from all ones no negative "
-            "preload F0 can be reached. The paper's own fit has F0 = -270 N: either its program was not the printed "
-            "one, or its start had that sign, which is knowledge of the range. `c_foa` here draws the signs of the "
-            "first swarm."
+            "" if works else " With M < 1 no coordinate of (13) can change its sign, so a start at ones cannot reach "
+                             "a negative preload F0. The paper's own fit has F0 = -270 N: either its program differs "
+                             "from the printed algorithm, or its start had that sign, which uses knowledge of the "
+                             "range. `c_foa` in this software draws the signs of the first swarm at random."
         )  # fmt: skip
         yield Claim(
             "printed-c-foa", HOLDS if works else FAILS,
-            "That c-FOA as printed (Fig. 6) identifies the model without knowledge of its range: started from all "
-            f"ones it ends at {ratio:.3g} times the lowest objective in the best of all its searches.{why}",
+            "Paper 1 states that c-FOA identifies the model without knowledge of its range. As printed (Fig. 6) and "
+            f"started at ones, the best of all its searches ends at {ratio:.3g} times the lowest objective.{why}",
         )  # fmt: skip
     if "foa" in best:
         ratio = best["foa"] / lowest
         fails = ratio > FAR
         why = (
-            " S = 1/D is never negative, and large values need a place within their inverse of the origin: that is the "
-            "coordinates, not the budget." if fails else ""
+            " S = 1/D is never negative, and large values need a position within their inverse of the origin: the "
+            "cause is the coordinates, not the budget." if fails else ""
         )
         yield Claim(
             "foa-fails", HOLDS if fails else FAILS,
@@ -121,17 +122,16 @@ def _search_error(study: StudyFile, results: Lines, minima: Mapping[str, float])
     reached = summary.mean <= (1.0 + ALIKE) * lowest
     every = best_lines(study, results)
     closest = min(every, key=lambda one: float(every[one]["value"]))
-    end = "so this search does find the model's parameters" if reached else (
-        "what differs between the algorithms is how far each search is from the model's own fit, not what the model "
-        "can fit"
+    end = "so this search finds the parameters of the model" if reached else (
+        "the algorithms differ in how close a search gets to the optimum of the model, not in what the model can fit"
     )  # fmt: skip
     yield Claim(
         "search-error", HOLDS if reached else FAILS,
-        "The paper takes the parameters that an algorithm ends at for the model's fit (Tables 4 and 5, and the ride). "
-        "The model is linear but for beta and delta, and separable least squares, without a start or bounds, reaches "
-        f"{lowest:.4g}. The method with the lowest mean here, {TITLES[method]} (N = {population}, {budget} "
-        f"evaluations), ends at {summary.mean / lowest:.3g} times that in the mean and at "
-        f"{summary.best / lowest:.3g} times at best; the lowest of all searches, one of {TITLES[closest]}, at "
+        "The paper takes the end point of an algorithm for the optimum of the model (Tables 4 and 5, and the ride). "
+        "The model is linear except for beta and delta, and separable least squares, without a start or bounds, "
+        f"reaches {lowest:.4g}. The method with the lowest mean in this study, {TITLES[method]} (N = {population}, "
+        f"{budget} evaluations), ends at {summary.mean / lowest:.3g} times this value on average and at "
+        f"{summary.best / lowest:.3g} times at best; the best of all searches, by {TITLES[closest]}, ends at "
         f"{float(every[closest]['value']) / lowest:.3g} times: {end}.",
     )  # fmt: skip
 
@@ -147,10 +147,10 @@ def _significance(study: StudyFile, results: Lines, tests: Mapping[str, KruskalW
     clear = max(pair.p_holm, alone) < SIGNIFICANT
     yield Claim(
         "pso-against-c-foa", HOLDS if clear and pair.first == TITLES["c_foa"] else FAILS if clear else OPEN,
-        f"The paper's p = {KRUSKAL_WALLIS_P} between PSO and c-FOA, whose mean is the lower one, compares two settings "
-        "that were chosen as the best on the same values, without correction. Here, chosen the same way, "
-        f"{pair.first} has the lower ranks: p = {alone:.2g} of the two alone as the paper tests, "
-        f"p = {pair.p_holm:.2g} among all {len(tuned.pairs)} pairs (Dunn, Holm).",
+        f"The paper's p = {KRUSKAL_WALLIS_P} between PSO and c-FOA (c-FOA has the lower mean) compares two settings "
+        "that were chosen as the best on the same values, without correction. In this study, with the same choice, "
+        f"{pair.first} has the lower ranks: p = {alone:.2g} for the two methods alone, as the paper tests, p = "
+        f"{pair.p_holm:.2g} among all {len(tuned.pairs)} pairs (Dunn, Holm).",
     )  # fmt: skip
 
 
@@ -166,14 +166,15 @@ def _symmetry(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> 
     verdict = OPEN if p >= SIGNIFICANT else HOLDS if ratio > 1.0 else FAILS
     known = minima.keys() >= {"symmetric", "asymmetric"}
     own = (
-        f" The lowest values of the models themselves (separable least squares) are {minima['symmetric']:.3g} and "
+        f" The lowest values of the models (separable least squares) are {minima['symmetric']:.3g} and "
         f"{minima['asymmetric']:.3g}." if known else ""
     )  # fmt: skip
     yield Claim(
         "asymmetric-model", verdict,
-        f"The symmetric model's mean objective is {ratio:.3g} times the asymmetric one's (paper: {printed:.3g}); rank "
-        f"test p = {p:.2g}.{own} The symmetric model is contained in the asymmetric one, so the latter's own minimum "
-        "is never higher, which is no evidence by itself; held-out tests are (`rig identify --model all --holdout`).",
+        f"The mean objective of the symmetric model is {ratio:.3g} times that of the asymmetric one (paper: "
+        f"{printed:.3g}); rank test p = {p:.2g}.{own} The symmetric model is a special case of the asymmetric one, "
+        "whose minimum is therefore never higher. This alone is no evidence; validation tests are (`rig identify "
+        "--model all --holdout`).",
     )  # fmt: skip
 
 
@@ -194,7 +195,7 @@ def _sensitivity(study: StudyFile, results: Lines) -> Iterator[Claim]:
         verdict, text = verdict_and_text
         yield Claim(
             f"sensitivity-{parameter}", verdict,
-            f"c-FOA against {parameter}: {text} Means here {ours}; printed {theirs or 'none'}.",
+            f"Effect of {parameter} on c-FOA: {text} Means in this study: {ours}; printed: {theirs or 'none'}.",
         )  # fmt: skip
 
 
@@ -205,8 +206,9 @@ def _of_population(groups: Mapping[int, list[float]]) -> tuple[str, str] | None:
     p = rank_test(low, high)
     verdict = OPEN if p >= SIGNIFICANT else HOLDS if np.mean(high) < np.mean(low) else FAILS
     return verdict, (
-        "the paper says that more flies hardly improve the best value but give better means; more flies for the same "
-        f"generations are also more evaluations. {min(groups)} against {max(groups)}: rank test p = {p:.2g}."
+        "The paper states that more flies hardly improve the best value but improve the mean; more flies for the same "
+        f"number of generations also mean more evaluations. {min(groups)} compared with {max(groups)}: rank test p = "
+        f"{p:.2g}."
     )
 
 
@@ -215,9 +217,10 @@ def _of_generations(groups: Mapping[int, list[float]]) -> tuple[str, str] | None
         return None
     gain = float(np.mean(groups[min(groups)]) / np.mean(groups[max(groups)]))
     return FAILS if gain > 1.0 + ALIKE else HOLDS, (
-        'the paper says that more generations give "no clear benefit", though its own means fall. Here the longer '
-        f"searches are the shorter ones continued, so they cannot be worse: the mean falls {gain:.3g} times. (The "
-        "paper's conclusions name K = 200 and N = 250 as the best; no table of it has N = 250.)"
+        'The paper states that more generations give "no clear benefit", although its own means decrease. In this '
+        "study the longer searches continue the shorter ones, so they cannot be worse: the mean decreases by a factor "
+        f"of {gain:.3g}. (The conclusions of the paper name K = 200 and N = 250 as the best; none of its tables has N "
+        "= 250.)"
     )
 
 
@@ -229,9 +232,9 @@ def _of_resolution(groups: Mapping[int, list[float]]) -> tuple[str, str] | None:
     worse = np.mean(groups[coarse]) > np.mean(groups[middle])
     verdict = OPEN if of_coarse >= SIGNIFICANT else HOLDS if worse else FAILS
     return verdict, (
-        "the paper says that a very small resolution is significantly worse and a very large one slightly. Rank test "
-        f"of {coarse} against {middle} p = {of_coarse:.2g}, of {fine} against {middle} p = {of_fine:.2g}; the verdict "
-        "is that of the first."
+        "The paper states that a very small resolution is significantly worse and a very large one slightly worse. "
+        f"Rank test of {coarse} compared with {middle}: p = {of_coarse:.2g}; of {fine} compared with {middle}: p = "
+        f"{of_fine:.2g}. The verdict is that of the first."
     )
 
 
@@ -252,21 +255,21 @@ def _parallel(study: StudyFile, results: Lines) -> Iterator[Claim]:
     each_us = 1e6 * own[1] / wanted.evaluations
     saved = {count: 100.0 * (1.0 - PARALLEL_S[count] / PARALLEL_S[1]) for count in (2, 4)}
     times = "; ".join(
-        f"{model} {', '.join(f'{s:.3g} s on {count}' for count, s in seconds.items())}" for model, seconds in told
+        f"{model} {', '.join((f'{s:.3g} s on {count}' for count, s in seconds.items()))}" for model, seconds in told
     )
     losers = [model for model, gain in gains.items() if gain <= 1.0]
     small = [model for model, seconds in told if model in losers and seconds[1] < SENT_S * wanted.evaluations]
     busy = [model for model in losers if model not in small]
-    why = f" For {' and '.join(small)}, sending candidates takes longer than computing them." if small else ""
+    why = f" For {' and '.join(small)}, sending candidates takes longer than evaluating them." if small else ""
     why += (
-        f" That nothing was gained for {' and '.join(busy)}, whose candidates take longer than to be sent, is the "
-        "machine's doing: other work, or fewer free processors than processes." if busy else ""
+        f" For {' and '.join(busy)}, evaluating candidates takes longer than sending them, so the missing speed-up is "
+        "due to this computer: other load, or fewer free processors than processes." if busy else ""
     )
     yield Claim(
         "parallel", HOLDS if gains[first] > 1.0 + ALIKE else FAILS if gains[first] < 1.0 - ALIKE else OPEN,
-        f"The paper's text says 42 and 62.5 % less time on 2 and 4 processes; its Table 6 says {saved[2]:.0f} and "
-        f"{saved[4]:.0f} %. Here, for {wanted.evaluations} evaluations: {times} processes. An evaluation of the "
-        f"{first} model, 0.2 s in the paper, takes {each_us:,.0f} microseconds on one.{why}",
+        f"The text of the paper claims 42 and 62.5 % less time on 2 and 4 processes; its Table 6 gives {saved[2]:.0f} "
+        f"and {saved[4]:.0f} %. This study, {wanted.evaluations} evaluations: {times} processes. An evaluation of the "
+        f"{first} model, 0.2 s in the paper, takes {each_us:,.0f} microseconds on one process.{why}",
     )  # fmt: skip
 
 
@@ -284,18 +287,17 @@ def _ride(driven: Rides | None) -> Iterator[Claim]:
     own = ""
     if driven.ours is not None:
         own = (
-            f" This study's own fits of these methods, all of the same recordings, differ by up to "
-            f"{most(driven.ours, '4-8 Hz')[0]:.2g} and {most(driven.ours, '0-18 Hz')[0]:.2g} dB: that much is the "
-            "searches' doing, not the damper's."
+            " The fits of these methods in this study, all to the same recordings, differ by up to "
+            f"{most(driven.ours, '4-8 Hz')[0]:.2g} and {most(driven.ours, '0-18 Hz')[0]:.2g} dB: this is the effect "
+            "of the searches, not of the damper."
         )
     yield Claim(
         "ride-of-fits", HOLDS if size else FAILS,
         f"Paper 1, 4.2: cars with the three fits differ by up to {limit_low:g} dB in 4-8 Hz and {limit_high:g} dB "
-        f"above. With the printed fits in a car of our own, {low:.2g} dB in 4-8 Hz and {high:.2g} dB up to 18 Hz "
-        f"(in {where}). "
-        f"The verdict is on 4-8 Hz, within {RIGHT_SIZE:g} times; above, a response near a null makes large differences "
-        "of nearly nothing, and a damper's current would change both (docs/how-to/ride-comfort.md)."
-        f"{own}",
+        f"above. With the printed fits in the car of this study, the difference is {low:.2g} dB in 4-8 Hz and "
+        f"{high:.2g} dB up to 18 Hz (in {where}). The verdict is for 4-8 Hz, within a factor of {RIGHT_SIZE:g}; "
+        "above, small differences near a null of the response appear large, and the current of the damper would "
+        f"change both (docs/how-to/ride-comfort.md).{own}",
     )  # fmt: skip
 
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from rig.errors import FileProblem
 from rig.identification import Measurement, identify
+from rig.identification.cross_validation import pairs_of
 from rig.identification.models.coil import needs_lag, with_lag
-from rig.identification.pairs import pairs_of
 from rig.identification.points.preparation import prepare_all
 from rig.identification.points.whole_record import cut_in_time, last_share
 from rig.recording.importing import import_tests
@@ -50,12 +50,12 @@ class Found:
         if self.missing:
             parts.append(f"{len(self.missing)} of {len(one.files)} files missing ({_some(self.missing)})")
         if self.changed:
-            parts.append(f"other bytes than the benchmark's (SHA-256) in {_some(self.changed)}")
-        variable = f", or set {one.variable} to where they are" if one.variable else ""
+            parts.append(f"SHA-256 differs from the benchmark's in {_some(self.changed)}")
+        variable = f", or set {one.variable} to their folder" if one.variable else ""
         prepare = f" {one.prepare}" if one.prepare else ""
         return (
-            f"{one.name}: {' and '.join(parts)} in {self.folder}. Nothing is redistributed here; download from "
-            f"{one.source} (licence: {one.licence}).{prepare} Put them into that folder{variable}"
+            f"{one.name}: {' and '.join(parts)} in {self.folder}. The recordings are not included; download them from "
+            f"{one.source} (licence: {one.licence}).{prepare} Copy them to that folder{variable}"
         )
 
 

@@ -80,8 +80,8 @@ def written(cell: Cell) -> str:
 
 
 FIGURE_TITLES = {
-    "figure-03": "Figure 3: a triangle's position and velocity",
-    "figure-04": "Figure 4: force over velocity in a triangle of displacement, without noise",
+    "figure-03": "Figure 3: position and velocity of a triangle",
+    "figure-04": "Figure 4: force over velocity for a triangular displacement, without noise",
     "figure-05": "Figure 5: the recordings at the lowest frequency",
     "figure-08": "Figure 8: box plots of every setting",
     "figure-08-pair": "Figure 8 as printed: best-tuned PSO and c-FOA",
@@ -92,19 +92,19 @@ FIGURE_TITLES = {
     "figure-13": "Figure 13: response of a car with the fits of c-FOA, GA and PSO, printed (Table 5) and this study's",
     "paper2-figure-08": "Paper 2, Figure 8: the recordings",
     "paper2-figure-10": "Paper 2, Figure 10: minimum error, and its running average, against generations",
-    "paper2-figure-11": "Paper 2, Figure 11: distribution of the minimum error, and the exponential one",
+    "paper2-figure-11": "Paper 2, Figure 11: distribution of the minimum error, and an exponential distribution",
     "paper2-figure-12": "Paper 2, Figure 12: recorded and reconstructed hysteresis",
     "paper2-figure-13-bars": "Paper 2, Figure 13: errors and generations of each method",
-    "paper2-figure-relations": "Paper 2, Table 1 drawn: parameters against current, and their relations to it",
+    "paper2-figure-relations": "Paper 2, Table 1 as a figure: parameters over current, and their relations to it",
 }
 COMPARED = (
-    "Which of the papers' statements hold on these recordings. The papers' own recordings are not public: orders and "
+    "The statements of the papers, checked on these recordings. The papers' own recordings are not public: orders and "
     "ratios are compared, not magnitudes."
 )
 SYNTHETIC = (
-    "The recordings are synthetic: simulated dampers with known parameters (truth) and white noise. The searched "
-    "models can fit them to within the noise, which no model does with a real damper: the statements on algorithms may "
-    "not hold there, and these results do not show how well a model fits a real damper."
+    "The recordings are synthetic: simulated dampers with known parameters (truth) and white noise. The models can "
+    "fit them to within the noise, which no model does for a real damper: the findings on algorithms may not apply "
+    "there, and these results do not show how well a model fits a real damper."
 )
 NOT_DRAWN = (
     "Not included: photographs, schemes and flow charts (Figures 1, 2, 6 and 7; paper 2, Figures 1 to 7 and 9), which "
@@ -280,17 +280,17 @@ def _made(facts: Mapping[str, Any]) -> Blocks:
         "searched with": ", ".join(made["searched_with"]),
         "plug-ins": "; ".join(made.get("plug_ins", ())),
         "machine that wrote this page": made["machine"],
-        "time": f"{made['searched_s']:,.0f} s of searches, all sessions and workers together; {facts['wall_s']:,.0f} s "
-        "in the session that wrote this page",
+        "time": f"{made['searched_s']:,.0f} s of searches, all sessions and workers together; {facts['wall_s']:,.0f} "
+        "s in the session that wrote this page",
         "seed": str(made["seed"]),
-        "fingerprint": f"{made['fingerprint']} (of the study's decisions and its recordings)",
+        "fingerprint": f"{made['fingerprint']} (settings of the study and its recordings)",
     }
     again = (
-        "To repeat it with the file below (finished searches in the folder are kept; with the same versions, seed "
-        "and kind of processor every search returns the same value, only the times differ):"
+        "To repeat the study with the file below (finished searches in the folder are reused; with the same versions, "
+        "seed and type of processor every search returns the same value, only the times differ):"
     )
     return [
-        Heading("How this was made", name="made", listed="How this was made"), Properties(pairs), Paragraph(again),
+        Heading("Provenance", name="made", listed="Provenance"), Properties(pairs), Paragraph(again),
         Listing(made["command"]), Details("The study file", (Listing(made["file"]),)),
     ]  # fmt: skip
 

@@ -27,15 +27,17 @@ from rig.study.study_file import StudyFile
 TABLE_NUMBERS = {"ga": 10, "de": 11, "pso": 12, "i_abc": 13, "c_foa": 14}
 VALUE_COLUMNS = ("BV", "MV", "SD", "repeats")
 PRINTED_COLUMNS = ("BV printed", "MV printed", "SD printed")
-NOT_PUBLIC = "Printed: the paper's values, over its own recordings, which are not public; compare orders, not sizes."
+NOT_PUBLIC = (
+    "Printed: the values of the paper, for its own recordings, which are not public; compare orders, not magnitudes."
+)
 SYMMETRY_TITLES = {
     "asymmetric": "Asymmetric model: Ca_minus \N{NOT EQUAL TO} Ca_plus, Cb_minus \N{NOT EQUAL TO} Cb_plus",
     "symmetric": "Symmetric model: Ca_minus = Ca_plus, Cb_minus = Cb_plus",
 }
-LAMBDA = "The printed lambda, which the paper gives no unit, is read as delta."
+LAMBDA = "The printed lambda, for which the paper gives no unit, is interpreted as delta."
 MIRRORED = (
-    "beta is given positive: with beta, delta, Fya and Fyb of the other signs the force is the same (tanh is odd), and "
-    "a search may end at either."
+    "beta is positive by convention: if beta, delta, Fya and Fyb all change sign, the force is the same (tanh is "
+    "odd), and a search may end at either solution."
 )
 
 
@@ -91,8 +93,7 @@ def comparison_tables(study: StudyFile, results: Lines, minima: Mapping[str, flo
     )
     note = (
         f"{_objective(study)} {_lowest(minima, study.comparison.models[:1])} The setting with the lowest mean of each "
-        f"method: chosen on the same values it is judged by. {NOT_PUBLIC} "
-        "Printed are those of the paper's best settings."
+        f"method, chosen on the same values. {NOT_PUBLIC} The printed values are those of the paper's best settings."
     )
     columns = ("method", "N", "fun_evals", *VALUE_COLUMNS, *PRINTED_COLUMNS)
     title = _statistics(study, ", ".join(TITLES[method] for method in best))
@@ -107,7 +108,7 @@ def comparison_tables(study: StudyFile, results: Lines, minima: Mapping[str, flo
         ]
         number = TABLE_NUMBERS.get(method)
         name = f"table-x-{method.replace(' ', '-')}" if number is None else f"table-{number}"
-        heading = f"Beside the papers, {TITLES[method]}" if number is None else f"Table {number}"
+        heading = f"Not in the papers: {TITLES[method]}" if number is None else f"Table {number}"
         title = _statistics(study, TITLES[method])
         headings = (TITLES[method], *VALUE_COLUMNS, *PRINTED_COLUMNS)
         tables.append(Table(name, heading, title, headings, tuple(rows), f"{_objective(study)} {NOT_PUBLIC}"))
@@ -152,7 +153,7 @@ def model_tables(study: StudyFile, results: Lines, minima: Mapping[str, float]) 
                 summary = setting_summary(study, results, model, method, N, budget)
                 if summary is not None:
                     several.append((model, TITLES[method], *_cells(summary)))
-        heading = "Beside the papers, models"
+        heading = "Not in the papers: models"
         headings = ("model", "method", *VALUE_COLUMNS)
         tables.append(Table("table-x-models", heading, "Models compared", headings, tuple(several), _objective(study)))
     return tables
@@ -189,9 +190,9 @@ def parameter_tables(study: StudyFile, results: Lines, units: Mapping[str, str])
         columns = ("No.", "parameter", "unit", *(TITLES[method] for method in methods))
         columns += ("truth",) if truth else ()
         columns += tuple(f"{TITLES[method]} printed" for method in printed_fits)
-        note = "eta (9) is not searched: with constant current it cannot be identified." if "eta" in units else ""
+        note = "eta (9) is not identified: this is not possible with constant current." if "eta" in units else ""
         note += f" The best of all settings. {MIRRORED} {LAMBDA} {NOT_PUBLIC}"
-        note += " Truth: what the synthetic recordings were made with, beside noise." if truth else ""
+        note += " Truth: the values that generated the synthetic recordings, which also contain noise." if truth else ""
         title = f"Optimised model parameter values using {titles}"
         tables.append(Table(f"table-{number:02d}", f"Table {number}", title, columns, tuple(rows), note))
     return tables
@@ -262,8 +263,9 @@ def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
         f"ones (N = {wanted.population}, fun_evals = {wanted.evaluations})"
     )
     note = (
-        f"Measured on {processors} processors: more processes than that cannot gain. Time of the search alone; workers "
-        "already started and holding the recordings. Each timed once: beside other work on the machine it says little."
+        f"Measured on {processors} processors: more processes than processors bring no gain. Time of the search only, "
+        "with the workers already started and the recordings loaded. Each was timed once, so other load on the "
+        "computer affects the result."
     )
     parallel = (f"parallel computing with {count} processes" if count > 1 else "serial computing" for count in counts)
     return [Table("table-06", "Table 6", title, ("model", "computational burden", *parallel), tuple(rows), note)]

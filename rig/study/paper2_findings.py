@@ -63,10 +63,11 @@ def _improvement(novel: ByCurrent, outcomes: Mapping[str, ByCurrent]) -> Claim:
     verdict = FAILS if gain < 100.0 * ALIKE else HOLDS if wins >= MOST * len(shared) else OPEN
     return Claim(
         "novel-ga", verdict,
-        f"Paper 2: the novel GA's mean absolute error is {NOVEL_GA_IMPROVEMENT_PERCENT} % below the standard GA's. "
-        f"Here {abs(gain):.3g} % {'below' if gain >= 0.0 else 'above'}, lower at {wins} of {len(shared)} currents. "
-        f'Mean absolute errors: {ordered}. The paper set its box "after two or three trails" for its own damper; '
-        "whether the others had the same is not said. Here all genetic algorithms have.",
+        f"Paper 2: the mean absolute error of the novel GA is {NOVEL_GA_IMPROVEMENT_PERCENT} % below that of the "
+        f"standard GA. In this study it is {abs(gain):.3g} % {'below' if gain >= 0.0 else 'above'}, and lower at "
+        f'{wins} of {len(shared)} currents. Mean absolute errors: {ordered}. The paper set its search box "after two '
+        'or three trails" for its own damper; it does not state whether the other methods used the same box. In this '
+        "study all genetic algorithms use the same one.",
     )  # fmt: skip
 
 
@@ -83,33 +84,37 @@ def _generations(novel: ByCurrent, outcomes: Mapping[str, ByCurrent]) -> Claim:
     p = rank_test([line["generations"] for lines in novel.values() for line in lines], standard)
     ended = all(stopped[method] >= MOST * counts[method] for method in ("ga_novel", "ga_standard"))
     verdict = OPEN if p >= SIGNIFICANT or not ended else HOLDS if fewest == "ga_novel" else FAILS
-    cut = "" if ended else " Where the budget ends the searches, generations tell no convergence."
+    cut = "" if ended else " If the budget ends the searches, the number of generations does not show convergence."
     told = ", ".join(f"{TITLES[m]} {means[m]:.3g} ({stopped[m]} of {counts[m]})" for m in means)
     return Claim(
         "novel-ga-speed", verdict,
-        "Paper 2: the novel GA converges in the fewest generations. Generations here, in the mean, and searches that "
-        f"the statistical stop ended before the budget: {told}; novel against standard: rank test p = {p:.2g}. An end "
-        f"by that stop says that little more is expected, not that the minimum was found.{cut}",
+        "Paper 2: the novel GA converges in the fewest generations. Mean generations in this study, and searches that "
+        f"the statistical criterion ended before the budget: {told}; novel compared with standard: rank test p = "
+        f"{p:.2g}. An end by this criterion means that little improvement is expected, not that the minimum was "
+        f"found.{cut}",
     )  # fmt: skip
 
 
 def _three_steps(novel: ByCurrent, three: ByCurrent) -> Claim:
     shared, wins = _better(novel, three)
     if not shared:
-        return Claim("three-steps", OPEN, "The three steps, with which paper 2 compares, failed at every current here.")
+        return Claim("three-steps", OPEN, (
+            "The three-step method, with which paper 2 compares, failed at every current in this study."
+        ))
     ours, theirs = _mean(novel, "mae_N", shared), _mean(three, "mae_N", shared)
     verdict = FAILS if ours >= theirs else HOLDS if wins >= MOST * len(shared) else OPEN
     return Claim(
         "three-steps", verdict,
-        "Paper 2 finds the normalised Bouc-Wen model, identified in three steps, less accurate than the novel GA. Mean "
-        f"absolute errors here, over the {len(shared)} currents that both have: three steps {theirs:.3g} N, novel GA "
-        f"{ours:.3g} N, which is lower at {wins}. The three steps need no start, no box and no generations.",
+        "Paper 2 finds the normalised Bouc-Wen model, identified in three steps, less accurate than the novel GA. "
+        f"Mean absolute errors in this study, over the {len(shared)} currents available for both: three steps "
+        f"{theirs:.3g} N, novel GA {ours:.3g} N, which is lower at {wins}. The three-step method needs no start, no "
+        "search box and no generations.",
     )  # fmt: skip
 
 
 def _linear(study: StudyFile, novel: ByCurrent) -> Claim:
     if study.current is None:
-        raise ValueError("this study has no per-current part")
+        raise ValueError("this study has no [per_current]")
     currents = sorted(novel)
     best = [min(novel[current], key=lambda line: float(line["value"])) for current in currents]
     fitted = parameter_relations(np.array(currents), best, study.current.degree)
@@ -120,13 +125,13 @@ def _linear(study: StudyFile, novel: ByCurrent) -> Claim:
         if affine.rms <= LINE_SHARE * float(np.ptp(values)):
             straight.append(name)
     synthetic = (
-        " The synthetic damper's c0 and alpha are straight lines by construction and the others constant, so that is "
-        "the searches' scatter." if study.current.data.simulate == "bouc_wen" else ""
+        " c0 and alpha of the synthetic damper are linear in the current by construction and the others are constant, "
+        "so the deviation is scatter of the searches." if study.current.data.simulate == "bouc_wen" else ""
     )
     return Claim(
         "linear-in-current", HOLDS if len(straight) == len(fitted) else FAILS,
-        "Paper 2 finds all parameters linearly related to the current, and then interpolates them by Lagrange's "
-        f"polynomial, which needs no such relation. Of the novel GA's best fits here {len(straight)} of {len(fitted)} "
-        f"parameters lie on a straight line within {100.0 * LINE_SHARE:g} % of their spread"
-        f"{' (' + ', '.join(straight) + ')' if straight else ''}.{synthetic}",
+        "Paper 2 finds that all parameters are linearly related to the current, and then interpolates them by a "
+        "Lagrange polynomial, which needs no such relation. Of the novel GA's best fits in this study, "
+        f"{len(straight)} of {len(fitted)} parameters are on a straight line within {100.0 * LINE_SHARE:g} % of their "
+        f"spread{' (' + ', '.join(straight) + ')' if straight else ''}.{synthetic}",
     )  # fmt: skip

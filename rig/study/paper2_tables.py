@@ -76,7 +76,7 @@ def error_table(outcomes: Mapping[str, Mapping[float, list[Mapping[str, Any]]]],
         ))  # fmt: skip
     columns = ("method", "MAE / N", "SD / N", "generations", "evaluations", "converged")
     note = (
-        "Means over currents and repeats. The three-step method has no generations. Not converged: the budget ended it."
+        "Means over currents and repeats. The three-step method has no generations. Not converged: ended by the budget."
     )
     title = "Errors and generations to convergence"
     return Table("paper2-figure-13", "Paper 2, Figure 13", title, columns, tuple(rows), f"{note} {failures}".strip())
@@ -144,7 +144,7 @@ def _true_parameters(wanted: CurrentStudy) -> list[Table]:
     ]
     columns = ("parameter", "unit", *(f"I = {current_A:g} A" for current_A in wanted.current_A))
     title = "Parameter values relative to input current, truth of the synthetic recordings"
-    note = f"Affine in the current by construction. A = {truth['A']:g} is held: alpha, beta and gamma depend on it."
+    note = f"Affine in the current by construction. A = {truth['A']:g} is fixed: alpha, beta and gamma depend on it."
     return [Table("paper2-table-01-truth", "Paper 2, Table 1", title, columns, tuple(rows), note)]
 
 
@@ -180,8 +180,11 @@ def _relation_table(method: str, current_A: np.ndarray, best: list[Mapping[str, 
         for name, fitted in parameter_relations(current_A, best, degree).items()
         for relation in fitted
     ]
-    columns = ("parameter", "relation", "rms residual", "rms at a current left out", "value at I (A)")
-    note = "SI units. Lagrange passes through every point; the rms at a current left out shows what that is worth."
+    columns = ("parameter", "relation", "rms residual", "rms at an omitted current", "value at I (A)")
+    note = (
+        "SI units. The Lagrange polynomial passes through every point; the rms at an omitted current shows its "
+        "predictive value."
+    )
     title = f"Relations of the parameters to the current, {TITLES[method]}"
     return Table(f"paper2-relations-{method}", "Paper 2, relations", title, columns, tuple(rows), note)
 
@@ -194,7 +197,7 @@ def _edges(boxes: Mapping[str, tuple[float, float]], best: Mapping[float, Mappin
         for name, value in line["parameters"].items()
         if min(value - boxes[name][0], boxes[name][1] - value) < AT_THE_EDGE * (boxes[name][1] - boxes[name][0])
     ]
-    return f"At the edge of the search box, so the best may lie outside: {', '.join(held)}." if held else ""
+    return f"At the edge of the search box, so the optimum may be outside: {', '.join(held)}." if held else ""
 
 
 def _failures(study: StudyFile, results: Lines) -> str:

@@ -27,19 +27,19 @@ CITE_PAPERS = (
     "Advances in Mechanical Engineering, 2020, doi 10.1177/1687814020950546",
 )
 METHODS = {
-    "c_foa": "as paper 1 intends it: its first swarm draws the signs, it decides every kappa generations; `c-FOA as "
-             "printed` is its Fig. 6 to the letter",
+    "c_foa": "as intended by paper 1: the signs of the first swarm are drawn at random, decisions are made every "
+             "kappa generations; `c-FOA as printed` follows its Fig. 6 exactly",
     "foa": "Pan 2012",
-    "ga": "MATLAB's ga as paper 1 words it, with Gaussian mutation; feasible directions: with the mutation that "
-          "fits the paper's words better",
+    "ga": "MATLAB's ga as described in paper 1, with Gaussian mutation; feasible directions: with the mutation that "
+          "matches the paper's description better",
     "de": "Price, Storn, Lampinen 2005, rand/1 with dither (Storn's deopt)",
     "pso": "MATLAB's particleswarm, equations (20) to (22) of paper 1",
     "i_abc": "Li, Niu, Xiao 2012, reconstructed: paper 1 names it and gives one constant",
-    "ga_standard": "as paper 2 describes what it compares with",
-    "ga_kwok": "Kwok et al. 2007, as paper 2 describes it",
+    "ga_standard": "as described in paper 2 for its comparison",
+    "ga_kwok": "Kwok et al. 2007, as described in paper 2",
     "ga_novel": "paper 2",
-    "hybrid": "c-FOA, then local least squares: what paper 1 announces",
-    "zhu_three_step": "Zhu et al., reconstructed from paper 2's summary",
+    "hybrid": "c-FOA, then local least squares, as announced in paper 1",
+    "zhu_three_step": "Zhu et al., reconstructed from the summary in paper 2",
 }  # fmt: skip
 """What each method follows; its equations are in the docstring of its file under `rig/optimisers`."""
 

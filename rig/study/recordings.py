@@ -124,12 +124,12 @@ def one_a_current(tests: Sequence[Measurement], currents_A: Sequence[float]) -> 
         elif there:
             names = ", ".join(f"{test.id} ({test.amplitude_m:g} m, {test.frequency_Hz:.4g} Hz)" for test in there)
             problems.append(
-                f"{current_A:g} A: {len(there)} tests ({names}), one is fitted: choose it by select in "
+                f"{current_A:g} A: {len(there)} tests ({names}), expected one. Fix: choose it by select in "
                 '[per_current.data], such as select = "frequency_Hz=1"'
             )
         else:
             known = ", ".join(f"{name_A:g} A" for name_A in levels.names_A)
-            problems.append(f"{current_A:g} A: no test was run at it; there are tests at {known}")
+            problems.append(f"{current_A:g} A: no test at this current; the tested currents are {known}")
     if problems:
         raise FileProblem("[per_current] current", problems)
     return chosen
@@ -160,24 +160,25 @@ def _recorded(data: Data) -> tuple[list[Measurement], list[str]]:
     specimens = {str(run.campaign["specimen"]) for run in runs if run.campaign.get("specimen") is not None}
     if len(specimens) > 1:
         raise FileProblem(
-            "[data] runs", [f"different specimens ({', '.join(sorted(specimens))}): one study, one damper"]
+            "[data] runs", [f"got specimens {', '.join(sorted(specimens))}, expected one: a study describes one damper"]
         )
     fitting = [point for run in runs for point in (run.select(data.select) if data.select else run.points)]
     if not fitting:
-        raise FileProblem("[data] select", [f"{data.select!r} fits none of the {sum(len(run.points) for run in runs)} "
-                                            f"points of {', '.join(data.runs)}"])  # fmt: skip
+        raise FileProblem("[data] select", [f"{data.select!r} matches none of the "
+                                            f"{sum(len(run.points) for run in runs)} points of "
+                                            f"{', '.join(data.runs)}"])  # fmt: skip
     loops = [point for point in fitting if point.kind == "loop"]
     if not loops:
-        raise FileProblem("[data] runs", [f"none of the {len(fitting)} points is a loop: a study fits loops only"])
+        raise FileProblem("[data] runs", [f"none of the {len(fitting)} points is a loop, expected at least one"])
     left_out = [line for run in runs for line in run.unreadable]
     left_out += [
-        f"{point.id} left out: {point.verdict} ({'; '.join(point.reasons)})"
+        f"{point.id} not used: {point.verdict} ({'; '.join(point.reasons)})"
         for point in loops
         if point.verdict != "valid"
     ]
     points = [point for point in loops if point.verdict == "valid"]
     if not points:
-        raise FileProblem("[data] runs", [f"none of the points is valid: {'; '.join(left_out)}"])
+        raise FileProblem("[data] runs", [f"no point is valid: {'; '.join(left_out)}"])
     tests, refused = prepare_all(points)
     return tests, [*left_out, *refused]
 

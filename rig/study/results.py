@@ -215,7 +215,7 @@ class ResultsFile:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             raise FileProblem(
-                str(self.path), ["another `rig study` is working on it: wait for it, or give another --out"]
+                str(self.path), ["another `rig study` uses this folder. Fix: wait for it, or give another --out"]
             ) from error
 
     def _write(self, line: dict[str, Any]) -> None:
@@ -237,7 +237,7 @@ class ResultsFile:
                 entry = json.loads(line)
             except json.JSONDecodeError as error:
                 raise FileProblem(
-                    str(self.path), [f"line {number + 1}: not JSON ({error.msg}): delete that line"]
+                    str(self.path), [f"line {number + 1}: not valid JSON ({error.msg}). Fix: delete that line"]
                 ) from error
             if number == 0:
                 self._check(entry)
@@ -248,13 +248,13 @@ class ResultsFile:
         if header.get("format") != FORMAT:
             raise FileProblem(
                 str(self.path),
-                [f"line 1: format {header.get('format')!r}, this version writes {FORMAT}: give another --out"],
+                [f"line 1: format: got {header.get('format')!r}, expected {FORMAT}. Fix: give another --out"],
             )
         if header.get("fingerprint") != self.fingerprint:
             raise FileProblem(
                 str(self.path),
                 [
-                    f"line 1: fingerprint {header.get('fingerprint')!r}, this study's is {self.fingerprint!r}: "
-                    "the results belong to other recordings or settings; give another --out"
+                    f"line 1: fingerprint: got {header.get('fingerprint')!r}, expected {self.fingerprint}: the results "
+                    "belong to other recordings or settings. Fix: give another --out"
                 ],
             )

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 LEAST_DRAWS = 20
 REMARK = (
-    "the model does not reach the tests' own scatter; the interval is that of {count} fits to its {tests} tests, drawn "
-    "again"
+    "model error exceeds the measurement noise of the tests; the interval is that of {count} bootstrap fits to its "
+    "{tests} tests"
 )
 
 

@@ -107,10 +107,10 @@ def ride_table(driven: Rides) -> Table:
     for name, _ in driven.named:
         columns += (f"{name} / dB", "between")
     note = (
-        f"Car {driven.printed.car.name}, an estimate; road {driven.printed.road.name}: the paper prints neither the "
-        "car's numbers nor the sweep's duration and phase, nor the current; here "
-        f"{driven.printed.variants[0].control.current_A:g} A. 0-18 Hz: from 0.5 Hz on; the paper says 12 dB "
-        f"of \"higher frequencies\". `rig ride {' '.join(PRINTED.values())}` tells more. {driven.reason}"
+        f"Car {driven.printed.car.name}, an estimate; road {driven.printed.road.name}: the paper states neither the "
+        "parameters of the car nor the duration and phase of the sweep, nor the current; here "
+        f"{driven.printed.variants[0].control.current_A:g} A. 0-18 Hz: from 0.5 Hz; the paper states 12 dB for "
+        f"\"higher frequencies\". `rig ride {' '.join(PRINTED.values())}` shows more. {driven.reason}"
     ).strip()
     title = "Largest difference of the car's response between any two of the fits of c-FOA, GA and PSO"
     return Table("table-x-ride", "Section 4.2", title, (*columns, "paper, up to / dB"), tuple(rows), note)

@@ -15,7 +15,7 @@ from rig.study.study_file import StudyFile
 Lines = Mapping[str, Mapping[str, Any]]
 
 MOST_PAIRED = 12
-"""Settings compared pair by pair after a test of them all; more have more pairs than anybody reads."""
+"""Settings compared pair by pair after a test of them all; more have more pairs than a reader can use."""
 TITLES = {
     "c_foa": "c-FOA",
     "c_foa printed": "c-FOA as printed",

@@ -60,12 +60,14 @@ class Data(Section):
     noise_N: Newton = Field(default=5.0, alias="noise")
     runs: tuple[str, ...] = ()
     select: str | None = Field(default=None, examples=["waveform=sine"])
-    keep_every: int = Field(default=1, ge=1, le=1000, description="every how many-th sample the objective sees")
+    keep_every: int = Field(
+        default=1, ge=1, le=1000, description=("interval of the samples used in the objective: every n-th")
+    )
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
         if (self.simulate is None) == (not self.runs):
-            yield (), 'give simulate = "table1" or runs = ["logs/..."], one of them'
+            yield (), 'data: expected one of simulate = "table1" and runs = ["logs/..."]'
 
 
 class Comparison(Section):
@@ -118,16 +120,18 @@ class CurrentStudy(Section):
     population: Population = 50
     budget: Budget = 10_000
     repeats: int = Field(default=3, ge=1, le=10_000)
-    degree: int = Field(default=2, ge=1, le=10, description="of the polynomial against current")
-    bounds: dict[str, tuple[float, float]] = Field(default={}, description="search boxes (SI) instead of the built-in")
+    degree: int = Field(default=2, ge=1, le=10, description="degree of the polynomial in current")
+    bounds: dict[str, tuple[float, float]] = Field(
+        default={}, description=("search boxes (SI) that replace the default ones")
+    )
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
         for name, (low, high) in self.bounds.items():
             if name not in CURRENT_BOXES[self.model]:
-                yield (), f"bounds: {name!r} is not searched; searched are {', '.join(CURRENT_BOXES[self.model])}"
+                yield (), f"bounds: got {name!r}, expected one of {', '.join(CURRENT_BOXES[self.model])}"
             if not low < high:
-                yield (), f"bounds: {name} = [{low:g}, {high:g}]: the first must be lower"
+                yield (), f"bounds: {name} = [{low:g}, {high:g}]: expected the first below the second"
 
     @property
     def boxes(self) -> dict[str, tuple[float, float]]:
@@ -138,7 +142,7 @@ class CurrentStudy(Section):
 class RideOfFits(Section):
     """A car with the fits of c-FOA, GA and PSO: Figures 12 and 13 of paper 1."""
 
-    current_A: Ampere = Field(default=0.0, alias="current", description="of the dampers, constant")
+    current_A: Ampere = Field(default=0.0, alias="current", description="constant current of the dampers")
 
 
 class StudyFile(Section):
@@ -193,13 +197,13 @@ def load_study(path: Path) -> StudyFile:
     known = _known_models()
     named = {"comparison": study.comparison.models, "parallel": study.parallel.models if study.parallel else ()}
     problems = [
-        problem_at(source, (section, "models"), f"{name!r} is no model; known: {', '.join(known)}")
+        problem_at(source, (section, "models"), f"model: got {name!r}, expected one of {', '.join(known)}")
         for section, names in named.items()
         for name in names
         if name not in known
     ]
     problems += [
-        problem_at(source, place, f"{data.truth!r} is no parameter set; known: {', '.join(PARAMETER_SETS)}")
+        problem_at(source, place, f"truth: got {data.truth!r}, expected one of {', '.join(PARAMETER_SETS)}")
         for place, data in (
             (("data", "truth"), study.data),
             *([(("per_current", "data", "truth"), study.current.data)] if study.current is not None else []),
@@ -209,8 +213,8 @@ def load_study(path: Path) -> StudyFile:
     if not problems and study.comparison.start == "ones" and study.comparison.bounds == "model":
         problems = [
             problem_at(
-                source, ("comparison", "bounds"), f"{outside}, so that no search can start from all ones; choose "
-                'start = "none", or bounds = "none" or "wide"',
+                source, ("comparison", "bounds"), f"{outside}, so no search can start at ones. Fix: set start = "
+                                                  '"none", or bounds = "none" or "wide"',
             )
             for outside in _ones_outside(study)
         ]  # fmt: skip
@@ -229,7 +233,7 @@ def _ones_outside(study: StudyFile) -> list[str]:
     models = list(study.comparison.models) if any(map(led, study.comparison.methods)) else []
     models += study.parallel.models if study.parallel is not None and led(study.parallel.method) else ()
     return [
-        f"{parameter.name} of {name} is from {parameter.low:g} to {parameter.high:g}"
+        f"{parameter.name} of {name} ranges from {parameter.low:g} to {parameter.high:g}"
         for name in dict.fromkeys(models)
         for parameter in MODELS[name].parameters
         if not parameter.low <= 1.0 <= parameter.high

@@ -65,11 +65,11 @@ def extrapolations(study: RideStudy) -> list[str]:
         if beyond and covered is not None:
             parts = (f"{name.partition('_')[0]} {100.0 * share:.3g} % of the time" for name, share in beyond.items())
             lines.append(
-                f"{variant.name}: beyond its tests ({', '.join(parts)}), where its force is an extrapolation; tested "
-                f"were {covered.told()}"
+                f"{variant.name}: outside the tested range ({', '.join(parts)}), where its force is an extrapolation; "
+                f"tested: {covered.told()}"
             )
         elif covered is None and variant.fit.adequate is not None:
-            lines.append(f"{variant.name}: this fit does not say what its tests covered; identify again")
+            lines.append(f"{variant.name}: this fit does not state its tested range. Fix: identify again")
     return lines
 
 

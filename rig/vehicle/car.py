@@ -42,28 +42,32 @@ class Axle(Section):
     """One axle; every number is that of one wheel."""
 
     unsprung_mass_kg: Mass = Field(alias="unsprung_mass")
-    wheel_rate_N_m: Rate = Field(alias="wheel_rate", description="spring, at the wheel")
+    wheel_rate_N_m: Rate = Field(alias="wheel_rate", description="spring rate at the wheel")
     tyre_stiffness_N_m: Rate = Field(alias="tyre_stiffness")
     tyre_damping_N_s_m: Damping = Field(default=0.0, alias="tyre_damping")
     damping_N_s_m: Damping = Field(
-        default=0.0, alias="damping", description="at the wheel, beside the damper: bushings and friction"
+        default=0.0, alias="damping", description="at the wheel, in addition to the damper: bushings and friction"
     )
     motion_ratio: float = Field(
-        default=1.0, ge=0.1, le=2.0, description="travel of the damper for each travel of the wheel"
+        default=1.0, ge=0.1, le=2.0, description="damper travel divided by wheel travel"
     )
     distance_m: Distance | None = Field(
-        default=None, alias="distance", description="of the axle from the centre of gravity; half and full car"
+        default=None, alias="distance", description="distance of the axle from the centre of gravity; half and full car"
     )
-    track_m: Distance | None = Field(default=None, alias="track", description="full car")
+    track_m: Distance | None = Field(default=None, alias="track", description="only for a full car")
     anti_roll_N_m: Annotated[float, Quantity("stiffness", "0 N/m", "10 kN/mm")] = Field(
         default=0.0, alias="anti_roll",
-        description="anti-roll bar: force at each wheel for each metre between left and right wheel's travel",
+        description="anti-roll bar: force at each wheel per metre of difference between left and right wheel travel",
     )
-    jounce_travel_m: Travel = Field(default=0.08, alias="jounce_travel", description="of the wheel to the jounce stop")
+    jounce_travel_m: Travel = Field(default=0.08, alias="jounce_travel", description=(
+        "wheel travel to the compression stop"
+    ))
     rebound_travel_m: Travel = Field(
-        default=0.08, alias="rebound_travel", description="of the wheel to the rebound stop"
+        default=0.08, alias="rebound_travel", description="wheel travel to the rebound stop"
     )
-    stop_stiffness_N_m: Rate = Field(default=2e5, alias="stop_stiffness", description="of both stops, at the wheel")
+    stop_stiffness_N_m: Rate = Field(default=2e5, alias="stop_stiffness", description=(
+        "stiffness of both stops, at the wheel"
+    ))
 
 
 class Car(Section):
@@ -72,10 +76,10 @@ class Car(Section):
     format: Literal[1]
     name: str = Field(min_length=1, max_length=120)
     kind: Kind
-    source: str = Field(min_length=1, max_length=2000, description="where the numbers are from")
-    estimate: bool = Field(default=False, description="the numbers are no measurement of one car")
+    source: str = Field(min_length=1, max_length=2000, description="source of the parameters")
+    estimate: bool = Field(default=False, description="true: the parameters were not measured on one car")
     body: Body
-    front: Axle = Field(description="of a quarter car its only one")
+    front: Axle = Field(description="front axle; the only axle of a quarter car")
     rear: Axle | None = None
 
     def problems(self) -> Iterator[Problem]:
@@ -117,7 +121,10 @@ class Car(Section):
 
         for place, wanted in self._wanted().items():
             if not wanted and self._given(place):
-                yield place, f"a {self.kind} car has none; leave it out, or say kind = \"{needs(place[-1])}\""
+                yield place, (
+                    f"got an entry that a {self.kind} car does not have. Fix: remove it, or set kind = "
+                    f'"{needs(place[-1])}"'
+                )
 
     def _beyond_its_size(self) -> list[Problem]:
         """Inertias that no body between these wheels can have: all mass would have to be outside of them."""
@@ -133,7 +140,8 @@ class Car(Section):
             if inertia is not None and inertia > most:
                 problems.append((
                     ("body", place),
-                    f"too large; {self.body.mass_kg:g} kg within {reach_m:.3g} m have at most {most:.4g} kg m^2",
+                    f"got more than {most:.4g} kg m^2, the largest value for {self.body.mass_kg:g} kg within "
+                    f"{reach_m:.3g} m",
                 ))
         return problems
 

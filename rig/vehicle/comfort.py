@@ -74,7 +74,7 @@ def weighted_rms(acceleration: FloatArray, step_s: float, name: str) -> float:
         ValueError: fewer than two samples.
     """
     if len(acceleration) < 2:
-        raise ValueError(f"{len(acceleration)} samples of acceleration; at least two are needed")
+        raise ValueError(f"got {len(acceleration)} acceleration samples, expected at least two")
     frequency_Hz = np.asarray(np.fft.rfftfreq(len(acceleration), step_s), np.float64)
     spectrum: ComplexArray = np.fft.rfft(acceleration)
     weighted = np.fft.irfft(spectrum * WEIGHTINGS[name].gain(frequency_Hz), len(acceleration))

@@ -51,11 +51,11 @@ def fitted_damper(given: str, members: int, seed: int = 0) -> FittedDamper:
     if given in dampers.PARAMETER_SETS:
         values = dampers.parameter_set(given)
         damper = CornerDamper(dampers.model(values.model, values.hysteresis), dict(values.values))
-        beside = f"; for what is called so in this folder write ./{given}" if path.exists() else ""
+        beside = f"; for the file or folder of this name write ./{given}" if path.exists() else ""
         return FittedDamper(given, damper, remark=f"a parameter set: no interval{beside}")
     if not path.exists():
         raise FileProblem(
-            given, ["there is no such fit.json, run, or parameter set; sets: " + ", ".join(dampers.PARAMETER_SETS)]
+            given, [f"no fit.json, run or parameter set of this name; sets: {', '.join(dampers.PARAMETER_SETS)}"]
         )
     return _of_file(given, path, members, seed)
 
@@ -64,8 +64,8 @@ def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:
     fit = FitRecord.load(path)
     damper = CornerDamper(*fit.known_damper())
     remark = (
-        "the interval is that of the parameters; the model does not reach the tests' own scatter, and that misfit is "
-        "not in it" if fit.adequate is False else ""
+        "the interval is that of the parameters; it does not include the model error, which exceeds the measurement "
+        "noise of the tests" if fit.adequate is False else ""
     )
     if fit.temperature is not None:
         remark += "; " * bool(remark) + f"constant damper temperature, {fit.temperature.reference_degC:.4g} degC"

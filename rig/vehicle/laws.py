@@ -40,11 +40,11 @@ class Control:
 
     def __post_init__(self) -> None:
         if self.law not in LAWS:
-            raise ValueError(f"no law {self.law!r}; known: {', '.join(LAWS)}")
+            raise ValueError(f"law: got {self.law!r}, expected one of {', '.join(LAWS)}")
         if not (0.0 <= self.current_A <= MOST_A and 0.0 <= self.most_A <= MOST_A):
-            raise ValueError(f"currents {self.current_A} A, {self.most_A} A; allowed: 0 to {MOST_A:g} A")
+            raise ValueError(f"currents: got {self.current_A} A and {self.most_A} A, expected 0 to {MOST_A:g} A")
         if not 0.0 <= self.sky_share <= 1.0:
-            raise ValueError(f"share {self.sky_share}; allowed: 0 to 1")
+            raise ValueError(f"share: got {self.sky_share}, expected 0 to 1")
 
     @property
     def vector(self) -> tuple[float, float, float, float, float]:

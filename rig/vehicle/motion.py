@@ -107,9 +107,9 @@ class DrivenCar:
         """
         own = self.structure
         if road_m.shape != road_m_s.shape or road_m.ndim != 2 or road_m.shape[1] != own.corners:
-            raise ValueError(f"a road under {own.corners} wheels is wanted, got {road_m.shape}, {road_m_s.shape}")
+            raise ValueError(f"road: got shapes {road_m.shape} and {road_m_s.shape}, expected {own.corners} wheels")
         if not (np.all(np.isfinite(road_m)) and np.all(np.isfinite(road_m_s))):
-            raise ValueError("the road is not all finite numbers")
+            raise ValueError("road: got values that are not finite")
         n, c = len(own.mass), own.corners
         motion = Motion(np.zeros((11, n)), np.zeros((11, c)), np.zeros((c, c)))
         out = loop_of(self.front.model, (self.rear or self.front).model)(

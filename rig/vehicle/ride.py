@@ -196,12 +196,12 @@ def _driven(
     if float(np.max(np.abs(ride.place[:, 0]))) < HIGHEST_M:
         return ride
     drawn = damper is not variant.fit.damper
-    which = "a damper drawn from its fit's uncertainty" if drawn else "this damper"
+    which = "a Monte Carlo sample of the fit" if drawn else "this damper"
     raise NotComparable(
-        f"{variant.name}: the car swings up without end (heave beyond {HIGHEST_M:g} m): {which} puts energy in"
-        f"{_driving(damper, variant.control)}; ways out: {'--members 0, which leaves the draws out, or ' * drawn}"
-        "tests at the speeds and currents of the ride, or a model whose damping is never below 0 "
-        "(`rig identify RUN --model sprung_bouc_wen`)"
+        f"{variant.name}: the motion of the car grows without bound (heave more than {HIGHEST_M:g} m): {which} adds "
+        f"energy{_driving(damper, variant.control)}. Fix: use {'--members 0 (no Monte Carlo samples), ' * drawn}tests "
+        "at the speeds and currents of the ride, or a model whose damping is never negative (`rig identify RUN "
+        "--model sprung_bouc_wen`)"
     )
 
 
@@ -240,7 +240,7 @@ def _variants(fits: Sequence[FittedDamper], controls: Sequence[Control]) -> tupl
     names = [variant.name for variant in made]
     twice = sorted({name for name in names if names.count(name) > 1})
     if not made or twice:
-        raise NotComparable(f"{', '.join(twice)}: named twice; leave one out" if made else "no fit to drive")
+        raise NotComparable(f"{', '.join(twice)}: given twice. Fix: remove one" if made else "no fit to simulate")
     return made
 
 

@@ -43,9 +43,9 @@ class SweepTable(Section):
     duration_s: Duration = Field(default=60.0, alias="duration")
     first_Hz: Hertz = Field(default=0.0, alias="first_frequency")
     last_Hz: Hertz = Field(default=18.0, alias="last_frequency")
-    first_m: Height = Field(default=4e-3, alias="first_height", description="peak to peak, at the beginning")
+    first_m: Height = Field(default=4e-3, alias="first_height", description="peak to peak, at the start")
     last_m: Height = Field(default=1e-3, alias="last_height", description="peak to peak, at the end")
-    phase_deg: float = Field(default=90.0, ge=-360.0, le=360.0, description="of the right side behind the left one")
+    phase_deg: float = Field(default=90.0, ge=-360.0, le=360.0, description="phase lag of the right side")
 
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
@@ -59,16 +59,16 @@ class RandomTable(Section):
     road_class: Literal["A", "B", "C", "D", "E", "F", "G", "H"] = Field(alias="class")
     duration_s: Duration = Field(default=60.0, alias="duration")
     coherence: Literal["isotropic", "equal", "independent"] = "isotropic"
-    track_m: Length = Field(default=1.6, alias="track", description="between left and right wheels")
+    track_m: Length = Field(default=1.6, alias="track", description="distance between left and right wheels")
     seed: int = Field(default=0, ge=0)
 
 
 class ObstacleTable(Section):
     """`[bump]` and `[pothole]`."""
 
-    height_m: Height = Field(alias="height", description="of a pothole its depth")
-    length_m: Length = Field(alias="length", description="along the road")
-    edge_m: Length = Field(default=0.1, alias="edge", description="of a pothole: over which it falls and rises")
+    height_m: Height = Field(alias="height", description="height of the bump or depth of the pothole")
+    length_m: Length = Field(alias="length", description="length along the road")
+    edge_m: Length = Field(default=0.1, alias="edge", description="of a pothole: length of each edge")
     start_m: Annotated[float, Quantity("length", "0 m", "10000 m")] = Field(default=10.0, alias="start")
     sides: Literal["both", "left", "right"] = "both"
     duration_s: Duration = Field(default=10.0, alias="duration")
@@ -78,7 +78,7 @@ class RecordedTable(Section):
     """`[profile]` (distance, heights) and `[drive]` (time, heights): a CSV file with one line of names."""
 
     file: str = Field(
-        min_length=1, description="beside the road file; columns: distance_m or time_s, then heights in m"
+        min_length=1, description="path relative to the road file; columns: distance_m or time_s, then heights in m"
     )
 
 
@@ -96,7 +96,7 @@ class RoadFile(Section):
     format: Literal[1]
     name: str = Field(min_length=1, max_length=120)
     source: str = Field(default="", max_length=2000)
-    speed_m_s: Speed | None = Field(default=None, alias="speed", description="of the car; a drive file has none")
+    speed_m_s: Speed | None = Field(default=None, alias="speed", description="speed of the car; not for a drive file")
     sweep: SweepTable | None = None
     random: RandomTable | None = None
     bump: ObstacleTable | None = None
@@ -109,12 +109,12 @@ class RoadFile(Section):
         given = [name for name in self.kinds if getattr(self, name) is not None]
         if len(given) != 1:
             shown = ", ".join(f"[{self.heading}{name}]" for name in self.kinds)
-            what = f"{len(given)} are given, keep one: {', '.join(given)}" if given else "none is given; write one"
-            yield (given[1],) if given else (), f"a road is one of {shown}; {what}"
+            what = f"got {len(given)} ({', '.join(given)})" if given else "got none"
+            yield (given[1],) if given else (), f"{what}, expected exactly one of {shown}"
         elif given == ["drive"] and self.speed_m_s is not None:
-            yield ("speed",), "a drive file moves posts; leave the speed out"
+            yield ("speed",), "got a speed with [drive], which moves the wheels by time. Fix: remove the speed"
         elif given != ["drive"] and self.speed_m_s is None:
-            yield ("speed",), f'is missing; [{given[0]}] is driven over at a speed, such as "25 m/s"'
+            yield ("speed",), f'is missing; [{given[0]}] needs the speed of the car, such as "25 m/s"'
 
     def road(self, folder: Path) -> Road:
         """The road; CSV files are looked for in `folder`.
@@ -144,7 +144,7 @@ class RoadFile(Section):
         hole = self.bump is None
         given = self.pothole if self.bump is None else self.bump
         if given is None:
-            raise ValueError("a road file without a road was not refused")
+            raise ValueError("a road file without a road was not rejected")
         obstacle = Obstacle(given.height_m, given.length_m, given.edge_m, given.start_m, given.sides, hole)
         return obstacle_road(obstacle, given.duration_s, speed_m_s, self.name)
 
@@ -156,25 +156,29 @@ def read_heights(path: Path, first: str) -> tuple[FloatArray, FloatArray]:
         FileProblem: no such file, other columns, or rows that are no ascending finite numbers.
     """
     if not path.is_file():
-        raise FileProblem(str(path), ["there is no such file"])
+        raise FileProblem(str(path), ["file not found"])
     if path.stat().st_size > MOST_BYTES:
-        raise FileProblem(str(path), [f"{path.stat().st_size / 1e6:.0f} MB; at most {MOST_BYTES / 1e6:.0f} MB"])
+        raise FileProblem(str(path), [(
+            f"got {path.stat().st_size / 1000000.0:.0f} MB, expected at most {MOST_BYTES / 1000000.0:.0f} MB"
+        )])
     with path.open(encoding="utf-8", errors="replace") as file:
         names = [name.strip() for name in file.readline().split(",")]
         if names[:1] != [first] or len(names) not in {2, 3, 5}:
             raise FileProblem(
-                str(path), [f"line 1: columns {', '.join(names)[:80]!r}; expected {first} and 1, 2 or 4 columns of "
-                            "heights in m, with commas between"],
+                str(path), [f"line 1: got columns {', '.join(names)[:80]!r}, expected {first} and 1, 2 or 4 columns "
+                            "of heights in m, separated by commas"],
             )
         try:
             table = np.loadtxt(file, delimiter=",", ndmin=2)
         except ValueError as error:
-            raise FileProblem(str(path), [f"not a table of numbers: {error}"]) from error
+            raise FileProblem(str(path), [f"got a table with non-numeric values: {error}"]) from error
     if len(table) < 2 or table.shape[1] != len(names):
-        raise FileProblem(str(path), [f"{len(table)} rows of {len(names)} columns are no road; two rows at least"])
+        raise FileProblem(str(path), [f"got {len(table)} rows of {len(names)} columns, expected at least two rows"])
     if not np.all(np.isfinite(table)) or np.any(np.diff(table[:, 0]) <= 0.0):
         row = int(np.argmax(~(np.diff(table[:, 0]) > 0.0))) + 3
-        raise FileProblem(str(path), [f"line {row}: {first} does not rise, or a value is no finite number"])
+        raise FileProblem(str(path), [(
+            f"line {row}: got {first} that does not increase, or a value that is not a finite number"
+        )])
     return table[:, 0], table[:, 1:]
 
 

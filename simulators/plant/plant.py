@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rig import dampers
 from rig.dampers import DamperModel
-from rig.dampers.lawed_model import LawedModel
+from rig.dampers.current_law_model import CurrentLawModel
 from simulators.controller_input import ControllerInput
 from simulators.options import DamperOptions, RigOptions
 from simulators.plant.records import COMMAND, CONSTANTS, EVENT_CAPACITY, MODE_OFF, STATE
@@ -172,7 +172,7 @@ def specimen_model(options: DamperOptions) -> tuple[DamperModel, dict[str, float
     hysteresis: Any = options.hysteresis or chosen.hysteresis
     model = dampers.model(options.model or chosen.model, hysteresis)
     values = {**chosen.values, **options.values}
-    if isinstance(model, LawedModel):
+    if isinstance(model, CurrentLawModel):
         values = {**model.law.demonstration, **values}
     model.vector(values)
     return model, values

@@ -32,7 +32,7 @@ class WorldLoop(asyncio.BaseEventLoop):
         self._clock_resolution = 1e-6
 
     def __del__(self) -> None:
-        """It holds nothing of the machine's: nobody has to close it."""
+        """It holds nothing of the machine's: it need not be closed."""
 
     def time(self) -> float:
         """Virtual time (s)."""
@@ -97,7 +97,7 @@ class Server:
         return "127.0.0.1", self._port
 
     def close(self) -> None:
-        """Accept nobody any more."""
+        """Accept no more connections."""
         self._network.listeners.pop(self._port, None)
 
     def is_serving(self) -> bool:
@@ -337,7 +337,7 @@ class Serial:
         """Open.
 
         Raises:
-            OSError: no such device, or nobody is at its other end.
+            OSError: no such device, or its other end is closed.
         """
         number = int(Path(self._url).read_text(encoding="utf-8"))
         self._descriptor = self._machine.descriptor(self._machine.network.connect(number), self._machine.here)

@@ -72,12 +72,12 @@ class Disk:
         """Whether a path lies on this disk."""
         return Path(os.path.abspath(path)).is_relative_to(self.root)
 
-    def mend(self) -> None:
+    def repair(self) -> None:
         """It refuses nothing any more, and is as fast as it should be."""
         self.refuses, self.flush_fails, self.slow_ns, self.stands_until_ns = 0, False, 0, 0
 
     def opened(self, path: str | os.PathLike[str], *, made: bool, handle: int | None = None) -> None:
-        """A file was opened for writing; without a handle by somebody whose writes are not seen here."""
+        """A file was opened for writing; without a handle by a writer that is not seen here."""
         path = Path(os.path.abspath(path))
         if handle is not None:
             self._handles[handle] = path

@@ -123,7 +123,7 @@ class ThreadPoolExecutor:
                 continue
             try:
                 future.set_result(call())
-            except BaseException as error:  # noqa: BLE001 - handed to whoever asks for the result
+            except BaseException as error:  # noqa: BLE001 - raised to the caller that asks for the result
                 future.set_exception(error)
 
 

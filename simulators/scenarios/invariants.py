@@ -148,7 +148,7 @@ def points_are_there(view: View) -> Findings:
         for point in line["points"] if line.get("event") == "result" else ():
             if point["file"] is not None:
                 verdicts[point["id"]] = {point["verdict"]}
-                if point["id"] in told:  # recovery may have found a later attempt that nobody judged in its session
+                if point["id"] in told:  # recovery may have found a later attempt that was not evaluated in its session
                     told[point["id"]] = {**told[point["id"]], "file": point["file"]}
     for name, line in told.items():
         path = view.world.folder / "points" / Path(line["file"]).name
@@ -189,7 +189,7 @@ UNFINISHED = f"not-written: {because('not-written', 'file-unfinished').detail}"
 def a_current_that_is_left_is_told(view: View) -> Findings:
     """A coil with more than the bench's limit for the program's last second is told; after an S2 as an unknown state.
 
-    After an S1 nobody looks at the resting force any more: there it is enough that 0 A is told to be not proved.
+    After an S1 the resting force is not checked any more: there it is enough that 0 A is told to be not proved.
     """
     answer, bench = view.session.answer, bench_of(view)
     if answer is None or bench is None or answer.rig_state is RigState.UNKNOWN:
@@ -263,7 +263,7 @@ def what_is_finished_is_not_run_again(view: View) -> Findings:
 
 
 def limits_stop_the_rig(view: View) -> Findings:
-    """Nobody lets rod, force, current or coil stay beyond the bench's limits."""
+    """Rod, force, current and coil do not stay beyond the bench's limits."""
     bench = bench_of(view)
     if bench is None or not len(view.session.truth.arrays):
         return

@@ -17,7 +17,7 @@ from typing import Any
 from greenlet import getcurrent, greenlet
 
 CLOCK_STEP_NS = 200
-"""Every look at the clock takes so long: whoever polls it gets to the end of his wait."""
+"""Every look at the clock takes so long: a task that polls it reaches the end of its wait."""
 HANDOVER_NS = (3_000, 40_000)
 """Between waking a task and its run."""
 TIMER_LATE_NS = (10_000, 90_000)
@@ -35,7 +35,7 @@ class NothingHappens(Exception):
 def keep_for_ever(suspended: greenlet) -> None:
     """Never end a greenlet: to end one runs its `finally` blocks, and a killed process runs none.
 
-    One reference too many, which nobody gives back: neither the collector nor the interpreter's end reaches it.
+    One reference too many, which is not released: neither the collector nor the interpreter's end reaches it.
     """
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(suspended))
 
@@ -183,7 +183,7 @@ class Kernel:
             keep_for_ever(task.greenlet)
 
     def block(self, until_ns: int | None = None) -> bool:
-        """Give way until somebody wakes this task, or until a time.
+        """Yield until this task is woken, or until a time.
 
         Returns:
             Whether it was woken; False at the time-out.

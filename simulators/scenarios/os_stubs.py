@@ -318,7 +318,7 @@ def _mapped(handle: int, *given: Any, **named: Any) -> mmap.mmap:  # noqa: ANN40
 
 def _flock(machine: Machine, handle: int, way: int) -> None:
     if machine.here is not None and handle in machine.here.descriptors:
-        machine.kernel.system_call()  # nobody would close another one at its death
+        machine.kernel.system_call()  # another one would not be closed at its death
     while True:
         try:
             real_fcntl.flock(handle, way | real_fcntl.LOCK_NB)

@@ -1,4 +1,4 @@
-"""What whoever runs worlds sees: failures as they come, and how far it is (a bar on a terminal, lines elsewhere)."""
+"""What the user of `rig scenarios` sees: failures as they occur, and progress (a bar or lines)."""
 
 from __future__ import annotations
 

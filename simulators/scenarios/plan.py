@@ -36,7 +36,7 @@ STALLS = {
 OF_THE_STATION = ("station-stalled", MACHINE)
 """Stalls in which the station does not run."""
 FOREIGN = ("foreign-stop", "panel-stop")
-"""Somebody else stops the rod: another client by a command, a hand at the controller's own panel."""
+"""Another client stops the rod: by a command, or manually at the controller's own panel."""
 LASTING = ("clock-step", "slow-disk", "pause")
 OTHERS = ("power-cut", "log-full", *LASTING, *FOREIGN)
 AROUND = (*DISK, *SIGNALS, *DEATHS, *STALLS, *OTHERS)
@@ -69,7 +69,7 @@ SHOW_LATE = frozenset({"serial-garbage"})
 """Faults that the rig may bear for a second: where one is a seed's turn, it stays."""
 STANDS = "application-stalled"
 STANDS_TIMES = 2.0
-"""Where that is a seed's turn, it comes when the rod moves and lasts so many times as long: nobody minds 0.5 s."""
+"""Where that is a seed's turn, it comes when the rod moves and lasts so many times as long: 0.5 s go unnoticed."""
 NONE_IN_TURN = 10
 """So many seeds of a round have nothing in turn."""
 LATEST_S = 16.0
@@ -213,7 +213,7 @@ class Given:
         actuator: "tcp" or "rtu", as the bench says; empty: drawn.
         auxiliary: the bench has an auxiliary channel.
         supply: a supply drives the coil.
-        untold: nobody measures the coil's current; by hand, or by an output that does not.
+        untold: the coil's current is not measured: manual, or an output without measurement.
         streamed: the controller has no function generator and follows set-points.
         motion_s: forecast of the campaign (s), over which things happen.
         lasts_s: how long it lasts at most (s).
@@ -316,7 +316,7 @@ def happens_to_supply(what: str) -> bool:
 
 
 def happens_untold(what: str) -> bool:
-    """It can happen where nobody measures the current: nothing tells of the coil, and who asks and answers lives."""
+    """It can happen where the current is not measured: nothing reports the coil, and who asks and answers lives."""
     row = MATRIX.get(what.partition(":")[0])
     return happens_to_supply(what) and what != "application-killed" and (row is None or row.place not in {"can", "ecu"})
 

@@ -145,7 +145,7 @@ class Session:
 
 
 class Silent:
-    """A display nobody looks at."""
+    """A display without an operator."""
 
     def phase(self, *_: object, **__: object) -> None:
         """Nothing is shown."""

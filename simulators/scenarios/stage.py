@@ -170,7 +170,7 @@ class Stage:
         """Everything is as it should be again: no devices, room on the disk."""
         if self.devices is not None:
             self.machine.end(self.devices, -int(signal.SIGKILL))
-        self.disk.mend()
+        self.disk.repair()
         self.machine.log_full = False
 
     def named(self, name: str) -> list[Process]:

@@ -45,7 +45,7 @@ HALTED_NS = 0.5e9
 """By then a halt by streamed set-points has brought the rod to rest; a fade takes its cycles besides."""
 LATE_JOURNAL_S = 0.5
 UNNOTICED_S, UNNOTICED_TIMES = 1.0, 10.0
-"""So long the rod may move with a fault that everybody can see: that, or so many times what its row allows."""
+"""So long the rod may move with a fault that is visible to all: that, or so many times what its row allows."""
 STOPS = frozenset({Command.FADE_STOP.name, Command.HALT.name, Command.HYDRAULICS_OFF.name})
 MOVING_M_S = 0.02
 OVERRUN_S, STARTED_NS = 0.3, 1e9
@@ -75,7 +75,7 @@ OTHER_NAMES = {
 """Faults that the station may name otherwise than their row; a gap of 16 ms is silence where a device hands over every
 10 ms besides."""
 OF_ITS_CURRENT = frozenset({"coil-open-short", "current-stuck"})
-"""Rows that nobody can notice while no current is asked for and none flows."""
+"""Rows that cannot be noticed while no current is requested and none flows."""
 OF_ANY_FAULT = frozenset({"hybrid-unstable"})
 """What a hybrid test's own watch names: whatever is wrong with force, motion or current brings it about."""
 GAPS_IN_SETPOINTS = {"setpoints-late", "setpoints-lost"}
@@ -100,7 +100,7 @@ EXPLAINS: dict[str, set[str]] = {
 EXPLAINS_FOR_S = {"application-stalled": 5.0}
 """So long after its end (s); what else happens around the devices explains for good."""
 WATCHERS = {"application-stalled": 0.8, **dict.fromkeys(OF_THE_STATION, 0.2)}
-"""So long (s) each may stand still while the rod moves and nobody minds."""
+"""So long (s) each may stand still unnoticed while the rod moves."""
 MOVING_SHARE = 0.5
 OWN_SLUGS = frozenset({"host-late", "host-silent", "setpoints-late"})
 SEEN_BY_STATION = frozenset(
@@ -174,7 +174,7 @@ def first_cause_is_named(view: View) -> Findings:
 
 
 def no_start_after_a_foreign_stop(view: View) -> Findings:
-    """Once somebody else has stopped the rig, this program starts nothing."""
+    """Once another client has stopped the rig, this program starts nothing."""
     foreign = [float(trip["t_ns"]) for trip in view.station("trip", "also") if trip["slug"] == "second-master"]
     foreign += [
         line.host_ns + TOLD_NS for line in view.session.truth.log
@@ -194,7 +194,7 @@ def no_start_after_a_foreign_stop(view: View) -> Findings:
 
 
 def a_foreign_stop_is_noticed(view: View) -> Findings:
-    """A stop by another client's command is somebody else's, and no end of the program."""
+    """A stop by another client's command is that client's, and no end of the program."""
     if view.hidden_way or view.session.answer is None:
         return
     trips = [float(trip["latched_ns"]) for trip in view.station("trip")]
@@ -306,7 +306,7 @@ def a_stop_is_sent(view: View) -> Findings:
 
 
 def nothing_is_asked_while_stopped(view: View) -> Findings:
-    """Between a latched stop and the next start nobody here orders a motion or pressure."""
+    """Between a latched stop and the next start this host orders no motion or pressure."""
     energising = {Command.START.name, Command.MOVE_TO.name, Command.HYDRAULICS_ON.name}
     for trip in view.station("trip"):
         latched_ns = float(trip["latched_ns"])
@@ -320,7 +320,7 @@ def nothing_is_asked_while_stopped(view: View) -> Findings:
 
 
 def a_fault_ends_the_motion(view: View) -> Findings:
-    """Nobody moves the rod for long with a fault that stops the rig, while it lasts and nothing else has stopped it.
+    """The rod is not moved for long with a fault that stops the rig, while it lasts and nothing else has stopped it.
 
     Of a session that was killed the journal may lack the end: it counts until then, or until a stop has arrived.
     """
@@ -344,7 +344,7 @@ def a_fault_ends_the_motion(view: View) -> Findings:
 
 
 def a_program_ends(view: View) -> Findings:
-    """Nobody lets a controller run on for long after the end of the program that was ordered."""
+    """A controller does not run on for long after the end of the program that was ordered."""
     points, log = points_of(view), view.session.truth.log
     if view.session.answer is None or points is None:
         return

@@ -83,7 +83,7 @@ class Stream:
         To a connection that the other end has closed the first write goes well; it is answered by a reset.
 
         Raises:
-            BrokenPipeError: nobody will read it.
+            BrokenPipeError: no reader.
         """
         if self._fails:
             raise BrokenPipeError(errno.EPIPE, "Broken pipe")
@@ -115,7 +115,7 @@ class Stream:
                 self.back.writers.wake(at_ns=self._reset_ns)
 
     def leave(self) -> None:
-        """Nobody reads any more."""
+        """No reader any more."""
         self.deaf = True
         self._parts.clear()
         self._size = 0
@@ -224,7 +224,7 @@ class Network:
         self._next_port = FIRST_PORT
 
     def restart(self) -> None:
-        """Nobody listens; the next one to listen gets the first port again."""
+        """No listener; the next one gets the first port again."""
         self.listeners.clear()
         self._next_port = FIRST_PORT
 
@@ -238,7 +238,7 @@ class Network:
         """Connect.
 
         Raises:
-            ConnectionRefusedError: nobody listens there.
+            ConnectionRefusedError: no listener there.
         """
         accept = self.listeners.get(port)
         if accept is None:

@@ -76,7 +76,7 @@ class Lock:
         """Give it back.
 
         Raises:
-            RuntimeError: nobody holds it.
+            RuntimeError: it is not held.
         """
         if not self._held:
             raise RuntimeError("release unlocked lock")
@@ -84,7 +84,7 @@ class Lock:
         self._waiters.wake(1)
 
     def locked(self) -> bool:
-        """Somebody holds it."""
+        """It is held."""
         return self._held
 
     def __enter__(self) -> bool:
@@ -231,7 +231,7 @@ class Event:
         self._set = False
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until it is set; whoever waited when it was set goes on, cleared again or not."""
+        """Wait until it is set; a task that waited when it was set continues, cleared again or not."""
         self._kernel.system_call()
         return self._set or self._waiters.wait(self._waiters.until(timeout)) or self._set
 

@@ -77,7 +77,7 @@ class UserBench:
         tick_s: how often the devices may hand over at most (s).
         supply: what drives the coil in place of an ECU; empty: an ECU does.
         streamed: the controller has no function generator and follows set-points.
-        unmeasured: nobody measures the coil's current.
+        unmeasured: the coil's current is not measured.
     """
 
     options: RigOptions

@@ -107,7 +107,7 @@ class View:
 
     @property
     def by_hand(self) -> bool:
-        """Somebody sets the current: no stop takes it away, it is asked for."""
+        """An operator sets the current: a stop cannot remove it, it is requested."""
         bench = bench_of(self)
         return bench is not None and bench.ecu.by_hand
 
@@ -159,7 +159,7 @@ class View:
 
     @property
     def hidden_way(self) -> bool:
-        """Something may be wrong with the way to the controller, or with whoever goes it."""
+        """Something may be wrong with the way to the controller, or with the task on it."""
         return bool(self.hiding_places(self.faults_by_name()) & WAY) or any(
             happening.what in KILLING or happening.what in STALLS for _, happening in self.session.happened
         )

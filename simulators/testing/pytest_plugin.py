@@ -61,7 +61,7 @@ def pytest_load_initial_conftests(parser: pytest.Parser, args: list[str]) -> Non
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Refuse names that nobody knows before anything is collected."""
+    """Refuse unknown names before anything is collected."""
     if hasattr(config.option, "rig_driver"):
         from rig.conformance.choice import wanted_files
 

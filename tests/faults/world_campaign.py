@@ -168,10 +168,10 @@ class WorldCampaign(Campaign):
         return int(ran.process.exit_code or 0), answered(ran)
 
     def resumed(self, setting: Setting | None = None, **options: object) -> Told:
-        """`rig run --resume` on a mended rig, or on one that is as `setting` says: exit code and answer."""
-        stage, mended = self.stage, dataclasses.replace(self.setting, simulator=())
+        """`rig run --resume` on a repaired rig, or on one that is as `setting` says: exit code and answer."""
+        stage, repaired = self.stage, dataclasses.replace(self.setting, simulator=())
         stage.repair()
-        serve(stage, self.out.parent, setting or mended, truth=None)
+        serve(stage, self.out.parent, setting or repaired, truth=None)
         folder = self.campaign_folder
         return self.another(matrix_path=folder / "matrix.toml", resume_path=folder, **options)
 
@@ -181,7 +181,7 @@ class WorldCampaign(Campaign):
         return next(iter(self.out.iterdir()))
 
     def assert_completed(self, kept: str = "p001", **options: object) -> None:
-        """Resuming on a mended rig finishes the campaign: the finished point is not touched, all points are valid."""
+        """Resuming on a repaired rig finishes the campaign: the finished point is not touched, all points are valid."""
         points = self.campaign_folder / "points"
         file = points / f"{kept}.h5"
         before = file.read_bytes() if file.exists() else None
@@ -195,7 +195,7 @@ class WorldCampaign(Campaign):
     def finish(self, stopped_from_ns: int | None = None) -> Ending:
         self.until(lambda: self.process.poll() is not None, "the end")
         kernel, stage = self.stage.kernel, self.stage
-        stage.disk.mend()
+        stage.disk.repair()
         rest_ns = kernel.now_ns + int(REST_S * 1e9)
         kernel.run(lambda: (stage.alone and stage.stands) or kernel.now_ns > rest_ns)
         settled_ns = kernel.now_ns + int(1e9)

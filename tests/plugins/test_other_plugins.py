@@ -94,7 +94,7 @@ def test_names_are_listed_without_loading_and_a_broken_model_is_refused_before_a
     ("source", "why"),
     [
         ("Model = 3", "expected a rig.dampers.DamperModel"),
-        ("from rig.dampers.plastic import BinghamModel as Model", "the model calls itself 'bingham'"),
+        ("from rig.dampers.plastic import BinghamModel as Model", "got a model named 'bingham'"),
     ],
 )
 def test_what_is_no_model_of_that_name_is_refused(install: Install, source: str, why: str) -> None:
@@ -115,7 +115,7 @@ def test_a_method_without_defaults_is_refused(install: Install) -> None:
         "@dataclass\nclass Method:\n    step: float\n    def run(self, search): ...\n"
     )
     folder = install("odd-lab", {"mr_rig.methods": {"odd_method": "odd_lab:Method"}}, source)
-    with pytest.raises(FileProblem, match=r"identify\.method.*its setting step has no default"):
+    with pytest.raises(FileProblem, match=r"identify\.method.*setting step: no default"):
         load_matrix(matrix(folder, 'method = "odd_method"'))
 
 
@@ -196,10 +196,10 @@ def test_an_export_of_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.C
     asked = ("--out", str(tmp_path / "out"))
     code, answer = told(capsys, "export", str(fit), "--to", "xls", *asked)
     assert code == 2
-    assert answer["error"] == f"no export 'xls'; known: {', '.join(EXPORTERS)}"
+    assert answer["error"] == f"export: got 'xls', expected one of {', '.join(EXPORTERS)}"
     code, answer = told(capsys, "export", str(fit), "--to", "csv", *asked)
     assert code == 2
-    assert "give the campaign's directory" in answer["error"]
+    assert "give a campaign's directory" in answer["error"]
     code, answer = told(capsys, "export", str(tmp_path), "--to", "csv", *asked)
     assert code == 2
     fit.write_text("{}", encoding="utf-8")

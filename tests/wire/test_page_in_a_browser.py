@@ -239,7 +239,7 @@ def end_it(beside: Beside, page: Page) -> None:
     says(page, "NOT OK")
     beside.page.close()
     why = "document.getElementById('why').textContent"
-    page.wait_for_function(f"{why}.includes('The page has closed')", timeout=WAIT_MS)
+    page.wait_for_function(f"{why}.includes('The page was closed')", timeout=WAIT_MS)
     assert page.evaluate("document.getElementById('verdict').textContent") == "NOT OK"
     assert not page.is_visible("#stop"), "there is nothing to stop, and nobody has control"
     page.wait_for_function(NOT_STRETCHED, timeout=WAIT_MS)
@@ -275,7 +275,7 @@ def show_ended(beside: Beside, browser: Browser) -> None:
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "a phone scrolls one way only"
         tabbed_to(page, "close", "Shift+Tab")
         page.keyboard.press("Enter")
-        page.wait_for_function("document.getElementById('why').textContent.includes('The page has closed')")
+        page.wait_for_function("document.getElementById('why').textContent.includes('The page was closed')")
         assert not page.is_visible("#close")
         again.wait()
     finally:

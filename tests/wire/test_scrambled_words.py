@@ -131,7 +131,7 @@ def scramble(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def requalified(stopped: Session, folder: Path, slug: str) -> None:
-    """Resumed without a word of what was mended it is refused, with one it is completed."""
+    """Resumed without a statement of what was repaired it is refused, with one it is completed."""
     assert {line["slug"] for line in read_log(folder) if line.get("what") in {"trip", "also"}} >= {slug}
     refused = stopped.resumed(folder)
     assert refused.end().answer == {"error": SCRAMBLED, "slug": "requalify", "exit_code": 3}

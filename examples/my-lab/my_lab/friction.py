@@ -29,7 +29,7 @@ class MyLabFriction(HystereticModel):
         linear_parameter("kw", "N", 50.0, "friction at zero current", softens=True),
         linear_parameter("kw_b", "N/A", 200.0, "friction per ampere", at_zero="kw", softens=True),
         linear_parameter("f0", "N", 0.0, "force offset"),
-        shape_parameter("rho", "1/m", 500.0, 1e-2, 1e6, "inverse of the travel in which friction turns round"),
+        shape_parameter("rho", "1/m", 500.0, 1e-2, 1e6, "inverse of the travel over which the friction reverses"),
     )
 
     def kernel(self) -> Kernel:

@@ -230,7 +230,7 @@ class ActionExecutor:
             self.campaign.hand.ask(action.current_A)
 
     def operator_answers(self) -> list[ev.Event]:
-        """What somebody who sets the current by hand has confirmed since the last call.
+        """What the operator who sets the current has confirmed since the last call.
 
         Raises:
             OSError: the terminal is gone.

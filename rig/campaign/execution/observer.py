@@ -194,8 +194,8 @@ class Observer:
     def await_program(self, centre_m: float, since_ns: int, wanted: WantedMotion, ordered_cycles: float) -> None:
         """Wait for `ProgramEnded`: after `since_ns` the controller was seen running, and holds again.
 
-        Whoever stops the rig from here forgets what is awaited first (`wait`): a program that faded out, was
-        halted, or did fewer than `ordered_cycles` (ramps included) while this is awaited was ended by somebody else.
+        A caller that stops the rig from here first clears what is awaited (`wait`): a program that faded out, was
+        halted, or did fewer than `ordered_cycles` (ramps included) while this is awaited was ended by another client.
 
         A program too short to be seen running is known by its cycle pulses. It has ended once every sensor was read
         after that: what a busy station had still to read belongs to the test. The `wanted` motion is measured.

@@ -196,7 +196,7 @@ class PointRecording:
             self._bring_to_one_skew(enough)
 
     def _bring_to_one_skew(self, enough: _Enough) -> None:
-        """All points together know the sensors' delays better than each alone; files certainly wrong are mended."""
+        """All points together know the sensors' delays better than each alone; files certainly wrong are corrected."""
         log, thread = self.campaign.log, ThreadPoolExecutor(1, thread_name_prefix="one-skew")
         try:
             waiting = thread.submit(self.finaliser.retime, self.campaign.folder / "points", RETIMING_TIMEOUT_S)
@@ -205,18 +205,18 @@ class PointRecording:
             if not waiting.done():
                 log.note("warning", text=say("own-skews", why="the operator did not wait"))
                 return
-            mended = waiting.result()
+            corrected = waiting.result()
         except OSError as error:
             log.note("warning", text=say("own-skews", why=error))
             return
         finally:
             thread.shutdown(wait=False)
-        for finished in mended:
+        for finished in corrected:
             log.note(
                 "retimed", file=finished.id, skew_s=finished.skew_s, skew_std_s=finished.skew_std_s,
                 verdict=finished.verdict,
             )
-            self.campaign.results.mended(Path(finished.file), finished.verdict, finished.reasons, finished.quality)
+            self.campaign.results.corrected(Path(finished.file), finished.verdict, finished.reasons, finished.quality)
 
     def close(self) -> None:
         """Let go of the ring; a point still open is closed as interrupted, where the disk allows it."""

@@ -145,7 +145,7 @@ class Runner:
         return self.state
 
     def _leave_to_the_station(self) -> None:
-        """A rig that could not be disarmed is shut down by its station now, before anybody waits for a disk.
+        """A rig that could not be disarmed is shut down by its station now, before any wait for a disk.
 
         Its last words are heard to the end: what it proved is in its `safe`, not in its exit code, which is 0 also
         where it had nothing to prove. A stop that was proved before, and promised to hold under pressure, stays proved

@@ -82,7 +82,7 @@ class ZeroReturn:
         return tuple(finding for finding in pairs if finding is not None)
 
     def force_left(self, zero_N: float) -> CampaignFinding | None:
-        """What the force says of a coil whose 0 A nobody has measured; None where it has come back, or was not seen.
+        """What the force says of a coil whose 0 A was not measured; None where it has come back, or was not seen.
 
         Args:
             zero_N: what a force at rest may be off by in any case (N).

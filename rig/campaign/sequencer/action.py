@@ -72,7 +72,7 @@ class SetCurrent:
 
 @dataclass(frozen=True)
 class AskOperator:
-    """Ask somebody to set `current_A` (A) on the supply, and report `OperatorAnswered` when that was confirmed."""
+    """Ask the operator to set `current_A` (A) on the supply, and report `OperatorAnswered` when that was confirmed."""
 
     current_A: float
 

@@ -24,7 +24,7 @@ TOLD_LIMIT_S = 5.0
 
 
 def due(state: State, wanted_A: float) -> bool:
-    """Whether somebody has to be asked for this current (A) now."""
+    """Whether the operator has to be asked for this current (A) now."""
     return state.conditions.hand is not None and state.hand_A != wanted_A
 
 
@@ -69,7 +69,7 @@ def told(state: State) -> State:
 
 
 def unanswered(state: State, event: ev.TimedOut) -> Step:
-    """Nobody answered in time: refused before arming, stopped afterwards."""
+    """No answer in time: refused before arming, stopped afterwards."""
     limit_s = stopping.answer_s(state)
     cause = because("by-hand-unanswered", "by-hand-unanswered", wanted_A=state.asked_A, limit_s=limit_s)
     if not state.armed:
@@ -85,7 +85,7 @@ def taken_away(state: State, event: ev.OperatorAnswered) -> Step:
 
 
 def left(state: State, event: ev.TimedOut | ev.Abort) -> Step:
-    """Nobody said that it was taken away: it may flow, and the rig's state is not known."""
+    """Its removal was not confirmed: it may flow, and the rig's state is not known."""
     if isinstance(event, ev.Abort):
         state, _ = stopping.note_abort_while_finishing(state, event)
     return stopping.end(replace(state, rig_state=RigState.UNKNOWN))

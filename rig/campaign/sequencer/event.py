@@ -99,7 +99,7 @@ class CurrentSettled:
 
 @dataclass(frozen=True)
 class OperatorAnswered:
-    """Somebody confirmed the current that was asked for."""
+    """The operator confirmed the requested current."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class ProgramEnded:
     Attributes:
         at_centre: the measured position is the program's centre.
         motion: what the displacement sensor saw, None where it saw no full cycle.
-        cut_short: how the controller shows that somebody else stopped it; empty where it ran all its cycles.
+        cut_short: how the controller shows that another client stopped it; empty where it ran all its cycles.
     """
 
     at_centre: bool

@@ -10,7 +10,7 @@ from rig.campaign.stop_cause import because
 from rig.faults.row import StopKind
 
 PAUSE_LIMIT_S = 7200.0
-"""Wall time: nobody leaves a rig under pressure for longer."""
+"""Wall time: a rig is not left under pressure for longer."""
 
 
 def _stops(stop: StopKind, slug: str, message: str, **values: object) -> Handler:

@@ -273,9 +273,9 @@ class State:
         demagnetising: currents still to come of the demagnetising sequence (A).
         magnetised_A: the largest current since the last demagnetising (A).
         last_current_A: the current of the last program (A).
-        hand_A: the current that somebody has said to have set by hand (A); None before the first answer.
+        hand_A: the current that the operator has confirmed (A); None before the first answer.
         asked_A: the one that is asked for (A); None while nothing is asked.
-        yielded: the pressure was lowered for somebody at the supply.
+        yielded: the pressure was lowered for the operator at the supply.
     """
 
     queue: tuple[TestPoint, ...]
@@ -316,7 +316,7 @@ class State:
 
     @property
     def resting_A(self) -> float:
-        """What the coil goes back to after a program (A): 0, or what is set by hand, which nobody here takes away."""
+        """What the coil goes back to after a program (A): 0, or the manual current, which is not removed here."""
         return self.hand_A or 0.0
 
     @property

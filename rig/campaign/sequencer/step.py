@@ -211,7 +211,7 @@ def _stepped(state: State, event: ev.RestOver) -> Step:
 
 
 def _second_master(state: State, event: ev.ProgramEnded) -> Step:
-    """A program that ended before its end, though nobody here stopped it: nothing starts after it."""
+    """A program that ended early, although it was not stopped here: nothing starts after it."""
     point = point_preparation.program(state).id
     cause = because("second-master", "ended-by-another", point=point, how=event.cut_short)
     return stopping.fault(state, ev.Fault(StopKind.FADE_OUT, cause))

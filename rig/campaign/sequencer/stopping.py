@@ -161,7 +161,7 @@ def not_proved_safe(state: State, event: ev.Unknown) -> Step:
 
 
 def station_gone(state: State, event: ev.StationGone) -> Step:
-    """Nobody is left to ask; before arming nothing can move, afterwards the rig's watchdogs act unseen."""
+    """There is no operator left to ask; before arming nothing can move, afterwards the rig's watchdogs act unseen."""
     return leave_to_station(state, because("task-dies", "said", text=event.detail))
 
 
@@ -316,14 +316,14 @@ def disarm(state: State) -> Step:
 
 
 def question(state: State) -> tuple[Action, ...]:
-    """Ask somebody for the current that is wanted, so that it is in the journal too."""
+    """Ask the operator for the requested current, so that it is in the journal too."""
     wanted_A = state.asked_A or 0.0
     note = act.Note("warning", say("ask-current" if wanted_A else "ask-zero", wanted_A=wanted_A), code="by-hand")
     return note, act.AskOperator(wanted_A)
 
 
 def answer_s(state: State) -> float:
-    """How long somebody may take for that (wall s)."""
+    """How long the operator may take for that (wall s)."""
     hand = state.conditions.hand
     return 0.0 if hand is None else hand.answer_s
 

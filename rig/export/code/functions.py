@@ -91,7 +91,7 @@ class Function:
 
     def refused(self, node: ast.AST, what: str) -> NotTranslatable:
         """The error for what cannot be translated."""
-        return NotTranslatable(f"{self.name}, `{ast.unparse(node)}`: {what}; it cannot be translated")
+        return NotTranslatable(f"{self.name}, `{ast.unparse(node)}`: {what}; cannot be translated")
 
 
 def _python(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -104,7 +104,7 @@ def _tree(function: Callable[..., Any]) -> ast.FunctionDef:
     except (OSError, TypeError, SyntaxError) as error:
         raise NotTranslatable(f"the source of {function!r} cannot be read: {error}") from error
     if not isinstance(tree, ast.FunctionDef):
-        raise NotTranslatable(f"{function!r} is no plain function")
+        raise NotTranslatable(f"{function!r} is not a plain function")
     return tree
 
 

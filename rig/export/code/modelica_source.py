@@ -14,7 +14,7 @@ PROVED = frozenset((
     "thinning_bouc_wen",
 ))  # fmt: skip
 """Models with internal states that a Modelica tool integrates to 1e-6 of our own force: a test runs every one."""
-ASINH = """  function mr_asinh "Of the language without its library"
+ASINH = """  function mr_asinh "Inverse hyperbolic sine without the Modelica Standard Library"
     input Real x;
     output Real result;
   algorithm
@@ -50,10 +50,10 @@ class ModelicaPrinter(Printer):
         """
         function = self.function
         if self.library.changes(function):
-            raise function.refused(ast.Name(function.name), "changes an array that it is given")
+            raise function.refused(ast.Name(function.name), "modifies an array argument")
         loops = [node for node in ast.walk(function.tree) if isinstance(node, ast.For | ast.While)]
         if any(isinstance(node, ast.Return) for loop in loops for node in ast.walk(loop)):
-            raise function.refused(ast.Name(function.name), "returns inside of a loop")
+            raise function.refused(ast.Name(function.name), "returns inside a loop")
         self.indent = 1
         self.block(_returning_last(function.body))
         changed = [name for name in function.parameters if name in function.assigned]

@@ -279,7 +279,7 @@ class Printer(ABC):
         if isinstance(target, ast.Name):
             self.arrays[target.id] = size
         elif not isinstance(target, ast.Tuple) or len(target.elts) != size:
-            raise self.function.refused(target, f"not {size} names")
+            raise self.function.refused(target, f"not unpacked into {size} names")
         for k, part in enumerate(parts):
             place = self.part(self.named(target.id), k) if isinstance(target, ast.Name) else self.text(
                 _read(target.elts[k]))
@@ -302,7 +302,7 @@ class Printer(ABC):
             return [self.part(self.named(value.id), k) for k in range(size)]
         function = self.called_by(value)
         if function is None or not isinstance(value, ast.Call):
-            raise self.function.refused(value, "no tuple")
+            raise self.function.refused(value, "not a tuple")
         held = self.several(function, value.args)
         return [self.part(held, k) for k in range(size)]
 

@@ -11,7 +11,10 @@ from rig.dampers.covered import QUANTITIES, Covered
 BITS = dict(zip(QUANTITIES, (1, 2, 4, 8), strict=True))
 UNKNOWN = 16
 VARIABLES = dict(zip(QUANTITIES, ("u", "v", "current", "temperature"), strict=True))
-ABOUT = "0 within what was tested; else the sum of 1 (u), 2 (v) and 4 (current) that lie beyond; 16: not known"
+ABOUT = (
+    "0 inside the tested range; else the sum of 1 (u), 2 (v) and 4 (current) for the quantities outside it; 16: "
+    "unknown"
+)
 
 
 def within(covered: Covered, name: str, both: str, either: str) -> str:

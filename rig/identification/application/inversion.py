@@ -41,12 +41,14 @@ def currents_A(tested: TestedRange | None) -> FloatArray:
         IdentificationFailed: the tests ran at one current, or the fit does not say at which.
     """
     if tested is None:
-        raise IdentificationFailed("no inverse: the fit does not say which currents were tested; fit the run again")
+        raise IdentificationFailed(
+            "no inverse: the fit does not state its tested currents. Fix: identify the run again"
+        )
     low, high = tested.current_A
     if high - low < SAME:
         raise IdentificationFailed(
-            f"no inverse: every test ran at {low:.2f} A, so nothing is known of how the force follows the current; add "
-            "tests at another current"
+            f"no inverse: every test ran at {low:.2f} A, so the dependence of the force on the current is unknown. "
+            "Fix: add tests at another current"
         )
     return np.linspace(low, high, GRID)
 
@@ -146,16 +148,19 @@ def _start(law: Law, motion: Motion, state: FloatArray | None) -> FloatArray:
         rows = np.atleast_2d(np.asarray(state, dtype=float))
         if count == 0 or rows.shape[1] != count or rows.shape[0] not in {1, motion.u_m.size}:
             raise FileProblem("state", [
-                f"shape {np.shape(state)}; {law.model.name} has {count} internal states: ({count},) or (n, {count})"
+                f"got shape {np.shape(state)}, expected ({count},) or (n, {count}): {law.model.name} has {count} "
+                "internal states"
             ])  # fmt: skip
         if not np.all(np.isfinite(rows)):
             row, place = np.argwhere(~np.isfinite(rows))[0]
-            raise FileProblem("state", [f"state_{place + 1} of row {row} is {rows[row, place]:g}, expected numbers"])
+            raise FileProblem("state", [(
+                f"row {row}, state_{place + 1}: got {rows[row, place]:g}, expected a finite number"
+            )])
         return np.ascontiguousarray(np.broadcast_to(rows, (motion.u_m.size, count)))
     if count and motion.time_s is None:
         raise FileProblem("state", [
-            f"{law.model.name} has internal states: give them (`state`, as `fit.simulate` returns them), or `time_s`, "
-            "along which they follow from rest"
+            f"{law.model.name} has internal states. Fix: give `state`, as returned by `fit.simulate`, or `time_s`, to "
+            "integrate them from rest"
         ])  # fmt: skip
     return law.model.initial_state(float(motion.u_m[0]))[None, :]
 
@@ -208,10 +213,10 @@ def _unknown(law: Law, tested: TestedRange | None) -> str:
         return ""
     told = []
     if tested.only_at_A:
-        told.append("current_A between the tested ones")
+        told.append("current_A between tested currents")
     if law.at_degC is not None and tested.outside({"temperature_degC": np.array([law.at_degC])}):
         told.append(f"temperature_degC {law.at_degC:.4g}")
-    return f"beyond the tests: {', '.join(told)}; tested were {tested.told()}" if told else ""
+    return f"outside the tested range: {', '.join(told)}; tested: {tested.told()}" if told else ""
 
 
 def inverse_table(law: Law, tested: TestedRange | None) -> pd.DataFrame:

@@ -9,14 +9,14 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.current_law import CurrentLaw
-from rig.dampers.lawed_model import LawedModel
+from rig.dampers.current_law_model import CurrentLawModel
 from rig.dampers.model import DamperModel
 from rig.dampers.temperature_law import TemperatureLaw
 from rig.errors import IdentificationFailed
 from rig.fits.relation import CurrentRelations
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
-from rig.identification.models.softening import force_change_N
+from rig.identification.models.temperature_effect import force_change_N
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,13 @@ class Law:
         missing = [name for name in model.names if name != "eta" and found.get(name) is None]
         if missing:
             raise IdentificationFailed(
-                f"this fit of {model.name} has no value of {', '.join(missing)}, so no force can be computed; "
-                "the `reason` beside each says which tests are missing"
+                f"this fit of {model.name} has no value for {', '.join(missing)}, so the force cannot be computed. "
+                "Fix: `reason` in the fit states which tests to add"
             )
         values = {name: float(value) for name in model.names if (value := found.get(name)) is not None}
         if "eta" in model.names:
             values.setdefault("eta", model.parameter("eta").start)  # the coil's: no part of the force
-        if isinstance(model, LawedModel):
+        if isinstance(model, CurrentLawModel):
             bend = {name: values.pop(name) for name in model.law.names}
             return cls(model.base, values, None, eta_1_s, (model.law, bend))
         return cls(model, values, None, eta_1_s)

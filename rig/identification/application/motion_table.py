@@ -78,18 +78,22 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "", also: 
     if str(frame.index.name) in COLUMNS["time_s"]:
         index_s = np.asarray(frame.index, dtype=float)
         if time_s is not None and not np.array_equal(time_s, index_s):
-            problems.append("the time stands in the index and in another column, and they differ: leave one out")
+            problems.append(
+                "time: got an index and a column with different values, expected one of them. Fix: remove one"
+            )
         time_s = index_s if time_s is None else time_s
     dt_s = _interval_s(time_s, problems)
     for name in ("displacement_m", "current_A"):
         if arrays[name] is None and not _named(frame, name):
-            problems.append(f"no column `{name}`; columns are {', '.join(map(str, frame.columns)) or 'missing'}")
+            problems.append(f"column `{name}`: missing; got columns {', '.join(map(str, frame.columns)) or 'none'}")
     if time_s is None and needs_time:
-        problems.append(f"no column `time_s` (s), and {needs_time}")
+        problems.append(f"column `time_s` (s): missing, and {needs_time}")
     elif time_s is None and not _named(frame, "velocity_m_s"):
-        problems.append("no column `velocity_m_s`; give it, or `time_s`, over which displacement is differentiated")
+        problems.append(
+            "column `velocity_m_s`: missing. Fix: give it, or give `time_s` to differentiate the displacement"
+        )
     if len(frame) == 0:
-        problems.append("it has no rows")
+        problems.append("no rows")
     if problems:
         raise FileProblem("the table", problems)
     u_m = _sure(arrays["displacement_m"]) - mid_stroke_m
@@ -111,19 +115,22 @@ def _frame(table: Mapping[str, Any]) -> pd.DataFrame:
 
     sizes = {str(name): np.atleast_1d(np.asarray(values)).shape for name, values in table.items() if values is not None}
     longest = max((shape[0] for shape in sizes.values()), default=0)
-    if wrong := [f"`{name}` has shape {shape}, expected ({longest},)" for name, shape in sizes.items()
+    if wrong := [f"`{name}`: got shape {shape}, expected ({longest},)" for name, shape in sizes.items()
                  if shape not in {(longest,), (1,)}]:  # fmt: skip
         raise FileProblem("the table", wrong)
     return pd.DataFrame({name: np.broadcast_to(np.atleast_1d(np.asarray(table[name])), (longest,)) for name in sizes})
 
 
 def _twice(frame: pd.DataFrame, also: Sequence[str]) -> list[str]:
-    """Quantities that several columns give: which of them is meant nobody knows."""
+    """Quantities that several columns contain, so that the intended one is unknown."""
     problems = []
     for names in (*COLUMNS.values(), *((name,) for name in also)):
         given = [str(column) for column in frame.columns if column in names]
         if len(given) > 1:
-            problems.append(f"columns {' and '.join(f'`{name}`' for name in given)} are one quantity: leave one out")
+            problems.append(
+                f"columns {' and '.join(f'`{name}`' for name in given)}: both contain the same quantity. Fix: "
+                "remove one"
+            )
     return problems
 
 
@@ -141,13 +148,13 @@ def _numbers(frame: pd.DataFrame, column: str, problems: list[str], *, empty: bo
     try:
         values = np.ascontiguousarray(frame.loc[:, frame.columns == column].iloc[:, 0].to_numpy(), dtype=float)
     except (TypeError, ValueError) as error:
-        problems.append(f"column `{column}` must hold numbers: {error}")
+        problems.append(f"column `{column}`: got non-numeric values, expected numbers: {error}")
         return None
     broken = np.flatnonzero(~np.isfinite(values))
     if broken.size and not empty:
         problems.append(
-            f"column `{column}` row {broken[0]} is {values[broken[0]]:g} ({broken.size} such rows), expected numbers; "
-            "leave such rows out, or interpolate them"
+            f"column `{column}`, row {broken[0]}: got {values[broken[0]]:g} ({broken.size} such rows), expected "
+            "finite numbers. Fix: remove these rows, or interpolate"
         )
     return values
 
@@ -158,14 +165,14 @@ def _interval_s(time_s: FloatArray | None, problems: list[str]) -> float:
         return 0.0
     steps = np.diff(time_s)
     if steps.size == 0 or not np.all(steps > 0.0):
-        problems.append("`time_s` must rise from row to row, two rows or more")
+        problems.append("`time_s`: expected at least two rows, strictly increasing")
         return 0.0
     dt_s = float(np.mean(steps))
     worst = int(np.argmax(np.abs(steps - dt_s)))
     if abs(float(steps[worst]) - dt_s) > UNEVEN * dt_s:
         problems.append(
-            f"`time_s` must be evenly spaced: {float(steps[worst]):.4g} s before row {worst + 1}, {dt_s:.4g} s on "
-            "average; resample the table"
+            f"`time_s`: got {float(steps[worst]):.4g} s before row {worst + 1}, expected even spacing ({dt_s:.4g} s "
+            "on average). Fix: resample the table"
         )
     return dt_s
 

@@ -19,7 +19,7 @@ from rig.fits.entries import TestedRange
 from rig.identification.application.law import Law
 from rig.identification.application.motion_table import Motion, motion_of
 from rig.identification.application.tested_range import UNKNOWN, beyond_tested
-from rig.identification.models.softening import filled
+from rig.identification.models.temperature_effect import filled
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,7 +33,9 @@ def predict(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: fl
     Raises:
         FileProblem: the table cannot be used; everything that is wrong with it.
     """
-    reason = f"{law.model.name} has internal states, which follow the motion in time" if law.model.states else ""
+    reason = (
+        f"{law.model.name} has internal states, which depend on the history of the motion" if law.model.states else ""
+    )
     motion = motion_of(table, mid_stroke_m, needs_time=reason)
     known = _at_a_temperature(law, motion)
     force_N, _ = along(law, known)
@@ -46,12 +48,12 @@ def simulate(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: f
     Raises:
         FileProblem: the table cannot be used, or the lag is wanted and not known.
     """
-    motion = motion_of(table, mid_stroke_m, needs_time="a simulation goes along it")
+    motion = motion_of(table, mid_stroke_m, needs_time="a simulation integrates them")
     if lag:
         if law.eta_1_s is None:
             raise FileProblem("the fit", [
-                "the coil's lag (eta) is not known from these tests: give the coil's own current and lag=False, or fit "
-                "tests with current steps",
+                "the time constant of the coil (eta) was not identified in these tests. Fix: give the actual coil "
+                "current and lag=False, or fit tests with current steps",
             ])  # fmt: skip
         motion = replace(motion, current_A=coil_current(motion.current_A, law.eta_1_s, motion.dt_s))
     given, motion = motion, _at_a_temperature(law, motion)
@@ -101,7 +103,7 @@ def _assuming(frame: pd.DataFrame, law: Law, motion: Motion) -> pd.DataFrame:
     if missing == motion.u_m.size:
         frame.attrs["assumed"] = f"no temperature given: force at {law.temperature.reference_degC:.4g} degC"
     elif missing:
-        frame.attrs["assumed"] = f"no temperature in {missing} of {motion.u_m.size} rows: straight between the others"
+        frame.attrs["assumed"] = f"no temperature in {missing} of {motion.u_m.size} rows: interpolated linearly"
     return frame
 
 
@@ -124,7 +126,7 @@ def with_band(columns: dict[str, FloatArray], motion: Motion, tested: TestedRang
     if tested is None:
         frame["low_N"] = frame["high_N"] = math.nan
         frame["extrapolates"], frame["beyond"] = True, UNKNOWN
-        frame.attrs["extrapolation"] = "the fit does not say what its tests covered: fit the run again"
+        frame.attrs["extrapolation"] = "the fit does not state its tested range. Fix: identify the run again"
         return frame
     half_N = tested.band.at(motion.current_A)
     frame["low_N"], frame["high_N"] = columns["force_N"] - half_N, columns["force_N"] + half_N
@@ -152,4 +154,6 @@ def _told(flagged: dict[str, np.ndarray[tuple[int], np.dtype[np.bool_]]], count:
     rows = {name: int(np.count_nonzero(where)) for name, where in flagged.items()}
     parts = ", ".join(f"{name} in {many} of {count} rows" for name, many in rows.items())
     unrecorded = " (no fitted test recorded a temperature)" if tested.temperature_degC is None else ""
-    return f"beyond the tests: {parts}; tested were {tested.told()}{unrecorded if 'temperature_degC' in rows else ''}"
+    return (
+        f"outside the tested range: {parts}; tested: {tested.told()}{unrecorded if 'temperature_degC' in rows else ''}"
+    )

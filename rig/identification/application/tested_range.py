@@ -21,7 +21,7 @@ from rig.signals.test_set import LEAST_CURRENT_A, current_levels
 BAND = 0.95  # share of samples within the band
 LEVELS = 16  # of the current, over which the band is told apart
 FEWEST = 20  # samples of a level
-UNKNOWN = "range not known"
+UNKNOWN = "tested range unknown"
 
 
 def beyond_tested(tested: TestedRange, motion: Motion) -> dict[str, BoolArray]:
@@ -52,7 +52,7 @@ def tested_range(
     covered = replace(covered_by(fitted), temperature_degC=temperature_degC, only_at_A=levels)
     within = [test for test in held_out if not beyond(covered, test)]
     factor = 1.0 if within else max(1.0, widened)
-    source = "held-out tests" if within else f"fitted tests x {factor:.3g}" if factor > 1.0 else "fitted tests"
+    source = "validation tests" if within else f"fitted tests x {factor:.3g}" if factor > 1.0 else "fitted tests"
     return TestedRange(**vars(covered), band=_band(law, within or fitted, factor, source))
 
 

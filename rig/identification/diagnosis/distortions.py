@@ -16,7 +16,7 @@ from rig.dampers.model import DamperModel
 from rig.dampers.temperature_law import VISCOUS, YIELD, TemperatureLaw
 from rig.identification.diagnosis.stretches import Stretch
 from rig.identification.models.measurement import Measurement
-from rig.identification.models.softening import force_change_N
+from rig.identification.models.temperature_effect import force_change_N
 
 
 class Distortion:
@@ -85,7 +85,7 @@ class Trend(Distortion):
         return np.asarray(np.ones_like(force_N) + amounts[0] * self._of(part))
 
 
-class TrendApart(Distortion):
+class TrendPerTest(Distortion):
     """The gain of the force drifts in each test by itself, from 1 at its start to 1 + amounts[k] at its end."""
 
     limits = (-0.9, 3.0)
@@ -102,7 +102,7 @@ class TrendApart(Distortion):
         return np.asarray(np.ones_like(force_N) + amounts[part.index] * (part.time + 0.5))
 
 
-class Softened(Distortion):
+class TemperatureEffect(Distortion):
     """Warm oil weakens viscous (amounts[0], 1/K) and yield forces (amounts[1]) about a temperature (degC)."""
 
     start, steps, limits = (0.0, 0.0), (1e-5, 1e-5), (-0.05, 0.05)
@@ -143,7 +143,7 @@ class Clipped(Distortion):
         return np.asarray((force_N > amounts[0]) & (force_N < amounts[1]), dtype=float)
 
 
-class ClippedApart(Distortion):
+class ClippingPerTest(Distortion):
     """The force channel ends elsewhere in each test: (low, high) in N by the test's number."""
 
     def __init__(self, ends_N: Sequence[tuple[float, float]]) -> None:

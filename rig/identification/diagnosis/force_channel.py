@@ -32,7 +32,7 @@ def outliers(
     Compared are residuals, so that a steep force is none, with the median of their neighbours, so that misfit is none.
     What recurs every cycle is none, and where most lie beside jumps of the force, those are none.
     """
-    lonely, beside = [], [_beside_a_jump(test) for test in tests]
+    lonely, beside = [], [_next_to_a_jump(test) for test in tests]
     for index, test in enumerate(tests):
         counting = weighting.counting(test, index)
         residual = np.where(counting, test.force_N - modelled_force(model, values, test), np.nan)
@@ -68,7 +68,7 @@ def _without_recurring(far: BoolArray, residual_N: FloatArray, cycle: int) -> Bo
     return kept
 
 
-def _beside_a_jump(test: Measurement) -> BoolArray:
+def _next_to_a_jump(test: Measurement) -> BoolArray:
     reach_s, speed = max(BESIDE_A_JUMP_S, 2.0 * test.dt_s), np.abs(test.v_m_s)
     return np.asarray((np.abs(test.u_m) < reach_s * speed) | (speed < reach_s * np.abs(test.a_m_s2)))
 

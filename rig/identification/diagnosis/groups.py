@@ -29,13 +29,13 @@ class Parting:
     Attributes:
         second: which tests are the other damper's, shape (tests,).
         squares: weighted sum of squares of both fits.
-        foretold: part of the misfit of tests that are left out, each in turn, which goes when the better of two dampers
-            foretells them instead of one. What a model lacks is parted too, but the parts foretell little.
+        predicted: share of the misfit of held-out tests, each in turn, that is removed if the better of two dampers
+            predicts them instead of one. Model error is split as well, but the two parts then predict little.
     """
 
     second: BoolArray
     squares: float
-    foretold: float
+    predicted: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +72,10 @@ def two_groups(damper: Damper, common: Explained, parts: Sequence[Stretch]) -> P
     for side in (True, False):
         own = [part for part in parts if best[1][part.index] == side]
         squares += explain(damper, own, Distortion()).squares
-    return Parting(best[1], squares, _foretold(best[1], sums, scale, sum(part.floor for part in parts)))
+    return Parting(best[1], squares, _predicted(best[1], sums, scale, sum(part.floor for part in parts)))
 
 
-def _foretold(second: BoolArray, sums: Sequence[_Sums], scale: FloatArray, floor: float) -> float:
+def _predicted(second: BoolArray, sums: Sequence[_Sums], scale: FloatArray, floor: float) -> float:
     one = two = 0.0
     for left_out, test in enumerate(sums):
         others = np.arange(second.size) != left_out

@@ -20,7 +20,7 @@ CHANNEL = {
     "units-time": "cycle_s", "units-displacement": "span_m", "units-force": "force_N", "units-current": "current_A",
 }  # fmt: skip
 """Which of a test's sizes (SI) a doubt is about."""
-OTHER_TESTS = 30.0  # times the largest of the others, or part of the smallest, within which a mended test is like them
+OTHER_TESTS = 30.0  # times the largest of the others, or part of the smallest, within which a corrected test agrees
 SAME_RATE = (0.5, 2.0)  # of the displacement's rate over the velocity given, between which one belongs to the other
 NEAR_MIDDLE = 0.3  # of the amplitude
 OFFSET_OF_PEAK = 0.01  # by which the force must be off towards extension to be no gas force
@@ -40,7 +40,7 @@ def units(tests: Sequence[Measurement], likelier: Callable[[Doubt, Sequence[str]
 
     Args:
         tests: all that were fitted.
-        likelier: whether tests of these ids fit the others better with their unit mended. A size alone does not tell of
+        likelier: whether tests of these ids fit the others better with a corrected unit. A size alone does not tell of
             a few tests: among strokes of 60 mm one of 0.4 mm in a second may be meant, or a cycle of 250 s.
     """
     apart = {slug: (doubt, ids) for slug, (doubt, ids) in _of_some(tests).items() if likelier(doubt, ids)}
@@ -92,7 +92,7 @@ def _of_some(tests: Sequence[Measurement]) -> dict[str, tuple[Doubt, list[str]]]
     return by_slug
 
 
-def mended(test: Measurement, doubt: Doubt) -> Measurement:
+def corrected(test: Measurement, doubt: Doubt) -> Measurement:
     """The test with its numbers in the unit that they probably are in."""
     factor = doubt.factor
     if doubt.slug == "units-time":

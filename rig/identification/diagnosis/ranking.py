@@ -18,8 +18,8 @@ from rig.fits.entries import Cause
 from rig.identification.diagnosis import distortions as of
 from rig.identification.diagnosis.descent import Damper, explain, first_step, residual_N
 from rig.identification.diagnosis.force_channel import outliers
-from rig.identification.diagnosis.odd_tests import OddTest, odd_tests
-from rig.identification.diagnosis.plausibility import OFFSET, SIGNS, law_from_two_currents, mended, middle, units
+from rig.identification.diagnosis.outlier_tests import OutlierTest, outlier_tests
+from rig.identification.diagnosis.plausibility import OFFSET, SIGNS, corrected, law_from_two_currents, middle, units
 from rig.identification.diagnosis.stretches import Stretch, stretches
 from rig.identification.diagnosis.trials import (
     MIXED,
@@ -42,10 +42,10 @@ WORTH_NAMING = 0.15  # share of the misfit from which a cause is listed
 MISFIT_OF_NOISE = 0.02  # of the noise's sum of squares: less than this is no misfit
 SMALLEST_SKEW_S, SKEW_ERRORS = 2e-4, 3.0  # a delay that is worth a word: so long, and so many of its stated errors
 BEYOND_DOUBT = 10.0  # standard errors of white noise; noise of a filtered channel has a few times those
-MENDED = 0.25  # of the squares that are missed, below which a unit is likelier than the one that was given
+CORRECTED = 0.25  # of the squares that are missed, below which a unit is likelier than the one that was given
 SLOW = 0.1  # of the greatest speed
 UNEXPLAINED = "unexplained"
-ODD_AMOUNTS = 2  # of a test that does not fit the others: which one, and by how much
+OUTLIER_AMOUNTS = 2  # of a test that does not fit the others: which one, and by how much
 
 
 def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
@@ -59,23 +59,23 @@ def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
         misfit: whether to look for causes of misfit; units, signs and a current law drawn from two currents are looked
             at in any case.
     """
-    wrong = units(fitted.tests, partial(_likelier_mended, fitted))
+    wrong = units(fitted.tests, partial(_likelier_corrected, fitted))
     if wrong:
         return tuple(wrong)
     saturated = _saturated(fitted.tests)
-    odd: list[Cause] = []
+    outliers: list[Cause] = []
     if misfit:
-        odd, explained, fitted = _odd_or_not(fitted)
+        outliers, explained, fitted = _without_outliers(fitted)
     else:
         explained = _hidden(fitted)
     wrong = middle(fitted.tests)
-    causes = [*odd, *(cause for cause in wrong if cause.slug == SIGNS), *saturated, *explained]
+    causes = [*outliers, *(cause for cause in wrong if cause.slug == SIGNS), *saturated, *explained]
     causes += law_from_two_currents(fitted.model, fitted.values, fitted.tests)
     return (*causes, *(cause for cause in wrong if cause.slug == OFFSET))
 
 
-def _likelier_mended(fitted: Fitted, doubt: Doubt, ids: Sequence[str]) -> bool:
-    """Whether a fit of the other tests foretells these with their unit mended, each in shares of its own force."""
+def _likelier_corrected(fitted: Fitted, doubt: Doubt, ids: Sequence[str]) -> bool:
+    """Whether a fit of the other tests predicts these with their unit corrected, each in shares of its own force."""
     parts = stretches(fitted.model, fitted.tests, fitted.weighting)
     apart = [part for part in parts if part.test.id in ids]
     others = [part for part in parts if part.test.id not in ids]
@@ -89,8 +89,8 @@ def _likelier_mended(fitted: Fitted, doubt: Doubt, ids: Sequence[str]) -> bool:
         return float(np.sum(missed_N**2)) / max(float(np.sum(force_N**2)), 1e-300)
 
     as_they_are = [left(part) for part in apart]
-    changed = [left(replace(part, test=mended(part.test, doubt))) for part in apart]
-    return float(np.median(changed)) < MENDED * float(np.median(as_they_are))
+    changed = [left(replace(part, test=corrected(part.test, doubt))) for part in apart]
+    return float(np.median(changed)) < CORRECTED * float(np.median(as_they_are))
 
 
 def _saturated(tests: Sequence[Measurement]) -> list[Cause]:
@@ -142,19 +142,19 @@ class _Misfit:
     amounts: int
 
 
-def _odd_or_not(fitted: Fitted) -> tuple[list[Cause], list[Cause], Fitted]:
+def _without_outliers(fitted: Fitted) -> tuple[list[Cause], list[Cause], Fitted]:
     """Tests that do not fit the others, causes of what is left, and the fit to the others.
 
-    There are none where one cause explains all tests, odd ones too, as well: a law of the current that the model lacks
-    makes the tests at one current odd.
+    There are none where one cause explains all tests, outliers included, equally well: a current law that the
+    model does not include makes the tests at one current outliers.
     """
     everything = stretches(fitted.model, fitted.tests, fitted.weighting)
     floor, damper = sum(part.floor for part in everything), Damper(fitted.model, fitted.values, fitted.names)
     whole = _of_misfit(fitted)
-    odd, values = odd_tests(damper, everything) if whole.excess > 0.0 else ([], fitted.values)
-    if not odd:
+    outliers, values = outlier_tests(damper, everything) if whole.excess > 0.0 else ([], fitted.values)
+    if not outliers:
         return [], whole.causes, fitted
-    apart = {test.index: test for test in odd}
+    apart = {test.index: test for test in outliers}
     kept = [k for k in range(len(fitted.tests)) if k not in apart]
     reached = explain(damper, [part for part in everything if part.index in kept], of.Distortion(), values)
     weighting = fitted.weighting
@@ -162,18 +162,20 @@ def _odd_or_not(fitted: Fitted) -> tuple[list[Cause], list[Cause], Fitted]:
         weighting = replace(weighting, extra=tuple(weighting.extra[k] for k in kept))
     rest = replace(fitted, values=reached.values, tests=[fitted.tests[k] for k in kept], weighting=weighting)
     others = _of_misfit(rest, whole.excess)
-    mended = sum(apart[part.index].left * float(np.mean(part.weights**2)) for part in everything if part.index in apart)
-    amounts = sum(ODD_AMOUNTS if test.mends else len(fitted.names) for test in odd)
-    if _score(others.squares + mended, others.amounts + amounts, floor) > _score(whole.squares, whole.amounts, floor):
+    left = sum(apart[part.index].left * float(np.mean(part.weights**2)) for part in everything if part.index in apart)
+    amounts = sum(OUTLIER_AMOUNTS if test.corrections else len(fitted.names) for test in outliers)
+    if _score(others.squares + left, others.amounts + amounts, floor) > _score(whole.squares, whole.amounts, floor):
         return [], whole.causes, fitted
-    share, errors = 1.0 - min(1.0, others.excess / whole.excess), sum(test.error**2 for test in odd)
-    causes = [_odd(test, fitted.tests[test.index].id, share * test.error**2 / errors) for test in odd]
+    share, errors = 1.0 - min(1.0, others.excess / whole.excess), sum(test.error**2 for test in outliers)
+    causes = [_outlier(test, fitted.tests[test.index].id, share * test.error**2 / errors) for test in outliers]
     return causes, others.causes, rest
 
 
-def _odd(test: OddTest, name: str, share: float) -> Cause:
-    mends = say("odd-test-mended", mends=" or ".join(test.mends)) if test.mends else say("odd-test-apart")
-    numbers = {"test": name, "percent_missed": 100.0 * test.error, "mends": mends}
+def _outlier(test: OutlierTest, name: str, share: float) -> Cause:
+    corrections = say("odd-test-apart")
+    if test.corrections:
+        corrections = say("odd-test-corrected", corrections=" or ".join(test.corrections))
+    numbers = {"test": name, "percent_missed": 100.0 * test.error, "corrections": corrections}
     return _cause(Trial("odd-test", 0.0, 1, numbers), share)
 
 

@@ -19,7 +19,7 @@ from rig.identification.diagnosis.stretches import Stretch
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.projection import Weighting
-from rig.identification.series_spring import Softened
+from rig.identification.series_spring import ComplianceCorrection
 from rig.identification.words import UNTRIED, some
 from rig.signals.test_set import CurrentReading, current_levels
 
@@ -146,7 +146,7 @@ def trends(tests: Sequence[Measurement]) -> Iterator[tuple[str, Callable[[Stretc
 
 def _drifting(tests: Sequence[Measurement], parts: Sequence[Stretch], damper: Damper) -> Iterator[Trial]:
     """A drift in some of the tests, which the same drift in all does not show."""
-    reached = explain(damper, parts, of.TrendApart(len(tests)))
+    reached = explain(damper, parts, of.TrendPerTest(len(tests)))
     drifts = np.abs(reached.amounts)
     ids = [test.id for test, drift in zip(tests, drifts.tolist(), strict=True) if drift >= SMALLEST_DRIFT]
     if ids:
@@ -167,7 +167,7 @@ def _softened(fitted: Fitted, parts: Sequence[Stretch], damper: Damper) -> Itera
     """A recorded temperature that weakens viscous and yield forces, each at a rate of its own."""
     ends = _ends_degC(fitted.tests)
     if ends is not None:
-        reached = explain(damper, parts, of.Softened(damper.model, damper.start, 0.5 * (ends[0] + ends[1])))
+        reached = explain(damper, parts, of.TemperatureEffect(damper.model, damper.start, 0.5 * (ends[0] + ends[1])))
         viscous, yielding = (100.0 * reached.amounts).tolist()
         numbers = {"viscous_percent_K": viscous, "yield_percent_K": yielding}
         yield Trial("temperature", reached.squares, 2, numbers, "temperature-rates")
@@ -218,7 +218,7 @@ def _ended(
         outside = beyond(part.test, ends[part.index], noise[part.index])
         inner.append(replace(part, weights=np.where(outside, 0.0, part.weights)))
     start = explain(damper, inner, of.Distortion())
-    channel = of.ClippedApart(ends) if limits is None else of.Clipped(*ends[0], limits)
+    channel = of.ClippingPerTest(ends) if limits is None else of.Clipped(*ends[0], limits)
     reached = explain(damper, parts, channel, start.values)
     left: tuple[list[FloatArray], list[FloatArray]] = ([], [])
     for part in parts:
@@ -233,7 +233,7 @@ def _ended(
 
 def _compliant(parts: Sequence[Stretch], damper: Damper) -> Iterator[Trial]:
     try:
-        soft = Softened([part.test for part in parts])
+        soft = ComplianceCorrection([part.test for part in parts])
     except IdentificationFailed:
         return  # a test whose cycles are unknown has no smooth force, and shows no compliance
     give = of.Compliance(soft.forces, parts, soft.largest_m_N)
@@ -247,7 +247,7 @@ def _two_dampers(
     fitted: Fitted, parts: Sequence[Stretch], damper: Damper, base: Explained
 ) -> Iterator[Trial]:
     reached = two_groups(damper, base, parts)
-    if reached is None or reached.foretold < WORTH_PARTING:
+    if reached is None or reached.predicted < WORTH_PARTING:
         return
     if not _parted_by_motion_or_warmth(fitted.tests, reached.second):
         minor = reached.second if 2 * np.count_nonzero(reached.second) <= reached.second.size else ~reached.second

@@ -1,4 +1,4 @@
-"""What tests covered, and in what another test lies beyond them: foretelling it is extrapolation."""
+"""What tests covered, and in what another test lies beyond them: predicting it is extrapolation."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rig.dampers.covered import SHARE, Covered, Ends
 from rig.identification.models.measurement import Measurement
 
 NEAR = 0.1
-"""Share of a range by which a test may pass its ends and still be foretold rather than extrapolated."""
+"""Share of a range by which a test may pass its ends and still be predicted rather than extrapolated."""
 
 
 def covered_by(tests: Sequence[Measurement]) -> Covered:

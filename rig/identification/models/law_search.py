@@ -16,7 +16,7 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.current_law import AFFINE, AT, FEWEST_LEVELS, KINDS, PER_CURRENT
-from rig.dampers.lawed_model import PLUS, LawedModel
+from rig.dampers.current_law_model import PLUS, CurrentLawModel
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement, first_cycle
 from rig.identification.models.model_slope import law_columns, modelled_force, parameter_slopes
@@ -69,8 +69,8 @@ def law_over(tests: Sequence[Measurement], kind: str) -> str:
     levels = _levels(tests)
     if len(levels) < FEWEST_LEVELS:
         raise IdentificationFailed(
-            f"current law {PER_CURRENT}: {len(levels)} different currents were tested; {FEWEST_LEVELS} or more "
-            "show a bend: add tests at another current"
+            f"current law {PER_CURRENT}: got {len(levels)} different currents, expected {FEWEST_LEVELS} or more. Fix: "
+            "add tests at another current"
         )
     return f"{PER_CURRENT}{AT}{','.join(f'{level:g}' for level in levels)}"
 
@@ -85,13 +85,13 @@ def _levels(tests: Sequence[Measurement]) -> list[float]:
     return list(rounded_levels(np.linspace(low, high, EVEN_LEVELS).tolist()))
 
 
-def felt(model: LawedModel, values: Mapping[str, float], tests: Sequence[Measurement]) -> list[Measurement]:
+def felt(model: CurrentLawModel, values: Mapping[str, float], tests: Sequence[Measurement]) -> list[Measurement]:
     """The tests with what the fluid feels in place of the current."""
     return [replace(test, current_A=model.law.felt_A(values, test.current_A)) for test in tests]
 
 
-def solve_lawed(
-    model: LawedModel,
+def solve_with_current_law(
+    model: CurrentLawModel,
     measurements: Sequence[Measurement],
     weighting: Weighting,
     held: frozenset[str],
@@ -148,7 +148,7 @@ class _LawSquares(Squares):
 
     def __init__(
         self,
-        model: LawedModel,
+        model: CurrentLawModel,
         tests: Sequence[Measurement],
         weighting: Weighting,
         held: frozenset[str],

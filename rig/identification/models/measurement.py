@@ -137,17 +137,17 @@ class Measurement:
         if not 0 <= self.samples_per_cycle <= n:
             raise ValueError(
                 f"{self.id}: samples_per_cycle = {self.samples_per_cycle}, expected 0 (no whole cycle) to {n}, the "
-                "samples that there are"
+                "number of samples"
             )
         if self.noise_N < 0.0:
-            raise ValueError(f"{self.id}: noise_N = {self.noise_N:g}, expected 0 or more newtons, or nan: not known")
+            raise ValueError(f"{self.id}: noise_N = {self.noise_N:g}, expected 0 or more newtons, or nan if unknown")
         for name in ("u_m", "v_m_s", "a_m_s2", "force_N", "current_A"):
             values = getattr(self, name)
             broken = np.flatnonzero(~np.isfinite(values))
             if broken.size:
                 raise ValueError(
                     f"{self.id}: {name}[{broken[0]}] = {values[broken[0]]:g} ({broken.size} such samples), expected "
-                    "numbers; where the force is unknown give 0, and False in `usable`"
+                    "finite numbers. Fix: where the force is unknown, set 0 and `usable` False"
                 )
         for name in ARRAYS:  # a model is compiled again for arrays that are not contiguous: seconds for each
             values = getattr(self, name)

@@ -9,7 +9,7 @@ import numpy as np
 
 from rig.dampers.algebraic import AlgebraicModel
 from rig.dampers.arrays import FloatArray
-from rig.dampers.lawed_model import LawedModel
+from rig.dampers.current_law_model import CurrentLawModel
 from rig.dampers.model import DamperModel
 from rig.identification.models.coil import with_lag
 from rig.identification.models.measurement import Measurement
@@ -80,8 +80,8 @@ def parameter_slopes(
     """
     if isinstance(model, AlgebraicModel):
         return _algebraic_slopes(model, values, names, test)
-    if isinstance(model, LawedModel):
-        return _lawed_slopes(model, values, names, test)
+    if isinstance(model, CurrentLawModel):
+        return _current_law_slopes(model, values, names, test)
     if model.slopes_along() is not None:
         return force_and_slopes(model, values, names, test)[1]
     columns = []
@@ -131,8 +131,8 @@ def _algebraic_slopes(
     return np.array([columns[name] for name in names]).T
 
 
-def _lawed_slopes(
-    model: LawedModel, values: Mapping[str, float], names: Sequence[str], test: Measurement
+def _current_law_slopes(
+    model: CurrentLawModel, values: Mapping[str, float], names: Sequence[str], test: Measurement
 ) -> FloatArray:
     """The base model's slopes at what its fluid feels, and the law's; the lag acts before the law."""
     seen = replace(test, current_A=model.law.felt_A(values, test.current_A))
@@ -146,7 +146,7 @@ def _lawed_slopes(
 
 
 def law_columns(
-    model: LawedModel, values: Mapping[str, float], names: Sequence[str], test: Measurement
+    model: CurrentLawModel, values: Mapping[str, float], names: Sequence[str], test: Measurement
 ) -> FloatArray:
     """Derivatives of the force with respect to parameters of the current law, shape (n, len(names)).
 

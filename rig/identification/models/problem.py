@@ -50,14 +50,14 @@ class Problem:
         lag: bool = False,
     ) -> None:
         if not measurements:
-            raise ValueError("no measurements: a problem needs at least one test")
+            raise ValueError("measurements: got none, expected at least one test")
         if weight not in {"v", "1"}:
-            raise ValueError(f"weight {weight!r}: expected 'v' or '1'")
+            raise ValueError(f"weight: got {weight!r}, expected 'v' or '1'")
         self.measurements = tuple(measurements)
         self.model = model if isinstance(model, DamperModel) else damper_model(model, hysteresis)
         if lag and "eta" not in self.model.names:
             having = ", ".join(name for name, other in MODELS.items() if "eta" in other.names)
-            raise ValueError(f"lag: {self.model.name} has no eta; models that have: {having}")
+            raise ValueError(f"lag: {self.model.name} has no parameter eta; models with eta: {having}")
         self.weight = weight
         self.lag = lag
         self.names = tuple(name for name in self.model.names if lag or name != "eta")
@@ -114,7 +114,7 @@ class Problem:
         candidates = np.ascontiguousarray(population, dtype=float)
         if candidates.ndim != 2 or candidates.shape[1] != self.n_parameters:
             raise ValueError(
-                f"population of shape {candidates.shape}, expected (N, {self.n_parameters}): {', '.join(self.names)}"
+                f"population: got shape {candidates.shape}, expected (N, {self.n_parameters}): {', '.join(self.names)}"
             )
         if self.lag:
             return np.array([self._lagged(candidate) for candidate in candidates])
@@ -183,7 +183,7 @@ class Problem:
             TypeError: the model has internal states.
         """
         if not isinstance(self.model, AlgebraicModel):
-            raise TypeError(f"{self.model.name} has internal states and no general form")
+            raise TypeError(f"{self.model.name} has internal states and no closed form")
         return general_coefficients(self.model, self.names, candidates)
 
     def _weight_squared(self, test: Measurement) -> FloatArray:

@@ -42,7 +42,7 @@ AT_LIMIT = 1e-3  # of a limit: a search that ends so near to it has met it
 AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 
 
-class GivenUp(IdentificationFailed):
+class SearchAbandoned(IdentificationFailed):
     """A model was not fitted to the end, because another one describes the tests far better already."""
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from rig.dampers import MODELS
 from rig.dampers.algebraic import AlgebraicModel
 from rig.dampers.arrays import FloatArray
-from rig.dampers.lawed_model import LawedModel, base_of
+from rig.dampers.current_law_model import CurrentLawModel, base_of
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
@@ -81,16 +81,18 @@ class Method:
         )  # fmt: skip
         for setting, value, known in settings:
             if value not in known:
-                raise IdentificationFailed(f"method: {setting} = {value!r}; known: {', '.join(map(repr, known))}")
+                raise IdentificationFailed(
+                    f"method: got {setting} = {value!r}, expected one of {', '.join(map(repr, known))}"
+                )
         if self.bounds != "model" and self.name in {SEPARABLE, THREE_STEPS}:
             raise IdentificationFailed(
-                f"method: {self.name} needs no range to search in; bounds {self.bounds!r} go with the papers' "
-                "algorithms, such as method 'c_foa'"
+                f"method: {self.name} needs no search range; bounds {self.bounds!r} apply only to the papers' "
+                "algorithms, such as 'c_foa'"
             )
         if self.weight == "relative" and self.name != SEPARABLE:
             raise IdentificationFailed(
-                f"method: {self.name} minimises equation (12), which has weights '1' and 'v'; 'relative' goes with "
-                f"{SEPARABLE!r}"
+                f"method: {self.name} minimises equation (12) of the c-FOA paper, which has weights '1' and 'v'; "
+                f"'relative' is for {SEPARABLE}"
             )
 
     def weighting(self, model: DamperModel) -> Weighting:
@@ -131,13 +133,13 @@ def solve(
 
     Raises:
         IdentificationFailed: the method is unknown, has not this loss for this model, or found nothing.
-        GivenUp: the rival is so much better that the model was not fitted to the end.
+        SearchAbandoned: the rival is so much better that the model was not fitted to the end.
     """
     if method.loss != SQUARES and not (method.name == SEPARABLE and splits(model, measurements)):
         having = ", ".join(name for name, other in MODELS.items() if splits(other, measurements))
         raise IdentificationFailed(
-            f"{model.name} by {method.name} has no loss {method.loss!r}, only {SQUARES!r}; separable fits of "
-            f"models that are linear but for a few shape parameters ({having}) have it"
+            f"loss: got {method.loss!r} with {model.name} by {method.name}, expected {SQUARES!r}; other losses need "
+            f"separable least squares and a model that is linear except for a few shape parameters ({having})"
         )
     if method.name == SEPARABLE:
         held, weighting = frozenset(findings.held), method.weighting(model)
@@ -148,7 +150,7 @@ def solve(
 
         return solve_three_steps(model, measurements, method.weighting(model), frozenset(findings.held))
     if method.name not in known_methods():
-        raise IdentificationFailed(f"unknown method {method.name!r}; known: {', '.join(known_methods())}")
+        raise IdentificationFailed(f"method: got {method.name!r}, expected one of {', '.join(known_methods())}")
     return _search(model, measurements, method, findings)
 
 
@@ -179,15 +181,15 @@ def solve_weighted(
     Raises:
         IdentificationFailed: as `solve`.
     """
-    if isinstance(model, LawedModel):
-        from rig.identification.models.law_search import solve_lawed
+    if isinstance(model, CurrentLawModel):
+        from rig.identification.models.law_search import solve_with_current_law
 
         base, own = model.base, frozenset(held & set(model.base.names))
 
         def inner(tests: list[Measurement], start: Mapping[str, float] | None) -> Solution:
             return solve_weighted(base, tests, weighting, own, start, rival_N)
 
-        return solve_lawed(model, measurements, weighting, held, near, inner)
+        return solve_with_current_law(model, measurements, weighting, held, near, inner)
     if isinstance(model, AlgebraicModel):
         shape = None if near is None else np.array([near[name] for name in model.shape_names])
         return solve_separable(measurements, model, weighting, held=held, start=shape)

@@ -23,7 +23,14 @@ from rig.dampers.model import DamperModel
 from rig.dampers.separation import MotionScale, Search, Unknowns
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
 from rig.identification.models.projection import Weighting
-from rig.identification.models.separable import SEARCHED, GivenUp, Solution, motion_scale, solve_loop, solve_separable
+from rig.identification.models.separable import (
+    SEARCHED,
+    SearchAbandoned,
+    Solution,
+    motion_scale,
+    solve_loop,
+    solve_separable,
+)
 from rig.identification.models.undetermined import examine
 from rig.identification.words import say
 from rig.optimisers.least_squares import Descent, Squares, descend
@@ -155,7 +162,7 @@ def solve_states(
         rival_N: root mean square error of another model on the same tests (N).
 
     Raises:
-        GivenUp: the rival is so much better that nothing more is tried.
+        SearchAbandoned: the rival is so much better that nothing more is tried.
     """
     search = model.search()
     single = [first_cycle(test) for test in measurements]
@@ -199,11 +206,11 @@ def _refuse_hopeless(model: DamperModel, squares: StateSquares, left: float, riv
     """Gives up a search that has reached so large a sum of squares.
 
     Raises:
-        GivenUp: its error is so many times that of a rival.
+        SearchAbandoned: its error is so many times that of a rival.
     """
     reached_N = math.sqrt(left / max(1, squares.counting))
     if reached_N > HOPELESS * rival_N:
-        raise GivenUp(
+        raise SearchAbandoned(
             say(
                 "given-up", model=model.name, evaluations=squares.evaluations, reached_N=reached_N,
                 times=reached_N / rival_N, rival_N=rival_N,
@@ -247,5 +254,5 @@ def _simpler_values(
         return solve_separable(single, simpler, weighting, held=without).values
     form = simpler.separation(motion_scale(single))
     if form is None:
-        raise TypeError(f"{simpler.name}, from which {search.model.name} is started, does not split")
+        raise TypeError(f"{simpler.name}, the starting model of {search.model.name}, is not separable")
     return solve_loop(single, simpler, form, weighting, without).values

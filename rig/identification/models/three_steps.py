@@ -113,8 +113,8 @@ def saturated_branch(
     rebound, jounce = saturated & (velocity_m_s > 0), saturated & (velocity_m_s < 0)
     if min(rebound.sum(), jounce.sum()) < FEWEST_SAMPLES:
         raise IdentificationFailed(
-            f"zhu_three_step: {rebound.sum()} saturated samples in rebound, {jounce.sum()} in jounce, "
-            f"{FEWEST_SAMPLES} needed in each: record a larger amplitude or more cycles"
+            f"zhu_three_step: got {rebound.sum()} saturated samples in rebound and {jounce.sum()} in compression, "
+            f"expected {FEWEST_SAMPLES} or more in each. Fix: record a larger amplitude or more cycles"
         )
     u, v = displacement_m[saturated], velocity_m_s[saturated]
     columns = np.column_stack([u, v, np.sign(v), np.ones_like(u)])
@@ -149,7 +149,7 @@ def slope_at_zero(displacement_m: FloatArray, velocity_m_s: FloatArray, w: Float
         crossing = displacement_m[span][np.argmin(np.abs(w[span]))]
         slopes.append(float(fit.deriv()(crossing)))
     if not slopes:
-        raise IdentificationFailed("zhu_three_step: no crossing of w = 0 has three samples: sample faster")
+        raise IdentificationFailed("zhu_three_step: no zero crossing of w has three samples. Fix: sample faster")
     return float(np.median(slopes))
 
 
@@ -197,7 +197,9 @@ def transition_shape(
         if near.sum() >= 5:
             branches.append(np.arange(first, first + int(near.sum())))
     if not branches:
-        raise IdentificationFailed("zhu_three_step: no transition from a reversal has five samples: sample faster")
+        raise IdentificationFailed(
+            "zhu_three_step: no transition after a reversal has five samples. Fix: sample faster"
+        )
 
     def error(shape: FloatArray) -> FloatArray:
         return np.concatenate(
@@ -265,7 +267,9 @@ def solve_three_steps(
             of several; the message says why for each.
     """
     if model.name != MODEL:
-        raise IdentificationFailed(f"zhu_three_step identifies {MODEL} only, not {model.name}: add `--model {MODEL}`")
+        raise IdentificationFailed(
+            f"zhu_three_step: got model {model.name}, expected {MODEL}. Fix: add `--model {MODEL}`"
+        )
     fits: list[NormalizedBoucWenFit] = []
     currents_A, refused, fitted = [], [], []
     for test in measurements:
@@ -280,8 +284,8 @@ def solve_three_steps(
     affine = "kw_b" not in held
     if affine and len(levels_of(fitted)) == 1:
         raise IdentificationFailed(
-            f"zhu_three_step works at {currents_A[0]:.2f} A only, where kw and kw_b, kv and kv_b cannot be told apart "
-            f"({'; '.join(refused)}); hold the tests at other currents out, or use separable"
+            f"zhu_three_step succeeds at {currents_A[0]:.2f} A only, where kw and kw_b, kv and kv_b are not separable "
+            f"({'; '.join(refused)}). Fix: use the tests at other currents for validation, or use separable"
         )
     values = {
         "kx": _mean(fits, "kx"),

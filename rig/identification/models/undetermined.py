@@ -41,36 +41,37 @@ class Undetermined:
 
 def examine(model: DamperModel, measurements: Sequence[Measurement]) -> Undetermined:
     """What the set of tests leaves undetermined, whatever their noise."""
-    untold = Undetermined()
+    undetermined = Undetermined()
     if not needs_lag(measurements) and "eta" in model.names:
-        untold.reasons["eta"] = say("no-current-step", name="eta")
-    _scale(model, untold)
-    _current(model, measurements, untold)
-    _inertia(model, measurements, untold)
-    _speed(model, measurements, untold)
-    for name in untold.held:
-        untold.reasons[name] = say("held", name=name, reason=untold.reasons[name])
-    return untold
+        undetermined.reasons["eta"] = say("no-current-step", name="eta")
+    _scale(model, undetermined)
+    _current(model, measurements, undetermined)
+    _inertia(model, measurements, undetermined)
+    _speed(model, measurements, undetermined)
+    for name in undetermined.held:
+        undetermined.reasons[name] = say("held", name=name, reason=undetermined.reasons[name])
+    return undetermined
 
 
-def _scale(model: DamperModel, untold: Undetermined) -> None:
+def _scale(model: DamperModel, undetermined: Undetermined) -> None:
     """A parameter that only scales others: they are known for one choice of it only."""
     for by, scaled in model.redundant.items():
-        untold.fixed[by] = scaled
+        undetermined.fixed[by] = scaled
         for name in (by, *scaled):
             value = model.parameter(by).start
-            untold.reasons[name] = say("redundant", name=name, by=by, scaled=", ".join(scaled), value=value)
+            undetermined.reasons[name] = say("redundant", name=name, by=by, scaled=", ".join(scaled), value=value)
 
 
-def _current(model: DamperModel, measurements: Sequence[Measurement], untold: Undetermined) -> None:
+def _current(model: DamperModel, measurements: Sequence[Measurement], undetermined: Undetermined) -> None:
     tested = levels_of(measurements)
     levels = len(tested)
     for parameter in model.parameters:
         needed = parameter.power + 1
         if parameter.power > 1 and levels < needed:
-            untold.held.add(parameter.name)
-            untold.reasons[parameter.name] = say("few-currents", name=parameter.name, needed=needed, levels=levels)
-    _lower_powers(model, untold, without_current=tested.zero is not None)
+            undetermined.held.add(parameter.name)
+            reason = say("few-currents", name=parameter.name, needed=needed, levels=levels)
+            undetermined.reasons[parameter.name] = reason
+    _lower_powers(model, undetermined, without_current=tested.zero is not None)
     if levels > 1:
         return
     (mean_A,), without = tested.values_A, tested.zero is not None
@@ -78,24 +79,24 @@ def _current(model: DamperModel, measurements: Sequence[Measurement], untold: Un
         name, base = parameter.name, parameter.at_zero
         if parameter.power != 1 or (name in model.apart_at_one_current and not without):
             continue
-        untold.held.add(name)
+        undetermined.held.add(name)
         if without:
-            untold.reasons[name] = say("no-current", name=name)
+            undetermined.reasons[name] = say("no-current", name=name)
             continue
-        untold.reasons[name] = say("one-current", name=name, base=base, mean_A=mean_A)
-        untold.reasons[base] = say("sum-at-one-current", name=name, base=base, mean_A=mean_A)
+        undetermined.reasons[name] = say("one-current", name=name, base=base, mean_A=mean_A)
+        undetermined.reasons[base] = say("sum-at-one-current", name=name, base=base, mean_A=mean_A)
 
 
-def _lower_powers(model: DamperModel, untold: Undetermined, *, without_current: bool) -> None:
+def _lower_powers(model: DamperModel, undetermined: Undetermined, *, without_current: bool) -> None:
     """Beside powers of the current that are left out the lower ones are known for that choice only.
 
     What a parameter is at zero current is known where a test ran without current.
     """
-    for base in {parameter.at_zero for parameter in model.parameters if parameter.name in untold.held} - {""}:
+    for base in {parameter.at_zero for parameter in model.parameters if parameter.name in undetermined.held} - {""}:
         powers = [parameter.name for parameter in model.parameters if parameter.at_zero == base]
-        left_out = ", ".join(name for name in powers if name in untold.held)
+        left_out = ", ".join(name for name in powers if name in undetermined.held)
         for name in (*powers, *(() if without_current else (base,))):
-            untold.reasons.setdefault(name, say("lower-power", name=name, left_out=left_out))
+            undetermined.reasons.setdefault(name, say("lower-power", name=name, left_out=left_out))
 
 
 def only_at(model: DamperModel, measurements: Sequence[Measurement]) -> tuple[float, ...]:
@@ -121,7 +122,7 @@ def levels_of(measurements: Sequence[Measurement]) -> CurrentLevels:
     return current_levels(readings)
 
 
-def _inertia(model: DamperModel, measurements: Sequence[Measurement], untold: Undetermined) -> None:
+def _inertia(model: DamperModel, measurements: Sequence[Measurement], undetermined: Undetermined) -> None:
     stiffness = model.of_term("stiffness")
     if not model.of_term("inertia") or not stiffness:
         return
@@ -130,11 +131,11 @@ def _inertia(model: DamperModel, measurements: Sequence[Measurement], untold: Un
     if not proportional and not one:
         return
     if not proportional:
-        untold.reasons["m"] = say("harmonics-only", name="m", stiffness=stiffness[0])
+        undetermined.reasons["m"] = say("harmonics-only", name="m", stiffness=stiffness[0])
         return
-    untold.reasons["m"] = say("one-frequency", name="m", stiffness=stiffness[0])
-    untold.held.add("m")
-    untold.reasons[stiffness[0]] = say("difference-at-one-frequency", name=stiffness[0], stiffness=stiffness[0])
+    undetermined.reasons["m"] = say("one-frequency", name="m", stiffness=stiffness[0])
+    undetermined.held.add("m")
+    undetermined.reasons[stiffness[0]] = say("difference-at-one-frequency", name=stiffness[0], stiffness=stiffness[0])
 
 
 def _one_frequency(measurements: Sequence[Measurement]) -> bool:
@@ -162,7 +163,7 @@ def _unlike(measurements: Sequence[Measurement]) -> float:
     return 1.0 - cross * cross / (power_a * power_u) if power_a > 0.0 and power_u > 0.0 else 1.0
 
 
-def _speed(model: DamperModel, measurements: Sequence[Measurement], untold: Undetermined) -> None:
+def _speed(model: DamperModel, measurements: Sequence[Measurement], undetermined: Undetermined) -> None:
     viscous, yielding = model.of_term("viscous"), model.of_term("yield")
     if not viscous or not yielding or model.speeds_tell_yield:
         return
@@ -172,4 +173,4 @@ def _speed(model: DamperModel, measurements: Sequence[Measurement], untold: Unde
     if power <= 0.0 or 1.0 - speed * speed / (power * count) > ONE_SPEED:
         return
     for name in (*viscous, *yielding):
-        untold.reasons.setdefault(name, say("one-speed", name=name))
+        undetermined.reasons.setdefault(name, say("one-speed", name=name))

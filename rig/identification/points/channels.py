@@ -83,7 +83,8 @@ def force_on_grid(
     good = np.isfinite(force_N) & ~flagged[inside]
     if np.count_nonzero(good) < FEWEST_SAMPLES:
         raise IdentificationFailed(
-            f"{np.count_nonzero(good)} usable force samples in the kept cycles; at least {FEWEST_SAMPLES} are needed"
+            f"got {np.count_nonzero(good)} usable force samples in the evaluated cycles, expected {FEWEST_SAMPLES} or "
+            "more"
         )
     spacing = float(np.median(np.diff(time_s)))
     places = np.concatenate(([0], np.cumsum(np.maximum(1, np.rint(np.diff(time_s) / spacing).astype(np.int64)))))
@@ -174,6 +175,6 @@ def refuse_too_few(good: int, count: int, what: str) -> None:
     """
     if good < (1.0 - LARGEST_MISSING_SHARE) * count:
         raise IdentificationFailed(
-            f"{100.0 * (1.0 - good / count):.0f} % of the force samples in the kept cycles are {what}; at most "
-            f"{100 * LARGEST_MISSING_SHARE:.0f} % may be"
+            f"{100.0 * (1.0 - good / count):.0f} % of the force samples in the evaluated cycles are {what}, expected "
+            f"at most {100 * LARGEST_MISSING_SHARE:.0f} %"
         )

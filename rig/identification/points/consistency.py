@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 REVERSED = -0.1  # share of the work done without regard to sign, below which a test puts energy in
 CLEARLY_REVERSED = -0.3  # the same of a test whose others resist, where stiffness and a delay may make a little of it
 REVERSED_SIGN = (
-    "the measured force drives the motion instead of resisting it: the sign of force or displacement is reversed, or "
-    "their columns are exchanged (displacement is extension, and a positive force resists extension)"
+    "the measured force acts with the motion instead of against it: force or displacement has the wrong sign, or "
+    "their columns are swapped (displacement increases with extension, a positive force resists extension)"
 )
 PHASES = 64
 DIFFERENT_OF_PEAK = 0.1  # of two tests alike: more is more than a real damper changes from cycle to cycle
@@ -42,8 +42,8 @@ def refuse_seen(fitted: Sequence[RecordedPoint | Measurement], held_out: Sequenc
     twice = [test.id for test in held_out if _fingerprint(test) in seen]
     if twice:
         raise IdentificationFailed(
-            f"{len(twice)} held-out test(s) are fitted too ({some(twice)}): errors on them say nothing about tests "
-            "the fit has not seen; hold out another run, or part of this one by a filter such as frequency_Hz=2"
+            f"{len(twice)} validation test(s) are also fitted ({some(twice)}), so their errors do not validate the "
+            "fit. Fix: hold out another run, or part of this one by a filter such as frequency_Hz=2"
         )
 
 
@@ -64,8 +64,8 @@ def refuse_twice(fitted: Sequence[RecordedPoint | Measurement]) -> None:
         first.setdefault(mark, test.id)
     if twice:
         raise IdentificationFailed(
-            f"{len(twice)} recording(s) are given twice ({some(twice)} hold the same force, sample by sample): a "
-            "second copy would narrow every interval and tell nothing new; give each run once"
+            f"{len(twice)} recording(s) are given twice ({some(twice)} contain the same force, sample by sample); a "
+            "second copy narrows every interval without new information. Fix: give each run once"
         )
 
 
@@ -136,7 +136,7 @@ def contradictions(measurements: Sequence[Measurement]) -> list[Saying]:
         (first, second)
         for group in groups.alike
         for first, second in itertools.combinations([measurements[number] for number in group], 2)
-        if first.waveform in WAVEFORMS and _measured_alike(first, second)
+        if first.waveform in WAVEFORMS and _same_measurement(first, second)
     ]
     loops = {id(test): _loop(test) for pair in pairs for test in pair}
     differing = []
@@ -149,7 +149,7 @@ def contradictions(measurements: Sequence[Measurement]) -> list[Saying]:
     return [*told, say("contradiction", pairs=some(differing))] if differing else told
 
 
-def runs_apart(
+def inconsistent_runs(
     measurements: Sequence[Measurement], together_N: float, error_of: Callable[[list[Measurement]], float]
 ) -> list[Saying]:
     """A warning when the runs, each fitted apart, are described much better than all of them by one fit.
@@ -191,7 +191,7 @@ def _of_currents(measurements: Sequence[Measurement], levels: CurrentLevels) -> 
     return warnings
 
 
-def _measured_alike(first: Measurement, second: Measurement) -> bool:
+def _same_measurement(first: Measurement, second: Measurement) -> bool:
     one, other = first.current, second.current
     if one is None or other is None or not same_current(one.as_measured, other.as_measured):
         return False

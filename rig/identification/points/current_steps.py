@@ -65,13 +65,13 @@ def lag_of(points: Sequence[RecordedPoint]) -> tuple[CurrentLag | None, list[str
         if point.kind != "current_step":
             continue
         if point.verdict == "invalid":
-            refused.append(f"{point.id} left out: its recording is invalid")
+            refused.append(f"{point.id} not used: its recording is invalid")
             continue
         try:
             with evaluating("it"):
                 lags.append(fit_lag(point))
         except RigError as error:
-            refused.append(f"{point.id} left out: {error}")
+            refused.append(f"{point.id} not used: {error}")
     if not lags:
         return None, refused
     weights = np.array([1.0 / lag.std_1_s**2 for lag in lags])
@@ -97,7 +97,7 @@ def fit_lag(point: RecordedPoint) -> CurrentLag:
     levels_A = [float(text) for text in str(point.test.get("steps_A", "")).split()]
     raw = point.raw("coil_current")
     if len(levels_A) < 2 or raw is None or "time" not in raw:
-        raise IdentificationFailed("it holds no current steps with a measured current")
+        raise IdentificationFailed("the run contains no current steps with a measured current")
     time_s, current_A = raw["time"].astype(np.float64), raw["value"].astype(np.float64)
     good = np.isfinite(current_A) & np.isfinite(time_s)
     time_s, current_A = time_s[good], current_A[good]
@@ -111,8 +111,8 @@ def fit_lag(point: RecordedPoint) -> CurrentLag:
     known = best is not None and 0.0 < best.std_1_s < LARGEST_DETERMINED_SHARE * best.eta_1_s
     if best is None or not known or best.eta_1_s > fastest_1_s:
         raise IdentificationFailed(
-            "its current does not follow the steps as a first-order lag slow enough for the ECU's status period; "
-            "eta is not determined"
+            "its current does not follow the steps as a first-order lag that is slow compared with the ECU's status "
+            "period; eta is not determined"
         )
     return CurrentLag(best.eta_1_s, best.std_1_s, _delay_s(point, best.starts_s, levels_A), best.rmse_A, len(starts_s))
 
@@ -209,22 +209,22 @@ def _step_times(time_s: FloatArray, current_A: FloatArray, levels_A: Sequence[fl
     starts, position = [], 0
     for before_A, after_A in itertools.pairwise(levels_A):
         if abs(after_A - before_A) < SMALLEST_STEP_A:
-            raise IdentificationFailed(f"the step from {before_A:g} A to {after_A:g} A is too small to fit a lag to")
+            raise IdentificationFailed(f"the step from {before_A:g} A to {after_A:g} A is too small to identify a lag")
         share = (current_A[position:] - before_A) / (after_A - before_A)
         half = np.flatnonzero(share >= 0.5)
         if len(half) == 0:
-            raise IdentificationFailed(f"the measured current never goes from {before_A:g} A to {after_A:g} A")
+            raise IdentificationFailed(f"the measured current never changes from {before_A:g} A to {after_A:g} A")
         left = np.flatnonzero(share[: half[0]] < 0.05)
         first = position + (int(left[-1]) if len(left) else 0)
         starts.append(float(time_s[first]))
         arrived = np.flatnonzero(share[half[0] :] >= 0.95)
         if len(arrived) == 0:
             raise IdentificationFailed(
-                f"the current has not settled at {after_A:g} A before the next step; hold longer"
+                f"the current has not settled at {after_A:g} A before the next step. Fix: hold it longer"
             )
         position += int(half[0] + arrived[0])
         if len(starts) > 1 and np.count_nonzero((time_s >= starts[-2]) & (time_s < starts[-1])) < FEWEST_SAMPLES_A_STEP:
-            raise IdentificationFailed(f"fewer than {FEWEST_SAMPLES_A_STEP} samples of the current in a step")
+            raise IdentificationFailed(f"fewer than {FEWEST_SAMPLES_A_STEP} current samples per step")
     return np.array(starts)
 
 

@@ -84,8 +84,8 @@ def prepare_all(points: Iterable[RecordedPoint], skews: Skews | None = None) -> 
         except RigError as error:
             refusals.append(say("left-out", test=point.id, reason=str(error)))
     if not measurements:
-        reasons = some(refusals, "; ") if refusals else "the run holds no point"
-        raise IdentificationFailed(f"nothing to identify from: {reasons}")
+        reasons = some(refusals, "; ") if refusals else "the run contains no points"
+        raise IdentificationFailed(f"no point can be used for identification: {reasons}")
     return measurements, refusals
 
 
@@ -193,7 +193,7 @@ def _displacement_in(point: RecordedPoint, cycles: Cycles) -> tuple[FloatArray, 
     count = np.count_nonzero(np.isfinite(point.displacement_m[inside]))
     if count < FEWEST_SAMPLES:
         raise IdentificationFailed(
-            f"{count} displacement samples in the kept cycles; at least {FEWEST_SAMPLES} are needed"
+            f"got {count} displacement samples in the evaluated cycles, expected {FEWEST_SAMPLES} or more"
         )
     return point.time_s[inside], point.displacement_m[inside]
 
@@ -262,7 +262,7 @@ def _without_saturation(
             kept[max(0, start - margin) : stop + margin] = False
         warnings.append(say("saturated-force", end=word, extreme_N=extreme, times=standing))
     if warnings:
-        refuse_too_few(int(np.count_nonzero(kept)), kept.size, "at the end of the force's range, or missing")
+        refuse_too_few(int(np.count_nonzero(kept)), kept.size, "saturated or missing")
     return kept, warnings
 
 

@@ -62,12 +62,12 @@ def prepare_whole(point: RecordedPoint, skew: PointSkew | None = None) -> Measur
     rows = slice(0, grid_s.size, every)
     if np.count_nonzero(usable) < FEWEST_SAMPLES:
         count = np.count_nonzero(usable)
-        raise IdentificationFailed(f"{count} force samples between its ramps; at least {FEWEST_SAMPLES} are needed")
+        raise IdentificationFailed(f"got {count} force samples between the ramps, expected {FEWEST_SAMPLES} or more")
     noise_N, step_N = noise_of(force_N[usable]), quantisation_step(force_N[usable])
     grid_s, force_N, usable = grid_s[rows], force_N[rows], usable[rows]
     motion = free_motion(point.time_s, point.displacement_m, grid_s)
     test = measured(point, skew, motion, float(np.mean(motion.u_m)), force_N, usable)
-    warnings = (say("whole-record", used="every sample" if every == 1 else f"one sample in {every}"), *test.warnings)
+    warnings = (say("whole-record", used="every sample" if every == 1 else f"every {every}th sample"), *test.warnings)
     return replace(test, dt_s=dt_s * every, force_step_N=step_N, noise_N=noise_N, warnings=warnings)
 
 
@@ -85,7 +85,7 @@ def _stretch(point: RecordedPoint, first_s: float, last_s: float) -> tuple[float
 
 
 def _highest_Hz(point: RecordedPoint) -> float:
-    """The highest frequency of a signal; 0 where nobody stated it."""
+    """The highest frequency of a signal; 0 if it is not stated."""
     return float(point.test.get("record_highest_Hz", 0.0))
 
 
@@ -101,7 +101,7 @@ def last_share(holdout: str) -> float | None:
     percent = float(said[1])
     if not LEAST_PERCENT <= percent <= MOST_PERCENT:
         raise IdentificationFailed(
-            f"holdout {holdout!r}: from {LEAST_PERCENT:g} to {MOST_PERCENT:g} % of the time can be held out"
+            f"holdout: got {holdout!r}, expected the last {LEAST_PERCENT:g} to {MOST_PERCENT:g} % of the time"
         )
     return percent / 100.0
 
@@ -119,8 +119,8 @@ def cut_in_time(tests: Sequence[Measurement], share: float) -> tuple[list[Measur
     cyclic = [test.id for test in tests if test.waveform in WAVEFORMS]
     if cyclic:
         raise IdentificationFailed(
-            f"the end of {', '.join(cyclic[:3])} repeats its beginning, so it says nothing of what is unseen: the last "
-            "part of the time is held out of motion without cycles; hold out whole tests, such as frequency_Hz=2"
+            f"the end of {', '.join(cyclic[:3])} repeats its beginning and cannot validate the fit: the last part of "
+            "the time can be held out only of motion without cycles. Fix: hold out whole tests, such as frequency_Hz=2"
         )
     beginnings, ends = [], []
     for test in tests:

@@ -16,7 +16,7 @@ import numpy as np
 from rig.dampers.algebraic import TanhModel
 from rig.dampers.arrays import BoolArray, FloatArray
 from rig.dampers.bilinear import DigressiveBilinearModel
-from rig.dampers.lawed_model import LawedModel
+from rig.dampers.current_law_model import CurrentLawModel
 from rig.dampers.model import DamperModel
 from rig.identification.models.law_search import felt
 from rig.identification.models.measurement import Measurement
@@ -24,7 +24,7 @@ from rig.identification.models.model_slope import parameter_slopes
 from rig.identification.models.projection import Projection, Weighting
 from rig.identification.models.separable import motion_scale
 from rig.identification.uncertainty.covariance import Information
-from rig.identification.uncertainty.leftover import pieces_of
+from rig.identification.uncertainty.residual_correction import pieces_of
 from rig.identification.words import Saying, say
 
 Shape = Callable[[Measurement], FloatArray]
@@ -188,7 +188,7 @@ def explain(
         name: say("inseparable", name=name, partners=", ".join(partners)) if partners else say("no-effect", name=name)
         for name, partners in known.partners.items()
     }
-    if isinstance(model, LawedModel):
+    if isinstance(model, CurrentLawModel):
         known = replace(known, names=tuple(name for name in known.names if name in model.base.names))
     base, seen = _behind_law(model, values, measurements)
     if isinstance(base, TanhModel):
@@ -205,7 +205,7 @@ def _knees(
     measurements: Sequence[Measurement],
     weighting: Weighting,
 ) -> dict[str, Saying]:
-    """Reasons where one straight line on a side of v = 0 fits as well: which of the two slopes it is, nobody knows."""
+    """Reasons where one straight line on a side of v = 0 fits as well: which of the two slopes it is, is unknown."""
     scale = motion_scale(measurements)
     form = model.separation(scale)
     shape = form.shape_of(values)
@@ -224,7 +224,9 @@ def _behind_law(
     model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]
 ) -> tuple[DamperModel, Sequence[Measurement]]:
     """The model without its current law, and the tests with what its fluid feels."""
-    return (model.base, felt(model, values, measurements)) if isinstance(model, LawedModel) else (model, measurements)
+    if isinstance(model, CurrentLawModel):
+        return model.base, felt(model, values, measurements)
+    return model, measurements
 
 
 def _tanh(

@@ -19,8 +19,8 @@ from rig.identification.options import FitOptions
 from rig.identification.uncertainty.alternative_shapes import degenerate, explain
 from rig.identification.uncertainty.covariance import Information, information, quantile
 from rig.identification.uncertainty.fit import Fit
-from rig.identification.uncertainty.leftover import leftovers
 from rig.identification.uncertainty.profile import profiles
+from rig.identification.uncertainty.residual_correction import corrected_residuals
 from rig.identification.uncertainty.residuals import WORTH_WARNING, correlated
 from rig.identification.uncertainty.scoring import describes, energy_warnings, passivity, score, together
 from rig.identification.words import Saying, say, some
@@ -30,11 +30,11 @@ LARGE_SHARE = 0.1  # of the force's root mean square: a parameter of unknown sig
 SHARP = 0.01  # of a test's RMS speed; a sine rounded to 1 um has 0.003, triangles through a servo 0.03 to 0.04
 UNFINISHED = 1.0  # standard errors from the least-squares solution beyond which a search has not reached it
 NOTES = (
-    "low, high: 95 % interval of each parameter by itself; simultaneous_low, simultaneous_high: 95 % for all "
-    "identifiable parameters together (Bonferroni)",
-    "covariance: sandwich of weighted least squares with each test's own residual variance, widened by the residual's "
-    "correlation in time, by misfit that repeats every cycle, by the stated uncertainty of skew, of the force's zero "
-    "and of the calibrations, and by the errors of the motion's Fourier series",
+    "low, high: 95 % interval of each parameter separately; simultaneous_low, simultaneous_high: 95 % for all "
+    "identifiable parameters jointly (Bonferroni)",
+    "covariance: sandwich estimator of weighted least squares with the residual variance of each test, increased by "
+    "the autocorrelation of the residual, the misfit that repeats in every cycle, the stated uncertainties of sensor "
+    "delay, force zero and calibrations, and the errors of the Fourier series of the motion",
 )
 
 
@@ -64,16 +64,16 @@ def judged(
         Errors, intervals, what cannot be found and why, what the residual and the energy say, warnings.
     """
     model, values, method = best.model, best.solution.values, options.how
-    weighting, (looked_at, foretold) = method.weighting(model), (fitted, held_out)
+    weighting, (looked_at, predicted) = method.weighting(model), (fitted, held_out)
     if method.loss != SQUARES:
-        looked_at, foretold = (without_outliers(model, values, tests) for tests in (fitted, held_out))
+        looked_at, predicted = (without_outliers(model, values, tests) for tests in (fitted, held_out))
     free = best.findings.free(name for name in model.names if name in values)
     fit = FittedModel(model, values, tuple(free))
-    left = leftovers(fit, looked_at, weighting)
+    left = corrected_residuals(fit, looked_at, weighting)
     robust = replace(weighting, extra=best.solution.extra)
     known = information(fit, fitted, robust, options.declared, left)
     fits = describes(model, values, looked_at, weighting, left, known.motion_N2)
-    foretells = describes(model, values, foretold, weighting)
+    predicts = describes(model, values, predicted, weighting)
     del left  # as large as the tests themselves
     reasons = {
         **_too_wide(known, values),
@@ -84,7 +84,7 @@ def judged(
     error, passive = score(model, values, fitted), passivity(model, values, fitted)
     doubts: list[str] = [*warnings, *_of_tests((*fitted, *held_out))]
     doubts += [*_of_model(fits, weighting.weight), *_unresolved(fitted)]
-    doubts += [say("misses-held-out")] if fits is not False and foretells is False else []
+    doubts += [say("misses-held-out")] if fits is not False and predicts is False else []
     doubts += [*degenerate(model, values, fitted), *_unfinished(known, method, best.solution)]
     doubts += [*_correlated(known, fitted), *energy_warnings(error, passive)]
     return Fit(
@@ -102,7 +102,7 @@ def judged(
         evaluation=Evaluation(
             error=error.with_residuals(known.residuals),
             holdout=score(model, values, held_out) if held_out else None,
-            adequate=together((fits, foretells)),
+            adequate=together((fits, predicts)),
             selection=ranking,
             passivity=passive,
         ),
@@ -119,14 +119,16 @@ def _profiles(
     if wanted is False or not (wanted is True or len(wanted)):
         return {}
     if method.loss != SQUARES:
-        raise IdentificationFailed(f"no profile likelihood with loss {method.loss!r}: it needs least squares")
+        raise IdentificationFailed(f"no profile likelihood: got loss {method.loss!r}, expected least squares")
     if unfinished := _unfinished(known, method, best.solution):
         raise IdentificationFailed(f"no profile likelihood: {unfinished[0]}")
     asked = [NONLINEAR] if wanted is True else list(wanted)
     for_a_choice = {name: fixed for fixed, scaled in best.findings.fixed.items() for name in scaled}
     for name in asked:
         if name in for_a_choice:
-            raise IdentificationFailed(f"no profile of {name!r}: it is known only for the {for_a_choice[name]} chosen")
+            raise IdentificationFailed(
+                f"no profile of {name!r}: it is identified only for the chosen {for_a_choice[name]}"
+            )
     nonlinear = [name for name in known.names if not best.model.parameter(name).linear and name not in for_a_choice]
     names = list(
         dict.fromkeys(

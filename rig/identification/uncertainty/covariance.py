@@ -37,8 +37,8 @@ from rig.identification.models.model_slope import (
 )
 from rig.identification.models.projection import Weighting
 from rig.identification.options import DeclaredErrors
-from rig.identification.uncertainty.leftover import leftovers, motion_effects, pieces_of, thinned
-from rig.identification.uncertainty.residuals import judge
+from rig.identification.uncertainty.residual_correction import corrected_residuals, motion_effects, pieces_of, thinned
+from rig.identification.uncertainty.residuals import assess_residual
 
 CONFIDENCE = 0.95
 MINIMUM_FREEDOM = 4.0
@@ -99,10 +99,10 @@ def information(
         measurements: the tests of the fit.
         weighting: the weights of the fit.
         declared: errors the data do not show; none by default.
-        left: what the fit leaves of each test (`leftovers`), where that is known already.
+        left: what the fit leaves of each test (`corrected_residuals`), where that is known already.
     """
     declared, size = declared or DeclaredErrors(), len(fitted.names)
-    left = leftovers(fitted, measurements, weighting) if left is None else left
+    left = corrected_residuals(fitted, measurements, weighting) if left is None else left
     total, residuals, motion_N2 = _Sums(size), [], []
     independent = 0.0
     for index, test in enumerate(measurements):
@@ -110,7 +110,7 @@ def information(
         power = sums.power / max(1, sums.count)
         counting = weighting.counting(test, index)
         error = left[index] if weighting.extra is None else left[index] * weighting.extra[index] ** 2
-        residual = judge(error, counting, test.u_m, test.dt_s, known_power=sums.known_power)
+        residual = assess_residual(error, counting, test.u_m, test.dt_s, known_power=sums.known_power)
         residuals.append(residual)
         motion_N2.append(sums.known_power)
         independent += sums.count / residual.widening

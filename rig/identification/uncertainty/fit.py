@@ -52,7 +52,7 @@ class Fit(FitRecord):
         """
         if self.series is not None and self.series.stiffness_N_m is not None:
             raise IdentificationFailed(
-                "this fit describes the damper behind a series spring, whose own motion is displacement - force / "
+                "this fit describes the damper behind a series spring, whose motion is displacement - force / "
                 "stiffness. Fix: give that motion to `fit.behind_spring`"
             )
         estimated = {name: estimate.value for name, estimate in self.parameters.items()}

@@ -15,7 +15,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
 from rig.fits.fit_record import FitRecord
-from rig.identification.uncertainty.drawn import PREDICTED, TAIL
+from rig.identification.uncertainty.bootstrap_result import PREDICTED, TAIL
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,8 +65,8 @@ def known_draws(fit: FitRecord) -> tuple[tuple[str, ...], FloatArray, float]:
     """
     if fit.current is not None:
         raise IdentificationFailed(
-            "no band of the parameters: they follow relations to the current; fit with --current affine, or with a "
-            "--current-law"
+            "no uncertainty band: the parameters are relations to the current. Fix: fit with --current affine, or "
+            "with a --current-law"
         )
     if fit.drawn is not None:
         names = tuple(fit.drawn.draws)
@@ -78,7 +78,7 @@ def known_draws(fit: FitRecord) -> tuple[tuple[str, ...], FloatArray, float]:
     }
     names = tuple(errors)
     if not names:
-        raise IdentificationFailed("no band of the parameters: the fit tells no covariance; fit again with --bootstrap")
+        raise IdentificationFailed("no uncertainty band: the fit has no covariance. Fix: fit again with --bootstrap")
     size = np.array([errors[name] for name in names], dtype=float)
     correlation = np.array([[fit.correlation[a].get(b) or 0.0 for b in names] for a in names], dtype=float)
     centre = np.array([fit.values[name] for name in names])

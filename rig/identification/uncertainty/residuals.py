@@ -32,7 +32,7 @@ FALSE_ALARM = 0.01  # of all tests of a fit together
 WORTH_WARNING = 1.25  # by which intervals must be widened before it is worth a warning
 
 
-def judge(
+def assess_residual(
     residual_N: FloatArray, counting: BoolArray, u_m: FloatArray, dt_s: float, *, known_power: float = 0.0
 ) -> Residual:
     """Judge one test.

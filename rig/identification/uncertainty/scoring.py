@@ -19,8 +19,8 @@ from rig.fits.entries import ErrorSummary, Passivity, TestError
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.model_slope import FittedModel, modelled_force, unseen_force
 from rig.identification.models.projection import Weighting
-from rig.identification.uncertainty.leftover import leftovers, motion_effects, thinned
-from rig.identification.uncertainty.residuals import judge, sum_of_squares
+from rig.identification.uncertainty.residual_correction import corrected_residuals, motion_effects, thinned
+from rig.identification.uncertainty.residuals import assess_residual, sum_of_squares
 from rig.identification.words import Saying, say, some
 
 MISFIT_OF_NOISE = 0.6  # misfit beyond the noise, as a share of it, that still counts as describing the data
@@ -28,7 +28,7 @@ NEGLIGIBLE_OF_PEAK = 0.002  # misfit below this share of the peak force never ma
 REPEATING_OF_NOISE = 0.15  # what repeats every cycle stands out of the noise long before it is as large
 REPEATING_OF_PEAK = 0.003  # and below this share of the peak force never matters
 FEWEST_CYCLES = 1.99  # two whole cycles, cut to samples
-FORETOLD_WITHIN = 2.0  # factor within which errors of the motion are foretold
+PREDICTED_WITHIN = 2.0  # factor within which errors of the motion are predicted
 QUANTISED_WITHIN = 2.0  # where the force rests, rounding may have this many times its mean square of step^2/12
 
 
@@ -85,7 +85,7 @@ def score_forces(measurements: Sequence[Measurement], modelled_N: Iterable[Float
     )
 
 
-def told_apart(error: ErrorSummary, beyond: Iterable[tuple[str, ...]]) -> ErrorSummary:
+def with_extrapolations(error: ErrorSummary, beyond: Iterable[tuple[str, ...]]) -> ErrorSummary:
     """Errors of unseen tests, each with the quantities in which it lies beyond the fitted ones."""
     tests = tuple(replace(test, beyond=names) for test, names in zip(error.per_test, beyond, strict=True))
     return replace(error, per_test=tests)
@@ -104,7 +104,7 @@ def describes(
     Two things must be small, both over the samples that count in the fit and less what is known to be no misfit: the
     misfit, which is what the error has beyond the scatter, in squares; and what repeats with every cycle (`residuals`).
     The second sees far less than the noise, but no drifts; the first does. Known to be no misfit are what the stated
-    skew explains (`leftover`), what errors of the motion do to the force, motion that the displacement's samples do not
+    skew explains (`residual_correction`), errors of the motion, motion that the samples do not
     resolve, and the force's quantisation. A test whose scatter was not measured is held against what does not repeat of
     its own residual.
 
@@ -113,19 +113,19 @@ def describes(
         values: its parameters (SI).
         measurements: the tests.
         weighting: the weights of the fit.
-        left: what the fit leaves of each test (`leftovers`); by default of tests it was not fitted to.
+        left: what the fit leaves of each test (`corrected_residuals`); by default of tests it was not fitted to.
         motion_N2: mean square force (N^2) that errors of the motion make in each test, where that is known already.
 
     Raises:
         KeyError: a parameter is missing.
     """
     samples, noise, beyond, repeating, peaks = 0, 0.0, 0.0, 0.0, []
-    left = leftovers(FittedModel(model, values, ()), measurements, weighting) if left is None else left
+    left = corrected_residuals(FittedModel(model, values, ()), measurements, weighting) if left is None else left
     for index, (test, error) in enumerate(zip(measurements, left, strict=True)):
         if math.isnan(test.noise_N) and test.u_m.size < FEWEST_CYCLES * samples_a_cycle(test.u_m):
             continue
         counting = weighting.counting(test, index)
-        residual = judge(error, counting, test.u_m, test.dt_s)
+        residual = assess_residual(error, counting, test.u_m, test.dt_s)
         count = int(np.count_nonzero(counting))
         if count == 0:
             continue
@@ -149,16 +149,16 @@ def describes(
 def _no_misfit(
     model: DamperModel, values: Mapping[str, float], test: Measurement, motion_N2: float | None
 ) -> float:
-    """Mean square (N^2) that repeats and is no misfit: errors of the motion as foretold, and quantisation."""
+    """Mean square (N^2) that repeats and is no misfit: errors of the motion as predicted, and quantisation."""
     power = QUANTISED_WITHIN * test.force_step_N**2 / 12.0
     rows = thinned(test, model)
     some = test.rows(rows)
     if test.unseen_v_m_s is not None:
-        power += FORETOLD_WITHIN**2 * float(np.mean(unseen_force(model, values, some) ** 2))
+        power += PREDICTED_WITHIN**2 * float(np.mean(unseen_force(model, values, some) ** 2))
     if motion_N2 is None and test.motion_error is not None:
         nothing = np.zeros((some.u_m.size, 0))
         motion_N2 = motion_effects(model, values, some, nothing, test.dt_s * rows.step)[1]
-    return power + FORETOLD_WITHIN**2 * (motion_N2 or 0.0)
+    return power + PREDICTED_WITHIN**2 * (motion_N2 or 0.0)
 
 
 def together(verdicts: Iterable[bool | None]) -> bool | None:

@@ -1,5 +1,5 @@
 "use strict";
-// Binary frames to series, series to canvases. Nothing here knows of the rig but the frame's layout (samples.py).
+// Binary frames to series, series to canvases. Of the rig, only the layout of a frame is used here (samples.py).
 
 const COMMANDED = 16; // A
 const LOOP_X = 201, LOOP_V = 202, LOOP_F = 203, WINDOW_S = 20, RECORDED = 2;
@@ -32,12 +32,12 @@ function read_frame(buffer, series, keep_s) {
     const one = series.get(channel);
     for (let index = 0; index < n; index++) one.add(base + times[index], values[index]);
     if (channel >= LOOP_X && isFinite(keep_s)) one.keep_s = loop_keep_s;
-    one.trim(channel >= LOOP_X ? one.last_t : now); // a loop's clock is its own
+    one.trim(channel >= LOOP_X ? one.last_t : now); // loops have a separate clock
   }
   return now;
 }
 
-let colours = new Map(); // asked for some hundred times a second; thrown away with the theme
+let colours = new Map(); // read some hundred times per second; discarded when the theme changes
 function colour(name) {
   if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
   return colours.get(name);
@@ -136,7 +136,7 @@ function number(value) {
   return value.toFixed(size >= 100 || size === 0 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3).replace(/^-(0\.?0*)$/, "$1");
 }
 
-// Thousands of samples on some hundred columns of pixels: of each column the first, the extremes and the last. A command is `held` until the next one.
+// Thousands of samples on some hundred pixel columns: draw the first, extreme and last value of each column. A command is `held` until the next one.
 function draw_by_columns(pen, one, since, px, py, held) {
   let column = NaN, x = 0, first = 0, low = 0, high = 0, last = 0, on = false;
   const put = (y) => { if (on) pen.lineTo(x, y); else pen.moveTo(x, y); on = true; };

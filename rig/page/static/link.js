@@ -1,5 +1,5 @@
-// The connection: whether what is shown is now, and what became of a stop. A socket that is open proves nothing: a phone that
-// slept or a cable that was pulled leaves it open for minutes, and one that is slow delivers old samples as if they were new.
+// The connection: age of the displayed data, and the outcome of a stop. An open socket proves nothing: after a phone was
+// suspended or a cable unplugged it stays open for minutes, and a slow one delivers old samples as if they were current.
 
 const SILENT_S = 2, GIVEN_UP_S = 6, STOP_TRIED_S = 10, STOP_SEEN_S = 15, ASK_EVERY_MS = 1000;
 let socket = null, opened_at = 0, heard_at = 0, asked_at = 0, clock = null, waiting = 0;
@@ -27,7 +27,7 @@ function say(message) {
   socket.send(JSON.stringify(message)); return true;
 }
 
-// An answer comes behind all that waits in the same connection: how long it takes is how old the picture is.
+// An answer is queued behind all data that wait in the same connection: its round-trip time is the age of the display.
 function ask_clock() { if (!asked_at && say({ do: "clock", sent: performance.now() })) asked_at = performance.now(); }
 function clock_answered(message) {
   const there = performance.now(), took = there - message.sent;
@@ -42,16 +42,16 @@ function connected() { return is_open() && silence_s() < SILENT_S; }
 function look_after() {
   if (socket && socket.readyState === WebSocket.CONNECTING ? performance.now() - opened_at > 1000 * GIVEN_UP_S : is_open() && silence_s() > GIVEN_UP_S) connect();
   if (stop_asked && !stop_asked.taken && performance.now() - stop_asked.at > 1000 * STOP_TRIED_S) stop_asked.failed = true;
-  if (stop_asked && stop_asked.failed && connected()) { stop_asked = null; answer("Your last Stop did not reach the rig. Press it again."); }
+  if (stop_asked && stop_asked.failed && connected()) { stop_asked = null; answer("The last Stop did not reach the rig. Press it again."); }
   if (stop_asked && stop_asked.taken && performance.now() - stop_asked.taken > 1000 * STOP_SEEN_S) stop_asked = null;
   judge();
-  if (!connected()) gauges(); // no frame comes that would say that they are old
+  if (!connected()) gauges(); // no frame arrives that would mark them as old
 }
 setInterval(ask_clock, ASK_EVERY_MS);
 document.addEventListener("visibilitychange", look_after);
 window.addEventListener("pageshow", look_after);
 
-// A stop pressed while the connection is away is sent as soon as it is back, for a few seconds; whether it was taken is shown.
+// A stop pressed while disconnected is sent on reconnection, within a few seconds; the page shows whether it was accepted.
 function stop() { stop_asked = { at: performance.now(), sent: false, taken: 0, failed: false }; send_stop(); judge(); }
 function send_stop() { if (stop_asked && !stop_asked.taken && !stop_asked.failed) stop_asked.sent = say({ do: "stop" }); }
 function stop_answered(message) {

@@ -1,15 +1,15 @@
-// What the banner says: the worst that is known, and nothing good that is not known now.
+// Text of the banner: the worst known state, and nothing good that is not confirmed by current data.
 
-const STATION_STARTS_S = 30; // the program waits for its station's process; nothing is connected yet
-const NEEDED = [23, 1, 2]; // controller, load cell, displacement: without them nothing is known of the machine
+const STATION_STARTS_S = 30; // the rig software waits for the station process; no device is connected yet
+const NEEDED = [23, 1, 2]; // controller, load cell, displacement: without them the state of the machine is unknown
 
 function devices_late() {
   if (!run || !state.running || !host_now) return [];
-  if (state.phase === "ended") return []; // the devices are released while the result is written
+  if (state.phase === "ended") return []; // the devices are disconnected while the result is written
   const late = run.devices.filter((one) => series.has(one.channel) && age_s(one.channel) > allowed_s(one.stale_after_s)).map((one) => one.name);
   const missed = run.devices.filter((one) => NEEDED.includes(one.channel) && !series.has(one.channel) && first_frame_s() > allowed_s(one.stale_after_s) + 1);
   if (moving()) late.push(...missed.map((one) => one.name));
-  if (state.host_ns && now_s() - state.host_ns * 1e-9 > (heard_of() ? 2 : STATION_STARTS_S)) late.push("application");
+  if (state.host_ns && now_s() - state.host_ns * 1e-9 > (heard_of() ? 2 : STATION_STARTS_S)) late.push("rig software");
   return late;
 }
 function allowed_s(stale_after_s) { return Math.max(stale_after_s, 0.2) + 0.15; }
@@ -20,40 +20,40 @@ function heard_of() { return Boolean(run) && run.devices.some((one) => series.ha
 function points_that_are(verdict) { return Object.entries(results).filter(([, one]) => one.verdict === verdict).map(([id]) => id); }
 
 function opinion() {
-  if (state.ended) return of_the_end(state.ended, connected() ? "" : " (The page has closed; this is how the campaign ended.)");
-  if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "No connection to the rig. Stop it there."];
-  if (!connected()) return ["bad", "✗", "NO CONNECTION", run ? "What is shown is old. Go and look; stop there." : "The page has lost the rig. Go and look; stop there."];
+  if (state.ended) return of_the_end(state.ended, connected() ? "" : " (The page was closed; this is the final state of the campaign.)");
+  if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "No connection to the rig: stop it at the rig."];
+  if (!connected()) return ["bad", "✗", "NO CONNECTION", run ? "The displayed values are old. Inspect the rig; stop it there if necessary." : "No connection to the rig. Inspect the rig; stop it there if necessary."];
   if (!state.running && state.phase === undefined) return ["wait", "…", "WAITING", "for the campaign"];
-  if (!state.running) return ["bad", "✗", "NOT OK", "The campaign's program is gone without a word: killed, or cut off. Its station stops the rig. Go and look."];
+  if (!state.running) return ["bad", "✗", "NOT OK", "The rig software ended without notice (killed, or power failure). The station stops the rig. Inspect the rig."];
   if (state.phase === "stopping" || state.stopping || (stop_asked && stop_asked.taken)) return of_a_stop();
-  if (stop_asked) return ["bad", "■", "STOP SENT", "not confirmed yet: be ready to stop at the rig"];
+  if (stop_asked) return ["bad", "■", "STOP SENT", "not confirmed yet: be ready to stop it at the rig"];
   const late = devices_late(), invalid = points_that_are("invalid"), suspect = points_that_are("suspect");
-  const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.phase === "paused" ? "; paused, Start continues" : "";
+  const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.phase === "paused" ? "; paused, press Resume to continue" : "";
   if (late.length) return ["bad", "✗", "NOT OK", `no fresh data from: ${late.join(", ")}${todo}`];
   if (invalid.length) return ["bad", "✗", "NOT OK", `invalid: ${invalid.join(", ")}${todo}`];
   const doubt = suspect.length ? `; suspect: ${suspect.join(", ")}` : "";
   if (state.asked) return ["wait", "?", "SET CURRENT", `${question(state.asked)}${doubt}`];
   if (state.held) return ["wait", "Ⅱ", "READY", "waiting for Start"];
-  if (state.phase === "paused") return ["wait", "Ⅱ", "PAUSED", `Start continues${doubt}`];
-  const what = `${state.phase || ""}${state.paused ? "; pausing after this point" : ""}`;
-  if (suspect.length) return ["bad", "?", "LOOK", `suspect: ${suspect.join(", ")}; ${what}`];
+  if (state.phase === "paused") return ["wait", "Ⅱ", "PAUSED", `press Resume to continue${doubt}`];
+  const what = `${state.phase || ""}${state.paused ? "; will pause after this point" : ""}`;
+  if (suspect.length) return ["bad", "?", "CHECK", `suspect: ${suspect.join(", ")}; ${what}`];
   return heard_of() ? ["good", "✓", "OK", what] : ["wait", "…", "STARTING", what];
 }
 
 function of_a_stop() { // until the campaign has ended, or moves again
   if (state.asked) return ["bad", "?", "SET CURRENT", `stopped; ${question(state.asked)}`];
-  const fading = run && run.by_hand ? "motion fades out; the current stays until it is set to 0 A by hand" : "coil to 0 A, motion fades out";
+  const fading = run && run.by_hand ? "motion fades out; the current remains until it is set to 0 A manually" : "coil to 0 A, motion fades out";
   return ["bad", "■", "STOPPING", !state.stopping || state.phase === "stopping" ? fading : state.phase];
 }
 
 function of_the_end(ended, note) {
-  const lines = (ended.lines || []).join(" ");
+  const lines = (ended.lines || []).map((line) => /[.!?:;]$/.test(line) ? line : `${line}.`).join(" ");
   if (ended.refused) return ["bad", "✗", "REFUSED", lines + note];
-  if (ended.cut_off) return ["bad", "✗", "CUT OFF", `The campaign ended without a result: killed, or a power cut. Go and look before it is resumed.${note}`];
-  if (ended.rig_state === "unknown") return ["bad", "✗", "NOT OK", `RIG STATE UNKNOWN: go and look. ${lines}${note}`];
+  if (ended.cut_off) return ["bad", "✗", "INTERRUPTED", `The campaign ended without a result (killed, or power failure). Inspect the rig before you resume it.${note}`];
+  if (ended.rig_state === "unknown") return ["bad", "✗", "NOT OK", `RIG STATE UNKNOWN: inspect the rig before continuing. ${lines}${note}`];
   if (ended.stopped_by) return ["bad", "■", "STOPPED", (lines || ended.stopped_by) + note];
   if (!(ended.valid >= ended.total)) return ["bad", "✗", "NOT OK", `${ended.valid} of ${ended.total} points valid. ${lines}${note}`];
-  if (lines) return ["bad", "?", "LOOK", `all ${ended.total} points valid, but: ${lines}${note}`];
+  if (lines) return ["bad", "?", "CHECK", `all ${ended.total} points valid, but: ${lines}${note}`];
   return ["good", "✓", "OK", `finished: all ${ended.total} points valid${note}`];
 }
 
@@ -62,7 +62,7 @@ function judge() {
   if (banner.className !== kind) banner.className = kind;
   for (const [id, text] of [["sign", sign], ["verdict", verdict], ["why", why]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
   by_id("stop").classList.toggle("sent", Boolean(stop_asked && stop_asked.taken) && !state.ended);
-  const over = Boolean(state.ended) && (!state.running || !connected()); // nothing to stop, nothing to command: verdicts and loops alone
+  const over = Boolean(state.ended) && (!state.running || !connected()); // nothing to stop or command: only verdicts and loops are shown
   if (document.body.classList.contains("over") !== over) { document.body.classList.toggle("over", over); redraw(); }
   by_id("close").hidden = !(over && connected() && standing.role === "operator");
   document.body.classList.toggle("old", (!connected() || !state.running) && !(over && recorded && recorded.series));

@@ -1,4 +1,4 @@
-// State from the server to the page, wishes of the operator back.
+// State from the server to the page, commands of the operator to the server.
 
 const by_id = (id) => document.getElementById(id);
 let series = new Map();
@@ -8,10 +8,10 @@ const latencies_ms = [];
 window.rigPage = { latencies_ms, get series() { return series; }, get state() { return state; }, get run() { return run; }, get results() { return results; }, get recorded() { return recorded; }, frames: 0 };
 
 const MESSAGES = {
-  "lease-taken": "Somebody else has control.", "not-running": "No campaign is running.", "viewer": "This is a viewer's page: it may only stop.",
-  "no-lease": "Take control first.", "name-missing": "Type your name first.", "not-reached": "The campaign does not answer.",
-  "not-recorded": "Of this point nothing can be read.", "still-running": "Recorded points are shown when the campaign has ended.",
-  "unknown-slug": "Nothing more is known of this.",
+  "lease-taken": "Another operator has control.", "not-running": "No campaign is running.", "viewer": "This page is for viewers: it can only stop the rig.",
+  "no-lease": "Take control first.", "name-missing": "Type your name first.", "not-reached": "The campaign does not respond.",
+  "not-recorded": "This point has no readable data.", "still-running": "Recorded points are shown after the end of the campaign.",
+  "unknown-slug": "There is no explanation for this code.",
 };
 
 function limit(name) { const value = run && run.limits ? run.limits[name] : null; return typeof value === "number" ? value : Infinity; }
@@ -82,7 +82,7 @@ function take(message) {
 function described(message) {
   if (run && run.ring !== message.ring) { series = new Map(); first_at = 0; window.rigPage.frames = 0; }
   run = message; lamps(); matrix(); by_id("name-of-run").textContent = run.name;
-  GAUGES[3].name = run.by_hand ? "Coil current, as told" : "Coil current";
+  GAUGES[3].name = run.by_hand ? "Coil current (confirmed)" : "Coil current";
 }
 function show_first() {
   const shown = Object.entries(results).find(([, one]) => one.file);
@@ -94,7 +94,7 @@ function answered(message) {
   if (message.do === "recorded" && message.ok) { recorded = { point: message.point }; matrix(); return; }
   if (message.do === "stop") stop_answered(message);
   if (message.do === "words" && message.ok && message.note === by_id("note").value) by_id("note").value = ""; // refused, it stays to be sent again
-  answer(message.refused ? (MESSAGES[message.refused] || message.refused) : message.do === "words" ? "Kept in the run." : "");
+  answer(message.refused ? (MESSAGES[message.refused] || message.refused) : message.do === "words" ? "Saved." : "");
 }
 
 by_id("stop").onclick = stop;

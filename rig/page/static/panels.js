@@ -1,4 +1,4 @@
-// Everything on the page but charts and banner, from what the server told. Every text is set as text, never as markup.
+// Everything on the page except charts and banner, from the server's messages. Text is always set as text, never as markup.
 
 function element(name, text, kind) {
   const made = document.createElement(name);
@@ -24,7 +24,7 @@ function question(asked) { return asked.current_A ? `set ${asked.current_A.toFix
 function progress() {
   const one = point(), total = run ? run.points.length : 0, done = Object.values(results).filter((each) => each.verdict !== "not run").length;
   by_id("point").textContent = one && !state.ended ? `${one.id}: ${describe(one)}` : state.ended ? "ended" : "–";
-  // The counter of the controller includes the ramps; the test is what lies between them.
+  // The cycle counter of the controller includes the ramps; the test is the part between them.
   const measured = one ? Math.max(0, Math.min(Math.round(one.measured_cycles ?? one.cycles), Math.round(state.cycles - (one.ramp_in_cycles ?? 0)))) : 0;
   by_id("phase").textContent = state.ended ? "" : `${state.phase || ""}${one && state.cycles ? `, cycle ${measured} of ${Math.round(one.measured_cycles ?? one.cycles)}` : ""}`;
   by_id("left").textContent = state.ended || !state.running ? "" : typeof state.time_left_s === "number" ? `${duration(state.time_left_s)} left` : "";
@@ -54,7 +54,7 @@ function matrix_entry(one, judged) {
   const item = element("li", undefined, verdict.replace(" ", "-")); item.dataset.id = one.id;
   item.append(element("b", `${mark} ${one.id} `), element("span", verdict ? `${verdict} ` : ""));
   if (judged.file) {
-    const show = push_button("loops", `loops of ${one.id} as recorded`, () => say({ do: "recorded", point: one.id }));
+    const show = push_button("loops", `recorded loops of ${one.id}`, () => say({ do: "recorded", point: one.id }));
     show.dataset.name = `loops ${one.id}`; show.setAttribute("aria-label", `loops of ${one.id}`);
     show.setAttribute("aria-pressed", String(Boolean(recorded) && recorded.point === one.id)); item.append(show);
   }
@@ -65,7 +65,7 @@ function matrix_entry(one, judged) {
 
 function lamps() {
   const list = by_id("lamps"); list.replaceChildren();
-  for (const one of [...run.devices, { name: "application", channel: -1, stale_after_s: 2 }]) {
+  for (const one of [...run.devices, { name: "rig software", channel: -1, stale_after_s: 2 }]) {
     const item = element("li"); item.dataset.channel = one.channel; item.dataset.stale = one.stale_after_s;
     item.append(element("span", "·", "mark"), element("span", one.name), element("span", "", "age"));
     list.append(item);
@@ -78,7 +78,7 @@ function ages() {
     const known = last > 0 && host_now > 0, age = Math.max(0, now_s() - last), over = age > allowed_s(Number(item.dataset.stale));
     const kind = !known || !live ? "" : over ? "bad" : "good";
     if (item.className !== kind) { item.className = kind; item.children[0].textContent = kind === "good" ? "✓" : kind === "bad" ? "✗" : "·"; }
-    const text = !live ? (state.running ? "not known" : "ended") : !known ? "nothing yet" : age < 1 ? "< 1 s old" : `${age.toFixed(age < 10 ? 1 : 0)} s old`;
+    const text = !live ? (state.running ? "unknown" : "ended") : !known ? "no data yet" : age < 1 ? "< 1 s old" : `${age.toFixed(age < 10 ? 1 : 0)} s old`;
     if (item.children[2].textContent !== text) item.children[2].textContent = text;
   }
 }
@@ -92,7 +92,7 @@ function gauges() {
     const value = one.last * gauge.factor, [low, high] = gauge.range(), age = age_s(gauge.aged_by || gauge.channel);
     const bounded = isFinite(low) && isFinite(high) && high > low, live = connected() && state.running && age < OLD_VALUE_S;
     const over = live && bounded && (value < low || value > high);
-    gauge.text.textContent = live ? `${over ? "✗ beyond: " : ""}${number(value)} ${gauge.unit}` : "–";
+    gauge.text.textContent = live ? `${over ? "✗ outside limits: " : ""}${number(value)} ${gauge.unit}` : "–";
     gauge.track.hidden = !bounded || !live;
     const limits = !bounded ? "" : gauge.one ? `limit ${plain(high)} ${gauge.unit}` : `limits ${plain(low)} to ${plain(high)} ${gauge.unit}`;
     gauge.note.textContent = live ? limits : `last ${number(value)} ${gauge.unit}${state.running ? `, ${duration(age)} ago` : ""}`;
@@ -119,9 +119,9 @@ function events(message) {
     if (one.slug) item.append(push_button(one.slug, "explain", () => say({ do: "explain", slug: one.slug })));
     item.append(element("span", ` ${one.by ? `${one.by}: ` : ""}${one.text}`));
     if (one.slug && one.level !== "info") {
-      const seen = push_button("seen", "acknowledge", () => { if (say({ do: "words", acknowledged: one.slug }) && standing.mine) seen.disabled = true; });
-      seen.className = "seen";
-      item.append(" ", seen);
+      const acknowledge = push_button("Acknowledge", "record that you have seen this", () => { if (say({ do: "words", acknowledged: one.slug }) && standing.mine) acknowledge.disabled = true; });
+      acknowledge.className = "seen";
+      item.append(" ", acknowledge);
     }
     list.prepend(item);
   }
@@ -131,7 +131,7 @@ let explained_from = null;
 function explain(message) {
   const box = by_id("explanation"); box.replaceChildren(element("b", message.slug), element("p", message.means));
   if (message.done) box.append(element("p", message.done));
-  const look = element("ul"); for (const text of message.look_at) look.append(element("li", `• look at: ${text}`));
+  const look = element("ul"); for (const text of message.look_at) look.append(element("li", `• check: ${text}`));
   const close = push_button("Close", "back to the events (Esc)", close_explanation);
   if (box.hidden) explained_from = document.activeElement;
   box.append(look, element("p", message.resume || ""), close); box.hidden = false; close.focus();
@@ -143,12 +143,12 @@ function close_explanation() {
 
 function show_standing() {
   const mine = standing.mine, viewer = standing.role === "viewer", here = document.activeElement, move = mine && (here === by_id("take") || here === by_id("name"));
-  by_id("standing").textContent = mine ? `You have control, ${standing.holder}.` : standing.holder ? `${standing.holder} has control.` : viewer ? "You are looking on; you may stop." : "Nobody has control.";
+  by_id("standing").textContent = mine ? `You have control, ${standing.holder}.` : standing.holder ? `${standing.holder} has control.` : viewer ? "You are a viewer: you can only stop the rig." : "No operator has control.";
   by_id("lease").hidden = viewer; by_id("words").hidden = viewer; by_id("take").hidden = mine; by_id("release").hidden = !mine;
   by_id("viewers").hidden = !standing.viewer_url; by_id("viewer-url").textContent = standing.viewer_url || "";
   if (mine && by_id("answer").textContent === MESSAGES["no-lease"]) answer("");
   buttons();
-  if (move) (["set", "start", "pause"].map(by_id).find((one) => !one.disabled && one.offsetParent) || by_id("release")).focus(); // the keyboard stays where the work is
+  if (move) (["set", "start", "pause"].map(by_id).find((one) => !one.disabled && one.offsetParent) || by_id("release")).focus(); // keep the keyboard focus on the active control
 }
 function confirmations() {
   const box = by_id("confirm"), stops = state.held ? state.confirm || [] : [], wanted = stops.map((one) => one.slug).join(" ");
@@ -156,7 +156,7 @@ function confirmations() {
   box.dataset.slugs = wanted; box.replaceChildren();
   for (const one of stops) {
     const label = element("label"), tick = element("input"); tick.type = "checkbox"; tick.value = one.slug; tick.onchange = buttons;
-    label.append(tick, element("span", `${one.slug} (${one.stop}): ${one.detail || ""} – looked at ${one.look_at || ""}, and mended`)); box.append(label);
+    label.append(tick, element("span", `${one.slug} (${one.stop}): ${one.detail || ""} – checked and fixed: ${one.look_at || ""}`)); box.append(label);
   }
 }
 function buttons() {
@@ -164,7 +164,7 @@ function buttons() {
   const may = standing.mine && state.running && !state.ended && connected();
   const pressable = { start: may && (state.held || state.paused) && ticks.every((tick) => tick.checked), pause: may && !state.held && !state.paused, keep: may, set: may && asked };
   for (const [id, yes] of Object.entries(pressable)) if (by_id(id).disabled === Boolean(yes)) by_id(id).disabled = !yes;
-  by_id("start").textContent = state.paused && !state.held ? "Start (continue)" : "Start";
+  by_id("start").textContent = state.paused && !state.held ? "Resume" : "Start";
   by_id("ask").hidden = !asked;
   if (asked) { by_id("question").textContent = `To do: ${question(asked)}.`; by_id("set").textContent = asked.current_A ? `${asked.current_A.toFixed(2)} A is set` : "0 A is set, output off"; by_id("set").dataset.number = asked.number; }
   for (const id of ["start", "pause", "take", "keep", "set"]) by_id(id).hidden = standing.role === "viewer" || (id === "take" && standing.mine);

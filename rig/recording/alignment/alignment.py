@@ -77,7 +77,7 @@ class Alignment:
         skew_s: by how much force lagged displacement beyond the declared delays, each on its device's own time base;
             taken out here. None where a clock could only be tied by signals or arrivals, which hide it.
         skew_std_s: one standard deviation of what remains, as the signals leave it open, whatever was declared.
-        skew_trusted_s: the same for somebody who trusts what the bench file declares.
+        skew_trusted_s: the same if the bench file's declarations are trusted.
         delays: what is known of the sensors' delays.
         skew_checked: whether both sensors' delays were compared with the controller's own record of what they measure;
             else they are what the bench file declares, and `skew_std_s` what such a declaration is worth.
@@ -161,7 +161,7 @@ def align(
 
 
 def split(records: NDArray[Any]) -> dict[str, Records]:
-    """Records by channel name, each in the order of arrival; numbers nobody knows are called `channel_<number>`."""
+    """Records by channel name, each in the order of arrival; unknown numbers are called `channel_<number>`."""
     return {
         channel_name(int(number)): records[records["channel"] == number] for number in np.unique(records["channel"])
     }

@@ -84,7 +84,7 @@ def finish_alone(journal: Path, *, recovered: bool = False) -> FinishedPoint:
     Nothing is raised: whatever this journal does to the conversion is in the answer, so that the next one is looked at.
 
     Args:
-        journal: the point's journal; nobody may be recording in it.
+        journal: the point's journal; it must not be recorded to.
         recovered: as for `finish_point`.
     """
     try:
@@ -289,7 +289,7 @@ def _write_proved(final: Path, point: PointFile) -> None:
 
     def proved(partial: Path) -> None:
         prove(partial, point)
-        RecordedPoint.open(partial)  # what nobody could open must not take its journal's place
+        RecordedPoint.open(partial)  # a file that cannot be opened must not replace its journal
         if final.exists():
             keep_attempt(final)
 

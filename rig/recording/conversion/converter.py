@@ -74,7 +74,7 @@ class Converter:
         """`recovery.finish_alone` over there; the answer says what happened, also to the process itself.
 
         Args:
-            journal: the point's journal; nobody may be recording in it.
+            journal: the point's journal; it must not be recorded to.
             recovered: as for `conversion.finish_point`.
         """
         size = 0
@@ -211,7 +211,7 @@ def limit_memory() -> None:
 def main() -> int:
     """Serve standard input until it ends; Ctrl-C is for the application, which then ends this process if it must.
 
-    Whose reader is gone has nobody to answer any more: a file that was made stands, of another one its journal.
+    If the reader is gone there is no one to answer: a finished file remains, else its journal does.
     """
     os.nice(NICENESS)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -240,7 +240,7 @@ def _served(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
     try:
         for point in retime(Path(request["retime"])):
             yield asdict(point)
-    except Exception as error:  # noqa: BLE001 - said by name to whoever asked; the process serves the next request
+    except Exception as error:  # noqa: BLE001 - reported by name to the client; the process serves the next request
         yield {"done": f"{type(error).__name__}: {error}"}
     else:
         yield {"done": ""}

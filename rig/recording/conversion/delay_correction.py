@@ -64,7 +64,7 @@ def retime(points_folder: Path) -> Iterator[FinishedPoint]:
     """Make those points of a campaign again that all of its points together know better; gives each as it is then.
 
     Args:
-        points_folder: the campaign's `points/`, in which nobody else is writing.
+        points_folder: the campaign's `points/`, in which no other process is writing.
 
     Raises:
         FileProblem: a file cannot be trusted.
@@ -187,7 +187,7 @@ def judge_together(points_folder: Path) -> Iterator[FinishedPoint]:
     """Judge the instruments by all points of a campaign; gives each point whose verdict or reasons changed.
 
     Args:
-        points_folder: the campaign's `points/`, in which nobody else is writing.
+        points_folder: the campaign's `points/`, in which no other process is writing.
 
     Raises:
         FileProblem: a file cannot be trusted.

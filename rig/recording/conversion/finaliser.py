@@ -164,7 +164,7 @@ class Finaliser:
 
 
 def main() -> int:
-    """Serve standard input until it ends, or nobody listens any more: what is left then is recovery's."""
+    """Serve standard input until it ends, or the reader is gone: recovery does the rest."""
     with Converter() as converter, contextlib.suppress(BrokenPipeError):
         converter.start()
         for line in sys.stdin:

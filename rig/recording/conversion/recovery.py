@@ -99,7 +99,7 @@ def set_aside(points: Path, point_id: str, ids: Collection[str]) -> dict[Path, P
     """Give the files of a point's earlier attempts names that no run lists, before it is run anew.
 
     Which point a file belongs to is what the file says, not what its name looks like; a damaged one belongs to the
-    point of that name, if there is one. A journal that somebody makes a file of at this moment is never moved.
+    point of that name, if there is one. A journal that another process is converting is never moved.
 
     Args:
         points: the campaign's `points/`.

@@ -313,7 +313,7 @@ def normal_stamp(cell: str) -> str:
 def stamp_forms(stamp: str) -> tuple[str, ...]:
     """How time stamps like that one may be written, as pandas says it; none where it is a plain time of day.
 
-    Two where nobody can tell from one stamp whether day or month comes first.
+    Two if one stamp does not show whether day or month comes first.
     """
     if re.match(r"\d{4}[-/]", stamp):
         return ("ISO8601",)
@@ -390,7 +390,7 @@ def _is_units(cells: Sequence[str]) -> bool:
 def _fitting(
     lines: Sequence[str], line: int, separator: str, count: int, sample: Sequence[Sequence[str]]
 ) -> list[str] | None:
-    """The cells of a line of names or units (from 1), one for each column; None where nobody can tell which is whose.
+    """The cells of a line of names or units (from 1), one for each column; None if the assignment is ambiguous.
 
     Fewer than columns with numbers: which one has none? Between white space also more, unless units in brackets or
     wider gaps tell.

@@ -74,7 +74,7 @@ class CampaignLog:
             self.flush()
 
     def note(self, event: str, **fields: object) -> None:
-        """`write` while a rig is in motion: a disk that refuses the line becomes `trouble` and stops nobody here."""
+        """`write` while a rig is in motion: a disk that refuses the line becomes `trouble` and stops nothing here."""
         try:
             self.write(event, **fields)
         except OSError as error:
@@ -90,7 +90,7 @@ class CampaignLog:
             return os.write(self._handle, data)
 
     def _taken_back(self, begun: int, written: int) -> bool:
-        """Cut off the part of a line that was refused: half a line reads as damage to whoever resumes."""
+        """Cut off the part of a line that was refused: half a line reads as damage on resuming."""
         with contextlib.suppress(OSError):  # then the next line begins on its own
             if written and os.fstat(self._handle).st_size == begun + written:
                 os.ftruncate(self._handle, begun)

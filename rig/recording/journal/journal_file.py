@@ -70,7 +70,7 @@ class JournalWriter:
         self._closing = threading.Event()
         self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         try:
-            # Whoever makes a file of journals waits for this lock; it ends with the handle or the process.
+            # The process that converts journals waits for this lock; it ends with the handle or the process.
             fcntl.flock(self._handle, fcntl.LOCK_EX)
             self._reserve(reserve_bytes)
             text = context_json.encode()

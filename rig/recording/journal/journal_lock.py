@@ -46,7 +46,7 @@ def campaign_held(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def journal_claimed(journal: Path) -> Iterator[int | None]:
-    """Hold a journal that nobody else writes or finishes; gives a descriptor to read it by.
+    """Hold a journal that no other process writes or finishes; gives a descriptor to read it by.
 
     None when it was gone once it was free: another process has finished it meanwhile.
 

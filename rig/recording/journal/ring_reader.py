@@ -140,7 +140,7 @@ class RingReader:
 
 
 class RecordBlock:
-    """Some records of the ring, divided by channel once for everybody who looks for some of them.
+    """Some records of the ring, divided by channel once for all readers of some of them.
 
     Attributes:
         records: (n,) of `RECORD_DTYPE`, oldest first.

@@ -31,7 +31,7 @@ deviation): each may lie anywhere in a USB frame of 1 ms."""
 class PointSkew:
     """What to do to one point's force samples: move them by `shift_s`; `std_s` is then left uncertain (s).
 
-    `trusted_std_s` is left for somebody who trusts what was declared; `delays` is what the campaign found.
+    `trusted_std_s` remains if the declarations are trusted; `delays` is what the campaign found.
     """
 
     shift_s: float

@@ -143,7 +143,7 @@ def cross_checks(points: Sequence[Checked], auxiliaries: Sequence[str] = ()) -> 
     return (
         *_against_input(FORCE, points, doubted), *_zero_over_campaign(points, doubted),
         *_against_input(DISPLACEMENT, points, doubted), *_ecu(points, doubted),
-        *(CrossCheck(name, "everything", "the bench has no second instrument for it") for name in auxiliaries),
+        *(CrossCheck(name, "everything", "the bench has no second instrument for this") for name in auxiliaries),
     )
 
 
@@ -169,8 +169,8 @@ def _against_input(
              _Limit(100.0 * allowed_gain, f"{100.0 * allowed_gain:g} %", instruments.gain_slug in doubted)),
         _row(sensor, "zero", reference, zero, unit,
              _Limit(scale * allowed_zero, f"{scale * allowed_zero:.3g} {unit}", instruments.zero_slug in doubted)),
-        _row(sensor, "time, beyond both declared delays", reference, late, "ms",
-             _Limit(1e3 * allowed_s, f"input later by {1e3 * allowed_s:.2g} ms", instruments.lag_slug in doubted)),
+        _row(sensor, "delay in addition to the declared delays", reference, late, "ms",
+             _Limit(1e3 * allowed_s, f"up to {1000.0 * allowed_s:.2g} ms later", instruments.lag_slug in doubted)),
     ]
 
 
@@ -221,7 +221,7 @@ def _ecu(points: Sequence[Checked], doubted: set[str]) -> list[CrossCheck]:
     zero = pooled(point.current_zero for point in points if point.current_zero is not None)
     colder = [point.colder_K for point in points if point.colder_K is not None]
     rows = [
-        CrossCheck("ECU's current measurement", "zero", "nothing was reported while its output stage was off")
+        CrossCheck("ECU's current measurement", "zero", "no current was reported while the output stage was off")
         if zero is None else CrossCheck(
             "ECU's current measurement", "zero", "output stage off, before the first motion",
             f"{zero.times(1e3).signed} mA", f"{1e3 * tolerances.current_zero_A:g} mA",

@@ -284,16 +284,16 @@ def _changes(points: Sequence[Checked], k: float) -> list[Reason]:
         return []
     tolerance_N, gross_N = _least(points, "force_zero_change_N"), GROSS * _least(points, "force_zero_N")
     drifted, crossed = change.moved(tolerance_N, k)
-    by_time = f"{change.drift_N_s.signed} N/s of drift, {change.over_time_N.signed} N over the campaign"
+    by_time = f"{change.drift_N_s.signed} N/s drift, {change.over_time_N.signed} N over the campaign"
     by_current = (
-        f"{change.crosstalk_N_A.signed} N/A of crosstalk from the coil's current, {change.over_current_N.signed} N "
-        "over its range"
+        f"{change.crosstalk_N_A.signed} N/A crosstalk from the coil current, {change.over_current_N.signed} N over "
+        "its range"
     )
     ways = [
         *([("zero-drift", by_time, change.over_time_N)] if drifted else []),
         *([("crosstalk", by_current, change.over_current_N)] if crossed else []),
     ]
-    if not change.told_apart and len(ways) > 1:
+    if not change.separable and len(ways) > 1:
         both = f"{by_time}, or {by_current} (the order of the points does not distinguish them)"
         largest_N = max(change.over_time_N, change.over_current_N, key=lambda moved_N: abs(moved_N.value))
         ways = [("zero-change", both, largest_N)]

@@ -137,7 +137,7 @@ def _ending(evidence: PointEvidence) -> list[Reason]:
     elif evidence.tripped:
         reasons.append(invalid("trip", "an interlock tripped during the point"))
     if evidence.interrupted:
-        reasons.append(invalid("INTERRUPTED", "recording was cut off; recovered from the journal"))
+        reasons.append(invalid("INTERRUPTED", "recording was interrupted; recovered from the journal"))
     if evidence.overrun_records:
         reasons.append(invalid("slow-consumer", f"{evidence.overrun_records} records overwritten before being read"))
     if evidence.missing_blocks or evidence.damaged_bytes:
@@ -160,7 +160,7 @@ def _sensor_reasons(evidence: PointEvidence) -> list[Reason]:
             reasons.append(_share("sensor-nan", name, counts.not_a_number, total, "not a number", LARGEST_NAN_SHARE))
         reasons += _standing(name, counts, evidence.samples_a_cycle)
         if counts.faulty:
-            reasons.append(invalid("sensor-fault", f"{counts.faulty} {name} samples reported faulty by the sensor"))
+            reasons.append(invalid("sensor-fault", f"{counts.faulty} {name} samples flagged as faulty by the sensor"))
         if counts.spikes:
             reasons.append(suspect("sensor-spike", f"{counts.spikes} {name} samples jump faster than the machine can "
                 "move"))
@@ -173,7 +173,7 @@ def _standing(name: str, counts: SensorCounts, samples_a_cycle: float) -> list[R
         return [invalid("sensor-saturated", f"{counts.saturated} {name} samples at the end of the range")]
     share = COARSE_STUCK_SHARE if counts.coarse else STUCK_SHARE
     if counts.standing > max(share * samples_a_cycle, FLAT_SAMPLES) and counts.flat < counts.standing:
-        return [invalid("sensor-stuck", f"{counts.standing} {name} samples in a row are equal while the rig moves")]
+        return [invalid("sensor-stuck", f"{counts.standing} consecutive {name} samples are equal while the rig moves")]
     if name == "force" and counts.flat >= FLAT_SAMPLES:
         return [invalid(
             "sensor-saturated",
@@ -229,7 +229,7 @@ def _motion(evidence: PointEvidence) -> list[Reason]:
         return []
     if evidence.measured_cycles is None or evidence.measured_cycles < evidence.wanted_cycles - TOLERATED_CYCLES:
         if evidence.stopped_by is not None:
-            # Nobody's fault: the point was stopped, and that is said already.
+            # No fault of a device: the point was stopped, which is reported already.
             return []
         counted = "none" if evidence.measured_cycles is None else f"{evidence.measured_cycles:g}"
         return [invalid("too-few-cycles", f"{counted} full cycles measured, expected {evidence.wanted_cycles:g}")]
@@ -257,7 +257,7 @@ def _motion(evidence: PointEvidence) -> list[Reason]:
 
 def _current(evidence: PointEvidence) -> list[Reason]:
     if evidence.current_error_A is None:
-        return [suspect("no-current", "the coil current was not measured during the kept cycles")]
+        return [suspect("no-current", "the coil current was not measured during the evaluated cycles")]
     if evidence.current_error_A > evidence.current_tolerance_A:
         return [invalid(
             "current-tracking",
@@ -274,7 +274,7 @@ def _temperature(evidence: PointEvidence) -> list[Reason]:
         measured = 0.0 if evidence.temperature_degC is None else 100.0 * share
         reasons.append(suspect(
             "no-temperature",
-            f"the coil temperature was measured over {measured:.2g} % of the kept cycles only, window "
+            f"the coil temperature was measured over only {measured:.2g} % of the evaluated cycles, window "
             f"{window[0]:g} to {window[1]:g} degC",
         ))
     if evidence.temperature_degC is None:
@@ -284,7 +284,7 @@ def _temperature(evidence: PointEvidence) -> list[Reason]:
     if high - low > TEMPERATURE_SUSPECT_K:
         reasons.append(Reason(
             "temperature-drift", _worse(high - low > TEMPERATURE_INVALID_K),
-            f"{shown} during the point (limit {TEMPERATURE_INVALID_K:g} K of change)",
+            f"{shown} during the point (change limit {TEMPERATURE_INVALID_K:g} K)",
         ))
     if window is not None and (
         low < window[0] - TEMPERATURE_RESOLUTION_K or high > window[1] + TEMPERATURE_RESOLUTION_K
@@ -308,14 +308,14 @@ def _specimen(evidence: PointEvidence) -> list[Reason]:
         wobbles = _amplitude_scatter(evidence) > AMPLITUDE_SCATTER
         slug, what = ("amplitude-scatter", "motion and force differ") if wobbles else ("force-scatter", "force differs")
         reasons.append(Reason(
-            slug, _worse(scatter > SCATTER_INVALID), f"{what} from cycle to cycle by {100 * scatter:.2g} % of its span "
-            f"(limit {100 * SCATTER_INVALID:g} %)",
+            slug, _worse(scatter > SCATTER_INVALID), f"{what} from cycle to cycle by {100 * scatter:.2g} % of the "
+                                                     f"span (limit {100 * SCATTER_INVALID:g} %)",
         ))
     if change > CHANGE_SUSPECT and abs(evidence.change_N) > CHANGE_CERTAIN * evidence.change_std_N:
         reasons.append(Reason(
             "force-change", _worse(change > CHANGE_INVALID),
-            f"the loop's span changed by {100 * evidence.change_N / evidence.span_N:+.2g} % over the "
-            f"point (limit {100 * CHANGE_INVALID:g} %)",
+            f"the force span changed by {100 * evidence.change_N / evidence.span_N:+.2g} % over the point (limit "
+            f"{100 * CHANGE_INVALID:g} %)",
         ))
     return reasons
 
@@ -335,8 +335,8 @@ def _skew(skew_std_s: float, frequency_Hz: float) -> list[Reason]:
     if limit_s and skew_std_s > limit_s:
         return [suspect(
             "skew",
-            f"the delay between force and displacement is known to {1e3 * skew_std_s:.3g} ms only "
-            f"(allowed at {frequency_Hz:g} Hz: {1e3 * limit_s:.3g} ms)",
+            f"the delay between force and displacement is uncertain by {1000.0 * skew_std_s:.3g} ms (allowed at "
+            f"{frequency_Hz:g} Hz: {1000.0 * limit_s:.3g} ms)",
             skew_std_s=skew_std_s, limit_s=limit_s,
         )]
     return []

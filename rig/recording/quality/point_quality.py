@@ -99,7 +99,7 @@ def motion_quality(context: PointContext, motion: MeasuredMotion | None, alignme
 
 
 def current_quality(motion: MeasuredMotion | None, alignment: Alignment, told_by: str) -> CurrentQuality:
-    """The measured current over the full cycles; of one that only somebody told nothing is measured."""
+    """The measured current over the full cycles; a current that was only stated is not measured."""
     if told_by:
         return CurrentQuality(told_by=told_by)
     current = np.asarray(alignment.values["current"], np.float64)
@@ -146,7 +146,7 @@ class SkewQuality(Section):
 
     Attributes:
         value_s: by how much force lagged displacement beyond the declared delays; taken out.
-        std_s: what the signals leave open, whatever was declared; `trusted_std_s` what is left for somebody who trusts
+        std_s: what the signals leave open, whatever was declared; `trusted_std_s` what remains if one trusts
             the bench file; `low_s` to `high_s` the 95 % interval by the signals alone.
         checked: whether the controller's own record shows both delays well enough to confirm or correct them.
         state: `checked`; `declared`: as the bench file states, not checked; `doubted`: contradicted by the signals.

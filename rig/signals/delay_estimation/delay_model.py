@@ -9,7 +9,7 @@ never less than nothing at all. That no delay is negative is what tells a late i
 the five are forgotten, and not two that hide each other. Bayes' rule weighs these hypotheses for what was measured.
 
 The *estimate* is theirs, and it trusts: one declared sensor delay in a thousand is wrong, so a weak loop never moves
-it. The *stated* standard deviation trusts nobody: it is the root mean square distance of the estimate from what the
+it. The *stated* deviation ignores declarations: it is the root mean square distance of the estimate from what the
 signals alone leave open (at most `NOTHING_KNOWN_S`). Where they cannot tell it is milliseconds, and says so.
 """
 
@@ -43,9 +43,9 @@ UNSTATED_SHARED, UNSTATED_INPUT = (2e-3, 4e-3), (1e-3, 1e-3)
 COMPLIANCE_STD_m_N = 1e-7
 """Of a load train about which nothing is known: 10 kN/mm."""
 UNVOUCHED_S = 0.7e-3
-"""Standard deviation of a delay that nobody declared and nothing can be compared with."""
+"""Standard deviation of a delay that is not declared and cannot be compared with anything."""
 PAIRS = ((0, 1), (0, 4), (1, 3), (2, 3), (2, 4), (3, 4))
-"""Which two of the delays may be forgotten at once: not two that hide each other, which nobody could tell."""
+"""Which two of the delays may be forgotten at once: not two that compensate each other, which cannot be detected."""
 CONFIRMS_S = 0.5e-3
 """Standard deviation up to which a lag confirms a declaration; force and displacement apart by 1 ms open a loop."""
 DOUBTED = 2.58
@@ -87,8 +87,8 @@ class Skew:
     Attributes:
         force: delay beyond the declared one.
         displacement: the same.
-        std_s: standard deviation of force minus displacement (s), as stated: for somebody who doubts declarations.
-        trusted_std_s: the same for somebody who trusts what was declared.
+        std_s: standard deviation of force minus displacement (s), as stated: if declarations are not trusted.
+        trusted_std_s: the same if the declarations are trusted.
         measured_s: force minus displacement by the signals alone (s); None where they show nothing.
         interval_s: its 95 % interval by the likelihood alone, whatever was declared of the sensors (s).
         doubted: the signals contradict the estimate, though not certainly enough to correct it; `trusted_std_s` is then
@@ -120,7 +120,7 @@ class Skew:
 
 
 def tolerance_s(declared_s: float | None) -> float:
-    """Standard deviation (s) of a declared delay (s); None is a delay of 0 that nobody declared."""
+    """Standard deviation (s) of a declared delay (s); None is a delay of 0 that is not declared."""
     return max(DELAY_TOLERANCE * (0.0 if declared_s is None else declared_s), SMALLEST_TOLERANCE_S)
 
 
@@ -203,7 +203,7 @@ def _unstated(both: Sequence[Seen]) -> bool:
 
 
 def _unseen(both: Sequence[Seen]) -> Skew:
-    """Without any input: a declared delay is vouched for by who declared it, one that is not declared by nobody."""
+    """Without any input: a declared delay is vouched for by who declared it, one that is not declared has no source."""
     delays = [Delay(0.0, _stated(0.0, seen, 0.0), checked=False) for seen in both]
     std_s = math.hypot(delays[0].std_s, delays[1].std_s)
     return Skew(delays[0], delays[1], std_s, std_s)

@@ -190,7 +190,7 @@ def smoothed(values: FloatArray, least_half: int = 0) -> FloatArray | None:
 
 
 def _resolved(values: FloatArray, smooth: FloatArray, noise: float, half: int) -> FloatArray:
-    """The smoothed samples without those around a jump, which no parabola follows: there the lag is anybody's guess."""
+    """The smoothed samples without those around a jump, which no parabola follows: there the lag is undetermined."""
     with np.errstate(invalid="ignore"):
         jumps = np.abs(values - smooth) > JUMP_DEVIATIONS * noise
     near = np.convolve(jumps, np.ones(2 * (half + 2) + 1), "same") > 0.0

@@ -55,7 +55,7 @@ class ActuatorInterlock:
 
     Attributes:
         path_m: way the rod has gone by the controller's own transducer, without that one's noise.
-        leased: the lease is ours, so that its loss is a finding; without leases: nobody else is meant to command.
+        leased: the lease is ours, so that its loss is a finding; without leases: no other client may command.
         frozen: the heartbeat has stood for too long: what the status says is not the present.
     """
 
@@ -325,7 +325,7 @@ class CommandWatch:
     def _command(self, status: ActuatorStatus, sent: Sent) -> list[Finding]:
         acknowledged = (status.acked_sequence, status.acked_command)
         if acknowledged in sent or (self._before is None and not sent):
-            # Without a lease the first status still shows what somebody asked for before this host came.
+            # Without a lease the first status still shows earlier requests of other clients.
             self._before = acknowledged
         if not self._acknowledged or acknowledged == self._before:
             return []

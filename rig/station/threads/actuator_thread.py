@@ -106,7 +106,7 @@ class ActuatorThread(DeviceThread):
         Raises:
             NoAnswer: the port is open, but nothing answers.
             LinkLost: the connection breaks again and again.
-            DriverError: nobody is there, or it is another device.
+            DriverError: no device, or another one.
         """
         deadline_ns = monotonic_ns() + int(OPEN_PATIENCE_S * 1e9)
         while True:
@@ -213,7 +213,7 @@ class ActuatorThread(DeviceThread):
         return self.judge.status if now_ns - self._last_ns <= self._stale_ns and not self.judge.frozen else None
 
     def rests(self, now_ns: int) -> bool:
-        """A fresh status says that the rod stands; without one nobody says so."""
+        """A fresh status says that the rod stands; without one this is unknown."""
         return self.stop_inputs(now_ns)[0] is False
 
     def stop_inputs(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:
@@ -344,7 +344,7 @@ class ActuatorThread(DeviceThread):
             raise unanswered
 
     def _compare_settings(self, expected: tuple[int, int]) -> None:
-        """A controller that has booted, or whose limits somebody else changed, is not the one that was prepared."""
+        """A controller that has booted, or whose limits another client changed, is not the one that was prepared."""
         shown = self._driver.read_identity().settings
         if shown != expected:
             detail = f"controller's boot count and configuration hash are {shown}, expected {expected}"
@@ -434,7 +434,7 @@ class ActuatorThread(DeviceThread):
         """Connect again, so that a stop reaches the controller; a latched trip stays latched.
 
         Raises:
-            DriverError: nobody answers.
+            DriverError: no answer.
         """
         self._driver.close()
         try:

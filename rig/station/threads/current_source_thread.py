@@ -220,7 +220,7 @@ class CurrentSourceThread(ReadingThread):
         """Measured current (A), None when its status is stale, or may be older than the 0 A that a trip commanded.
 
         The first one that comes after that may have been measured before it, or asked for.
-        Of one set by hand what was said; None once a stop wants it to be taken away and nobody has said that it was.
+        Of one set by hand what was said; None if a stop requests its removal and that is not confirmed.
         """
         status = self._driver.status
         if self._zeroed and self.by_hand and not self._is_zero():

@@ -184,7 +184,7 @@ class Devices:
                 raise StationRefused(device.slug, f"reset: {error}") from error
 
     def close(self) -> None:
-        """End every thread and close every port; nobody watches them any more."""
+        """End every thread and close every port; they are no longer monitored."""
         self._supervisor.watchdogs.watched = ()
         for device in self:
             device.end()

@@ -163,7 +163,7 @@ class SensorThread(ReadingThread):
         while not self._ending.is_set():
             try:
                 if not fresh:
-                    # While nobody read, the port may have overflowed; that is no loss of a test.
+                    # While it was not read, the port may have overflowed; that is no loss of a test.
                     self._driver.discard_input()
                     fresh = True
                     self._listener.restart(monotonic_ns())

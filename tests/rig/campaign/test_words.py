@@ -1,4 +1,4 @@
-"""Every message is said somewhere, and whoever says it gives what it is filled with."""
+"""Every message is used somewhere, and each use gives the values that it needs."""
 
 from __future__ import annotations
 

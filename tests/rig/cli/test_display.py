@@ -219,7 +219,7 @@ def evaluated(**changes: Any) -> FitRecord:  # noqa: ANN401 - fields of an evalu
 
 def test_a_fit_beside_the_truth_says_what_is_inside_what_cannot_be_found_and_what_does_not_fit() -> None:
     text = shown(FIT, {"m": 4.5, "eta": 25.0})
-    for expected in ("95 % interval (each parameter", "3.7 to 3.9", "NO", "eta cannot be identified: constant",
+    for expected in ("95 % interval (each parameter", "3.7 to 3.9", "NO", "eta not identifiable: constant",
                      "validation", "exceeds the repeatability", "warning: saturated"):  # fmt: skip
         assert expected in text, expected
 

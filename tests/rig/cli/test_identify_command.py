@@ -97,18 +97,18 @@ def test_the_fit_after_a_run_compares_models_where_the_quick_one_is_not_adequate
 def test_held_out_equal_to_training_or_to_nothing_is_refused(good: Path) -> None:
     same, none = rig("identify", good, "--holdout", good), rig("identify", good, "--holdout", "waveform=triangle")
     assert (same.returncode, none.returncode) == (6, 6)
-    assert "4 held-out test(s) are fitted too" in same.stderr
-    assert "holdout 'waveform=triangle' matches none of the 4 points" in none.stderr
+    assert "4 validation test(s) are also fitted" in same.stderr
+    assert "holdout: 'waveform=triangle' matches none of the 4 points" in none.stderr
 
 
 def test_two_dampers_are_refused_by_their_names_or_named_by_their_forces(good: Path, tmp_path: Path) -> None:
     other = make_run(tmp_path / "b", values=OTHER, specimen="MR-2")
     named = rig("identify", good, other)
     assert named.returncode == 6
-    assert "these runs tested different specimens (MR-2, imported)" in named.stderr
+    assert "these runs have different specimens (MR-2, imported)" in named.stderr
     held_out = rig("identify", good, "--holdout", other)
     assert held_out.returncode == 6
-    assert "these runs tested different specimens (MR-2, imported)" in held_out.stderr
+    assert "these runs have different specimens (MR-2, imported)" in held_out.stderr
     unnamed = rig("identify", good, make_run(tmp_path / "c", values=OTHER, seed=1), "--json")
     fit = json.loads(unnamed.stdout)
     assert not fit["adequate"]
@@ -118,12 +118,12 @@ def test_two_dampers_are_refused_by_their_names_or_named_by_their_forces(good: P
 def test_too_few_samples_and_reversed_signs_are_refused(tmp_path: Path) -> None:
     few = rig("identify", make_run(tmp_path / "few", interval_s=0.15, frequencies_Hz=(1.0,)))
     assert few.returncode == 6
-    assert "samples in the kept cycles; at least 50 are needed" in few.stderr
+    assert "samples in the evaluated cycles, expected 50 or more" in few.stderr
     turned = rig("identify", make_run(tmp_path / "turned", values={name: -value for name, value in DEMO.items()} | {
         "beta": DEMO["beta"], "delta": DEMO["delta"], "eta": DEMO["eta"]
     }, exit_code=5))  # fmt: skip
     assert turned.returncode == 6
-    assert "the measured force drives the motion" in turned.stderr
+    assert "the measured force acts with the motion" in turned.stderr
 
 
 def test_one_frequency_and_one_current_name_what_they_cannot_tell(tmp_path: Path) -> None:

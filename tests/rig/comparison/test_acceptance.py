@@ -9,7 +9,7 @@ import pytest
 
 from rig.cli.main import main
 from rig.comparison import Comparison, compare, load_bands
-from rig.comparison.judgement import Judgement
+from rig.comparison.acceptance import AcceptanceResult
 from rig.errors import EXIT_DONE, EXIT_NOT_ACCEPTED, EXIT_USAGE, FileProblem
 
 Make = Callable[..., Path]
@@ -23,7 +23,7 @@ ENERGY_J = math.pi * 1000.0 * 2 * math.pi * 0.02**2
 REBOUND = '[[rebound_force]]\nlow = "{low} N"\nhigh = "{high} N"\n'
 
 
-def judged(compared: Comparison) -> Judgement:
+def judged(compared: Comparison) -> AcceptanceResult:
     assert compared.judgement is not None
     return compared.judgement
 
@@ -55,7 +55,7 @@ def test_forces_in_jounce_are_negative_and_a_positive_band_of_them_is_refused(ma
     compared = compare([made_run("a")], bands('[[jounce_force]]\nlow = "-180 N"\nhigh = "-170 N"\n'))
     assert judged(compared).results[0].value == pytest.approx(-1000.0 * PEAK_M_S - 50.0, rel=2e-3)
     assert states(compared) == ["pass"]
-    with pytest.raises(FileProblem, match=r'low = "170 N": forces in jounce are negative here'):
+    with pytest.raises(FileProblem, match=r'low = "170 N": forces in compression are negative'):
         load_bands(bands('[[jounce_force]]\nlow = "170 N"\nhigh = "180 N"\n'))
 
 
@@ -69,7 +69,7 @@ def test_a_band_whose_test_was_not_run_or_is_not_valid_is_missing_and_not_passed
         compared = compare([folder], bands(text.format(frequency)))
         (result,) = judged(compared).results
         assert (str(result.state), judged(compared).passed) == ("missing", False)
-        assert result.why == "no valid point of the run is such a test"
+        assert result.why == "the run has no valid point with this test"
 
 
 def test_bands_choose_loops_by_every_key_that_is_given(made_run: Make, made_point: Make, bands: Make) -> None:
@@ -142,8 +142,8 @@ def test_a_band_is_not_passed_by_what_was_left_of_a_run(made_run: Make, made_poi
     invalid = made_point(folder, "p002", 1000.0, frequency_Hz=2.0, verdict="invalid")
     compared = compare([folder], bands(band))
     assert states(compared) == ["pass", "missing"]
-    assert judged(compared).results[1].why == "no point of this motion is valid"
-    assert compared.remarks == ("a: 1 thing(s) left out; first: p002 left out: invalid (estop: stopped)",)
+    assert judged(compared).results[1].why == "no point with this motion is valid"
+    assert compared.remarks == ("a: 1 item(s) not evaluated; first: p002 left out: invalid (estop: stopped)",)
     assert states(compare([folder], bands(f'{band}frequency = "1 Hz"\n'))) == ["pass"]
     invalid.unlink()
     (folder / "campaign.json").write_text(json.dumps({"id": "a", "points": ["p001", "p002", "p003"]}))
@@ -170,7 +170,7 @@ def test_a_change_is_not_passed_by_motions_that_only_the_first_run_has(
     told = {result.where: (str(result.state), result.why) for result in judged(compared).results}
     assert told == {
         "sine, 20 mm, 1 Hz, 0.5 A": ("pass", ""),
-        "sine, 20 mm, 2 Hz, 0.5 A": ("missing", "after was not tested so"),
+        "sine, 20 mm, 2 Hz, 0.5 A": ("missing", "after does not contain this test"),
     }
     assert states(compare([before, after], bands(f'{band}frequency = "1 Hz"\n'))) == ["pass"]
 
@@ -183,7 +183,7 @@ def test_a_run_and_itself_or_its_copy_have_no_change_that_could_pass(made_run: M
         compared = compare([first, later], bands('[[energy]]\nmost_change = "15 %"\n'))
         (result,) = judged(compared).results
         assert str(result.state) == "missing"
-        assert result.why == "it is the same run as the first: nothing can have changed"
+        assert result.why == "it is the first run itself: identical data cannot show a change"
         assert any("given more than once" in remark for remark in compared.remarks)
 
 

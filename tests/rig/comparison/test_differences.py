@@ -209,9 +209,9 @@ def test_motions_of_one_run_alone_are_named(made_run: Make, made_point: Make) ->
     first, second = made_run("a"), made_run("b")
     made_point(first, "p002", 1000.0, current_A=1.0)
     made_point(second, "p002", 1000.0, current_A=1.5)
-    told = [remark for remark in compare([first, second]).remarks if "so not compared" in remark]
+    told = [remark for remark in compare([first, second]).remarks if "therefore not compared" in remark]
     assert [remark.partition(":")[0] for remark in told] == ["b", "b"]
     assert "1 motion(s) not in the first run" in told[0]
     assert "1.5 A" in told[0]
-    assert "1 motion(s) in the first run alone" in told[1]
+    assert "1 motion(s) only in the first run" in told[1]
     assert compare([first, first]).remarks[0].startswith("one run is given more than once")

@@ -90,7 +90,7 @@ def test_a_knee_beyond_the_tested_speeds_is_not_identified_and_neither_is_which_
     assert fit.adequate
     unknown = {name for name, each in fit.parameters.items() if not each.identifiable}
     assert unknown == {"vk_minus", "cl_minus", "cl_minus_b", "ch_minus", "ch_minus_b"}
-    assert "vk_minus lies beyond the tested speeds" in fit.parameters["ch_minus"].reason
+    assert "vk_minus is outside the tested speeds" in fit.parameters["ch_minus"].reason
     assert fit.values["vk_plus"] == pytest.approx(truth["vk_plus"], rel=0.02)
     assert fit.values["ch_plus"] == pytest.approx(truth["ch_plus"], rel=0.1)
 

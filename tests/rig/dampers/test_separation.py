@@ -120,7 +120,7 @@ def test_limits_and_held_parameters_have_the_models_own_names() -> None:
 
 
 def test_a_model_that_splits_has_no_search() -> None:
-    with pytest.raises(NotImplementedError, match="asymmetric splits"):
+    with pytest.raises(NotImplementedError, match="asymmetric is separable"):
         model("asymmetric").search()
 
 
@@ -182,7 +182,7 @@ class Dahl(HystereticModel):
         linear_parameter("kv", "N s/m", 500.0, "viscous damping"),
         linear_parameter("kw", "N", 50.0, "friction"),
         linear_parameter("f0", "N", 0.0, "force offset"),
-        shape_parameter("rho", "1/m", 500.0, 1e-2, 1e6, "inverse of the travel in which friction turns round"),
+        shape_parameter("rho", "1/m", 500.0, 1e-2, 1e6, "inverse of the travel over which the friction reverses"),
         shape_parameter("eta", "1/s", 25.0, 0.1, 1e4, "rate of the coil current's lag"),
     )
 

@@ -166,7 +166,7 @@ def test_the_files_state_temperature_and_currents_between_which_nothing_is_known
     _, file = fit_of("asymmetric", tmp_path, TESTED | {"only_at_A": [0.0, 2.0]})
     for target in ("c", "octave", "python", "modelica"):
         text = export(file, target, tmp_path / target)[0].read_text()
-        assert "temperature_degC 20 to 40, of the currents only 0, 2 A" in text
+        assert "temperature_degC 20 to 40, only near the currents 0, 2 A" in text
     assert module_of(file, tmp_path / "python").TESTED["temperature_degC"] == (20.0, 40.0)
     (values,) = export(file, "json", tmp_path / "json")
     assert json.loads(values.read_text())["tested"]["velocity_m_s"] == [-0.35, 0.35]

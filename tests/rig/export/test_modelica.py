@@ -146,6 +146,6 @@ def test_what_no_tool_proved_is_not_offered(
     fit = fit_of(damper_model(text), tmp_path)
     assert main(["export", str(fit), "--to", "modelica", "--out", str(tmp_path / "out")]) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert f"{text} has {why}: as Modelica no tool could prove it" in said
+    assert f"{text} has {why}: its Modelica code could not be verified" in said
     assert "--to fmi" in said
     assert not list((tmp_path / "out").glob("*.mo"))

@@ -220,7 +220,7 @@ def test_the_files_say_equation_units_ranges_covariance_and_the_hash_of_the_fit(
         assert f"SHA-256 of the fit: {digest}" in text
         assert "F = fc sgn(v) + c0 v + f0 (Stanway 1987, as in Spencer 1997)" in text
         assert "fc_b = 238.0 N/A, +- 2" in text
-        assert "velocity_m_s -0.3 to 0.3, current_A 0 to 2. Beyond is extrapolation." in text
+        assert "velocity_m_s -0.3 to 0.3, current_A 0 to 2. The force outside it is an extrapolation." in text
         assert "fc_b: 1 4" in text  # standard errors 2 and 2, correlation 0.25: covariance 1, variance 4
 
 
@@ -360,5 +360,5 @@ def test_the_sources_compile_without_a_warning(tmp_path: Path) -> None:
 
 def test_without_a_compiler_it_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("shutil.which", lambda name: None)
-    with pytest.raises(FileProblem, match="needs a C compiler"):
+    with pytest.raises(FileProblem, match="no C compiler"):
         export(written(ASYMMETRIC, tmp_path), "fmi", tmp_path / "out")

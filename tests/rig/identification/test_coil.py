@@ -45,7 +45,7 @@ def test_eta_and_all_others_are_found_from_the_command(fit: Fit) -> None:
         assert each.simultaneous_low < DEMO[name] < each.simultaneous_high, name  # type: ignore[operator] - identifiable
     assert fit.parameters["eta"].value == pytest.approx(25.0, rel=0.05)
     assert fit.error.rmse_N == pytest.approx(5.0, rel=0.05)
-    assert any("eta is found with the commanded one" in text for text in fit.warnings)
+    assert any("eta is identified from the commanded current" in text for text in fit.warnings)
 
 
 def test_the_profile_of_eta_goes_through_the_coil(fit: Fit) -> None:

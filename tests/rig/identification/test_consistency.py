@@ -39,7 +39,7 @@ def test_two_dampers_without_a_common_test_are_told_by_fits_apart(make_synthetic
     other = of_run("B", make_synthetic(OTHER, (0.5, 1.5), (1.5, 2.0), seed=4))
     fit = identify([*one, *other])
     assert not fit.adequate
-    assert any(re.match(r"the 2 runs are described to [45]\.\d+ N", text) for text in fit.warnings)
+    assert any(re.match(r"the 2 runs fit to [45]\.\d+ N", text) for text in fit.warnings)
 
 
 def test_two_runs_of_one_damper_are_not_accused(make_synthetic: Make) -> None:
@@ -50,9 +50,9 @@ def test_two_runs_of_one_damper_are_not_accused(make_synthetic: Make) -> None:
 
 def test_held_out_tests_that_are_fitted_are_refused(make_synthetic: Make, demo_points: list[RecordedPoint]) -> None:
     tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0))
-    with pytest.raises(IdentificationFailed, match=r"2 held-out test\(s\) are fitted too \(p001, p002\)"):
+    with pytest.raises(IdentificationFailed, match=r"2 validation test\(s\) are also fitted \(p001, p002\)"):
         identify(tests, holdout=tests[:2])
-    with pytest.raises(IdentificationFailed, match="9 held-out"):
+    with pytest.raises(IdentificationFailed, match="9 validation"):
         identify(demo_points, holdout=demo_points)
 
 
@@ -65,7 +65,7 @@ def test_a_test_with_a_constant_channel_is_left_out_by_name(make_synthetic: Make
     (warning,) = [text for text in fit.warnings if isinstance(text, Saying) and text.slug == "constant-channel"]
     assert (warning.numbers["test"], warning.numbers["channel"][0]) == ("p002", unit)  # type: ignore[index]
     assert [entry.id for entry in fit.error.per_test] == ["p001", "p003", "p004"]
-    with pytest.raises(IdentificationFailed, match=f"p002 left out: its {unit}"):
+    with pytest.raises(IdentificationFailed, match=f"p002 not used: its {unit}"):
         identify([tests[0], *tests[2:]], holdout=[dead])
 
 

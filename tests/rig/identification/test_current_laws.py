@@ -109,7 +109,7 @@ def test_tests_at_too_few_currents_say_so(make_synthetic: Make) -> None:
     with pytest.raises(IdentificationFailed, match="2 different currents"):
         identify(two, model="asymmetric", current_law="per-current")
     assert [score.model for score in identify(two, model="asymmetric", current_law="all").selection] == ["asymmetric"]
-    with pytest.raises(IdentificationFailed, match="without a current law"):
+    with pytest.raises(IdentificationFailed, match="bootstrap or current law"):
         identify(two, model="asymmetric", current="per-current-affine", current_law="saturating")
 
 
@@ -134,12 +134,12 @@ def test_what_the_currents_tell_only_beside_a_power_left_out_is_not_identified(
     told = fit.predict(table)
     assert list(told["beyond"]) == ["", "current_A", "", "current_A"]  # 12 I^3 is not known between tested currents
     tested = ", ".join(f"{current_A:g}" for current_A in currents_A)
-    assert f"of the currents only {tested} A" in told.attrs["extrapolation"]
+    assert f"only near the currents {tested} A" in told.attrs["extrapolation"]
     for between in (fit.inverse_table(), fit.control_range()):
-        assert "beyond the tests: current_A between the tested ones" in between.attrs["extrapolation"]
+        assert "outside the tested range: current_A between tested currents" in between.attrs["extrapolation"]
     path, _ = write_fit(fit, tmp_path)
     (exported,) = export(path, "inverse", tmp_path / "out")
-    assert "# beyond the tests: current_A between the tested ones" in exported.read_text()
+    assert "# outside the tested range: current_A between tested currents" in exported.read_text()
     assert list(Fit.load(path).predict(table)["beyond"]) == list(told["beyond"])
 
 

@@ -127,7 +127,7 @@ def test_a_drift_in_some_of_the_tests_is_no_second_damper() -> None:
 
     fit = identify(damper_tests(shown=shown))
     assert named_first(fit) == "force-drift"
-    assert "(p002, p007; most +25" in fit.diagnosis[0].text
+    assert "(p002, p007; largest +25" in fit.diagnosis[0].text
 
 
 def test_what_drifts_in_every_test_by_itself_is_not_said_of_some_tests() -> None:
@@ -137,7 +137,7 @@ def test_what_drifts_in_every_test_by_itself_is_not_said_of_some_tests() -> None
     fit = identify(damper_tests(shown=shown))
     assert named_first(fit) == "force-drift"
     assert "some tests" not in fit.diagnosis[0].text
-    assert "(p001, p002, p003 and 7 more; most" in fit.diagnosis[0].text
+    assert "(p001, p002, p003 and 7 more; largest" in fit.diagnosis[0].text
 
 
 def test_outliers_are_named_and_counted() -> None:
@@ -280,7 +280,7 @@ def test_a_wrong_unit_of_some_tests_is_named_with_the_tests(
     fit = identify([*tests[:right], *map(wrong, tests[right:])])
     assert named_first(fit) == slug
     ids = some([test.id for test in tests[right:]])
-    assert fit.diagnosis[0].text.startswith(f"in {ids} and no other test ")
+    assert fit.diagnosis[0].text.startswith(f"in {ids} only: ")
     assert likely in fit.diagnosis[0].text
 
 

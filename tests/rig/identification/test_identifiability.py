@@ -25,7 +25,7 @@ def unknown(fit: Fit) -> set[str]:
 def test_a_full_matrix_leaves_only_eta(make_synthetic: Make) -> None:
     fit = identify(make_synthetic(DEMO))
     assert unknown(fit) == {"eta"}
-    assert "held its current constant" in fit.parameters["eta"].reason
+    assert "the current was constant in every test" in fit.parameters["eta"].reason
     assert fit.parameters["eta"].value is None
 
 
@@ -41,7 +41,7 @@ def test_one_current_says_which_sums_are_known(make_synthetic: Make) -> None:
 def test_without_current_the_values_at_zero_are_known(make_synthetic: Make) -> None:
     fit = identify(make_synthetic({**DEMO, "Fya": 100.0}, (0.0,), (0.5, 1.0, 2.0)))
     assert unknown(fit) == {"eta", "Fyb", "Cb_plus", "Cb_minus", "Kb"}
-    assert "every test ran without current" in fit.parameters["Fyb"].reason
+    assert "every test ran at 0 A" in fit.parameters["Fyb"].reason
     assert fit.parameters["Fya"].low < 100.0 < fit.parameters["Fya"].high  # type: ignore[operator] - identifiable, so not None
 
 
@@ -140,7 +140,7 @@ def test_a_small_part_in_a_direction_without_information_is_enough_to_be_untold(
 def test_a_bent_tanh_at_two_speeds_is_not_told_from_a_sign_function() -> None:
     fit = identify(triangles(DEMO, (0.2, 0.4), 0))
     assert {"beta", "delta", "Fya", "Fyb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus"} <= unknown(fit)
-    assert "with other yield and viscous forces, fit alike" in fit.parameters["Fyb"].reason
+    assert "with different yield and viscous forces, fit equally well" in fit.parameters["Fyb"].reason
 
 
 def test_a_saturated_tanh_is_called_a_sign_function(make_synthetic: Make) -> None:
@@ -175,4 +175,4 @@ def test_a_tanh_without_a_bend_is_called_a_straight_line(make_synthetic: Make) -
     known = information(FittedModel(model("asymmetric"), values, tuple(names)), tests, Weighting())
     reasons = explain(model("asymmetric"), known, values, tests, Weighting())
     assert {"beta", "delta", "Fya", "Fyb", "Ca_plus", "Ca_minus"} <= set(reasons)
-    assert "a straight line here (at most 0.08" in reasons["Fyb"]
+    assert "linear here (at most 0.08" in reasons["Fyb"]

@@ -104,22 +104,22 @@ def test_only_the_loops_of_a_held_out_run_are_scored(demo_points: list[RecordedP
     fit = identify(demo_points, holdout=[loop, *special])
     assert fit.holdout is not None
     assert [test.id for test in fit.holdout.per_test] == [loop.id]
-    with pytest.raises(IdentificationFailed, match="none of the 2 held-out points is a loop"):
+    with pytest.raises(IdentificationFailed, match="none of the 2 points is a loop"):
         identify(demo_points, holdout=special)
 
 
 def test_a_holdout_that_matches_nothing_or_everything_is_refused(demo_points: list[RecordedPoint]) -> None:
     with pytest.raises(IdentificationFailed, match="matches none of the 9 points"):
         identify(demo_points, holdout="waveform=triangle")
-    with pytest.raises(IdentificationFailed, match="nothing is left to fit"):
+    with pytest.raises(IdentificationFailed, match="no test remains to fit"):
         identify(demo_points, holdout="waveform=sine")
 
 
 def test_held_out_tests_that_are_none_are_refused_and_not_forgotten(demo_points: list[RecordedPoint]) -> None:
-    with pytest.raises(IdentificationFailed, match="nothing is held out: no test was given"):
+    with pytest.raises(IdentificationFailed, match="holdout: no test was given"):
         identify(demo_points, holdout=[])
     empty = Run(path=Path("other"), points=(replace(demo_points[0], verdict="invalid"),))
-    with pytest.raises(IdentificationFailed, match="nothing is held out: the run other holds no valid point"):
+    with pytest.raises(IdentificationFailed, match="holdout: the run other contains no valid point"):
         identify(demo_points, holdout=empty)
 
 
@@ -133,7 +133,7 @@ def test_a_recording_given_twice_is_refused(demo_points: list[RecordedPoint]) ->
 def test_unusable_points_are_left_out_with_a_warning(demo_points: list[RecordedPoint]) -> None:
     broken = replace(demo_points[0], verdict="invalid", reasons=("tripped",))
     fit = identify([broken, *demo_points[1:]])
-    assert fit.warnings == (f"{broken.id} left out: its recording is invalid (tripped)",)
+    assert fit.warnings == (f"{broken.id} not used: its recording is invalid (tripped)",)
 
 
 def test_unknown_methods_are_refused(demo_points: list[RecordedPoint]) -> None:

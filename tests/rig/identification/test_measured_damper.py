@@ -1,4 +1,4 @@
-"""The models on a real damper: what they foretell of motions they were not fitted to."""
+"""The models on a real damper: what they predict of motions they were not fitted to."""
 
 import os
 from collections.abc import Iterator

@@ -33,14 +33,14 @@ def _beyond_m(test: Measurement) -> np.ndarray:
 def test_noise_is_weighed_in_newtons(tests: list[Measurement]) -> None:
     fit = identify(tests, model="asymmetric")
     assert fit.weight == "1"
-    assert not any("counts alike" in text for text in fit.warnings)
+    assert not any("has equal weight" in text for text in fit.warnings)
 
 
 def test_misfit_is_weighed_by_each_tests_peak_and_said(tests: list[Measurement]) -> None:
     wrong = _with_stops(tests)
     fit = identify(wrong, model="asymmetric")
     assert fit.weight == "relative"
-    assert any("times the tests' scatter" in text for text in fit.warnings)
+    assert any("times the measurement noise" in text for text in fit.warnings)
     plain = identify(wrong, model="asymmetric", method=Method(weight="1"))
     assert plain.weight == "1"
     assert fit.error.nrmse_percent_of_peak < plain.error.nrmse_percent_of_peak
@@ -86,4 +86,4 @@ def test_samples_on_a_jump_of_the_model_are_no_misfit(make_synthetic: Callable[.
     assert fit.adequate
     assert fit.error.rmse_N > 10.0
     assert fit.weight == "1"
-    assert not any("counts alike" in text for text in fit.warnings)
+    assert not any("has equal weight" in text for text in fit.warnings)

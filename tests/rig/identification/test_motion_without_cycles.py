@@ -107,5 +107,5 @@ def test_a_share_of_the_time_is_read_and_an_absurd_one_refused() -> None:
     assert last_share("last 30 %") == pytest.approx(0.3)
     assert last_share(" last 12.5%") == pytest.approx(0.125)
     assert last_share("frequency_Hz=2") is None
-    with pytest.raises(IdentificationFailed, match="from 1 to 90 %"):
+    with pytest.raises(IdentificationFailed, match="1 to 90 %"):
         last_share("last 99 %")

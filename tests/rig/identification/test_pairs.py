@@ -1,4 +1,4 @@
-"""Each amplitude and frequency foretold from the others: the error of a fit that has not seen them."""
+"""Each amplitude and frequency predicted from the others: the error of a fit that has not seen them."""
 
 import json
 from collections.abc import Callable
@@ -52,11 +52,11 @@ def test_each_pair_has_the_error_of_a_fit_to_the_other_pairs(tests: list[Measure
 
 def test_what_cannot_be_left_out_is_refused_with_what_can(tests: list[Measurement]) -> None:
     one = [test for test in tests if test.frequency_Hz == 1.0]
-    with pytest.raises(IdentificationFailed, match=r"one amplitude and frequency.*current_A=1"):
+    with pytest.raises(IdentificationFailed, match=r"the same amplitude and frequency.*current_A=1"):
         identify(one, unseen="pairs")
-    with pytest.raises(IdentificationFailed, match="known: 'pairs'"):
+    with pytest.raises(IdentificationFailed, match="expected 'pairs'"):
         identify(tests, unseen="tests")
-    with pytest.raises(IdentificationFailed, match="without a series spring"):
+    with pytest.raises(IdentificationFailed, match="combined with a series spring"):
         identify(tests, unseen="pairs", series_spring=True)
     free = [replace(tests[0], waveform="random"), *tests[1:]]
     with pytest.raises(IdentificationFailed, match="last 30 %"):

@@ -62,11 +62,11 @@ def test_shape_parameters_stay_inside_the_range_of_the_fitted_ones(make_syntheti
 
 def test_one_current_all_models_and_currents_that_change_are_refused(make_synthetic: Make) -> None:
     tests = saturating(make_synthetic)
-    with pytest.raises(IdentificationFailed, match=r"two or more currents, and all ran at 0.5 A"):
+    with pytest.raises(IdentificationFailed, match=r"two or more currents, but all ran at 0.5 A"):
         identify(split(tests, 0.5)[1], model="kwok", current="per-current-affine")
-    with pytest.raises(IdentificationFailed, match="requires a single model"):
+    with pytest.raises(IdentificationFailed, match="needs one model"):
         identify(tests, model="all", current="per-current-affine")
-    with pytest.raises(IdentificationFailed, match="known: affine, per-current-affine"):
+    with pytest.raises(IdentificationFailed, match="expected one of affine, per-current-affine"):
         identify(tests, model="kwok", current="cubic")
     tests[0].current_A[: tests[0].current_A.size // 2] = 0.4
     with pytest.raises(IdentificationFailed, match=r"p001: its current changes from 0\.00 to 0\.40 A"):

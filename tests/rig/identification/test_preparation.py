@@ -82,7 +82,7 @@ def test_a_saturated_force_is_left_out_where_it_stands_and_warned_of(demo_points
 
 def test_a_force_saturated_in_most_of_the_test_is_refused(demo_points: list[RecordedPoint]) -> None:
     force = np.minimum(demo_points[4].force_samples.force_N, 50.0)
-    with pytest.raises(IdentificationFailed, match="at the end of the force's range, or missing; at most 20 %"):
+    with pytest.raises(IdentificationFailed, match="saturated or missing, expected at most 20 %"):
         prepare(with_force(demo_points[4], force))
 
 
@@ -90,7 +90,7 @@ def test_a_missing_current_falls_back_on_the_commanded_one(demo_points: list[Rec
     point = changed(demo_points[4], current=np.full(demo_points[4].samples, np.nan))
     measurement = prepare(point)
     assert np.all(measurement.current_A == 1.0)
-    assert any("no current was measured" in text for text in measurement.warnings)
+    assert any("no measured current" in text for text in measurement.warnings)
 
 
 def test_a_motion_that_fades_is_differentiated_locally(demo_points: list[RecordedPoint]) -> None:
@@ -113,9 +113,9 @@ def test_what_cannot_be_used_is_refused_by_name(demo_points: list[RecordedPoint]
         prepare(with_force(point, np.full_like(force, np.nan)))
     with pytest.raises(NoCycles, match="usable displacement samples"):
         prepare(changed(point, displacement=np.full(point.samples, np.nan)))
-    with pytest.raises(IdentificationFailed, match="nothing to identify from: t1 left out"):
+    with pytest.raises(IdentificationFailed, match="no point can be used for identification: t1 not used"):
         prepare_all([replace(point, id="t1", verdict="invalid", reasons=("x",))])
-    with pytest.raises(IdentificationFailed, match="holds no point"):
+    with pytest.raises(IdentificationFailed, match="contains no points"):
         prepare_all([])
 
 
@@ -124,7 +124,7 @@ def test_one_bad_point_does_not_keep_the_others_from_being_used(demo_points: lis
         [demo_points[1], replace(demo_points[2], verdict="invalid", reasons=("tripped",))]
     )
     assert len(measurements) == 1
-    assert warnings == [f"{demo_points[2].id} left out: its recording is invalid (tripped)"]
+    assert warnings == [f"{demo_points[2].id} not used: its recording is invalid (tripped)"]
 
 
 def test_two_cycles_are_used_whole_with_a_warning(
@@ -134,7 +134,7 @@ def test_two_cycles_are_used_whole_with_a_warning(
     inside = point.time_s < 0.5 + 2.0 * 3.2
     arrays = {name: values[inside] for name, values in (point.arrays or {}).items()}
     measurement = prepare(replace(point, arrays=arrays))
-    assert any("none could be dropped" in text for text in measurement.warnings)
+    assert any("none was discarded" in text for text in measurement.warnings)
     assert measurement.u_m.size == pytest.approx(1000, abs=4)
 
 
@@ -190,7 +190,7 @@ def test_data_that_break_an_assumption_leave_out_their_own_test_only(
                         else broken(point.time_s))  # fmt: skip
     kept, (warning,) = prepare_all([replace(demo_points[1], id="p1"), replace(demo_points[2], id="p2")])
     assert kept == [good]
-    assert warning.startswith("p2 left out: it cannot be evaluated")
+    assert warning.startswith("p2 not used: it cannot be evaluated")
 
 
 def test_a_drift_is_no_scatter_from_cycle_to_cycle(demo_points: list[RecordedPoint]) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rig.identification.models.measurement import samples_a_cycle
-from rig.identification.uncertainty.residuals import Residual, autocovariance, correlated, judge
+from rig.identification.uncertainty.residuals import Residual, assess_residual, autocovariance, correlated
 
 PERIOD, CYCLES = 125.3, 8
 TIME = np.arange(round(PERIOD * CYCLES))
@@ -16,7 +16,7 @@ BUMP = np.exp(-(((TIME % PERIOD) - 40.0) ** 2) / 50.0)
 
 
 def judged(values: np.ndarray) -> Residual:
-    return judge(values, ALL, U, 0.004)
+    return assess_residual(values, ALL, U, 0.004)
 
 
 def smooth(values: np.ndarray, length: int) -> np.ndarray:
@@ -64,7 +64,8 @@ def test_samples_that_do_not_count_change_nothing() -> None:
     noise = rng.normal(0.0, 5.0, TIME.size) + 8.0 * BUMP
     counting = rng.random(TIME.size) > 0.05
     spoiled = np.where(counting, noise, 1e6)
-    assert judge(spoiled, counting, U, 0.004).repeating_N == pytest.approx(judged(noise).repeating_N, rel=0.15)
+    expected = pytest.approx(judged(noise).repeating_N, rel=0.15)
+    assert assess_residual(spoiled, counting, U, 0.004).repeating_N == expected
 
 
 def test_cycles_are_counted_without_rounding() -> None:

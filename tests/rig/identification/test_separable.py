@@ -100,7 +100,7 @@ def test_a_published_algorithm_does_not_search_what_one_test_cannot_tell(name: s
     fit = identify(make_synthetic(DEMO, (1.0,), (1.0,)), method=Method(name, weight="1", budget=3000))
     untold = {"m", "Fyb", "Cb_plus", "Cb_minus", "Kb"}
     assert {key: fit.values[key] for key in untold} == dict.fromkeys(untold, 0.0)
-    assert all("taken as 0 here" in fit.parameters[key].reason for key in untold)
+    assert all("its value is set to 0" in fit.parameters[key].reason for key in untold)
     assert fit.values["Fya"] != 0.0
     assert name != "hybrid" or fit.error.rmse_N == pytest.approx(5.0, rel=0.05)
 

@@ -49,7 +49,7 @@ def test_a_rigid_mounting_shows_no_spring_and_changes_nothing(make_synthetic: Ma
 
 def test_a_spring_with_all_models_or_without_cycles_is_refused(make_synthetic: Make) -> None:
     tests = make_synthetic(DEMO, (0.0, 2.0), (1.0,))
-    with pytest.raises(IdentificationFailed, match="requires a single model"):
+    with pytest.raises(IdentificationFailed, match="needs one model"):
         identify(tests, model="all", series_spring=True)
     with pytest.raises(IdentificationFailed, match="p001: its cycles are unknown"):
         identify([replace(tests[0], samples_per_cycle=0), tests[1]], series_spring=True)

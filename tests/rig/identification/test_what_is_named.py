@@ -53,7 +53,7 @@ def test_a_force_that_follows_the_size_of_the_current_is_told_so(make_synthetic:
     named = identify(signed).diagnosis
     assert named[0].slug == "current-sign"
     assert named[0].explains > 0.95
-    assert "without their sign" in named[0].next
+    assert "as positive values" in named[0].next
 
 
 def test_what_a_model_lacks_over_speed_is_not_called_two_dampers(make_synthetic: Make) -> None:

@@ -349,8 +349,8 @@ def test_what_would_fit_always_fits(amplitude_m: float, frequency_Hz: float, wav
     )
     if would_fit_m is not None:
         assert would_fit_m <= amplitude_m
-        mended = one(f"{would_fit_m} m", f"{frequency_Hz} Hz", waveform=waveform, specimen=specimen)
-        assert only(plan(mended, PAPER))[0]
+        corrected = one(f"{would_fit_m} m", f"{frequency_Hz} Hz", waveform=waveform, specimen=specimen)
+        assert only(plan(corrected, PAPER))[0]
 
 
 def test_a_triangle_is_slower_than_the_sine_of_the_same_amplitude_and_rounds_its_corners_in_a_twentieth() -> None:

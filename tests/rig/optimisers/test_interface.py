@@ -120,17 +120,17 @@ def test_values_that_are_not_numbers_count_as_worst() -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        ({"method": "psso"}, r"method 'psso' is unknown \(did you mean 'pso'\?\)"),
-        ({"method": "c_foa", "kapa": 3}, r"c_foa has no setting 'kapa' \(did you mean 'kappa'\?\)"),
-        ({"method": "c_foa", "M": 1.5}, r"c_foa: M = 1.5 is not between"),
-        ({"method": "de", "strategy": 3}, r"de: strategy = 3 is neither 4 .* nor 5"),
-        ({"method": "pso", "bounds": [(0.0, 1.0)]}, r"bounds have shape \(1, 2\); 4 parameters need \(4, 2\)"),
-        ({"method": "pso", "bounds": [(1.0, 0.0)] + [(0.0, 1.0)] * 3}, r"bounds\[0\] = \(1, 0\)"),
-        ({"method": "pso", "start": [1.0]}, r"start has shape \(1,\); 4 parameters need \(4,\)"),
-        ({"method": "pso", "bounds": BOX, "start": [0.0, 11.0, 0.0, 0.0]}, r"start\[1\] = 11 is outside its bounds"),
-        ({"method": "ga", "population": 2}, r"population = 2 is not between 4"),
-        ({"method": "ga", "budget": 0}, r"budget = 0 is not between 1"),
-        ({"method": "hybrid", "first": "hybrid"}, r"hybrid: first = 'hybrid' would never start"),
+        ({"method": "psso"}, r"method: got 'psso' \(did you mean 'pso'\?\)"),
+        ({"method": "c_foa", "kapa": 3}, r"c_foa: got setting 'kapa' \(did you mean 'kappa'\?\)"),
+        ({"method": "c_foa", "M": 1.5}, r"c_foa: M: got 1.5, expected"),
+        ({"method": "de", "strategy": 3}, r"de: strategy: got 3, expected 4 .* or 5"),
+        ({"method": "pso", "bounds": [(0.0, 1.0)]}, r"bounds: got shape \(1, 2\), expected \(4, 2\)"),
+        ({"method": "pso", "bounds": [(1.0, 0.0)] + [(0.0, 1.0)] * 3}, r"bounds\[0\]: got \(1, 0\)"),
+        ({"method": "pso", "start": [1.0]}, r"start: got shape \(1,\), expected \(4,\)"),
+        ({"method": "pso", "bounds": BOX, "start": [0.0, 11.0, 0.0, 0.0]}, r"start\[1\]: got 11, expected -10 to 10"),
+        ({"method": "ga", "population": 2}, r"population: got 2, expected 4"),
+        ({"method": "ga", "budget": 0}, r"budget: got 0, expected 1"),
+        ({"method": "hybrid", "first": "hybrid"}, r"hybrid: first: got 'hybrid'"),
     ],
 )
 def test_a_wrong_search_is_refused_by_name_before_anything_is_evaluated(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rig.optimisers import bee_colony, differential_evolution, minimise
-from rig.optimisers.particle_swarm import Mood, ParticleSwarm, leaders_of, stopped_at_bounds
+from rig.optimisers.particle_swarm import ParticleSwarm, SwarmState, leaders_of, stopped_at_bounds
 
 if TYPE_CHECKING:
     from conftest import Bowl
@@ -35,21 +35,21 @@ def test_equation_20_adds_inertia_own_and_neighbours_pull() -> None:
 def test_equations_21_and_22_follow_the_stall_counter(
     stalls: int, better: bool, stalls_after: int, neighbours_after: int, inertia_after: float
 ) -> None:
-    after = Mood(inertia=0.5, neighbours=12, stalls=stalls, smallest=12, particles=50).after(better=better)
+    after = SwarmState(inertia=0.5, neighbours=12, stalls=stalls, smallest=12, particles=50).after(better=better)
     assert (after.stalls, after.neighbours, after.inertia) == (stalls_after, neighbours_after, inertia_after)
 
 
 def test_inertia_and_neighbourhood_stay_inside_their_limits() -> None:
-    mood = Mood(inertia=1.1, neighbours=48, stalls=0, smallest=12, particles=50)
-    assert mood.after(better=True).inertia == 1.1
-    assert mood.after(better=False).neighbours == 50
-    assert Mood(0.15, 12, 9, 12, 50).after(better=False).inertia == 0.1
+    swarm = SwarmState(inertia=1.1, neighbours=48, stalls=0, smallest=12, particles=50)
+    assert swarm.after(better=True).inertia == 1.1
+    assert swarm.after(better=False).neighbours == 50
+    assert SwarmState(0.15, 12, 9, 12, 50).after(better=False).inertia == 0.1
 
 
 def test_as_matlabs_page_words_it_inertia_waits_for_an_improvement() -> None:
-    mood = Mood(inertia=1.0, neighbours=12, stalls=9, smallest=12, particles=50)
-    assert mood.after(better=False, always=False).inertia == 1.0
-    assert mood.after(better=True, always=False).inertia == 0.5
+    swarm = SwarmState(inertia=1.0, neighbours=12, stalls=9, smallest=12, particles=50)
+    assert swarm.after(better=False, always=False).inertia == 1.0
+    assert swarm.after(better=True, always=False).inertia == 0.5
 
 
 def test_a_leader_is_the_best_of_the_particle_itself_and_the_neighbours_drawn() -> None:

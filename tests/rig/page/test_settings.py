@@ -22,7 +22,7 @@ def test_another_address_needs_a_certificate(address: str) -> None:
 
 @pytest.mark.parametrize("address", ["0.0.0.0:8080", "::", "[::]:80", "*", "", "http://rig-pc.lab", "fd00::2"])
 def test_an_address_that_no_browser_opens_is_refused(address: str) -> None:
-    with pytest.raises(PageProblem, match="one name or address"):
+    with pytest.raises(PageProblem, match="the name or address"):
         PageSettings(address).context()
 
 

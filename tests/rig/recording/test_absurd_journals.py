@@ -261,7 +261,7 @@ def test_a_journal_that_wants_all_memory_is_refused_it(campaign: Path) -> None:
 
 
 @pytest.fixture
-def leftovers(campaign: Path) -> Path:
+def stray_files(campaign: Path) -> Path:
     """A campaign in which data lie under every name there is."""
     points = campaign / "points"
     written(points / "p001.journal")
@@ -278,10 +278,10 @@ def leftovers(campaign: Path) -> Path:
     return campaign
 
 
-def test_recovery_knows_every_name_under_which_data_can_lie(leftovers: Path) -> None:
-    points = leftovers / "points"
+def test_recovery_knows_every_name_under_which_data_can_lie(stray_files: Path) -> None:
+    points = stray_files / "points"
     before = (points / "p001.h5").read_bytes()
-    answers = recover(leftovers)
+    answers = recover(stray_files)
     assert [(answer.id, answer.verdict, answer.error) for answer in answers] == [
         (name, "valid", "") for name in ("p002-attempt2", "p002", "loop-2", "p001", "p003")
     ]
@@ -290,7 +290,7 @@ def test_recovery_knows_every_name_under_which_data_can_lie(leftovers: Path) -> 
     ]
     assert (points / "p001.h5").read_bytes() == before, "what stands in its place stays"
     assert RecordedPoint.open(points / "loop-2.h5").id == "loop-2"
-    assert recover(leftovers) == []
+    assert recover(stray_files) == []
 
 
 def test_a_damaged_file_in_a_points_place_does_not_keep_its_journal_from_being_finished(campaign: Path) -> None:

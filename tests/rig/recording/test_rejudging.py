@@ -50,9 +50,9 @@ def test_what_all_points_prove_is_written_into_each_of_them_and_no_sample_is_tou
     paths = [record(tmp_path, number, 1.05 + 0.01 * random.standard_normal()) for number in range(10)]
     paths.append(record(tmp_path, 10, 1.05, **Verdict.of([kept]).attributes))
     before = [values_of(path) for path in paths]
-    mended = list(judge_together(tmp_path))
-    assert [point.id for point in mended] == [path.stem for path in paths]
-    for path, point in zip(paths, mended, strict=True):
+    corrected = list(judge_together(tmp_path))
+    assert [point.id for point in corrected] == [path.stem for path in paths]
+    for path, point in zip(paths, corrected, strict=True):
         read = RecordedPoint.open(path)
         assert (read.verdict, read.reasons) == (point.verdict, point.reasons)
         assert read.verdict == "suspect"
@@ -60,7 +60,7 @@ def test_what_all_points_prove_is_written_into_each_of_them_and_no_sample_is_tou
         assert any("load cell" in line and "controller's force input" in line for line in read.reasons)
         assert read.quality.judged_again_utc is not None
         assert read.quality.force.reference_offset == 0.3
-    assert "skew" in mended[-1].reasons[0] + mended[-1].reasons[1]
+    assert "skew" in corrected[-1].reasons[0] + corrected[-1].reasons[1]
     assert [values_of(path) for path in paths] == before
     assert not list(tmp_path.glob("*.tmp"))
     assert len(doubts(RecordedPoint.open(path, whole=False) for path in paths)) == 1
@@ -79,8 +79,8 @@ def test_a_doubt_of_one_point_that_the_campaign_takes_back_is_taken_back(tmp_pat
     told = suspect("zero-drift", "said by an earlier judgement")
     for number in range(6):
         record(tmp_path, number, 1.0, 0.002, **(Verdict.of([told]).attributes if number == 3 else {}))
-    mended = list(judge_together(tmp_path))
-    assert [(point.id, point.verdict, point.reasons) for point in mended] == [("p003", "valid", ())]
+    corrected = list(judge_together(tmp_path))
+    assert [(point.id, point.verdict, point.reasons) for point in corrected] == [("p003", "valid", ())]
 
 
 def test_a_stopped_point_neither_says_anything_nor_is_judged_again(tmp_path: Path) -> None:

@@ -77,9 +77,9 @@ def test_paths_that_are_no_run_are_told_apart(run: Run, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileProblem, match="not a run"):
         Run.open(tmp_path / "empty")
-    leftover = tmp_path / "broken" / "points"
-    leftover.mkdir(parents=True)
-    (leftover / "p001.journal").touch()
+    points = tmp_path / "broken" / "points"
+    points.mkdir(parents=True)
+    (points / "p001.journal").touch()
     with pytest.raises(FileProblem, match="rig recover"):
         Run.open(tmp_path / "broken")
 

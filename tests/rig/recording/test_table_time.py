@@ -75,7 +75,7 @@ REFUSED: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
         lambda: table(pd.DatetimeIndex([pd.NaT, *(START + pd.to_timedelta(TIME_S[1:], "s"))])), "must increase",
     ),
     "not finite": (lambda: table(pd.Index([*TIME_S[:-1], np.inf], name="time_s")), "must increase"),
-    "one row": (lambda: table(pd.Index(TIME_S, name="time_s")).iloc[:1], "two rows or more"),
+    "one row": (lambda: table(pd.Index(TIME_S, name="time_s")).iloc[:1], "at least two rows"),
     "a force of texts": (lambda: table(TIME_S).assign(force=["ok"] * len(TIME_S)), "column 'force' must hold numbers"),
 }  # fmt: skip
 

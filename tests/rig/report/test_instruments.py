@@ -76,7 +76,7 @@ def test_every_instrument_is_compared_with_numbers_or_said_not_to_be(folder: Pat
     assert "no second current sensor" in named["ECU's current measurement", "sensitivity"][2]
     assert "mA" in named["ECU's current measurement", "zero"][3]
     assert named["pressure", "everything"][5] == "not cross-checked"
-    assert named["LVDT", "time, beyond both declared delays"][5] == "not cross-checked"
+    assert named["LVDT", "delay in addition to the declared delays"][5] == "not cross-checked"
     assert all(row[3] != "" for row in rows)
 
 
@@ -84,7 +84,7 @@ def test_what_is_too_uncertain_is_not_said_to_agree(folder: Path) -> None:
     for number in range(1, 4):
         record(folder, number, force_matched_lag_s=-1.5e-3, force_matched_lag_std_s=9e-4, force_reference_gain_std=0.03)
     named = {(row[0], row[1]): row for row in rows_of(page(folder))}
-    for what in ("sensitivity", "time, beyond both declared delays"):
+    for what in ("sensitivity", "delay in addition to the declared delays"):
         row = named["load cell", what]
         assert row[5] == "not cross-checked"
         assert "too uncertain" in row[2]

@@ -121,7 +121,7 @@ def test_a_band_has_a_gap_where_no_draw_follows_the_road_and_says_nothing_of_it(
 
 
 def test_a_model_that_was_given_up_says_why() -> None:
-    reason = "dahl: given up after 40 evaluations: its error, 42.5 N, is 8.0 times that of the best model before it"
+    reason = "dahl: stopped after 40 evaluations: its error, 42.5 N, is 8.0 times that of the best model so far"
     scores = (ModelScore("bingham", 1.1, 40054.0), ModelScore("dahl", reason=reason))
     fit = FitRecord("bingham", {}, evaluation=Evaluation(selection=scores))
     assert fragment(parameters(fit)).count(reason) == 1

@@ -59,7 +59,7 @@ def fit_of(**changes: object) -> dict[str, Any]:
         name: {"value": value, "unit": model.parameter(name).unit, "low": value - 1.0, "high": value + 1.0,
                "identifiable": name != "eta"} for name, value in TRUE.items()
     }
-    parameters["eta"] |= {"low": None, "high": None, "reason": "every test held its current constant"}
+    parameters["eta"] |= {"low": None, "high": None, "reason": "the current was constant in every test"}
     per_test = [{"id": "p001", "file": "", "rmse_N": 1.0, "nrmse_percent_of_peak": 0.321}]
     return {
         "model": "asymmetric", "method": "separable", "hysteresis": "kwok", "parameters": parameters,
@@ -148,7 +148,7 @@ def test_what_cannot_be_identified_stands_apart_with_its_reason(run: Path) -> No
     page = written(run, fit_of())
     apart = page[page.index("Not identifiable"):]
     assert "eta" in apart
-    assert "every test held its current constant" in apart
+    assert "the current was constant in every test" in apart
     assert "the coil" in apart or "lag" in apart
 
 

@@ -81,17 +81,18 @@ def test_every_entry_is_scored_on_pairs_it_has_not_seen(benchmark_file: Path, tm
     with (tmp_path / "out/tables/benchmark.csv").open() as file:
         rows = {(row["model"], row["method"]): row for row in csv.DictReader(file)}
     assert set(rows) == {
-        ("mean cycle of each unseen test (the floor)", "no model"), ("gradient boosting", "no model"),
+        ("mean cycle of each validation test (noise floor)", "no model"), ("gradient boosting", "no model"),
         ("asymmetric", "separable"), ("bingham", "separable"), ("bingham", "de"), ("published", "somebody"),
     }  # fmt: skip
-    unseen = {key: float(row["unseen NRMSE / % of peak"]) for key, row in rows.items() if row["model"] != "published"}
+    score = "validation NRMSE / % of peak"
+    unseen = {key: float(row[score]) for key, row in rows.items() if row["model"] != "published"}
     assert unseen["asymmetric", "separable"] < 6.0  # 5 N of noise on forces of 70 N and more
     assert unseen["bingham", "separable"] > 2.0 * unseen["asymmetric", "separable"]
     assert int(rows["bingham", "de"]["evaluations"]) <= 3 * 60  # a search of 60 evaluations for each of three pairs
     for key in (("asymmetric", "separable"), ("bingham", "separable"), ("bingham", "de")):
         row = rows[key]  # of three pairs the fastest lies beyond the others
-        assert float(row["without those beyond the data / % of peak"]) != float(row["unseen NRMSE / % of peak"])
-        assert ("(beyond the data: velocity)" in row["note"]) == row["note"].startswith("worst: 2Hz")
+        assert float(row["without extrapolated tests / % of peak"]) != float(row["validation NRMSE / % of peak"])
+        assert ("(extrapolated: velocity)" in row["note"]) == row["note"].startswith("worst: 2Hz")
     order = [float(row[3]) for row in outcome.table.rows if isinstance(row[3], float)]
     assert order == sorted(order)
     assert "https://example.org/sines" in (tmp_path / "out/study.json").read_text()
@@ -106,7 +107,7 @@ def test_missing_recordings_are_named_with_their_source(benchmark_file: Path, tm
     assert isinstance(result.exception, FileProblem)
     (problem,) = result.exception.problems
     assert "1 of 6 files missing (1Hz_0A.csv)" in problem
-    assert "other bytes than the benchmark's (SHA-256) in 2Hz_1A.csv" in problem
+    assert "SHA-256 differs from the benchmark's in 2Hz_1A.csv" in problem
     assert "https://example.org/sines (licence: MIT)" in problem
     assert "SINES_OF_THIS_TEST" in problem
     assert not (tmp_path / "out").exists()
@@ -119,7 +120,7 @@ def test_a_wrong_benchmark_file_is_refused_with_every_wrong_entry(benchmark_file
         load_benchmark(benchmark_file)
     assert len(error.value.problems) == 3
     benchmark_file.write_text(text.replace("leave-one-pair-out", "last 30 %"))
-    with pytest.raises(FileProblem, match="goes with cycles"):
+    with pytest.raises(FileProblem, match="needs motion with cycles"):
         load_benchmark(benchmark_file)
 
 

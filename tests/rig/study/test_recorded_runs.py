@@ -63,19 +63,19 @@ def test_friction_tests_are_no_loops_and_enter_no_objective(
     friction_point(run_folder, "p006")
     bench = Workbench(load_study(study_of(run_folder)))
     assert [test.id for test in bench.tests] == ["p001", "p002", "p003", "p004"]
-    with pytest.raises(FileProblem, match="none of the 1 points is a loop: a study fits loops only"):
+    with pytest.raises(FileProblem, match="none of the 1 points is a loop, expected at least one"):
         Workbench(load_study(study_of(run_folder, 'select = "frequency_Hz=0.5"')))
 
 
 def test_a_filter_chooses_the_points(run_folder: Path) -> None:
     bench = Workbench(load_study(study_of(run_folder, 'select = "frequency_Hz=2"')))
     assert [test.id for test in bench.tests] == ["p002", "p004"]
-    with pytest.raises(FileProblem, match=r"\[data\] select: 'frequency_Hz=7' fits none of the 5 points"):
+    with pytest.raises(FileProblem, match=r"\[data\] select: 'frequency_Hz=7' matches none of the 5 points"):
         Workbench(load_study(study_of(run_folder, 'select = "frequency_Hz=7"')))
 
 
 def test_points_that_are_all_invalid_are_refused_with_their_reasons(run_folder: Path) -> None:
-    with pytest.raises(FileProblem, match=r"none of the points is valid: p005 left out: invalid \(estop: held\)"):
+    with pytest.raises(FileProblem, match=r"no point is valid: p005 not used: invalid \(estop: held\)"):
         Workbench(load_study(study_of(run_folder, 'select = "current_A=2"')))
 
 
@@ -86,18 +86,18 @@ def test_runs_of_different_specimens_are_refused(run_folder: Path, tmp_path: Pat
     (other / "campaign.json").write_text(json.dumps({"specimen": "MR-002"}))
     path = study_of(run_folder)
     path.write_text(path.read_text().replace(f'"{run_folder}"]', f'"{run_folder}", "{other}"]', 1))
-    with pytest.raises(FileProblem, match=r"different specimens \(MR-001, MR-002\): one study, one damper"):
+    with pytest.raises(FileProblem, match=r"got specimens MR-001, MR-002, expected one"):
         Workbench(load_study(path))
 
 
 def test_a_current_without_a_test_is_refused_and_not_replaced_by_the_nearest(run_folder: Path) -> None:
     path = study_of(run_folder, currents='"0 A", "0.9 A"', current_select='select = "frequency_Hz=1"')
-    with pytest.raises(FileProblem, match=r"0\.9 A: no test was run at it; there are tests at 0 A, 1 A"):
+    with pytest.raises(FileProblem, match=r"0\.9 A: no test at this current; the tested currents are 0 A, 1 A"):
         Workbench(load_study(path))
 
 
 def test_two_tests_at_a_current_are_refused_with_how_to_choose(run_folder: Path) -> None:
-    with pytest.raises(FileProblem, match=r"0 A: 2 tests \(p001 .*, p002 .*\), one is fitted: choose it by select"):
+    with pytest.raises(FileProblem, match=r"0 A: 2 tests \(p001 .*, p002 .*\), expected one. Fix: choose it by select"):
         Workbench(load_study(study_of(run_folder, currents='"0 A", "1 A"')))
 
 
@@ -134,8 +134,8 @@ def test_the_files_box_is_searched_and_a_parameter_at_its_edge_is_named(run_fold
 @pytest.mark.parametrize(
     ("bounds", "message"),
     [
-        ("bounds = { c9 = [0, 1] }", "'c9' is not searched; searched are c0, k0, x0, alpha, gamma, beta, n"),
-        ("bounds = { c0 = [2, 1] }", r"c0 = \[2, 1\]: the first must be lower"),
+        ("bounds = { c9 = [0, 1] }", "bounds: got 'c9', expected one of c0, k0, x0, alpha, gamma, beta, n"),
+        ("bounds = { c0 = [2, 1] }", r"c0 = \[2, 1\]: expected the first below"),
     ],
 )
 def test_a_wrong_box_is_refused(run_folder: Path, bounds: str, message: str) -> None:

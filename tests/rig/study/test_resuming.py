@@ -84,7 +84,7 @@ def test_ctrl_c_ends_a_study_with_one_line_and_keeps_what_is_finished(small_stud
         os.kill(process.pid, signal.SIGINT)
         _, errors = process.communicate(timeout=60)
     assert process.returncode == 4
-    assert f"stopped by operator: what is finished is kept in {out}; the same command continues" in errors
+    assert f"stopped by operator: finished results are kept in {out}; the same command continues" in errors
     assert "Traceback" not in errors
     assert len(keys(out)) >= 1
 
@@ -92,7 +92,7 @@ def test_ctrl_c_ends_a_study_with_one_line_and_keeps_what_is_finished(small_stud
 def test_a_second_session_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     with (
         ResultsFile(tmp_path / "results.jsonl", "a"),
-        pytest.raises(FileProblem, match="another `rig study` is working on it"),
+        pytest.raises(FileProblem, match="another `rig study` uses this folder"),
     ):
         ResultsFile(tmp_path / "results.jsonl", "a")
 
@@ -100,5 +100,5 @@ def test_a_second_session_in_the_same_folder_is_refused(tmp_path: Path) -> None:
 def test_results_of_an_older_layout_are_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "results.jsonl"
     path.write_text('{"format":1,"fingerprint":"a"}\n')
-    with pytest.raises(FileProblem, match="line 1: format 1, this version writes 2"):
+    with pytest.raises(FileProblem, match="line 1: format: got 1, expected 2"):
         ResultsFile(path, "a")

@@ -215,7 +215,7 @@ def test_skyhook_shakes_the_body_less_than_the_same_current_held() -> None:
 
 def test_a_road_of_other_wheels_or_with_holes_in_its_numbers_is_refused() -> None:
     car = DrivenCar(structure(car_of("quarter")), SMOOTH)
-    with pytest.raises(ValueError, match="under 1 wheels"):
+    with pytest.raises(ValueError, match="expected 1 wheels"):
         car.drive(np.zeros((5, 2)), np.zeros((5, 2)), 1e-3)
     with pytest.raises(ValueError, match="finite"):
         car.drive(np.full((5, 1), np.nan), np.zeros((5, 1)), 1e-3)

@@ -113,9 +113,9 @@ def test_a_ride_beyond_the_fitted_tests_says_in_what_and_for_how_long(tmp_path: 
     assert 0.05 < somewhere["velocity_m_s"] < 0.95
     assert somewhere["current_A"] == 1.0  # 0 A all the time
     page = out.read_text(encoding="utf-8")
-    assert f"{narrow}: beyond its tests (velocity " in page
+    assert f"{narrow}: outside the tested range (velocity " in page
     assert "current 1e+02 %" not in page
-    assert f"{path}: this fit does not say what its tests covered" in page
+    assert f"{path}: this fit does not state its tested range" in page
     assert f"{quiet}: " not in page
 
 
@@ -143,7 +143,7 @@ def test_the_name_of_a_parameter_set_is_the_set_and_a_folder_called_so_is_named(
     (tmp_path / PAPER[0]).mkdir()
     a_fit(tmp_path / PAPER[0] / "fit.json", 0.02)
     named = fitted_damper(PAPER[0], 0)
-    assert named.remark == f"a parameter set: no interval; for what is called so in this folder write ./{PAPER[0]}"
+    assert named.remark == f"a parameter set: no interval; for the file or folder of this name write ./{PAPER[0]}"
     assert named.damper.values["Ca_plus"] != 900.0
     assert fitted_damper(f"./{PAPER[0]}", 0).damper.values["Ca_plus"] == 900.0
 
@@ -178,7 +178,7 @@ def test_the_terminal_tells_differences_numbers_and_that_the_car_is_an_estimate(
         (("no-such-damper",), "cfoa-table5-fit1"),
         (("cfoa-table5-fit1", "--car", "no-such-car"), "compact-suv"),
         (("cfoa-table5-fit1", "--road", "no-such-road"), "paper-sweep"),
-        (("cfoa-table5-fit1", "cfoa-table5-fit1"), "named twice"),
+        (("cfoa-table5-fit1", "cfoa-table5-fit1"), "given twice"),
     ],
 )
 def test_what_is_not_known_is_refused_with_what_is(arguments: tuple[str, ...], word: str) -> None:
@@ -192,11 +192,11 @@ def test_a_fit_that_puts_energy_in_is_refused_by_name(tmp_path: Path, road: str)
     for name in ("Ca_plus", "Ca_minus"):
         fit["parameters"][name]["value"] = -9000.0
     (tmp_path / "fit.json").write_text(json.dumps(fit))
-    with pytest.raises(Exception, match="swings up without end") as caught:
+    with pytest.raises(Exception, match="grows without bound") as caught:
         ride(str(tmp_path), "--road", road)
     assert getattr(caught.value, "slug", None) == "ride"
-    assert "this damper puts energy in (its force drives the rod at " in str(caught.value)
-    assert "m/s and 0 A); ways out: tests at" in str(caught.value)
+    assert "this damper adds energy (its force drives the rod at " in str(caught.value)
+    assert "m/s and 0 A). Fix: use tests at" in str(caught.value)
 
 
 def test_fits_for_each_current_are_refused_with_the_way_out(tmp_path: Path) -> None:
@@ -211,5 +211,5 @@ def test_currents_beyond_any_coil_and_empty_fits_are_refused(tmp_path: Path) -> 
     (tmp_path / "fit.json").write_text('{"model": "asymmetric", "parameters": {"m": {"value": null}}}')
     with pytest.raises(Exception, match="no value for m, F0"):
         ride(str(tmp_path))
-    with pytest.raises(Exception, match="there is no fit in this run"):
+    with pytest.raises(Exception, match="this run has no fit"):
         ride(str(tmp_path.parent))

@@ -111,7 +111,7 @@ def test_a_bad_road_file_says_every_problem(tmp_path: Path) -> None:
     for word in ("speed", "last_frequency", "phase_deg", "wobble", "line 3", "line 5", "line 6", "line 7"):
         assert word in text, (word, text)
     path.write_text('format = 1\nname = "x"\n[sweep]\n[random]\nclass = "A"\n')
-    assert "2 are given" in problems_of(path, "road")
+    assert "got 2" in problems_of(path, "road")
     path.write_text('format = 1\nname = "x"\n[random]\nclass = "A"\n')
     assert "speed" in problems_of(path, "road")
     assert "known: bump" in problems_of(tmp_path / "iso8608-z", "road")
@@ -124,7 +124,7 @@ def test_a_bad_road_file_says_every_problem(tmp_path: Path) -> None:
         ("distance_m,left\n0,0\n0,0\n", "line 3"),
         ("distance_m,left\n0,0\n1,nan\n", "finite"),
         ("distance_m,left\n0,0\n", "two rows"),
-        ("distance_m,left\n0,a\n1,0\n", "not a table"),
+        ("distance_m,left\n0,a\n1,0\n", "non-numeric"),
     ],
 )
 def test_a_bad_profile_says_what_is_wrong(tmp_path: Path, csv: str, word: str) -> None:
@@ -152,9 +152,9 @@ def test_a_car_without_what_its_kind_needs_or_with_an_inertia_it_cannot_have_is_
     text = problems_of(path, "car")
     assert text.count("is missing; a full car needs it") == 3, text
     path.write_text(shipped.read_text().replace('"900 kg m^2"', '"90000 kg m^2"'))
-    assert "too large" in problems_of(path, "car")
+    assert "got more than" in problems_of(path, "car")
     path.write_text(shipped.read_text().replace('kind = "full"', 'kind = "half"'))
-    assert 'say kind = "full"' in problems_of(path, "car")
+    assert 'set kind = "full"' in problems_of(path, "car")
 
 
 def test_a_half_car_is_the_left_side() -> None:

@@ -1,6 +1,6 @@
 """A changed line of the program, in force for a while: the functions that it changes get other code.
 
-Every module keeps the functions that it has, whoever imported them; so nothing is copied and nothing is loaded anew.
+Every module keeps its functions, also where they were imported; so nothing is copied and nothing is loaded anew.
 """
 
 from __future__ import annotations

@@ -36,7 +36,9 @@ MANY = 2_000_000  # samples from which residuals are kept in single precision, f
 WORTHWHILE = 1.0  # reduction of the weighted sum of squares, in variances of the noise, below which nothing changes
 
 
-def leftovers(fitted: FittedModel, measurements: Sequence[Measurement], weighting: Weighting) -> list[FloatArray]:
+def corrected_residuals(
+    fitted: FittedModel, measurements: Sequence[Measurement], weighting: Weighting
+) -> list[FloatArray]:
     """Residual force (N) of each test, shape (n,), less what its stated skew explains.
 
     Args:
@@ -127,7 +129,7 @@ def _cleaned(
     return left
 
 
-MOST_SAMPLES = 32768  # of a test: sums over many cycles are foretold by every so-many-th sample,
+MOST_SAMPLES = 32768  # of a test: sums over many cycles are predicted by every so-many-th sample,
 FEWEST_A_CYCLE = 400  # so long as each cycle keeps so many
 MOST_ORDERS = 10  # of a model with internal states, whose force has to be integrated anew for each
 

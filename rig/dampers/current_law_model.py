@@ -22,7 +22,7 @@ _SHARED = ("states", "positions", "memories", "energy", "forms", "jumps_at", "re
            "apart_at_one_current")  # fmt: skip
 
 
-class LawedModel(DamperModel):
+class CurrentLawModel(DamperModel):
     """A model with a current law; its name is both, such as `asymmetric+saturating`.
 
     Attributes:
@@ -87,7 +87,9 @@ class LawedModel(DamperModel):
         Raises:
             NotImplementedError: always; a fit searches the law about fits of the base model.
         """
-        raise NotImplementedError(f"{self.name}: its law is searched for, and {self.base.name} fitted behind it")
+        raise NotImplementedError(
+            f"{self.name}: its current law is searched; {self.base.name} is fitted for each candidate law"
+        )
 
     def initial_state(self, u_m: float = 0.0) -> FloatArray:
         """See `DamperModel.initial_state`."""
@@ -129,16 +131,16 @@ def with_law(base: DamperModel, law_text: str) -> DamperModel:
     law = current_law(law_text)
     if law is None:
         return base
-    if isinstance(base, LawedModel):
+    if isinstance(base, CurrentLawModel):
         return with_law(base.base, law_text)
     names: dict[str, Any] = {name: getattr(base, name) for name in _SHARED}
     names["name"] = f"{base.name}{PLUS}{law.text}"
-    names["equation"] = f"{base.equation}, here with x for I, {law.formula}"
+    names["equation"] = f"{base.equation}, with x in place of I, {law.formula}"
     names["demonstration"] = {**base.demonstration, **law.demonstration}
-    made: DamperModel = type("LawedModel", (LawedModel,), names)(base, law)
+    made: DamperModel = type("CurrentLawModel", (CurrentLawModel,), names)(base, law)
     return made
 
 
 def base_of(model: DamperModel) -> DamperModel:
     """The model without its current law."""
-    return model.base if isinstance(model, LawedModel) else model
+    return model.base if isinstance(model, CurrentLawModel) else model

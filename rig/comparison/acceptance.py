@@ -83,7 +83,7 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class AcceptanceResult:
     """All results, by band and run."""
 
     bands: Bands
@@ -107,7 +107,7 @@ class Judgement:
         }  # fmt: skip
 
 
-def judge(bands: Bands, runs: Sequence[RunReadings], file: str = "bands") -> Judgement:
+def evaluate(bands: Bands, runs: Sequence[RunReadings], file: str = "bands") -> AcceptanceResult:
     """Hold every run against every band.
 
     Args:
@@ -119,7 +119,7 @@ def judge(bands: Bands, runs: Sequence[RunReadings], file: str = "bands") -> Jud
         FileProblem: a band needs a second run, or a parameter's unit is not that of the fit.
     """
     problems = [] if len(runs) > 1 or not bands.changes else [
-        "most_change is the change against another run: give two runs (before, after)"
+        "most_change is the change relative to another run. Fix: give two runs (before, after)"
     ]
     problems += list(dict.fromkeys(_wrong_units(bands, runs)))
     if problems:
@@ -131,9 +131,9 @@ def judge(bands: Bands, runs: Sequence[RunReadings], file: str = "bands") -> Jud
             if band.low is not None or band.high is not None:
                 results += [_result(bands, band, run, value) for value in values]
             if band.most_change is not None and index > 0:
-                values += _gone(key, band, run, runs[0])
+                values += _missing(key, band, run, runs[0])
                 results += [_changed(bands, band, run, value, runs[0], key) for value in values]
-    return Judgement(bands, tuple(results))
+    return AcceptanceResult(bands, tuple(results))
 
 
 @dataclass(frozen=True)
@@ -173,14 +173,14 @@ def _values(key: str, band: Band, run: RunReadings) -> Iterator[_Value]:
         return
     loops = _chosen(key, band, run.loops)
     if not loops:
-        yield _Value(key, unit, band.where or "any loop", NONE, why="no valid point of the run is such a test")
+        yield _Value(key, unit, band.where or "any loop", NONE, why="the run has no valid point with this test")
         return
     for loop in loops:
         known = loop.values.get(key)
-        why = "could not be measured there" if known is None else ""
+        why = "not measurable in these points" if known is None else ""
         yield _Value(key, unit, loop.motion.label, known or NONE, loop.ids, why, loop)
     for loop in _chosen(key, band, run.lacking):
-        yield _Value(key, unit, loop.motion.label, NONE, loop.ids, "no point of this motion is valid", loop)
+        yield _Value(key, unit, loop.motion.label, NONE, loop.ids, "no point with this motion is valid", loop)
     if run.not_recorded and not band.where:
         why = f"{len(run.not_recorded)} planned point(s) were not recorded: the campaign ended early"
         yield _Value(key, unit, "any loop", NONE, why=why)
@@ -192,13 +192,13 @@ def _chosen(key: str, band: LoopBand, loops: Sequence[LoopReading]) -> list[Loop
     return [loop for loop in loops if band.holds(loop) and not (passive and loop.motion.current_A == 0.0)]
 
 
-def _gone(key: str, band: Band, run: RunReadings, first: RunReadings) -> list[_Value]:
+def _missing(key: str, band: Band, run: RunReadings, first: RunReadings) -> list[_Value]:
     """Motions that the first run has and a band is about, but that a later run was not tested with."""
     if not isinstance(band, LoopBand) or band.point is not None or not _chosen(key, band, run.loops):
         return []
     told = (*run.loops, *run.lacking)
     return [
-        _Value(key, QUANTITIES[key].unit, loop.motion.label, NONE, (), f"{run.name} was not tested so", loop)
+        _Value(key, QUANTITIES[key].unit, loop.motion.label, NONE, (), f"{run.name} does not contain this test", loop)
         for loop in _chosen(key, band, first.loops) if not any(loop.motion.same_as(other.motion) for other in told)
     ]
 
@@ -212,7 +212,7 @@ def _parameter(band: ParameterBand, run: RunReadings) -> _Value:
 
 
 def _result(bands: Bands, band: Band, run: RunReadings, value: _Value) -> Result:
-    return _judged(Result(
+    return _evaluated(Result(
         value.quantity, run.name, value.where, value.points, value.reading.value, value.reading.expanded,
         band.low, band.high, value.unit, State.MISSING, value.why, band.note,
     ), bands, complete=value.reading.complete)
@@ -224,16 +224,16 @@ def _changed(
     """A value's change against the first run's, in percent."""
     most = 100.0 * (band.most_change or 0.0)
     before = _before(band, value, first, key)
-    same = "it is the same run as the first: nothing can have changed" if run.identity == first.identity else ""
+    same = "it is the first run itself: identical data cannot show a change" if run.identity == first.identity else ""
     why = value.why or same or ("" if before is not None else f"{first.name} has no such value")
     known = None if why or before is None else change(
         before, value.reading, same_gauge=bool(run.load_cell) and run.load_cell == first.load_cell,
         moved=_transfer(key, value, first),
     )  # fmt: skip
     if known is not None and not math.isfinite(known.percent):
-        why = "the first run's value is not significantly different from 0: it has no relative change"
+        why = "the value of the first run does not differ significantly from 0, so a relative change is undefined"
     known = known or Change(math.nan, math.nan, math.nan, math.nan)
-    return _judged(Result(
+    return _evaluated(Result(
         value.quantity, run.name, value.where, value.points, known.percent, 2.0 * known.percent_std, -most, most,
         PERCENT, State.MISSING, why, band.note, change=True,
     ), bands, complete=math.isfinite(known.percent_std))
@@ -255,14 +255,16 @@ def _before(band: Band, value: _Value, first: RunReadings, key: str) -> Reading 
     return None if loop is None else loop.values.get(key)
 
 
-def _judged(result: Result, bands: Bands, *, complete: bool) -> Result:
+def _evaluated(result: Result, bands: Bands, *, complete: bool) -> Result:
     """The result with its state."""
     if result.why or not math.isfinite(result.value):
         return result
     state, why = (State.PASSED if result.margin >= 0.0 else State.FAILED), ""
     if bands.decision == "guarded" and state == State.PASSED:
         if not complete:
-            state, why = State.UNSURE, "its uncertainty is not wholly known: scatter, or a sensor's calibration"
+            state, why = State.UNSURE, (
+                "its uncertainty is not completely known (scatter, or the calibration of a sensor)"
+            )
         elif result.margin < result.expanded:
-            state, why = State.UNSURE, "the margin is less than the expanded uncertainty"
+            state, why = State.UNSURE, "the margin is smaller than the expanded uncertainty"
     return Result(**{**vars(result), "state": state, "why": why})

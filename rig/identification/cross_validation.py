@@ -1,4 +1,4 @@
-"""What a model foretells of motions it was not fitted to: each amplitude and frequency left out in its turn.
+"""Cross-validation: each amplitude and frequency in turn is left out and predicted from a fit to the others.
 
 A pair is one amplitude and frequency at all currents. The model is fitted to the other pairs and scored, in free run,
 on all samples of the one left out: the split and the score of the benchmark on open recordings (`rig.study`).
@@ -39,20 +39,20 @@ def refuse_one_pair(tests: Sequence[Measurement]) -> None:
     ]
     if free:
         raise IdentificationFailed(
-            f"unseen {PAIRS!r}: {', '.join(free[:3])} has no amplitude and frequency; hold out the end of the time in "
-            "place of it: holdout 'last 30 %'"
+            f"unseen {PAIRS!r}: {', '.join(free[:3])} has no amplitude and frequency. Fix: hold out the end of the "
+            "time instead: holdout 'last 30 %'"
         )
     if len(pairs_of(tests)) < 2:
         raise IdentificationFailed(
-            f"unseen {PAIRS!r}: all {len(tests)} tests have one amplitude and frequency, so none is left to fit where "
-            "it is left out; hold out a current in place of it, such as holdout 'current_A=1'"
+            f"unseen {PAIRS!r}: all {len(tests)} tests have the same amplitude and frequency, so no test remains to "
+            "fit. Fix: hold out a current instead, such as holdout 'current_A=1'"
         )
 
 
-def foretold(
+def cross_validated(
     tests: Sequence[Measurement], error_of: Callable[[list[Measurement], list[Measurement]], ErrorSummary]
 ) -> Unseen:
-    """Every pair foretold from the others.
+    """Leave-one-pair-out cross-validation: every amplitude and frequency predicted from the others.
 
     Args:
         tests: the tests.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
-from rig.fits.entries import Drawn, DrawnInterval
+from rig.fits.entries import BootstrapInterval, BootstrapResult
 from rig.identification.uncertainty.covariance import CONFIDENCE, quantile
 
 PREDICTED = 200  # draws of which predictions are made, and that a file keeps
@@ -19,12 +19,14 @@ def intervals_of(values: FloatArray, draws: FloatArray, tests: int, widening: fl
     return values - widening * (middle - low), values + widening * (high - middle), spread
 
 
-def drawn_of(names: tuple[str, ...], values: FloatArray, draws: FloatArray, tests: int, widening: float) -> Drawn:
+def bootstrap_result(
+    names: tuple[str, ...], values: FloatArray, draws: FloatArray, tests: int, widening: float
+) -> BootstrapResult:
     """What a file keeps of draws (count, p) of the parameters `names` with the fitted `values` (p,)."""
     ends = np.column_stack(intervals_of(values, draws, tests, widening)).tolist()
     kept = draws[:PREDICTED].T.tolist()
-    return Drawn(
+    return BootstrapResult(
         draws.shape[0], tests, widening,
-        {name: DrawnInterval(*row) for name, row in zip(names, ends, strict=True)},
+        {name: BootstrapInterval(*row) for name, row in zip(names, ends, strict=True)},
         {name: tuple(row) for name, row in zip(names, kept, strict=True)},
     )  # fmt: skip

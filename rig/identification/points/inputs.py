@@ -26,7 +26,7 @@ FITTED = frozenset({"loop", "signal"})
 
 
 @dataclass(frozen=True)
-class Given:
+class FitInputs:
     """What is fitted, what is held out, and what else the recordings tell.
 
     Attributes:
@@ -47,7 +47,7 @@ class Given:
     temperature_degC: tuple[float, float] | None = None
 
 
-def given(tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint]) -> Given:
+def fit_inputs(tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint]) -> FitInputs:
     """Measurements to fit and held out, aligned by all points of their campaigns.
 
     Of motion without cycles `holdout` may be a part of the time, `last 30 %`.
@@ -60,7 +60,7 @@ def given(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Recorded
     if share is not None:
         from rig.identification.points.whole_record import cut_in_time
 
-        known = given(tests, None, campaign)
+        known = fit_inputs(tests, None, campaign)
         beginnings, ends = cut_in_time(known.fitted, share)
         return replace(known, fitted=beginnings, held_out=ends)
     fitted = _measurements(tests)
@@ -69,7 +69,7 @@ def given(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Recorded
         return _recorded(tests, holdout, campaign)
     refuse_twice(fitted)
     refuse_seen(fitted, held_out)
-    return _moving(Given(fitted, held_out))
+    return _moving(FitInputs(fitted, held_out))
 
 
 def _last_share(holdout: str) -> float | None:
@@ -86,7 +86,7 @@ def _measurements(tests: str | Tests) -> list[Measurement] | None:
     return measurements if len(measurements) == len(tests) else None
 
 
-def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint]) -> Given:
+def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint]) -> FitInputs:
     """As `given`, recordings among the tests.
 
     Raises:
@@ -113,19 +113,21 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
         kept_out = [point for point in points if wanted.holds(point)]
         points = [point for point in points if not wanted.holds(point)]
         if not kept_out:
-            raise IdentificationFailed(f"holdout {holdout!r} matches none of the {len(points)} points")
+            raise IdentificationFailed(f"holdout: {holdout!r} matches none of the {len(points)} points")
         if not points:
-            raise IdentificationFailed(f"holdout {holdout!r} matches every point; nothing is left to fit")
+            raise IdentificationFailed(f"holdout: {holdout!r} matches every point; no test remains to fit")
     elif holdout is not None:
         others = holdout
         kept_out = [point for point in points_of(others) if point.kind in FITTED]
         held_out = [] if isinstance(others, Run) else [item for item in others if isinstance(item, Measurement)]
         count = len(others.valid if isinstance(others, Run) else others)
         if not count:
-            where = f"the run {others.path} holds no valid point" if isinstance(others, Run) else "no test was given"
-            raise IdentificationFailed(f"nothing is held out: {where}; leave holdout out to fit without")
+            where = f"the run {others.path} contains no valid point" if isinstance(others, Run) else "no test was given"
+            raise IdentificationFailed(f"holdout: {where}. Fix: omit holdout to fit without validation")
         if not kept_out and not held_out:
-            raise IdentificationFailed(f"none of the {count} held-out points is a loop; only loops are scored")
+            raise IdentificationFailed(
+                f"holdout: none of the {count} points is a loop; only loops are used for validation"
+            )
     refuse_twice([*points, *fitted])
     refuse_seen([*points, *fitted], [*kept_out, *held_out])
     skews = campaign_skews([*points_of(tests, suspect=True), *points_of(others, suspect=True), *campaign])
@@ -139,10 +141,10 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
         held_out += prepared
         refused += left_out
     lag, unusable_steps = lag_of(recorded)
-    return _moving(Given(fitted, held_out, tuple(refused), lag, tuple(unusable_steps), _temperature_degC(points)))
+    return _moving(FitInputs(fitted, held_out, tuple(refused), lag, tuple(unusable_steps), _temperature_degC(points)))
 
 
-def _moving(known: Given) -> Given:
+def _moving(known: FitInputs) -> FitInputs:
     """The same without tests of a constant channel, each with a warning.
 
     Raises:
