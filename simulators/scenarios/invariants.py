@@ -40,6 +40,8 @@ KNOWN_CODES = frozenset({0, 3, 4, 5, 7})
 WITHOUT_PRESSURE = frozenset({0, 3, 5})
 """Exit codes that promise a rig without pressure, whatever hides it; 4 promises what its stop says of the pressure."""
 LINKS = frozenset({"modbus", "rtu"})
+TRIES_NS = 5e9
+"""For so long before everything is at rest the pressure is ordered off."""
 WRITE_LOST = "modbus-write-lost"
 """Writes are acknowledged and change nothing: a link over which no command goes, whatever it answers."""
 LEFT_NS = 1e9
@@ -111,7 +113,7 @@ def _excused_pressure(view: View) -> bool:
     """
     if view.session.exit_code != EXIT_STOPPED:
         return view.hidden_pressure
-    by_name = view.faults_by_name()
+    by_name = view.active(view.session.rest_ns - TRIES_NS, view.session.rest_ns)
     return bool(view.hiding_places(by_name) & LINKS) or WRITE_LOST in by_name or any(
         happening.what in {"station-killed", "power-cut"} for _, happening in view.session.happened
     )

@@ -22,7 +22,7 @@ from rig.matrix.point import TestPoint
 from rig.matrix.streaming import JITTER_S, LOOP_1_S, SPEED_JITTER, peaks
 from simulators.plant.records import FOLLOW_S
 from simulators.scenarios.scenario import EVERY_S
-from simulators.scenarios.view import STILL_M_S, Findings, View, bench_of, points_of
+from simulators.scenarios.view import SLIPPING, STILL_M_S, Findings, View, bench_of, points_of
 
 Rows = NDArray[np.float64]
 
@@ -55,6 +55,8 @@ FADES_M_S = 0.03
 """A rod that comes to rest is no faster than that again: the loop's ripple, a held-up set-point of a fade."""
 AT_REST_S, AT_REST_PERIODS = 0.08, 0.25
 """So long a rod is not at rest where a fade turns it round at 0.02 m/s or more; after such a rest it moves no more."""
+RECONNECTED_NS = 0.5e9
+"""A link that was broken for so long before a stop may still be opened again."""
 UNHEARD_S = 0.15
 """After its watchdog, or after the last set-point, a controller that cannot be reached has begun its own stop."""
 TAKEN_LATE_S = 0.030
@@ -69,12 +71,18 @@ no older than a late set-point, and takes its trip."""
 FOLLOWS_AGAIN_NS = 0.06e9
 """A gap in the set-points after which the controller, which goes on for 50 ms, has stopped by itself."""
 MOVED_BY_OTHERS = frozenset({
-    "second-master:span", "second-master:offset", "second-master:jumps", "actuator-frozen:slips", "load-train",
-    "setpoints-lost",
+    "second-master:span", "second-master:offset", "second-master:jumps", "setpoints-lost",
 })  # fmt: skip
-"""Another client that moves the rod, a position transducer that slips, a joint in whose play the rod falls through, a
-device that acknowledges set-points and ignores them for a while: where the rod goes is not ours to say; `limits` checks
-how long it may stay there."""
+"""Another client that moves the rod, a device that acknowledges set-points and ignores them for a while: where the rod
+goes meanwhile is not ours to say; `limits` checks how long it may stay there."""
+LOOSE = frozenset({"load-train"})
+"""A joint in whose play a rod that no pressure holds falls through."""
+DISPLACED = MOVED_BY_OTHERS | SLIPPING
+"""What moves the rod, or has it elsewhere than its transducer says: for checks of the position, and the jolt of it."""
+FOLLOWS_AGAIN_S = 0.15
+"""After such a fault has ended the rod is back at its set-points: by the servo loop, which no host can make softer."""
+HALTED_S = 0.5
+"""Another client's stop has brought the rod to rest, and is noticed."""
 IGNORES = frozenset({"stop-ignored"})
 """The controller goes on after a stop command, until its pressure is taken away."""
 
@@ -142,12 +150,22 @@ def motion_of(view: View) -> Motion | None:
     return Motion(bench, points)
 
 
+def _not_ours(view: View, others: frozenset[str] = MOVED_BY_OTHERS) -> list[tuple[float, float]]:
+    """From when to when (ns) something else moves the rod: a fault, a stop by another client."""
+    spans = [(from_ns, to_ns + 1e9 * FOLLOWS_AGAIN_S) for from_ns, to_ns in view.spans(others)]
+    halts = (float(line.host_ns) for line in view.session.truth.log if line.code == "FOREIGN")
+    return [*spans, *((at_ns, at_ns + 1e9 * HALTED_S) for at_ns in halts)]
+
+
 def _ours(view: View, others: frozenset[str] = MOVED_BY_OTHERS) -> Rows:
-    """The session's rows until something else moves the rod."""
+    """The session's rows without those in which something else moves the rod."""
     rows = view.session.truth.arrays
-    began = [at_ns for at_ns, fault in view.begun(math.inf) if fault in others]
-    began += [line.host_ns for line in view.session.truth.log if line.code == "FOREIGN"]  # a stop by another client
-    return rows[rows[:, 0] < min(began, default=math.inf)]
+    ours = np.ones(len(rows), bool)
+    for from_ns, to_ns in view.spans(LOOSE):
+        ours &= (rows[:, 0] < from_ns) | (rows[:, 0] >= to_ns) | (rows[:, 5] > 0.0)
+    for from_ns, to_ns in _not_ours(view, others):
+        ours &= (rows[:, 0] < from_ns) | (rows[:, 0] >= to_ns)
+    return rows[ours]
 
 
 def _worst(rows: Rows, beyond: NDArray[np.bool_], of: Rows) -> tuple[float, float]:
@@ -158,7 +176,7 @@ def _worst(rows: Rows, beyond: NDArray[np.bool_], of: Rows) -> tuple[float, floa
 
 def travel_is_kept(view: View) -> Findings:
     """The rod never leaves the bench's travel."""
-    motion, rows = motion_of(view), _ours(view)
+    motion, rows = motion_of(view), _ours(view, DISPLACED)
     if motion is None:
         return
     low_m, high_m = motion.bench.limits.position_m
@@ -189,7 +207,7 @@ def acceleration_is_kept(view: View) -> Findings:
     motion = motion_of(view)
     if motion is None:
         return
-    rows = _ours(view, MOVED_BY_OTHERS if motion.streamed else MOVED_BY_OTHERS - {"second-master:jumps"})
+    rows = _ours(view, DISPLACED if motion.streamed else DISPLACED - {"second-master:jumps"})
     limit_m_s2 = max(motion.bench.limits.acceleration_m_s2, motion.bench.actuator.halt_deceleration_m_s2)
     over = round(SETPOINT_S / EVERY_S) if motion.streamed else 1
     if len(rows) <= over:
@@ -253,7 +271,7 @@ def _left_alone(view: View, motion: Motion, at_ns: Rows) -> NDArray[np.bool_]:
 
 def a_stop_has_its_travel(view: View) -> Findings:
     """At every instant there is travel left in which a halt brings the rod to rest."""
-    motion, rows = motion_of(view), _ours(view)
+    motion, rows = motion_of(view), _ours(view, DISPLACED)
     if motion is None:
         return
     rows = rows[rows[:, 5] > 0.0]
@@ -272,7 +290,9 @@ def setpoints_go_on_from_each_other(view: View) -> Findings:
     motion, given = motion_of(view), view.session.truth.setpoints
     if motion is None or len(given) < 2:
         return
-    rows = _ours(view)
+    rows, others, displaced = _ours(view), _not_ours(view), view.spans(SLIPPING)
+    if not len(rows):
+        return
     gained_m_s = OFF_M_S + motion.bench.limits.acceleration_m_s2 * 2.0 * TAKEN_LATE_S
     setpoints = np.array(given)
     rod_m, rod_m_s = (np.interp(setpoints[:, 0], rows[:, 0], rows[:, column]) for column in (3, 1))
@@ -280,6 +300,8 @@ def setpoints_go_on_from_each_other(view: View) -> Findings:
     for place, (before, now) in enumerate(pairwise(given), start=1):
         if now[0] > last_ns:
             return
+        if any(from_ns <= before[0] < to_ns or from_ns <= now[0] < to_ns for from_ns, to_ns in others):
+            continue
         passed_s, moving_m_s = 1e-9 * (now[0] - before[0]), max(abs(before[2]), abs(now[2]))
         step_m = abs(now[1] - before[1])
         allowed_m = motion.fastest_m_s * passed_s + moving_m_s * TAKEN_LATE_S + OFF_M
@@ -287,7 +309,8 @@ def setpoints_go_on_from_each_other(view: View) -> Findings:
             yield f"a set-point {1e3 * step_m:.1f} mm from the last one, {1e3 * passed_s:.0f} ms after it", now[0]
             return
         off_m = abs(now[1] - rod_m[place])
-        if off_m > OFF_M + max(moving_m_s, abs(rod_m_s[place])) * (LAG_S + TAKEN_LATE_S):
+        elsewhere = any(from_ns <= now[0] for from_ns, _ in displaced)
+        if not elsewhere and off_m > OFF_M + max(moving_m_s, abs(rod_m_s[place])) * (LAG_S + TAKEN_LATE_S):
             words = f"a set-point {1e3 * off_m:.1f} mm from the rod, {1e3 * passed_s:.0f} ms after the last one"
             yield words, now[0]
             return
@@ -324,7 +347,7 @@ def a_stopped_rod_only_slows_down(view: View) -> Findings:
     rows = _ours(view)
     for trip in view.station("trip"):
         latched_ns = float(trip["latched_ns"])
-        reaction_ns, ends_ns = 1e9 * _reaction_s(view, motion), _stopped_until(view, latched_ns)
+        reaction_ns, ends_ns = 1e9 * _reaction_s(view, motion, latched_ns), _stopped_until(view, latched_ns)
         before = rows[(rows[:, 0] >= latched_ns - 1e9 * motion.period_s) & (rows[:, 0] < latched_ns + reaction_ns)]
         after = rows[(rows[:, 0] >= latched_ns + reaction_ns) & (rows[:, 0] < ends_ns)]
         if not len(before) or not len(after):
@@ -363,16 +386,16 @@ def _since_rest(speed_m_s: Rows, count: int) -> int:
     return int(begins[long[0]]) + 1 + count if len(long) else len(speed_m_s)
 
 
-def _reaction_s(view: View, motion: Motion) -> float:
+def _reaction_s(view: View, motion: Motion, latched_ns: float) -> float:
     """From a latched stop until the controller has begun to stop the rod (s)."""
-    if not view.hidden_way:
+    if not view.way_hidden_between(latched_ns - RECONNECTED_NS, latched_ns + 1e9 * UNHEARD_S):
         return REACTION_S
     return UNHEARD_S + (0.0 if motion.streamed else motion.bench.actuator.watchdog_s)
 
 
 def _stopped_until(view: View, latched_ns: float) -> float:
-    """Until when (ns) a stop is checked; of a controller that ignores it, it is not."""
-    return latched_ns if view.faults_by_name() & IGNORES else view.reset_ns(latched_ns)
+    """Until when (ns) a stop is checked: until the controller begins to ignore stops."""
+    return min([view.reset_ns(latched_ns), *(from_ns for from_ns, _ in view.spans(IGNORES))])
 
 
 MOTION_CHECKS: dict[str, Callable[[View], Findings]] = {

@@ -64,7 +64,7 @@ def what_is_proved_is_true(view: View) -> Findings:
         if len(moving) and moving[-1, 0] == rows[-1, 0]:
             yield f"standstill was confirmed at {abs(moving[-1, 1]):.3g} m/s", t_ns
         later = moving_by_itself(view, t_ns, min(t_ns + SHOWS_NS, slips_ns, view.restarted_ns(t_ns)))
-        if len(later) and not view.faults_by_name() & {"second-master"}:
+        if len(later):
             yield f"standstill was confirmed before the rod moved again at {np.max(np.abs(later[:, 1])):.3g} m/s", t_ns
         heard = np.abs(view.between(t_ns - _heard_ns(view), t_ns)[:, 2])
         # A current that has begun since the last status was measured is not in the proof: it comes back, and is told.

@@ -69,6 +69,7 @@ OTHER_NAMES = {
     "sensor-stuck:lvdt": {"sensor-saturated"},
     "modbus-mismatch": {"rtu-crc"},
     "stop-ignored:pressure": {"hydraulics"},
+    "setpoints-lost": {"speed-limit"},  # a device that takes them again jumps to the newest one
     "sample-gap": {"loadcell-pulled"},
     "sample-gap:lvdt": {"lvdt-pulled"},
 }
@@ -80,6 +81,8 @@ OF_ANY_FAULT = frozenset({"hybrid-unstable"})
 """What a hybrid test's own watch names: whatever is wrong with force, motion or current brings it about."""
 GAPS_IN_SETPOINTS = {"setpoints-late", "setpoints-lost"}
 """What a fault of the way to the controller is called where it interrupts streamed set-points first."""
+GAP_NS = 0.5e9
+"""A gap in set-points is noticed by then."""
 DISK_SLUGS = {"disk-full", "dir-readonly", "fsync-error", "disk-error", "recorder-unwell", "task-dies", "slow-consumer"}
 SECOND_MASTER = {"second-master"}
 SIGNAL_SLUGS = {"sigint", "sigterm", "sigint-storm"}
@@ -147,7 +150,7 @@ def stop_stays_stopped(view: View) -> Findings:
         until_ns = view.restarted_ns(t_ns)
         proved_ns = next((float(safe["t_ns"]) for safe in view.station("safe") if float(safe["t_ns"]) > t_ns), math.inf)
         late = moving_by_itself(view, t_ns + still_after_s * 1e9, min(until_ns, view.slips_ns(proved_ns)))
-        if len(late) and not view.faults_by_name() & {"second-master"} and not _cannot_be_stopped(view):
+        if len(late) and not _cannot_be_stopped(view):
             yield f"the rod moves {1e-9 * (late[0, 0] - t_ns):.1f} s after the stop for {trip['slug']}", late[0, 0]
         gone_s = CURRENT_AFTER_S if view.hidden else CURRENT_AT_ONCE_S
         powered = view.between(float(trip["latched_ns"]) + gone_s * 1e9, until_ns)
@@ -252,6 +255,22 @@ def _shows_nothing(view: View, fault: str) -> bool:
     return fault == "second-master" and can is not None and not (can.lease or can.acknowledge)
 
 
+def _shows_a_reboot(view: View) -> bool:
+    """The controller shows a counter of its starts, a clock of its own, or a lease."""
+    can = capabilities_of(view)
+    return can is None or can.settings_hash or can.clock or can.lease
+
+
+def _gap_in_setpoints(view: View, at_ns: float) -> bool:
+    """Shortly before, no set-point may have come to the controller, or it was halted by another client.
+
+    It takes none then, and may not show why.
+    """
+    from_ns = at_ns - GAP_NS
+    halted = any(line.code == "FOREIGN" and from_ns <= line.host_ns <= at_ns for line in view.session.truth.log)
+    return halted or bool(view.hiding_places(view.active(from_ns, at_ns)) & WAY)
+
+
 def stops_have_a_cause(view: View) -> Findings:
     """The rig is stopped in the name of something that has happened."""
     for trip in view.station("trip")[:1]:
@@ -268,9 +287,12 @@ def stops_have_a_cause(view: View) -> Findings:
         begun = {fault for _, fault in view.begun(latched_ns)}
         for fault in begun:
             causes |= {fault.partition(":")[0]} | OTHER_NAMES.get(fault, set())
-        halted = any(what in FOREIGN for what in around)  # it takes no set-points then, and may not show why
-        if halted or view.hiding_places(begun) & WAY:
+        if _gap_in_setpoints(view, latched_ns):
             causes |= GAPS_IN_SETPOINTS
+        if any(_shows_nothing(view, fault) for fault in begun):
+            causes.add("hydraulics")  # a controller that obeys another client takes no pressure command
+        if "actuator-reboot" in begun and not _shows_a_reboot(view):
+            causes.add("second-master")  # a pressure that is gone, which was not ordered here, is all that is seen
         if "estop" in begun and not _sees_the_chain(view):
             causes |= {"controller-trip", "ecu-overtemp"}  # its trip has no name, and the ECU loses its supply
         if "estop" in begun and view.hiding_places(begun - {"estop"}) & WAY:
@@ -398,13 +420,15 @@ def a_watcher_that_stands_is_noticed(view: View) -> Findings:
     trips = [float(trip["latched_ns"]) for trip in view.station("trip")]
     if any(happening.what in DISK for _, happening in view.session.happened):  # the journal could not be written
         trips += [line.host_ns for line in view.session.truth.log if line.code in STOPS]
+    stopping_ns = 1e9 * _still_after_s(view)
     for at_ns, happening in view.session.happened:
         if (happening.lasts_s or 0.0) < WATCHERS.get(happening.what, math.inf):
             continue
         ends_ns = at_ns + 1e9 * (happening.lasts_s or 0.0)
         rows = view.between(at_ns, ends_ns)
         moving = len(rows) and np.mean(np.abs(rows[:, 1]) > MOVING_M_S) > MOVING_SHARE
-        if moving and not view.killed and not any(trip_ns < ends_ns + TOLD_NS for trip_ns in trips):
+        stopped = any(at_ns - stopping_ns < trip_ns < ends_ns + TOLD_NS for trip_ns in trips)
+        if moving and not view.killed and not stopped:
             yield f"{happening}: the rod continued to move without a stop", at_ns
         first = next((trip for trip in view.station("trip") if float(trip["latched_ns"]) > at_ns), None)
         own = happening.what == "application-stalled" or first is None or first["slug"] in OWN_SLUGS

@@ -189,6 +189,22 @@ class View:
                 return float(following["host_ns"])
         return float(self.session.rest_ns)
 
+    def spans(self, faults: frozenset[str]) -> list[tuple[float, float]]:
+        """From when to when (ns) each of these faults of the devices was there; infinite where it stays."""
+        spans, log = [], self.session.truth.log
+        for place, line in enumerate(log):
+            if line.code == "FAULT" and line.text in faults:
+                ends = (other.host_ns for other in log[place:] if (other.code, other.text) == ("FAULT_ENDS", line.text))
+                spans.append((float(line.host_ns), float(next(ends, math.inf))))
+        return spans
+
+    def way_hidden_between(self, from_ns: float, to_ns: float) -> bool:
+        """Something was wrong with the way to the controller at a time between, or with whoever goes it."""
+        return bool(self.hiding_places(self.active(from_ns, to_ns)) & WAY) or any(
+            at_ns <= to_ns and (what.what in KILLING or at_ns + 1e9 * (what.lasts_s or 0.0) >= from_ns)
+            for at_ns, what in self.session.happened if what.what in KILLING or what.what in STALLS
+        )
+
     def begun(self, until_ns: float) -> list[tuple[float, str]]:
         """Faults of the devices until then: when (ns), `SLUG` or `SLUG:VARIANT`."""
         return [

@@ -34,6 +34,7 @@ class History:
     position_m: Callable[[Array], Array]
     stopped: bool = False
     begun: tuple[tuple[float, str], ...] = ()
+    fault_ends_s: float = math.inf
     pressure_off_s: float = math.inf
     setpoints: tuple[tuple[float, float, float], ...] = ()
     hidden_way: bool = False
@@ -57,9 +58,11 @@ class History:
         truth = SimpleNamespace(arrays=rows, log=log, setpoints=setpoints)
         seen = SimpleNamespace(
             world=SimpleNamespace(root=root), session=SimpleNamespace(truth=truth),
-            begun=lambda until_ns: [(1e9 * at_s, fault) for at_s, fault in self.begun if 1e9 * at_s <= until_ns],
-            station=lambda *_: trips if self.stopped else [], reset_ns=lambda _: 4e9, hidden_way=self.hidden_way,
-            faults_by_name=lambda: {fault for _, fault in self.begun},
+            spans=lambda faults: [
+                (1e9 * at_s, 1e9 * self.fault_ends_s) for at_s, fault in self.begun if fault in faults
+            ],
+            station=lambda *_: trips if self.stopped else [], reset_ns=lambda _: 4e9,
+            way_hidden_between=lambda *_: self.hidden_way,
             between=lambda from_ns, to_ns: rows[(rows[:, 0] >= from_ns) & (rows[:, 0] < to_ns)],
         )  # fmt: skip
         return cast("View", seen)
@@ -139,6 +142,18 @@ def streamed(*between_s: float) -> tuple[tuple[float, float, float], ...]:
         (History(lambda t_s: 1.48 * sine(t_s)), {"travel", "stopping-distance", "speed"}),
         (History(drifting), {"travel", "stopping-distance"}),
         (History(drifting, begun=((0.0, "second-master:offset"),)), set()),
+        (History(drifting, begun=((0.0, "second-master:offset"),), fault_ends_s=1.0), {"travel", "stopping-distance"}),
+        (History(drifting, begun=((0.0, "load-train"),)), {"travel", "stopping-distance"}),
+        (History(lambda t_s: 1.48 * sine(t_s), begun=((0.0, "actuator-frozen:slips"),)), {"speed"}),
+        (History(thrown, stopped=True, begun=((2.1, "setpoints-lost"),), fault_ends_s=2.31), set()),
+        (
+            History(thrown, stopped=True, begun=((1.5, "setpoints-lost"),), fault_ends_s=2.0),
+            {"slows-down", "speed", "acceleration"},
+        ),
+        (History(resumed, stopped=True, begun=((1.9, "stop-ignored"),)), set()),
+        (History(resumed, stopped=True, begun=((3.0, "stop-ignored"),)), {"slows-down"}),
+        (History(resumed, stopped=True, begun=((1.0, "load-train"),), pressure_off_s=LATCHED_S), set()),
+        (History(resumed, stopped=True, begun=((1.0, "load-train"),)), {"slows-down"}),
         (History(late_end), {"acceleration", "stopping-distance"}),
         (History(left_alone, setpoints=((0.99, 0.0320, 0.711), (1.0, 0.0395, 0.79))), {"stopping-distance"}),
         (

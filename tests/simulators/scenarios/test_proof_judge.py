@@ -23,6 +23,7 @@ from simulators.scenarios.scenario import Noted, Session
 from simulators.scenarios.stop_invariants import (
     a_fault_ends_the_motion,
     a_stop_fault_is_noticed,
+    a_watcher_that_stands_is_noticed,
     stop_stays_stopped,
     stops_have_a_cause,
 )
@@ -47,6 +48,7 @@ class Shown:
         self.log: list[Noted] = []
         self.told: list[dict[str, Any]] = [self._told("safe", 0.0, current_zero=True, stop="S2")]
         self.happenings: tuple[Happening, ...] = ()
+        self.happened: tuple[tuple[float, Happening], ...] = ()
 
     @staticmethod
     def _told(what: str, at_s: float, **more: object) -> dict[str, Any]:
@@ -80,6 +82,7 @@ class Shown:
         first_ns, last_ns = int(self.rows[0, 0]), int(self.rows[-1, 0])
         answer = SimpleNamespace(exit_code=0, rig_state="safe")
         session = Session(1, first_ns, cast("Any", truth), last_ns, last_ns, 0, answer)
+        session.happened = list(self.happened)
         return View(cast("Any", world), session)
 
 
@@ -249,6 +252,43 @@ def test_a_fault_of_anything_else_is_to_be_noticed_at_0_A_too(shown: Shown) -> N
     shown.notes("FAULT", "ecu-silent", 0.0)
     shown.moves(0.0, 4.0, 0.1)
     assert [words for words, _ in a_stop_fault_is_noticed(shown.view)] == ["ecu-silent was not detected"]
+
+
+@pytest.mark.parametrize(
+    ("slug", "register_map", "fault", "ends_s", "found"),
+    [
+        ("setpoints-late", "demo-streamed", "modbus-busy", None, 0),
+        ("setpoints-late", "demo-streamed", "modbus-busy", -0.7, 0),
+        ("setpoints-late", "demo-streamed", "modbus-busy", -1.1, 1),
+        ("setpoints-late", "demo", "loadcell-pulled", None, 1),
+        ("second-master", "delta-rmc", "actuator-reboot", None, 0),
+        ("second-master", "demo", "actuator-reboot", None, 1),
+        ("hydraulics", "delta-rmc", "second-master", None, 0),
+        ("hydraulics", "demo", "second-master", None, 1),
+    ],
+)
+def test_what_explains_a_stop_depends_on_what_the_controller_shows_and_on_what_was_there_just_before(
+    shown: Shown, slug: str, register_map: str, fault: str, ends_s: float | None, found: int
+) -> None:
+    (shown.root / "bench.toml").write_text(bench_file(register_map), encoding="utf-8")
+    shown.tells(slug, -0.5, "trip")
+    shown.told[-1]["detail"] = ""
+    shown.notes("FAULT", fault, -2.0)
+    if ends_s is not None:
+        shown.notes("FAULT_ENDS", fault, ends_s)
+    assert len(list(stops_have_a_cause(shown.view))) == found
+
+
+@pytest.mark.parametrize(("tripped_s", "found"), [(None, 1), (-4.5, 1), (0.2, 0), (2.1, 1)])
+def test_a_stop_long_before_a_station_that_stands_still_excuses_nothing(
+    shown: Shown, tripped_s: float | None, found: int
+) -> None:
+    """The rod moves at 0 s to 1 s, while the station does not run."""
+    shown.happened = ((SAFE_NS, Happening("station-stalled", 0.0, 1.0)),)
+    shown.moves(0.0, 3.0, 0.1)
+    if tripped_s is not None:
+        shown.tells("host-late", tripped_s, "trip")
+    assert len(list(a_watcher_that_stands_is_noticed(shown.view))) == found
 
 
 @pytest.mark.parametrize(("besides", "found"), [(None, 1), ("loadcell-pulled", 1), ("rtu-crc", 0)])
