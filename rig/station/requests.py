@@ -200,19 +200,25 @@ class Requests:
             return {"state": state_name(status.state), "supply_pressure_Pa": status.supply_pressure_Pa}
         command, reached = choices[level]
         self._commands.command(command)
+        patience_s = HYDRAULICS_TIMEOUT_S
         if level == "off":
-            self._repeat_off(reached)
+            patience_s -= self._repeat_off(reached)
         status = self._commands.await_status(
-            reached, PRESSURE_STAYS, f"level {level} not reached", HYDRAULICS_TIMEOUT_S, until_trip=level != "off"
+            reached, PRESSURE_STAYS, f"level {level} not reached", patience_s, until_trip=level != "off"
         )
         return {"state": state_name(status.state), "supply_pressure_Pa": status.supply_pressure_Pa}
 
-    def _repeat_off(self, reached: Callable[[ActuatorStatus], bool]) -> None:
-        """Send "off" again while the controller shows pressure: not every one shows that a command was lost."""
-        for _ in range(OFF_REPEATS):
+    def _repeat_off(self, reached: Callable[[ActuatorStatus], bool]) -> float:
+        """Send "off" again while the controller shows pressure: not every one shows that a command was lost.
+
+        Returns:
+            For how long it was waited for (s).
+        """
+        for repeats in range(OFF_REPEATS):
             if self._devices.actuator.wait_status(reached, OFF_AGAIN_S) is not None:
-                return
+                return repeats * OFF_AGAIN_S
             self._commands.command(Command.HYDRAULICS_OFF)
+        return OFF_REPEATS * OFF_AGAIN_S
 
     def _move(self, arguments: Arguments) -> Answer:
         self._require_motion("move")
