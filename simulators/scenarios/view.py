@@ -199,7 +199,7 @@ class View:
         return spans
 
     def way_hidden_between(self, from_ns: float, to_ns: float) -> bool:
-        """Something was wrong with the way to the controller at a time between, or with whoever goes it."""
+        """Something was wrong with the way to the controller at a time between, or with the station that uses it."""
         return bool(self.hiding_places(self.active(from_ns, to_ns)) & WAY) or any(
             at_ns <= to_ns and (what.what in KILLING or at_ns + 1e9 * (what.lasts_s or 0.0) >= from_ns)
             for at_ns, what in self.session.happened if what.what in KILLING or what.what in STALLS
