@@ -1,22 +1,22 @@
-"""How far a reader walks: the files through which one recorded point and one whole campaign pass.
+"""How far a reader walks: the files and rooms through which a command, a recorded point and a whole campaign pass.
 
-    python benchmarks/reader_walk.py [--json]
+    python benchmarks/reader_walk.py [--json] [--walk]
 
-Runs a campaign of one point on the simulated rig with the application's Python calls traced, and follows it as a
-reader who sees the code for the first time: into each function where it is first called, depth first, and back to the
-caller. Only functions of this project count, each once; what runs on import does not.
+Calls are traced and followed as a reader who sees the code for the first time: into each function where it is first
+called, depth first, and back to the caller. Only functions of this project count, each once; what runs on import does
+not.
 
-files: project files entered. doors: from which file into which other one, each pair once. climbs: doors that lead back
-up, into a file met before the one they start from. returns: how often the walk comes back to a file that it had already
-left. `own` counts the same inside the room in which the walk begins, whose other rooms are words to a reader. The walk
-of the point is that of its finishing (journal to judged HDF5 file), the walk of the campaign is that of the
-application's main thread from `run_campaign` to its result, without what the finishing and the station do in processes
-of their own.
+files, rooms: entered (a room is a package of `rig`, or `drivers`, `protocols`). stays: visits to rooms. returns: visits
+to a room that was already left. climbs: calls from one file into a file met before it. Walks: `run_campaign` of one
+point on the simulated rig (the application's main thread), finishing of its journal, reading its bench file, and the
+commands `rig plan`, `rig identify`, `rig report` on it.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import json
 import os
 import sys
@@ -29,6 +29,8 @@ from typing import TypeVar
 
 from campaign_process import sines
 
+from rig.bench.model import Bench
+from rig.cli.main import main as rig
 from rig.recording.conversion.conversion import finish_point
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -56,16 +58,16 @@ class Walk:
         """Files by the order of their first visit."""
         return list(dict.fromkeys(self.visits))
 
-    def counts(self, room: str = "") -> dict[str, int]:
-        """Files, doors, climbs and returns among the files below a folder."""
-        visits = [visit for visit in self.visits if visit.startswith(room)]
-        visits = [visit for visit, before in zip(visits, ["", *visits], strict=False) if visit != before]
-        order = {name: place for place, name in enumerate(dict.fromkeys(visits))}
-        doors = [(start, end) for start, end in self.calls if start in order and end in order]
+    def counts(self) -> dict[str, int]:
+        """Files, climbs between them, and rooms, stays and returns."""
+        order = {name: number for number, name in enumerate(self.files)}
+        stays = [_room(visit) for visit in self.visits]
+        stays = [stay for stay, before in zip(stays, ["", *stays], strict=False) if stay != before]
+        rooms = len(set(stays))
         return {
-            "files": len(order), "doors": len(doors),
-            "climbs": sum(order[end] < order[start] for start, end in doors), "returns": len(visits) - len(order),
-        }  # fmt: skip
+            "stays": len(stays), "rooms": rooms, "returns": len(stays) - rooms, "files": len(order),
+            "climbs": sum(order[end] < order[start] for start, end in self.calls),
+        }
 
     def run(self, function: Callable[[], T]) -> T:
         """Call a function with this thread's calls followed."""
@@ -102,6 +104,12 @@ class Walk:
 
 def _short(name: str) -> str:
     return str(Path(name).relative_to(ROOT))
+
+
+def _room(file: str) -> str:
+    """The package that a file is in: `rig/recording`, `drivers`; a module of `rig` itself counts as one."""
+    parts = file.split("/")
+    return "/".join(parts[:2]) if parts[0] == "rig" else parts[0]
 
 
 class Silent:
@@ -141,30 +149,46 @@ def _keep(folder: Path, kept: Path, ended: threading.Event) -> None:
             os.link(journal, kept)
 
 
-def walk_point(journal: Path) -> Walk:
-    """Finish a point's journal."""
+def walked(function: Callable[[], object]) -> Walk:
+    """The walk of a function."""
     walk = Walk()
-    walk.run(lambda: finish_point(journal))
+    walk.run(function)
     return walk
 
 
+def command(*arguments: str) -> Callable[[], int]:
+    """A `rig` command in this process, its output thrown away."""
+
+    def run() -> int:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            return rig(arguments)
+
+    return run
+
+
 def main() -> None:
-    """Walk both and print what was met."""
+    """Walk all and print what was met."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print the counts and the files as JSON")
     parser.add_argument("--walk", action="store_true", help="print the files in the order of the walk")
-    asked = parser.parse_args()
+    given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         campaign, journal = walk_campaign(Path(name))
-        point = walk_point(journal)
-    for key, walk, room in (("campaign", campaign, "rig/campaign/"), ("point", point, "rig/recording/")):
-        counted = {"all": walk.counts(), "own": walk.counts(room)}
-        if asked.json:
-            print(json.dumps({"walk": key, **counted, "visits": walk.visits}))
+        (run,) = (Path(name) / "out").iterdir()
+        walks = {
+            "run": campaign,
+            "point": walked(lambda: finish_point(journal)),
+            "bench": walked(lambda: Bench.load(run / "bench.toml")),
+            "plan": walked(command("plan", str(run / "matrix.toml"), "--bench", str(run / "bench.toml"))),
+            "identify": walked(command("identify", str(run))),
+            "report": walked(command("report", str(run))),
+        }
+    for key, walk in walks.items():
+        if given.json:
+            print(json.dumps({"walk": key, **walk.counts(), "visits": walk.visits}))
             continue
-        for scope, numbers in counted.items():
-            print(f"{key:8}  {scope}  " + ", ".join(f"{count} {name}" for name, count in numbers.items()))
-        if asked.walk:
+        print(f"{key:8}  " + ", ".join(f"{count} {counted}" for counted, count in walk.counts().items()))
+        if given.walk:
             print("".join(f"  {visit}\n" for visit in walk.visits), end="")
 
 
