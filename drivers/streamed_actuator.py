@@ -17,6 +17,9 @@ taken. After a time without a set-point that was taken:
 
 A moving rod that was measured over a trip longer than the first of these times counts as not measured: meanwhile the
 device may have stopped it, and a set-point at the speed it had then would set it in motion again.
+
+The last command in the device's status is the streamed motion's, unless another client's has come since. A stop by
+another client ends the motion like a gap.
 """
 
 from __future__ import annotations
@@ -133,6 +136,7 @@ class StreamedActuator:
         self._stopped = self._withheld = False
         self._polled_m: deque[float] = deque(maxlen=RESTING_POLLS)
         self._made: tuple[int, int] | None = None
+        self._answered = self._known = (0, 0)
         self._count = 0
         self._program_id = 0
         self._stands_m = math.nan
@@ -297,7 +301,7 @@ class StreamedActuator:
 
     def _counted(self, command: Command) -> int:
         self._count = self._count % 0xFFFF + 1
-        self._made = (self._count, int(command))
+        self._made, self._known = (self._count, int(command)), self._answered
         self.sent.append(self._made)
         return self._count
 
@@ -456,7 +460,8 @@ class StreamedActuator:
         if status.state not in HOLDING and self._following:
             self._release()
         changed: dict[str, float] = {}
-        if self._made is not None:
+        of_another = self._is_of_another(status)
+        if self._made is not None and not of_another:
             changed = {"acked_sequence": self._made[0], "acked_command": self._made[1], "result": Result.DONE}
         if not self._following:
             return status._replace(**changed) if changed else status  # type: ignore[arg-type]  # by field name
@@ -469,6 +474,19 @@ class StreamedActuator:
         if math.isnan(status.setpoint_m) and last is not None:
             changed |= {"setpoint_m": last.position_m, "servo_error_m": last.position_m - status.position_m}
         return status._replace(**changed)  # type: ignore[arg-type]  # by field name
+
+    def _is_of_another(self, status: ActuatorStatus) -> bool:
+        """The device's last command came from another client since the motion was made.
+
+        One that stops the device ends the motion: the rod is measured and braked from where it is.
+        """
+        before, self._answered = self._answered, (status.acked_sequence, status.acked_command)
+        if self._answered == self._known or self._answered in self.sent:
+            return False
+        stops = status.acked_command in STOPS and status.result == Result.DONE
+        if stops and self._answered != before and self.in_motion:
+            self.broken_off = True
+        return True
 
     def _now_s(self) -> float:
         """The host's clock that goes on while the machine is suspended (s of the device's time)."""

@@ -18,6 +18,8 @@ from simulators.ecu_wire import EXTENDED
 from simulators.ecu_wire import Command as CurrentCommand
 from simulators.faulty import Faulty, LastingInjector, PassingInjector, Undo
 from simulators.named_port import NamedPort
+from simulators.plant import records
+from simulators.plant.motion import envelope
 from simulators.slcan_bus import ERROR, frame_line
 
 FOREIGN_OWNER = 999
@@ -113,9 +115,16 @@ def _second_master(rig: Faulty) -> None:
 
 
 def _stop_ignored(rig: Faulty) -> None:
-    """Programs lose their end, the running one too, and no stop command ends them; taking the pressure away does."""
+    """Programs lose their end, the running one too, and no stop command ends them; taking the pressure away does.
+
+    One that is ramping out goes on at the amplitude that it has: at its full one the set-point would make a step.
+    """
     rig.actuator.faults.stop_ignored = True
-    rig.plant.order(full_cycles=ENDLESS_CYCLES)
+    command, phase = rig.plant.command, float(rig.plant.state["phase_cycles"][0])
+    ramp_in, full, ramp_out = (float(command[name][0]) for name in ("ramp_in_cycles", "full_cycles", "ramp_out_cycles"))
+    ramping_out = command["mode"][0] == records.MODE_PROGRAM and phase > ramp_in + full
+    share = envelope(phase, ramp_in, full, ramp_out) if ramping_out else 1.0
+    rig.plant.order(full_cycles=ENDLESS_CYCLES, amplitude_m=share * float(command["amplitude_m"][0]))
 
 
 def _pressure_stays(rig: Faulty) -> None:

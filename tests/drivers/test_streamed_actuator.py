@@ -22,7 +22,7 @@ from drivers.setpoint_generator import Setpoint
 from drivers.streamed_actuator import StreamedActuator, as_actuator
 from protocols.errors import LocalProtocolError
 
-POSITION, STATE = 106, 101
+POSITION, STATE, ACKED = 106, 101, 118
 HOLD, LOW, TRIPPED = 2, 1, 7
 AT_12_5_MM = [0x3C4C, 0xCCCD]
 """0.0125 = 1.6 x 2^-7: exponent 0x78, mantissa 0x4CCCCD."""
@@ -120,6 +120,24 @@ def test_a_halt_goes_to_the_device_which_is_streamed_nothing_after_it(
     assert len(written(device, 360)) == streamed
     assert written(device, 350) == [[2]], "its watchdog is fed by itself"
     assert driver.last is None
+
+
+@pytest.mark.parametrize(("command", "done", "brakes"), [(9, 1, True), (9, 2, False), (1, 2, False)])
+def test_a_command_of_another_client_shows_in_a_motion_and_a_stop_ends_it_where_the_rod_is(
+    device: ModbusDevice, driver: StreamedActuator, command: int, done: int, brakes: bool
+) -> None:
+    """Seed 1050179: a halt that the device acknowledged was hidden by the streamed motion's own number."""
+    device.put(ACKED, [7, 1, Command.ACQUIRE])
+    driver.exchange(1)
+    number = driver.send(Command.START, Program(Waveform.SINE, 0.01, 1.0, 0.0125, cycles=3.0))
+    assert driver.exchange(2).acknowledges(Command.START, number)
+    device.put(ACKED, [1007, done, command])
+    status = driver.exchange(3)
+    assert (status.acked_sequence, status.acked_command, status.result) == (1007, command, done)
+    assert driver.broken_off is brakes
+    number = driver.send(Command.FADE_STOP)
+    assert driver.exchange(4).acknowledges(Command.FADE_STOP, number)
+    assert (driver.exchange(5).state == State.FADING) is not brakes
 
 
 @pytest.mark.parametrize("state", [LOW, TRIPPED, 0])

@@ -1,15 +1,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import demo_registers as wire
 import numpy as np
 import pytest
 
 from drivers.roles import ActuatorLimits, Command, FaultBit, Input, ProgramPhase, Result, State
+from simulators.injection import INJECTORS
 
 if TYPE_CHECKING:
+    from simulators.faulty import Faulty
     from tests.simulators.conftest import Bench
 
 
@@ -136,6 +138,17 @@ def test_halt_brakes_with_the_halt_deceleration_and_holds_where_it_stopped(bench
     assert stopped == pytest.approx(speed_m_s / 20.0, abs=1e-3)
     assert np.ptp(rows[2000:, X]) == 0.0
     assert bench.status().state == State.HOLD
+
+
+@pytest.mark.parametrize("after_s", [0.6, 1.1, 1.4])
+def test_a_program_that_loses_its_end_goes_on_without_a_step(bench: Bench, after_s: float) -> None:
+    """Seed 1050126: at its full amplitude again in the ramp at its end, the set-point made a step: 0.46 m/s of 0.08."""
+    bench.start(0.01, 2.0, 1)
+    rows = bench.run(after_s)
+    INJECTORS["stop-ignored"](cast("Faulty", bench))
+    rows = np.concatenate([rows, bench.run(1.5)])
+    assert np.max(np.abs(rows[:, V])) < 1.1 * 0.01 * 2.0 * np.pi * 2.0
+    assert bench.status().state == State.RUNNING
 
 
 def test_move_stops_within_the_halt_deceleration(bench: Bench) -> None:
