@@ -129,8 +129,8 @@ def outlier_tests(damper: Damper, parts: Sequence[Stretch]) -> tuple[list[Outlie
     outliers, fitting = [], partial(_predict, damper.model, values)
     for k in suspects.tolist():
         enough = min(max(AS_OTHERS * usual, SMALLEST_ERROR), HALVED * float(errors[k]))
-        found = _corrections(fitting, by_test[k], predicted[k], good)
-        corrections = [one for one in found if one.then.error < enough]
+        candidates = _corrections(fitting, by_test[k], predicted[k], good)
+        corrections = [one for one in candidates if one.then.error < enough]
         if corrections or (suspects.size == 1 and errors[k] > APART):
             corrections.sort(key=lambda one: (not one.usual, one.then.error))
             left = min((one.then.missed for one in corrections), default=predicted[k].noise)

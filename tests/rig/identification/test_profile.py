@@ -79,7 +79,7 @@ def test_what_was_not_fitted_has_no_profile(make_synthetic: Make) -> None:
     tests = make_synthetic(DEMO, (1.0,), (1.0, 2.0))
     with pytest.raises(IdentificationFailed, match="no profile of 'Fyb': it was not fitted; fitted parameters: m, F0"):
         identify(tests, profile=["Fyb"])
-    with pytest.raises(IdentificationFailed, match="needs least squares"):
+    with pytest.raises(IdentificationFailed, match="expected least squares"):
         identify(tests, method=Method(loss="huber"), profile=True)
     with pytest.raises(IdentificationFailed, match="c_foa stopped before the least-squares solution"):
         identify(tests, method=Method("c_foa", weight="1", budget=500), profile=True)
