@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, astuple
 
-from drivers import clock
 from drivers.capabilities import Capabilities
-from drivers.command_numbers import CommandNumbers
 from drivers.connection import ActuatorConnection, LinkKind, draw_owner_id
 from drivers.derived_status import DerivedStatus
-from drivers.errors import DriverError, LinkLost, NoAnswer, WrongAnswer, WrongLayout
+from drivers.errors import LinkLost, NoAnswer, WrongAnswer, WrongLayout
+from drivers.modbus_commands import ModbusCommands
 from drivers.modbus_link import ModbusLink
+from drivers.modbus_setpoints import ModbusSetpoints
+from drivers.modbus_status import ModbusStatus
 from drivers.origins import Origins
-from drivers.poll_writes import PollWrites
-from drivers.recipe_run import Outcome, RecipeRun
 from drivers.register_access import RegisterAccess
 from drivers.register_maps.access_plan import Written
 from drivers.register_maps.controller_map import ControllerMap
 from drivers.register_maps.map_origins import map_origins
 from drivers.register_maps.needs import is_numbered
 from drivers.register_maps.proof import unproved
-from drivers.register_maps.quantity import Value
-from drivers.register_maps.recipe import Recipe, Write, position_for, values_of
+from drivers.register_maps.recipe import Write
 from drivers.roles import (
     ActuatorIdentity,
     ActuatorLimits,
@@ -32,28 +28,16 @@ from drivers.roles import (
     Command,
     Move,
     Program,
-    Result,
-    State,
 )
 from drivers.setpoint_generator import Setpoint
-from protocols.errors import LocalProtocolError, RemoteProtocolError
-
-SENT_KEPT = 64
-SEND_ATTEMPTS = 3
-REOPEN_TIMEOUT_S = 0.2
-STOPS = frozenset({Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF, Command.HYDRAULICS_LOW})
-PRESSURISES = frozenset({Command.HYDRAULICS_LOW, Command.HYDRAULICS_ON, Command.RESET})
-NOT_TWICE = frozenset({Command.START})
-"""Without a number that the device repeats, such a command is not sent again when its outcome is unknown."""
+from protocols.errors import RemoteProtocolError
 
 
 class ModbusActuator:
     """Drives one actuator controller by its register map; one owner thread.
 
-    A command is its recipe. Where the device repeats the number of the last command, an unknown outcome (time-out,
-    broken connection) is read back first; only a command that did not arrive is written again, with the same number, so
-    the device never executes it twice. A number that another master has used meanwhile is ignored by the device: then
-    the command gets a new one. Where the device repeats none, what is harmless to repeat is written again.
+    Its parts: the status (`modbus_status`), commands (`modbus_commands`), set-points and what feeds the watchdog
+    (`modbus_setpoints`). Identity, limits and tables are read and written here.
 
     Args:
         connection: how to reach it; an `owner_id` of 0 has one drawn at random.
@@ -61,7 +45,6 @@ class ModbusActuator:
 
     Attributes:
         owner_id: identifies this host in the controller's lease.
-        sent: sequence and command of the last commands written, oldest first.
     """
 
     def __init__(self, connection: ActuatorConnection, controller: ControllerMap) -> None:
@@ -72,18 +55,20 @@ class ModbusActuator:
         )
         self._access = RegisterAccess(self._link, controller.rules, together=controller.read_while_writing)
         self._map = controller
-        self.sent: deque[tuple[int, int]] = deque(maxlen=SENT_KEPT)
-        self._numbered = is_numbered(controller.quantities, controller.recipes.commands)
-        if not self._numbered:
-            self.sent.append((0, int(Command.NONE)))
-        self._derived = DerivedStatus(controller, answered=not self._numbered, rate=connection.motion.device_rate)
-        self._numbers = CommandNumbers()
-        self._run: RecipeRun | None = None
-        self._low = False
+        numbered = is_numbered(controller.quantities, controller.recipes.commands)
+        derived = DerivedStatus(controller, answered=not numbered, rate=connection.motion.device_rate)
+        self._status = ModbusStatus(self._access, controller, derived, connection.url)
+        self._setpoints = ModbusSetpoints(controller)
+        self._commands = ModbusCommands(
+            self._link, self._access, controller, self._status, self._setpoints, derived, self.owner_id, self._poll,
+            numbered=numbered,
+        )
         self._written: ActuatorLimits | None = None
-        self._values: dict[str, Value] = {}
-        self._position_m = 0.0
-        self._writes = PollWrites(controller)
+
+    @property
+    def sent(self) -> Sequence[tuple[int, int]]:
+        """Sequence and command of the last commands written, oldest first."""
+        return self._commands.sent
 
     @property
     def capabilities(self) -> Capabilities:
@@ -146,7 +131,7 @@ class ModbusActuator:
             WrongLayout: it shows something else, or has no such registers.
             DriverError: the controller cannot be read.
         """
-        self._access.explains = not self._values
+        self._access.explains = not self._status.values
         answers = [(read, self._access.words(read)) for read in self._map.identity_reads]
         try:
             values = {name: value for read, words in answers for name, value in read.decode(words).items()}
@@ -163,7 +148,7 @@ class ModbusActuator:
         Raises:
             DriverError: the controller cannot be read.
         """
-        return self._poll([])
+        return self._poll()
 
     def exchange(self, watchdog_counter: int) -> ActuatorStatus:
         """Feed the watchdog and read the status, in one trip where the device can.
@@ -174,7 +159,7 @@ class ModbusActuator:
         Raises:
             DriverError: the controller cannot be reached.
         """
-        return self._poll(self._writes.feed(watchdog_counter))
+        return self._poll(self._setpoints.feed(watchdog_counter))
 
     @property
     def takes_speed(self) -> bool:
@@ -197,9 +182,9 @@ class ModbusActuator:
         Raises:
             DriverError: the controller cannot be reached, or refuses; the set-point may have arrived.
         """
-        requests = self._writes.setpoint(setpoint, watchdog_counter)
+        requests = self._setpoints.setpoint(setpoint, watchdog_counter)
         if watchdog_counter is not None and not self._map.setpoint_feeds:
-            for request in self._writes.feed(watchdog_counter):
+            for request in self._setpoints.feed(watchdog_counter):
                 self._access.write(request)
         return self._poll(requests, once=True)
 
@@ -270,105 +255,9 @@ class ModbusActuator:
             LinkLost: the connection broke and cannot be made again; the command may have arrived.
             WrongAnswer: the answer was not one to this write; the command may have arrived.
         """
-        sequence = self._next_number()
-        recipe = self._recipe(command)
-        run = self._started(command, sequence, recipe, order)
-        run.check()
-        if command in PRESSURISES and recipe:
-            self._hold_where_it_is()
-        self._run = None
-        for attempt in range(SEND_ATTEMPTS):
-            try:
-                if attempt > 0:
-                    if self._arrived(command, sequence):
-                        break
-                    if self._numbers.swallowed:
-                        sequence = self._next_number()
-                    run = self._started(command, sequence, recipe, order)
-                self._note(command, sequence, order)
-                run.go_on(clock.monotonic(), self._access.show, self._access.write)
-                break
-            except (NoAnswer, LinkLost, WrongAnswer):
-                if attempt == SEND_ATTEMPTS - 1 or (command in NOT_TWICE and not self._numbered):
-                    raise
-        self._follow(run)
-        return sequence
+        return self._commands.send(command, order)
 
-    # How a command is carried out
-
-    def _recipe(self, command: Command) -> Recipe:
-        """The steps of a command; none where the host makes its motion, or shows low pressure by itself.
-
-        Raises:
-            LocalProtocolError: the controller knows no such command.
-        """
-        off = self._values and self._state == State.OFF
-        if command is Command.HYDRAULICS_LOW and self._map.recipe(command) is None and self.capabilities.hydraulics:
-            # A device with one pressure only: low is shown while it is off; asked for under pressure it takes it away.
-            self._low = bool(off)
-            return () if off else self._recipe(Command.HYDRAULICS_OFF)
-        if command in {Command.HYDRAULICS_ON, Command.HYDRAULICS_OFF, Command.RESET}:
-            self._low = self._low and command is Command.RESET
-        recipe = self._map.recipe(command)
-        if recipe is None:
-            raise LocalProtocolError(f"{command.name.lower().replace('_', '-')} is not supported by this controller")
-        return recipe
-
-    def _started(self, command: Command, sequence: int, recipe: Recipe, order: Move | Program | None) -> RecipeRun:
-        stops = command in STOPS and command not in PRESSURISES
-        position_m = position_for(recipe, self._position_m) if stops else self._position_m
-        given: dict[str, Value] = {"sequence": sequence, "owner": self.owner_id, "position": position_m}
-        codes = {number: own[0] for number, own in self._map.words.waveforms.codes.items()}
-        return RecipeRun(command, sequence, recipe, given | values_of(order, codes))
-
-    def _note(self, command: Command, sequence: int, order: Move | Program | None) -> None:
-        """A command is about to be written."""
-        self._writes.halted = command is Command.HALT
-        self._numbers.used(sequence, command, self._map.carrier(command, low=self._low))
-        if (sequence, int(command)) not in self.sent:
-            self.sent.append((sequence, int(command)))
-        self._derived.sent(command, sequence, order if isinstance(order, Program) else None)
-
-    def _follow(self, run: RecipeRun) -> None:
-        """Say how a command stands; one that waits is gone on with at the next polls.
-
-        A stop counts as taken when it is written: it is proved by standstill, and written again if it is not answered.
-        """
-        done = run.outcome is Outcome.DONE or run.command in STOPS
-        result = Result.DONE if done else Result.BUSY
-        if run.outcome is Outcome.NOT_ANSWERED and run.command in STOPS:
-            run.restart()
-        elif run.outcome is Outcome.NOT_ANSWERED:
-            result = Result.REFUSED_STATE
-        self._derived.answer = (run.sequence, int(run.command), result)
-        self._run = run if run.outcome is Outcome.UNDER_WAY else None
-
-    def _arrived(self, command: Command, sequence: int) -> bool:
-        """Whether the controller has seen this command; connects again first if it must.
-
-        Raises:
-            LinkLost: the connection cannot be made again.
-            DriverError: it cannot be asked.
-        """
-        try:
-            self._link.open(REOPEN_TIMEOUT_S)
-        except DriverError as error:
-            raise LinkLost("actuator", self.url, f"command {sequence}: outcome unknown, {error}") from error
-        return self._numbered and self._poll([]).acknowledges(command, sequence)
-
-    def _next_number(self) -> int:
-        """The next command's number.
-
-        Raises:
-            DriverError: the controller cannot be asked for the last one it saw.
-        """
-        if not self._values:
-            self._poll([])
-        return self._numbers.following()
-
-    # Reading and writing
-
-    def _poll(self, requests: Sequence[Written], *, once: bool = False) -> ActuatorStatus:
+    def _poll(self, requests: Sequence[Written] = (), *, once: bool = False) -> ActuatorStatus:
         """Write, read the status, and go on with the command that waits.
 
         Args:
@@ -379,43 +268,7 @@ class ModbusActuator:
             WrongAnswer: the words do not make up the status.
             DriverError: the controller cannot be reached.
         """
-        values = self._access.read(self._map.status_reads, "status", requests, once=once)
-        if len(self._map.status_reads) > 1 and self._map.differs(values, self._values):
-            # What changed between two requests of a poll is only half seen.
-            values = self._access.read(self._map.status_reads, "status")
-        received_ns = clock.monotonic_ns()
-        self._access.explains = False
-        values |= self._derived.unwrapped(values)
-        self._values = values
-        # A stop may write where the rod is: a position that is no number must not hold it back.
-        if math.isfinite(position_m := float(values["position"])):
-            self._position_m = position_m
-        self._writes.seen(self._state, values)
-        if self._run is not None:
-            self._run.go_on(received_ns * 1e-9, self._access.show, self._access.write)
-            self._follow(self._run)
-        try:
-            status = self._map.status(values, received_ns, self._derived.knows(values, received_ns))
-        except RemoteProtocolError as error:
-            raise WrongAnswer("actuator", self.url, f"status: {error}") from error
-        status = self._derived.completed(status)
-        if self._low and status.hydraulics_off:
-            status = self._map.with_low_pressure(status)
-        if self._numbered:
-            status = self._numbers.as_asked(status)
-        return status
-
-    @property
-    def _state(self) -> int:
-        return self._map.state_of(self._values)
-
-    def _hold_where_it_is(self) -> None:
-        """A device that follows set-points is told where the rod is before it can move it.
-
-        Raises:
-            DriverError: it cannot be read or written.
-        """
-        if self._map.recipes.setpoint:
-            self._poll([])
-            for request in self._writes.setpoint(Setpoint(float(self._values["position"]), 0.0), None):
-                self._access.write(request)
+        received_ns = self._status.read(requests, once=once)
+        self._setpoints.seen(self._status.state, self._status.values)
+        self._commands.go_on(received_ns)
+        return self._commands.answered(self._status.shown(received_ns))

@@ -35,8 +35,8 @@ LINE_ENDS = re.compile(rb"\r\n|\r|\n")
 _VALUE = re.compile(r"\(\?P<value>[^()]*(?:\([^()]*\)[^()]*)*\)")
 _PER_SI = {"A": 1.0, "V": 1.0, "s": 1.0, "mA": 1e3, "mV": 1e3, "ms": 1e3}
 _FIELD = re.compile(r"\\\{([a-z]+)_([a-zA-Z]+)(?::[^}]*)?\\\}")
-_BITS = {1: SourceFault.OVER_TEMPERATURE, 2: SourceFault.UNDERVOLTAGE, 4: SourceFault.OPEN, 8: SourceFault.SHORT}
-"""A fault of the description's, by the rig's number for it, as the output stage knows it."""
+FAULTS = SourceFault.OVER_TEMPERATURE | SourceFault.UNDERVOLTAGE | SourceFault.OPEN | SourceFault.SHORT
+"""Faults of the output stage that a supply reports, where its description has them."""
 
 
 def pattern_of(text: str) -> re.Pattern[str]:
@@ -219,8 +219,8 @@ class SimulatedSupply:
         return self.ecu.plant.value("current_A") * self.ecu.options.ohm
 
     def _fault_bits(self) -> int:
-        present = self.ecu.fault_bits
-        return sum(bit for bit, meaning in self.described.faults if present & _BITS.get(meaning, 0))
+        present = self.ecu.fault_bits & FAULTS
+        return sum(bit for bit, meaning in self.described.faults if present & meaning)
 
 
 class SupplyClient(asyncio.Protocol):

@@ -1,4 +1,4 @@
-"""What is written with a poll: the watchdog's food, and set-points; each has its counters."""
+"""Set-points of a Modbus actuator, and what feeds its watchdog: what is written with a poll; each has its counters."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ HELD = frozenset({State.HOLD, State.MOVING, State.RUNNING})
 """States in which the device goes where its set-points say."""
 
 
-class PollWrites:
+class ModbusSetpoints:
     """Makes the requests of one device.
 
     Args:
         controller: its map.
 
     Attributes:
-        halted: the device was halted by a command of its own; a set-point could have it go on.
+        halted: the device was halted by a command; a set-point could have it go on.
     """
 
     def __init__(self, controller: ControllerMap) -> None:
