@@ -42,8 +42,8 @@ from rig.campaign.sequencer.state import Ceiling, Drive, Drives, conditions_of
 from rig.clock import utc_now
 from rig.matrix.model import Matrix
 from rig.matrix.plan import plan
-from rig.matrix.point import TestPoint
 from rig.recording.journal.ring_reader import RecordBlock
+from rig.test_point import TestPoint
 from simulators.options import RigOptions
 
 BENCH = Path(__file__).parents[1] / "examples" / "demo-bench.toml"

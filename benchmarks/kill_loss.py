@@ -25,7 +25,8 @@ from drivers.ring import Channel, RingWriter
 from rig.clock import monotonic_ns
 from rig.recording.journal.journal_file import read_journal
 from rig.recording.journal.recorder import PointRecorder
-from rig.recording.layout import PointContext, SensorContext, WantedPoint
+from rig.recording.layout import PointContext, SensorContext
+from rig.test_point import TestPoint
 
 TICK_S = 0.004
 STATUS_CHANNELS = (Channel.POSITION, Channel.STATE, Channel.COIL_CURRENT, Channel.COIL_TEMPERATURE)
@@ -62,7 +63,7 @@ def feed(path: Path, rate_Hz: float) -> None:
 def record(ring: Path, folder: Path, rate_Hz: float) -> None:
     """Record one point until killed."""
     sensors = {name: SensorContext(name, rate_Hz) for name in ("force", "displacement")}
-    point = WantedPoint("p001", "sine", 0.01, 1.0, 0.0, 9)
+    point = TestPoint("p001", "sine", 0.01, 1.0, 0.0, 9)
     recorder = PointRecorder(ring, folder)
     recorder.begin(PointContext(point=point, sensors=sensors), expected_s=10.0)
     threading.Event().wait()

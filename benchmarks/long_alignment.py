@@ -20,14 +20,16 @@ from pathlib import Path
 import numpy as np
 from campaign_process import machine
 
+from drivers.ring import CHANNELS
 from drivers.roles import ProgramPhase
 from rig.clock import utc_now
 from rig.recording.alignment.alignment import align
 from rig.recording.conversion.conversion import finish_point
 from rig.recording.journal.journal_file import JournalWriter, scan_journal
 from rig.recording.journal.point_journal import ChannelSplit
-from rig.recording.layout import NUMBER, RECORD_DTYPE, PointContext, SensorContext, WantedPoint
+from rig.recording.layout import RECORD_DTYPE, PointContext, SensorContext
 from rig.signals.chunked_column import parts
+from rig.test_point import TestPoint
 
 RATE_HZ, POLL_HZ, FREQUENCY_HZ = 10_000.0, 100.0, 1.0
 SENSORS = {"force": 300.0, "displacement": 0.03, "auxiliary_1": 9.81}
@@ -38,7 +40,7 @@ LIMIT_MB = 300.0
 def context(seconds: float) -> PointContext:
     """The header of the point's journal."""
     return PointContext(
-        point=WantedPoint(
+        point=TestPoint(
             "p001", "sine", SENSORS["displacement"], FREQUENCY_HZ, 0.0, int(seconds * FREQUENCY_HZ) - 2,
             ramp_in_cycles=1.0, ramp_out_cycles=1.0, centre_m=0.0, repeat=1, rest_s=0.0,
         ),
@@ -57,10 +59,10 @@ def write_journal(path: Path, seconds: float) -> None:
             time_s = second + np.arange(count) / RATE_HZ
             value = amplitude * np.sin(2 * np.pi * FREQUENCY_HZ * time_s)
             value += 0.01 * amplitude * random.standard_normal(count)
-            found.append(block(NUMBER[name], time_s, value, second * count + np.arange(count)))
+            found.append(block(CHANNELS[name], time_s, value, second * count + np.arange(count)))
             if name != "auxiliary_1":
                 pulse = np.array([float(second)])
-                found.append(block(NUMBER[f"{name}_edge"], pulse, np.zeros(1), np.array([second % 256])))
+                found.append(block(CHANNELS[f"{name}_edge"], pulse, np.zeros(1), np.array([second % 256])))
         poll_s = second + np.arange(int(POLL_HZ)) / POLL_HZ
         wave = np.sin(2 * np.pi * FREQUENCY_HZ * poll_s)
         ramps = (poll_s < 1.0 / FREQUENCY_HZ) | (poll_s > seconds - 1.0 / FREQUENCY_HZ)
@@ -69,8 +71,8 @@ def write_journal(path: Path, seconds: float) -> None:
             ("position", SENSORS["displacement"] * wave), ("controller_force", SENSORS["force"] * wave),
             ("phase", phase), ("coil_current", 0.0 * wave),
         ):
-            found.append(block(NUMBER[name], poll_s, value, 0 * poll_s.astype(np.int64)))
-        found.append(block(NUMBER["pulse"], np.array([float(second)]), np.array([float(second)]), np.array([second])))
+            found.append(block(CHANNELS[name], poll_s, value, 0 * poll_s.astype(np.int64)))
+        found.append(block(CHANNELS["pulse"], np.array([float(second)]), np.array([float(second)]), np.array([second])))
         records = np.concatenate(found)
         writer.append(records[np.argsort(records["host_ns"], kind="stable")])
     writer.close(stopped_by=None, lost_records=0)

@@ -20,8 +20,9 @@ from protocols.frame_format import FrameDecoder
 from rig.recording.conversion.conversion import build
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.journal.journal_file import JournalContent
-from rig.recording.layout import RECORD_DTYPE, PointContext, SensorContext, WantedPoint
+from rig.recording.layout import RECORD_DTYPE, PointContext, SensorContext
 from rig.recording.recorded_point import RecordedPoint
+from rig.test_point import TestPoint
 from simulators.clock import DeviceClock
 from simulators.conditioner import group_delay_s
 from simulators.options import RigOptions
@@ -127,7 +128,7 @@ class RecordedRig:
         delays = self.declared_delays_s or (group_delay_s(cell.bandwidth_Hz), group_delay_s(lvdt.bandwidth_Hz))
         inputs_s = group_delay_s(self.plant.position_input.options.bandwidth_Hz)
         return PointContext(
-            point=WantedPoint(**point),
+            point=TestPoint(**point),
             sensors={
                 "force": SensorContext("load_cell", cell.rate_Hz, delays[0], cell.range, "N"),
                 "displacement": SensorContext("lvdt", lvdt.rate_Hz, delays[1], 1e-3 * lvdt.range, "m"),

@@ -36,8 +36,9 @@ from rig.clock import monotonic_ns
 from rig.matrix.model import load_matrix
 from rig.recording.journal.recorder import PointRecorder
 from rig.recording.journal.ring_reader import RingReader
-from rig.recording.layout import PointContext, WantedPoint
+from rig.recording.layout import PointContext
 from rig.station.client import StationClient
+from rig.test_point import TestPoint
 
 RATE_HZ = 250.0
 TICK_NS = round(1e9 / RATE_HZ)
@@ -210,7 +211,7 @@ def measure(count: int, real_time: bool, folder: Path) -> list[float]:
     recorder = PointRecorder(Path(config.ring_path), folder / "points")
     reader = threading.Thread(target=watch_ring, args=(Path(config.ring_path), ending), daemon=True)
     try:
-        recorder.begin(PointContext(WantedPoint("p001", "sine", 0.0, 1.0, 0.0, 0), sensors={}), expected_s=600.0)
+        recorder.begin(PointContext(TestPoint("p001", "sine", 0.0, 1.0, 0.0, 0), sensors={}), expected_s=600.0)
         reader.start()
         return injections(client, orders, count)
     finally:

@@ -56,55 +56,93 @@ _LARGEST_BATCH_STRUCT = 128
 
 
 class Channel(IntEnum):
-    """What a record is about. 3..9 are the auxiliary channels, 42..48 their edges."""
+    """What a record is about: its number, the SI unit of its values, one line for people.
 
-    FORCE = 1
-    DISPLACEMENT = 2
-    AUXILIARY_1 = 3
-    AUXILIARY_2 = 4
-    AUXILIARY_3 = 5
-    AUXILIARY_4 = 6
-    AUXILIARY_5 = 7
-    AUXILIARY_6 = 8
-    AUXILIARY_7 = 9
-    COIL_CURRENT = 10
-    COIL_TEMPERATURE = 11
-    ECU_TEMPERATURE = 12
-    ECU_SUPPLY = 13
-    ECU_STATE = 14
-    ECU_FAULTS = 15
-    COMMANDED_CURRENT = 16
-    POSITION = 20
-    VELOCITY = 21
-    SETPOINT = 22
-    STATE = 23
-    CYCLES_DONE = 24
-    FAULT_BITS = 25
-    SUPPLY_PRESSURE = 26
-    ACCUMULATOR_PRESSURE = 27
-    PULSE = 28
-    PHASE = 29
-    INPUTS = 30
-    SERVO_ERROR = 31
-    CONTROLLER_FORCE = 32
-    FORCE_EDGE = 40
-    DISPLACEMENT_EDGE = 41
-    AUXILIARY_1_EDGE = 42
-    AUXILIARY_2_EDGE = 43
-    AUXILIARY_3_EDGE = 44
-    AUXILIARY_4_EDGE = 45
-    AUXILIARY_5_EDGE = 46
-    AUXILIARY_6_EDGE = 47
-    AUXILIARY_7_EDGE = 48
-    TRIP = 50
-    LOOP_LATE = 51
-    HYBRID_TIME = 60
-    HYBRID_TARGET = 61
-    HYBRID_SEEN = 62
-    HYBRID_BODY = 63
-    HYBRID_WHEEL = 64
-    SIGNAL_TIME = 65
-    SIGNAL_TARGET = 66
+    3..9 are the auxiliary channels, 42..48 their edges; the unit of an auxiliary channel is in the bench file.
+    """
+
+    unit: str
+    long_name: str
+
+    def __new__(cls, number: int, unit: str = "1", long_name: str = "") -> Self:
+        """A channel; `Channel(number)` gives the one with this number."""
+        channel = int.__new__(cls, number)
+        channel._value_ = number
+        channel.unit, channel.long_name = unit, long_name
+        return channel
+
+    FORCE = 1, "N", "Force at the load cell"
+    DISPLACEMENT = 2, "m", "Damper extension"
+    AUXILIARY_1 = 3, "1", "Auxiliary channel 1"
+    AUXILIARY_2 = 4, "1", "Auxiliary channel 2"
+    AUXILIARY_3 = 5, "1", "Auxiliary channel 3"
+    AUXILIARY_4 = 6, "1", "Auxiliary channel 4"
+    AUXILIARY_5 = 7, "1", "Auxiliary channel 5"
+    AUXILIARY_6 = 8, "1", "Auxiliary channel 6"
+    AUXILIARY_7 = 9, "1", "Auxiliary channel 7"
+    COIL_CURRENT = 10, "A", "Coil current"
+    COIL_TEMPERATURE = 11, "degC", "Coil temperature"
+    ECU_TEMPERATURE = 12, "degC", "Temperature of the current source"
+    ECU_SUPPLY = 13, "V", "Supply voltage of the current source"
+    ECU_STATE = 14, "1", "State of the current source"
+    ECU_FAULTS = 15, "1", "Fault bits of the current source"
+    COMMANDED_CURRENT = 16, "A", "Commanded coil current"
+    POSITION = 20, "m", "Position by the actuator controller's own sensor"
+    VELOCITY = 21, "m/s", "Velocity by the actuator controller"
+    SETPOINT = 22, "m", "Set-point of the actuator controller"
+    STATE = 23, "1", "State of the actuator controller"
+    CYCLES_DONE = 24, "1", "Whole cycles of the running program"
+    FAULT_BITS = 25, "1", "Fault bits of the actuator controller"
+    SUPPLY_PRESSURE = 26, "Pa", "Hydraulic supply pressure"
+    ACCUMULATOR_PRESSURE = 27, "Pa", "Accumulator pressure"
+    PULSE = 28, "1", "Cycle pulses: count and the controller's clock at the pulse"
+    PHASE = 29, "1", "Phase of the running program"
+    INPUTS = 30, "1", "Digital inputs of the actuator controller"
+    SERVO_ERROR = 31, "m", "Following error of the servo loop"
+    CONTROLLER_FORCE = 32, "N", "Coarse force input of the actuator controller"
+    FORCE_EDGE = 40, "1", "Cycle pulses latched in the load cell's clock"
+    DISPLACEMENT_EDGE = 41, "1", "Cycle pulses latched in the displacement sensor's clock"
+    AUXILIARY_1_EDGE = 42, "1", "Cycle pulses latched by auxiliary channel 1"
+    AUXILIARY_2_EDGE = 43, "1", "Cycle pulses latched by auxiliary channel 2"
+    AUXILIARY_3_EDGE = 44, "1", "Cycle pulses latched by auxiliary channel 3"
+    AUXILIARY_4_EDGE = 45, "1", "Cycle pulses latched by auxiliary channel 4"
+    AUXILIARY_5_EDGE = 46, "1", "Cycle pulses latched by auxiliary channel 5"
+    AUXILIARY_6_EDGE = 47, "1", "Cycle pulses latched by auxiliary channel 6"
+    AUXILIARY_7_EDGE = 48, "1", "Cycle pulses latched by auxiliary channel 7"
+    TRIP = 50, "1", "Interlock trips"
+    LOOP_LATE = 51, "s", "Lateness of the station's loop"
+    HYBRID_TIME = 60, "s", "Hybrid test: time since the road's beginning, as computed"
+    HYBRID_TARGET = 61, "m", "Hybrid test: where the specimen should be, about its centre"
+    HYBRID_SEEN = 62, "m", "Hybrid test: where the specimen was seen at that step, about its centre"
+    HYBRID_BODY = 63, "m", "Hybrid test: computed height of the body"
+    HYBRID_WHEEL = 64, "m", "Hybrid test: computed height of the wheel"
+    SIGNAL_TIME = 65, "s", "Signal: time since its beginning, of each set-point"
+    SIGNAL_TARGET = 66, "m", "Signal: where the rod was to be at that time, about its centre"
+
+    @property
+    def label(self) -> str:
+        """Its name in recordings, such as `coil_current`."""
+        return self.name.lower()
+
+
+CHANNELS = {channel.label: channel for channel in Channel}
+"""By name in recordings."""
+_NUMBERS = frozenset(int(channel) for channel in Channel)
+_UNKNOWN = "channel_"
+
+
+def channel_name(number: int) -> str:
+    """Name in recordings of the channel with this number; `channel_<number>` of one that this version does not know."""
+    return Channel(number).label if number in _NUMBERS else f"{_UNKNOWN}{number}"
+
+
+def channel_number(name: str) -> int:
+    """The number of the channel that `channel_name` names.
+
+    Raises:
+        ValueError: no channel has this name.
+    """
+    return CHANNELS[name] if name in CHANNELS else int(name.removeprefix(_UNKNOWN))
 
 
 def edge_channel(channel: int) -> Channel:

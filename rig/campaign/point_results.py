@@ -20,11 +20,11 @@ from rig.campaign.results import (
 )
 from rig.campaign.stop_cause import StopCause
 from rig.errors import FileProblem
-from rig.matrix.point import TestPoint
 from rig.recording.conversion.delay_correction import finished, write_verdict
 from rig.recording.quality.instrument_checks import ZERO_RETURN
 from rig.recording.quality.verdict import suspect
 from rig.recording.recorded_point import RecordedPoint
+from rig.test_point import TestPoint
 
 
 @dataclass
@@ -67,7 +67,7 @@ class PointResults:
         quality: Mapping[str, float] | None = None,
     ) -> PointResult:
         """Enter an attempt's verdict and, when measured, its numbers; returns what was entered."""
-        result = replace(_result(point, file, verdict, tuple(reasons), lost_samples), quality=quality or {})
+        result = PointResult(point, file, verdict, tuple(reasons), lost_samples, quality or {})
         if file is not None:
             self.measured.add(file)
         known = self.results.get(point.id)
@@ -82,7 +82,7 @@ class PointResults:
 
         Its file may be made after the point was judged: of records out of tolerance the last one entered is told.
         """
-        self.earlier[point.id] = replace(_result(point, file, verdict, tuple(reasons), lost_samples), quality=quality)
+        self.earlier[point.id] = PointResult(point, file, verdict, tuple(reasons), lost_samples, quality)
 
     def renamed(self, names: Mapping[Path, Path]) -> None:
         """Files of earlier sessions have other names now: old path -> new path."""
@@ -132,7 +132,7 @@ class PointResults:
         """What counts of what was recorded before and of this session's attempts."""
         before, result = self.earlier.get(point.id), self.results.get(point.id)
         if before is None or result is None:
-            return before or result or _result(point, None, NOT_RUN, (), 0)
+            return before or result or PointResult(point, None, NOT_RUN)
         return _counts(before, result)
 
     @property
@@ -167,18 +167,3 @@ def _counts(known: PointResult, result: PointResult) -> PointResult:
     if known.file is None or result.file is not None:
         return result
     return replace(known, reasons=tuple(dict.fromkeys((*known.reasons, *result.reasons))))
-
-
-def _result(point: TestPoint, file: Path | None, verdict: str, reasons: tuple[str, ...], lost: int) -> PointResult:
-    return PointResult(
-        id=point.id,
-        file=file,
-        verdict=verdict,
-        reasons=reasons,
-        waveform=point.waveform,
-        amplitude_m=point.amplitude_m,
-        frequency_Hz=point.frequency_Hz,
-        current_A=point.current_A,
-        lost_samples=lost,
-        described=point.described,
-    )

@@ -13,6 +13,7 @@ from rig.campaign.words import say
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE
 from rig.matrix.plan import Plan
 from rig.recording.quality.verdict import Kind, Reason, blamed
+from rig.test_point import TestPoint
 
 WARMING_UP = "warming up"
 NOT_RUN = "not run"
@@ -60,19 +61,19 @@ class CampaignOptions:
 
 @dataclass(frozen=True)
 class PointResult:
-    """How one test point ended; the fields are the keys of `rig run --json`."""
+    """How one test point ended."""
 
-    id: str
+    point: TestPoint
     file: Path | None
     verdict: str
-    reasons: tuple[str, ...]
-    waveform: str
-    amplitude_m: float
-    frequency_Hz: float
-    current_A: float
-    lost_samples: int
+    reasons: tuple[str, ...] = ()
+    lost_samples: int = 0
     quality: Mapping[str, float] = field(default_factory=dict)
-    described: str = ""
+
+    @property
+    def id(self) -> str:
+        """Name of the point."""
+        return self.point.id
 
     @property
     def slugs(self) -> tuple[str, ...]:
@@ -86,11 +87,11 @@ class PointResult:
             "file": None if self.file is None else str(self.file.resolve()),
             "verdict": self.verdict,
             "reasons": list(self.reasons),
-            "waveform": self.waveform,
-            "amplitude_m": self.amplitude_m,
-            "frequency_Hz": self.frequency_Hz,
-            "current_A": self.current_A,
-            "described": self.described,
+            "waveform": self.point.waveform,
+            "amplitude_m": self.point.amplitude_m,
+            "frequency_Hz": self.point.frequency_Hz,
+            "current_A": self.point.current_A,
+            "described": self.point.described,
             "lost_samples": self.lost_samples,
             "blamed": [blamed(reason) for reason in self.reasons],
             "quality": {name: value for name, value in self.quality.items() if math.isfinite(value)},

@@ -19,11 +19,11 @@ from rig.campaign.results import INVALID, RANKS, CampaignOptions, PointResult
 from rig.campaign.setup import campaign_hash, described
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
-from rig.matrix.point import TestPoint
 from rig.recording.conversion.recovery import recover_held
 from rig.recording.hdf5.reading import check_values
 from rig.recording.point_files import FILE, OLD_FILE
 from rig.recording.recorded_point import RecordedPoint
+from rig.test_point import TestPoint
 
 SLOWEST, FASTEST = 0.01, 1000.0
 """Speeds of a simulated rig."""
@@ -240,18 +240,7 @@ def _damage(file: Path) -> tuple[str, ...]:
 
 
 def _result(point: TestPoint, recorded: RecordedPoint) -> PointResult:
-    return PointResult(
-        id=point.id,
-        file=recorded.path,
-        verdict=recorded.verdict,
-        reasons=recorded.reasons,
-        waveform=point.waveform,
-        amplitude_m=point.amplitude_m,
-        frequency_Hz=point.frequency_Hz,
-        current_A=point.current_A,
-        lost_samples=recorded.lost_samples,
-        described=point.described,
-    )
+    return PointResult(point, recorded.path, recorded.verdict, recorded.reasons, recorded.lost_samples)
 
 
 NAME = r"[a-z0-9_]{1,60}"

@@ -37,6 +37,7 @@ from rig.recording.journal.campaign_log import CampaignLog
 from rig.recording.journal.journal_lock import campaign_held
 from rig.recording.layout import RECORD_DTYPE
 from rig.recording.run import read_campaign
+from rig.test_point import LOOP
 
 ZERO_CHECKS = "zero_checks"
 """Entry of `campaign.json`: one for each session."""
@@ -200,7 +201,7 @@ def _corrections_s(plan: Plan, matrix: Matrix) -> float:
     for item in plan.points:
         point = item.point
         key = point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A
-        motions[key] = max(motions.get(key, 0.0), point.motion_s if point.kind == "loop" else 0.0)
+        motions[key] = max(motions.get(key, 0.0), point.motion_s if point.kind == LOOP else 0.0)
     return MOST_STEPS * math.fsum(motions.values())
 
 

@@ -124,7 +124,7 @@ def _test(
 ) -> HybridTest:
     raw = {name: point.raw(f"hybrid_{name}") for name in ("time", "target", "seen", "body", "wheel")}
     compensator = str(point.id).removeprefix("hybrid-").partition("-")[0]
-    law = law_named(str(point.test.get("law")))
+    law = law_named(point.law)
     verdict = point.quality.verdict.verdict
     times = raw["time"]
     if times is None or any(values is None for values in raw.values()):

@@ -25,6 +25,7 @@ from rig.recording.run import Run
 from rig.signals.arrays import FloatArray
 from rig.signals.cycles import find_cycles, full_cycles
 from rig.signals.test_set import TestSet
+from rig.test_point import LOOP
 
 MIDDLE = 0.5
 """Share of the amplitude about the mean position in which the force is taken: away from the reversals."""
@@ -125,7 +126,7 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
             continue
         try:
             with evaluating("it"):
-                if point.kind == "loop":
+                if point.kind == LOOP:
                     measured = known.get(point.id) or prepare(point, skews.get(point.id))
                     whole, ends_cut = without_cut_ends(measured)
                     loops.append(characterise_loop(point, whole))

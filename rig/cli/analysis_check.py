@@ -10,13 +10,14 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 from rig.errors import FileProblem, IdentificationFailed
+from rig.test_point import LOOP, SIGNAL
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from rig.matrix.model import Matrix
-    from rig.matrix.point import TestPoint
     from rig.matrix.sections import Identify
+    from rig.test_point import TestPoint
 
 SEVERAL = ("all", "few")
 NO_LAW, SEPARABLE = "none", "separable"
@@ -44,7 +45,7 @@ def check_analysis(path: Path, matrix: Matrix) -> None:
 
 def analysis_problems(wanted: Identify, points: Iterable[TestPoint]) -> list[str]:
     """The same as lines of text; none when the identification can begin."""
-    loops = [point for point in points if point.kind in {"loop", "signal"}]
+    loops = [point for point in points if point.kind in {LOOP, SIGNAL}]
     if not loops:
         return ["enabled: the matrix has no loop for a fit. Fix: add points, or set enabled = false"]
     problems, fitted = _holdout(wanted.holdout, loops)

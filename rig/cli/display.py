@@ -18,8 +18,8 @@ from rig.cli.words import verdict_words
 if TYPE_CHECKING:
     from rig.campaign.results import PointResult
     from rig.matrix.plan import Plan
-    from rig.matrix.point import TestPoint
     from rig.recording.recorded_point import RecordedPoint
+    from rig.test_point import TestPoint
 
 # Live value -> (label, factor, unit, number format).
 LIVE = {
@@ -76,7 +76,7 @@ class PlainDisplay:
         """Print a point's verdict, its reasons and the time left."""
         self.done += 1
         line = Text(f"{MARKS.get(result.verdict, '-')} {result.id}  ", style=COLOURS.get(result.verdict, ""))
-        line.append(result.described.ljust(31) + " ", style="none")
+        line.append(result.point.described.ljust(31) + " ", style="none")
         line.append(verdict_words(result))
         line.append(f"   {self.done}/{self.total}, {duration(self.time_left_s)} left", style="dim")
         self.console.print(line)

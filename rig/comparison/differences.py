@@ -24,9 +24,9 @@ from rig.comparison.readings import (
     readings_of,
 )
 from rig.errors import RigError
-from rig.recording.layout import SIGNAL
 from rig.recording.run import Run
 from rig.signals.test_set import MOTION_SHARE
+from rig.test_point import SIGNAL
 
 MOST_RUNS = 12
 NEARBY = 0.2

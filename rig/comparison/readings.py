@@ -25,6 +25,7 @@ from rig.signals.test_set import (
     same_current,
     same_motion,
 )
+from rig.test_point import LOOP
 
 COVERAGE = 2.0
 """Expanded uncertainties are so many standard ones: about 95 %."""
@@ -238,7 +239,7 @@ def readings_of(run: Run) -> RunReadings:
 
 def _lacking(run: Run, loops: Sequence[LoopReading]) -> Iterator[LoopReading]:
     for point in run.points:
-        if point.kind != "loop" or any(point.id in loop.ids for loop in loops):
+        if point.kind != LOOP or any(point.id in loop.ids for loop in loops):
             continue
         motion = _motion_of(point)
         if not any(motion.same_as(loop.motion) for loop in loops):

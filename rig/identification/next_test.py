@@ -23,7 +23,7 @@ from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.model_slope import modelled_force, parameter_slopes
 from rig.identification.options import Allowance
 from rig.identification.uncertainty.fit import Fit
-from rig.matrix.point import TestPoint
+from rig.test_point import TestPoint
 
 AMPLITUDES, FREQUENCIES, CURRENTS = 5, 6, 5
 ENOUGH = 4096  # samples of a test that tell what it says of the parameters

@@ -10,7 +10,7 @@ from rig.dampers import Hysteresis
 from rig.dampers.current_law import AFFINE
 from rig.identification.corrections import CORRECTIONS, SETTINGS, Correction
 from rig.identification.models.solving import SEPARABLE, Method
-from rig.matrix.point import TestPoint
+from rig.test_point import TestPoint
 
 if TYPE_CHECKING:
     from rig.identification.points.inputs import Tests

@@ -12,7 +12,7 @@ from rig.dampers import DamperModel, model, parameter_set
 from rig.dampers.covered import BEYOND, LEAST
 from rig.fits.entries import TestedRange
 from rig.fits.fit_record import FitRecord
-from rig.matrix.point import TestPoint
+from rig.test_point import TestPoint
 
 if TYPE_CHECKING:  # it loads the compiler
     from rig.vehicle.motion import CornerDamper

@@ -15,11 +15,11 @@ from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import Limits
 from rig.matrix.forecast import Forecast
 from rig.matrix.model import Matrix
-from rig.matrix.point import TestPoint
 from rig.matrix.stopping import stop_fits, stopping_reach, within
 from rig.matrix.streaming import peaks, some
 from rig.signals.record import Record
 from rig.signals.waveform import waveform_named
+from rig.test_point import HYBRID, TestPoint
 from rig.units import show
 
 SAMPLES_A_CYCLE = 25
@@ -151,11 +151,11 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     if own is not None and _beyond(point.current_A, own):
         yield Reason("specimen-current", f"current {point.current_A:.3g} A is above the specimen's limit, {own:.3g} A")
     assumed = matrix.specimen.assumed
-    if point.kind == "hybrid" and matrix.hybrid is not None and assumed is not None:
+    if point.kind == HYBRID and matrix.hybrid is not None and assumed is not None:
         yield from (Reason(*given) for given in matrix.hybrid.reasons(point, assumed, bench))
-    if point.record is not None:
-        yield from _of_record(point, point.record, bench)
-    if point.kind in {"current_step", "hybrid", "signal"}:
+    if point.record_samples is not None:
+        yield from _of_record(point, point.record_samples, bench)
+    if not point.cyclic:
         return
     rate_Hz = min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
     if _beyond(SAMPLES_A_CYCLE * point.frequency_Hz, rate_Hz):
@@ -215,7 +215,7 @@ def _ripple(reached: float, own: float, unit: str) -> str:
 
 def _when(point: TestPoint, which: int) -> str:
     """Where in a signal its speed (0) or acceleration (1) is largest; empty for cycles."""
-    return "" if point.record is None else f" at {point.record.fastest_s[which]:.2f} s"
+    return "" if point.record_samples is None else f" at {point.record_samples.fastest_s[which]:.2f} s"
 
 
 def _travel(matrix: Matrix, bench: Bench) -> Limits:
@@ -307,7 +307,7 @@ def sampling_hints(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]
         points: all points of a plan.
         bench: rates, declared bandwidths and delays of its sensors.
     """
-    moving = [point for point in points if point.kind not in {"current_step", "hybrid", "signal"}]
+    moving = [point for point in points if point.cyclic]
     hints: list[str] = []
     for name, sensor in (("load cell", bench.load_cell), ("LVDT", bench.lvdt)):
         hints += _rate(name, sensor, moving)

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from rig.matrix.assumed_damper import AssumedDamper
-from rig.matrix.point import TestPoint
 from rig.matrix.sections import Specimen
 from rig.signals.record import STEP_S
+from rig.test_point import TestPoint
 
 Forecast = Callable[[TestPoint], tuple[float | None, float | None]]
 """Largest force (N) and energy turned to heat over the whole program (J); None where unknown."""
@@ -39,8 +39,8 @@ def _of_waveforms(specimen: Specimen) -> Forecast:
 
     def bounded(point: TestPoint) -> tuple[float | None, float | None]:
         way_m = 4.0 * point.amplitude_m * _full_cycles(point)
-        if point.record is not None:
-            way_m = point.amplitude_m * float(np.sum(np.abs(np.diff(point.record.shape))))
+        if point.record_samples is not None:
+            way_m = point.amplitude_m * float(np.sum(np.abs(np.diff(point.record_samples.shape))))
         return bound_N, bound_N * way_m + _coil_J(point, specimen)
 
     return bounded
@@ -60,8 +60,8 @@ def _from_prior(specimen: Specimen, prior: AssumedDamper) -> Forecast:
     damper = prior.model
 
     def predicted(point: TestPoint) -> tuple[float | None, float | None]:
-        if point.record is not None:
-            u, v, a = point.record.motion(point.amplitude_m, EVERY)
+        if point.record_samples is not None:
+            u, v, a = point.record_samples.motion(point.amplitude_m, EVERY)
             force_N = damper.force(prior.values, u, v, a, point.current_A, EVERY * STEP_S)
             work_J = float(np.sum(force_N * v)) * EVERY * STEP_S
             return float(np.max(np.abs(force_N))), work_J + _coil_J(point, specimen)

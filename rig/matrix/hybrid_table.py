@@ -23,9 +23,9 @@ from rig.hybrid.delay_probe import Probe
 from rig.hybrid.hybrid_motion import PAUSE_S, RETURN_S, HybridOrder
 from rig.hybrid.motion_bounds import Bounds
 from rig.matrix.assumed_damper import LEAST_RISE, SPEED_M_S, AssumedDamper
-from rig.matrix.point import Forecast, TestPoint
 from rig.matrix.streaming import HYBRID_SPEED
 from rig.signals.waveform import HOLD
+from rig.test_point import HYBRID, Forecast, TestPoint
 from rig.vehicle.car import Car
 from rig.vehicle.laws import Control, Law, law_named
 from rig.vehicle.road_file import RoadFile, Speed
@@ -206,7 +206,7 @@ class HybridTable(Section):
             TestPoint(
                 id=f"hybrid-{name}" if passive else f"hybrid-{name}-{law}", waveform=HOLD.name,
                 amplitude_m=amplitude_m, frequency_Hz=1.0 / whole_s, current_A=self.control(law).range_A[1], cycles=1,
-                ramp_in_cycles=0.0, ramp_out_cycles=0.0, centre_m=centre_m, kind="hybrid",
+                ramp_in_cycles=0.0, ramp_out_cycles=0.0, centre_m=centre_m, kind=HYBRID,
                 steps_A=() if passive else (self.current_A,), forecast=forecast, compensator=name, law=law,
             )
             for name in self.compensation

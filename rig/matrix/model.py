@@ -23,7 +23,6 @@ from rig.files.loader import WrongKind, load_section
 from rig.files.section import Section
 from rig.matrix import named_files
 from rig.matrix.hybrid_table import HybridTable
-from rig.matrix.point import TestPoint
 from rig.matrix.sections import (
     Campaign,
     CurrentStep,
@@ -35,6 +34,7 @@ from rig.matrix.sections import (
     Temperature,
 )  # fmt: skip
 from rig.signals.waveform import HOLD, SIGNAL_NAMES, TRIANGLE
+from rig.test_point import CURRENT_STEP, FRICTION, HYBRID, LOOP, SIGNAL, TestPoint
 
 POINT_LIMIT = 10_000
 LATER = frozenset({"law", "most_current_A", "sky_share", "law_damping_N_s_m"})
@@ -79,7 +79,7 @@ class Matrix(Section):
     @property
     def wants_fit(self) -> bool:
         """A model is to be identified; not from hybrid tests alone, whose damper is assumed."""
-        tests_only = self.hybrid is not None and all(point.kind not in {"loop", "signal"} for point in self.points())
+        tests_only = self.hybrid is not None and all(point.kind not in {LOOP, SIGNAL} for point in self.points())
         return self.identify.enabled and not tests_only
 
     @property
@@ -139,7 +139,7 @@ class Matrix(Section):
         return [
             replace(
                 self._point(waveform, record.amplitude_m, record.mean_rate_Hz, current_A),
-                kind="signal", record=record, cycles=1, ramp_in_cycles=0.0, ramp_out_cycles=0.0,
+                kind=SIGNAL, record=record, cycles=1, ramp_in_cycles=0.0, ramp_out_cycles=0.0,
             )
             for current_A, record in product(sweep.current_A, sweep.signals[waveform].records)
         ]
@@ -151,7 +151,7 @@ class Matrix(Section):
             slow = self.friction
             row = self._point(TRIANGLE.name, slow.amplitude_m, slow.speed_m_s / (4.0 * slow.amplitude_m), 0.0)
             special.append(
-                replace(row, id=slow.id, kind="friction", cycles=slow.cycles, ramp_in_cycles=0.5, ramp_out_cycles=0.5)
+                replace(row, id=slow.id, kind=FRICTION, cycles=slow.cycles, ramp_in_cycles=0.5, ramp_out_cycles=0.5)
             )
         for number, item in enumerate(self.current_step, start=1):
             row = self._point(HOLD.name, 0.0, 1.0 / item.hold_s, max(item.current_A))
@@ -159,7 +159,7 @@ class Matrix(Section):
                 replace(
                     row,
                     id=item.id or f"step{number}",
-                    kind="current_step",
+                    kind=CURRENT_STEP,
                     cycles=len(item.current_A),
                     ramp_in_cycles=0.0,
                     ramp_out_cycles=0.0,
@@ -236,7 +236,7 @@ class Matrix(Section):
                 yield ("hybrid", *place), text
 
     def _unique_ids(self) -> Iterator[Problem]:
-        counts = Counter(point.id.casefold() for point in self._written() if point.kind != "hybrid")
+        counts = Counter(point.id.casefold() for point in self._written() if point.kind != HYBRID)
         twice = sorted(name for name, count in counts.items() if count > 1)
         if twice:
             shown = ", ".join(twice[:10]) + (", ..." if len(twice) > 10 else "")

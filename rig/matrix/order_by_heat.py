@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from rig.matrix.point import TestPoint
 from rig.signals.waveform import SINE
+from rig.test_point import LOOP, TestPoint
 
 if TYPE_CHECKING:
     from rig.matrix.forecast import Forecast
@@ -153,7 +153,7 @@ def warm_up_point(points: Sequence[TestPoint], forecast: Forecast, temperature: 
     Where heat is unknown, peak speed times (1 + current) stands for it.
     """
     wanted = temperature.warm_up
-    loops = [point for point in points if point.kind == "loop"] or list(points)
+    loops = [point for point in points if point.kind == LOOP] or list(points)
     if wanted is not None:
         return TestPoint(
             "warm-up", SINE.name, wanted.amplitude_m, wanted.frequency_Hz, wanted.current_A, centre_m=points[0].centre_m

@@ -13,10 +13,10 @@ from rig.matrix.feasibility import Reason, command_limit, reasons_against, sampl
 from rig.matrix.forecast import Forecast, forecaster
 from rig.matrix.model import Matrix
 from rig.matrix.order_by_heat import BETWEEN_POINTS_S, Thermal, load_of, thermal_of, warm_up_point
-from rig.matrix.point import TestPoint
 from rig.matrix.stopping import stopping_reach
 from rig.matrix.streaming import Peaks, gap_warnings, peaks
 from rig.signals.stopping import Reach
+from rig.test_point import LOOP, TestPoint
 from rig.units import show
 
 SETTLING_S = 0.5
@@ -208,7 +208,7 @@ def _judge(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) ->
 def _highest_peaks(point: TestPoint, matrix: Matrix, bench: Bench) -> Peaks:
     """Of the largest command that the adaption of the amplitude may give for a point; its own without adaption."""
     own = peaks(point, bench)
-    if not matrix.sweep.adapt_amplitude or point.kind != "loop":
+    if not matrix.sweep.adapt_amplitude or point.kind != LOOP:
         return own
     largest_m = max(point.amplitude_m, command_limit(point, matrix, bench)[0])
     largest = peaks(replace(point, amplitude_m=largest_m), bench)

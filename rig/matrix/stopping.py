@@ -12,10 +12,10 @@ import numpy as np
 
 from rig.bench.model import Bench
 from rig.matrix.model import Matrix
-from rig.matrix.point import TestPoint
 from rig.signals.arrays import FloatArray
 from rig.signals.stopping import CYCLE_STEPS, Cycles, Reach, halted_m, reach
 from rig.signals.waveform import Waveform
+from rig.test_point import HYBRID, TestPoint
 from rig.units import show
 
 HARDEST_FIT_M_S2 = 500.0
@@ -86,11 +86,11 @@ def within(reached: Reach, room_m: tuple[float, float]) -> bool:
 
 
 def _about_centre(point: TestPoint, matrix: Matrix, fade_out_cycles: float, deceleration_m_s2: float) -> Reach:
-    if point.kind == "hybrid" and matrix.hybrid is not None and matrix.specimen.assumed is not None:
+    if point.kind == HYBRID and matrix.hybrid is not None and matrix.specimen.assumed is not None:
         ride = matrix.hybrid.ride(point, matrix.specimen.assumed)
         return _of_samples(ride.extension_m[:, 0], ride.speed_m_s[:, 0], deceleration_m_s2)
-    if point.record is not None:
-        position_m, velocity_m_s, _ = point.record.motion(point.amplitude_m)
+    if point.record_samples is not None:
+        position_m, velocity_m_s, _ = point.record_samples.motion(point.amplitude_m)
         return _of_samples(position_m, velocity_m_s, deceleration_m_s2)
     ramps = (point.ramp_in_cycles, point.ramp_out_cycles)
     return _of_cycles(

@@ -33,10 +33,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bench.model import Bench
-from rig.matrix.point import TestPoint
 from rig.signals.arrays import FloatArray
 from rig.signals.stopping import CYCLE_STEPS
 from rig.signals.waveform import Waveform
+from rig.test_point import HYBRID, TestPoint
 
 LOOP_1_S = math.tau * 30.0
 """Corner of the position loop (rad/s): 30 Hz, a fast servo-hydraulic axis; a slower one smooths more."""
@@ -63,11 +63,11 @@ def peaks(point: TestPoint, bench: Bench) -> Peaks:
     if point.shape.corner_share is not None:
         saturated = LOOP_1_S * turning_m_s / bench.limits.acceleration_m_s2 - CORNER_FROM
         speed_m_s += CORNER_SPEED * max(0.0, saturated) * turning_m_s
-    if bench.actuator.setpoints_s is None or point.kind == "current_step":
+    if bench.actuator.setpoints_s is None or point.at_rest:
         return Peaks(speed_m_s, acceleration_m_s2)
     period_s, jitter_s = bench.actuator.setpoints_s * bench.clock.device_rate, JITTER_S * bench.clock.device_rate
     ripple = LINES
-    if point.kind == "hybrid":
+    if point.kind == HYBRID:
         speed_m_s, ripple = HYBRID_SPEED * speed_m_s, STEPS
     hardest_m_s2 = (
         acceleration_m_s2 * (1.0 + ripple * (LOOP_1_S * period_s) ** 2)
@@ -111,7 +111,7 @@ def some(points: Sequence[TestPoint]) -> str:
 def _with_envelope(point: TestPoint, bench: Bench) -> Peaks:
     """Largest speed (m/s) and acceleration (m/s^2) that a point's motion asks for, its ramps and fade-out included."""
     own = Peaks(point.peak_speed_m_s, point.peak_acceleration_m_s2)
-    if not point.has_frequency or point.kind == "current_step":
+    if not point.has_frequency or point.at_rest:
         return own
     streamed = bench.actuator.setpoints_s is not None
     ramps = (point.ramp_in_cycles, point.ramp_out_cycles)

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import EXIT_DONE, EXIT_USAGE, FileProblem
-from rig.recording.layout import HYBRID, SIGNAL
 from rig.recording.recorded_point import RecordedPoint
 
 SHOWN_CYCLES, SHOWN_S = 5.0, 20.0
@@ -33,7 +32,7 @@ def excerpt(path: Path) -> dict[str, NDArray[np.float64]]:
     point = RecordedPoint.open(path)
     time_s = point.time_s
     period_s, end_s = SHOWN_S / SHOWN_CYCLES, float(time_s[-1])
-    if point.frequency_Hz > 0.0 and point.kind not in {SIGNAL, HYBRID}:
+    if point.frequency_Hz > 0.0 and point.has_frequency:
         period_s, end_s = 1.0 / point.frequency_Hz, _last_peak_s(time_s, point.displacement_m)
     shown_s = min(SHOWN_CYCLES, max(1.0, point.cycles - 1.0) if point.cycles else SHOWN_CYCLES) * period_s
     chosen = np.flatnonzero((time_s <= end_s) & (time_s >= end_s - shown_s))

@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import FileProblem
+from rig.recording.point_attributes import NOT_STATED, Commanded
 from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.point_quality import PointQuality, time_quality
 from rig.signals.arrays import FloatArray
+from rig.test_point import TestPoint
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,26 +52,19 @@ class ForceSamples:
 
 
 @dataclass(frozen=True)
-class RecordedPoint:
-    """One recorded test point. Lengths in m, force in N, times in s; arrays (n,) float64 with NaN where nothing is.
+class RecordedPoint(TestPoint):
+    """A test point and what was recorded of it. Arrays (n,) float64 with NaN where nothing is.
 
-    The wanted values are those of `rig.matrix.point.TestPoint`. `verdict` is `valid`, `suspect` or `invalid`, with
+    Cycles and ramps that a recording does not state are 0. `verdict` is `valid`, `suspect` or `invalid`, with
     `reasons`. `skew_s` is by how much force lagged displacement when paired by arrival (0 where unknown, as in
     simulated runs faster than real time); it is corrected in the arrays, and `skew_std_s` is what remains uncertain
     (one standard deviation). `mid_stroke_m` None: use the measured mean.
     """
 
-    id: str
-    waveform: str
-    amplitude_m: float
-    frequency_Hz: float
-    current_A: float
     cycles: float = 0.0
     ramp_in_cycles: float = 0.0
     ramp_out_cycles: float = 0.0
-    centre_m: float = 0.0
-    repeat: int = 1
-    rest_s: float = 0.0
+    commanded: Commanded = NOT_STATED
     mid_stroke_m: float | None = None
     verdict: str = "valid"
     reasons: tuple[str, ...] = ()
@@ -210,11 +205,6 @@ class RecordedPoint:
 
             values = read_channel(self._file, name)
         return np.full(self.samples, np.nan) if values is None else np.asarray(values, np.float64)
-
-    @property
-    def kind(self) -> str:
-        """What the point is for: `loop`, `friction` or `current_step`, as in `rig.matrix.point.TestPoint`."""
-        return str(self.test.get("kind", "loop"))
 
     @property
     def motion_requested(self) -> bool:

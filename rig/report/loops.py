@@ -10,10 +10,10 @@ from rig.document.figure import Axis, Figure, Range, Style, Trace, span
 from rig.document.numbers import number
 from rig.document.style import FITTED, MEASURED, OVERLAID, RESIDUAL, current_colour
 from rig.document.words import Key, Label, Span, Strong, verdict
-from rig.recording.layout import HYBRID, SIGNAL
 from rig.report.fit import validation_words
 from rig.report.views import Loop, PointView, motion_of
 from rig.signals.arrays import FloatArray
+from rig.test_point import HYBRID, SIGNAL
 
 K = TypeVar("K", bound=Hashable)
 FORCE, DISPLACEMENT, VELOCITY = Axis("Force", "N"), Axis("Displacement about mid-stroke", "mm"), Axis("Velocity", "m/s")

@@ -18,7 +18,7 @@ from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.quality.point_quality import CurrentQuality, SensorQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.fit import validation_words
-from rig.report.views import PointView, has_frequency, named
+from rig.report.views import PointView
 from rig.signals.estimate import Estimate
 
 TEMPERATURE_STEP_K = 0.1
@@ -89,13 +89,13 @@ POINT = words("Point", lambda view: view.point.id)
 
 TEST_POINTS = (
     POINT,
-    words("Waveform", lambda view: named(view.point)),
+    words("Waveform", lambda view: view.point.motion),
     quantity("A", "mm", lambda point: _requested(point, point.amplitude_m), scale=1e3),
     quantity("A measured", "mm", lambda point: point.quality.motion.amplitude_m, scale=1e3),
-    quantity("f", "Hz", lambda point: _requested(point, point.frequency_Hz) if has_frequency(point) else None),
+    quantity("f", "Hz", lambda point: _requested(point, point.frequency_Hz) if point.has_frequency else None),
     quantity("f measured", "Hz", lambda point: point.quality.motion.frequency_Hz),
     quantity("I", "A", lambda point: point.current_A),
-    quantity("Cycles", "", lambda point: point.quality.motion.cycles if has_frequency(point) else None, digits=3),
+    quantity("Cycles", "", lambda point: point.quality.motion.cycles if point.has_frequency else None, digits=3),
     Column("Lost", "", lambda view: str(view.point.lost_samples)),
     Column("Sensor delay", "ms", _sensor_delay),
     words("Verdict", lambda view: verdict(view.point.verdict)),
@@ -121,11 +121,6 @@ def points_table(views: Sequence[PointView]) -> Blocks:
     return [*section("Test points", note), point_table(TEST_POINTS, views)]
 
 
-def _commanded_m(point: RecordedPoint) -> float | None:
-    commanded_m = point.test.get("commanded_amplitude_m")
-    return float(commanded_m) if isinstance(commanded_m, (int, float)) else None
-
-
 def _amplitude(view: PointView) -> str:
     motion = view.point.quality.motion
     if motion.amplitude_m is None or not motion.amplitude_std_m:
@@ -143,7 +138,7 @@ def _amplitude_error_percent(point: RecordedPoint) -> float | None:
 ACHIEVED = (
     POINT,
     quantity("A requested", "mm", lambda point: _requested(point, point.amplitude_m), scale=1e3),
-    quantity("A commanded", "mm", _commanded_m, scale=1e3),
+    quantity("A commanded", "mm", lambda point: point.commanded.amplitude_m, scale=1e3),
     Column("A measured", "mm", _amplitude),
     quantity("Amplitude error", "%", _amplitude_error_percent, digits=2),
     quantity("Mean", "mm", lambda point: point.quality.motion.mean_m, scale=1e3, digits=3),
@@ -179,7 +174,7 @@ def _views(points: Iterable[RecordedPoint]) -> list[PointView]:
 
 
 def _amplitude_achieved(view: PointView) -> str:
-    motion, commanded_m = view.point.quality.motion, _commanded_m(view.point)
+    motion, commanded_m = view.point.quality.motion, view.point.commanded.amplitude_m
     if motion.amplitude_m is None or commanded_m is None:
         return NOTHING
     std_m = math.nan if motion.amplitude_std_m is None else motion.amplitude_std_m
@@ -189,7 +184,7 @@ def _amplitude_achieved(view: PointView) -> str:
 
 
 def _correction_percent(point: RecordedPoint) -> float | None:
-    commanded_m = _commanded_m(point)
+    commanded_m = point.commanded.amplitude_m
     return None if commanded_m is None else 100.0 * (commanded_m / point.amplitude_m - 1.0)
 
 
@@ -207,7 +202,7 @@ def conditions(points: Sequence[RecordedPoint], log: Sequence[Mapping[str, Any]]
     """Amplitude and temperature of every point that moved, and the journal's lines on both; empty without any."""
     driven = [
         point for point in points
-        if point.quality.motion.amplitude_m is not None and (_commanded_m(point) or 0.0) > 0.0
+        if point.quality.motion.amplitude_m is not None and (point.commanded.amplitude_m or 0.0) > 0.0
         and point.amplitude_m > 0.0
     ]
     if not driven:

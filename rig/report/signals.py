@@ -11,11 +11,11 @@ from rig.document.figure import Axis, Figure, Trace, thinned
 from rig.document.numbers import NOTHING, number
 from rig.document.style import MEASURED, OVERLAID, RESIDUAL
 from rig.document.words import Key, Strong, Words, verdict
-from rig.recording.layout import SIGNAL
 from rig.recording.quality.tracking import SignalQuality
 from rig.recording.recorded_point import RecordedPoint
-from rig.report.views import PointView, named
+from rig.report.views import PointView
 from rig.signals.arrays import FloatArray
+from rig.test_point import SIGNAL
 
 HEAD = (
     Column("Point"), Column("Signal"), Column("Largest displacement", "mm", True), Column("Duration", "s", True),
@@ -48,17 +48,18 @@ def signals_section(views: Sequence[PointView]) -> Blocks:
 
 def _row(view: PointView) -> tuple[Words, ...]:
     point, quality = view.point, view.point.quality.signal or SignalQuality()
+    record_s, highest_Hz = (None, None) if point.record is None else (point.record.duration_s, point.record.highest_Hz)
     judged_s = (
         None if quality.judged_start_s is None or quality.judged_end_s is None
         else quality.judged_end_s - quality.judged_start_s
     )
     values = (
-        1e3 * point.amplitude_m, point.test.get("record_s"), judged_s, point.test.get("record_highest_Hz"),
+        1e3 * point.amplitude_m, record_s, judged_s, highest_Hz or None,
         point.current_A, _times(quality.nrms, 100.0), _times(quality.delay_s, 1e3), _times(quality.reached, 100.0),
         view.error_percent,
     )
     return (
-        point.id, named(point), *(NOTHING if value is None else number(value, 4) for value in values),
+        point.id, point.motion, *(NOTHING if value is None else number(value, 4) for value in values),
         verdict(point.verdict),
     )
 
@@ -73,7 +74,7 @@ def _plots(point: RecordedPoint) -> Card | None:
     if quality is None or quality.start_s is None or sent is None or target is None:
         return None
     elapsed_s, target_m = np.asarray(sent["value"], np.float64), np.asarray(target["value"], np.float64)
-    delay_s, centre_m = quality.delay_s or 0.0, float(point.test.get("centre_m", 0.0))
+    delay_s, centre_m = quality.delay_s or 0.0, point.centre_m
     known = np.isfinite(point.displacement_m)
     if len(elapsed_s) != len(target_m) or np.count_nonzero(known) < 2:
         return None
@@ -91,7 +92,7 @@ def _plots(point: RecordedPoint) -> Card | None:
     )
     left = _trace(elapsed_s[rows], (rod_m - target_m)[rows], "rod minus target", RESIDUAL)
     apart = Figure(time, Axis("Deviation", "mm"), [left], 480, 160, title=f"{point.id}: rod minus target")
-    return Card((Strong(point.id), f" {named(point)}"), (Figures((follow, apart)),))
+    return Card((Strong(point.id), f" {point.motion}"), (Figures((follow, apart)),))
 
 
 def _trace(time_s: FloatArray, values_m: FloatArray, name: str, colour: str) -> Trace:

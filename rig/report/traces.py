@@ -12,9 +12,9 @@ from rig.document.figure import Axis, Figure, Style, Trace
 from rig.document.style import FITTED, MEASURED
 from rig.document.words import Key, Strong
 from rig.errors import RigError
-from rig.recording.layout import SIGNAL
 from rig.report.views import PointView, motion_of
 from rig.signals.arrays import FloatArray
+from rig.test_point import SIGNAL
 
 MOST_CURRENTS = 6
 COLUMNS = 240

@@ -16,10 +16,10 @@ from rig.identification.application.law import Law
 from rig.identification.models.coil import with_lag
 from rig.identification.models.measurement import Measurement
 from rig.identification.points.preparation import prepare
-from rig.recording.layout import HYBRID, SIGNAL
 from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
+from rig.test_point import HYBRID
 
 DRAWN_OF_CYCLE, DRAWN_OF_RECORD = 300, 1500
 """Samples at most: a record has many reversals, which fewer samples would cut off."""
@@ -95,9 +95,9 @@ def view_of(
         held_out: whether the point was kept for validation.
         skew: what the whole campaign shows of the sensors' delays, as used for the fit.
     """
-    if point.kind == "current_step":
+    if point.at_rest:
         return PointView(point, None, "the rod stood still; the current was stepped", error, held_out)
-    if point.kind == "hybrid":
+    if point.kind == HYBRID:
         return PointView(point, None, "a hybrid test: its motion has no cycles", error, held_out)
     try:
         with evaluating("it"):
@@ -131,23 +131,11 @@ def _middle_cycle(measured: Measurement, fitted_N: FloatArray | None) -> Loop:
 def motion_of(view: PointView) -> str:
     """A point's motion as people say it: "sine, 50 mm, 1 Hz"; of what has no frequency, "road iso8608-c, 10 mm"."""
     point = view.point
-    if not has_frequency(point):
-        return f"{named(point)}, {1e3 * point.amplitude_m:.3g} mm"
+    if not point.has_frequency:
+        return f"{point.motion}, {1e3 * point.amplitude_m:.3g} mm"
     return motion_words(point.waveform, point.amplitude_m, point.frequency_Hz)
 
 
 def motion_words(waveform: str, amplitude_m: float, frequency_Hz: float) -> str:
     """A motion as people say it: "sine, 50 mm, 1 Hz"."""
     return f"{waveform}, {1e3 * amplitude_m:.4g} mm, {frequency_Hz:.4g} Hz"
-
-
-def has_frequency(point: RecordedPoint) -> bool:
-    """Whether it is known by its frequency; a signal's counts how often it crosses its mean."""
-    return point.kind not in {SIGNAL, HYBRID}
-
-
-def named(point: RecordedPoint) -> str:
-    """What moved, by name: "sine", "road iso8608-c", "hybrid test"."""
-    record = str(point.test.get("record", ""))
-    name = "hybrid test" if point.kind == HYBRID else point.waveform
-    return name if record in {"", name} else f"{name} {record}"

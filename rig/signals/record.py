@@ -38,31 +38,37 @@ class NoRecord(ValueError):
 
 
 @dataclass(frozen=True)
-class Record:
-    """A motion of unit amplitude about its centre.
+class RecordFacts:
+    """What a recording keeps of a record: all but its samples.
 
     Attributes:
         name: for people: of the road or the file; `sweep`.
-        amplitude_m: largest distance from the centre as it was asked for (m).
+        duration_s: ramps included (s).
         ramp_s: over which each end is faded (s).
         highest_Hz: highest frequency of the motion, which set-points and sensors must carry.
         sha256: of the file it was read from; empty where there is none.
+    """
+
+    name: str
+    duration_s: float
+    ramp_s: float
+    highest_Hz: float
+    sha256: str = ""
+
+
+@dataclass(frozen=True)
+class Record(RecordFacts):
+    """A motion of unit amplitude about its centre.
+
+    Attributes:
+        amplitude_m: largest distance from the centre as it was requested (m).
         mark: SHA-256 (hex) of the samples.
         shape: (n,) every `STEP_S`, the first and the last 0.
     """
 
-    name: str
-    amplitude_m: float
-    ramp_s: float
-    highest_Hz: float
-    sha256: str
-    mark: str
-    shape: FloatArray = field(repr=False, compare=False)
-
-    @property
-    def duration_s(self) -> float:
-        """Ramps included (s)."""
-        return (len(self.shape) - 1) * STEP_S
+    amplitude_m: float = field(kw_only=True)
+    mark: str = field(kw_only=True)
+    shape: FloatArray = field(kw_only=True, repr=False, compare=False)
 
     @cached_property
     def mean_rate_Hz(self) -> float:
@@ -231,7 +237,10 @@ def _faded(
     shape = np.asarray(faded / largest_m, np.float64)
     mark = hashlib.sha256(shape.tobytes()).hexdigest()
     own_Hz = _highest_Hz(shape) if highest_Hz is None else highest_Hz
-    return Record(name, largest_m if amplitude_m is None else amplitude_m, ramp_s, own_Hz, sha256, mark, shape)
+    return Record(
+        name, duration_s, ramp_s, own_Hz, sha256, amplitude_m=largest_m if amplitude_m is None else amplitude_m,
+        mark=mark, shape=shape,
+    )
 
 
 def _low_passed(values: FloatArray, highest_Hz: float, step_s: float) -> FloatArray:

@@ -24,4 +24,4 @@ def stated_origins(of_devices: Iterable[Origins]) -> dict[str, dict[str, str]]:
     merged = dict(OWN)
     for origins in of_devices:
         merged.update(origins)
-    return {channel.name.lower(): origin._asdict() for channel, origin in merged.items()}
+    return {channel.label: origin._asdict() for channel, origin in merged.items()}

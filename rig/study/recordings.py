@@ -12,6 +12,7 @@ from rig.dampers import model, parameter_set
 from rig.errors import FileProblem
 from rig.identification.models.measurement import Measurement, set_of
 from rig.study.study_file import Data
+from rig.test_point import LOOP
 
 TABLE1_CURRENT_A = (0.0, 0.5, 1.0, 1.5, 2.0)
 TABLE1_FREQUENCY_HZ = (0.5, 1.0, 1.5, 2.0)
@@ -167,7 +168,7 @@ def _recorded(data: Data) -> tuple[list[Measurement], list[str]]:
         raise FileProblem("[data] select", [f"{data.select!r} matches none of the "
                                             f"{sum(len(run.points) for run in runs)} points of "
                                             f"{', '.join(data.runs)}"])  # fmt: skip
-    loops = [point for point in fitting if point.kind == "loop"]
+    loops = [point for point in fitting if point.kind == LOOP]
     if not loops:
         raise FileProblem("[data] runs", [f"none of the {len(fitting)} points is a loop, expected at least one"])
     left_out = [line for run in runs for line in run.unreadable]

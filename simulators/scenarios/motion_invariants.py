@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from drivers.register_maps.map_file import controller
 from drivers.streamed_actuator import LATEST_S
 from rig.bench.model import Bench
-from rig.matrix.point import TestPoint
 from rig.matrix.streaming import JITTER_S, LOOP_1_S, SPEED_JITTER, peaks
+from rig.test_point import HYBRID, TestPoint
 from simulators.plant.records import FOLLOW_S
 from simulators.scenarios.scenario import EVERY_S
 from simulators.scenarios.view import SLIPPING, STILL_M_S, Findings, View, bench_of, points_of
@@ -107,7 +107,7 @@ class Motion:
         """
         limit_m_s = self.bench.limits.speed_m_s
         planned = (
-            limit_m_s if point.kind == "hybrid" else
+            limit_m_s if point.kind == HYBRID else
             point.peak_speed_m_s if self.streamed else peaks(point, self.bench).speed_m_s for point in self.points
         )
         return min(limit_m_s, max(SLOWEST_M_S, *planned))
@@ -115,7 +115,7 @@ class Motion:
     @cached_property
     def period_s(self) -> float:
         """The longest period of a motion of cycles; 0 where there is none: then every stop is a halt."""
-        cyclic = (point for point in self.points if point.record is None and point.kind != "hybrid")
+        cyclic = (point for point in self.points if point.has_frequency)
         return max((1.0 / point.frequency_Hz for point in cyclic if point.frequency_Hz > 0.0), default=0.0)
 
     @property

@@ -17,8 +17,8 @@ from drivers.connection import ActuatorConnection
 from rig.bench.model import Bench
 from rig.faults.matrix import MATRIX
 from rig.matrix.model import load_matrix
-from rig.matrix.point import TestPoint
 from rig.recording.recorded_point import RecordedPoint
+from rig.test_point import TestPoint
 from simulators.scenarios.plan import FOREIGN, OF_THE_STATION, STALLS
 from simulators.scenarios.scenario import Session, World
 

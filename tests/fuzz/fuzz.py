@@ -53,9 +53,10 @@ from rig.recording.foreign_tests import WantedTests, read_tests
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.importing import import_tests
 from rig.recording.journal.journal_file import JournalWriter, parse_journal
-from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointContext, PointFile, SensorContext, WantedPoint
+from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointContext, PointFile, SensorContext
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
+from rig.test_point import TestPoint
 from simulators.ecu_wire import Command as CurrentCommand
 from simulators.ecu_wire import Shown
 from simulators.emulated_ecu import DEMO_ECU
@@ -416,7 +417,7 @@ def fuzz_hdf5_structure(source: random.Random) -> None:
 def journal_bytes() -> bytes:
     """A point of two sensors, two status channels and an event."""
     sensors = {"force": SensorContext("load_cell", 250.0), "displacement": SensorContext("lvdt", 250.0)}
-    context = PointContext(WantedPoint(**TEST, cycles=3), sensors)
+    context = PointContext(TestPoint(**TEST, cycles=3), sensors)
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         writer = JournalWriter(Path(folder) / "p001.journal", context.to_json())
         time_s = np.arange(1250) / 250.0

@@ -25,6 +25,7 @@ from rig.page.settings import PageSettings
 from rig.page.started import PageProcess
 from rig.recording.journal.campaign_log import CampaignLog
 from rig.station.live_folder import replace_json
+from rig.test_point import TestPoint
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -92,7 +93,9 @@ class Beside:
 
     def judged(self, verdicts: dict[str, str]) -> tuple[PointResult, ...]:
         return tuple(
-            PointResult(name, None, verdict, (HOSTILE,) if verdict != "valid" else (), "sine", 0.05, 2.0, 1.0, 0)
+            PointResult(
+                TestPoint(name, "sine", 0.05, 2.0, 1.0), None, verdict, () if verdict == "valid" else (HOSTILE,)
+            )
             for name, verdict in verdicts.items()
         )
 

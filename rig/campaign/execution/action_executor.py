@@ -28,11 +28,11 @@ from rig.campaign.sequencer.action import PROOF_WALL_S, Request
 from rig.campaign.stop_cause import because
 from rig.clock import monotonic_ns
 from rig.matrix.feasibility import command_room
-from rig.matrix.point import TestPoint
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.recorder import PointRecorder
 from rig.signals.record import STEP_S, Record
 from rig.station.client import StationClient, StationLost, StationRefused
+from rig.test_point import HYBRID, TestPoint
 
 CENTRING_SPEED_M_S = 0.05
 CENTRING_SPEED_SHARE = 0.25
@@ -246,11 +246,11 @@ class ActionExecutor:
             WantedMotion(point.waveform, point.frequency_Hz, self.campaign.bench.lvdt.rate_Hz),
             point.ramp_in_cycles + point.cycles + point.ramp_out_cycles,
         )
-        if point.kind == "hybrid":
+        if point.kind == HYBRID:
             self._requests.ask(Request.START, hybrid=hybrid_order(self.campaign, point))
             return
-        if point.record is not None:
-            self._requests.ask(Request.START, signal=signal_order(point, point.record))
+        if point.record_samples is not None:
+            self._requests.ask(Request.START, signal=signal_order(point, point.record_samples))
             return
         self._requests.ask(
             Request.START,

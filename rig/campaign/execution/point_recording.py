@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import traceback
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from drivers.catalogue import sensor_wire_text
 from rig import __version__
@@ -21,12 +20,13 @@ from rig.campaign.setup import campaign_hash
 from rig.campaign.stop_cause import StopCause, because, cause_of
 from rig.campaign.words import say
 from rig.clock import machine_ns, monotonic_ns, utc_now
-from rig.matrix.point import TestPoint
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.conversion.recovery import set_aside
 from rig.recording.journal.recorder import PointRecorder, RecorderFailed, kept_apart
-from rig.recording.layout import PointContext, SensorContext, WantedPoint
+from rig.recording.layout import PointContext, SensorContext
+from rig.recording.point_attributes import Commanded
 from rig.recording.point_files import OUT_OF_TOLERANCE, FinishedPoint, attempt_name
+from rig.test_point import TestPoint
 
 RETIMING_TIMEOUT_S = 120.0
 ASK_AGAIN_S = 0.25
@@ -244,7 +244,7 @@ class _Enough:
 def point_context(campaign: CampaignContext, action: act.BeginRecording, name: str) -> PointContext:
     """The header of a point's journal, whose files have this name."""
     return PointContext(
-        point=_wanted(campaign, action.point, name, action.commanded),
+        point=replace(action.point, id=name),
         sensors=sensor_contexts(campaign.bench),
         device_rate=campaign.bench.clock.device_rate,
         controller_delay_s=campaign.bench.actuator.input_delay_s,
@@ -258,46 +258,15 @@ def point_context(campaign: CampaignContext, action: act.BeginRecording, name: s
         provenance=_provenance(campaign, action.point, action.attempt),
         calibration=campaign.at_rest,
         channels=campaign.channels,
+        commanded=_commanded(campaign, action.commanded),
     )
 
 
-def _wanted(campaign: CampaignContext, point: TestPoint, name: str, commanded: TestPoint) -> WantedPoint:
-    """The point's own values, and what it was to find."""
+def _commanded(campaign: CampaignContext, program: TestPoint) -> Commanded:
     sweep, temperature = campaign.matrix.sweep, campaign.matrix.temperature
     low_degC, high_degC = (None, None) if temperature is None else temperature.window_degC
-    return WantedPoint(
-        id=name,
-        waveform=point.waveform,
-        amplitude_m=point.amplitude_m,
-        frequency_Hz=point.frequency_Hz,
-        current_A=point.current_A,
-        cycles=point.cycles,
-        ramp_in_cycles=point.ramp_in_cycles,
-        ramp_out_cycles=point.ramp_out_cycles,
-        centre_m=point.centre_m,
-        repeat=point.repeat,
-        rest_s=point.rest_s,
-        kind=point.kind,
-        steps_A=" ".join(f"{step_A:g}" for step_A in point.steps_A),
-        law=point.law or None,
-        commanded_amplitude_m=commanded.amplitude_m,
-        commanded_centre_m=commanded.centre_m,
-        amplitude_tolerance=sweep.amplitude_tolerance if sweep.adapt_amplitude else None,
-        temperature_low_degC=low_degC,
-        temperature_high_degC=high_degC,
-        **_of_record(point),
-    )
-
-
-def _of_record(point: TestPoint) -> dict[str, Any]:
-    """What is wanted of a signal beyond its amplitude and rate."""
-    record = point.record
-    if record is None:
-        return {}
-    return {
-        "record": record.name, "record_sha256": record.sha256 or None, "record_s": record.duration_s,
-        "record_ramp_s": record.ramp_s, "record_highest_Hz": record.highest_Hz,
-    }
+    tolerance = sweep.amplitude_tolerance if sweep.adapt_amplitude else None
+    return Commanded(program.amplitude_m, program.centre_m, tolerance, low_degC, high_degC)
 
 
 def _provenance(campaign: CampaignContext, point: TestPoint, attempt: int) -> dict[str, str]:

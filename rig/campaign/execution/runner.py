@@ -44,6 +44,7 @@ from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.ring_reader import RecordBlock, RingReader
 from rig.station.client import StationLost
 from rig.station.safe_stop import ZERO_CURRENT_A
+from rig.test_point import LOOP
 
 TURN_S = 0.002
 BEAT_NS = 40_000_000
@@ -365,7 +366,7 @@ class Runner:
             fact, self._disturbed = replace(fact, motion=motion), ""
         changed = observer.load_train_change
         # A friction test's force lies near the sensor's noise: from cycle to cycle it differs by more than a share.
-        if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == "loop":
+        if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == LOOP:
             self._hear_the_station()
             self._fault_once(because("load-train", "said", text=changed), StopKind.PRESSURE_OFF)
         return fact

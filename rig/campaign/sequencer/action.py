@@ -8,7 +8,7 @@ from enum import StrEnum
 from rig.campaign.results import Wait
 from rig.campaign.stop_cause import StopCause
 from rig.faults.row import StopKind
-from rig.matrix.point import TestPoint
+from rig.test_point import TestPoint
 
 
 class Request(StrEnum):

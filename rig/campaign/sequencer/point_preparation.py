@@ -26,7 +26,7 @@ from rig.campaign.sequencer.stopping import Step
 from rig.campaign.stop_cause import StopCause, because
 from rig.campaign.words import say
 from rig.faults.row import StopKind
-from rig.matrix.point import TestPoint
+from rig.test_point import LOOP, TestPoint
 
 Onwards = Callable[[State], Step]
 
@@ -55,7 +55,7 @@ def program(state: State) -> TestPoint:
 
 def adapts(state: State) -> bool:
     """Whether the current point's command is compensated."""
-    return state.conditions.tolerance is not None and state.point.kind == "loop"
+    return state.conditions.tolerance is not None and state.point.kind == LOOP
 
 
 def drive_of(state: State) -> Drive:

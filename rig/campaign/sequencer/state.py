@@ -15,7 +15,7 @@ from rig.matrix.feasibility import command_limit, command_room
 from rig.matrix.forecast import forecaster
 from rig.matrix.model import Matrix
 from rig.matrix.order_by_heat import Load, Thermal, load_of, thermal_of, warm_up_point
-from rig.matrix.point import TestPoint
+from rig.test_point import LOOP, TestPoint
 
 DEMAGNETISING_RATIO = 0.7
 DEMAGNETISED_A = 0.05
@@ -161,7 +161,7 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
     points, temperature = matrix.points(), matrix.temperature
     conditions = Conditions(
         tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
-        ceilings={point.id: _ceiling(point, matrix, bench) for point in points if point.kind == "loop"},
+        ceilings={point.id: _ceiling(point, matrix, bench) for point in points if point.kind == LOOP},
         demagnetise=matrix.campaign.demagnetise,
         hand=Hand(_pressure_while_asked(bench), bench.ecu.answer_within_s) if bench.ecu.by_hand else None,
     )

@@ -26,7 +26,7 @@ from rig.campaign.sequencer.stopping import Handler, Step
 from rig.campaign.stop_cause import because
 from rig.campaign.words import say
 from rig.faults.row import StopKind
-from rig.matrix.point import TestPoint
+from rig.test_point import TestPoint
 
 CENTRING_LIMIT_S = 60.0
 ZEROS_LIMIT_S = 5.0
@@ -184,7 +184,7 @@ def _run(state: State, event: ev.CurrentSettled) -> Step:
         return _start(state, Phase.ADAPTING, trial)
     state = replace(state, attempts=(*state.attempts, point.id), recording=True, spoiled=None)
     begin = act.BeginRecording(point, state.attempts.count(point.id), program)
-    if point.kind == "current_step":
+    if point.at_rest:
         state = replace(state, steps_left=point.steps_A[1:])
         return _hold_step(state, begin)
     return _start(state, Phase.RUNNING, program, begin)

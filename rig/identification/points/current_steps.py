@@ -62,7 +62,7 @@ def lag_of(points: Sequence[RecordedPoint]) -> tuple[CurrentLag | None, list[str
     """
     lags, refused = [], []
     for point in points:
-        if point.kind != "current_step":
+        if not point.at_rest:
             continue
         if point.verdict == "invalid":
             refused.append(f"{point.id} not used: its recording is invalid")
@@ -94,7 +94,7 @@ def fit_lag(point: RecordedPoint) -> CurrentLag:
     Raises:
         IdentificationFailed: no steps, too few samples of the current, or a response that is no first-order lag.
     """
-    levels_A = [float(text) for text in str(point.test.get("steps_A", "")).split()]
+    levels_A = list(point.steps_A)
     raw = point.raw("coil_current")
     if len(levels_A) < 2 or raw is None or "time" not in raw:
         raise IdentificationFailed("the run contains no current steps with a measured current")

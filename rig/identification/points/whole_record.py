@@ -86,7 +86,7 @@ def _stretch(point: RecordedPoint, first_s: float, last_s: float) -> tuple[float
 
 def _highest_Hz(point: RecordedPoint) -> float:
     """The highest frequency of a signal; 0 if it is not stated."""
-    return float(point.test.get("record_highest_Hz", 0.0))
+    return 0.0 if point.record is None else point.record.highest_Hz
 
 
 def last_share(holdout: str) -> float | None:

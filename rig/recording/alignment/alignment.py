@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.ring import CHANNELS, Channel, channel_name
 from protocols.quality import Quality
 from rig.recording.alignment.sensor_clock import SensorClock, timed_sensors
-from rig.recording.layout import NUMBER, PointContext, Records, channel_name, good_values
+from rig.recording.layout import PointContext, Records, good_values
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Column, Values, first_after, mapped, overlapping, thinned
 from rig.signals.clock_model import ARRIVAL, EDGES, IDENTITY, ClockModel, HostMap, by_envelope, by_order, host_map
@@ -25,8 +26,11 @@ from rig.signals.delay_estimation.delay_model import Skew
 from rig.signals.estimate import Estimate
 from rig.signals.interpolation import flags_at, monotone_at, status_at
 
-CONTROLLER_CHANNELS = range(NUMBER["position"], NUMBER["controller_force"] + 1)
+CONTROLLER_CHANNELS = range(Channel.POSITION, Channel.CONTROLLER_FORCE + 1)
 ECU_CLOCKED = ("coil_current", "ecu_state", "ecu_faults")
+OWN_SAMPLES = "the sensor's own samples"
+RESAMPLED = "monotone cubic through the sensor's own samples, never beyond its two neighbours"
+INTERPOLATED = "linear interpolation between the values received"
 NEIGHBOURS = 4
 MOST_FOR_A_MEDIAN = 20_000
 
@@ -72,6 +76,7 @@ class Alignment:
     Attributes:
         time_s: (n,) s from the first displacement sample; `origin_s` is that sample's controller clock.
         values: aligned channels (n,) by name.
+        methods: how each of them was brought to the displacement's sample times.
         flags: (n,) `Quality` of each sample, all channels joined.
         timed: every channel with its own sample times (still on the controller's clock).
         skew_s: by how much force lagged displacement beyond the declared delays, each on its device's own time base;
@@ -90,6 +95,7 @@ class Alignment:
     time_s: Values
     origin_s: float
     values: Mapping[str, Values]
+    methods: Mapping[str, str]
     flags: Values
     timed: Mapping[str, TimedChannel]
     skew_s: float | None
@@ -143,14 +149,14 @@ def align(
         for name, channel in by_name.items()
     }
     base, force = timed["displacement"], timed["force"]
-    values, flags = _on_base(timed, context)
+    values, methods, flags = _on_base(timed, context)
     origin_s = float(base.time_s[0])
     tied = {base.clock.method, force.clock.method} == {EDGES}
     tie_s = math.hypot(*(0.0 if channel.sensor is None else channel.sensor.tie_std_s for channel in (force, base)))
     apart_s = float(np.hypot(force.clock.std_s, base.clock.std_s))
     return Alignment(
         time_s=mapped(base.time_s, lambda time_s: time_s - origin_s, np.float64), origin_s=origin_s, values=values,
-        flags=flags, timed=timed, skew_s=delays.value_s if tied else None,
+        methods=methods, flags=flags, timed=timed, skew_s=delays.value_s if tied else None,
         skew_std_s=math.hypot(delays.std_s, tie_s) if tied else apart_s,
         skew_trusted_s=math.hypot(delays.trusted_std_s, tie_s) if tied else apart_s,
         delays=delays,
@@ -190,7 +196,7 @@ def _status(
 ) -> TimedChannel:
     records = channel[:]
     arrival_s, device_s = host.time_s(records["host_ns"]), records["device_us"] * 1e-6
-    if NUMBER.get(name) in CONTROLLER_CHANNELS and np.all(records["device_us"] >= 0):
+    if CHANNELS.get(name) in CONTROLLER_CHANNELS and np.all(records["device_us"] >= 0):
         clock = IDENTITY
     elif name in ECU_CLOCKED and np.all(records["device_us"] >= 0):
         clock = _ecu_clock(device_s, arrival_s, by_name, context)
@@ -241,16 +247,20 @@ def lost_samples(sequence: Values) -> int:
     return lost
 
 
-def _on_base(timed: Mapping[str, TimedChannel], context: PointContext) -> tuple[dict[str, Values], Values]:
+def _on_base(
+    timed: Mapping[str, TimedChannel], context: PointContext
+) -> tuple[dict[str, Values], dict[str, str], Values]:
+    """The aligned channels, how each was brought to the displacement's sample times, and their joined flags."""
     base = timed["displacement"]
     own = _along(base, lambda start, stop: good_values(base.records[start:stop]))
     values: dict[str, Values] = {"displacement": own}
+    methods = {"displacement": OWN_SAMPLES}
     for name, sensor in context.sensors.items():
         if name != "displacement" and name in timed:
-            values[name] = _brought(base, timed[name], 1.0 / sensor.rate_Hz)
+            values[name], methods[name] = _brought(base, timed[name], 1.0 / sensor.rate_Hz), RESAMPLED
     for wanted, source in (("current", "coil_current"), ("coil_temperature", "coil_temperature")):
-        values[wanted] = _status_along(base, timed.get(source))
-    return values, _flags(base, timed["force"], values)
+        values[wanted], methods[wanted] = _status_along(base, timed.get(source)), INTERPOLATED
+    return values, methods, _flags(base, timed["force"], values)
 
 
 def _along(base: TimedChannel, part: Any, kind: Any = np.float64) -> Values:  # noqa: ANN401 - a Part and a DTypeLike

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 import rig
+from drivers.ring import CHANNELS
 from rig.errors import FileProblem
-from rig.recording.alignment.alignment import Alignment, TimedChannel, align
+from rig.recording.alignment.alignment import INTERPOLATED, Alignment, TimedChannel, align
 from rig.recording.atomic_write import FULL, flush_directory
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.hdf5.read_back import prove
@@ -22,10 +23,8 @@ from rig.recording.journal.journal_file import JournalContent
 from rig.recording.journal.journal_lock import journal_claimed
 from rig.recording.journal.point_journal import opened
 from rig.recording.layout import (
-    RING_CHANNELS,
     AlignedChannel,
     Attribute,
-    Description,
     Event,
     PointContext,
     PointFile,
@@ -44,19 +43,11 @@ from rig.signals.delay_estimation.delay_model import Skew
 from rig.signals.derivatives import MARGIN, METHOD, velocity_of
 from rig.signals.estimate import Estimate
 
-DESCRIPTIONS = {description.name: description for description in RING_CHANNELS.values()}
-RESAMPLED = "monotone cubic through the sensor's own samples, never beyond its two neighbours"
-INTERPOLATED = "linear interpolation between the values received"
-METHODS = {
-    "velocity": METHOD, "displacement": "the sensor's own samples", "current": INTERPOLATED,
-    "coil_temperature": INTERPOLATED,
-}
-"""How each aligned channel was brought to the displacement's sample times; any other sensor's is `RESAMPLED`."""
 UNMEASURED = {
     "operator": "constant: set manually, as the operator confirmed it; not measured",
     "set-point": f"the set-point that was sent, not measured; {INTERPOLATED}",
 }
-"""The same of a current that no device measured, by who states it (`PointContext.current_told_by`)."""
+"""How a current that no device measured was made, by who states it (`PointContext.current_told_by`)."""
 RAW_NAMES = {"current": "coil_current"}
 """Aligned channel -> the raw one that it is made of, where their names differ."""
 
@@ -172,9 +163,8 @@ def build(
     if correction is not None:
         delays, behind, instruments = correction.delays, correction.behind_arrivals, correction.instruments
     alignment = align(content.records if records is None else records, context, delays, behind)
-    wanted = context.point
     test: dict[str, Attribute] = {
-        **wanted.to_json(), "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
+        **context.requested, "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
         "moving_mass_kg": context.moving_mass_kg, "controller_input_delay_s": context.controller_delay_s,
         "device_rate": context.device_rate, "controller_clock_at_zero_s": alignment.origin_s,
         **{f"{name}_uncertainty_percent": context.sensors[name].uncertainty_percent
@@ -193,7 +183,7 @@ def build(
         raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name), context.channels.get(name, {}))
              for name, channel in alignment.timed.items()],
         events=_events(content, alignment), quality=quality.attributes, provenance=provenance, test=test,
-        title=f"Test point {wanted.id}",
+        title=f"Test point {context.point.id}",
     )
     return file, quality
 
@@ -203,20 +193,16 @@ def _aligned_channels(alignment: Alignment, context: PointContext) -> list[Align
     for name, values in {**alignment.values, "velocity": _velocity(alignment)}.items():
         sensor = context.sensors.get("displacement" if name == "velocity" else name)
         origin = context.channels.get(RAW_NAMES.get(name, name), {}) if sensor is None else {}
-        described, method = _described(name, sensor, origin), method_of(name, context)
-        attributes: dict[str, Attribute] = {"method": method}
+        unit, long_name = _described(name, sensor, origin)
+        attributes: dict[str, Attribute] = {"method": METHOD if name == "velocity" else alignment.methods[name]}
+        if name == "current" and context.current_told_by:
+            attributes["method"] = UNMEASURED[context.current_told_by]
         attributes |= _calibration(None if name == "velocity" else sensor)
         source = sensor.sensor if sensor is not None else str(origin.get("source", ""))
         channels.append(AlignedChannel(
-            name, values, described.unit, described.long_name, source, attributes,
+            name, values, unit, long_name, source, attributes,
         ))
     return channels
-
-
-def method_of(name: str, context: PointContext) -> str:
-    """How an aligned channel was made."""
-    unmeasured = UNMEASURED.get(context.current_told_by, "") if name == "current" else ""
-    return unmeasured or METHODS.get(name, RESAMPLED)
 
 
 def _velocity(alignment: Alignment) -> Values:
@@ -232,14 +218,21 @@ def _velocity(alignment: Alignment) -> Values:
     return Column(len(time_s), np.float64, part)
 
 
-def _described(name: str, sensor: SensorContext | None, origin: Mapping[str, str]) -> Description:
+def _described(name: str, sensor: SensorContext | None, origin: Mapping[str, str]) -> tuple[str, str]:
+    """Unit of an aligned channel and one line for people: as the bench file states it, else as of the raw one."""
     if name == "velocity":
-        return Description(name, "m/s", "Velocity from measured displacement")
-    raw = RAW_NAMES.get(name, name)
-    known = DESCRIPTIONS.get(raw, Description(raw, "1", raw))
+        return "m/s", "Velocity from measured displacement"
+    unit, long_name = _raw_described(RAW_NAMES.get(name, name), origin)
     if sensor is None or name in {"force", "displacement"}:
-        return Description(name, known.unit, str(origin.get("long_name") or known.long_name))
-    return Description(name, sensor.unit or known.unit, sensor.long_name or known.long_name)
+        return unit, long_name
+    return sensor.unit or unit, sensor.long_name or long_name
+
+
+def _raw_described(name: str, origin: Mapping[str, str]) -> tuple[str, str]:
+    """Unit of a channel of the ring and one line for people: as its driver states it, else as the ring does."""
+    known = CHANNELS.get(name)
+    unit, long_name = ("1", name) if known is None else (known.unit, known.long_name)
+    return unit, str(origin.get("long_name") or long_name)
 
 
 def _calibration(sensor: SensorContext | None) -> dict[str, Attribute]:
@@ -252,13 +245,13 @@ def _calibration(sensor: SensorContext | None) -> dict[str, Attribute]:
 def _raw_channel(
     channel: TimedChannel, origin_s: float, sensor: SensorContext | None, origin: Mapping[str, str]
 ) -> RawChannel:
-    described = DESCRIPTIONS.get(channel.name, Description(channel.name, "1", channel.name))
+    unit, long_name = _raw_described(channel.name, origin)
     attributes: dict[str, Attribute] = {
         "clock_method": channel.clock.method, "clock_std_s": channel.clock.std_s, "lost_samples": channel.lost,
         "disordered_samples": channel.disordered if channel.sensor is not None else None,
     }
     return RawChannel(
-        channel.name, channel.received, described.unit, str(origin.get("long_name") or described.long_name),
+        channel.name, channel.received, unit, long_name,
         mapped(channel.received_s, lambda time_s: time_s - origin_s, np.float64), attributes,
         {"from_wire": origin.get("from_wire")} if sensor is None else wire_attributes(sensor),
     )

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.ring import channel_number
 from rig.clock import utc_now
 from rig.errors import FileProblem
 from rig.recording.atomic_write import ReservedFile, write_whole
@@ -30,7 +31,7 @@ from rig.recording.hdf5.read_back import prove
 from rig.recording.hdf5.reading import opened
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.journal.point_journal import ChannelSplit
-from rig.recording.layout import NUMBER, RECORD_DTYPE, Attribute, Event, PointContext
+from rig.recording.layout import RECORD_DTYPE, Attribute, Event, PointContext
 from rig.recording.point_files import FinishedPoint
 from rig.recording.quality.campaign_delay import BehindArrivals, PointSkew, behind_arrivals, pooled_skews
 from rig.recording.quality.cross_checks import campaign_verdicts
@@ -86,7 +87,7 @@ def _change(point: RecordedPoint, skew: PointSkew | BehindArrivals, instruments:
     """Why a point's samples are made again; None where they may stay, though the verdict may not."""
     before = point.quality.verdict
     left_s = skew.std_s if isinstance(skew, BehindArrivals) else skew.trusted_std_s
-    after = with_skew(before, left_s, float(point.test.get("record_highest_Hz", point.frequency_Hz)))
+    after = with_skew(before, left_s, point.highest_Hz)
     judged = before if instruments is None else instruments
     reasons = [reason for reason in judged.entries if reason.slug in SLUGS]
     stated_s = skew.std_s if point.quality.skew.std_s is None else point.quality.skew.std_s
@@ -174,7 +175,7 @@ def _received(path: Path) -> Iterator[NDArray[Any]]:
     with opened(path) as file:
         raw = file["entry/raw"]
         for name, channel in raw.items():
-            number = NUMBER[name] if name in NUMBER else int(name.removeprefix("channel_"))
+            number = channel_number(name)
             for rows in parts(len(channel["value"])):
                 records = np.zeros(len(channel["value"][rows]), RECORD_DTYPE)
                 for key in ("host_ns", "device_us", "value", "sequence", "flags"):

@@ -15,15 +15,13 @@ from rig.errors import FileProblem
 from rig.recording.hdf5.hdf5_check import check_file
 from rig.recording.hdf5.hdf5_objects import attributes_of
 from rig.recording.layout import FORMAT_VERSION, check_of
+from rig.recording.point_attributes import MOTION, NAMES, STEPS, TEXTS, commanded_of, point_fields
 from rig.recording.point_files import name_problem
 from rig.recording.quality.point_quality import PointQuality
 
 if TYPE_CHECKING:
     import h5py
 
-TEXTS = ("id", "waveform")
-NUMBERS = ("amplitude_m", "frequency_Hz", "current_A")
-OPTIONAL_NUMBERS = ("cycles", "ramp_in_cycles", "ramp_out_cycles", "centre_m", "rest_s")
 SENSOR_ATTRIBUTES = (
     "units", "long_name", "sensor", "serial_number", "sensitivity", "offset", "certificate", "due", "overdue",
     "uncertainty_percent", "delay_s", "range_SI", "rate_Hz",
@@ -48,11 +46,21 @@ def read_description(path: Path, *, whole: bool = True) -> dict[str, Any]:
     with opened(path, None if whole else DESCRIBED) as file:
         test, quality, provenance = (attributes(file, name) for name in ("test", "quality", "provenance"))
         rate = _number(attributes(file, "data").get("sample_rate_hz"))
-    problems = [f"/entry/test: {name} is missing" for name in TEXTS if not isinstance(test.get(name), str)]
-    problems += [
-        f"/entry/test: {name} = {test.get(name)!r}; expected a finite number" for name in NUMBERS
-        if _number(test.get(name)) is None
+    requested: dict[str, Any] = {name: _number(test.get(name)) for name in NAMES - TEXTS}
+    requested |= {name: str(test[name]) for name in TEXTS & test.keys()}
+    fields: dict[str, Any] = {}
+    problems = [
+        f"/entry/test: {name} is missing" for name in MOTION if name in TEXTS and not isinstance(test.get(name), str)
     ]
+    problems += [
+        f"/entry/test: {name} = {test.get(name)!r}; expected a finite number" for name in MOTION
+        if name not in TEXTS and requested[name] is None
+    ]
+    if not problems:
+        try:
+            fields = point_fields(requested)
+        except ValueError:
+            problems.append(f"/entry/test: {STEPS} = {test.get(STEPS)!r:.60}; expected currents in A")
     if isinstance(test.get("id"), str) and (problem := name_problem(test["id"])):
         problems.append(f"/entry/test: id = {problem}")
     verdict = quality.get("verdict", "valid")
@@ -65,11 +73,9 @@ def read_description(path: Path, *, whole: bool = True) -> dict[str, Any]:
             problems.append(f"/entry/quality: {name} = {texts!r}; expected texts")
     if problems:
         raise FileProblem(str(path), problems)
-    described: dict[str, Any] = {name: test[name] for name in TEXTS}
-    described |= {name: _number(test[name]) for name in NUMBERS}
-    described |= {name: _number(test.get(name)) or 0.0 for name in OPTIONAL_NUMBERS}
-    return described | {
-        "repeat": int(_number(test.get("repeat")) or 1),
+    return fields | {
+        "repeat": int(fields["repeat"]) or 1,
+        "commanded": commanded_of(requested),
         "mid_stroke_m": _number(test.get("mid_stroke_m")),
         "verdict": verdict,
         "reasons": quality["reasons"],

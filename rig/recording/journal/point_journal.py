@@ -19,8 +19,9 @@ from typing import IO, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.ring import channel_name
 from rig.recording.journal.journal_file import JournalContent, JournalProblem, joined, release, scan_journal
-from rig.recording.layout import RECORD_DTYPE, PointContext, Records, channel_name
+from rig.recording.layout import RECORD_DTYPE, PointContext, Records
 from rig.signals.chunked_column import Column, parts
 from rig.signals.waveform import is_waveform
 

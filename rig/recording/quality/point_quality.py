@@ -86,7 +86,7 @@ def motion_quality(context: PointContext, motion: MeasuredMotion | None, alignme
     if setpoint_rad is not None:
         lags_deg = np.degrees([wrapped(phase - setpoint_rad) for phase in cycles.phase_rad.tolist()])
     return MotionQuality(
-        commanded_amplitude_m=context.point.commanded_amplitude_m, cycles=motion.cycles,
+        commanded_amplitude_m=context.commanded.amplitude_m, cycles=motion.cycles,
         amplitude_m=motion.amplitude_m, amplitude_std_m=motion.amplitude_std_m,
         fundamental_amplitude_m=motion.fundamental_amplitude_m, mean_m=motion.mean_m,
         frequency_Hz=motion.frequency_Hz, start_s=motion.start_s, end_s=motion.end_s,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from protocols.quality import Quality
 from rig.recording.alignment.alignment import Alignment, Overview, TimedChannel
 from rig.recording.journal.journal_file import JournalContent
-from rig.recording.layout import LOOP, Attribute, PointContext, SensorContext, WantedPoint
+from rig.recording.layout import Attribute, PointContext, SensorContext
 from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.cross_checks import point_reasons
 from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
@@ -28,6 +28,7 @@ from rig.signals.chunked_column import Values, parts
 from rig.signals.current_error import law_error_A, loop_error_A, steps_error_A
 from rig.signals.cycles import MeasuredMotion, measured_motion
 from rig.signals.loop_shape import LoopShape, Standing, loop_shape, standing
+from rig.test_point import LOOP, TestPoint
 
 MOST_OVERVIEW_SAMPLES = 400_000
 FEWEST_A_CYCLE = 200
@@ -110,13 +111,13 @@ def examine(
         sensors={name: _counts(alignment.timed[name], sensor, alignment, motion) if name in alignment.timed
                  else SensorCounts(0) for name, sensor in context.sensors.items()},
         wanted_cycles=float(wanted.cycles) if wanted.cyclic else 0.0, wanted_amplitude_m=wanted.amplitude_m,
-        wanted_frequency_Hz=wanted.record_highest_Hz or frequency_Hz, current_tolerance_A=context.current_tolerance_A,
+        wanted_frequency_Hz=wanted.highest_Hz, current_tolerance_A=context.current_tolerance_A,
         measured_cycles=None if motion is None else motion.cycles,
         measured_amplitude_m=None if motion is None else motion.amplitude_m,
         amplitude_std_m=None if motion is None else motion.amplitude_std_m,
         measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
         current_error_A=_current_error_A(seen, wanted, alignment, starts),
-        amplitude_tolerance=wanted.amplitude_tolerance if wanted.kind in {None, LOOP} else None,
+        amplitude_tolerance=context.commanded.amplitude_tolerance if wanted.kind == LOOP else None,
         extra=[
             *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
               if event.code in VERDICT_REMARKS),
@@ -125,8 +126,8 @@ def examine(
         ],
         temperature_degC=_range(seen.temperature_degC[inside]),
         temperature_share=_share_known(seen.time_s, seen.temperature_degC, inside),
-        temperature_window_degC=wanted.temperature_window_degC,
-        skew_std_s=0.0 if wanted.standing else alignment.skew_trusted_s,
+        temperature_window_degC=context.commanded.temperature_window_degC,
+        skew_std_s=0.0 if wanted.at_rest else alignment.skew_trusted_s,
         scatter_N=None if shape is None else shape.scatter_N, change_N=None if shape is None else shape.change_N,
         change_std_N=0.0 if shape is None else shape.change_std_N,
         span_N=None if shape is None else shape.span_N, free_play_m=0.0 if shape is None else shape.free_play_m,
@@ -167,13 +168,13 @@ def _range(values: FloatArray) -> tuple[float, float] | None:
 
 
 def _current_error_A(
-    seen: Overview, wanted: WantedPoint, alignment: Alignment, starts: FloatArray
+    seen: Overview, wanted: TestPoint, alignment: Alignment, starts: FloatArray
 ) -> float | None:
     """How far the measured current was off: of its level, of each of its steps, or of what was commanded meanwhile."""
-    if wanted.standing:
-        return steps_error_A(seen.time_s, seen.current_A, wanted.levels_A, 1.0 / wanted.frequency_Hz)
-    if wanted.commanded_A is not None:
-        return loop_error_A(seen.time_s, seen.current_A, wanted.commanded_A, starts)
+    if wanted.at_rest:
+        return steps_error_A(seen.time_s, seen.current_A, wanted.steps_A, 1.0 / wanted.frequency_Hz)
+    if not wanted.current_by_law:
+        return loop_error_A(seen.time_s, seen.current_A, wanted.current_A, starts)
     commands = alignment.timed.get("commanded_current")
     if commands is None:
         return None

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rig.recording.layout import WantedPoint
 from rig.recording.quality.verdict import Kind, Reason, Section, invalid, stored
 from rig.signals.arrays import FloatArray
+from rig.test_point import TestPoint
 
 if TYPE_CHECKING:
     from rig.recording.alignment.alignment import Alignment, Overview
@@ -111,7 +111,7 @@ def window_of(
     return Window(begin_s, end_s, (begin_s + ramp_s, max(begin_s + ramp_s, min(end_s, begin_s + wanted_s - ramp_s))))
 
 
-def tracking_of(wanted: WantedPoint, alignment: Alignment, seen: Overview) -> Tracking | None:
+def tracking_of(wanted: TestPoint, alignment: Alignment, seen: Overview) -> Tracking | None:
     """How a signal was followed; None where too little of it was recorded to say.
 
     Args:
@@ -120,11 +120,11 @@ def tracking_of(wanted: WantedPoint, alignment: Alignment, seen: Overview) -> Tr
         seen: displacement over time.
     """
     sent, target = (alignment.timed.get(name) for name in ("signal_time", "signal_target"))
-    if sent is None or target is None or wanted.record_s is None or wanted.record_ramp_s is None:
+    if sent is None or target is None or wanted.record is None:
         return None
     time_s = np.asarray(sent.time_s) - alignment.origin_s
     elapsed_s, target_m = (np.asarray(channel.records[:]["value"], np.float64) for channel in (sent, target))
-    window = window_of(time_s, elapsed_s, wanted.record_s, wanted.record_ramp_s)
+    window = window_of(time_s, elapsed_s, wanted.record.duration_s, wanted.record.ramp_s)
     known = np.isfinite(seen.displacement_m)
     if window is None or len(target_m) != len(elapsed_s) or np.count_nonzero(known) < 2:
         return None
@@ -134,20 +134,20 @@ def tracking_of(wanted: WantedPoint, alignment: Alignment, seen: Overview) -> Tr
     rows = np.flatnonzero(judged)[:: max(1, int(np.count_nonzero(judged)) // MOST_COMPARED)]
     delay_s, rod_m = _least(
         seen.time_s[known], seen.displacement_m[known], window.begin_s + elapsed_s[rows],
-        target_m[rows] + (wanted.centre_m or 0.0),
+        target_m[rows] + wanted.centre_m,
     )
     asked_m = target_m[rows]
-    apart_m = rod_m - (wanted.centre_m or 0.0) - asked_m
+    apart_m = rod_m - wanted.centre_m - asked_m
     size_m = float(np.std(asked_m))
     span_m = float(np.ptp(asked_m))
     return Tracking(
-        window, played_s=min(wanted.record_s, float(elapsed_s[-1])),
+        window, played_s=min(wanted.record.duration_s, float(elapsed_s[-1])),
         nrms=float(np.sqrt(np.mean(apart_m**2))) / size_m if size_m > 0.0 else np.inf, delay_s=delay_s,
         reached=float(np.ptp(rod_m)) / span_m if span_m > 0.0 else np.inf, mean_m=float(np.mean(apart_m)),
     )
 
 
-def tracking_reasons(wanted: WantedPoint, tracking: Tracking | None, *, stopped: bool) -> list[Reason]:
+def tracking_reasons(wanted: TestPoint, tracking: Tracking | None, *, stopped: bool) -> list[Reason]:
     """What speaks against a signal's recording: what replaces the count and the amplitude of cycles.
 
     Args:
@@ -155,11 +155,12 @@ def tracking_reasons(wanted: WantedPoint, tracking: Tracking | None, *, stopped:
         tracking: how it was followed; None: too little was recorded.
         stopped: the point was stopped, and that is said already.
     """
-    if wanted.record_s is None or stopped:
+    if wanted.record is None or stopped:
         return []
     played_s = 0.0 if tracking is None else tracking.played_s
-    if tracking is None or played_s < (1.0 - INCOMPLETE_SHARE) * wanted.record_s:
-        return [invalid("signal-incomplete", f"{played_s:.4g} s of {wanted.record_s:.4g} s were played and recorded")]
+    if tracking is None or played_s < (1.0 - INCOMPLETE_SHARE) * wanted.record.duration_s:
+        text = f"{played_s:.4g} s of {wanted.record.duration_s:.4g} s were played and recorded"
+        return [invalid("signal-incomplete", text)]
     if tracking.nrms <= TRACKING_SUSPECT:
         return []
     text = (

@@ -19,7 +19,7 @@ from rig.campaign.sequencer.point_preparation import (
     within,
 )
 from rig.campaign.sequencer.state import Ceiling, Drive
-from rig.matrix.point import TestPoint
+from rig.test_point import TestPoint
 
 POINT = TestPoint("p001", "sine", 0.03, 2.0, 1.0)
 FREE = Ceiling(low_m=-0.085, high_m=0.085, where="the specimen's stroke")

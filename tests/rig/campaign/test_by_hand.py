@@ -18,7 +18,7 @@ from rig.campaign.sequencer.step import step
 from rig.campaign.stop_cause import StopCause
 from rig.faults.row import StopKind
 from rig.matrix.model import load_matrix
-from rig.matrix.point import TestPoint
+from rig.test_point import TestPoint
 from simulators.scenarios.drawn_rig import bench_file
 
 SINE = TestPoint("p001", "sine", 0.02, 2.0, 0.0, cycles=3)

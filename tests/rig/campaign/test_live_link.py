@@ -20,6 +20,7 @@ from rig.campaign.sequencer import event as ev
 from rig.errors import Stopped
 from rig.recording.journal.campaign_log import CampaignLog, read_log
 from rig.station.live_folder import STATION_SOCKET, bound, held, make_live_folder, read_json, received, tell
+from rig.test_point import TestPoint
 
 
 @pytest.fixture
@@ -125,7 +126,7 @@ def test_words_typed_on_the_page_are_kept_in_the_run(link: LiveLink, tmp_path: P
 def test_what_is_shown_of_a_campaign_stands_in_whole_files(link: LiveLink) -> None:
     link.display.phase("running")
     link.display.progress("p001", 3, 12.5, {})
-    result = PointResult("p001", None, "valid", (), "sine", 0.03, 2.0, 1.0, 0)
+    result = PointResult(TestPoint("p001", "sine", 0.03, 2.0, 1.0), None, "valid")
     link.display.point_done(result)
     link.display.message("warning", "<b>")
     state = read_json(link.folder / "state.json")
@@ -133,7 +134,7 @@ def test_what_is_shown_of_a_campaign_stands_in_whole_files(link: LiveLink) -> No
     assert state["messages"][0]["text"] == "<b>"
     assert read_json(link.folder / "results.json")["p001"]["verdict"] == "valid"
     doubted = replace(result, verdict="suspect", reasons=("zero-return: 12 N",))
-    never = PointResult("p002", None, "not run", (), "sine", 0.03, 2.0, 1.0, 0)
+    never = PointResult(TestPoint("p002", "sine", 0.03, 2.0, 1.0), None, "not run")
     points = (doubted, never)
     ended = SimpleNamespace(points=points, valid=0, total=2, rig_state="safe", stopped_by=None, exit_code=5)
     link.display.ended(cast("Any", ended), ["done"])

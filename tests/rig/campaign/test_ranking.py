@@ -12,10 +12,10 @@ import pytest
 from rig.campaign.point_results import PointResults
 from rig.campaign.resume import take_stock
 from rig.campaign.stop_cause import StopCause
-from rig.matrix.point import TestPoint
 from rig.recording.conversion.recovery import set_aside
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
+from rig.test_point import TestPoint
 
 POINT = TestPoint("p001", "sine", 0.02, 2.0, 0.5)
 ATTEMPTS = [pair for pair in itertools.product(("valid", "suspect", "invalid"), repeat=2) if pair[0] != "valid"]

@@ -13,7 +13,7 @@ from rig.campaign.operator_link import GuardedDisplay
 from rig.campaign.point_results import PointResults
 from rig.campaign.stop_cause import StopCause
 from rig.matrix.plan import Plan
-from rig.matrix.point import TestPoint
+from rig.test_point import TestPoint
 
 RESULT = CampaignResult(Path("c"), (), 2, 2, "safe", None, "", refused=False, wall_s=1.0, motion_s=1.0)
 POINTS = (TestPoint("p001", "sine", 0.02, 2.0, 0.5), TestPoint("p002", "sine", 0.02, 1.0, 0.5))
@@ -111,7 +111,7 @@ def test_wall_time_runs_from_the_first_points_start_to_the_last_points_end() -> 
 
 
 def test_a_points_json_has_an_absolute_file_and_plain_lists(tmp_path: Path) -> None:
-    result = PointResult("p001", tmp_path / "p001.h5", "suspect", ("a", "b"), "sine", 0.02, 2.0, 0.5, 4)
+    result = PointResult(POINTS[0], tmp_path / "p001.h5", "suspect", ("a", "b"), 4)
     answer = result.to_json()
     assert answer["file"] == str((tmp_path / "p001.h5").resolve())
     assert answer["reasons"] == ["a", "b"]

@@ -24,7 +24,7 @@ from rig.campaign.sequencer.stopping import COOLING_PAUSE_S
 from rig.campaign.stop_cause import StopCause
 from rig.faults.row import StopKind
 from rig.matrix.order_by_heat import HeatModel, Load, Thermal
-from rig.matrix.point import TestPoint
+from rig.test_point import TestPoint
 
 POINTS = (
     TestPoint("p001", "sine", 0.02, 2.0, 0.5, cycles=3, rest_s=1.0),

@@ -14,7 +14,7 @@ from rig.campaign.sequencer.state import Phase, start_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.stop_cause import StopCause
 from rig.faults.row import StopKind
-from rig.matrix.point import TestPoint
+from rig.test_point import TestPoint
 
 POINTS = tuple(
     TestPoint(f"p{number:03d}", "sine", 0.02, 2.0, 0.5 * number, cycles=3, rest_s=float(number % 2))

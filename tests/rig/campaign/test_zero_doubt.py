@@ -8,12 +8,12 @@ import numpy as np
 
 from rig.campaign.point_results import PointResults
 from rig.campaign.results import CampaignFinding
-from rig.matrix.point import TestPoint
 from rig.recording.conversion.delay_correction import judge_together
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.quality.cross_checks import doubts
 from rig.recording.recorded_point import RecordedPoint
+from rig.test_point import TestPoint
 
 POINTS = tuple(TestPoint(f"p{number:03d}", "sine", 0.02, 1.0, 0.0, cycles=4) for number in (1, 2, 3))
 FINDING = CampaignFinding(

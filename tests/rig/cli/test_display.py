@@ -23,6 +23,7 @@ from rig.fits.entries import ErrorSummary, Estimate, Evaluation, ModelScore, Sol
 from rig.fits.fit_record import FitRecord
 from rig.matrix.model import load_matrix
 from rig.matrix.plan import plan
+from rig.test_point import TestPoint
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 PLAN = plan(load_matrix(EXAMPLES / "quick.toml"), Bench.load(EXAMPLES / "demo-bench.toml"))
@@ -35,8 +36,7 @@ def terminal(*, is_terminal: bool) -> tuple[Console, io.StringIO]:
 
 
 def result(verdict: str, *reasons: str) -> PointResult:
-    told = "sine 30 mm 2 Hz 0.5 A"
-    return PointResult("p001", Path("p001.h5"), verdict, reasons, "sine", 0.03, 2.0, 0.5, 0, described=told)
+    return PointResult(TestPoint("p001", "sine", 0.03, 2.0, 0.5), Path("p001.h5"), verdict, reasons)
 
 
 def campaign(

@@ -100,7 +100,7 @@ def test_without_held_out_tests_models_are_compared_on_what_they_have_not_seen(
 
 def test_only_the_loops_of_a_held_out_run_are_scored(demo_points: list[RecordedPoint], make_campaign: Make) -> None:
     loop, friction, step = make_campaign("demo", (1.0,), (0.7, 0.8, 0.9), seed=11)
-    special = [replace(friction, test={"kind": "friction"}), replace(step, test={"kind": "current_step"})]
+    special = [replace(friction, kind="friction"), replace(step, kind="current_step")]
     fit = identify(demo_points, holdout=[loop, *special])
     assert fit.holdout is not None
     assert [test.id for test in fit.holdout.per_test] == [loop.id]

@@ -24,10 +24,10 @@ from rig.cli.tables import PlanText
 from rig.dampers import model, parameter_set
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, PlannedPoint, plan
-from rig.matrix.point import TestPoint
 from rig.matrix.stopping import stopping_reach
 from rig.matrix.streaming import JITTER_S, peaks
 from rig.signals.stopping import CYCLE_STEPS, Cycles
+from rig.test_point import TestPoint
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 DEMO = Bench.load(EXAMPLES / "demo-bench.toml")

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from rig.matrix.point import TestPoint
 from rig.signals.waveform import HOLD, SINE, TRIANGLE, WAVEFORMS, UnknownWaveform, Waveform, waveform_named
+from rig.test_point import TestPoint
 
 ALL = pytest.mark.parametrize("waveform", WAVEFORMS.values(), ids=WAVEFORMS)
 
@@ -57,4 +57,4 @@ def test_an_unknown_waveform_is_refused(name: str) -> None:
     with pytest.raises(UnknownWaveform, match="known: sine, triangle"):
         waveform_named(name)
     with pytest.raises(UnknownWaveform):
-        TestPoint("p001", name, 0.02, 1.0, 0.0)
+        _ = TestPoint("p001", name, 0.02, 1.0, 0.0).shape

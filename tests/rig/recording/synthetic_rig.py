@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers.ring import Channel, RingWriter
-from rig.recording.layout import RECORD_DTYPE, PointContext, SensorContext, WantedPoint
+from rig.recording.layout import RECORD_DTYPE, PointContext, SensorContext
+from rig.test_point import TestPoint
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ class SyntheticRig:
     def context(self, **changes: object) -> PointContext:
         """The journal's header for this point."""
         fields: dict = {
-            "point": WantedPoint(
+            "point": TestPoint(
                 "p001", "sine", self.amplitude_m, self.frequency_Hz, self.current_A, self.cycles, ramp_in_cycles=1.0,
                 ramp_out_cycles=1.0, centre_m=0.0, repeat=1, rest_s=0.0,
             ),

@@ -7,7 +7,9 @@ import pytest
 from synthetic_rig import SyntheticRig
 
 from rig.recording.journal.campaign_log import CampaignLog, read_log
-from rig.recording.layout import PointContext, WantedPoint
+from rig.recording.layout import PointContext
+from rig.recording.point_attributes import commanded_of, point_fields
+from rig.test_point import TestPoint
 
 
 def test_events_are_appended_one_readable_line_each(tmp_path: Path) -> None:
@@ -79,10 +81,13 @@ def test_a_header_holds_what_was_stated_of_a_point_by_name_and_nothing_else() ->
         "kind": "current_step", "steps_A": "0 1 2", "commanded_amplitude_m": 0.0, "commanded_centre_m": 0.001,
         "temperature_low_degC": 15.0, "temperature_high_degC": 45.0,
     }
-    header = json.loads(SyntheticRig().context(point=WantedPoint(**wanted)).to_json())  # type: ignore[arg-type]  # by name
+    context = SyntheticRig().context(point=TestPoint(**point_fields(wanted)), commanded=commanded_of(wanted))
+    header = json.loads(context.to_json())
     assert list(header["point"].items()) == list(wanted.items())
-    point = PointContext.from_json(json.dumps(header)).point
-    assert (point.levels_A, point.standing, point.temperature_window_degC) == ((0.0, 1.0, 2.0), True, (15.0, 45.0))
+    again = PointContext.from_json(json.dumps(header))
+    assert again == context
+    assert (again.point.steps_A, again.point.at_rest) == ((0.0, 1.0, 2.0), True)
+    assert again.commanded.temperature_window_degC == (15.0, 45.0)
 
 
 @pytest.mark.parametrize("point", [{}, [], {"id": "p001"}, {"id": "p001", "colour": "red"}], ids=str)

@@ -11,6 +11,7 @@ from synthetic_rig import SyntheticRig
 from drivers.ring import Channel
 from rig.recording.conversion.conversion import build
 from rig.recording.journal.journal_file import JournalContent
+from rig.recording.point_attributes import Commanded
 from rig.recording.quality.verdict import Verdict
 from rig.signals.current_error import law_error_A, loop_error_A, steps_error_A
 
@@ -135,8 +136,7 @@ def test_a_point_whose_current_sags_over_four_of_ten_cycles_is_invalid() -> None
 def test_a_window_without_a_temperature_is_said(lost: slice, expected: list[str]) -> None:
     rig = SyntheticRig(cycles=10)
     records, context = rig.records(), rig.context()
-    wanted = replace(context.point, temperature_low_degC=15.0, temperature_high_degC=45.0)
-    context = replace(context, point=wanted)
+    context = replace(context, commanded=Commanded(low_degC=15.0, high_degC=45.0))
     frames = np.flatnonzero(records["channel"] == Channel.COIL_TEMPERATURE)
     content = JournalContent("", np.delete(records, frames[lost]), end={"stopped_by": None, "lost_records": 0})
     found = build(content, context)[1].verdict
@@ -147,8 +147,7 @@ def test_a_window_without_a_temperature_is_said(lost: slice, expected: list[str]
 def test_a_current_step_point_is_judged_by_its_own_levels() -> None:
     rig = SyntheticRig(amplitude_m=0.0, cycles=len(LEVELS_A) - 2, frequency_Hz=1.0 / HOLD_S)
     context = rig.context()
-    levels = " ".join(map(str, LEVELS_A))
-    wanted = replace(context.point, kind="current_step", waveform="hold", steps_A=levels, current_A=2.0)
+    wanted = replace(context.point, kind="current_step", waveform="hold", steps_A=tuple(LEVELS_A), current_A=2.0)
     context = replace(context, point=wanted)
     time_s, current_A = staircase(LEVELS_A)
     records = rig.records()

@@ -11,20 +11,21 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from synthetic_rig import SyntheticRig
 
-from rig.recording.conversion.conversion import METHODS, method_of
+from rig.recording.conversion.conversion import build
 from rig.recording.hdf5 import hdf5_image
 from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.journal.journal_file import JournalContent
 from rig.recording.layout import (
     RECORD_DTYPE,
     AlignedChannel,
     Event,
-    PointContext,
     PointFile,
     RawChannel,
-    WantedPoint,
 )
 from rig.recording.recorded_point import RecordedPoint
+from rig.signals.derivatives import METHOD
 
 
 def a_point(samples: int = 1000) -> PointFile:
@@ -266,23 +267,15 @@ def test_a_point_of_four_samples_can_be_written_and_read(tmp_path: Path) -> None
     assert RecordedPoint.open(tmp_path / "p.h5").samples == 4
 
 
-def test_the_names_of_the_channels_are_those_of_the_ring() -> None:
-    from drivers.ring import Channel
-    from rig.recording.layout import NUMBER
-
-    named = {channel.name.lower(): int(channel) for channel in Channel}
-    assert named == NUMBER
-
-
 @pytest.mark.parametrize(
     ("manual", "unmeasured", "states"),
     [(True, False, "constant: set manually"), (False, True, "set-point"), (False, False, "linear interpolation")],
 )
 def test_the_recording_states_how_its_current_came_about(manual: bool, unmeasured: bool, states: str) -> None:
-    context = PointContext(
-        WantedPoint("p", "sine", 0.01, 1.0, 0.5, 3.0), {}, current_by_hand=manual,
-        current_unmeasured=unmeasured,
-    )
-    assert states in method_of("current", context)
-    assert ("not measured" in method_of("current", context)) is (manual or unmeasured)
-    assert method_of("velocity", context) == METHODS["velocity"]
+    rig = SyntheticRig(cycles=3)
+    content = JournalContent("", rig.records(), end={"stopped_by": None, "lost_records": 0})
+    file, _ = build(content, rig.context(current_by_hand=manual, current_unmeasured=unmeasured))
+    methods = {channel.name: str(channel.attributes["method"]) for channel in file.channels}
+    assert states in methods["current"]
+    assert ("not measured" in methods["current"]) is (manual or unmeasured)
+    assert methods["velocity"] == METHOD

@@ -9,10 +9,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from rig.recording.layout import WantedPoint
 from rig.recording.quality.tracking import tracking_of, tracking_reasons
+from rig.signals.record import RecordFacts
+from rig.test_point import TestPoint
 
-WANTED = WantedPoint("p001", "file", 0.035, 1.0, 0.0, 0.0, kind="signal", record_s=10.0, record_ramp_s=1.0)
+WANTED = TestPoint("p001", "file", 0.035, 1.0, 0.0, kind="signal", record=RecordFacts("", 10.0, 1.0, 5.0))
 
 
 def judged(target_m: np.ndarray, rod_m: np.ndarray) -> list[str]:

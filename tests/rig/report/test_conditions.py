@@ -8,6 +8,7 @@ import pytest
 
 from rig.document.html import fragment
 from rig.recording.journal.campaign_log import CampaignLog, read_log
+from rig.recording.point_attributes import NOT_STATED, Commanded
 from rig.recording.quality.point_quality import PointQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.point_tables import conditions
@@ -16,10 +17,10 @@ TIME_S = np.arange(0.0, 4.0, 0.004)
 
 
 def a_point(commanded_mm: float | None) -> RecordedPoint:
-    test = {} if commanded_mm is None else {"commanded_amplitude_m": 1e-3 * commanded_mm}
+    commanded = NOT_STATED if commanded_mm is None else Commanded(1e-3 * commanded_mm)
     return RecordedPoint.from_arrays(
         id="p001", waveform="sine", amplitude_m=0.03, frequency_Hz=2.0, current_A=1.0, time_s=TIME_S,
-        displacement_m=0.03 * np.sin(4.0 * np.pi * TIME_S), force_N=np.zeros(len(TIME_S)), test=test,
+        displacement_m=0.03 * np.sin(4.0 * np.pi * TIME_S), force_N=np.zeros(len(TIME_S)), commanded=commanded,
         quality=PointQuality.read({
             "measured_amplitude_m": 0.03, "measured_amplitude_std_m": 2e-6, "measured_cycles": 4,
             "coil_temperature_low_degC": 41.2, "coil_temperature_high_degC": 43.7,

@@ -23,6 +23,7 @@ from rig.report.loops import details, loop_figures
 from rig.report.over_current import parameter_figures
 from rig.report.traces import envelope
 from rig.report.views import motion_of, view_of
+from rig.signals.record import RecordFacts
 
 
 @pytest.fixture
@@ -188,10 +189,10 @@ def test_currents_are_told_apart_in_grey_print_and_by_protanopes(count: int) -> 
 def test_a_record_is_told_by_its_name_and_drawn_with_its_reversals_where_it_is_judged() -> None:
     time_s = np.arange(5000) / 250.0
     phase = 2 * np.pi * 5.0 * time_s
-    test = {"kind": "signal", "record": "iso8608-c", "record_s": 20.0, "record_ramp_s": 1.0, "record_highest_Hz": 5.0}
     point = RecordedPoint.from_arrays(
-        id="p003", waveform="road", amplitude_m=0.01, frequency_Hz=4.97, current_A=1.0, mid_stroke_m=0.0, test=test,
-        time_s=time_s, displacement_m=0.01 * np.sin(phase), force_N=300.0 * np.cos(phase),
+        id="p003", waveform="road", amplitude_m=0.01, frequency_Hz=4.97, current_A=1.0, mid_stroke_m=0.0, kind="signal",
+        record=RecordFacts("iso8608-c", 20.0, 1.0, 5.0), time_s=time_s, displacement_m=0.01 * np.sin(phase),
+        force_N=300.0 * np.cos(phase),
     )
     view = view_of(point)
     assert (motion_of(view), view.why) == ("road iso8608-c, 10 mm", "")
@@ -199,7 +200,7 @@ def test_a_record_is_told_by_its_name_and_drawn_with_its_reversals_where_it_is_j
     turns = np.count_nonzero(np.diff(np.sign(np.diff(view.loop.displacement_mm))))
     assert turns == pytest.approx(200, abs=4), "every one of 20 s at 5 Hz"
     assert loop_figures(view).keys() == {"displacement", "velocity"}
-    hybrid = replace(point, waveform="hold", test={"kind": "hybrid"})
+    hybrid = replace(point, waveform="hold", kind="hybrid", record=None)
     shown = view_of(hybrid)
     assert motion_of(shown) == "hybrid test, 10 mm"
     assert details([shown], fitted=False) == [], "it has its own section"

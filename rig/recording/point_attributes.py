@@ -1,0 +1,100 @@
+"""A test point as attributes: of `/entry/test` in its file, and of `point` in its journal's header.
+
+This is the only module that knows their names (`docs/files.md`). What was not stated is absent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rig.signals.record import RecordFacts
+from rig.test_point import LOOP, TestPoint
+
+MOTION = ("id", "waveform", "amplitude_m", "frequency_Hz", "current_A")
+"""Fields of a `TestPoint` that every recording states."""
+OPTIONAL: Mapping[str, Any] = {
+    "cycles": 0.0, "ramp_in_cycles": 0.0, "ramp_out_cycles": 0.0, "centre_m": 0.0, "repeat": 1, "rest_s": 0.0,
+    "kind": LOOP,
+}
+"""Further fields, and their values where a recording does not state them."""
+STEPS, LAW = "steps_A", "law"
+COMMANDED = {
+    "amplitude_m": "commanded_amplitude_m", "centre_m": "commanded_centre_m",
+    "amplitude_tolerance": "amplitude_tolerance", "low_degC": "temperature_low_degC",
+    "high_degC": "temperature_high_degC",
+}  # fmt: skip
+"""Field of `Commanded` -> attribute."""
+RECORD = {
+    "name": "record", "sha256": "record_sha256", "duration_s": "record_s", "ramp_s": "record_ramp_s",
+    "highest_Hz": "record_highest_Hz",
+}  # fmt: skip
+"""Field of `RecordFacts` -> attribute."""
+NAMES = frozenset({*MOTION, *OPTIONAL, STEPS, LAW, *COMMANDED.values(), *RECORD.values()})
+TEXTS = frozenset({"id", "waveform", "kind", STEPS, LAW, RECORD["name"], RECORD["sha256"]})
+"""Those that are texts; the others are numbers."""
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """How a point was commanded and accepted; None where that is not stated.
+
+    Attributes:
+        amplitude_m, centre_m: of the program that made the motion.
+        amplitude_tolerance: relative, of a command that was compensated; None: the usual limits.
+        low_degC, high_degC: window of the coil's temperature; None: any.
+    """
+
+    amplitude_m: float | None = None
+    centre_m: float | None = None
+    amplitude_tolerance: float | None = None
+    low_degC: float | None = None
+    high_degC: float | None = None
+
+    @property
+    def temperature_window_degC(self) -> tuple[float, float] | None:
+        """What the coil's temperature had to lie in; None: any."""
+        return None if self.low_degC is None or self.high_degC is None else (self.low_degC, self.high_degC)
+
+
+NOT_STATED = Commanded()
+
+
+def attributes_of(point: TestPoint, commanded: Commanded) -> dict[str, str | int | float]:
+    """The attributes of a point, in the order in which a file has them."""
+    record = point.record
+    values = {
+        **{name: getattr(point, name) for name in (*MOTION, *OPTIONAL)},
+        STEPS: " ".join(f"{step_A:g}" for step_A in point.steps_A), LAW: point.law or None,
+        **{attribute: getattr(commanded, name) for name, attribute in COMMANDED.items()},
+        **({} if record is None else {attribute: getattr(record, name) for name, attribute in RECORD.items()}),
+    }
+    if record is not None:
+        values[RECORD["sha256"]] = record.sha256 or None
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def point_fields(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """The keyword arguments of the `TestPoint` that has these attributes; others are left out.
+
+    Raises:
+        KeyError: one that every recording states is missing.
+        ValueError: its steps are no numbers.
+    """
+    stated = {name: value for name, value in attributes.items() if value is not None}
+    fields = {name: stated[name] for name in MOTION}
+    fields |= {name: stated.get(name, absent) for name, absent in OPTIONAL.items()}
+    fields[LAW] = stated.get(LAW, "")
+    fields[STEPS] = tuple(map(float, str(stated.get(STEPS, "")).split()))
+    if RECORD["duration_s"] in stated and RECORD["ramp_s"] in stated:
+        fields["record"] = RecordFacts(
+            stated.get(RECORD["name"], ""), stated[RECORD["duration_s"]], stated[RECORD["ramp_s"]],
+            stated.get(RECORD["highest_Hz"], 0.0), stated.get(RECORD["sha256"], ""),
+        )
+    return fields
+
+
+def commanded_of(attributes: Mapping[str, Any]) -> Commanded:
+    """How the point that has these attributes was commanded."""
+    return Commanded(**{name: attributes.get(attribute) for name, attribute in COMMANDED.items()})

@@ -1,0 +1,155 @@
+"""One test point as a value, the same from matrix to recording to report (PHYSICS: waveforms (1) and (2))."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from rig.signals.record import Record, RecordFacts
+from rig.signals.waveform import Waveform, waveform_named
+
+LOOP, FRICTION, CURRENT_STEP, HYBRID, SIGNAL = "loop", "friction", "current_step", "hybrid", "signal"
+"""The kinds of test points."""
+PASSIVE = "passive"
+"""The law of a hybrid test at constant current."""
+
+
+class Forecast(NamedTuple):
+    """What a motion that is no waveform is forecast to reach: m/s, m/s^2, N, and the energy turned to heat, J."""
+
+    peak_speed_m_s: float
+    peak_acceleration_m_s2: float
+    force_N: float
+    energy_J: float
+
+
+@dataclass(frozen=True)
+class TestPoint:
+    """A waveform about a centre at a constant coil current, or currents that are stepped while the rod is at rest.
+
+    Attributes:
+        id: name of the point.
+        waveform: name of the waveform; `hold` where the rod is at rest or follows a simulated car.
+        amplitude_m: of a signal the largest distance from the centre, of a hybrid test the largest extension forecast.
+        frequency_Hz: of a signal how often it crosses its mean upwards.
+        current_A: of current steps the largest of them; of a current that a law commands the highest it may command.
+        cycles: at full amplitude, in addition to both ramps; the whole of a signal or of a hybrid test is one cycle.
+        ramp_in_cycles, ramp_out_cycles: fade in and fade out.
+        centre_m: centre of the motion in the displacement sensor's coordinate.
+        repeat: counts from 1.
+        rest_s: rest before the point.
+        kind: `loop`, `friction` (a slow triangle at 0 A, for gas force and friction), `current_step`, `hybrid` or
+            `signal`.
+        steps_A: of current steps the currents in turn; of a current that a law commands the first one.
+        law: what commands the current of a hybrid test; else empty.
+        record: the motion of a signal; a recorded point keeps only its facts, without samples.
+        forecast: peaks of a hybrid test; not recorded.
+        compensator: leads the set-points of a hybrid test; not recorded.
+    """
+
+    __test__ = False  # not a test class, whatever its name
+
+    id: str
+    waveform: str
+    amplitude_m: float
+    frequency_Hz: float
+    current_A: float
+    cycles: float = 10
+    ramp_in_cycles: float = 1.0
+    ramp_out_cycles: float = 1.0
+    centre_m: float = 0.0
+    repeat: int = 1
+    rest_s: float = 0.0
+    kind: str = LOOP
+    steps_A: tuple[float, ...] = ()
+    law: str = ""
+    record: RecordFacts | None = None
+    forecast: Forecast | None = None
+    compensator: str = ""
+
+    @property
+    def shape(self) -> Waveform:
+        """The waveform as a value.
+
+        Raises:
+            UnknownWaveform: a recorded point, of a test from elsewhere, may have another one.
+        """
+        return waveform_named(self.waveform)
+
+    @property
+    def record_samples(self) -> Record | None:
+        """The record of a signal with its samples; None of any other point, and of a recorded one."""
+        return self.record if isinstance(self.record, Record) else None
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the rod is at rest while the current is stepped."""
+        return self.kind == CURRENT_STEP
+
+    @property
+    def cyclic(self) -> bool:
+        """Whether the motion repeats itself, so that its cycles can be counted and compared."""
+        return self.kind not in {CURRENT_STEP, HYBRID, SIGNAL}
+
+    @property
+    def has_frequency(self) -> bool:
+        """Whether `frequency_Hz` is a frequency that people know the point by."""
+        return self.kind not in {SIGNAL, HYBRID}
+
+    @property
+    def current_by_law(self) -> bool:
+        """Whether a law commands the current anew at each step of a hybrid test."""
+        return self.kind == HYBRID and self.law not in {"", PASSIVE}
+
+    @property
+    def first_current_A(self) -> float:
+        """The current that must have settled before the point begins (A)."""
+        return self.steps_A[0] if self.steps_A else self.current_A
+
+    @property
+    def peak_speed_m_s(self) -> float:
+        """Largest speed (m/s)."""
+        if self.forecast is not None:
+            return self.forecast.peak_speed_m_s
+        if self.record_samples is not None:
+            return self.record_samples.peak_velocity * self.amplitude_m
+        return self.shape.peak_velocity * self.frequency_Hz * self.amplitude_m
+
+    @property
+    def peak_acceleration_m_s2(self) -> float:
+        """Largest acceleration (m/s2), corners as the controller rounds them."""
+        if self.forecast is not None:
+            return self.forecast.peak_acceleration_m_s2
+        if self.record_samples is not None:
+            return self.record_samples.peak_acceleration * self.amplitude_m
+        return self.shape.peak_acceleration * self.frequency_Hz**2 * self.amplitude_m
+
+    @property
+    def highest_Hz(self) -> float:
+        """Highest frequency of the motion (Hz): of a signal where it is known, else `frequency_Hz`."""
+        return (0.0 if self.record is None else self.record.highest_Hz) or self.frequency_Hz
+
+    @property
+    def motion_s(self) -> float:
+        """Duration of the programme, ramps included (s)."""
+        if self.record is not None:
+            return self.record.duration_s
+        return (self.ramp_in_cycles + self.cycles + self.ramp_out_cycles) / self.frequency_Hz
+
+    @property
+    def motion(self) -> str:
+        """What moves, by name: "sine", "road iso8608-c", "hybrid test", "current steps"."""
+        name = {HYBRID: "hybrid test", CURRENT_STEP: "current steps"}.get(self.kind, self.waveform)
+        return name if self.record is None or self.record.name in {"", name} else f"{name} {self.record.name}"
+
+    @property
+    def described(self) -> str:
+        """In one phrase: "sine 50 mm 1.5 Hz 1 A"; of what does not repeat itself, how far and for how long."""
+        if self.kind == CURRENT_STEP:
+            return f"{self.motion} for {self.motion_s:.3g} s, up to {self.current_A:.3g} A"
+        if self.has_frequency:
+            return f"{self.motion} {1e3 * self.amplitude_m:.4g} mm {self.frequency_Hz:.4g} Hz {self.current_A:.3g} A"
+        current = f"{self.current_A:.3g} A"
+        if self.current_by_law:
+            current = f"up to {current} by {self.law}"
+        return f"{self.motion} up to {1e3 * self.amplitude_m:.3g} mm for {self.motion_s:.3g} s, {current}"
