@@ -35,6 +35,7 @@ from rig.campaign.setup import (
 )
 from rig.campaign.simulated_rig import rig_in_use
 from rig.campaign.words import say
+from rig.campaign_folder import CampaignFolder
 from rig.clock import utc_now
 from rig.errors import FileProblem, RigError, UnknownRigState
 from rig.faults.row import StopKind
@@ -173,12 +174,12 @@ def _describe(start: _Start, bench_path: Path) -> None:
     """
     folder = start.folder
     if start.options.resume_path is None or resume.bench_is_new(folder):
-        keep_bench(bench_path, folder, "bench.toml")
+        keep_bench(bench_path, CampaignFolder(folder).bench)
         write_description(folder, start.bench, start.matrix, start.options)
         return
     resume.same_campaign(folder, start.bench, start.matrix)
     session = note_session(folder, start.options, start.stock.confirmed)
-    keep_bench(bench_path, folder, f"bench-session{session}.toml")
+    keep_bench(bench_path, CampaignFolder(folder).session_bench(session))
 
 
 @dataclass(frozen=True)

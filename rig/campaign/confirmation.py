@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.campaign.stop_cause import OPERATOR
+from rig.campaign_folder import CampaignFolder
 from rig.errors import Refused
 from rig.faults.matrix import MATRIX
 from rig.recording.journal.campaign_log import UNREADABLE, read_lines
@@ -85,9 +86,10 @@ def open_stops(folder: Path) -> tuple[EarlierStop, ...]:
     Raises:
         OSError: the journal cannot be read.
     """
-    lines = read_lines(folder) if (folder / "journal.jsonl").is_file() else []
-    if any(folder.glob("points/*")) and not {"connected", "requalified"} & {line["event"] for line in lines}:
-        return (_damaged("journal.jsonl is missing or cut off"),)
+    campaign = CampaignFolder(folder)
+    lines = read_lines(folder) if campaign.journal.is_file() else []
+    if any(campaign.points.glob("*")) and not {"connected", "requalified"} & {line["event"] for line in lines}:
+        return (_damaged(f"{CampaignFolder.journal} is missing or cut off"),)
     return unconfirmed(lines)
 
 

@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 from rig.bench import named_files
+from rig.campaign_folder import CampaignFolder
 from rig.errors import Refused
 from rig.matrix import named_files as matrix_files
 from rig.recording.atomic_write import inner_folder, write_durably
@@ -17,7 +18,7 @@ LARGEST_BENCH_BYTES = 262_144
 LARGEST_MATRIX_BYTES = 1_048_576
 
 
-def copy_into(source: Path, folder: Path, name: str) -> None:
+def keep_file(source: Path, kept: Path) -> None:
     """Keep a user's file with the campaign, as it was, also through a power cut.
 
     Raises:
@@ -26,13 +27,13 @@ def copy_into(source: Path, folder: Path, name: str) -> None:
     """
     content = read_bytes(source, LARGEST_NAMED_FILE_BYTES)
     try:
-        write_durably(folder / name, content)
+        write_durably(kept, content)
     except OSError as error:
-        raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error
+        raise Refused("dir-readonly", f"{kept}: cannot be written: {error}") from error
 
 
-def keep_matrix(source: Path, folder: Path, name: str) -> None:
-    """Keep a matrix file with the files that it names, so that the copy needs nothing beside the campaign.
+def keep_matrix(source: Path, kept: Path) -> None:
+    """Keep a matrix file with the files that it names, so that the copy needs nothing outside its folder.
 
     Raises:
         Refused: one cannot be copied.
@@ -41,27 +42,27 @@ def keep_matrix(source: Path, folder: Path, name: str) -> None:
     written = read_text(source, LARGEST_MATRIX_BYTES)
     text, files = matrix_files.kept(written, source.absolute().parent)
     if not files:
-        copy_into(source, folder, name)
+        keep_file(source, kept)
         return
     try:
-        beside = inner_folder(folder, matrix_files.FOLDER)
+        records = inner_folder(kept.parent, CampaignFolder.records)
         for own, content in files.items():
-            write_durably(beside / own, content)
-        write_durably(folder / name, text.encode())
+            write_durably(records / own, content)
+        write_durably(kept, text.encode())
     except OSError as error:
-        raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error
+        raise Refused("dir-readonly", f"{kept}: cannot be written: {error}") from error
 
 
 def kept_hashes(folder: Path) -> dict[str, str]:
     """SHA-256 (hex) of each file that a campaign's matrix names, by its name in the campaign's directory."""
-    beside = folder / matrix_files.FOLDER
+    records = CampaignFolder(folder).records
     return {
-        f"{matrix_files.FOLDER}/{path.name}": hashlib.sha256(read_bytes(path, LARGEST_NAMED_FILE_BYTES)).hexdigest()
-        for path in sorted(beside.iterdir() if beside.is_dir() else ()) if path.is_file()
+        f"{records.name}/{path.name}": hashlib.sha256(read_bytes(path, LARGEST_NAMED_FILE_BYTES)).hexdigest()
+        for path in sorted(records.iterdir() if records.is_dir() else ()) if path.is_file()
     }
 
 
-def keep_bench(source: Path, folder: Path, name: str) -> None:
+def keep_bench(source: Path, kept: Path) -> None:
     """Keep a bench file and the files that it names, so that the copy can be used as the original was.
 
     Raises:
@@ -70,17 +71,17 @@ def keep_bench(source: Path, folder: Path, name: str) -> None:
     """
     text = read_text(source, LARGEST_BENCH_BYTES)
     for _, written in named_files.named(tomllib.loads(text)):
-        kept = named_files.kept_name(written)
-        text = text.replace(json.dumps(written), json.dumps(kept))
+        name = named_files.kept_name(written)
+        text, copy = text.replace(json.dumps(written), json.dumps(name)), kept.parent / name
         try:
-            (folder / kept).parent.mkdir(parents=True, exist_ok=True)
+            copy.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise Refused("dir-readonly", f"{folder / kept}: cannot be written: {error}") from error
-        copy_into(source.parent / written, folder, kept)
+            raise Refused("dir-readonly", f"{copy}: cannot be written: {error}") from error
+        keep_file(source.parent / written, copy)
     if text == read_text(source, LARGEST_BENCH_BYTES):
-        copy_into(source, folder, name)
+        keep_file(source, kept)
         return
     try:
-        write_durably(folder / name, text.encode())
+        write_durably(kept, text.encode())
     except OSError as error:
-        raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error
+        raise Refused("dir-readonly", f"{kept}: cannot be written: {error}") from error

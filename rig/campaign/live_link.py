@@ -18,12 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from rig.campaign.live_display import LiveDisplay
+from rig.campaign_folder import CampaignFolder
 from rig.clock import utc_now
 from rig.recording.journal.campaign_log import CampaignLog
-from rig.recording.run import WORDS_FILE
 from rig.station.live_folder import (
     APPLICATION_SOCKET,
-    LINK_FILE,
     STATION_SOCKET,
     bound,
     make_live_folder,
@@ -119,7 +118,7 @@ class LiveLink:
             OSError: the campaign's directory cannot be written.
         """
         self._log = log
-        link = log.path.parent / LINK_FILE
+        link = CampaignFolder(log.path.parent).live_link
         replace_json(link, {"folder": str(self.folder), "pid": os.getpid()})
         self.display.campaign = str(log.path.parent.resolve())
         try:
@@ -181,7 +180,7 @@ class LiveLink:
             return
         words = {name: _printable(message[name], most) for name, most in LONGEST_WORDS.items() if name in message}
         self._note("said", by, **words)
-        path = self._log.path.parent / WORDS_FILE
+        path = CampaignFolder(self._log.path.parent).operator
         kept = {"operator": "", "specimen": "", "notes": [], **read_json(path)}
         stamp = {"utc": utc_now().isoformat(timespec="seconds"), "by": by}
         kept |= {name: words[name] for name in ("operator", "specimen") if name in words}
@@ -190,7 +189,7 @@ class LiveLink:
         try:
             replace_json(path, kept)  # not flushed: the loop that watches the rig does not wait for a disk
         except OSError as error:
-            self.display.message("error", f"{WORDS_FILE}: not written: {error}")
+            self.display.message("error", f"{path.name}: not written: {error}")
 
     def close(self) -> None:
         """Take the folder away; a second time is none."""

@@ -17,6 +17,7 @@ from rig.campaign.kept_files import kept_hashes
 from rig.campaign.point_results import PointResults
 from rig.campaign.results import INVALID, RANKS, CampaignOptions, PointResult
 from rig.campaign.setup import campaign_hash, described
+from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
 from rig.recording.conversion.recovery import recover_held
@@ -47,7 +48,7 @@ def as_before(folder: Path, options: CampaignOptions) -> CampaignOptions:
     if options.bench_path is not None:
         return options
     if before is None:
-        return options if options.simulate else replace(options, bench_path=folder / "bench.toml")
+        return options if options.simulate else replace(options, bench_path=CampaignFolder(folder).bench)
     kept, _ = before.arguments
     return replace(options, simulate=True, seed=before.seed, simulator_args=(*kept, *options.simulator_args))
 
@@ -84,10 +85,10 @@ def _simulated(folder: Path) -> _Simulated | None:
         speed, seed, arguments = float(before["speed"]), int(before["seed"]), before.get("arguments", [])
         sorted_out = of_the_rig(arguments)
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-        raise FileProblem(str(folder / "campaign.json"), [f"simulated: {error!r}; {NOT_OURS}"]) from error
+        raise FileProblem(str(CampaignFolder(folder).description), [f"simulated: {error!r}; {NOT_OURS}"]) from error
     if not SLOWEST <= speed <= FASTEST or seed < 0:
         text = f"simulated: speed {speed:g}, seed {seed}; {NOT_OURS}"
-        raise FileProblem(str(folder / "campaign.json"), [text])
+        raise FileProblem(str(CampaignFolder(folder).description), [text])
     return _Simulated(speed, seed, sorted_out)
 
 
@@ -114,8 +115,8 @@ def same_matrix(folder: Path, matrix: Matrix) -> None:
         which = "" if not changed else f": changed {'is' if len(changed) == 1 else 'are'} {', '.join(changed)}"
         raise Refused(
             "matrix-changed",
-            f"{folder / 'matrix.toml'} is not the matrix with which this campaign was started{which}; nothing was "
-            "moved. Fix: restore the file, or start a new campaign",
+            f"{CampaignFolder(folder).matrix} is not the matrix with which this campaign was started{which}; nothing "
+            "was moved. Fix: restore the file, or start a new campaign",
         )
 
 
@@ -139,8 +140,8 @@ def same_campaign(folder: Path, bench: Bench, matrix: Matrix) -> None:
     if not bench_is_new(folder) and described(folder).get("hash") not in hashes:
         raise Refused(
             "bench-changed",
-            f"limits, calibration or identities of the bench differ from those in {folder / 'bench.toml'}; nothing "
-            "was moved. Fix: correct the bench file, or start a new campaign",
+            f"limits, calibration or identities of the bench differ from those in {CampaignFolder(folder).bench}; "
+            "nothing was moved. Fix: correct the bench file, or start a new campaign",
         )
 
 
@@ -187,18 +188,19 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         folder: the campaign's directory.
         points: the matrix's points in order.
     """
-    (folder / "points").mkdir(exist_ok=True)
+    place = CampaignFolder(folder).points
+    place.mkdir(exist_ok=True)
     problems = [f"{finished.id}: {finished.error}" for finished in recover_held(folder) if finished.error]
     best: dict[str, tuple[tuple[int, bool, int], RecordedPoint]] = {}
     attempts: dict[str, int] = {}
     temperatures_degC: list[float] = []
-    files = [file for ending in (FILE, OLD_FILE) for file in (folder / "points").glob(f"*{ending}")]
+    files = [file for ending in (FILE, OLD_FILE) for file in place.glob(f"*{ending}")]
     for file in sorted(files, key=lambda file: (len(file.name), file.name)):  # number 2 before number 10
         aside = file.name.endswith(OLD_FILE)
         try:
             recorded = RecordedPoint.open(file, whole=False)
         except FileProblem as error:  # of one that was set aside it was told then
-            problems += [f"points/{file.name}: {problem}" for problem in error.problems if not aside]
+            problems += [f"{place.name}/{file.name}: {problem}" for problem in error.problems if not aside]
             continue
         name = str(recorded.provenance.get("point", recorded.id))
         try:
@@ -206,11 +208,11 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
             ends_degC = (recorded.quality.coil_low_degC, recorded.quality.coil_high_degC)
             rank = SET_ASIDE if aside else RANKS.index(recorded.verdict), not recorded.kept_apart, attempt
         except (TypeError, ValueError) as error:
-            problems.append(f"points/{file.name}: not in the form that a campaign writes: {error}")
+            problems.append(f"{place.name}/{file.name}: not in the form that a campaign writes: {error}")
             continue
         attempts[name] = max(attempts.get(name, 0), attempt)
         if damaged := () if aside or recorded.verdict == INVALID else _damage(file):
-            problems += [f"points/{file.name}: {problem}; the point is run again" for problem in damaged]
+            problems += [f"{place.name}/{file.name}: {problem}; the point is run again" for problem in damaged]
             continue
         temperatures_degC += [end_degC for end_degC in ends_degC if end_degC is not None]
         if name not in best or rank >= best[name][0]:

@@ -28,6 +28,7 @@ from rig.campaign.results import CampaignOptions, Display
 from rig.campaign.sequencer.point_preparation import MOST_STEPS
 from rig.campaign.stop_cause import disk_slug
 from rig.campaign.words import say
+from rig.campaign_folder import CampaignFolder
 from rig.clock import utc_now
 from rig.errors import FileProblem, Refused, Stopped
 from rig.matrix.model import Matrix
@@ -91,7 +92,7 @@ def make_campaign_folder(out: Path, specimen: str) -> Path:
     stamp = utc_now().strftime("%Y%m%dT%H%M%SZ")
     folder = out / f"{stamp}-{specimen}-{secrets.token_hex(3)}"
     try:
-        inner_folder(folder, "points")
+        inner_folder(folder, CampaignFolder.points)
     except OSError as error:
         raise Refused(
             "dir-readonly", f"{folder}: cannot be created: {error}. Fix: give a writable folder with --out"
@@ -108,7 +109,7 @@ def _journal(folder: Path) -> CampaignLog:
     try:
         return CampaignLog(folder)
     except OSError as error:
-        raise Refused(disk_slug(error), f"{folder / 'journal.jsonl'}: {error}; nothing was connected") from error
+        raise Refused(disk_slug(error), f"{CampaignFolder(folder).journal}: {error}; nothing was connected") from error
 
 
 @contextmanager
@@ -143,9 +144,9 @@ def _keep_files(folder: Path, options: CampaignOptions, bench: Bench | None, mat
         Refused: they cannot be written.
         FileProblem: one of them cannot be read.
     """
-    keep_matrix(options.matrix_path, folder, "matrix.toml")
+    keep_matrix(options.matrix_path, CampaignFolder(folder).matrix)
     if options.bench_path is not None:
-        keep_bench(options.bench_path, folder, "bench.toml")
+        keep_bench(options.bench_path, CampaignFolder(folder).bench)
     write_description(folder, bench, matrix, options)
 
 
@@ -243,10 +244,11 @@ def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options
         else None,
         "points": [point.id for point in matrix.points()],
     }
+    file = CampaignFolder(folder).description
     try:
-        write_text_durably(folder / "campaign.json", json.dumps(description, indent=1) + "\n")
+        write_text_durably(file, json.dumps(description, indent=1) + "\n")
     except OSError as error:
-        raise Refused("dir-readonly", f"{folder / 'campaign.json'}: cannot be written: {error}") from error
+        raise Refused("dir-readonly", f"{file}: cannot be written: {error}") from error
 
 
 def described(folder: Path) -> dict[str, Any]:
@@ -256,7 +258,7 @@ def described(folder: Path) -> dict[str, Any]:
         FileProblem: there is none, or it is damaged.
     """
     description = read_campaign(folder) if folder.is_dir() else {}
-    if not isinstance(description.get("hashes"), dict) or not (folder / "matrix.toml").is_file():
+    if not isinstance(description.get("hashes"), dict) or not CampaignFolder(folder).matrix.is_file():
         raise FileProblem(
             str(folder), ["contains no started campaign. Fix: give the directory that `rig run` printed (see `rig "
                 "runs`)"]
@@ -273,7 +275,7 @@ def note_session(folder: Path, options: CampaignOptions, confirmed: Iterable[Ear
     try:
         return _append(folder, "sessions", _session(options, confirmed)) + 1
     except OSError as error:
-        raise Refused("dir-readonly", f"{folder / 'campaign.json'}: cannot be written: {error}") from error
+        raise Refused("dir-readonly", f"{CampaignFolder(folder).description}: cannot be written: {error}") from error
 
 
 def note_zeros(folder: Path, check: Mapping[str, Any]) -> None:
@@ -290,7 +292,7 @@ def _append(folder: Path, name: str, entry: Mapping[str, Any]) -> int:
     description = described(folder)
     entries = description.get(name, [])
     entries = [*(entries if isinstance(entries, list) else ()), entry]
-    write_text_durably(folder / "campaign.json", json.dumps({**description, name: entries}, indent=1) + "\n")
+    write_text_durably(CampaignFolder(folder).description, json.dumps({**description, name: entries}, indent=1) + "\n")
     return len(entries)
 
 

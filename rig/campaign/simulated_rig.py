@@ -17,6 +17,7 @@ from pathlib import Path
 from rig.bench.model import Bench
 from rig.campaign.results import CampaignOptions, Display
 from rig.campaign.words import say
+from rig.campaign_folder import CampaignFolder
 from rig.clock import monotonic_ns
 from rig.errors import EXIT_USAGE, FileProblem, Refused, RigError
 from rig.matrix.sections import Specimen
@@ -113,8 +114,8 @@ class SimulatedRig:
             RigError: it does not take `options.simulator_args`.
             Refused: it ended before it was ready, or was not ready in time; the end of its log is in the message.
         """
-        truth_path, log_path = folder / "truth.h5", folder / "simulator.log"
-        keep_truth(truth_path)
+        truth_path, log_path = CampaignFolder(folder).truth, CampaignFolder(folder).simulator_log
+        keep_truth(CampaignFolder(folder))
         arguments = ["--speed", str(options.speed), "--seed", str(options.seed), "--truth", str(truth_path)]
         arguments += ["--exit-when-idle", "--specimen", f'serial_number="{specimen.serial_number}"']
         arguments += ["--specimen", f"mid_stroke_m={specimen.mid_stroke_m}"]
@@ -186,22 +187,24 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def keep_truth(truth_path: Path) -> None:
+def keep_truth(folder: CampaignFolder) -> None:
     """Give the truth of an earlier session another name, once the rig that writes it has ended.
 
     Raises:
         Refused: that rig still moves.
     """
-    pieces = [truth_path.with_name(truth_path.name + end) for end in (".part", ".events.jsonl", "")]
-    _await_end(pieces[0])
+    _await_end(_pieces(folder.truth)[0])
     number = 1
-    while truth_path.with_name(f"truth-session{number}.h5").exists() or any(
-        truth_path.with_name(f"truth-session{number}{piece.name.removeprefix('truth')}").exists() for piece in pieces
-    ):
+    while any(piece.exists() for piece in _pieces(folder.session_truth(number))):
         number += 1
-    for piece in pieces:
+    for piece, kept in zip(_pieces(folder.truth), _pieces(folder.session_truth(number)), strict=True):
         if piece.exists():
-            piece.rename(piece.with_name(f"truth-session{number}{piece.name.removeprefix('truth')}"))
+            piece.rename(kept)
+
+
+def _pieces(truth: Path) -> list[Path]:
+    """The file that a simulated rig writes, its events, and the truth file that it makes of both at its end."""
+    return [truth.with_name(truth.name + end) for end in (".part", ".events.jsonl", "")]
 
 
 def _await_end(part: Path) -> None:

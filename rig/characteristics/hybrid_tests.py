@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.hybrid.assessment import Assessment, Record, assess
 from rig.matrix.assumed_damper import AssumedDamper
@@ -21,18 +22,15 @@ from rig.recording.journal.campaign_log import read_lines
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.signals.arrays import FloatArray
+from rig.test_point import HYBRID
 from rig.vehicle.laws import Law, law_named
 from rig.vehicle.motion import Ride
 
-KIND = "hybrid"
-REFERENCE = "reference"
 COLUMNS = (
     "time_s", "target_m", "seen_m", "body_m", "wheel_m", "reference_extension_m", "reference_body_m",
     "reference_wheel_m",
 )
 """Of the file beside a test."""
-FILE = "hybrid.json"
-
 
 @dataclass(frozen=True)
 class HybridTest:
@@ -77,13 +75,13 @@ def hybrid_tests(run: Run) -> tuple[HybridTest, ...]:
     Raises:
         FileProblem: the run's matrix file cannot be read.
     """
-    points = [point for point in run.points if point.kind == KIND]
+    points = [point for point in run.points if point.kind == HYBRID]
     if not points:
         return ()
-    matrix = load_matrix(run.path / "matrix.toml")
+    matrix = load_matrix(CampaignFolder(run.path).matrix)
     assumed = matrix.specimen.assumed
     if matrix.hybrid is None or assumed is None:
-        raise FileProblem(str(run.path / "matrix.toml"), ["has no [hybrid], but the run contains hybrid tests"])
+        raise FileProblem(str(CampaignFolder(run.path).matrix), ["has no [hybrid], but the run contains hybrid tests"])
     lines = read_lines(run.path)
     return tuple(_test(point, matrix.hybrid, assumed, lines) for point in points)
 
@@ -94,12 +92,12 @@ def write_hybrid(run: Run, tests: Sequence[HybridTest]) -> Path:
     Raises:
         OSError: the disk refuses.
     """
-    folder = inner_folder(run.path, REFERENCE)
+    folder = inner_folder(run.path, CampaignFolder.reference)
     for test in tests:
         if test.record is not None:
             rows = [",".join(COLUMNS), *(",".join(f"{value:.9g}" for value in row) for row in _rows(test.record))]
             write_text_durably(folder / f"{test.id}.csv", "\n".join(rows) + "\n")
-    path = run.path / FILE
+    path = CampaignFolder(run.path).hybrid
     write_text_durably(path, json.dumps(answer(tests), indent=1, allow_nan=False) + "\n")
     return path
 

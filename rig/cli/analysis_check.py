@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
+from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem, IdentificationFailed
 from rig.test_point import LOOP, SIGNAL
 
@@ -70,7 +71,7 @@ def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[
     if in_time is not None:
         return in_time, loops
     if Path(text).exists():
-        if (Path(text) / "points").is_dir():
+        if CampaignFolder(Path(text)).points.is_dir():
             return [], loops
         return [f"holdout = \"{text}\": exists, but is not a run (a campaign's directory)"], loops
     from rig.recording.run import Selection

@@ -15,6 +15,7 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rig.campaign_folder import CampaignFolder
 from rig.errors import RigError
 
 if TYPE_CHECKING:
@@ -25,13 +26,12 @@ NICENESS = 10
 
 def analyse(run: Path, wanted: Mapping[str, Any] | None) -> dict[str, Any]:
     """Identify (when wanted) and report; what fails is said, and does not cost the other."""
-    from rig.fits.fit_file import FILE
     from rig.identification import identify_run
     from rig.report import write_report
 
     def identified() -> Path:
         identify_run([run], **(wanted or {}))
-        return run / FILE
+        return CampaignFolder(run).fit
 
     fit, error = (None, None) if wanted is None else _made(identified)
     report, report_error = _made(lambda: write_report(run))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rig.campaign_folder import CampaignFolder
 from rig.cli.options import Command, json_option, out_option
 from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE
@@ -41,7 +42,7 @@ def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
     options = CampaignOptions(matrix_path=MATRIX, out=out, simulate=True, speed=speed, seed=seed)
     result = run_job(options, load_matrix(MATRIX).identify, shown)
     if result.exit_code == EXIT_DONE and result.fit is not None:
-        _show_beside_truth(result.fit, result.campaign.campaign / "truth.h5", shown)
+        _show_beside_truth(result.fit, CampaignFolder(result.campaign.campaign).truth, shown)
         show_paths(result, shown)
     else:
         show_result(result, shown)

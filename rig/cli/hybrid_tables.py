@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rig.campaign_folder import CampaignFolder
 from rig.cli.output import show
 
 if TYPE_CHECKING:
@@ -16,9 +17,9 @@ if TYPE_CHECKING:
 
 def hybrid_numbers(result: JobResult) -> dict[str, Any]:
     """Contents of `hybrid.json`; the same keys without values where there is none."""
-    from rig.characteristics.hybrid_tests import FILE, answer
+    from rig.characteristics.hybrid_tests import answer
 
-    path = Path(result.campaign.campaign) / FILE
+    path = CampaignFolder(Path(result.campaign.campaign)).hybrid
     if not path.is_file():
         return answer(())
     numbers: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rig.campaign_folder import CampaignFolder
 from rig.cli.options import Command, json_option, run_argument
 from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE, FileProblem, RigError
@@ -193,7 +194,7 @@ def _campaign(run: Path) -> Path:
     Raises:
         FileProblem: it does not.
     """
-    if not (run / "journal.jsonl").is_file():
+    if not CampaignFolder(run).journal.is_file():
         raise FileProblem(str(run), ["contains no campaign. Fix: give the directory that `rig run` printed (see "
             "`rig runs`)"])
     return run.resolve()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from rig.campaign_folder import CampaignFolder
 from rig.cli.options import Command, json_option, run_argument
 from rig.cli.output import say, write_json, write_pdf
 from rig.errors import EXIT_DONE
@@ -27,7 +28,7 @@ def command(run: Path, on_paper: bool, as_json: bool) -> int:
     path = report.resolve()
     paper = write_pdf(document, path) if on_paper else None
     if as_json:
-        characteristics = read_json(path.parent / "characteristics.json")
+        characteristics = read_json(CampaignFolder(path.parent).characteristics)
         answer = {"campaign": str(run.resolve()), "report": str(path), "pdf": None if paper is None else str(paper)}
         write_json({**answer, "characteristics": characteristics})
     else:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rig.campaign_folder import CampaignFolder
 from rig.cli.options import Command, RunPath, json_option, out_option
 from rig.cli.output import console, show, write_json
 from rig.cli.page import live_link, page_options, page_settings
@@ -223,7 +224,7 @@ def _matrix_path(matrix: Path | None, resume: Path | None) -> Path:
     from rig.campaign.setup import described
 
     described(resume)
-    return resume / "matrix.toml"
+    return CampaignFolder(resume).matrix
 
 
 def _speed(speed: float | None, resume: Path | None) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from rig.campaign_folder import CampaignFolder
 from rig.cli.options import LOGS, Command, json_option
 from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE, DataWarning, FileProblem
@@ -103,7 +104,7 @@ def _summary(place: Path) -> dict[str, Any]:
         "valid": 0, "unfinished": 0, "out_of_tolerance": 0, "apart": 0, "nrmse_percent_of_peak": None, "remark": "",
     }  # fmt: skip
     try:
-        summary["unfinished"] = len(unfinished(place / "points"))
+        summary["unfinished"] = len(unfinished(CampaignFolder(place).points))
         campaign = read_campaign(place)
         summary["specimen"] = str(campaign.get("specimen", ""))
         summary["started"] = str(campaign.get("started_utc") or campaign.get("created") or "")
@@ -115,7 +116,7 @@ def _summary(place: Path) -> dict[str, Any]:
         summary |= {"points": len(verdicts), "valid": verdicts.count("valid")}
         summary |= dict.fromkeys(("out_of_tolerance", "apart"), len(run.apart))
         summary["verdict"] = next((name for name in reversed(VERDICTS) if name in verdicts), "")
-        summary["nrmse_percent_of_peak"], summary["model"] = _fit_error(place / "fit.json")
+        summary["nrmse_percent_of_peak"], summary["model"] = _fit_error(CampaignFolder(place).fit)
     except FileProblem as error:
         name = f"{Path(error.file).name}: " if error.file.endswith(".json") else ""
         summary["remark"] = name + error.problems[0]

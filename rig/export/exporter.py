@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem, RigError
 from rig.export.fitted_model import FittedModel
 from rig.export.force_table import write_table
@@ -17,7 +18,6 @@ from rig.export.inverse_table import write_inverse
 from rig.export.point_arrays import write_mat, write_mf4, write_netcdf, write_parquet
 from rig.export.point_tables import write_points
 from rig.export.values import write_values
-from rig.fits.fit_file import FILE
 from rig.fits.fit_record import FitRecord
 from rig.plugins import EXPORTS, Catalogue
 from rig.recording.run import Run
@@ -71,7 +71,7 @@ class Source:
     @property
     def fit_file(self) -> Path:
         """The fit's file, there or not."""
-        return self.path / FILE if self.path.is_dir() else self.path
+        return CampaignFolder(self.path).fit if self.path.is_dir() else self.path
 
     @cached_property
     def fitted(self) -> FittedModel:

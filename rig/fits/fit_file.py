@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from rig.campaign_folder import CampaignFolder
 from rig.dampers.current_law import AFFINE
 from rig.dampers.current_law_model import PLUS
 from rig.dampers.temperature_law import RATES
@@ -20,7 +21,6 @@ from rig.fits.plain import PlainReader, Value, plain
 from rig.fits.relation import CurrentRelations
 from rig.text_file import JSON_LIMIT_BYTES, json_of, read_bytes
 
-FILE = "fit.json"
 INTERVAL = "95 % interval (each parameter separately)"
 MOST_PROBLEMS = 12
 FIX = "Fix: identify again (`rig identify RUN`), or restore the file from a backup"
@@ -39,7 +39,7 @@ def read_fit(kind: type[Value], path: Path) -> Value:
     Raises:
         FileProblem: there is none, or it is no fit: one line for each wrong key, with its value.
     """
-    file = path / FILE if path.is_dir() else path
+    file = CampaignFolder(path).fit if path.is_dir() else path
     if path.is_dir() and not file.is_file():
         raise FileProblem(str(file), ["this run has no fit. Fix: create one with `rig identify RUN`"])
     raw = read_bytes(file, JSON_LIMIT_BYTES)
@@ -50,7 +50,7 @@ def read_fit(kind: type[Value], path: Path) -> Value:
     return replace(fit_of(kind, content, str(file)), path=file, sha256=hashlib.sha256(raw).hexdigest())
 
 
-def fit_of(kind: type[Value], content: Mapping[str, Any], file: str = FILE) -> Value:
+def fit_of(kind: type[Value], content: Mapping[str, Any], file: str = CampaignFolder.fit) -> Value:
     """The fit in the object of a `fit.json`.
 
     Keys that later versions added may be missing, unknown keys are ignored.

@@ -11,6 +11,7 @@ from typing import Any, Generic, Self, TypeVar
 import numpy as np
 
 import rig.dampers
+from rig.campaign_folder import CampaignFolder
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.dampers.parameter import Hysteresis
@@ -26,7 +27,7 @@ from rig.fits.entries import (
     TestedRange,
     Uncertainty,
 )
-from rig.fits.fit_file import FILE, FIX, fit_content, read_fit
+from rig.fits.fit_file import FIX, fit_content, read_fit
 from rig.fits.formula import formula
 from rig.fits.plain import APART, plain
 from rig.signals.test_set import TestSetSummary
@@ -53,7 +54,7 @@ def fit_in(folder: Path) -> FitRecord | None:
     Raises:
         FileProblem: its `fit.json` is no fit; everything that is wrong with it.
     """
-    return FitRecord.load(folder) if (folder / FILE).is_file() else None
+    return FitRecord.load(folder) if CampaignFolder(folder).fit.is_file() else None
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rig.campaign_folder import CampaignFolder
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.fits.entries import NextTest
@@ -61,7 +62,8 @@ def bench_of(folder: Path) -> Allowance | None:
     Raises:
         FileProblem: the campaign's own bench or matrix file cannot be read.
     """
-    if not (folder / "bench.toml").is_file() or not (folder / "matrix.toml").is_file():
+    campaign = CampaignFolder(folder)
+    if not campaign.bench.is_file() or not campaign.matrix.is_file():
         return None
     from rig.bench.model import Bench
     from rig.matrix.feasibility import HEADROOM_M
@@ -69,7 +71,7 @@ def bench_of(folder: Path) -> Allowance | None:
     from rig.matrix.plan import plan
     from rig.matrix.sections import ExtraPoint
 
-    bench, matrix = Bench.load(folder / "bench.toml"), load_matrix(folder / "matrix.toml")
+    bench, matrix = Bench.load(campaign.bench), load_matrix(campaign.matrix)
 
     def feasible(point: TestPoint) -> bool:
         wanted = {

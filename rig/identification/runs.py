@@ -10,8 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from rig.campaign_folder import CampaignFolder
 from rig.errors import IdentificationFailed, evaluating
-from rig.fits.fit_file import FILE
 from rig.identification.fitting import identify
 from rig.identification.next_test import bench_of
 from rig.identification.options import FEW, DeclaredErrors, FitOptions
@@ -97,7 +97,7 @@ def write_fit(fit: Fit, folder: Path) -> tuple[Path, Path | None]:
     Returns:
         Its path, and where an older `fit.json` was kept: `fit-<UTC of its writing>.json`.
     """
-    target = folder / FILE
+    target = CampaignFolder(folder).fit
     kept = _kept(target)
     write_text_durably(target, json.dumps(fit.to_json(), indent=1, allow_nan=False) + "\n")
     return target, kept
@@ -109,7 +109,7 @@ def _kept(target: Path) -> Path | None:
         return None
     written = datetime.fromtimestamp(target.stat().st_mtime, UTC).strftime("%Y%m%dT%H%M%SZ")
     for number in itertools.count(1):
-        name = target.with_name(f"fit-{written}{'' if number == 1 else f'-{number}'}.json")
+        name = CampaignFolder(target.parent).earlier_fit(f"{written}{'' if number == 1 else f'-{number}'}")
         try:
             name.hardlink_to(target)
         except FileExistsError:

@@ -8,13 +8,12 @@ from collections.abc import Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
+from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.matrix.assumed_damper import is_fit_file
 from rig.text_file import LARGEST_NAMED_FILE_BYTES, read_bytes
 from rig.vehicle.road_file import road_names
 
-FOLDER = "records"
-"""Of a campaign's directory: where copies lie."""
 MOST_BYTES = 262_144
 Place = tuple[str, ...]
 ROAD, RECORD, PRIOR = ("matrix", "road", "road"), ("matrix", "file", "file"), ("specimen", "prior")
@@ -106,12 +105,13 @@ def kept(text: str, folder: Path) -> tuple[str, dict[str, bytes]]:
                 content, beside = _road(content, (folder / name).parent, files)
             own = _free(PurePath(name).name, files)
             files |= {own: content, **beside}
-            text = _replaced(text, name, f"{FOLDER}/{own}")
-            renamed.setdefault(place, {})[name] = f"{FOLDER}/{own}"
+            text = _replaced(text, name, f"{CampaignFolder.records}/{own}")
+            renamed.setdefault(place, {})[name] = f"{CampaignFolder.records}/{own}"
     if tomllib.loads(text) != _renamed(tomllib.loads(original), renamed):
         raise FileProblem(
-            FOLDER, ["the file name cannot be replaced in the copy. Fix: write it plainly in quotes, and choose a "
-                "name that is not another value of the matrix file"],
+            CampaignFolder.records,
+            ["the file name cannot be replaced in the copy. Fix: write it plainly in quotes, and choose a "
+             "name that is not another value of the matrix file"],
         )
     return text, files
 

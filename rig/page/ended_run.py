@@ -19,6 +19,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from drivers.ring import Channel
+from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.page.samples import LOOP_F, LOOP_V, LOOP_X, RECORDED, packed, thinned
 from rig.text_file import open_regular
@@ -44,7 +45,7 @@ class EndedRun:
     """
 
     def __init__(self, run: Path) -> None:
-        self._run = run
+        self._run = CampaignFolder(run)
         self._stamp: tuple[int, int] | None = None
         self._result: dict[str, Any] | None = None
 
@@ -52,12 +53,12 @@ class EndedRun:
     def result(self) -> dict[str, Any]:
         """How it ended: `valid`, `total`, `rig_state`, `stopped_by`, `points`, `lines`; or `cut_off`, with `points`."""
         try:
-            status = (self._run / "journal.jsonl").stat()
+            status = self._run.journal.stat()
         except OSError:
             return {"cut_off": True, "points": []}
         stamp = status.st_mtime_ns, status.st_size
         if self._result is None or stamp != self._stamp:
-            self._stamp, self._result = stamp, _result(self._run / "journal.jsonl")
+            self._stamp, self._result = stamp, _result(self._run.journal)
         return self._result
 
     @property
@@ -74,7 +75,7 @@ class EndedRun:
     def _file(self, point: dict[str, Any]) -> Path | None:
         """In this run's own folder, wherever it has been moved to."""
         named = Path(str(point.get("file") or "")).name
-        path = self._run / "points" / named
+        path = self._run.points / named
         return path if named and path.is_file() else None
 
     def frame(self, point_id: str) -> bytes | None:

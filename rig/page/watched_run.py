@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from drivers import clock
+from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.page.ended_run import EndedRun
 from rig.recording.journal.ring_reader import RingProblem, RingReader
-from rig.station.live_folder import LINK_FILE, LOCK, PLAN, RESULTS, STATE, held, read_json
+from rig.station.live_folder import LOCK, PLAN, RESULTS, STATE, held, read_json
 from rig.text_file import open_regular
 
 KEPT_EVENTS = 200
@@ -55,7 +56,7 @@ class WatchedRun:
         """Where its application takes wishes; None once it has ended."""
         if self._live is not None and held(self._live / LOCK):
             return self._live
-        named = "" if self._run is None else str(read_json(self._run / LINK_FILE).get("folder", ""))
+        named = "" if self._run is None else str(read_json(CampaignFolder(self._run).live_link).get("folder", ""))
         if named and held(Path(named) / LOCK):
             self._live = Path(named)  # it began, or was resumed, after this page
             return self._live
@@ -74,7 +75,7 @@ class WatchedRun:
         station = self._station()
         plan = {} if live is None else read_json(live / PLAN)
         if live is None and run is not None:
-            described = read_json(run / "campaign.json")
+            described = read_json(CampaignFolder(run).description)
             plan = {
                 "specimen": described.get("specimen", ""), "bench": described.get("bench", ""),
                 "points": [] if self.ended is None else self.ended.result["points"],
@@ -88,7 +89,7 @@ class WatchedRun:
         }
 
     def _station(self) -> dict[str, Any]:
-        return {} if self.run is None else read_json(self.run / "station.json")
+        return {} if self.run is None else read_json(CampaignFolder(self.run).station_config)
 
     def frames_of(self) -> tuple[float, float]:
         """Device seconds in a host second, and the displacement sensor's rate (Hz)."""
@@ -158,7 +159,7 @@ class WatchedRun:
     def news(self) -> list[dict[str, Any]]:
         """New events of the journal, for people; kept in `events` as well."""
         run = self.run
-        lines = [] if run is None else self._journal.lines(run / "journal.jsonl")
+        lines = [] if run is None else self._journal.lines(CampaignFolder(run).journal)
         shown = [event for event in map(told, lines) if event is not None]
         self.events.extend(shown)
         return shown[-KEPT_EVENTS:]

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import rig
+from rig.campaign_folder import CampaignFolder
 from rig.clock import utc_now
 from rig.errors import FileProblem
 from rig.recording.atomic_write import write_text_durably
@@ -105,7 +106,7 @@ def write_run(tests: Sequence[ImportedTest], out: Path, said: Described) -> Path
     """
     folder = out / f"{utc_now():%Y%m%dT%H%M%SZ}-{NOT_IN_A_NAME.sub('-', said.specimen)}-{secrets.token_hex(2)}"
     try:
-        (folder / "points").mkdir(parents=True)
+        CampaignFolder(folder).points.mkdir(parents=True)
         _write_run(folder, tests, said)
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)  # made here, a moment ago, by this very function
@@ -123,7 +124,7 @@ def _write_run(folder: Path, tests: Sequence[ImportedTest], said: Described) -> 
     parts = every_part(tests, said.waveform)
     for name, part in zip(_names(parts), parts, strict=True):
         test = part.test
-        write_file(folder / "points" / f"{name}.h5", _point_file(name, part, said))
+        write_file(CampaignFolder(folder).points / f"{name}.h5", _point_file(name, part, said))
         entry = {"id": name, "source": test.source.name, "part": test.part, "sha256": test.sha256,
                  "read_as": test.read_as}  # fmt: skip
         entries.append(entry | ({"motion": part.number, "start_s": part.start_s} if part.number else {}))
@@ -132,7 +133,7 @@ def _write_run(folder: Path, tests: Sequence[ImportedTest], said: Described) -> 
         "created": utc_now().isoformat(timespec="seconds"), "software": SOFTWARE,
         "columns": {key: choice.text for key, choice in tests[0].choices.items()}, "points": entries,
     }
-    write_text_durably(folder / "campaign.json", json.dumps(description, indent=1) + "\n")
+    write_text_durably(CampaignFolder(folder).description, json.dumps(description, indent=1) + "\n")
 
 
 def _names(parts: Sequence[TestPart]) -> list[str]:

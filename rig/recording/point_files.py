@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.clock import utc_now
-from rig.errors import FileProblem
 
 JOURNAL, FILE, PARTIAL = ".journal", ".h5", ".h5.tmp"
 OLD_JOURNAL, OLD_FILE = ".journal.old", ".h5.old"
@@ -38,35 +37,6 @@ def name_problem(point_id: str) -> str:
     if point_id.startswith(".") or any(letter in "/\\:" or not letter.isprintable() for letter in point_id):
         return f"{point_id!r}; expected a name: printable, without / \\ : and not beginning with a dot"
     return ""
-
-
-def points_folder(folder: Path) -> Path:
-    """A campaign's `points/`, into which files are to be written.
-
-    Raises:
-        FileProblem: there is none, or it is a symbolic link: what is written there would lie elsewhere.
-    """
-    points = folder / "points"
-    if points.is_symlink():
-        raise FileProblem(str(points), ["is a symbolic link; files are written into a real folder only"])
-    if not points.is_dir():
-        raise FileProblem(str(folder), ["not a campaign's directory: it has no points/"])
-    return points
-
-
-def campaign_in(path: Path) -> Path:
-    """A campaign's directory: the path itself, or the only one that lies directly in it.
-
-    Raises:
-        FileProblem: several campaigns lie in the folder; the message names them.
-    """
-    if not path.is_dir() or (path / "points").is_dir():
-        return path
-    inside = sorted(folder for folder in path.iterdir() if (folder / "points").is_dir())
-    if len(inside) > 1:
-        names = ", ".join(folder.name for folder in inside[:3]) + (" ..." if len(inside) > 3 else "")
-        raise FileProblem(str(path), [f"{len(inside)} campaigns found in this folder ({names}). Fix: name one of them"])
-    return inside[0] if inside else path
 
 
 def attempt_name(point_id: str, attempt: int, ids: Collection[str] = ()) -> str:

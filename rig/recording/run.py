@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from protocols.near_miss import near_names
+from rig.campaign_folder import CampaignFolder
 from rig.errors import DataWarning, FileProblem
-from rig.recording.point_files import campaign_in, unfinished
+from rig.recording.point_files import unfinished
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.test_set import NOMINAL_SHARE, CurrentReading, names_current
 from rig.text_file import read_json
@@ -27,9 +28,6 @@ MOTION = ("amplitude_m", "frequency_Hz")
 NUMBERS = ("amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "centre_m")
 EXACT = 1e-6
 """Relative difference of a number in a filter from a requested one that is only rounding."""
-
-WORDS_FILE = "operator.json"
-"""In the campaign's directory: what was typed on an operator's page."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +112,9 @@ class Run:
         place = Path(path)
         if place.is_file():
             return cls(place.parent, (RecordedPoint.open(place),), read_campaign(place.parent.parent))
-        place = campaign_in(place)
-        files = sorted((place / "points").glob("*.h5"), key=lambda file: file.stem)
+        campaign = CampaignFolder.found(place)
+        place = campaign.path
+        files = sorted(campaign.points.glob("*.h5"), key=lambda file: file.stem)
         if not files:
             raise FileProblem(str(place), [_why_no_run(place)])
         points: list[RecordedPoint] = []
@@ -180,7 +179,7 @@ def read_campaign(folder: Path) -> dict[str, Any]:
     Raises:
         FileProblem: the file is there but is not a JSON object.
     """
-    file = folder / "campaign.json"
+    file = CampaignFolder(folder).description
     if not file.is_file():
         return {}
     return read_json(file)
@@ -192,7 +191,7 @@ def read_words(folder: Path) -> dict[str, Any]:
     Raises:
         FileProblem: the file is there but is not a JSON object.
     """
-    file = folder / WORDS_FILE
+    file = CampaignFolder(folder).operator
     return read_json(file) if file.is_file() else {}
 
 
@@ -201,7 +200,8 @@ def _why_no_run(place: Path) -> str:
         return (
             "no such directory. Fix: give the directory of a campaign, as printed by `rig run` or listed by `rig runs`"
         )
-    journals = unfinished(place / "points") if (place / "points").is_dir() else []
+    points = CampaignFolder(place).points
+    journals = unfinished(points) if points.is_dir() else []
     if journals:
         return f"contains no finished point, but {len(journals)} journal(s). Fix: run `rig recover` on it first"
     return "not a run: it has no points/*.h5"

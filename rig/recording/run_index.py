@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import rig
+from rig.campaign_folder import CampaignFolder
 from rig.clock import utc_now
 from rig.errors import FileProblem
 
@@ -145,7 +146,7 @@ def listed(
 def by_age(folder: Path) -> list[str]:
     """Names of the runs in a folder, the oldest first: by the time in a run's name, else by its last change."""
     try:
-        runs = [entry for entry in os.scandir(folder) if os.path.isdir(os.path.join(entry, "points"))]
+        runs = [entry for entry in os.scandir(folder) if os.path.isdir(os.path.join(entry, CampaignFolder.points))]
         aged = [(_begun(entry), entry.name) for entry in runs]
     except OSError:
         return []
@@ -170,11 +171,11 @@ def _own_stamps(folder: Path) -> Iterator[tuple[str, tuple[str, int]]]:
     for name in names:
         place = f"{root}/{name}/"
         try:
-            state = os.stat(f"{place}points/")
+            state = os.stat(f"{place}{CampaignFolder.points}/")
         except OSError:
             continue
         stamp, newest_ns = f"{state.st_ino} {state.st_ctime_ns}", state.st_ctime_ns
-        for file in ("campaign.json", "fit.json"):
+        for file in (CampaignFolder.description, CampaignFolder.fit):
             try:
                 state = os.stat(place + file)
             except OSError:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from rig.campaign_folder import CampaignFolder
 from rig.characteristics import Characteristics, characterise
 from rig.characteristics.hybrid_tests import HybridTest, hybrid_tests, write_hybrid
 from rig.document import html
@@ -91,7 +92,7 @@ class Material:
         recorded = next((point for point in run.points if point.path is not None and not point.imported), None)
         return cls(
             run, fit, placed_views(views, characteristics.loops), remark, characteristics, hybrid_tests(run),
-            read_log(run.path) if (run.path / "journal.jsonl").is_file() else None,
+            read_log(run.path) if CampaignFolder(run.path).journal.is_file() else None,
             {} if recorded is None else sensors_of(recorded),
         )  # fmt: skip
 
@@ -147,8 +148,8 @@ def written_report(run_dir: Path) -> tuple[Path, Document]:
     if material.hybrid:
         write_hybrid(run, material.hybrid)
     numbers = json.dumps(material.characteristics.to_json(), indent=1, allow_nan=False)
-    write_text_durably(run.path / "characteristics.json", numbers + "\n")
-    path = run.path / "report.html"
+    write_text_durably(CampaignFolder(run.path).characteristics, numbers + "\n")
+    path = CampaignFolder(run.path).report
     write_text_durably(path, html.page(document))
     return path, document
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from rig.campaign_folder import CampaignFolder
 from rig.document.blocks import Blocks, Heading, Paragraph, Properties
 from rig.errors import FileProblem
 from rig.files.toml_source import read_toml
@@ -51,7 +52,7 @@ def _typed(run: Run) -> dict[str, object]:
 
 def _matrix(run: Run) -> dict[str, object]:
     """`[specimen]` of the campaign's matrix file, as written there."""
-    file = run.path / "matrix.toml"
+    file = CampaignFolder(run.path).matrix
     if not file.is_file():
         return {}
     try:

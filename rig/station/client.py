@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.settings import StationConfig
+from rig.campaign_folder import CampaignFolder
 from rig.clock import monotonic_ns
 from rig.recording.atomic_write import open_to_append, write_text_durably
 from rig.station.errors import StationLost, StationRefused
@@ -75,9 +76,9 @@ class StationClient:
             StationLost: the process ended or was silent for `timeout_s` wall seconds; its log's tail is in the message.
         """
         folder.mkdir(parents=True, exist_ok=True)
-        config_path = folder / "station.json"
+        config_path = CampaignFolder(folder).station_config
         write_text_durably(config_path, config.to_json())
-        log_path = folder / "station.log"
+        log_path = CampaignFolder(folder).station_log
         with open_to_append(log_path) as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", "rig.station", str(config_path)],

@@ -36,8 +36,6 @@ LOCK = "live.lock"
 OPERATOR_LOCK = "operator.lock"
 PLAN, RESULTS, STATE = "plan.json", "results.json", "state.json"
 STATION_SOCKET, APPLICATION_SOCKET = "station.sock", "application.sock"
-LINK_FILE = "live.json"
-"""In the campaign's directory while it runs: where this folder is."""
 LONGEST_DATAGRAM = 32768
 LONGEST_ADDRESS = 103
 """Bytes that every kernel takes as the address of a socket (Linux 107, macOS 103)."""

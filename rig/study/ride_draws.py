@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rig.campaign_folder import CampaignFolder
 from rig.errors import IdentificationFailed
 from rig.identification import bootstrap
 from rig.identification.uncertainty.fit import Fit
@@ -37,10 +38,10 @@ def drawn_again(fitted: FittedDamper, members: int, seed: int) -> FittedDamper:
     """
     path = Path(fitted.name)
     folder = path if path.is_dir() else path.parent
-    if fitted.adequate is not False or members == 0 or not (folder / "points").is_dir():
+    if fitted.adequate is not False or members == 0 or not CampaignFolder(folder).points.is_dir():
         return fitted
     try:
-        fit = Fit.load(folder / "fit.json")
+        fit = Fit.load(CampaignFolder(folder).fit)
         seen = {test.id for test in fit.error.per_test}
         points = [point for point in Run.open(folder).usable if point.id in seen]
         again = bootstrap(fit, points, count=max(members, LEAST_DRAWS), seed=seed)

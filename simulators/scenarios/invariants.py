@@ -15,6 +15,7 @@ import numpy as np
 
 from rig.campaign.results import INVALID, VALID, RigState
 from rig.campaign.stop_cause import CURRENT_FLOWS, because
+from rig.campaign_folder import CampaignFolder
 from rig.errors import EXIT_STOPPED, FileProblem
 from rig.faults.row import StopKind
 from rig.recording.recorded_point import RecordedPoint
@@ -153,7 +154,7 @@ def points_are_there(view: View) -> Findings:
                 if point["id"] in told:  # recovery may have found a later attempt that was not evaluated in its session
                     told[point["id"]] = {**told[point["id"]], "file": point["file"]}
     for name, line in told.items():
-        path = view.world.folder / "points" / Path(line["file"]).name
+        path = CampaignFolder(view.world.folder).points / Path(line["file"]).name
         try:
             point = read_once(RecordedPoint.open, path)
         except (OSError, FileProblem) as error:
@@ -230,7 +231,7 @@ def recorded_is_what_was_there(view: View) -> Findings:
         if line.get("event") != "judged" or line.get("verdict") != VALID or str(line["id"]) not in began:
             continue
         try:
-            path = view.world.folder / "points" / str(line["file"]).rpartition("/")[2]
+            path = CampaignFolder(view.world.folder).points / str(line["file"]).rpartition("/")[2]
             point = read_once(RecordedPoint.open, path)
         except (OSError, FileProblem):
             continue  # told by another check
@@ -330,7 +331,7 @@ def _measured_ns(view: View, line: dict[str, Any]) -> tuple[float, float] | None
     if view.world.folder is None:
         return None
     try:
-        point = read_once(description, view.world.folder / "points" / Path(str(line["file"])).name)
+        point = read_once(description, CampaignFolder(view.world.folder).points / Path(str(line["file"])).name)
     except (OSError, FileProblem):
         return None  # told by another check
     quality, stamps = line.get("quality") or {}, point.raw("displacement")
@@ -381,7 +382,7 @@ def skew_covers_the_truth(world: World) -> Iterator[str]:
     """The stated delay between the sensors covers the true one, which is none."""
     if world.folder is None:
         return
-    for path in sorted((world.folder / "points").glob("*.h5")):
+    for path in sorted(CampaignFolder(world.folder).points.glob("*.h5")):
         try:
             quality = read_once(description, path).quality
         except (OSError, FileProblem):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from drivers.roles import Command, State
 from rig.campaign import CampaignOptions
 from rig.campaign.results import Display
+from rig.campaign_folder import CampaignFolder
 from rig.matrix.model import load_matrix
 from rig.recording.journal.campaign_log import read_log
 from simulators.emulated_ecu import DEMO_ECU
@@ -238,7 +239,7 @@ class World:
     def _options(self) -> CampaignOptions:
         """A new campaign, or the one that was begun."""
         matrix, out, folder = self.root / "matrix.toml", self.root / "out", self.folder
-        if folder is not None and (folder / "campaign.json").exists():
+        if folder is not None and CampaignFolder(folder).description.exists():
             return CampaignOptions(matrix, out, resume_path=folder, requalified="checked in this scenario")
         return CampaignOptions(matrix, out, bench_path=self.root / "bench.toml")
 
@@ -247,7 +248,7 @@ class World:
         """The campaign's directory, the one with the most points if there are several; None before there is one."""
         out = self.root / "out"
         folders = sorted(out.iterdir()) if out.exists() else []
-        return max(folders, key=lambda folder: len(list((folder / "points").glob("*"))), default=None)
+        return max(folders, key=lambda folder: len(list(CampaignFolder(folder).points.glob("*"))), default=None)
 
     def _serve_devices(self, *, with_faults: bool) -> WorldTruth:
         plan, options, user = self.plan, RigOptions(), self._user
@@ -367,7 +368,7 @@ class World:
     def journal(self) -> list[dict[str, Any]]:
         """The campaign's journal, whole lines."""
         folder = self.folder
-        return [] if folder is None or not (folder / "journal.jsonl").exists() else read_log(folder)
+        return [] if folder is None or not CampaignFolder(folder).journal.exists() else read_log(folder)
 
     def digests(self) -> dict[str, str]:
         """A number for each of what the world has made: the journals, all files and their names, the truth."""
@@ -377,7 +378,7 @@ class World:
             if path.is_file():
                 content = path.read_bytes().replace(place, b"ROOT")
                 files.update(os.fsencode(str(path.relative_to(self.root))) + b"\0" + content)
-                if path.name == "journal.jsonl":
+                if path.name == CampaignFolder.journal:
                     journal.update(content)
         for session in self.sessions:
             truth.update(session.truth.arrays.tobytes())

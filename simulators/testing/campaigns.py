@@ -12,6 +12,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.campaign_folder import CampaignFolder
 from rig.cli.words import ending
 from rig.matrix.model import load_matrix
 from rig.recording.run import Run
@@ -105,7 +106,7 @@ class CampaignEnd:
         from rig.identification import identify_run
 
         folder = self.run.path
-        wanted = load_matrix(folder / "matrix.toml").identify
+        wanted = load_matrix(CampaignFolder(folder).matrix).identify
         return identify_run([folder], **wanted.model_dump(exclude={"enabled"}))
 
 

@@ -199,7 +199,7 @@ class ActionExecutor:
             campaign.channels.update(outcome.answer.pop("channels", {}))
             campaign.identities.update(outcome.answer)
             campaign.log.note("connected", **outcome.answer)
-            self.recording.recorder = PointRecorder(Path(campaign.config.ring_path), campaign.folder / "points")
+            self.recording.recorder = PointRecorder(Path(campaign.config.ring_path), campaign.files.points)
             other = self._baseline.other_device(outcome.answer)
             if other is not None:
                 return ev.Declined(request, other)

@@ -12,6 +12,7 @@ from rig.campaign.hand import Hand
 from rig.campaign.point_results import PointResults
 from rig.campaign.results import Display
 from rig.campaign.resume import Stock
+from rig.campaign_folder import CampaignFolder
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan
 from rig.recording.journal.campaign_log import CampaignLog
@@ -58,3 +59,8 @@ class CampaignContext:
     channels: dict[str, dict[str, str]] = field(default_factory=dict)
     at_rest: dict[str, float] = field(default_factory=dict)
     hand: Hand | None = None
+
+    @property
+    def files(self) -> CampaignFolder:
+        """The files of the campaign's directory."""
+        return CampaignFolder(self.folder)

@@ -63,7 +63,7 @@ class PointRecording:
         try:
             if action.attempt == 1:
                 # What an earlier session left of the point makes room for this one's.
-                names = set_aside(campaign.folder / "points", point.id, campaign.point_ids)
+                names = set_aside(campaign.files.points, point.id, campaign.point_ids)
                 campaign.results.renamed(names)
             expected_s = point.motion_s / campaign.bench.clock.device_rate
             name = attempt_name(point.id, action.attempt, self.campaign.point_ids)
@@ -104,7 +104,7 @@ class PointRecording:
         try:
             kept = kept_apart(recorder.end(), self.campaign.point_ids)
         except OSError as error:
-            raise RecorderFailed(f"{self.campaign.folder / 'points'}: {error}") from error
+            raise RecorderFailed(f"{self.campaign.files.points}: {error}") from error
         self.handed_in[kept.id] = action.point
         self.apart.add(kept.id)
         self.finaliser.submit(kept)
@@ -156,7 +156,7 @@ class PointRecording:
         if finished.error or not finished.file:
             return self.give_up(point, because("not-written", "said", text=finished.error)) if attempt else None
         entry = (
-            point, campaign.folder / "points" / finished.file, finished.verdict, finished.reasons,
+            point, campaign.files.points / finished.file, finished.verdict, finished.reasons,
             finished.lost_samples, finished.quality,
         )
         if attempt:
@@ -199,7 +199,7 @@ class PointRecording:
         """All points together know the sensors' delays better than each alone; files certainly wrong are corrected."""
         log, thread = self.campaign.log, ThreadPoolExecutor(1, thread_name_prefix="one-skew")
         try:
-            waiting = thread.submit(self.finaliser.retime, self.campaign.folder / "points", RETIMING_TIMEOUT_S)
+            waiting = thread.submit(self.finaliser.retime, self.campaign.files.points, RETIMING_TIMEOUT_S)
             while not waiting.done() and not enough():
                 wait((waiting,), ASK_AGAIN_S)
             if not waiting.done():

@@ -38,6 +38,7 @@ from rig.campaign.sequencer.state import Latch, Phase, State, campaign_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.stop_cause import CURRENT_FLOWS, SPOIL, StopCause, because, cause_of, disk_slug
 from rig.campaign.words import say
+from rig.campaign_folder import CampaignFolder
 from rig.clock import WallClockWatch, monotonic_ns
 from rig.faults.row import StopKind
 from rig.recording.conversion.finaliser import Finaliser
@@ -332,7 +333,8 @@ class Runner:
             self._fault_once(because("task-dies" if failure is None else disk_slug(failure), "said", text=text))
         if not self._finaliser.alive:
             self._fault_once(because("task-dies", "finaliser-ended"))
-        for file, error in ((campaign.log.path, campaign.log.trouble), ("baseline.json", executor.damper.disk_error)):
+        written = (campaign.log.path, campaign.log.trouble), (CampaignFolder.baseline, executor.damper.disk_error)
+        for file, error in written:
             if error is not None:
                 self._fault_once(because(disk_slug(error), "said", text=f"{file}: {error}"))
         newest_ns = executor.observer.last_host_ns.get(Channel.STATE)

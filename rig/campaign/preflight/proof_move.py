@@ -26,6 +26,7 @@ from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.observer import AT_CENTRE_M, Observer
 from rig.campaign.sequencer import event as ev
 from rig.campaign.stop_cause import StopCause, because
+from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.matrix.sections import Specimen
 from rig.recording.atomic_write import write_text_durably
@@ -267,7 +268,7 @@ class Baseline:
     """
 
     def __init__(self, folder: Path, *, anew: bool = False) -> None:
-        self._path = folder / "baseline.json"
+        self._path = CampaignFolder(folder).baseline
         self._values: dict[str, Any] = {}
         if self._path.is_file() and not anew:
             self._values = read_json(self._path)
@@ -361,11 +362,11 @@ def read_baseline(folder: Path, *, points_kept: bool) -> Baseline:
             "is missing or empty, but points are kept: it cannot be verified that this is their damper and their "
             "devices; "
         )
-        raise FileProblem(str(folder / "baseline.json"), [text + "restore the file, or start a new campaign"])
+        raise FileProblem(str(CampaignFolder(folder).baseline), [text + "restore the file, or start a new campaign"])
     try:
         baseline.other_device({})
     except (AttributeError, TypeError, ValueError) as error:
-        raise FileProblem(str(folder / "baseline.json"), [f"devices: {error!r}"]) from error
+        raise FileProblem(str(CampaignFolder(folder).baseline), [f"devices: {error!r}"]) from error
     return baseline
 
 

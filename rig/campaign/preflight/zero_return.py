@@ -20,6 +20,7 @@ from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.results import CampaignFinding
 from rig.campaign.setup import ZERO_CHECKS, note_zeros
 from rig.campaign.words import say
+from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.run import read_campaign
@@ -162,5 +163,5 @@ def read_zero_checks(folder: Path) -> tuple[ZeroReturn, ...]:
             )
             checks.append(ZeroReturn(start, end, *peaks, *steps))
         except (KeyError, TypeError, ValueError) as error:
-            raise FileProblem(str(folder / "campaign.json"), [f"{ZERO_CHECKS}: {error!r}"]) from error
+            raise FileProblem(str(CampaignFolder(folder).description), [f"{ZERO_CHECKS}: {error!r}"]) from error
     return tuple(checks)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rig.campaign_folder import CampaignFolder
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
 from rig.fits.fit_record import FitRecord
@@ -17,7 +18,6 @@ from rig.fits.plain import APART
 from rig.identification.application.law import Law
 from rig.identification.models.measurement import Measurement
 from rig.identification.uncertainty.prediction_band import known_draws, predict_with_band
-from rig.recording.point_files import campaign_in
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,7 +40,7 @@ class Fit(FitRecord):
     @classmethod
     def load(cls, path: Path | str) -> Self:
         """As `FitRecord.load`; a folder in which one campaign is located stands for that campaign."""
-        return super().load(campaign_in(Path(path)))
+        return super().load(CampaignFolder.found(Path(path)).path)
 
     @property
     def law(self) -> Law:

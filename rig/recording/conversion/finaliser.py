@@ -24,6 +24,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, cast
 
+from rig.campaign_folder import CampaignFolder
 from rig.clock import monotonic_ns
 from rig.recording.atomic_write import open_to_append
 from rig.recording.conversion.converter import ConversionEnded, Converter
@@ -53,7 +54,7 @@ class Finaliser:
         Args:
             folder: the campaign's directory; what the process has to say beyond its answers goes to `finaliser.log`.
         """
-        with open_to_append(folder / "finaliser.log") as log:
+        with open_to_append(CampaignFolder(folder).finaliser_log) as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                 stderr=log, text=True, start_new_session=True,

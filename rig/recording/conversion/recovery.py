@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Collection
 from pathlib import Path
 
+from rig.campaign_folder import CampaignFolder
 from rig.errors import FileProblem
 from rig.recording.atomic_write import flush_directory
 from rig.recording.conversion.converter import Converter
@@ -26,7 +27,6 @@ from rig.recording.point_files import (
     free_attempt_file,
     free_old_journal,
     partial_files,
-    points_folder,
     unfinished,
 )
 from rig.recording.recorded_point import RecordedPoint
@@ -53,15 +53,16 @@ def recover(folder: Path) -> list[FinishedPoint]:
         FileProblem: the directory is not a campaign's.
         Refused: the campaign still runs (slug `two-instances`).
     """
-    points_folder(folder)
+    _ = CampaignFolder(folder).written_points
     with campaign_held(folder):
         return recover_held(folder)
 
 
 def recover_held(folder: Path) -> list[FinishedPoint]:
     """As `recover`, for a process that holds the campaign already (`claim.campaign_held`)."""
+    points = CampaignFolder(folder).written_points
     with Converter() as converter:
-        return recover_with(points_folder(folder), lambda journal: converter.finish(journal, recovered=True))
+        return recover_with(points, lambda journal: converter.finish(journal, recovered=True))
 
 
 def recover_with(points: Path, finish: Finish) -> list[FinishedPoint]:

@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from rig.campaign_folder import CampaignFolder
 from rig.clock import monotonic_ns, utc_now
 from rig.text_file import read_bytes
 
@@ -37,7 +38,7 @@ class CampaignLog:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.path = folder / "journal.jsonl"
+        self.path = CampaignFolder(folder).journal
         torn = self.path.is_file() and read_bytes(self.path, LARGEST_BYTES)[-1:] not in {b"", b"\n"}
         self._handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
         if torn:
@@ -46,7 +47,7 @@ class CampaignLog:
         self._torn = False
         self.trouble: OSError | None = None
         """Why `note` could not write, the first time; None while it could."""
-        self._reserve = folder / "journal.reserve"
+        self._reserve = CampaignFolder(folder).reserve
         with contextlib.suppress(OSError):
             self._reserve.write_bytes(bytes(RESERVE_BYTES))
 
@@ -126,7 +127,7 @@ def read_log(folder: Path) -> list[dict[str, Any]]:
 def read_lines(folder: Path) -> list[dict[str, Any]]:
     """The same with an event `UNREADABLE`, and the number of its `line`, for every line that is not one of ours."""
     events: list[dict[str, Any]] = []
-    text = read_bytes(folder / "journal.jsonl", LARGEST_BYTES).decode("utf-8", "replace")
+    text = read_bytes(CampaignFolder(folder).journal, LARGEST_BYTES).decode("utf-8", "replace")
     for number, line in enumerate(text.split("\n"), 1):
         if not line:
             continue

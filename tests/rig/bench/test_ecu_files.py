@@ -41,7 +41,7 @@ def test_files_beside_the_bench_count_by_their_content_and_are_kept_with_it(fold
     assert loaded.ecu.dbc == str(folder / "coil-driver.dbc")
     kept = tmp_path / "campaign"
     kept.mkdir()
-    keep_bench(path, kept, "bench.toml")
+    keep_bench(path, kept / "bench.toml")
     assert Bench.load(kept / "bench.toml").digest == digest
     (folder / "coil-driver-roles.toml").write_text(ROLES.replace("= 100", "= 101"), encoding="utf-8")
     assert Bench.load(path).digest != digest

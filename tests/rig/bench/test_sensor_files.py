@@ -75,7 +75,7 @@ def test_a_kept_bench_file_finds_its_format_again(tmp_path: Path) -> None:
     path = bench(tmp_path / "lab", BY_FILE)
     kept = tmp_path / "campaign"
     kept.mkdir()
-    keep_bench(path, kept, "bench.toml")
+    keep_bench(path, kept / "bench.toml")
     path.with_name("cell.toml").unlink()
     assert Bench.load(kept / "bench.toml").load_cell.format == str(kept / "cell.toml")
 

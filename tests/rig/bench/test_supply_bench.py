@@ -67,7 +67,7 @@ def test_a_file_is_found_beside_the_bench_file_and_kept_with_the_campaign(tmp_pa
     kept = tmp_path / "campaign"
     kept.mkdir()
     before = bench.digest
-    keep_bench(path, kept, "bench.toml")
+    keep_bench(path, kept / "bench.toml")
     (tmp_path / "supplies/mine.toml").write_text(OWN.replace("I?", "J?"), encoding="utf-8")
     again = Bench.load(kept / "bench.toml")
     assert again.digest == before != Bench.load(path).digest

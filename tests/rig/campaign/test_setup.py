@@ -12,7 +12,7 @@ import pytest
 from rig.bench.model import Bench
 from rig.bench.settings_json import from_json
 from rig.campaign.execution.point_recording import sensor_contexts
-from rig.campaign.kept_files import copy_into
+from rig.campaign.kept_files import keep_file
 from rig.campaign.machine_resources import locked, station_config
 from rig.campaign.results import CampaignOptions
 from rig.campaign.setup import (
@@ -192,6 +192,6 @@ def test_a_users_file_is_on_the_disk_before_the_rig_is_connected(
     source.write_bytes(b"format = 1\r\n")
     folder = tmp_path / "campaign"
     folder.mkdir()
-    copy_into(source, folder, "bench.toml")
+    keep_file(source, folder / "bench.toml")
     assert (folder / "bench.toml").read_bytes() == b"format = 1\r\n"
     assert flushed == [str(folder / "bench.toml.tmp"), str(folder)]

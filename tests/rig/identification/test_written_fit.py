@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from rig.campaign_folder import CampaignFolder
 from rig.dampers import model
 from rig.errors import FileProblem
 from rig.fits.entries import ErrorSummary, Evaluation, SolverReport
 from rig.fits.fit_file import INTERVAL
 from rig.identification.runs import write_fit
 from rig.identification.uncertainty.fit import Fit
-from rig.recording.point_files import campaign_in
 
 
 def fit(name: str) -> Fit:
@@ -35,10 +35,10 @@ def test_a_fit_says_its_equation_and_the_name_of_its_intervals() -> None:
 
 
 def test_a_folder_in_which_one_campaign_lies_stands_for_it_and_one_with_two_is_refused(tmp_path: Path) -> None:
-    assert campaign_in(tmp_path) == tmp_path
+    assert CampaignFolder.found(tmp_path).path == tmp_path
     (tmp_path / "one" / "points").mkdir(parents=True)
-    assert campaign_in(tmp_path) == tmp_path / "one"
-    assert campaign_in(tmp_path / "one") == tmp_path / "one"
+    assert CampaignFolder.found(tmp_path).path == tmp_path / "one"
+    assert CampaignFolder.found(tmp_path / "one").path == tmp_path / "one"
     (tmp_path / "two" / "points").mkdir(parents=True)
     with pytest.raises(FileProblem, match="2 campaigns found in this folder"):
-        campaign_in(tmp_path)
+        CampaignFolder.found(tmp_path)

@@ -105,7 +105,7 @@ def kept(folder: Path, text: str = TEXT) -> tuple[Path, Matrix]:
     run = folder / "run"
     run.mkdir()
     matrix = load(folder, text)
-    keep_matrix(folder / "matrix.toml", run, "matrix.toml")
+    keep_matrix(folder / "matrix.toml", run / "matrix.toml")
     write_description(run, None, matrix, CampaignOptions(folder / "matrix.toml", folder))
     return run, matrix
 

@@ -201,7 +201,7 @@ def test_a_file_that_is_named_as_another_entry_spoils_no_copy(tmp_path: Path) ->
     text = matrix_of("file").replace('max_force = "1 kN"', 'prior = "demo"') + FILE.replace("drive.csv", "demo")
     load(tmp_path, text)
     with pytest.raises(FileProblem, match="a name that is not another value"):
-        keep_matrix(tmp_path / "matrix.toml", tmp_path, "kept.toml")
+        keep_matrix(tmp_path / "matrix.toml", tmp_path / "kept.toml")
 
 
 @pytest.mark.parametrize("length_ms", [6000, 6001, 6002, 6003])
@@ -255,7 +255,7 @@ def test_the_copy_in_a_campaign_needs_nothing_beside_it_and_is_the_same_matrix(t
         '"drive.csv"', f"'{own}/deep/drive.csv'"
     )
     written = load(own, text)
-    keep_matrix(own / "matrix.toml", run, "matrix.toml")
+    keep_matrix(own / "matrix.toml", run / "matrix.toml")
     assert sorted(path.name for path in (run / "records").iterdir()) == ["drive.csv", "own.toml", "track.csv"]
     for path in (own / "deep" / "drive.csv", own / "own.toml", own / "track.csv"):
         path.unlink()
