@@ -125,7 +125,7 @@ def listed(
         same = kept is not None and kept.own == own
         if same and kept is not None and not wanted.may_hold(kept.specimen, kept.started, kept.model):
             continue
-        points, newest_ns = _points_stamp(f"{root}/{name}/points")
+        points, newest_ns = _points_stamp(f"{root}/{name}/{CampaignFolder.points}")
         if same and kept is not None and kept.points == points:
             summary = json.loads(kept.summary)
         else:
