@@ -105,7 +105,7 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     "clock-step": (Edit("rig/clock.py", "if abs(stepped_s) < STEP_S:", "if True or abs(stepped_s) < STEP_S:"),),
     "disk-full": BLIND_RECORDER,
     "fsync-error": BLIND_RECORDER,
-    "dir-readonly": (Edit("rig/campaign/setup.py", 'inner_folder(folder, "points")', "pass"),),
+    "dir-readonly": (Edit("rig/campaign/setup.py", 'inner_folder(folder, CampaignFolder.points)', "pass"),),
     "two-instances": (
         Edit("rig/campaign/machine_resources.py", "fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)", "pass"),
         Edit("rig/station/preparation.py", 'if error.slug != "second-master":', "if True:"),
