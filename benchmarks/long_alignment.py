@@ -27,7 +27,8 @@ from rig.recording.alignment.alignment import align
 from rig.recording.conversion.conversion import finish_point
 from rig.recording.journal.journal_file import JournalWriter, scan_journal
 from rig.recording.journal.point_journal import ChannelSplit
-from rig.recording.layout import RECORD_DTYPE, PointContext, SensorContext
+from rig.recording.layout import PointContext, SensorContext
+from rig.recording.ring_records import RECORD_DTYPE
 from rig.signals.chunked_column import parts
 from rig.test_point import TestPoint
 

@@ -20,8 +20,9 @@ from protocols.frame_format import FrameDecoder
 from rig.recording.conversion.conversion import build
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.journal.journal_file import JournalContent
-from rig.recording.layout import RECORD_DTYPE, PointContext, SensorContext
+from rig.recording.layout import PointContext, SensorContext
 from rig.recording.recorded_point import RecordedPoint
+from rig.recording.ring_records import RECORD_DTYPE
 from rig.test_point import TestPoint
 from simulators.clock import DeviceClock
 from simulators.conditioner import group_delay_s

@@ -36,7 +36,7 @@ from rig.matrix.plan import Plan, plan
 from rig.recording.atomic_write import inner_folder, write_text_durably
 from rig.recording.journal.campaign_log import CampaignLog
 from rig.recording.journal.journal_lock import campaign_held
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.ring_records import RECORD_DTYPE
 from rig.recording.run import read_campaign
 from rig.test_point import LOOP
 

@@ -9,33 +9,19 @@ import json
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.quality import NO_VALUE
 from rig.recording.point_attributes import NAMES, NOT_STATED, Commanded, attributes_of, commanded_of, point_fields
-from rig.signals.arrays import FloatArray
+from rig.recording.ring_records import Records
 from rig.signals.chunked_column import Values
 from rig.test_point import TestPoint
 
 FORMAT_VERSION = 1
 CHUNK_SAMPLES = 16384
-#: One record of the ring and of the journal (32 bytes, `drivers.ring.RECORD`).
-RECORD_DTYPE = np.dtype([
-    ("host_ns", "<i8"), ("device_us", "<i8"), ("value", "<f8"), ("sequence", "<u4"), ("channel", "<u2"),
-    ("flags", "<u2"),
-])
 Attribute = str | int | float | bool | Sequence[str] | None
-
-
-class Records(Protocol):
-    """Ring records (n,) of `RECORD_DTYPE`: an array, or a file read in parts (`point_journal`)."""
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, key: Any, /) -> Any: ...  # noqa: ANN401 - an array, or one field of it
 
 
 @dataclass(frozen=True)
@@ -103,12 +89,6 @@ class PointFile:
 def check_of(values: NDArray[Any]) -> int:
     """CRC-32 of a dataset's values: HDF5 checks its chunks, but not the index that finds them."""
     return zlib.crc32(np.ascontiguousarray(values).tobytes())
-
-
-def good_values(records: NDArray[Any]) -> FloatArray:
-    """Values (n,) in SI, NaN where the flags say that the value is not the physical quantity."""
-    bad = (records["flags"] & np.uint16(NO_VALUE)) != 0
-    return np.where(bad, np.nan, records["value"])
 
 
 @dataclass(frozen=True)

@@ -53,8 +53,9 @@ from rig.recording.foreign_tests import WantedTests, read_tests
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.importing import import_tests
 from rig.recording.journal.journal_file import JournalWriter, parse_journal
-from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointContext, PointFile, SensorContext
+from rig.recording.layout import AlignedChannel, PointContext, PointFile, SensorContext
 from rig.recording.recorded_point import RecordedPoint
+from rig.recording.ring_records import RECORD_DTYPE
 from rig.recording.run import Run
 from rig.test_point import TestPoint
 from simulators.ecu_wire import Command as CurrentCommand

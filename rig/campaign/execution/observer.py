@@ -23,7 +23,7 @@ from protocols.quality import Quality
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.event import MeasuredMotion
 from rig.recording.journal.ring_reader import RecordBlock
-from rig.recording.layout import RECORD_DTYPE, good_values
+from rig.recording.ring_records import RECORD_DTYPE, good_values
 from rig.signals.arrays import FloatArray
 from rig.signals.clock_model import unwrapped
 from rig.signals.cycles import measured_motion

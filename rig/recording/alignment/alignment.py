@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from drivers.ring import CHANNELS, Channel, channel_name
 from protocols.quality import Quality
 from rig.recording.alignment.sensor_clock import SensorClock, timed_sensors
-from rig.recording.layout import PointContext, Records, good_values
+from rig.recording.layout import PointContext
+from rig.recording.ring_records import Records, good_values
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Column, Values, first_after, mapped, overlapping, thinned
 from rig.signals.clock_model import ARRIVAL, EDGES, IDENTITY, ClockModel, HostMap, by_envelope, by_order, host_map

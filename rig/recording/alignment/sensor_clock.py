@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from drivers.roles import ProgramPhase
 from protocols.quality import DOUBTFUL
-from rig.recording.layout import PointContext, Records, SensorContext
+from rig.recording.layout import PointContext, SensorContext
+from rig.recording.ring_records import Records
 from rig.signals.arrays import FloatArray, TimeSeries
 from rig.signals.chunked_column import Values, mapped, parts
 from rig.signals.clock_model import (

@@ -22,21 +22,13 @@ from rig.recording.hdf5.read_back import prove
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.journal.journal_lock import journal_claimed
 from rig.recording.journal.point_journal import opened
-from rig.recording.layout import (
-    AlignedChannel,
-    Attribute,
-    Event,
-    PointContext,
-    PointFile,
-    RawChannel,
-    Records,
-    SensorContext,
-)
+from rig.recording.layout import AlignedChannel, Attribute, Event, PointContext, PointFile, RawChannel, SensorContext
 from rig.recording.point_files import FILE, OLD_JOURNAL, FinishedPoint, free_attempt_file, journal_name
 from rig.recording.quality.point_quality import PointQuality
 from rig.recording.quality.quality_checks import judged
 from rig.recording.quality.verdict import Reason
 from rig.recording.recorded_point import RecordedPoint
+from rig.recording.ring_records import Records
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Column, Values, mapped
 from rig.signals.delay_estimation.delay_model import Skew

@@ -31,7 +31,7 @@ from rig.recording.hdf5.read_back import prove
 from rig.recording.hdf5.reading import opened
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.journal.point_journal import ChannelSplit
-from rig.recording.layout import RECORD_DTYPE, Attribute, Event, PointContext
+from rig.recording.layout import Attribute, Event, PointContext
 from rig.recording.point_files import FinishedPoint
 from rig.recording.quality.campaign_delay import BehindArrivals, PointSkew, behind_arrivals, pooled_skews
 from rig.recording.quality.cross_checks import campaign_verdicts
@@ -39,6 +39,7 @@ from rig.recording.quality.instrument_checks import SLUGS
 from rig.recording.quality.judgement import with_skew
 from rig.recording.quality.verdict import Reason, Verdict
 from rig.recording.recorded_point import RecordedPoint
+from rig.recording.ring_records import RECORD_DTYPE
 from rig.signals.chunked_column import parts
 
 if TYPE_CHECKING:

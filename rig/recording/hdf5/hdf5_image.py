@@ -17,7 +17,8 @@ from numpy.typing import DTypeLike
 
 from rig.recording.atomic_write import ReservedFile, write_whole
 from rig.recording.hdf5.hdf5_objects import number_type, set_attributes, set_number, texts_of, values_of, write_values
-from rig.recording.layout import CHUNK_SAMPLES, FORMAT_VERSION, RECORD_DTYPE, AlignedChannel
+from rig.recording.layout import CHUNK_SAMPLES, FORMAT_VERSION, AlignedChannel
+from rig.recording.ring_records import RECORD_DTYPE
 from rig.signals.chunked_column import parts
 
 if TYPE_CHECKING:

@@ -29,7 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.recording.atomic_write import flush_directory
-from rig.recording.layout import RECORD_DTYPE, Event
+from rig.recording.layout import Event
+from rig.recording.ring_records import RECORD_DTYPE
 
 HEADER = struct.Struct("<8sII")
 HEADER_MAGIC = b"MRJOURN1"

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from drivers.ring import channel_name
 from rig.recording.journal.journal_file import JournalContent, JournalProblem, joined, release, scan_journal
-from rig.recording.layout import RECORD_DTYPE, PointContext, Records
+from rig.recording.layout import PointContext
+from rig.recording.ring_records import RECORD_DTYPE, Records
 from rig.signals.chunked_column import Column, parts
 from rig.signals.waveform import is_waveform
 

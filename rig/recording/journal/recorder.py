@@ -14,8 +14,9 @@ from pathlib import Path
 from drivers.clock import back_whenever, back_within
 from rig.recording.journal.journal_file import JournalWriter
 from rig.recording.journal.ring_reader import RingReader
-from rig.recording.layout import RECORD_DTYPE, PointContext
+from rig.recording.layout import PointContext
 from rig.recording.point_files import JOURNAL, free_out_of_tolerance_name, journal_name
+from rig.recording.ring_records import RECORD_DTYPE
 
 WRITE_PERIOD_S = 0.02
 JOIN_TIMEOUT_S = 5.0

@@ -25,7 +25,7 @@ from drivers.ring import (
     OFFSET_RESERVED_INDEX,
     OFFSET_WRITE_INDEX,
 )
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.ring_records import RECORD_DTYPE
 
 
 class RingProblem(OSError):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from rig.campaign.execution.observer import LoadTrainWatch
 from rig.recording.journal.ring_reader import RecordBlock
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.ring_records import RECORD_DTYPE
 from rig.signals.load_train import Cycle, difference
 
 RATE_HZ = 250.0

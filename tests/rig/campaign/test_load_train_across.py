@@ -14,7 +14,7 @@ from drivers.ring import Channel
 from rig import dampers
 from rig.campaign.execution.observer import LoadTrainWatch
 from rig.recording.journal.ring_reader import RecordBlock
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.ring_records import RECORD_DTYPE
 
 RATE_HZ = 250.0
 OVERSAMPLED = 8

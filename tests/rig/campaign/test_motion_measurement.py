@@ -12,7 +12,7 @@ from drivers.ring import Channel
 from drivers.roles import Input
 from rig.campaign.execution.observer import MOST_SAMPLES, MotionMeasurement, WantedMotion
 from rig.recording.journal.ring_reader import RecordBlock
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.ring_records import RECORD_DTYPE
 
 WANTED = WantedMotion("sine", 2.0, 250.0)
 

@@ -17,7 +17,7 @@ from rig.campaign.execution.observer import Observer, WantedMotion
 from rig.campaign.preflight.rest_check import RestLimits, exchanged, judge_rest, watch_rest
 from rig.campaign.sequencer import event as ev
 from rig.recording.journal.ring_reader import RecordBlock
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.ring_records import RECORD_DTYPE
 from rig.signals.rest import AtRest
 
 LIMITS = RestLimits(

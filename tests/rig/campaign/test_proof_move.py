@@ -13,7 +13,7 @@ from rig.campaign.execution.observer import Observer
 from rig.campaign.preflight.proof_move import PROOF_M, Leg, ProofMove, judge_proof, proof_targets
 from rig.campaign.sequencer import event as ev
 from rig.recording.journal.ring_reader import RecordBlock
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.ring_records import RECORD_DTYPE
 
 RANDOM = np.random.default_rng(5)
 MS = 1_000_000

@@ -13,7 +13,7 @@ from drivers.ring import Channel
 from rig.campaign.preflight.zero_return import ZeroReturn, read_zero_checks
 from rig.errors import FileProblem
 from rig.recording.journal.ring_reader import RecordBlock
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.ring_records import RECORD_DTYPE
 from rig.signals.rest import AtRest, RestWindow
 
 

@@ -10,8 +10,9 @@ import pytest
 from rig.errors import IdentificationFailed
 from rig.identification.points.current_steps import fit_lag, lag_of
 from rig.recording.hdf5.hdf5_image import write_file
-from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointFile, RawChannel
+from rig.recording.layout import AlignedChannel, PointFile, RawChannel
 from rig.recording.recorded_point import RecordedPoint
+from rig.recording.ring_records import RECORD_DTYPE
 
 LEVELS_A = (0.0, 1.0, 0.0, 2.0, 0.5)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rig.page.samples import Frames, thinned
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.ring_records import RECORD_DTYPE
 
 FORCE, DISPLACEMENT, STATE = 1, 2, 23
 OVERLOAD = 1

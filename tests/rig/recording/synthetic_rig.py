@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers.ring import Channel, RingWriter
-from rig.recording.layout import RECORD_DTYPE, PointContext, SensorContext
+from rig.recording.layout import PointContext, SensorContext
+from rig.recording.ring_records import RECORD_DTYPE
 from rig.test_point import TestPoint
 
 

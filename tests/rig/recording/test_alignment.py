@@ -17,8 +17,9 @@ from rig.recording.alignment.sensor_clock import matched_edges
 from rig.recording.conversion.conversion import build
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.journal.journal_file import JournalContent
-from rig.recording.layout import RECORD_DTYPE, SensorContext
+from rig.recording.layout import SensorContext
 from rig.recording.recorded_point import RecordedPoint
+from rig.recording.ring_records import RECORD_DTYPE
 from rig.signals.clock_model import by_edges
 
 

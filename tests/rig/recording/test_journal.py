@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rig.recording.journal.journal_file import JournalProblem, JournalWriter, parse_journal, read_journal
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.ring_records import RECORD_DTYPE
 
 HEADER_BYTES = 16
 

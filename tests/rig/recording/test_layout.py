@@ -17,14 +17,9 @@ from rig.recording.conversion.conversion import build
 from rig.recording.hdf5 import hdf5_image
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.journal.journal_file import JournalContent
-from rig.recording.layout import (
-    RECORD_DTYPE,
-    AlignedChannel,
-    Event,
-    PointFile,
-    RawChannel,
-)
+from rig.recording.layout import AlignedChannel, Event, PointFile, RawChannel
 from rig.recording.recorded_point import RecordedPoint
+from rig.recording.ring_records import RECORD_DTYPE
 from rig.signals.derivatives import METHOD
 
 

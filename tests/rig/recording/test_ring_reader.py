@@ -8,7 +8,7 @@ import pytest
 
 from drivers.ring import RingWriter
 from rig.recording.journal.ring_reader import RecordBlock, RingProblem, RingReader
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.ring_records import RECORD_DTYPE
 
 
 def record(number: int) -> tuple[int, int, float, int, int, int]:
