@@ -130,8 +130,8 @@ def _reversed(test: TestSamples, motion: MeasuredMotion | None) -> list[Reason]:
     if not np.sum(work) < REVERSED * np.sum(np.abs(work)):
         return []
     return [invalid(
-        "reversed-sign", "the measured force drives the motion instead of resisting it: the sign of force or "
-            "displacement is reversed, or their columns are swapped (displacement is extension, and a positive force "
+        "reversed-sign", "the measured force acts with the motion instead of against it: force or displacement has "
+            "the wrong sign, or their columns are swapped (displacement increases with extension, a positive force "
             "resists extension). Fix: import again with --scale force=-1 (a force positive in compression) or "
             "--scale displacement=-1 (a displacement positive in compression)",
     )]

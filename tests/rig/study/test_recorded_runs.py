@@ -54,7 +54,7 @@ def study_of(run: Path, select: str = "", currents: str = "", current_select: st
 def test_the_valid_points_of_a_run_are_the_tests_and_the_others_are_named(run_folder: Path) -> None:
     bench = Workbench(load_study(study_of(run_folder)))
     assert [test.id for test in bench.tests] == ["p001", "p002", "p003", "p004"]
-    assert bench.left_out == ["p005 left out: invalid (estop: held)"]
+    assert bench.left_out == ["p005 not used: invalid (estop: held)"]
 
 
 def test_friction_tests_are_no_loops_and_enter_no_objective(
