@@ -22,8 +22,8 @@ from rig.errors import EXIT_DONE
 @click.argument("source", type=RunPath())
 @click.option(
     "--to", "name", required=True, metavar="NAME",
-    help="Format: csv, parquet, mat, mf4, netcdf (of a run); json, c, fmi, modelica, octave, python, table, inverse "
-         "(of a fit); or one of a plug-in.",
+    help="Format: csv, parquet, mat, mf4, netcdf, svg, png (of a run); json, c, fmi, modelica, octave, python, table, "
+         "inverse (of a fit); or one of a plug-in.",
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), required=True,
@@ -34,7 +34,7 @@ def command(source: Path, name: str, out: Path, as_json: bool) -> int:
     """Write SOURCE (a campaign folder or a fit.json) in another format.
 
     c, modelica, octave and python are the fitted model as source code, fmi is an FMU 2.0 for co-simulation; table is
-    its force over speed and current.
+    its force over speed and current. svg and png are the figures of the report, one file each.
 
     `rig plugins` lists the formats of other packages.
     """

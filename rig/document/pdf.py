@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import io
 import itertools
-import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from typing import Any
@@ -16,19 +15,19 @@ from reportlab.lib.colors import HexColor
 from reportlab.lib.pagesizes import A4
 from reportlab.lib.styles import ParagraphStyle
 from reportlab.lib.units import mm
-from reportlab.pdfbase.pdfmetrics import getFont, registerFont, registerFontFamily, stringWidth
-from reportlab.pdfbase.ttfonts import TTFError, TTFont
+from reportlab.pdfbase.pdfmetrics import stringWidth
 from reportlab.pdfgen.canvas import Canvas
 from reportlab.platypus import CondPageBreak, Flowable, Preformatted, SimpleDocTemplate, Spacer
 from reportlab.platypus import Paragraph as Flow
 from reportlab.platypus import Table as Grid
 
 from rig.document import blocks as b
-from rig.document import style
+from rig.document import fonts, style
 from rig.document.drawing import OPACITY, STROKES, Drawing, Letters, drawing_of
 from rig.document.drawing import Line as Stroked
 from rig.document.figure import Style
-from rig.document.svg import LETTERS
+from rig.document.fonts import known
+from rig.document.svg import LABEL, LETTERS, TEXT
 from rig.document.words import PLAIN, Code, Key, Label, Shade, Span, Strong, Words, parts, plain
 
 MARGIN = 11 * mm
@@ -36,12 +35,6 @@ BOTTOM = 13 * mm
 WIDTH = A4[0] - 2 * MARGIN
 FRAME = 6.0
 """Padding of the library's frames, points."""
-FONTS = {
-    "Sheet": ("DejaVuSans.ttf", "arial.ttf", "Vera.ttf"),
-    "Sheet-Bold": ("DejaVuSans-Bold.ttf", "arialbd.ttf", "VeraBd.ttf"),
-    "Sheet-Mono": ("DejaVuSansMono.ttf", "consola.ttf", "Vera.ttf"),
-}  # fmt: skip
-"""The first that the system has; Bitstream Vera comes with ReportLab and has Latin letters only."""
 INK, SOFT, LINE = HexColor(style.INK), HexColor(style.SOFT), HexColor(style.LINE)
 LARGE, SMALL = 3, 4
 """Cards side by side."""
@@ -53,8 +46,6 @@ SIZE, PADDING = 6.0, 2.2
 """Of table cells: letters and the room beside them, points."""
 FINEST, SMALLEST = 0.25, 4.3
 """Of a figure's lines and letters, points."""
-TEXT, LABEL = 11.5, 12.5
-"""Of a figure's letters, pixels, as on screen."""
 LINE_CAP_BUTT, LINE_CAP_ROUND = 0, 1
 
 Flowables = list[Any]
@@ -62,12 +53,12 @@ Flowables = list[Any]
 
 def pdf(document: b.Document) -> bytes:
     """A document as a PDF."""
-    _fonts()
+    fonts.register()
     target = io.BytesIO()
     template = SimpleDocTemplate(
         target, pagesize=A4, leftMargin=MARGIN - FRAME, rightMargin=MARGIN - FRAME, topMargin=MARGIN,
         bottomMargin=BOTTOM,
-        title=_known(document.title), creator="mr-damper-rig",
+        title=known(document.title), creator="mr-damper-rig",
     )  # fmt: skip
     template.build(list(_flow(document.blocks, WIDTH)), canvasmaker=_NumberedCanvas)
     return target.getvalue()
@@ -75,7 +66,7 @@ def pdf(document: b.Document) -> bytes:
 
 def figure_pdf(drawing: Drawing) -> bytes:
     """A figure alone, on a page of its size."""
-    _fonts()
+    fonts.register()
     return bytes(renderPDF.drawToString(_drawn(drawing, drawing.width * 0.75)))
 
 
@@ -133,33 +124,6 @@ class _Bookmark(Flowable):  # type: ignore[misc]  # the library has no annotatio
 
 
 @cache
-def _fonts() -> None:
-    for name, files in FONTS.items():
-        for file in files:
-            try:
-                registerFont(TTFont(name, file))
-            except TTFError:
-                continue
-            break
-    registerFontFamily("Sheet", normal="Sheet", bold="Sheet-Bold", italic="Sheet", boldItalic="Sheet-Bold")
-
-
-@cache
-def _has(letter: str) -> bool:
-    return letter.isspace() or ord(letter) in getFont("Sheet").face.charToGlyph
-
-
-def _known(text: str) -> str:
-    """A text with letters that the font lacks without their accents, or as `?`."""
-    if all(map(_has, set(text))):
-        return text
-    return "".join(
-        letter if _has(letter) else unicodedata.normalize("NFKD", letter).encode("ascii", "ignore").decode() or "?"
-        for letter in text
-    )
-
-
-@cache
 def _style(name: str) -> ParagraphStyle:
     size, leading, before, after, colour = {
         "h1": (14, 17, 0, 1, INK), "h2": (10.5, 13, 7, 2, INK), "h3": (8.5, 10.5, 4, 1.5, INK),
@@ -180,7 +144,7 @@ def inline(words: Words) -> str:
 
 
 def _text(value: object) -> str:
-    return html.escape(_known(str(value))).replace("\n", "<br/>")
+    return html.escape(known(str(value))).replace("\n", "<br/>")
 
 
 def _span(span: Span) -> str:
@@ -219,7 +183,7 @@ def _least(block: b.Block) -> float:
 
 
 def _heading(block: b.Heading, _width: float) -> Iterator[Any]:
-    yield _Bookmark(block.level - 1, _known(plain(block.title)))
+    yield _Bookmark(block.level - 1, known(plain(block.title)))
     yield Flow(inline(block.title), _style(f"h{block.level}"))
 
 
@@ -272,14 +236,14 @@ def _head(column: b.Column) -> str:
 
 def _measured(words: Words, *, whole: bool) -> str:
     """A cell's text with the room that its labels take; a `whole` one is not folded."""
-    text = _known(plain(words)) + SPACE * 2 * sum(isinstance(part, (Label, Shade)) for part in parts(words))
+    text = known(plain(words)) + SPACE * 2 * sum(isinstance(part, (Label, Shade)) for part in parts(words))
     return text.replace(" ", SPACE) if whole else text
 
 
 def _cell(words: Words, width: float, name: str) -> Any:  # noqa: ANN401 - the library's
     """A plain text where it fits on one line, else a paragraph, which takes longer to lay out."""
-    if isinstance(words, str) and "\n" not in words and _wide(known := _known(words)) <= width - 2 * PADDING:
-        return known
+    if isinstance(words, str) and "\n" not in words and _wide(text := known(words)) <= width - 2 * PADDING:
+        return text
     return Flow(inline(words), _style(name))
 
 
@@ -367,7 +331,7 @@ def _grid(cards: list[Flowables], columns: int, width: float) -> Grid:
 
 
 def _properties(block: b.Properties, width: float) -> Iterator[Any]:
-    pairs = [(_known(name), value) for name, value in block.shown]
+    pairs = [(known(name), value) for name, value in block.shown]
     first = min(0.3 * width, max((_wide(name) for name, _ in pairs), default=0.0) + 3 * PADDING)
     cells = [[Flow(_text(name), _style("cell")), Flow(_text(value), _style("cell"))] for name, value in pairs]
     if cells:
@@ -381,7 +345,7 @@ def _items(block: b.Items, _width: float) -> Iterator[Any]:
 
 def _listing(block: b.Listing, _width: float) -> Iterator[Any]:
     mono = ParagraphStyle("pre", fontName="Sheet-Mono", fontSize=6, leading=7.2)
-    yield Preformatted(_known(block.text), mono, maxLineLength=140)
+    yield Preformatted(known(block.text), mono, maxLineLength=140)
 
 
 def _details(block: b.Details, width: float) -> Iterator[Any]:
@@ -439,7 +403,7 @@ def _letters(mark: Letters, scale: float) -> graphics.Group:
     """A text, turned upright again inside the mirrored drawing."""
     size, colour = (LABEL, style.INK) if mark.large else (TEXT, LETTERS)
     text = graphics.String(
-        0, 0, _known(mark.text), fontName="Sheet", fontSize=max(size, SMALLEST / scale), fillColor=HexColor(colour),
+        0, 0, known(mark.text), fontName="Sheet", fontSize=max(size, SMALLEST / scale), fillColor=HexColor(colour),
         textAnchor=mark.anchor,
     )  # fmt: skip
     turned = (0, -1, -1, 0) if mark.turned else (1, 0, 0, -1)

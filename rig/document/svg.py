@@ -10,13 +10,15 @@ from rig.document.style import INK
 from rig.signals.arrays import FloatArray
 
 LETTERS = "#46515f"
+TEXT, LABEL = 11.5, 12.5
+"""Height of a figure's letters, pixels."""
 _RULES = "\n".join(
     f"svg .{kind} {{ stroke:{stroke.colour}; stroke-width:{stroke.width:g};"
     + (f" stroke-dasharray:{' '.join(f'{dash:g}' for dash in stroke.dashes)};" if stroke.dashes else "") + " }"
     for kind, stroke in STROKES.items() if kind != Style.AREA
 )
 SVG_RULES = f"""
-svg text {{ font:11.5px system-ui,sans-serif; fill:{LETTERS}; }} svg text.l {{ font-size:12.5px; fill:{INK}; }}
+svg text {{ font:{TEXT:g}px system-ui,sans-serif; fill:{LETTERS}; }} svg text.l {{ font-size:{LABEL:g}px; fill:{INK}; }}
 svg path {{ fill:none; stroke-linejoin:round; }}
 {_RULES}
 svg .{Style.POINTS} {{ stroke-linecap:round; }}

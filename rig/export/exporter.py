@@ -17,6 +17,7 @@ from rig.export.force_table import write_table
 from rig.export.inverse_table import write_inverse
 from rig.export.point_arrays import write_mat, write_mf4, write_netcdf, write_parquet
 from rig.export.point_tables import write_points
+from rig.export.report_figures import write_figures
 from rig.export.values import write_values
 from rig.fits.fit_record import FitRecord
 from rig.plugins import EXPORTS, Catalogue
@@ -160,6 +161,10 @@ OWN = (
     Exporter("netcdf", "run", "one NetCDF file per point", lambda source, out: write_netcdf(source.run, out)),
     Exporter("parquet", "run", "one Parquet file per point", lambda source, out: write_parquet(source.run, out)),
     Exporter("mf4", "run", "one ASAM MDF 4 file per point", lambda source, out: write_mf4(source.run, out)),
+    Exporter("svg", "run", "the report's figures, one SVG file each", lambda source, out: write_figures(
+        source.run, out, ".svg")),
+    Exporter("png", "run", "the report's figures, one PNG file each", lambda source, out: write_figures(
+        source.run, out, ".png")),
     Exporter("json", "fit", "the parameters with units and intervals, without the rest of fit.json", lambda
              source, out: [write_values(source.fit_record, out / f"{source.name}-parameters.json")]),
     Exporter("c", "fit", "the model as C99 source, verified against this software's model", _write_c),

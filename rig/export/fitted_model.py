@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -66,11 +65,10 @@ class FittedModel:
 
     def covariance(self) -> tuple[list[str], FloatArray]:
         """Names of the parameters that have standard errors, and their covariance (SI), shape (names, names)."""
-        rows, known = self.fit.correlation, self.fit.parameters
-        errors = {name: known[name].standard_error for name in self.fit.identifiable if name in rows}
-        scale = {name: error for name, error in errors.items() if error is not None}
-        matrix = [[rows[a].get(b, math.nan) * scale[a] * scale[b] for b in scale] for a in scale]
-        return list(scale), np.array(matrix, dtype=float).reshape(len(scale), len(scale))
+        known, rows = self.fit.parameters, self.fit.correlation
+        names = [name for name in self.fit.identifiable if name in rows and known[name].standard_error is not None]
+        matrix = self.fit.covariance(names)
+        return ([], np.zeros((0, 0))) if matrix is None else (names, matrix)
 
     def described(self) -> list[str]:
         """Lines for people: model, equation, units, ranges, parameters with intervals, covariance, hash of the fit."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
@@ -221,13 +221,25 @@ class FitRecord:
         scale = np.array([math.nan if error is None else error for error in errors])
         if not np.all(np.isfinite(scale)):
             return None
-        return np.asarray(self.correlation_matrix(names) * np.outer(scale, scale))
+        return np.asarray(self.correlation_matrix(names) * scale[:, None] * scale)
 
     def correlation_matrix(self, names: list[str]) -> FloatArray:
         """Correlations, shape (names, names), of some parameters; 0 where one is not known."""
         rows = self.correlation
-        known = np.array([[1.0 if a == b else rows.get(a, {}).get(b, 0.0) for b in names] for a in names])
+        known = np.array([[rows.get(a, {}).get(b, 1.0 if a == b else 0.0) for b in names] for a in names])
         return np.asarray(np.nan_to_num(known.reshape(len(names), len(names))))
+
+    def draws(self, names: Sequence[str], count: int, random: np.random.Generator) -> FloatArray:
+        """Values (SI) of some parameters that the same tests could have given, by their covariance, (count, names).
+
+        Each of them needs a value and a standard error.
+        """
+        matrix = self.correlation_matrix(list(names))
+        rates, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+        root = vectors * np.sqrt(np.maximum(rates, 0.0))
+        scale = np.array([self.parameters[name].standard_error for name in names], dtype=float)
+        centre = np.array([self.values[name] for name in names])
+        return np.asarray(centre + (random.standard_normal((count, len(names))) @ root.T) * scale)
 
     def at(self, temperature_degC: float) -> Self:
         """The same fit with its values, intervals and correlations at another temperature (degC).

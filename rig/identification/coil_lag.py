@@ -8,8 +8,7 @@ import rig.dampers
 from rig.fits.entries import Estimate
 from rig.identification.fit_state import FitState
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
-from rig.identification.models.measurement import Measurement
-from rig.identification.models.solving import Method, solve
+from rig.identification.models.solving import Method, Refit
 from rig.identification.models.undetermined import examine
 from rig.identification.options import FitOptions
 from rig.identification.uncertainty.covariance import quantile
@@ -41,15 +40,8 @@ def _found_lag(state: FitState) -> float:
     """Eta (1/s) with the requested model if that is algebraic, else with the asymmetric one: it is the coil's alone."""
     state.options.report("identifying the coil lag from current steps")
     model = next((model for model in state.models if model.states == 0), rig.dampers.model("asymmetric", "kwok"))
-    findings, quick = examine(model, state.fitted), Method(weight=state.options.how.weight)
-    near: dict[str, float] = {}
-
-    def objective(tests: list[Measurement]) -> float:
-        solution = solve(model, tests, quick, findings, near or None)
-        near.update(solution.values)
-        return solution.objective
-
-    return find_lag(state.fitted, objective)
+    refit = Refit(model, Method(weight=state.options.how.weight), examine(model, state.fitted))
+    return find_lag(state.fitted, lambda tests: refit(tests).objective)
 
 
 def _of_steps(state: FitState) -> FitState:

@@ -20,7 +20,7 @@ from rig.errors import IdentificationFailed
 from rig.fits.entries import SeriesSpring
 from rig.identification.fit_state import FitState
 from rig.identification.models.measurement import Measurement, first_cycle
-from rig.identification.models.solving import SQUARES, Method, solve
+from rig.identification.models.solving import SQUARES, Method, Refit
 from rig.identification.models.undetermined import examine
 from rig.identification.options import FitOptions
 from rig.identification.uncertainty.covariance import quantile
@@ -127,18 +127,13 @@ def find_spring(model: DamperModel, tests: Sequence[Measurement], method: Method
 
     if method.loss != SQUARES:
         raise IdentificationFailed(f"series spring: needs least squares, got loss {method.loss!r}")
-    softened, findings = ComplianceCorrection(tests), examine(model, tests)
-    near: dict[str, float] = {}
+    corrected, refit = ComplianceCorrection(tests), Refit(model, method, examine(model, tests))
+    counted = first_cycle if model.states > 0 else _whole
 
     def left(compliance: float) -> float:
-        moved = softened.by(compliance)
-        if model.states > 0:
-            moved = [first_cycle(test) for test in moved]
-        solution = solve(model, moved, method, findings, near or None)
-        near.update(solution.values)
-        return solution.objective
+        return refit([counted(test) for test in corrected.by(compliance)]).objective
 
-    largest = softened.largest_m_N
+    largest = corrected.largest_m_N
     rigid = left(0.0)
     minimum = minimize_scalar(left, bounds=(0.0, largest), method="bounded", options={"xatol": TOLERANCE * largest})
     if float(minimum.fun) >= rigid:
@@ -146,7 +141,6 @@ def find_spring(model: DamperModel, tests: Sequence[Measurement], method: Method
     best, step = float(minimum.x), CURVATURE_STEP * largest
     low, high = max(0.0, best - step), best + step
     curvature = 2.0 * _second_difference((low, left(low)), (best, float(minimum.fun)), (high, left(high)))
-    counted = first_cycle if model.states > 0 else _whole
     samples = sum(counted(test).u_m.size for test in tests)
     if curvature <= 0.0:
         return SeriesSpring(1.0 / best, None, None)

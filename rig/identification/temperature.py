@@ -24,13 +24,14 @@ from rig.fits.entries import Estimate, TemperatureTerm
 from rig.identification.fit_state import FitState
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force, parameter_slopes
-from rig.identification.models.solving import SEPARABLE, SQUARES, Method, solve
+from rig.identification.models.solving import SEPARABLE, SQUARES, Method, Refit
 from rig.identification.models.temperature_effect import force_change_N
 from rig.identification.models.undetermined import Undetermined, examine
 from rig.identification.options import FitOptions
 from rig.identification.uncertainty.covariance import quantile
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.uncertainty.scoring import score_forces
+from rig.optimisers.least_squares import SINGULAR, Eliminated
 
 TEMPERATURE = "temperature_law"
 LEAST_SPAN_K = 3.0  # of the recorded temperature, over all fitted tests
@@ -40,7 +41,6 @@ SETTLED = 0.01  # standard errors by which a rate may still move
 STEP_1_K = 1e-5
 MOST_1_K = 0.2  # of any rate: oil ten times as thin in 12 K
 UNIDENTIFIED = 0.5  # standard error of a rate times the span from which the tests do not tell it
-SINGULAR = 1e-10
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,8 @@ def find_temperature_law(
     law = TemperatureLaw(reference, dict.fromkeys(RATES[kind], 0.0))
     if len(law.formula(model).split("; ")) < len(law.rates) or not law.formula(model):
         raise IdentificationFailed(f"temperature law {kind!r}: {model.name} has no parameter with such a rate")
-    solution = solve(model, tests, method, search.findings)
+    refit = Refit(model, method, search.findings)
+    solution = refit(tests)
     for _ in range(ROUNDS):
         values = solution.values
         names = search.free(values, (*solution.at_bound, *solution.at_limit))
@@ -173,7 +174,7 @@ def find_temperature_law(
         rates = {name: float(np.clip(rate + move, -MOST_1_K, MOST_1_K))
                  for (name, rate), move in zip(law.rates.items(), step, strict=True)}  # fmt: skip
         law = replace(law, rates=rates)
-        solution = solve(model, _corrected(model, values, law, tests), method, search.findings, values)
+        solution = refit(_corrected(model, values, law, tests))
         if np.all(np.abs(step) <= SETTLED * np.sqrt(np.diag(covariance))):
             break
     _refuse_unidentified(law, covariance, ends_degC)
@@ -230,18 +231,13 @@ class _Search:
             bent += columns.T @ off
             left += float(error @ error)
             count += int(np.count_nonzero(weight))
-        own = len(names)
-        size_of = np.sqrt(np.maximum(normal.diagonal()[:own], 1e-300))
-        scale = size_of[:, None] * size_of
-        inverse = np.linalg.pinv(normal[:own, :own] / scale, rcond=SINGULAR, hermitian=True) / scale
-        cross = normal[own:, :own] @ inverse
-        projected = normal[own:, own:] - cross @ normal[:own, own:]
-        covariance = np.linalg.pinv(projected, rcond=SINGULAR, hermitian=True)
-        step, form = (covariance @ (side[own:] - cross @ side[:own]) for side in (right, bent))
-        form = np.concatenate((inverse @ bent[:own] - cross.T @ form, form))
-        lost = projected.diagonal() <= SINGULAR * normal.diagonal()[own:]
+        own, rates = len(names), Eliminated.of(normal, len(names))
+        covariance = np.asarray(np.linalg.pinv(rates.normal, rcond=SINGULAR, hermitian=True), dtype=np.float64)
+        step, form = (covariance @ rates.right(side) for side in (right, bent))
+        form = np.concatenate((rates.inverse @ bent[:own] - rates.cross.T @ form, form))
+        lost = rates.normal.diagonal() <= SINGULAR * normal.diagonal()[own:]
         covariance[lost, lost] = math.inf
-        return step, covariance * (left / max(1, count - size)), -cross.T, form
+        return step, covariance * (left / max(1, count - size)), -rates.cross.T, form
 
     def _rate_columns(self, law: TemperatureLaw, values: Mapping[str, float], test: Measurement) -> FloatArray:
         columns = np.empty((test.u_m.size, len(law.rates)))

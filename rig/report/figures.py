@@ -1,4 +1,4 @@
-"""The report's figures from Python, in one call: shown by notebooks, saved as SVG or PDF."""
+"""The report's figures from Python, in one call: shown by notebooks, saved as SVG, PDF or PNG."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def figures(run: Path | str | Run) -> dict[str, Plot]:
         `overview/MOTION` (force over velocity, all currents), `loops/POINT/displacement`, `loops/POINT/velocity`,
         `loops/POINT/residual`, `traces/POINT/NAME` (over time: displacement, force, current, cycle),
         `parameters/NAME` (over current), `standard/force`, `standard/energy` and `standard/damping` (over peak
-        velocity). A notebook shows each; `save(path)` writes `.svg` or `.pdf`; `traces` of each holds its
+        velocity). A notebook shows each; `save(path)` writes `.svg`, `.pdf` or `.png`; `traces` of each holds its
         arrays.
 
     Raises:

@@ -74,25 +74,18 @@ def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:
 
 def _draws(damper: CornerDamper, fit: FitRecord, members: int, seed: int) -> tuple[CornerDamper, ...]:
     """Dampers from the fit's standard errors and correlations; a parameter stays within its limits."""
-    errors = {
-        name: entry.standard_error for name, entry in fit.parameters.items()
-        if name in damper.values and entry.standard_error is not None
-    }  # fmt: skip
-    if not errors or members == 0:
+    names = [
+        name for name, entry in fit.parameters.items()
+        if name in damper.values and entry.value is not None and entry.standard_error is not None
+    ]  # fmt: skip
+    if not names or members == 0:
         return ()
-    names = list(errors)
-    matrix = fit.correlation_matrix(names)
-    rates, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    root = vectors * np.sqrt(np.clip(rates, 0.0, None))
-    scale = np.array([errors[name] for name in names])
-    random = np.random.default_rng(seed)
-    made = []
-    for _ in range(members):
-        change = scale * (root @ random.standard_normal(len(names)))
-        values = dict(damper.values)
-        for name, off in zip(names, change, strict=True):
-            parameter = damper.model.parameter(name)
-            low, high = min(parameter.low, values[name]), max(parameter.high, values[name])
-            values[name] = float(np.clip(values[name] + off, low, high))
-        made.append(CornerDamper(damper.model, values))
-    return tuple(made)
+    own = [damper.model.parameter(name) for name in names]
+    best = np.array([damper.values[name] for name in names])
+    low = np.minimum([parameter.low for parameter in own], best)
+    high = np.maximum([parameter.high for parameter in own], best)
+    drawn = np.clip(fit.draws(names, members, np.random.default_rng(seed)), low, high)
+    return tuple(
+        CornerDamper(damper.model, {**damper.values, **dict(zip(names, values, strict=True))})
+        for values in drawn.tolist()
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,12 +14,12 @@ from rig.identification.diagnosis.distortions import Distortion
 from rig.identification.diagnosis.stretches import Stretch
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import force_and_slopes, modelled_force
+from rig.optimisers.least_squares import SINGULAR, Descent, Squares, descend, unit_scale
 
-STEPS = 12
+DESCENT = Descent(
+    0.0, settled=1e-3, iterations=200, steps=12, damping=1e-6, less=0.1, more=10.0, smallest=1e-9, most_damping=1e3
+)
 FEWER_STEPS = 3  # of a model with internal states, whose slopes cost an integration each
-ENOUGH = 1e-3  # relative reduction of the sum of squares below which the search ends
-LEAST_DAMPING, MOST_DAMPING = 1e-9, 1e3
-SINGULAR = 1e-10  # of a scaled normal matrix, below which a direction carries no information
 
 
 @dataclass(frozen=True)
@@ -63,30 +63,48 @@ def explain(
         distortion: what may have happened to them.
         start: where to start instead of the damper's own start (SI).
     """
-    model, names, values = damper.model, damper.names, damper.start if start is None else start
-    here = Explained(np.inf, values, np.array(distortion.start, dtype=float))
-    limits = np.array([_limits(model.parameter(name), values[name]) for name in names]).reshape(-1, 2)
-    squares, normal, right = _normal(damper, here, parts, distortion)
-    here, damping = Explained(squares, here.values, here.amounts), 1e-6
-    for _ in range(FEWER_STEPS if model.states else STEPS):
-        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        scaled, target = normal / np.outer(scale, scale), right / scale
-        moved = None
-        while damping <= MOST_DAMPING:
-            step = np.linalg.solve(scaled + damping * np.eye(scale.size), target) / scale
-            trial = _stepped(here, names, step, limits, distortion)
-            if (reached := _squares(model, trial, parts, distortion)) < here.squares:
-                moved = Explained(reached, trial.values, trial.amounts)
-                damping = max(LEAST_DAMPING, 0.1 * damping)
-                break
-            damping *= 10.0
-        if moved is None:
-            break
-        gain, here = here.squares - moved.squares, moved
-        if gain < ENOUGH * here.squares:
-            break
-        _, normal, right = _normal(damper, here, parts, distortion)
-    return here
+    squares = _Distorted(damper, parts, distortion, damper.start if start is None else start)
+    descent = replace(DESCENT, steps=FEWER_STEPS) if damper.model.states else DESCENT
+    theta, least = descend(squares, squares.start, descent)
+    return replace(squares.at(theta), squares=least)
+
+
+class _Distorted(Squares):
+    """The weighted sum of squares over a damper's free parameters, and behind them the distortion's amounts."""
+
+    def __init__(
+        self, damper: Damper, parts: Sequence[Stretch], distortion: Distortion, values: Mapping[str, float]
+    ) -> None:
+        self._damper, self._parts, self._distortion, self._values = damper, parts, distortion, values
+        here = [values[name] for name in damper.names]
+        own = [_limits(damper.model.parameter(name), values[name]) for name in damper.names]
+        amounts = np.transpose([np.broadcast_to(end, len(distortion.start)) for end in distortion.limits])
+        self._limits = np.vstack([np.array(own).reshape(-1, 2), amounts])
+        self.start = np.array([*here, *distortion.start], dtype=float)
+        self._first = _normal(damper, self.at(self.start), parts, distortion)
+
+    def at(self, theta: FloatArray) -> Explained:
+        """The damper's values and the amounts."""
+        count = len(self._damper.names)
+        moved = dict(zip(self._damper.names, theta[:count].tolist(), strict=True))
+        values = self._values if theta is self.start else {**self._values, **moved}
+        return Explained(np.inf, values, theta[count:])
+
+    def value(self, theta: FloatArray) -> float:
+        """See `Squares.value`."""
+        if theta is self.start:
+            return self._first[0]
+        return _squares(self._damper.model, self.at(theta), self._parts, self._distortion)
+
+    def slopes(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Squares.slopes`."""
+        if theta is self.start:
+            return self._first[1:]
+        return _normal(self._damper, self.at(theta), self._parts, self._distortion)[1:]
+
+    def moved(self, theta: FloatArray, step: FloatArray) -> FloatArray:
+        """See `Squares.moved`."""
+        return np.asarray(np.clip(theta + step, self._limits[:, 0], self._limits[:, 1]))
 
 
 @dataclass(frozen=True)
@@ -106,7 +124,7 @@ def first_step(damper: Damper, parts: Sequence[Stretch], distortion: Distortion)
     """The first undamped step of `explain`, which takes one look at all samples."""
     here = Explained(np.inf, damper.start, np.array(distortion.start, dtype=float))
     _, normal, right = _normal(damper, here, parts, distortion)
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scale = unit_scale(normal)
     scaled, target, count = normal / np.outer(scale, scale), right / scale, len(damper.names)
     whole = np.linalg.lstsq(scaled, target, rcond=SINGULAR)[0]
     without = np.linalg.lstsq(scaled[:count, :count], target[:count], rcond=SINGULAR)[0]
@@ -116,17 +134,6 @@ def first_step(damper: Damper, parts: Sequence[Stretch], distortion: Distortion)
 def _limits(parameter: Parameter, value: float) -> tuple[float, float]:
     """A parameter's own limits, and beyond them as far as a fit found it: a search starts where it is."""
     return min(parameter.low, value), max(parameter.high, value)
-
-
-def _stepped(
-    here: Explained, names: Sequence[str], step: FloatArray, limits: FloatArray, distortion: Distortion
-) -> Explained:
-    count = len(names)
-    natural = np.array([here.values[name] for name in names]) + step[:count]
-    natural = np.clip(natural, limits[:, 0], limits[:, 1])
-    moved = {**here.values, **dict(zip(names, natural.tolist(), strict=True))}
-    amounts = np.clip(here.amounts + step[count:], *distortion.limits) if distortion.start else here.amounts
-    return Explained(np.inf, moved, amounts)
 
 
 def residual_N(

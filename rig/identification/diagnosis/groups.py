@@ -15,6 +15,7 @@ from rig.dampers.arrays import BoolArray, FloatArray
 from rig.identification.diagnosis.descent import Damper, Explained, explain, slope_rows
 from rig.identification.diagnosis.distortions import Distortion
 from rig.identification.diagnosis.stretches import Stretch
+from rig.optimisers.least_squares import unit_scale
 
 RANDOM_STARTS = 12
 ROUNDS = 15
@@ -60,7 +61,7 @@ def two_groups(damper: Damper, common: Explained, parts: Sequence[Stretch]) -> P
     if count < 2 * FEWEST_TESTS:
         return None
     sums = [_of_test(damper, common, [part for part in parts if part.index == k]) for k in range(count)]
-    scale = np.sqrt(np.maximum(np.diag(np.sum([test.normal for test in sums], axis=0)), 1e-300))
+    scale = unit_scale(np.sum([test.normal for test in sums], axis=0))
     best: tuple[float, BoolArray] | None = None
     for start in _starts(parts, sums):
         reached = _settled(start, sums, scale)

@@ -9,7 +9,7 @@ cycle of each test, then on all samples.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from rig.identification.models.measurement import Measurement, first_cycle
 from rig.identification.models.model_slope import law_columns, modelled_force, parameter_slopes
 from rig.identification.models.projection import Weighting
 from rig.identification.models.separable import Solution
-from rig.optimisers.least_squares import Descent, Squares, descend
+from rig.optimisers.least_squares import Descent, Eliminated, Squares, descend, normal_equations
 from rig.signals.test_set import current_levels, rounded_levels
 
 Inner = Callable[[list[Measurement], Mapping[str, float] | None], Solution]
@@ -31,7 +31,6 @@ Inner = Callable[[list[Measurement], Mapping[str, float] | None], Solution]
 ROUGH, FINE = 1e-5, 1e-8  # share of the objective that a step must promise: on one cycle, on all samples
 ITERATIONS, LAST_ITERATIONS = 20, 8
 EVEN_LEVELS = 5  # of the current, where it changes within tests
-SINGULAR = 1e-10  # of a scaled normal matrix, below which a direction carries no information
 
 
 ALL_LAWS = "all"
@@ -193,23 +192,15 @@ class _LawSquares(Squares):
         law, base, own = self.law(theta), self._model.base, self.solution.values
         left_out = {*self._held, *base.redundant, *self.solution.at_bound}
         names = [name for name in base.names if name in own and name not in left_out]
-        width = len(names) + len(self._free)
-        normal, right = np.zeros((width, width)), np.zeros(width)
-        for index, test in enumerate(self._tests):
-            seen = felt(self._model, law, [test])[0]
-            laws = law_columns(self._model, {**own, **law}, self._free, test)
-            columns = np.column_stack((parameter_slopes(base, own, names, seen), laws))
-            weight = self._weighting.of(test, index)
-            columns *= weight[:, None]
-            normal += columns.T @ columns
-            right += columns.T @ ((test.force_N - modelled_force(base, own, seen)) * weight)
-        return _projected(normal, right, len(names))
 
+        def rows() -> Iterator[tuple[FloatArray, FloatArray]]:
+            for index, test in enumerate(self._tests):
+                seen = felt(self._model, law, [test])[0]
+                laws = law_columns(self._model, {**own, **law}, self._free, test)
+                weight = self._weighting.of(test, index)
+                columns = np.column_stack((parameter_slopes(base, own, names, seen), laws)) * weight[:, None]
+                yield columns, (test.force_N - modelled_force(base, own, seen)) * weight
 
-def _projected(normal: FloatArray, right: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """J'J and J'r of the unknowns behind the first `count`, those eliminated."""
-    own = normal[:count, :count]
-    size = np.sqrt(np.maximum(own.diagonal(), 1e-300))
-    inverse = np.linalg.pinv(own / (size[:, None] * size), rcond=SINGULAR, hermitian=True) / (size[:, None] * size)
-    cross = normal[count:, :count] @ inverse
-    return normal[count:, count:] - cross @ normal[:count, count:], right[count:] - cross @ right[:count]
+        normal, right = normal_equations(rows(), len(names) + len(self._free))
+        left = Eliminated.of(normal, len(names))
+        return left.normal, left.right(right)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -152,6 +152,33 @@ def solve(
     if method.name not in known_methods():
         raise IdentificationFailed(f"method: got {method.name!r}, expected one of {', '.join(known_methods())}")
     return _search(model, measurements, method, findings)
+
+
+@dataclass
+class Refit:
+    """One model fitted to changed versions of the same tests; each search starts from the previous solution.
+
+    Attributes:
+        model: the damper model.
+        method: how, as in `solve`.
+        findings: as in `solve`.
+        values: of the last solution (SI); empty before the first.
+    """
+
+    model: DamperModel
+    method: Method
+    findings: Undetermined
+    values: dict[str, float] = field(default_factory=dict)
+
+    def __call__(self, tests: Sequence[Measurement]) -> Solution:
+        """Fit the model to one version of the tests.
+
+        Raises:
+            IdentificationFailed: as `solve`.
+        """
+        solution = solve(self.model, tests, self.method, self.findings, self.values or None)
+        self.values.update(solution.values)
+        return solution
 
 
 def splits(model: DamperModel, measurements: Sequence[Measurement]) -> bool:

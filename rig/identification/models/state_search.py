@@ -11,7 +11,7 @@ Beside a rival that fits twice as well it is given up after the starts.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from rig.identification.models.separable import (
 )
 from rig.identification.models.undetermined import examine
 from rig.identification.words import say
-from rig.optimisers.least_squares import Descent, Squares, descend
+from rig.optimisers.least_squares import Descent, Squares, descend, normal_equations
 
 DIFFERENCE = 1e-4
 ITERATIONS, FIRST_ITERATIONS, LAST_ITERATIONS = 40, 15, 15
@@ -81,37 +81,36 @@ class StateSquares(Squares):
         compiled = self._unknowns.model.slopes_along()
         if compiled is not None:
             return self._exact_slopes(theta, compiled)
-        size = theta.size
-        self.evaluations += size + 1
-        curvature, gradient = np.zeros((size, size)), np.zeros(size)
-        vectors = [self._unknowns.vector(theta + DIFFERENCE * row) for row in np.eye(size)]
+        self.evaluations += theta.size + 1
+        vectors = [self._unknowns.vector(theta + DIFFERENCE * row) for row in np.eye(theta.size)]
         centre = self._unknowns.vector(theta)
-        for test, weight in self._data:
-            force = self._force(centre, test)
-            moved = [(self._force(vector, test) - force) * (weight / DIFFERENCE) for vector in vectors]
-            jacobian = np.column_stack(moved)
-            curvature += jacobian.T @ jacobian
-            gradient += jacobian.T @ ((test.force_N - force) * weight)
-        return curvature, gradient
+
+        def rows() -> Iterator[tuple[FloatArray, FloatArray]]:
+            for test, weight in self._data:
+                force = self._force(centre, test)
+                moved = [(self._force(vector, test) - force) * (weight / DIFFERENCE) for vector in vectors]
+                yield np.column_stack(moved), (test.force_N - force) * weight
+
+        return normal_equations(rows(), theta.size)
 
     def _exact_slopes(self, theta: FloatArray, compiled: Compiled) -> tuple[FloatArray, FloatArray]:
         """The same where the model gives its slopes: one pass for all unknowns."""
-        size, centre = theta.size, self._unknowns.vector(theta)
+        centre = self._unknowns.vector(theta)
         self.evaluations += 1
         chain = np.array([
             (self._unknowns.vector(theta + DIFFERENCE * row) - self._unknowns.vector(theta - DIFFERENCE * row))
             / (2.0 * DIFFERENCE)
-            for row in np.eye(size)
+            for row in np.eye(theta.size)
         ])  # fmt: skip
-        curvature, gradient = np.zeros((size, size)), np.zeros(size)
-        for test, weight in self._data:
-            motion = (test.u_m, test.v_m_s, test.a_m_s2, test.current_A)
-            state = self._unknowns.model.initial_state(float(test.u_m[0]))
-            force, columns = compiled(centre, state, *motion, test.dt_s, test.samples_per_cycle)
-            jacobian = (columns @ chain.T) * weight[:, None]
-            curvature += jacobian.T @ jacobian
-            gradient += jacobian.T @ ((test.force_N - force) * weight)
-        return curvature, gradient
+
+        def rows() -> Iterator[tuple[FloatArray, FloatArray]]:
+            for test, weight in self._data:
+                motion = (test.u_m, test.v_m_s, test.a_m_s2, test.current_A)
+                state = self._unknowns.model.initial_state(float(test.u_m[0]))
+                force, columns = compiled(centre, state, *motion, test.dt_s, test.samples_per_cycle)
+                yield (columns @ chain.T) * weight[:, None], (test.force_N - force) * weight
+
+        return normal_equations(rows(), theta.size)
 
     def admissible(self, theta: FloatArray) -> bool:
         """See `Squares.admissible`."""

@@ -71,21 +71,13 @@ def known_draws(fit: FitRecord) -> tuple[tuple[str, ...], FloatArray, float]:
     if fit.drawn is not None:
         names = tuple(fit.drawn.draws)
         return names, np.array([fit.drawn.draws[name] for name in names]).T, fit.drawn.widening
-    errors = {
-        name: estimate.standard_error
-        for name, estimate in fit.parameters.items()
+    names = tuple(
+        name for name, estimate in fit.parameters.items()
         if estimate.identifiable and estimate.standard_error is not None and name in fit.correlation
-    }
-    names = tuple(errors)
+    )  # fmt: skip
     if not names:
         raise IdentificationFailed("no uncertainty band: the fit has no covariance. Fix: fit again with --bootstrap")
-    size = np.array([errors[name] for name in names], dtype=float)
-    correlation = np.array([[fit.correlation[a].get(b) or 0.0 for b in names] for a in names], dtype=float)
-    centre = np.array([fit.values[name] for name in names])
-    random = np.random.default_rng(SEED)
-    values, vectors = np.linalg.eigh(correlation)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    draws = centre + (random.standard_normal((PREDICTED, len(names))) @ root.T) * size
+    draws = fit.draws(names, PREDICTED, np.random.default_rng(SEED))
     return names, _inside(fit, names, draws), 1.0
 
 

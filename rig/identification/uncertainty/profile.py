@@ -23,7 +23,7 @@ from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import FittedModel, modelled_force, parameter_slopes
 from rig.identification.models.projection import Weighting
 from rig.identification.uncertainty.covariance import Information
-from rig.optimisers.least_squares import Descent, Squares, descend
+from rig.optimisers.least_squares import Descent, Squares, descend, normal_equations
 
 THRESHOLD = 3.841458820694124
 STEP_ERRORS = 0.7  # standard errors between the first points
@@ -197,12 +197,11 @@ class _Walker:
 
     def slopes(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         """J'W^2 J and J'W^2 r."""
-        normal, gradient = np.zeros((len(names), len(names))), np.zeros(len(names))
-        for test, weight in self._tests(values):
-            slopes = parameter_slopes(self._model, values, names, test) * weight[:, None]
-            normal += slopes.T @ slopes
-            gradient += slopes.T @ ((test.force_N - modelled_force(self._model, values, test)) * weight)
-        return normal, gradient
+        return normal_equations((
+            (parameter_slopes(self._model, values, names, test) * weight[:, None],
+             (test.force_N - modelled_force(self._model, values, test)) * weight)
+            for test, weight in self._tests(values)
+        ), len(names))  # fmt: skip
 
 
 class _Pinned(Squares):

@@ -1,11 +1,21 @@
 from __future__ import annotations
 
+import re
+import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image, ImageColor
 
+from rig.document.drawing import Line, drawing_of
+from rig.document.figure import Axis, Figure, Style, Trace
+from rig.document.plot import Plot
+from rig.document.style import FITTED, MEASURED
+from rig.errors import RigError
+from rig.export import export
+from rig.extras import how_to_install
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.report import figures
@@ -53,5 +63,57 @@ def test_a_figure_is_an_svg_file_of_its_own_with_its_style(run: Path, tmp_path: 
     assert ".m {" in str(style.text)
     assert chart._repr_svg_() == (tmp_path / "loop.svg").read_text(encoding="utf-8")
     assert chart.save(tmp_path / "loop.pdf").read_bytes().startswith(b"%PDF")
-    with pytest.raises(ValueError, match=r"\.png"):
-        chart.save(tmp_path / "loop.png")
+    with pytest.raises(ValueError, match=r"\.jpg"):
+        chart.save(tmp_path / "loop.jpg")
+
+
+def inked(picture: Image.Image, colour: str) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom pixel of a colour."""
+    wanted = np.array(ImageColor.getrgb(colour))
+    rows, columns = np.nonzero(np.abs(np.asarray(picture.convert("RGB"), float) - wanted).max(axis=2) < 60.0)
+    return int(columns.min()), int(rows.min()), int(columns.max()), int(rows.max())
+
+
+def test_a_png_has_the_lines_of_the_drawing_where_they_belong_at_any_resolution(tmp_path: Path) -> None:
+    step = Trace(np.array([0.0, 5.0, 5.0, 10.0]), np.array([0.0, 0.0, 100.0, 100.0]), Style.MEASURED)
+    dashed = Trace(np.array([0.0, 10.0]), np.array([50.0, 50.0]), Style.FITTED)
+    axes = Axis("Time", "s", limits=(0.0, 10.0)), Axis("Force", "N", limits=(-20.0, 120.0))
+    plot = Plot(Figure(*axes, [step, dashed], 300, 200))
+    drawn = [mark for mark in drawing_of(plot.figure).marks if isinstance(mark, Line)]
+    (left, top), (right, bottom) = (end(drawn[2].pieces[0], axis=0) for end in (np.min, np.max))
+    for dpi in (96.0, 240.0):
+        picture = Image.open(plot.save(tmp_path / "step.png", dpi=dpi))
+        scale = dpi / 96.0
+        assert picture.size == (round(300 * scale), round(200 * scale))
+        assert picture.info["dpi"] == pytest.approx((dpi, dpi), rel=1e-3)
+        edges = np.array(inked(picture, MEASURED)) / scale
+        assert edges == pytest.approx([left, top, right, bottom], abs=1.5)
+        row = np.asarray(picture.convert("RGB"), float)[round(scale * float(drawn[3].pieces[0][0, 1]))]
+        off = np.abs(row - ImageColor.getrgb(FITTED)).max(axis=1) < 60.0
+        assert np.count_nonzero(np.diff(off.astype(int)) == 1) == pytest.approx((right - left) / 8.0, abs=2.0)
+    letters = np.asarray(picture.convert("L"))[:, : round(20 * scale)]
+    assert np.count_nonzero(letters < 128) > 50, "the turned label of the axis"
+    with pytest.raises(ValueError, match="dpi"):
+        plot.save(tmp_path / "step.png", dpi=5.0)
+
+
+@pytest.mark.parametrize(("ending", "needs"), [("png", "PIL"), ("pdf", "reportlab")])
+def test_without_its_library_a_file_is_refused_with_the_command_that_installs_it(
+    ending: str, needs: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [one for one in sys.modules if one.startswith((f"rig.document.{ending}", "rig.document.fonts", needs))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delattr("rig.document.fonts", raising=False)
+    monkeypatch.delattr(f"rig.document.{ending}", raising=False)
+    monkeypatch.setitem(sys.modules, needs, None)
+    plot = Plot(Figure(Axis("Time", "s"), Axis("Force", "N"), [Trace(np.arange(2.0), np.arange(2.0))]))
+    with pytest.raises(RigError, match=re.escape(how_to_install("pdf"))):
+        plot.save(tmp_path / f"a.{ending}")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_figures_of_a_report_are_exported_one_file_each(run: Path, tmp_path: Path) -> None:
+    made = export(run, "svg", tmp_path / "figures")
+    assert len(made) == len(figures(run)) == len(set(made))
+    assert tmp_path / "figures" / "overview-sine-20-mm-1-Hz.svg" in made
+    assert all(re.fullmatch(r"[\w.+-]+", path.name) for path in made)
