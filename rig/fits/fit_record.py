@@ -234,8 +234,7 @@ class FitRecord:
 
         Each of them needs a value and a standard error.
         """
-        matrix = self.correlation_matrix(list(names))
-        rates, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+        rates, vectors = np.linalg.eigh(self.correlation_matrix(list(names)))
         root = vectors * np.sqrt(np.maximum(rates, 0.0))
         scale = np.array([self.parameters[name].standard_error for name in names], dtype=float)
         centre = np.array([self.values[name] for name in names])
