@@ -48,7 +48,7 @@ __all__ = [
     "known_current_source_names",
     "make_actuator",
     "make_current_source",
-    "make_hand_source",
+    "make_manual_source",
     "make_sensor",
     "make_supply",
     "own_names",
@@ -250,17 +250,18 @@ def make_supply(connection: SupplyConnection) -> CurrentSource:
     return ScpiSupply(connection)
 
 
-def make_hand_source(rehearsal: str | None) -> CurrentSource:
+def make_manual_source(rehearsal: str | None) -> CurrentSource:
     """The current that a person sets; nothing is opened.
 
     Args:
         rehearsal: on a simulated rig, the address of its `generic-scpi` supply, set in that person's place.
     """
-    from drivers.hand_source import HandSource
+    from drivers.manual_current import ManualCurrentSource
 
     if rehearsal is None:
-        return HandSource()
-    return HandSource(make_supply(SupplyConnection(rehearsal, supply("generic-scpi"), voltage_limit_V=REHEARSED_V)))
+        return ManualCurrentSource()
+    stand_in = make_supply(SupplyConnection(rehearsal, supply("generic-scpi"), voltage_limit_V=REHEARSED_V))
+    return ManualCurrentSource(stand_in)
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ from drivers.catalogue import (
 from drivers.connection import ActuatorConnection
 from protocols.descriptions import Problem
 from rig.bench import address
-from rig.bench.hand_settings import hand_problems_of
+from rig.bench.manual_settings import manual_problems_of
 from rig.bench.sensor_settings import (
     Auxiliary,
     Delay,
@@ -368,7 +368,7 @@ class EcuConfig(Settings):
 
     def problems(self) -> Iterator[Problem]:
         """Which kind of source it is, and what that kind needs."""
-        yield from hand_problems_of(self)
+        yield from manual_problems_of(self)
         if self.by_hand:
             return
         if self.url is not None or self.supply is not None:

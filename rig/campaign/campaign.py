@@ -16,10 +16,10 @@ from rig.campaign import resume
 from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.runner import Runner
-from rig.campaign.hand import check_hand, hand_of
 from rig.campaign.kept_files import keep_bench
 from rig.campaign.live_link import LiveLink
 from rig.campaign.machine_resources import station_in_use
+from rig.campaign.manual_current import check_manual_current, manual_current_of
 from rig.campaign.operator_link import Signals, operator_link
 from rig.campaign.preflight.proof_move import read_baseline
 from rig.campaign.preflight.rest_check import tolerances_of
@@ -80,7 +80,7 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
         if options.resume_path is not None:
             resume.same_campaign(options.resume_path, known, matrix)
         accepted(matrix, known)
-        check_hand(known, attended=options.attended or _paged(live) is not None)
+        check_manual_current(known, attended=options.attended or _paged(live) is not None)
     with operator_link(display, live) as (signals, shown), contextlib.ExitStack() as ends:
         log, locks = ends.enter_context(campaign_folder(options, matrix, known, shown))
         folder = log.path.parent
@@ -238,7 +238,7 @@ def _run(
             simulated=start.options.simulate,
             stock=start.stock,
             results=start.stock.books(points),
-            hand=hand_of(start.bench, attended=start.options.attended, live=_paged(live)),
+            hand=manual_current_of(start.bench, attended=start.options.attended, live=_paged(live)),
         )
         try:
             runner = Runner(campaign, signals, finaliser, baseline)

@@ -25,8 +25,8 @@ from rig.campaign.execution.observer import AT_CENTRE_M
 from rig.campaign.machine_resources import station_in_use
 from rig.campaign.preflight.proof_move import PROOF_M, PROOF_SPEED_M_S, Leg, judge_proof, proof_targets
 from rig.campaign.stop_cause import StopCause
+from rig.check.evaluation import ACTUATOR, ECU, LOAD_CELL, LVDT, Reports
 from rig.check.finding import CheckReport, failed, warning
-from rig.check.judgement import ACTUATOR, ECU, LOAD_CELL, LVDT, Reports
 from rig.clock import monotonic_ns, utc_now
 from rig.errors import EXIT_DONE, UnknownRigState
 from rig.recording.journal.ring_reader import RingReader

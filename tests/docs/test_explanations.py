@@ -14,7 +14,7 @@ import pytest
 from in_process import rig
 
 from drivers.capabilities import Capabilities, WatchdogKind
-from drivers.catalogue import make_hand_source
+from drivers.catalogue import make_manual_source
 from drivers.devices.ecu_missing import WITHOUT
 from drivers.devices.supply import Command, SupplyCommands, SupplyDescription, SupplyLink, supply_lacks
 from drivers.devices.supply_file import supply
@@ -125,7 +125,7 @@ def known() -> dict[str, str]:
         **dict.fromkeys(DOUBTS, "rig/recording/foreign_tests.py"),
         **dict.fromkeys((*SLUGS, ZERO_RETURN, *VERDICT_REMARKS), "rig/recording/quality"),
         **{f"actuator-without-{name}": "drivers/capabilities.py" for name in lacking},
-        **{f"ecu-without-{name}": "drivers/hand_source.py" for name, _ in make_hand_source(None).lacking},
+        **{f"ecu-without-{name}": "drivers/manual_current.py" for name, _ in make_manual_source(None).lacking},
         **{f"ecu-without-{name}": "drivers/devices/supply.py" for name, _ in supply_lacks(BARE)},
         **{f"ecu-without-{name}": "drivers/devices/output.py" for name, _ in supply_lacks(output)},
         **{f"ecu-without-{name}": "drivers/devices/ecu_missing.py" for name in WITHOUT},

@@ -12,7 +12,7 @@ from drivers.connection import CanAddress
 from drivers.devices.source import current_source
 from drivers.devices.supply import SupplyConnection
 from drivers.devices.supply_file import supply
-from drivers.hand_source import HandSource
+from drivers.manual_current import ManualCurrentSource
 from drivers.origins import origins_of
 from drivers.register_maps.map_file import controller
 from drivers.register_maps.map_origins import map_origins
@@ -61,7 +61,7 @@ def test_the_statement_gives_the_value_that_is_decoded(
 def test_an_ecu_states_its_signals_and_an_operator_that_nothing_is_measured() -> None:
     ecu = CanCurrentSource(CanPort(CanAddress("virtual", "origins", 500_000), device="ecu"), current_source("demo"))  # type: ignore[arg-type]  # the demo is an ECU
     assert origins_of(ecu)[Channel.COIL_CURRENT].from_wire == "value = 0.001 * int16 CoilStatus.Current"
-    told = origins_of(HandSource())[Channel.COIL_CURRENT]
+    told = origins_of(ManualCurrentSource())[Channel.COIL_CURRENT]
     assert (told.source, "not measured" in told.long_name) == ("operator", True)
     assert origins_of(object()) == {}
 
@@ -96,4 +96,4 @@ def test_a_set_point_in_milliamperes_and_a_state_that_no_device_reports_are_stat
     source = ScpiSupply(SupplyConnection("socket://127.0.0.1:1", supply(table)))
     stated = source.origins[Channel.COMMANDED_CURRENT].from_wire
     assert stated == "value = 0.001 * number sent in 'ISET {current_mA:.0f}'"
-    assert "no device reports it" in HandSource().origins[Channel.ECU_STATE].from_wire
+    assert "no device reports it" in ManualCurrentSource().origins[Channel.ECU_STATE].from_wire

@@ -8,7 +8,7 @@ from typing import Any
 
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
-from rig.campaign.hand import Hand
+from rig.campaign.manual_current import ManualCurrent
 from rig.campaign.point_results import PointResults
 from rig.campaign.results import Display
 from rig.campaign.resume import Stock
@@ -58,7 +58,7 @@ class CampaignContext:
     identities: dict[str, Any] = field(default_factory=dict)
     channels: dict[str, dict[str, str]] = field(default_factory=dict)
     at_rest: dict[str, float] = field(default_factory=dict)
-    hand: Hand | None = None
+    hand: ManualCurrent | None = None
 
     @property
     def files(self) -> CampaignFolder:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rig.campaign.sequencer import by_hand, point_preparation, stopping
 from rig.campaign.sequencer import event as ev
+from rig.campaign.sequencer import manual_current, point_preparation, stopping
 from rig.campaign.sequencer.state import Phase, State
 from rig.campaign.sequencer.stopping import Handler, Step
 from rig.campaign.stop_cause import because
@@ -43,9 +43,9 @@ OVERDUE: dict[Phase, Handler] = {
     Phase.PRESSURE_LOW: _unanswered,
     Phase.PRESSURE_ON: _unanswered,
     Phase.YIELDING: _unanswered,
-    Phase.ASKING: by_hand.unanswered,
+    Phase.ASKING: manual_current.unanswered,
     Phase.TOLD: _stops(StopKind.PRESSURE_OFF, "task-dies", "unanswered", phase=Phase.TOLD),
-    Phase.TAKING_AWAY: by_hand.left,
+    Phase.TAKING_AWAY: manual_current.left,
     Phase.TAKEN_AWAY: lambda state, _: stopping.end(state),
     Phase.RESETTING: stopping.overdue,
     Phase.FINISHING: stopping.overdue,

@@ -80,7 +80,7 @@ Drives = tuple[Drive, ...]
 
 
 @dataclass(frozen=True)
-class Hand:
+class ManualState:
     """A current that a person sets: the pressure meanwhile (off, low, on), and how long an answer may take (s)."""
 
     pressure: str
@@ -109,7 +109,7 @@ class Conditions:
     warm_up: TestPoint | None = None
     longest_s: float = 3600.0
     demagnetise: bool = False
-    hand: Hand | None = None
+    hand: ManualState | None = None
 
     def highest_start(self, point: TestPoint) -> float:
         """Largest temperature (degC) at which the point may begin; inf without a window."""
@@ -163,7 +163,7 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
         tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
         ceilings={point.id: _ceiling(point, matrix, bench) for point in points if point.kind == LOOP},
         demagnetise=matrix.campaign.demagnetise,
-        hand=Hand(_pressure_while_asked(bench), bench.ecu.answer_within_s) if bench.ecu.by_hand else None,
+        hand=ManualState(_pressure_while_asked(bench), bench.ecu.answer_within_s) if bench.ecu.by_hand else None,
     )
     if temperature is None:
         return conditions

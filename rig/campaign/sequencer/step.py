@@ -6,7 +6,7 @@
 The sequence: connect, check zeros, arm, test the watchdog, pressure low, pressure on, check the sensors by a slow move,
 then for each point: centre, settle the current, record and run, back to 0 A, rest; at the end hydraulics off.
 Temperature, magnetic history and trial programs come in between if the matrix requires them (`point_preparation`),
-the operator if the current is set manually (`by_hand`).
+the operator if the current is set manually (`manual_current`).
 It is defined by tables: `NEXT` for the phase an event belongs to, `ALWAYS` for events that can come at any time,
 `OVERDUE` (`overdue`) for phases that exceed their deadline. An event in none of them is late and has no effect.
 """
@@ -17,8 +17,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from rig.campaign.sequencer import action as act
-from rig.campaign.sequencer import by_hand, point_preparation, stopping
 from rig.campaign.sequencer import event as ev
+from rig.campaign.sequencer import manual_current, point_preparation, stopping
 from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.sequencer.overdue import OVERDUE, PAUSE_LIMIT_S
 from rig.campaign.sequencer.state import Phase, State
@@ -70,7 +70,7 @@ def _prove_watchdog(state: State) -> Step:
 
 
 def _connected(state: State) -> Step:
-    return by_hand.ask(state, 0.0) if by_hand.due(state, 0.0) else _check_zeros(state)
+    return manual_current.ask(state, 0.0) if manual_current.due(state, 0.0) else _check_zeros(state)
 
 
 def _check_zeros(state: State) -> Step:
@@ -115,8 +115,8 @@ PROVED: dict[tuple[Phase, Request], Callable[[State], Step]] = {
     (Phase.PROVING_WATCHDOG, Request.STARVE_WATCHDOG): _pressure_low,
     (Phase.PRESSURE_LOW, Request.HYDRAULICS_LOW): _pressure_on,
     (Phase.PRESSURE_ON, Request.HYDRAULICS_ON): _powered,
-    (Phase.YIELDING, Request.HYDRAULICS_OFF): by_hand.without_pressure,
-    (Phase.YIELDING, Request.HYDRAULICS_LOW): by_hand.with_low_pressure,
+    (Phase.YIELDING, Request.HYDRAULICS_OFF): manual_current.without_pressure,
+    (Phase.YIELDING, Request.HYDRAULICS_LOW): manual_current.with_low_pressure,
     (Phase.STOPPING, Request.STOP): lambda state: stopping.stopped(
         state, ev.Safe() if state.latch is None else ev.Safe(state.latch.stop)
     ),
@@ -138,8 +138,8 @@ def _done(state: State, event: ev.Done) -> Step:
 def _next_point(state: State) -> Step:
     running = state.queue and not state.pause_asked
     wanted_A = point_preparation.program(state).first_current_A if running else 0.0
-    if by_hand.due(state, wanted_A):
-        return by_hand.ask(state, wanted_A)
+    if manual_current.due(state, wanted_A):
+        return manual_current.ask(state, wanted_A)
     if not state.queue:
         if state.unjudged:
             return stopping.enter(state, Phase.JUDGING, device_s=0.0, wall_s=JUDGING_LIMIT_S)
@@ -290,7 +290,7 @@ def _cleared(state: State, event: ev.CurrentSettled) -> Step:
 
 
 def _told(state: State, event: ev.CurrentSettled) -> Step:
-    state = by_hand.told(state)
+    state = manual_current.told(state)
     if not state.armed:
         return _check_zeros(state)
     if not state.yielded:
@@ -300,8 +300,8 @@ def _told(state: State, event: ev.CurrentSettled) -> Step:
 
 def _go_on(state: State) -> Step:
     """To the rest after a point, at 0 A, or to the next point."""
-    if state.rest_s > 0.0 and by_hand.due(state, 0.0):
-        return by_hand.ask(state, 0.0)
+    if state.rest_s > 0.0 and manual_current.due(state, 0.0):
+        return manual_current.ask(state, 0.0)
     if state.rest_s > 0.0:
         limit_s = state.rest_s + REST_EXTRA_S
         return stopping.enter(replace(state, rest_s=0.0), Phase.RESTING, act.Rest(state.rest_s), device_s=limit_s)
@@ -344,10 +344,10 @@ NEXT: dict[tuple[Phase, type[ev.Event]], Handler] = {
     (Phase.COOLING, ev.CooledDown): lambda state, _: _next_point(state),
     (Phase.DEMAGNETISING, ev.CurrentSettled): lambda state, _: point_preparation.demagnetised(state, _settle),
     (Phase.SETTLING, ev.CurrentSettled): _run,
-    (Phase.ASKING, ev.OperatorAnswered): by_hand.answered,
+    (Phase.ASKING, ev.OperatorAnswered): manual_current.answered,
     (Phase.TOLD, ev.CurrentSettled): _told,
-    (Phase.TAKING_AWAY, ev.OperatorAnswered): by_hand.taken_away,
-    (Phase.TAKING_AWAY, ev.Abort): by_hand.left,
+    (Phase.TAKING_AWAY, ev.OperatorAnswered): manual_current.taken_away,
+    (Phase.TAKING_AWAY, ev.Abort): manual_current.left,
     (Phase.TAKING_AWAY, ev.Fault): stopping.note_abort_while_finishing,
     (Phase.TAKEN_AWAY, ev.CurrentSettled): lambda state, _: stopping.end(state),
     (Phase.TAKEN_AWAY, ev.Abort): stopping.note_abort_while_finishing,

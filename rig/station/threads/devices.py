@@ -10,7 +10,7 @@ from drivers.catalogue import (
     SupplyConnection,
     make_actuator,
     make_current_source,
-    make_hand_source,
+    make_manual_source,
     make_sensor,
     make_supply,
 )
@@ -224,7 +224,7 @@ def slug_of(error: Exception) -> str:
 def _current_source(given: EcuConfig) -> CurrentSource:
     """The driver of the coil's current source: a person, a supply where its address is stated, else on CAN."""
     if given.by_hand:
-        return make_hand_source(given.rehearsal)
+        return make_manual_source(given.rehearsal)
     described = given.described_supply
     if given.url is None or described is None:
         return make_current_source(*given.described_source, CanAddress(

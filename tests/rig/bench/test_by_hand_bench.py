@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.catalogue import make_hand_source
+from drivers.catalogue import make_manual_source
 from drivers.ring import Channel
 from rig.bench.model import Bench
-from rig.campaign.hand import TerminalHand, check_hand
+from rig.campaign.manual_current import TerminalManualCurrent, check_manual_current
 from rig.campaign.setup import accepted
 from rig.campaign.simulated_rig import wearing
 from rig.errors import FileProblem, Refused
@@ -90,17 +90,17 @@ def test_matrices_that_nobody_can_follow_are_refused(tmp_path: Path, added: str,
 
 def test_without_somebody_at_a_terminal_it_is_refused(tmp_path: Path) -> None:
     given = bench(tmp_path)
-    check_hand(given, attended=True)
+    check_manual_current(given, attended=True)
     with pytest.raises(Refused, match="run at a terminal") as caught:
-        check_hand(given, attended=False)
+        check_manual_current(given, attended=False)
     assert caught.value.slug == "by-hand-unattended"
-    check_hand(bench(tmp_path, 'rehearsal = "tcp://127.0.0.1:5025"'), attended=False)
+    check_manual_current(bench(tmp_path, 'rehearsal = "tcp://127.0.0.1:5025"'), attended=False)
 
 
 def test_only_an_empty_line_typed_after_the_question_confirms() -> None:
     master, slave = os.openpty()
     try:
-        hand = TerminalHand(slave)
+        hand = TerminalManualCurrent(slave)
         os.write(master, b"\n")
         assert not hand.answered(), "nothing was asked"
         hand.ask(0.5)
@@ -116,7 +116,7 @@ def test_only_an_empty_line_typed_after_the_question_confirms() -> None:
 
 
 def test_what_was_said_stays_said_whatever_a_stop_commands() -> None:
-    source = make_hand_source(None)
+    source = make_manual_source(None)
     source.open()
     source.start(0.01)
     source.command(0.5)

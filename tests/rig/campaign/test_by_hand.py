@@ -13,7 +13,7 @@ from rig.campaign.results import RigState
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Request
-from rig.campaign.sequencer.state import Conditions, Hand, Phase, State, conditions_of, start_state
+from rig.campaign.sequencer.state import Conditions, ManualState, Phase, State, conditions_of, start_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.stop_cause import StopCause
 from rig.faults.row import StopKind
@@ -43,7 +43,7 @@ def asked(actions: list[act.Action]) -> list[float]:
 def connected(*currents_A: float, pressure: str = "off", rest_s: float = 0.0) -> tuple[State, list[act.Action]]:
     numbered = enumerate(currents_A)
     points = tuple(replace(SINE, id=f"p{number}", current_A=at_A, rest_s=rest_s) for number, at_A in numbered)
-    first = start_state(points, 0, Conditions(hand=Hand(pressure, 600.0)))
+    first = start_state(points, 0, Conditions(hand=ManualState(pressure, 600.0)))
     return through(first, ev.Begin(), ev.Done(Request.CONNECT))
 
 

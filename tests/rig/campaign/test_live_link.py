@@ -12,8 +12,8 @@ from typing import Any, cast
 
 import pytest
 
-from rig.campaign.hand import PageHand, RehearsedHand
 from rig.campaign.live_link import Asked, LiveLink, Wish
+from rig.campaign.manual_current import PageManualCurrent, RehearsedManualCurrent
 from rig.campaign.operator_link import Signals
 from rig.campaign.results import PointResult
 from rig.campaign.sequencer import event as ev
@@ -144,7 +144,7 @@ def test_what_is_shown_of_a_campaign_stands_in_whole_files(link: LiveLink) -> No
 
 
 def test_a_current_set_by_hand_is_confirmed_on_the_page_for_this_question_alone(link: LiveLink) -> None:
-    hand = PageHand(link, None)
+    hand = PageManualCurrent(link, None)
     say(link, do="set", by="Ada", number=1)
     link.take()
     assert not hand.answered(), "nothing was asked"
@@ -165,7 +165,7 @@ def test_a_current_set_by_hand_is_confirmed_on_the_page_for_this_question_alone(
 
 
 def test_who_answers_first_of_page_and_terminal_counts(link: LiveLink) -> None:
-    hand = PageHand(link, RehearsedHand())
+    hand = PageManualCurrent(link, RehearsedManualCurrent())
     hand.ask(0.5)
     assert hand.answered()
     assert link.asked is None, "the page no longer asks"

@@ -18,7 +18,16 @@ from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.sequencer.event import MeasuredMotion
-from rig.campaign.sequencer.state import NO_CONDITIONS, Ceiling, Conditions, Hand, Latch, Phase, State, start_state
+from rig.campaign.sequencer.state import (
+    NO_CONDITIONS,
+    Ceiling,
+    Conditions,
+    Latch,
+    ManualState,
+    Phase,
+    State,
+    start_state,
+)
 from rig.campaign.sequencer.step import step
 from rig.campaign.sequencer.stopping import COOLING_PAUSE_S
 from rig.campaign.stop_cause import StopCause
@@ -142,7 +151,7 @@ CASES = {
         phases=frozenset({Phase.GATING, Phase.COOLING, Phase.WARMING, Phase.DEMAGNETISING, Phase.STEPPING}),
     ),
     "by-hand": Case(
-        conditions=Conditions(hand=Hand("off", 600.0)),
+        conditions=Conditions(hand=ManualState("off", 600.0)),
         events=(*WITHOUT_PAUSES, ev.Abort(StopKind.FADE_OUT, StopCause("sigint")), ev.OperatorAnswered()),
         phases=frozenset({Phase.YIELDING, Phase.ASKING, Phase.TOLD, Phase.TAKING_AWAY, Phase.TAKEN_AWAY}),
     ),

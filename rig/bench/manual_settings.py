@@ -12,7 +12,7 @@ _NOT_BESIDE = (
 )  # fmt: skip
 
 
-class HandEntries(Protocol):
+class ManualEntries(Protocol):
     """The entries of `[ecu]` that belong to a current set by hand."""
 
     @property
@@ -36,7 +36,7 @@ class HandEntries(Protocol):
         """The kind of a current controller."""
 
 
-def hand_problems_of(config: HandEntries) -> Iterator[Problem]:
+def manual_problems_of(config: ManualEntries) -> Iterator[Problem]:
     """Entries of another kind of current source beside `by_hand = true`, and its own without it."""
     if not config.by_hand:
         if config.rehearsal is not None:

@@ -17,7 +17,7 @@ CHUNK = 4096
 UNATTENDED = "by-hand-unattended"
 
 
-class Hand(Protocol):
+class ManualCurrent(Protocol):
     """The operator at the supply."""
 
     def ask(self, current_A: float) -> None:
@@ -27,7 +27,7 @@ class Hand(Protocol):
         """Whether it was confirmed since; says so once."""
 
 
-class RehearsedHand:
+class RehearsedManualCurrent:
     """On a simulated rig: confirms at once; the station turns the simulated knob."""
 
     def __init__(self) -> None:
@@ -43,7 +43,7 @@ class RehearsedHand:
         return asked
 
 
-class TerminalHand:
+class TerminalManualCurrent:
     """At the terminal: an empty line (Enter) confirms; anything else on the line does not.
 
     Args:
@@ -81,7 +81,7 @@ class TerminalHand:
         return True
 
 
-class PageHand:
+class PageManualCurrent:
     """The operator with the page's lease and the operator at the terminal: the first answer counts.
 
     Args:
@@ -89,7 +89,7 @@ class PageHand:
         terminal: None without an operator there.
     """
 
-    def __init__(self, live: LiveLink, terminal: Hand | None) -> None:
+    def __init__(self, live: LiveLink, terminal: ManualCurrent | None) -> None:
         self._live = live
         self._terminal = terminal
 
@@ -112,7 +112,7 @@ class PageHand:
         return True
 
 
-def hand_of(bench: Bench, *, attended: bool, live: LiveLink | None = None) -> Hand | None:
+def manual_current_of(bench: Bench, *, attended: bool, live: LiveLink | None = None) -> ManualCurrent | None:
     """The operator who sets the current of this bench; None if a device drives it.
 
     Args:
@@ -123,12 +123,12 @@ def hand_of(bench: Bench, *, attended: bool, live: LiveLink | None = None) -> Ha
     if not bench.ecu.by_hand:
         return None
     if bench.ecu.rehearsal is not None:
-        return RehearsedHand()
-    terminal = TerminalHand(sys.stdin.fileno()) if attended else None
-    return terminal if live is None else PageHand(live, terminal)
+        return RehearsedManualCurrent()
+    terminal = TerminalManualCurrent(sys.stdin.fileno()) if attended else None
+    return terminal if live is None else PageManualCurrent(live, terminal)
 
 
-def check_hand(bench: Bench, *, attended: bool) -> None:
+def check_manual_current(bench: Bench, *, attended: bool) -> None:
     """Refuse a bench whose current is set manually if no operator can be asked.
 
     Args:

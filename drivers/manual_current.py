@@ -26,7 +26,7 @@ _LACKING = (
 )  # fmt: skip
 
 
-class HandSource(ToldSource):
+class ManualCurrentSource(ToldSource):
     """What a person says of the coil's current; a `drivers.current_source.CurrentSource`.
 
     Args:
