@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from fault_case import Case
-from true_states import Happening, Truth
+from true_states import FaultEvent, Truth
 from watched_campaign import Ending
 
 from drivers.roles import State
@@ -173,13 +173,13 @@ def _stopped(case: Case, ending: Ending, fault_ns: int, outcome: Outcome) -> Non
         outcome.expect(bool(truth.all("HYDRAULICS_OFF", text="DONE", after=motion)), "the pressure was not taken away")
 
 
-def _zeros(truth: Truth) -> list[Happening]:
+def _zeros(truth: Truth) -> list[FaultEvent]:
     """Lines by which the coil goes to 0 A: commanded, or by the ECU itself."""
     commanded = [each for each in truth.all("SET_CURRENT") if each.text.startswith(("0.000", "-0.000"))]
     return sorted([*commanded, *truth.all("ECU_FAULT")], key=lambda each: each.host_ns)
 
 
-def _came_to_rest(case: Case, truth: Truth, motion: Happening, zeros: list[Happening], outcome: Outcome) -> None:
+def _came_to_rest(case: Case, truth: Truth, motion: FaultEvent, zeros: list[FaultEvent], outcome: Outcome) -> None:
     hard = case.row.end == "SO" or case.row.slug in {"estop", "stop-ignored"}
     if case.row.slug == "stop-ignored":
         motion = truth.first("HYDRAULICS_OFF", after=motion)

@@ -30,7 +30,7 @@ from typing import Any
 
 from campaign_process import machine
 
-from simulators.scenarios.request import Asked, seeds_of
+from simulators.scenarios.request import ScenarioRequest, seeds_of
 from simulators.scenarios.runs import Ended, begin_worker, every, live, memory
 
 CAMPAIGN_S = 8.0
@@ -48,7 +48,7 @@ def told() -> str:
 def run(seed: int, root: Path) -> Ended:
     """One world of a seed in a folder of `root`."""
     with tempfile.TemporaryDirectory(prefix="world-", dir=root) as name:
-        return live(Asked().plan(seed), Path(name))[1]
+        return live(ScenarioRequest().plan(seed), Path(name))[1]
 
 
 def one_after_the_other(seeds: range) -> list[Ended]:
@@ -74,7 +74,7 @@ def campaigns(arguments: argparse.Namespace) -> dict[str, Any]:
     """Random campaigns with enough motion, in a given time."""
     end_s, worlds = time.perf_counter() + 60.0 * arguments.minutes, []
     seeds = range(arguments.first, arguments.first + 1_000_000)
-    for world in every(seeds, Asked(), arguments.jobs):
+    for world in every(seeds, ScenarioRequest(), arguments.jobs):
         worlds.append(world)
         if time.perf_counter() > end_s:
             break

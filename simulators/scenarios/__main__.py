@@ -16,7 +16,7 @@ from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 
 if TYPE_CHECKING:
-    from simulators.scenarios.request import Asked
+    from simulators.scenarios.request import ScenarioRequest
 
 FILE = click.Path(path_type=Path)
 
@@ -58,13 +58,13 @@ def command(
 
     Exit code 5 when a check failed in a scenario.
     """
-    from simulators.scenarios.request import Files, asked_for, seeds_of
+    from simulators.scenarios.request import Files, request_for, seeds_of
 
     if happening:
         say("rig: `--happening` is now `--event`; the old name will be removed in 2.0", err=True)
     wanted = seeds_of(seeds)
     _check_usage(wanted, ways)
-    asked = asked_for(Files(matrix, bench), (*events, *happening), ways["until"], ways["actuator"] or "")
+    asked = request_for(Files(matrix, bench), (*events, *happening), ways["until"], ways["actuator"] or "")
     _check_trace(ways["trace"], asked)
     return _run(wanted, asked, ways, as_json=as_json)
 
@@ -81,7 +81,7 @@ def _check_usage(seeds: range, ways: dict[str, Any]) -> None:
         raise click.UsageError("--shrink needs a complete scenario and cannot be combined with --until or --trace")
 
 
-def _check_trace(path: Path | None, asked: Asked) -> None:
+def _check_trace(path: Path | None, asked: ScenarioRequest) -> None:
     """Refuse to write over one of the user's files.
 
     Raises:
@@ -93,19 +93,19 @@ def _check_trace(path: Path | None, asked: Asked) -> None:
             raise click.BadParameter(words, param_hint="--trace")
 
 
-def _run(seeds: range, asked: Asked, ways: dict[str, Any], *, as_json: bool) -> int:
+def _run(seeds: range, asked: ScenarioRequest, ways: dict[str, Any], *, as_json: bool) -> int:
     """Run them all; how far it is on the standard error.
 
     Raises:
         KeyboardInterrupt: Ctrl-C; what was done is told.
     """
-    from simulators.scenarios.output import Telling
+    from simulators.scenarios.output import ProgressOutput
     from simulators.scenarios.runs import every, in_a_worker
     from simulators.scenarios.shrink import tell_smallest
     from simulators.scenarios.tracing import traced
 
     shown, trace = console(as_json=True), ways["trace"]
-    telling = Telling(len(seeds), asked, shown, bar=trace is None)
+    telling = ProgressOutput(len(seeds), asked, shown, bar=trace is None)
     try:
         with telling:
             run = every(seeds, asked, ways["jobs"]) if trace is None else [in_a_worker(traced, seeds[0], asked, trace)]

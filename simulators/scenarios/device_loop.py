@@ -19,7 +19,7 @@ from simulators.scenarios.streams import End, Network, Stream
 READ_SIZE = 1 << 16
 
 
-class WorldLoop(asyncio.BaseEventLoop):
+class ScenarioLoop(asyncio.BaseEventLoop):
     """An event loop of one world."""
 
     def __init__(self, kernel: Kernel, network: Network) -> None:
@@ -111,7 +111,7 @@ class Server:
 class Transport(asyncio.Transport):
     """One connection of the devices."""
 
-    def __init__(self, loop: WorldLoop, end: End, protocol: Any) -> None:  # noqa: ANN401
+    def __init__(self, loop: ScenarioLoop, end: End, protocol: Any) -> None:  # noqa: ANN401
         super().__init__()
         self._loop = loop
         self._end = end

@@ -1,6 +1,6 @@
 """What must hold in every world, whatever happens in it.
 
-Each check looks at what really happened (`WorldTruth`), at what the program wrote (journal, files) and at what it
+Each check looks at what really happened (`ScenarioTruth`), at what the program wrote (journal, files) and at what it
 answered. Times are those of the virtual host's clock.
 """
 
@@ -22,7 +22,7 @@ from rig.recording.recorded_point import RecordedPoint
 from simulators.scenarios.motion_invariants import MOTION_CHECKS
 from simulators.scenarios.plan import DEATHS, DISK, OF_THE_STATION, SIGNALS
 from simulators.scenarios.proof_invariants import PROOF_CHECKS
-from simulators.scenarios.scenario import EVERY_S, MOST_SESSIONS, World
+from simulators.scenarios.scenario import EVERY_S, MOST_SESSIONS, Scenario
 from simulators.scenarios.stop_invariants import STOP_CHECKS, STOPS
 from simulators.scenarios.view import (
     KILLING,
@@ -60,7 +60,7 @@ OTHER_CURRENT_A, OTHER_CURRENT_SHARE, OTHER_CURRENT_S = 0.06, 0.06, 0.25
 """The station's tolerance of the current and its sensor's noise, and for how long it may be otherwise in a point."""
 
 
-def judged(world: World) -> Iterator[tuple[str, str, float]]:
+def judged(world: Scenario) -> Iterator[tuple[str, str, float]]:
     """Everything that does not hold: invariant, words, when (s)."""
     if world.ended:
         yield "ends", world.ended, world.kernel.time_s
@@ -362,7 +362,7 @@ CHECKS: dict[str, Callable[[View], Findings]] = {
 }
 
 
-def campaign_is_complete(world: World) -> Iterator[str]:
+def campaign_is_complete(world: Scenario) -> Iterator[str]:
     """In the end every point has a file, and one that is not valid says what disturbed it."""
     folder = world.folder
     if world.ended or folder is None or world.most_sessions < MOST_SESSIONS:
@@ -378,7 +378,7 @@ def campaign_is_complete(world: World) -> Iterator[str]:
             yield f"{point.id} is {point.verdict} at the end: {'; '.join(point.reasons)[:300]}"
 
 
-def skew_covers_the_truth(world: World) -> Iterator[str]:
+def skew_covers_the_truth(world: Scenario) -> Iterator[str]:
     """The stated delay between the sensors covers the true one, which is none."""
     if world.folder is None:
         return
@@ -394,7 +394,7 @@ def skew_covers_the_truth(world: World) -> Iterator[str]:
             yield f"{path.name}: skew {1e6 * skew.value_s:.0f} +- {1e6 * skew.std_s:.0f} us, true 0"
 
 
-WORLD_CHECKS: dict[str, Callable[[World], Iterator[str]]] = {
+WORLD_CHECKS: dict[str, Callable[[Scenario], Iterator[str]]] = {
     "complete": campaign_is_complete,
     "skew": skew_covers_the_truth,
 }

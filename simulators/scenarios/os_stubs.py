@@ -47,7 +47,7 @@ class NoCounterpart(AttributeError):
     """Production code uses something of the machine that a world does not have."""
 
 
-class Stand:
+class StubModule:
     """Stands for a module: what a world has of it, and what is the same everywhere."""
 
     def __init__(self, name: str, own: Mapping[str, object], real: object = None, same: str = "") -> None:
@@ -190,27 +190,27 @@ def stands(machine: Machine) -> dict[int, object]:
         (time, _time(machine)),
         (threading, _threading(machine)),
         (real_queue, _queue(kernel)),
-        (select, Stand("select", {"select": machine.select})),
-        (socket, Stand("socket", {"create_connection": machine.connect}, socket, "socket getaddrinfo inet_aton")),
+        (select, StubModule("select", {"select": machine.select})),
+        (socket, StubModule("socket", {"create_connection": machine.connect}, socket, "socket getaddrinfo inet_aton")),
         (real_subprocess, _subprocess(machine)),
-        (real_signal, Stand("signal", {"signal": partial(_handle, machine)}, real_signal, "Signals")),
-        (real_fcntl, Stand("fcntl", {"flock": partial(_flock, machine)}, real_fcntl, "ioctl")),
+        (real_signal, StubModule("signal", {"signal": partial(_handle, machine)}, real_signal, "Signals")),
+        (real_fcntl, StubModule("fcntl", {"flock": partial(_flock, machine)}, real_fcntl, "ioctl")),
         (secrets, _secrets(machine)),
-        (gc, Stand("gc", {"collect": lambda: 0, "freeze": lambda: None})),
-        (resource, Stand("resource", {"setrlimit": lambda *_: None}, resource, "getrlimit")),
+        (gc, StubModule("gc", {"collect": lambda: 0, "freeze": lambda: None})),
+        (resource, StubModule("resource", {"setrlimit": lambda *_: None}, resource, "getrlimit")),
         (real_sys, System(machine)),
         (concurrent.futures.ThreadPoolExecutor, partial(futures.ThreadPoolExecutor, kernel)),
         (concurrent.futures.Future, partial(futures.Future, kernel)),
         (concurrent.futures.wait, futures.wait_for_futures),
         (WALL_TIME, machine.wall_s),
-        (shutil, Stand("shutil", {"disk_usage": lambda _: SimpleNamespace(free=ROOM)}, shutil, "rmtree")),
-        (mmap, Stand("mmap", {"mmap": _mapped}, mmap)),
-        (io, Stand("io", {"open": Files(machine).file}, io, "text_encoding")),
+        (shutil, StubModule("shutil", {"disk_usage": lambda _: SimpleNamespace(free=ROOM)}, shutil, "rmtree")),
+        (mmap, StubModule("mmap", {"mmap": _mapped}, mmap)),
+        (io, StubModule("io", {"open": Files(machine).file}, io, "text_encoding")),
     ]
     return {id(real): stand for real, stand in pairs}
 
 
-def _operating_system(machine: Machine) -> Stand:
+def _operating_system(machine: Machine) -> StubModule:
     files = Files(machine)
     own = {
         "open": files.open, "pwrite": files.pwrite, "posix_fallocate": files.posix_fallocate, "fsync": files.fsync,
@@ -225,7 +225,7 @@ def _operating_system(machine: Machine) -> Stand:
         "getppid": lambda: _parent(machine.here),
         "kill": partial(_kill, machine), "killpg": partial(_kill, machine, group=True), "nice": lambda step: step,
     }  # fmt: skip
-    return Stand("os", own, real_os, SAME_OS)
+    return StubModule("os", own, real_os, SAME_OS)
 
 
 def _fdopen(machine: Machine, number: int, mode: str = "r", *given: Any, **named: Any) -> Any:  # noqa: ANN401
@@ -237,7 +237,7 @@ def _fdopen(machine: Machine, number: int, mode: str = "r", *given: Any, **named
     return real_os.fdopen(copied, mode, *given, **named)
 
 
-def _time(machine: Machine) -> Stand:
+def _time(machine: Machine) -> StubModule:
     kernel = machine.kernel
 
     def clock_ns(clock: int) -> int:
@@ -250,31 +250,31 @@ def _time(machine: Machine) -> Stand:
         "gmtime": lambda at_s=None: time.gmtime(machine.wall_s() if at_s is None else at_s),
         "strftime": lambda form, at=None: time.strftime(form, time.gmtime(machine.wall_s()) if at is None else at),
     }  # fmt: skip
-    return Stand("time", own, time)
+    return StubModule("time", own, time)
 
 
-def _threading(machine: Machine) -> Stand:
+def _threading(machine: Machine) -> StubModule:
     kernel, main, other = machine.kernel, SimpleNamespace(name="MainThread"), SimpleNamespace(name="thread")
     own: dict[str, object] = {
         name: partial(getattr(threads, name), kernel) for name in ("Thread", "Lock", "RLock", "Condition", "Event")
     }
     own["main_thread"] = lambda: main
     own["current_thread"] = lambda: main if machine.here and kernel.thread is machine.here.main else other
-    return Stand("threading", own)
+    return StubModule("threading", own)
 
 
-def _queue(kernel: Kernel) -> Stand:
+def _queue(kernel: Kernel) -> StubModule:
     own: dict[str, object] = dict.fromkeys(("Queue", "SimpleQueue"), partial(threads.Queue, kernel))
-    return Stand("queue", own, real_queue, "Empty Full")
+    return StubModule("queue", own, real_queue, "Empty Full")
 
 
-def _subprocess(machine: Machine) -> Stand:
-    return Stand("subprocess", {"Popen": partial(Popen, machine)}, real_subprocess, "PIPE DEVNULL TimeoutExpired")
+def _subprocess(machine: Machine) -> StubModule:
+    return StubModule("subprocess", {"Popen": partial(Popen, machine)}, real_subprocess, "PIPE DEVNULL TimeoutExpired")
 
 
-def _secrets(machine: Machine) -> Stand:
+def _secrets(machine: Machine) -> StubModule:
     chance = machine.chance
-    return Stand("secrets", {
+    return StubModule("secrets", {
         "randbelow": chance.randrange, "token_hex": lambda size: f"{chance.getrandbits(8 * size):0{2 * size}x}",
     })
 
@@ -344,11 +344,11 @@ class System:
             process.files.setdefault(name, Writer(self._machine, process.stdout))
             return process.files[name]
         if process is not None and name == "stderr":
-            return Told(process)
+            return ErrorStream(process)
         return getattr(real_sys, name)
 
 
-class Told(io.TextIOBase):
+class ErrorStream(io.TextIOBase):
     """The standard error of a process."""
 
     def __init__(self, process: Process) -> None:

@@ -16,7 +16,7 @@ from rig.document.terminal import STYLES
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from simulators.scenarios.request import Asked
+    from simulators.scenarios.request import ScenarioRequest
     from simulators.scenarios.runs import Ended
 
 GOOD, LOOK, BAD = STYLES[severity.GOOD], STYLES[severity.FAIR], STYLES[severity.POOR]
@@ -25,7 +25,7 @@ LINES = 20
 LONGEST_WORDS = 1000
 
 
-class Telling:
+class ProgressOutput:
     """Counts worlds and shows them.
 
     Args (construction):
@@ -39,7 +39,7 @@ class Telling:
             happen later than the campaign lasted.
     """
 
-    def __init__(self, count: int, asked: Asked, shown: Console, *, bar: bool = True) -> None:
+    def __init__(self, count: int, asked: ScenarioRequest, shown: Console, *, bar: bool = True) -> None:
         self.failed: list[dict[str, Any]] = []
         self.not_happened: list[dict[str, Any]] = []
         self.worlds = 0

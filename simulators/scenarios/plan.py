@@ -94,7 +94,7 @@ GAPS = (
 
 
 @dataclass(frozen=True)
-class Happening:
+class FaultEvent:
     """One thing that happens in a world.
 
     Attributes:
@@ -118,7 +118,7 @@ class Happening:
         """When it begins, about: so long after the application was started (s)."""
         return (self.at_s or 0.0) + (0.0 if self.around or self.at_s is None else FIRST_CYCLE_S)
 
-    def begun_at(self, begins_s: float) -> Happening:
+    def begun_at(self, begins_s: float) -> FaultEvent:
         """The same so long after the application was started (s), but not before the first cycle."""
         return replace(self, at_s=round(max(0.0, begins_s - (0.0 if self.around else FIRST_CYCLE_S)), 3))
 
@@ -127,7 +127,7 @@ class Happening:
         return self.what + at + ("" if self.lasts_s is None else f"+{self.lasts_s:g}")
 
     @classmethod
-    def parse(cls, text: str) -> Happening:
+    def parse(cls, text: str) -> FaultEvent:
         """`WHAT@T` or `WHAT@T+D`.
 
         Raises:
@@ -151,7 +151,7 @@ class Happening:
 
 
 @dataclass(frozen=True)
-class WorldPlan:
+class ScenarioPlan:
     """Everything that one world begins with.
 
     Attributes:
@@ -171,7 +171,7 @@ class WorldPlan:
 
     seed: int
     matrix: str
-    happenings: tuple[Happening, ...] = ()
+    happenings: tuple[FaultEvent, ...] = ()
     actuator: str = "tcp"
     options: tuple[str, ...] = ()
     tick_s: float = 0.01
@@ -187,7 +187,7 @@ class WorldPlan:
         """The bench is a user's, whose sensors may be slower than the drawn ones."""
         return bool(self.bench) and not self.kind
 
-    def fitted(self) -> WorldPlan:
+    def fitted(self) -> ScenarioPlan:
         """The same with motions that the drawn bench's plan accepts.
 
         Raises:
@@ -199,7 +199,7 @@ class WorldPlan:
         rig = fitted(DrawnRig(self.kind, self.bench, self.matrix, self.record))
         return replace(self, matrix=rig.matrix, record=rig.record)
 
-    def without(self, happening: Happening) -> WorldPlan:
+    def without(self, happening: FaultEvent) -> ScenarioPlan:
         """The same world without one thing."""
         return replace(self, happenings=tuple(kept for kept in self.happenings if kept is not happening))
 
@@ -218,7 +218,7 @@ class Given:
         motion_s: forecast of the campaign (s), over which things happen.
         lasts_s: how long it lasts at most (s).
         tick_s: how often the devices hand over what they have sent, at most (s).
-        kind, record: as of `WorldPlan`.
+        kind, record: as of `ScenarioPlan`.
         usual: nothing of the rig is left to be drawn: what is not given is the usual simulated rig's.
     """
 
@@ -253,7 +253,7 @@ class Given:
         return (happens_to_supply(what) or not self.supply) and (happens_untold(what) or not self.untold)
 
 
-def drawn(seed: int, given: Given = Given()) -> WorldPlan:
+def drawn(seed: int, given: Given = Given()) -> ScenarioPlan:
     """The world of a seed.
 
     Args:
@@ -277,7 +277,7 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
     chosen = gap if alone else (*happenings, *gap)
     happenings = _in_order(happening for happening in chosen if given.may_have(happening.what, actuator))
     held_up = BUSY_HELD_UP if random.Random(f"busy {seed}").random() < BUSY_SHARE else HELD_UP_SHARE
-    return WorldPlan(
+    return ScenarioPlan(
         seed, text, happenings, actuator, tick_s=min(tick_s, given.tick_s), turn_s=turn_s, held_up=held_up,
         bench=given.bench, lasts_s=given.lasts_s, kind=given.kind, record=given.record,
     )  # fmt: skip
@@ -296,14 +296,14 @@ def given_for(seed: int, given: Given) -> Given:
     )  # fmt: skip
 
 
-def _gap(chance: random.Random, motion_s: float) -> tuple[Happening, ...]:
+def _gap(chance: random.Random, motion_s: float) -> tuple[FaultEvent, ...]:
     """A gap in what is streamed, or a Ctrl-C, at any instant of the motion; in some worlds none."""
     if chance.random() >= GAP_SHARE:
         return ()
     what, at_s = chance.choice(GAPS), chance.uniform(0.0, motion_s)
     lasts_s = round(math.exp(chance.uniform(*map(math.log, GAP_S))), 3)
     around = what in AROUND
-    return (Happening(what, round(at_s + FIRST_CYCLE_S * around, 3), None if what in SIGNALS else lasts_s),)
+    return (FaultEvent(what, round(at_s + FIRST_CYCLE_S * around, 3), None if what in SIGNALS else lasts_s),)
 
 
 AT_THE_PANEL = frozenset({"second-master:span", "second-master:offset", "second-master:jumps"})
@@ -321,7 +321,7 @@ def happens_untold(what: str) -> bool:
     return happens_to_supply(what) and what != "application-killed" and (row is None or row.place not in {"can", "ecu"})
 
 
-def _happenings(seed: int, actuator: str, given: Given) -> tuple[Happening, ...]:
+def _happenings(seed: int, actuator: str, given: Given) -> tuple[FaultEvent, ...]:
     """What is a seed's turn, and up to four things that come later; or one to five of any kind; rarely none at all."""
     chance, motion_s = random.Random(f"happenings {seed}"), given.motion_s
     possible = [slug for slug in sorted(INJECTORS) if slug not in NEVER_DRAWN and given.may_have(slug, actuator)]
@@ -348,7 +348,7 @@ def _happenings(seed: int, actuator: str, given: Given) -> tuple[Happening, ...]
 
 def _in_turn(
     seed: int, possible: Sequence[str], around: Sequence[str], chance: random.Random, motion_s: float
-) -> list[Happening]:
+) -> list[FaultEvent]:
     """What is a seed's turn, while the first points are run; nothing is the turn of some.
 
     Each fault of the devices and each thing around them comes first in one world of some seventy: drawn alone, one
@@ -370,42 +370,42 @@ def _in_turn(
     return [replace(fault, lasts_s=None) if what in SHOW_LATE else fault]
 
 
-def _fault(slug: str, chance: random.Random, began_s: float, within_s: float) -> Happening:
+def _fault(slug: str, chance: random.Random, began_s: float, within_s: float) -> FaultEvent:
     """A fault of a row, within a time after something has begun: when, and for how long it lasts."""
     fault = drawn_fault(slug, chance, within_s)
     lasts_s = min(fault.lasts_s, COOLS_S if slug == "ecu-overtemp" else math.inf)
-    happening = Happening(fault.name, fault.after_s, None if lasts_s == math.inf else lasts_s)
+    happening = FaultEvent(fault.name, fault.after_s, None if lasts_s == math.inf else lasts_s)
     return happening if fault.after_s is None else happening.begun_at(max(FIRST_CYCLE_S, began_s) + fault.after_s)
 
 
-def _in_order(chosen: Iterable[Happening]) -> tuple[Happening, ...]:
+def _in_order(chosen: Iterable[FaultEvent]) -> tuple[FaultEvent, ...]:
     """By time; signals may come again, nothing else does."""
     unique = {(happening.what, happening.what in SIGNALS and happening.at_s): happening for happening in chosen}
     return tuple(sorted(unique.values(), key=lambda happening: (happening.at_s or 0.0, happening.what)))
 
 
-def _beyond_limits(chance: random.Random, motion_s: float) -> tuple[Happening, ...]:
+def _beyond_limits(chance: random.Random, motion_s: float) -> tuple[FaultEvent, ...]:
     """In some worlds something that drives the rig beyond the bench's limits, while the first points are run."""
     if chance.random() >= BEYOND_SHARE:
         return ()
     what, at_s = chance.choice(BEYOND_LIMITS), round(chance.uniform(0.0, motion_s or EARLY_S[0]), 3)
     lasts_s = round(chance.uniform(0.1, 2.0), 3)
     passes = what in PASSING_VARIANTS and chance.random() >= BEYOND_LASTS_SHARE
-    return (Happening(what, at_s, lasts_s if passes else None),)
+    return (FaultEvent(what, at_s, lasts_s if passes else None),)
 
 
-def _around(what: str, at_s: float, chance: random.Random) -> Happening:
+def _around(what: str, at_s: float, chance: random.Random) -> FaultEvent:
     """Something around the devices, at about a time."""
     longest_s = LONGEST_STALL_S.get(what, 1.5)
     lasts_s = round(chance.uniform(0.02, longest_s), 3) if what in STALLS or what in LASTING else None
-    return Happening(what, round(at_s, 3), lasts_s)
+    return FaultEvent(what, round(at_s, 3), lasts_s)
 
 
-def _combined(chance: random.Random) -> list[Happening]:
+def _combined(chance: random.Random) -> list[FaultEvent]:
     """Two troubles that come together."""
     at_s, troubles = chance.uniform(0.0, LATEST_FAULT_S), chance.choice(COMBINED)
     return [
-        _around(what, at_s + chance.uniform(0.0, 1.0), chance) if what in AROUND else Happening(what, round(at_s, 3))
+        _around(what, at_s + chance.uniform(0.0, 1.0), chance) if what in AROUND else FaultEvent(what, round(at_s, 3))
         for what in troubles
     ]
 

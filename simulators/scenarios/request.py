@@ -25,9 +25,9 @@ from simulators.scenarios.plan import (
     AT_THE_PANEL,
     STALLS,
     STREAMED_TICK_S,
+    FaultEvent,
     Given,
-    Happening,
-    WorldPlan,
+    ScenarioPlan,
     drawn,
     given_for,
     happens_to_supply,
@@ -60,7 +60,7 @@ class Files:
 
 
 @dataclass(frozen=True)
-class Asked:
+class ScenarioRequest:
     """What is the same for all worlds of a command.
 
     Attributes:
@@ -74,12 +74,12 @@ class Asked:
 
     given: Given = field(default_factory=Given)
     files: Files = field(default_factory=Files)
-    happenings: tuple[Happening, ...] | None = None
+    happenings: tuple[FaultEvent, ...] | None = None
     until_s: float | None = None
     options: tuple[str, ...] = ()
     stood_in: tuple[str, ...] = ()
 
-    def plan(self, seed: int) -> WorldPlan:
+    def plan(self, seed: int) -> ScenarioPlan:
         """The world of a seed, with what was asked for in place of what is drawn."""
         if self.happenings is None:
             return drawn(seed, self.given)
@@ -116,7 +116,7 @@ def seeds_of(text: str) -> range:
     return range(first, end)
 
 
-def asked_for(files: Files, happenings: Iterable[str], until_s: float | None, actuator: str = "") -> Asked:
+def request_for(files: Files, happenings: Iterable[str], until_s: float | None, actuator: str = "") -> ScenarioRequest:
     """Read and judge the user's files and words.
 
     Args:
@@ -145,12 +145,12 @@ def asked_for(files: Files, happenings: Iterable[str], until_s: float | None, ac
         options += ["--actuator", actuator]
     if until_s is not None:
         options += ["--until", repr(until_s)]
-    return Asked(given, files, wanted if words else None, until_s, tuple(options), stood_in)
+    return ScenarioRequest(given, files, wanted if words else None, until_s, tuple(options), stood_in)
 
 
-def _happening(text: str) -> Happening:
+def _happening(text: str) -> FaultEvent:
     try:
-        happening = Happening.parse(text)
+        happening = FaultEvent.parse(text)
     except FileProblem as error:
         raise click.BadParameter("; ".join(error.problems), param_hint="--event") from None
     times_s = [time_s for time_s in (happening.at_s, happening.lasts_s) if time_s is not None]
@@ -166,7 +166,7 @@ def _happening(text: str) -> Happening:
     return happening
 
 
-def _check_happenings(wanted: tuple[Happening, ...], given: Given) -> None:
+def _check_happenings(wanted: tuple[FaultEvent, ...], given: Given) -> None:
     """Refuse what cannot happen on this rig.
 
     Raises:
@@ -202,7 +202,7 @@ def _check_happenings(wanted: tuple[Happening, ...], given: Given) -> None:
             raise click.BadParameter(f"{happening.what!r}: {problem}", param_hint="--event")
 
 
-def _link(happenings: Iterable[Happening]) -> str:
+def _link(happenings: Iterable[FaultEvent]) -> str:
     """The kind of link that these need; empty where any will do."""
     needed = (ONLY_ON.get(happening.what.partition(":")[0], "") for happening in happenings)
     return next((link for link in needed if link), "")

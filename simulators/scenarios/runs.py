@@ -24,9 +24,9 @@ from typing import TypeVar
 
 from rig.errors import RigError
 from simulators.scenarios.invariants import judged
-from simulators.scenarios.plan import WorldPlan
-from simulators.scenarios.request import Asked
-from simulators.scenarios.scenario import MOST_SESSIONS, World
+from simulators.scenarios.plan import ScenarioPlan
+from simulators.scenarios.request import ScenarioRequest
+from simulators.scenarios.scenario import MOST_SESSIONS, Scenario
 from simulators.scenarios.stage import load_everything
 
 WORLDS_A_WORKER = 100
@@ -71,12 +71,12 @@ class Ended:
 
 
 def live(
-    plan: WorldPlan, root: Path, until_s: float | None = None, begin: Callable[[World], None] | None = None,
+    plan: ScenarioPlan, root: Path, until_s: float | None = None, begin: Callable[[Scenario], None] | None = None,
     most_sessions: int = MOST_SESSIONS,
-) -> tuple[World, Ended]:
+) -> tuple[Scenario, Ended]:
     """Run a world and judge it; `begin` is called with it first."""
     began_s, cpu_s = time.perf_counter(), time.process_time()
-    world = World(plan, root, most_sessions=most_sessions)
+    world = Scenario(plan, root, most_sessions=most_sessions)
     if begin is not None:
         begin(world)
     world.run(until_s)
@@ -93,13 +93,13 @@ def live(
     )  # fmt: skip
 
 
-def one(seed: int, asked: Asked) -> Ended:
+def one(seed: int, asked: ScenarioRequest) -> Ended:
     """Run the world of a seed."""
     return alone(asked.plan(seed), asked.until_s)
 
 
 def alone(
-    plan: WorldPlan, until_s: float | None = None, begin: Callable[[World], None] | None = None,
+    plan: ScenarioPlan, until_s: float | None = None, begin: Callable[[Scenario], None] | None = None,
     most_sessions: int = MOST_SESSIONS,
 ) -> Ended:
     """Run a world in a folder that is gone with it; one that breaks the simulation itself has failed."""
@@ -151,7 +151,7 @@ def _leave(*_: object) -> None:
     os._exit(1)
 
 
-def every(seeds: range, asked: Asked, jobs: int) -> Iterator[Ended]:
+def every(seeds: range, asked: ScenarioRequest, jobs: int) -> Iterator[Ended]:
     """The worlds of these seeds as they end, in so many processes.
 
     Raises:

@@ -28,7 +28,7 @@ from simulators.rig import RunOptions, SimulatedRig
 from simulators.scenarios.drawn_rig import RECORD
 from simulators.scenarios.kernel import Kernel, NothingHappens
 from simulators.scenarios.machine import Process
-from simulators.scenarios.plan import DEATHS, DISK, FOREIGN, SIGNALS, STALLS, Happening, WorldPlan
+from simulators.scenarios.plan import DEATHS, DISK, FOREIGN, SIGNALS, STALLS, FaultEvent, ScenarioPlan
 from simulators.scenarios.stage import Application, Stage
 from simulators.scenarios.user_bench import UserBench
 from simulators.schedule import parse_fault
@@ -56,7 +56,7 @@ class Noted:
     text: str
 
 
-class WorldTruth:
+class ScenarioTruth:
     """Stands where `simulators.truth.Truth` would, and keeps in memory what that would write.
 
     Attributes:
@@ -136,13 +136,13 @@ class Session:
 
     number: int
     began_ns: int
-    truth: WorldTruth
+    truth: ScenarioTruth
     ended_ns: int = 0
     rest_ns: int = 0
     exit_code: int | None = None
     answer: Any = None
     refusal: tuple[str, str] = ("", "")
-    happened: list[tuple[int, Happening]] = field(default_factory=list)
+    happened: list[tuple[int, FaultEvent]] = field(default_factory=list)
 
 
 class Silent:
@@ -154,7 +154,7 @@ class Silent:
     planned = progress = point_done = message = phase
 
 
-class World:
+class Scenario:
     """A world under way.
 
     Args:
@@ -165,7 +165,7 @@ class World:
     """
 
     def __init__(
-        self, plan: WorldPlan, root: Path, display: Display | None = None, most_sessions: int = MOST_SESSIONS
+        self, plan: ScenarioPlan, root: Path, display: Display | None = None, most_sessions: int = MOST_SESSIONS
     ) -> None:
         self.plan = plan = plan.fitted()
         self.root = root
@@ -250,7 +250,7 @@ class World:
         folders = sorted(out.iterdir()) if out.exists() else []
         return max(folders, key=lambda folder: len(list(CampaignFolder(folder).points.glob("*"))), default=None)
 
-    def _serve_devices(self, *, with_faults: bool) -> WorldTruth:
+    def _serve_devices(self, *, with_faults: bool) -> ScenarioTruth:
         plan, options, user = self.plan, RigOptions(), self._user
         if user is not None:
             options = user.options
@@ -264,7 +264,7 @@ class World:
             emulated_ecu=DEMO_ECU if user is None else user.emulated_ecu, supply="" if user is None else user.supply,
         )
         rig = SimulatedRig(options, run)
-        truth = WorldTruth(rig.plant, self.kernel)
+        truth = ScenarioTruth(rig.plant, self.kernel)
         rig.actuator.taken = truth.take_setpoint
         rig.truth = truth  # type: ignore[assignment]  # stands where one would that writes a file
         self.stage.serve(rig, bench=None if user is None else user.text)
@@ -281,7 +281,7 @@ class World:
 
     # What happens around the devices
 
-    def _arrange(self, happening: Happening, session: Session) -> None:
+    def _arrange(self, happening: FaultEvent, session: Session) -> None:
         """Have something happen at its time."""
         after_ns = int((happening.at_s or 0.0) * 1e9)
 
@@ -292,7 +292,7 @@ class World:
 
         self.kernel.spawn(str(happening), self._fate, do, after_ns)
 
-    def _happen(self, happening: Happening) -> None:
+    def _happen(self, happening: FaultEvent) -> None:
         what, lasts_ns, stage = happening.what, int((happening.lasts_s or 0.0) * 1e9), self.stage
         if what == "pause":
             stage.signal("application", signal.SIGTSTP)
@@ -332,7 +332,7 @@ class World:
         else:
             disk.refuses = DISK[what]
 
-    def _stop_by_somebody_else(self, happening: Happening) -> None:
+    def _stop_by_somebody_else(self, happening: FaultEvent) -> None:
         """A running program is stopped by a command of another client, or at the panel; the next one if none runs."""
         what, session, actuator = happening.what, self.sessions[-1], self.stage.rig.actuator
         if actuator.motion_state is not (State.RUNNING if actuator.options.generator else State.MOVING):
@@ -352,7 +352,7 @@ class World:
     # What came of it
 
     @property
-    def not_happened(self) -> tuple[Happening, ...]:
+    def not_happened(self) -> tuple[FaultEvent, ...]:
         """What was to happen later than the campaign's first session lasted."""
         if not self.sessions:
             return self.plan.happenings

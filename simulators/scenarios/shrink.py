@@ -9,16 +9,16 @@ from pathlib import Path
 
 from rig.cli.output import say
 from simulators.scenarios.drawn_rig import RECORD
-from simulators.scenarios.plan import WorldPlan
-from simulators.scenarios.request import NOTHING, Asked
+from simulators.scenarios.plan import ScenarioPlan
+from simulators.scenarios.request import NOTHING, ScenarioRequest
 from simulators.scenarios.runs import Ended, alone
 
 FEWEST_CYCLES = 5
 
 
 def shrunk(
-    plan: WorldPlan, ended: Ended, tell: Callable[[str], None], run: Callable[[WorldPlan], Ended] | None = None
-) -> tuple[WorldPlan, Ended]:
+    plan: ScenarioPlan, ended: Ended, tell: Callable[[str], None], run: Callable[[ScenarioPlan], Ended] | None = None
+) -> tuple[ScenarioPlan, Ended]:
     """Leave out one thing after the other, and points of the matrix, as long as an invariant of the same name breaks.
 
     Args:
@@ -43,9 +43,9 @@ def shrunk(
     return plan, ended
 
 
-def _smaller(plan: WorldPlan) -> list[tuple[WorldPlan, str]]:
+def _smaller(plan: ScenarioPlan) -> list[tuple[ScenarioPlan, str]]:
     """Worlds with one thing less: the last value of one axis of the matrix (the rest takes less time), what happens."""
-    worlds: list[tuple[WorldPlan, str]] = []
+    worlds: list[tuple[ScenarioPlan, str]] = []
     lines = plan.matrix.splitlines()
     for key in ("current", "frequency", "amplitude"):
         for place, line in enumerate(lines):
@@ -62,7 +62,7 @@ def _smaller(plan: WorldPlan) -> list[tuple[WorldPlan, str]]:
     return worlds + [(plan.without(happening), str(happening)) for happening in plan.happenings]
 
 
-def tell_smallest(seed: int, asked: Asked) -> None:
+def tell_smallest(seed: int, asked: ScenarioRequest) -> None:
     """Tell the smallest world that still fails, and how to run it."""
     plan = asked.plan(seed).fitted()
     ended = alone(plan)
@@ -73,7 +73,7 @@ def tell_smallest(seed: int, asked: Asked) -> None:
     say(_words(smallest, asked), err=True)
 
 
-def _words(smallest: WorldPlan, asked: Asked) -> str:
+def _words(smallest: ScenarioPlan, asked: ScenarioRequest) -> str:
     """A world that was made smaller: the command that runs it, below it the files that it needs."""
     files, needed = asked.files, dict[str, str]()
     if smallest.matrix != asked.given.matrix:

@@ -149,7 +149,7 @@ class Stage:
         opened: list[str] = []
 
         def devices() -> None:
-            loop = device_loop.WorldLoop(self.kernel, self.machine.network)
+            loop = device_loop.ScenarioLoop(self.kernel, self.machine.network)
 
             async def serve() -> None:
                 addresses = await simulated.open()

@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 
 from simulators.scenarios.kernel import Kernel, Task
-from simulators.scenarios.request import Asked
+from simulators.scenarios.request import ScenarioRequest
 from simulators.scenarios.runs import Ended, alone
-from simulators.scenarios.scenario import Silent, World
+from simulators.scenarios.scenario import Scenario, Silent
 
 
-class Told(Silent):
+class TracedDisplay(Silent):
     """Shows a world's campaign on the standard error, which is another one inside of it, with its virtual time."""
 
     def __init__(self, kernel: Kernel) -> None:
@@ -27,7 +27,7 @@ class Told(Silent):
     message = phase
 
 
-def traced(seed: int, asked: Asked, path: Path) -> Ended:
+def traced(seed: int, asked: ScenarioRequest, path: Path) -> Ended:
     """One world, every task that runs as a line: virtual time (s), process, thread.
 
     Raises:
@@ -36,9 +36,9 @@ def traced(seed: int, asked: Asked, path: Path) -> Ended:
     refused: list[OSError] = []
     with path.open("w", encoding="utf-8") as file:
 
-        def begin(world: World) -> None:
+        def begin(world: Scenario) -> None:
             kernel = world.kernel
-            world.display = Told(kernel)
+            world.display = TracedDisplay(kernel)
 
             def note(task: Task) -> None:
                 try:

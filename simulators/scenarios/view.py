@@ -20,7 +20,7 @@ from rig.matrix.model import load_matrix
 from rig.recording.recorded_point import RecordedPoint
 from rig.test_point import TestPoint
 from simulators.scenarios.plan import FOREIGN, OF_THE_STATION, STALLS
-from simulators.scenarios.scenario import Session, World
+from simulators.scenarios.scenario import Scenario, Session
 
 T = TypeVar("T")
 Findings = Iterator[tuple[str, float]]
@@ -96,7 +96,7 @@ def description(path: Path) -> RecordedPoint:
 class View:
     """A session with its lines of the journal."""
 
-    def __init__(self, world: World, session: Session) -> None:
+    def __init__(self, world: Scenario, session: Session) -> None:
         self.world = world
         self.session = session
         self.lines = [

@@ -17,8 +17,8 @@ from rig.cli.words import ending
 from rig.matrix.model import load_matrix
 from rig.recording.run import Run
 from simulators.scenarios.invariants import judged
-from simulators.scenarios.request import NOTHING, Asked, Files, asked_for
-from simulators.scenarios.scenario import World
+from simulators.scenarios.request import NOTHING, Files, ScenarioRequest, request_for
+from simulators.scenarios.scenario import Scenario
 
 if TYPE_CHECKING:
     from rig.identification import Fit
@@ -29,8 +29,12 @@ HELD_UP = 0.0
 """No thread is kept waiting for nothing: the same campaign on a machine that does nothing else."""
 
 
-class NotHappened(Exception):
-    """What a test asked for cannot happen, or came later than the campaign lasted: the test would show nothing."""
+class EventNotReached(Exception):
+    """A requested event cannot occur, or was scheduled after the end of the campaign: the test would show nothing."""
+
+
+NotHappened = EventNotReached
+"""Its name until 2.0."""
 
 
 @dataclass(frozen=True)
@@ -111,15 +115,15 @@ class CampaignEnd:
 
 
 @dataclass(frozen=True)
-class WorldEnd:
-    """How a world of a seed ended.
+class ScenarioEnd:
+    """How the scenario of a seed ended.
 
     Attributes:
         seed: its seed.
-        failed: (invariant, words, virtual time in s) of everything that did not hold.
-        happenings: what was to happen in it.
+        failed: (check, message, virtual time in s) of every failed check.
+        happenings: scheduled events; `events` is the new name.
         exit_codes: of the campaign's sessions; None for one that was killed or never ended.
-        again: the command that runs this world again.
+        again: the command that repeats this scenario.
     """
 
     seed: int
@@ -129,9 +133,23 @@ class WorldEnd:
     again: str
 
     @property
-    def held(self) -> bool:
-        """Everything held."""
+    def passed(self) -> bool:
+        """All checks passed."""
         return not self.failed
+
+    @property
+    def held(self) -> bool:
+        """The name of `passed` until 2.0."""
+        return self.passed
+
+    @property
+    def events(self) -> tuple[str, ...]:
+        """Scheduled events."""
+        return self.happenings
+
+
+WorldEnd = ScenarioEnd
+"""Its name until 2.0."""
 
 
 def run_campaign(files: Files, faults: tuple[str, ...], seed: int, root: Path) -> CampaignEnd:
@@ -144,19 +162,19 @@ def run_campaign(files: Files, faults: tuple[str, ...], seed: int, root: Path) -
         root: an empty folder.
 
     Raises:
-        NotHappened: a fault cannot happen on this rig, or the campaign was over before it.
+        EventNotReached: a fault cannot happen on this rig, or the campaign was over before it.
         FileProblem: a file cannot be used, or no simulated rig can stand in for the bench.
         Refused: the matrix does not fit the bench.
     """
     asked = _asked(files, faults or (NOTHING,))
     drawn = asked.plan(seed)
-    world = World(replace(drawn, tick_s=min(TICK_S, drawn.tick_s), turn_s=TURN_S, held_up=HELD_UP), root, None, 1)
+    world = Scenario(replace(drawn, tick_s=min(TICK_S, drawn.tick_s), turn_s=TURN_S, held_up=HELD_UP), root, None, 1)
     world.run()
     if world.not_happened:
         late = ", ".join(map(str, world.not_happened))
-        raise NotHappened(f"{late}: the campaign had already ended. Fix: use an earlier time or a longer matrix")
+        raise EventNotReached(f"{late}: the campaign had already ended. Fix: use an earlier time or a longer matrix")
     if world.ended:
-        raise NotHappened(f"the scenario ended before its campaign: {world.ended}")
+        raise EventNotReached(f"the scenario ended before its campaign: {world.ended}")
     session = world.sessions[0]
     answer = session.answer
     told, slug = session.refusal[1], session.refusal[0]
@@ -168,7 +186,7 @@ def run_campaign(files: Files, faults: tuple[str, ...], seed: int, root: Path) -
     )  # fmt: skip
 
 
-def run_world(files: Files, happenings: tuple[str, ...], seed: int, root: Path) -> WorldEnd:
+def run_scenario(files: Files, happenings: tuple[str, ...], seed: int, root: Path) -> ScenarioEnd:
     """Run the world of a seed to its end, resumed as often as it takes, and judge what must hold in every world.
 
     Args:
@@ -178,27 +196,27 @@ def run_world(files: Files, happenings: tuple[str, ...], seed: int, root: Path) 
         root: an empty folder.
 
     Raises:
-        NotHappened: a happening that cannot be.
+        EventNotReached: a happening that cannot be.
         FileProblem: a file cannot be used, or no simulated rig can stand in for the bench.
         Refused: the matrix does not fit the bench.
     """
     asked = _asked(files, happenings)
     plan = asked.plan(seed)
-    world = World(plan, root)
+    world = Scenario(plan, root)
     world.run()
     failed = tuple((name, words.replace(f"{root}/", ""), at_s) for name, words, at_s in judged(world))
     codes = tuple(session.exit_code for session in world.sessions)
-    return WorldEnd(seed, failed, tuple(map(str, plan.happenings)), codes, asked.again(seed))
+    return ScenarioEnd(seed, failed, tuple(map(str, plan.happenings)), codes, asked.again(seed))
 
 
-def _asked(files: Files, happenings: tuple[str, ...]) -> Asked:
+def _asked(files: Files, happenings: tuple[str, ...]) -> ScenarioRequest:
     try:
-        return asked_for(files, happenings, None)
+        return request_for(files, happenings, None)
     except click.BadParameter as error:
-        raise NotHappened(error.message) from error
+        raise EventNotReached(error.message) from error
 
 
-def _truth(world: World) -> Truth:
+def _truth(world: Scenario) -> Truth:
     truth = world.sessions[0].truth
     host_ns, velocity, current, displacement, force, pressure, coil = truth.arrays.T
     began_ns = float(host_ns[0]) if len(host_ns) else 0.0

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rig.bench.model import Bench
     from rig.faults.row import FaultRow
     from rig.matrix.model import Matrix
-    from simulators.testing.campaigns import CampaignEnd, WorldEnd
+    from simulators.testing.campaigns import CampaignEnd, ScenarioEnd
     from simulators.testing.rehearsal import RigProcess
 
 CONFORMANCE = "rig.conformance"
@@ -47,7 +47,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     for name, what in ((BENCH, "bench file"), (MATRIX, "matrix file")):
         option = "--" + name.replace("_", "-")
         group.addoption(option, dest=name, metavar="FILE", help=f"{what} of the fixtures; overrides the ini entry")
-        parser.addini(name, f"{what} of the fixtures `bench`, `matrix`, `campaign`, `world`; relative to the ini file")
+        parser.addini(name, f"{what} of the fixtures `bench`, `matrix`, `campaign`, `scenario`; relative to its folder")
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -124,7 +124,7 @@ def faults() -> Mapping[str, FaultRow]:
 Given = Path | str | None
 """A file, the text of one, or None for the lab's own."""
 RunCampaign = Callable[..., "CampaignEnd"]
-RunWorld = Callable[..., "WorldEnd"]
+RunScenario = Callable[..., "ScenarioEnd"]
 StartRig = Callable[..., "RigProcess"]
 
 
@@ -179,23 +179,29 @@ def campaign(_rig_folders: Folders) -> RunCampaign:
 
 
 @pytest.fixture
-def world(_rig_folders: Folders) -> RunWorld:
-    """The lab's matrix in the world of a seed, with a bad day of its own; what held is in `held`.
+def scenario(_rig_folders: Folders) -> RunScenario:
+    """The lab's matrix in the scenario of a seed, with its drawn events; `passed` states whether all checks passed.
 
-    Further arguments are happenings in place of what the seed draws. Gives a `simulators.testing.campaigns.WorldEnd`.
+    Further arguments are events instead of the drawn ones. Returns a `simulators.testing.campaigns.ScenarioEnd`.
     """
 
-    def ran(seed: int, *happenings: str, matrix: Given = None, bench: Given = None) -> WorldEnd:
+    def ran(seed: int, *events: str, matrix: Given = None, bench: Given = None) -> ScenarioEnd:
         from simulators.scenarios.request import Files
-        from simulators.testing.campaigns import run_world
+        from simulators.testing.campaigns import run_scenario
 
-        folder = _rig_folders.new("world")
+        folder = _rig_folders.new("scenario")
         files = Files(
             _rig_folders.file(folder, "matrix.toml", matrix), _rig_folders.file(folder, "bench.toml", bench)
         )
-        return run_world(files, happenings, seed, folder)
+        return run_scenario(files, events, seed, folder)
 
     return ran
+
+
+@pytest.fixture
+def world(scenario: RunScenario) -> RunScenario:
+    """The name of `scenario` until 2.0."""
+    return scenario
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matrices import PERIOD_S
-from true_states import Happening, Truth
+from true_states import FaultEvent, Truth
 
 from drivers.roles import State
 from rig.faults.matrix import MATRIX
@@ -96,7 +96,7 @@ def settles_within_s(kind: str, speed: float, period_s: float) -> float:
     return fade_s + SETTLING_S[kind] + 0.002 * speed
 
 
-def stop_commands(truth: Truth, fault_ns: int, codes: tuple[str, ...]) -> tuple[Happening, Happening]:
+def stop_commands(truth: Truth, fault_ns: int, codes: tuple[str, ...]) -> tuple[FaultEvent, FaultEvent]:
     """The current's and the motion's first stop command after the fault."""
     later = [line for line in truth.log if line.host_ns >= fault_ns]
     zero = [line for line in later if line.code == "SET_CURRENT" and line.text.startswith(("0.000", "-0.000"))]
@@ -106,12 +106,12 @@ def stop_commands(truth: Truth, fault_ns: int, codes: tuple[str, ...]) -> tuple[
     return (min(zero, key=lambda line: line.host_ns) if zero else motion[0]), motion[0]
 
 
-def no_motion_command_after(truth: Truth, stop: Happening) -> bool:
+def no_motion_command_after(truth: Truth, stop: FaultEvent) -> bool:
     """Whether nothing that moves or raises the pressure was asked for after the stop (S1 lowers it first)."""
     return not truth.all("START", "MOVE_TO", "HYDRAULICS_ON", after=stop)
 
 
-def assert_quiet(ending: Ending, zero: Happening, motion: Happening, settling_s: float) -> None:
+def assert_quiet(ending: Ending, zero: FaultEvent, motion: FaultEvent, settling_s: float) -> None:
     """|I| < 0.05 A within 250 ms of its command, standstill within `settling_s` of its command, and for good."""
     assert_no_current(ending.truth, zero.time_s)
     assert_still(ending.truth, motion.time_s + settling_s)

@@ -16,7 +16,7 @@ from world_campaign import Setting, WorldCampaign, begin
 
 from rig.characteristics.hybrid_tests import hybrid_tests
 from rig.recording.run import Run
-from simulators.scenarios.request import Files, asked_for
+from simulators.scenarios.request import Files, request_for
 from simulators.scenarios.runs import live
 from simulators.scenarios.stage import Stage
 
@@ -121,7 +121,7 @@ def test_a_seed_is_one_world_bit_by_bit_with_a_hybrid_test_and_a_pulled_wire_in_
     files = Files(tmp_path / "matrix.toml", tmp_path / "bench.toml")
     files.bench.write_text(text.replace("[actuator]\n", '[actuator]\nregister_map = "demo-streamed"\npoll = "10 ms"\n'))
     files.matrix.write_text(ALONE.replace("[hybrid]\n", '[hybrid]\nlaw = ["hybrid"]\n'))
-    plan = asked_for(files, ["loadcell-pulled@1.2"], None).plan(5)
+    plan = request_for(files, ["loadcell-pulled@1.2"], None).plan(5)
     ended = []
     for name in ("one", "another"):
         (tmp_path / name).mkdir()

@@ -13,7 +13,7 @@ from drivers.roles import State
 
 
 @dataclass(frozen=True)
-class Happening:
+class FaultEvent:
     """A line of the simulated rig's log: its clock (s), the host's clock (ns), what."""
 
     time_s: float
@@ -33,7 +33,7 @@ class Truth:
     current_A: NDArray[np.float64]
     temperature_degC: NDArray[np.float64]
     state: NDArray[np.float64]
-    log: list[Happening]
+    log: list[FaultEvent]
     clocks: dict[str, float]
     """Offset (us) and rate (ppm) of every device's clock."""
 
@@ -49,15 +49,15 @@ class Truth:
         log = []
         for time_ns, code, said in zip(*columns, strict=True):
             text, _, host_ns = said.decode().rpartition("; host_ns=")
-            log.append(Happening(1e-9 * float(time_ns), int(host_ns), code.decode(), text))
+            log.append(FaultEvent(1e-9 * float(time_ns), int(host_ns), code.decode(), text))
         return cls(*arrays, log, clocks)
 
-    def all(self, *codes: str, text: str = "", after: Happening | None = None) -> list[Happening]:
+    def all(self, *codes: str, text: str = "", after: FaultEvent | None = None) -> list[FaultEvent]:
         """Lines of these codes that contain `text`, from `after` on."""
         since_ns = 0 if after is None else after.host_ns
         return [each for each in self.log if each.code in codes and text in each.text and each.host_ns >= since_ns]
 
-    def first(self, *codes: str, text: str = "", after: Happening | None = None) -> Happening:
+    def first(self, *codes: str, text: str = "", after: FaultEvent | None = None) -> FaultEvent:
         """The first such line; fails when there is none."""
         found = self.all(*codes, text=text, after=after)
         assert found, f"no {codes} {text!r} after {after} in {self.log}"

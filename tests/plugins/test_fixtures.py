@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rig.errors import Refused
-from simulators.testing.campaigns import NotHappened
+from simulators.testing.campaigns import EventNotReached
 
 if TYPE_CHECKING:
     from rig.faults.row import FaultRow
@@ -58,9 +58,9 @@ def test_a_fault_by_its_slug_ends_the_campaign_as_its_row_says(
 
 @pytest.mark.nightly
 def test_a_fault_that_does_not_happen_fails_the_test(campaign: RunCampaign) -> None:
-    with pytest.raises(NotHappened, match=r"estop@90: the campaign had already ended"):
+    with pytest.raises(EventNotReached, match=r"estop@90: the campaign had already ended"):
         campaign("estop@90", matrix=MATRIX)
-    with pytest.raises(NotHappened, match="'earthquake' is no row of the fault matrix"):
+    with pytest.raises(EventNotReached, match="'earthquake' is no row of the fault matrix"):
         campaign("earthquake@1", matrix=MATRIX)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from rig.errors import FileProblem
 from rig.recording.recorded_point import RecordedPoint
-from simulators.scenarios.request import Files, asked_for
+from simulators.scenarios.request import Files, request_for
 from simulators.scenarios.runs import live
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def asked_files(folder: Path, sensor: str, matrix: str = MATRIX) -> Files:
 
 @pytest.mark.nightly
 def test_a_plug_ins_driver_records_the_force_of_a_plug_ins_model(my_lab: Path) -> None:
-    plan = replace(asked_for(asked_files(my_lab, "my_lab_cell"), (), None).plan(3), happenings=())
+    plan = replace(request_for(asked_files(my_lab, "my_lab_cell"), (), None).plan(3), happenings=())
     (my_lab / "world").mkdir()
     world, ended = live(plan, my_lab / "world")
     assert (ended.failed, ended.sessions) == ((), (0,))
@@ -61,4 +61,4 @@ def test_a_plug_ins_driver_records_the_force_of_a_plug_ins_model(my_lab: Path) -
 def test_a_driver_that_says_nothing_of_a_simulated_device_is_refused_by_name(install: Install) -> None:
     folder = install("mute-lab", {"mr_rig.sensors": {"mute": "mute_lab:make"}}, "def make(connection): ...")
     with pytest.raises(FileProblem, match=r"load_cell\.format.*'mute' has its own driver"):
-        asked_for(asked_files(folder, "mute", MATRIX.replace("demo-my-lab-friction", "demo")), (), None)
+        request_for(asked_files(folder, "mute", MATRIX.replace("demo-my-lab-friction", "demo")), (), None)

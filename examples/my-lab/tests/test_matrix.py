@@ -23,6 +23,6 @@ def test_a_fault_ends_as_its_row_says(campaign, faults, slug):
 
 
 @pytest.mark.parametrize("seed", [3])
-def test_whatever_a_bad_day_brings_nothing_is_lost_and_nothing_breaks(world, seed):
-    end = world(seed)
-    assert end.held, f"{end.failed}; again: {end.again}"
+def test_all_checks_pass_in_each_scenario(scenario, seed):
+    end = scenario(seed)
+    assert end.passed, f"{end.failed}; again: {end.again}"

@@ -14,10 +14,10 @@ from rig.document.html import fragment
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.run import Run
 from rig.report.document import unsupported
-from simulators.scenarios.plan import Happening
-from simulators.scenarios.request import Files, asked_for
+from simulators.scenarios.plan import FaultEvent
+from simulators.scenarios.request import Files, request_for
 from simulators.scenarios.runs import Ended, live
-from simulators.scenarios.scenario import World
+from simulators.scenarios.scenario import Scenario
 
 DEMO = (Path(__file__).resolve().parents[3] / "examples/demo-bench.toml").read_text(encoding="utf-8")
 BY_HAND = DEMO[: DEMO.index("[ecu]")] + "[ecu]\nby_hand = true\n\n" + DEMO[DEMO.index("[load_cell]") :]
@@ -29,13 +29,13 @@ def files(folder: Path) -> Files:
     return Files(folder / "my-matrix.toml", folder / "my-bench.toml")
 
 
-def lived(folder: Path, *happenings: str) -> tuple[World, Ended]:
-    plan = asked_for(files(folder), happenings or ("nothing",), None).plan(3)
+def lived(folder: Path, *happenings: str) -> tuple[Scenario, Ended]:
+    plan = request_for(files(folder), happenings or ("nothing",), None).plan(3)
     (folder / "world").mkdir()
-    return live(replace(plan, happenings=tuple(map(Happening.parse, happenings))), folder / "world")
+    return live(replace(plan, happenings=tuple(map(FaultEvent.parse, happenings))), folder / "world")
 
 
-def asked(world: World) -> list[str]:
+def asked(world: Scenario) -> list[str]:
     return [line["text"] for line in world.journal if line.get("code") == "by-hand" and line["text"].startswith("Set ")]
 
 
@@ -71,8 +71,8 @@ def test_a_stop_takes_the_pressure_away_and_then_has_the_current_taken_away(tmp_
 
 def test_what_tells_of_the_coil_does_not_happen_here(tmp_path: Path) -> None:
     given = files(tmp_path)
-    drawn = {happening.what for seed in range(100) for happening in asked_for(given, (), None).plan(seed).happenings}
+    drawn = {happening.what for seed in range(100) for happening in request_for(given, (), None).plan(seed).happenings}
     assert drawn
     assert not drawn & {"ecu-silent", "coil-open-short", "current-stuck", "can-busoff", "application-killed"}
     with pytest.raises(click.BadParameter, match="if the current is not measured"):
-        asked_for(given, ("coil-open-short@1",), None)
+        request_for(given, ("coil-open-short@1",), None)

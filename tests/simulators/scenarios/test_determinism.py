@@ -16,13 +16,13 @@ HAPPENINGS = (("sensor-spike@0.4+0.3",), ("application-killed@3.0",), ("ecu-sile
 PROGRAM = """
 import json, sys
 from pathlib import Path
-from simulators.scenarios.plan import Happening, WorldPlan
+from simulators.scenarios.plan import FaultEvent, ScenarioPlan
 from simulators.scenarios.runs import live
 matrix, *worlds = json.load(sys.stdin)
 for number, happenings in enumerate(worlds):
     folder = Path(sys.argv[1]) / str(number)
     folder.mkdir()
-    world, ended = live(WorldPlan(number, matrix, tuple(map(Happening.parse, happenings))), folder)
+    world, ended = live(ScenarioPlan(number, matrix, tuple(map(FaultEvent.parse, happenings))), folder)
     print(json.dumps([world.digests(), ended.sessions, ended.failed]))
 """
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from simulators.scenarios.device_loop import CAPACITY, WirePort, WorldLoop
+from simulators.scenarios.device_loop import CAPACITY, ScenarioLoop, WirePort
 from simulators.scenarios.machine import Machine
 
 Make = Callable[[int], tuple[Machine, Path]]
@@ -47,7 +47,7 @@ def course(
     results: list[object] = []
 
     def devices() -> None:
-        loop = WorldLoop(machine.kernel, machine.network)
+        loop = ScenarioLoop(machine.kernel, machine.network)
 
         async def serve() -> None:
             server = await loop.create_server(lambda: device)
@@ -159,7 +159,7 @@ def test_timers_of_a_loop_are_virtual_and_in_order(make: Make) -> None:
     log: list[tuple[int, float]] = []
 
     def devices() -> None:
-        loop = WorldLoop(machine.kernel, machine.network)
+        loop = ScenarioLoop(machine.kernel, machine.network)
 
         async def wait(number: int) -> None:
             await asyncio.sleep(number * 100.0)

@@ -13,10 +13,10 @@ from rig.document.html import fragment
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.run import Run
 from rig.report.document import unsupported
-from simulators.scenarios.plan import Happening
-from simulators.scenarios.request import Files, asked_for
+from simulators.scenarios.plan import FaultEvent
+from simulators.scenarios.request import Files, request_for
 from simulators.scenarios.runs import Ended, live
-from simulators.scenarios.scenario import World
+from simulators.scenarios.scenario import Scenario
 
 ROOT = Path(__file__).resolve().parents[3]
 DEMO = (ROOT / "examples/demo-bench.toml").read_text(encoding="utf-8")
@@ -47,15 +47,15 @@ stale_after = "400 ms"
 """
 
 
-def lived(folder: Path, output: str, *happenings: str) -> tuple[World, Ended]:
+def lived(folder: Path, output: str, *happenings: str) -> tuple[Scenario, Ended]:
     bench = DEMO[: DEMO.index("[ecu]")] + ECU + DEMO[DEMO.index("[load_cell]") :]
     (folder / "my-output.toml").write_text(output, encoding="utf-8")
     (folder / "my-bench.toml").write_text(bench, encoding="utf-8")
     (folder / "my-matrix.toml").write_text(MATRIX, encoding="utf-8")
     files = Files(folder / "my-matrix.toml", folder / "my-bench.toml")
-    plan = asked_for(files, happenings or ("nothing",), None).plan(3)
+    plan = request_for(files, happenings or ("nothing",), None).plan(3)
     (folder / "world").mkdir()
-    return live(replace(plan, happenings=tuple(map(Happening.parse, happenings))), folder / "world")
+    return live(replace(plan, happenings=tuple(map(FaultEvent.parse, happenings))), folder / "world")
 
 
 def test_a_matrix_runs_by_an_output_that_nobody_measures_and_says_so(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from matrices import matrix_text
 
 from simulators.scenarios.drawn_rig import bench_file
-from simulators.scenarios.plan import Happening, WorldPlan
+from simulators.scenarios.plan import FaultEvent, ScenarioPlan
 from simulators.scenarios.proof_invariants import (
     a_current_that_comes_back_is_told,
     a_held_rod_stays,
@@ -47,8 +47,8 @@ class Shown:
         self.rows[:, 0] = SAFE_NS + 1e9 * self.t_s
         self.log: list[Noted] = []
         self.told: list[dict[str, Any]] = [self._told("safe", 0.0, current_zero=True, stop="S2")]
-        self.happenings: tuple[Happening, ...] = ()
-        self.happened: tuple[tuple[float, Happening], ...] = ()
+        self.happenings: tuple[FaultEvent, ...] = ()
+        self.happened: tuple[tuple[float, FaultEvent], ...] = ()
 
     @staticmethod
     def _told(what: str, at_s: float, **more: object) -> dict[str, Any]:
@@ -77,7 +77,7 @@ class Shown:
     def view(self) -> View:
         """As the judges see it."""
         truth = SimpleNamespace(arrays=self.rows, log=self.log)
-        plan = WorldPlan(1, "", self.happenings)
+        plan = ScenarioPlan(1, "", self.happenings)
         world = SimpleNamespace(root=self.root, plan=plan, journal=self.told)
         first_ns, last_ns = int(self.rows[0, 0]), int(self.rows[-1, 0])
         answer = SimpleNamespace(exit_code=0, rig_state="safe")
@@ -220,7 +220,7 @@ def test_the_pressure_is_off_before_that_is_proved_not_soon_after(
 def test_a_fault_of_the_current_has_nothing_to_show_while_none_is_asked_for_and_none_flows(
     shown: Shown, fault: str, asked_s: float | None, flowing_A: float, found: int
 ) -> None:
-    shown.happenings = (Happening(fault, 0.1),)
+    shown.happenings = (FaultEvent(fault, 0.1),)
     shown.notes("SET_CURRENT", "0.500 A", -0.9)
     shown.notes("SET_CURRENT", "0.000 A", -0.8)
     if asked_s is not None:
@@ -240,7 +240,7 @@ def test_a_lease_that_is_taken_has_nothing_to_show_where_there_is_none_and_no_co
     shown: Shown, register_map: str, fault: str, found: int
 ) -> None:
     (shown.root / "bench.toml").write_text(bench_file(register_map), encoding="utf-8")
-    shown.happenings = (Happening(fault, 0.1),)
+    shown.happenings = (FaultEvent(fault, 0.1),)
     shown.notes("FAULT", fault, 0.0)
     shown.moves(0.0, 4.0, 0.1)
     assert len(list(a_stop_fault_is_noticed(shown.view))) == found
@@ -248,7 +248,7 @@ def test_a_lease_that_is_taken_has_nothing_to_show_where_there_is_none_and_no_co
 
 
 def test_a_fault_of_anything_else_is_to_be_noticed_at_0_A_too(shown: Shown) -> None:
-    shown.happenings = (Happening("ecu-silent", 0.1),)
+    shown.happenings = (FaultEvent("ecu-silent", 0.1),)
     shown.notes("FAULT", "ecu-silent", 0.0)
     shown.moves(0.0, 4.0, 0.1)
     assert [words for words, _ in a_stop_fault_is_noticed(shown.view)] == ["ecu-silent was not detected"]
@@ -315,7 +315,7 @@ def test_everything_holds_where_a_rod_is_pressed_after_its_stop_or_a_fault_has_n
     tmp_path: Path, current: str, happenings: tuple[str, ...]
 ) -> None:
     matrix = matrix_text(current, amplitude="6 mm", frequency="4 Hz")
-    plan = WorldPlan(1, matrix, tuple(map(Happening.parse, happenings)))
+    plan = ScenarioPlan(1, matrix, tuple(map(FaultEvent.parse, happenings)))
     world, ended = live(plan, tmp_path, most_sessions=1)
     assert ended.failed == ()
     fault_ns = next(line.host_ns for line in world.sessions[0].truth.log if line.code == "FAULT")

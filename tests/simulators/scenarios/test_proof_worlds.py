@@ -6,20 +6,20 @@ from pathlib import Path
 
 from matrices import matrix_text
 
-from simulators.scenarios.plan import Happening, WorldPlan
+from simulators.scenarios.plan import FaultEvent, ScenarioPlan
 from simulators.scenarios.runs import live
-from simulators.scenarios.scenario import World
+from simulators.scenarios.scenario import Scenario
 
 STILL_M_S = 5e-3
 
 
 def ended(
     root: Path, *happenings: str, actuator: str = "tcp", options: tuple[str, ...] = (), slow: bool = False
-) -> World:
+) -> Scenario:
     """The world's first session; everything that must hold did."""
     amplitude, frequency, cycles = ("10 mm", "0.5 Hz", 3) if slow else ("6 mm", "2 Hz", 6)
     matrix = matrix_text("0.5 A", amplitude=amplitude, frequency=frequency, cycles=cycles)
-    plan = WorldPlan(7, matrix, tuple(map(Happening.parse, happenings)), actuator, options)
+    plan = ScenarioPlan(7, matrix, tuple(map(FaultEvent.parse, happenings)), actuator, options)
     world, found = live(plan, root, most_sessions=1)
     assert found.failed == ()
     return world

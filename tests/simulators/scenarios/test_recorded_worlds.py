@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from matrices import matrix_text
 
-from simulators.scenarios.plan import Happening, WorldPlan
+from simulators.scenarios.plan import FaultEvent, ScenarioPlan
 from simulators.scenarios.runs import live
 
 MATRIX = matrix_text("0.5 A", amplitude="5 mm", frequency="4 Hz", more='waveform = ["triangle"]')
@@ -24,7 +24,7 @@ def test_a_record_out_of_tolerance_is_told_of_a_point_that_is_not_run_again(
     happenings: tuple[str, ...], said: str, tmp_path: Path
 ) -> None:
     """The session that recorded it tells what the next one would: an invalid file, not a point without one."""
-    plan = WorldPlan(1, MATRIX, tuple(map(Happening.parse, happenings)))
+    plan = ScenarioPlan(1, MATRIX, tuple(map(FaultEvent.parse, happenings)))
     world, ended = live(plan, tmp_path, most_sessions=1)
     assert ended.failed == ()
     (point,) = world.sessions[0].answer.points

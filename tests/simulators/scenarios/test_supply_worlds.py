@@ -13,10 +13,10 @@ from matrices import matrix_text
 from rig.document.html import fragment
 from rig.recording.journal.campaign_log import read_log
 from rig.report.document import unsupported
-from simulators.scenarios.plan import Happening
-from simulators.scenarios.request import Files, asked_for
+from simulators.scenarios.plan import FaultEvent
+from simulators.scenarios.request import Files, request_for
 from simulators.scenarios.runs import Ended, live
-from simulators.scenarios.scenario import World
+from simulators.scenarios.scenario import Scenario
 
 ROOT = Path(__file__).resolve().parents[3]
 DEMO = (ROOT / "examples/demo-bench.toml").read_text(encoding="utf-8")
@@ -62,11 +62,11 @@ def files(folder: Path) -> Files:
     return Files(folder / "my-matrix.toml", folder / "my-bench.toml")
 
 
-def lived(folder: Path, *happenings: str) -> tuple[World, Ended]:
-    asked = asked_for(files(folder), happenings or ("nothing",), None)
+def lived(folder: Path, *happenings: str) -> tuple[Scenario, Ended]:
+    asked = request_for(files(folder), happenings or ("nothing",), None)
     plan = asked.plan(3)
     (folder / "world").mkdir()
-    return live(replace(plan, happenings=tuple(map(Happening.parse, happenings))), folder / "world")
+    return live(replace(plan, happenings=tuple(map(FaultEvent.parse, happenings))), folder / "world")
 
 
 def test_a_matrix_runs_on_a_supply_described_by_a_file(tmp_path: Path) -> None:
@@ -104,9 +104,9 @@ def test_rows_of_the_current_source_end_as_they_say(tmp_path: Path, happening: s
 
 def test_what_needs_a_bus_or_outlives_its_host_does_not_happen_here(tmp_path: Path) -> None:
     given = files(tmp_path)
-    drawn = {happening.what for seed in range(200) for happening in asked_for(given, (), None).plan(seed).happenings}
+    drawn = {happening.what for seed in range(200) for happening in request_for(given, (), None).plan(seed).happenings}
     assert drawn
     assert not drawn & {"can-busoff", "can-babble", "can-foreign", "ecu-overtemp", "station-killed", "power-cut"}
     for happening in ("can-babble@1", "station-killed@1"):
         with pytest.raises(click.BadParameter, match="a power supply as current source"):
-            asked_for(given, (happening,), None)
+            request_for(given, (happening,), None)

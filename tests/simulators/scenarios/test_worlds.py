@@ -30,10 +30,10 @@ from simulators.scenarios import scenario as course
 from simulators.scenarios.__main__ import command
 from simulators.scenarios.drawn_rig import KINDS
 from simulators.scenarios.invariants import judged
-from simulators.scenarios.plan import AROUND, GAPS, Given, Happening, WorldPlan, drawn
-from simulators.scenarios.request import Asked, Files, asked_for
+from simulators.scenarios.plan import AROUND, GAPS, FaultEvent, Given, ScenarioPlan, drawn
+from simulators.scenarios.request import Files, ScenarioRequest, request_for
 from simulators.scenarios.runs import Ended, live
-from simulators.scenarios.scenario import World
+from simulators.scenarios.scenario import Scenario
 from simulators.scenarios.shrink import shrunk
 
 MATRIX = matrix_text("0 A", "0.5 A", amplitude="6 mm", frequency="4 Hz")
@@ -41,17 +41,17 @@ REST_S = 12.0
 """What has not come to rest by then never does (virtual s): the stop's own limits are shorter."""
 
 
-def plan(*happenings: str, seed: int = 1) -> WorldPlan:
-    return WorldPlan(seed, MATRIX, tuple(map(Happening.parse, happenings)))
+def plan(*happenings: str, seed: int = 1) -> ScenarioPlan:
+    return ScenarioPlan(seed, MATRIX, tuple(map(FaultEvent.parse, happenings)))
 
 
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[World, Ended]:
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scenario, Ended]:
     """The world of seed 1 in which nothing happens."""
     return live(plan(seed=1), tmp_path_factory.mktemp("undisturbed"))
 
 
-def test_an_undisturbed_world_is_one_valid_campaign(undisturbed: tuple[World, Ended]) -> None:
+def test_an_undisturbed_world_is_one_valid_campaign(undisturbed: tuple[Scenario, Ended]) -> None:
     world, ended = undisturbed
     assert ended.failed == ()
     assert ended.sessions == (0,)
@@ -66,7 +66,7 @@ def test_an_undisturbed_world_is_one_valid_campaign(undisturbed: tuple[World, En
     [("points", "result", "verdict", "suspect"), ("wanted-current", "judged", "current_A", 0.2)],
 )
 def test_a_journal_that_tells_otherwise_is_found(
-    invariant: str, event: str, key: str, other: object, undisturbed: tuple[World, Ended],
+    invariant: str, event: str, key: str, other: object, undisturbed: tuple[Scenario, Ended],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A verdict that is not the file's, a current that was not the coil's."""
@@ -74,23 +74,23 @@ def test_a_journal_that_tells_otherwise_is_found(
     told = world.journal
     line = next(line for line in told if line.get("event") == event)
     (line["points"][0] if event == "result" else line)[key] = other
-    monkeypatch.setattr(World, "journal", property(lambda _: told))
+    monkeypatch.setattr(Scenario, "journal", property(lambda _: told))
     assert invariant in {failed for failed, _, _ in judged(world)}
 
 
 def test_an_attempt_without_a_file_is_found_though_another_one_has_it(
-    undisturbed: tuple[World, Ended], monkeypatch: pytest.MonkeyPatch
+    undisturbed: tuple[Scenario, Ended], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world = undisturbed[0]
     told = world.journal
     line = next(line for line in told if line.get("event") == "judged")
     told.append({**line, "file": None, "verdict": "invalid", "reasons": ["not-written: its journal is gone"]})
-    monkeypatch.setattr(World, "journal", property(lambda _: told))
+    monkeypatch.setattr(Scenario, "journal", property(lambda _: told))
     assert "written" in {failed for failed, _, _ in judged(world)}
 
 
 def test_a_program_that_outlasts_its_length_and_a_current_at_the_end_are_found(
-    undisturbed: tuple[World, Ended], monkeypatch: pytest.MonkeyPatch
+    undisturbed: tuple[Scenario, Ended], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As if half of the motion had been ordered, and the bench allowed less than no current."""
     ordered = load_matrix(undisturbed[0].root / "matrix.toml").points()
@@ -100,7 +100,7 @@ def test_a_program_that_outlasts_its_length_and_a_current_at_the_end_are_found(
     assert {"overrun", "current-told"} <= {failed for failed, _, _ in judged(undisturbed[0])}
 
 
-def test_another_seed_is_another_world(undisturbed: tuple[World, Ended], tmp_path: Path) -> None:
+def test_another_seed_is_another_world(undisturbed: tuple[Scenario, Ended], tmp_path: Path) -> None:
     assert undisturbed[1].digest != live(plan(seed=2), tmp_path)[1].digest
 
 
@@ -155,7 +155,7 @@ def test_an_answer_that_lies_is_found(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_plans_are_drawn_and_kept_as_text() -> None:
     plans = [drawn(seed) for seed in range(300)]
     assert plans == [drawn(seed) for seed in range(300)]
-    assert all(Happening.parse(str(happening)) == happening for given in plans for happening in given.happenings)
+    assert all(FaultEvent.parse(str(happening)) == happening for given in plans for happening in given.happenings)
     happened = {happening.what for given in plans for happening in given.happenings}
     assert set(AROUND) <= happened
     assert {len(given.happenings) for given in plans} >= set(range(6))
@@ -173,7 +173,7 @@ def test_plans_are_drawn_and_kept_as_text() -> None:
     pairs = [(one, other) for given in plans for one, other in pairwise(given.happenings) if one.at_s and other.at_s]
     assert sum(other.at_s - one.at_s < 0.02 for one, other in pairs) > 20, "two causes within milliseconds"
     assert {given.actuator for given in plans} == {"tcp", "rtu"}
-    shorter = replace(plans[0], happenings=(Happening("estop", 1.0), Happening("pause", 2.0, 1.0)))
+    shorter = replace(plans[0], happenings=(FaultEvent("estop", 1.0), FaultEvent("pause", 2.0, 1.0)))
     assert [str(kept) for kept in shorter.without(shorter.happenings[0]).happenings] == ["pause@2+1"]
 
 
@@ -269,7 +269,7 @@ def test_a_world_that_fails_is_told_with_the_command_that_runs_it_again(
 
 def test_a_world_that_breaks_the_simulation_is_a_failure_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runs, "live", lambda *_: 1 // 0)
-    (failure,) = runs.one(3, Asked()).failed
+    (failure,) = runs.one(3, ScenarioRequest()).failed
     assert failure[0] == "world"
     assert "ZeroDivisionError" in failure[1]
 
@@ -303,19 +303,19 @@ def test_a_smallest_world_is_told_with_the_command_that_runs_it(
     monkeypatch.setattr(shrink, "alone", lambda _: ended)
     monkeypatch.setattr(shrink, "shrunk", lambda given, *_: (replace(given, happenings=(), matrix=MATRIX), ended))
     bench = Path("a bench.toml")
-    shrink.tell_smallest(17, Asked(Given(bench="", usual=True), Files(bench=bench)))
+    shrink.tell_smallest(17, ScenarioRequest(Given(bench="", usual=True), Files(bench=bench)))
     err = capfd.readouterr().err
     again = "rig scenarios --seeds 17 --bench 'a bench.toml' --matrix smallest-17.toml --event nothing --actuator tcp"
     assert again in err
     assert err.rstrip().endswith(MATRIX.rstrip())
-    assert asked_for(Files(), ["nothing"], None).plan(17).happenings == ()
+    assert request_for(Files(), ["nothing"], None).plan(17).happenings == ()
     assert drawn(17).happenings
-    assert {asked_for(Files(), ["modbus-reset@1"], None).plan(seed).actuator for seed in range(9)} == {"tcp"}
-    asked = asked_for(Files(), ["estop@1"], None, "rtu")
+    assert {request_for(Files(), ["modbus-reset@1"], None).plan(seed).actuator for seed in range(9)} == {"tcp"}
+    asked = request_for(Files(), ["estop@1"], None, "rtu")
     assert [asked.plan(seed) for seed in range(9)] == [
-        replace(drawn(seed, Given(actuator="rtu")), happenings=(Happening("estop", 1.0),)) for seed in range(9)
+        replace(drawn(seed, Given(actuator="rtu")), happenings=(FaultEvent("estop", 1.0),)) for seed in range(9)
     ]
-    babble = asked_for(Files(), ["can-babble@1"], None)
+    babble = request_for(Files(), ["can-babble@1"], None)
     assert {babble.plan(seed).kind for seed in range(30)} & {"supply", "output", "by-hand"} == set(), "no bus there"
 
 
@@ -327,14 +327,14 @@ def test_a_smallest_world_of_a_drawn_bench_is_told_with_its_bench(
     ended = Ended(seed, (("travel", "too far", 12.5),), "ab", 36.0, 7.0, (0,))
     monkeypatch.setattr(shrink, "alone", lambda _: ended)
     monkeypatch.setattr(shrink, "shrunk", lambda given, *_: (given, ended))
-    shrink.tell_smallest(seed, Asked())
+    shrink.tell_smallest(seed, ScenarioRequest())
     command, *files = re.split(r"with (\S+):\n", capfd.readouterr().err)
     for name, text in zip(files[::2], files[1::2], strict=True):
         (tmp_path / name).write_text(text, encoding="utf-8")
     names = Files(tmp_path / f"smallest-{seed}.toml", tmp_path / f"smallest-{seed}-bench.toml")
     assert f"--bench smallest-{seed}-bench.toml --matrix smallest-{seed}.toml --event" in command
     plan = drawn(seed).fitted()
-    again = asked_for(names, tuple(map(str, plan.happenings)) or ("nothing",), None).plan(seed)
+    again = request_for(names, tuple(map(str, plan.happenings)) or ("nothing",), None).plan(seed)
     assert again.bench.rstrip() == plan.bench.rstrip()
     for key in ("happenings", "actuator", "tick_s", "turn_s", "held_up"):
         assert getattr(again, key) == getattr(plan, key), key

@@ -19,7 +19,7 @@ from planted_safeguards import SAFEGUARDS
 from simulators.scenarios import scenario as worlds
 from simulators.scenarios.drawn_rig import bench_file
 from simulators.scenarios.invariants import judged
-from simulators.scenarios.plan import STREAMED_TICK_S, Happening, WorldPlan
+from simulators.scenarios.plan import STREAMED_TICK_S, FaultEvent, ScenarioPlan
 from simulators.scenarios.runs import memory
 
 PLANTED: dict[str, tuple[Edit, ...]] = {**FINDINGS, **SAFEGUARDS, **MOTION}
@@ -36,7 +36,7 @@ class Case:
         invariant: does not hold with the bug; all hold without it.
         happenings: what happens.
         seed: of this world.
-        held_up: as `WorldPlan.held_up`.
+        held_up: as `ScenarioPlan.held_up`.
         matrix: of this world.
         bench: text of its bench file; empty: the usual simulated rig.
     """
@@ -49,10 +49,10 @@ class Case:
     bench: str = ""
 
     @property
-    def plan(self) -> WorldPlan:
+    def plan(self) -> ScenarioPlan:
         """The world's plan."""
-        happenings = tuple(map(Happening.parse, self.happenings))
-        plan = WorldPlan(self.seed, self.matrix, happenings, held_up=self.held_up)
+        happenings = tuple(map(FaultEvent.parse, self.happenings))
+        plan = ScenarioPlan(self.seed, self.matrix, happenings, held_up=self.held_up)
         # Of a drawn kind: where the plan refuses the motion, it is made smaller.
         return replace(plan, bench=self.bench, kind="streamed", tick_s=STREAMED_TICK_S) if self.bench else plan
 
@@ -61,7 +61,7 @@ def lived(case: Case, edits: Sequence[Edit]) -> tuple[dict[str, str], str]:
     """One session of a case's world with these edits: what did not hold, and the digest of all it made."""
     shorter = patch.multiple(worlds, SESSION_S=SESSION_S, REST_S=REST_S)
     with shorter, in_force(tuple(edits)), tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
-        world = worlds.World(case.plan, Path(name), most_sessions=1)
+        world = worlds.Scenario(case.plan, Path(name), most_sessions=1)
         world.run()
         return {invariant: words[:300] for invariant, words, _ in judged(world)}, world.digest()
 

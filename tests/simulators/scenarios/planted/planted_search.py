@@ -32,7 +32,7 @@ from planted_reach import Mark, watched
 
 from simulators.scenarios import scenario as worlds
 from simulators.scenarios.drawn_rig import STREAMED_MAPS
-from simulators.scenarios.plan import Happening, WorldPlan, drawn
+from simulators.scenarios.plan import FaultEvent, ScenarioPlan, drawn
 from simulators.scenarios.request import seeds_of
 from simulators.scenarios.runs import Ended, alone, begin_worker
 from simulators.scenarios.shrink import shrunk
@@ -57,7 +57,7 @@ class Unbugged:
     fails: bool
 
 
-def first_session(plan: WorldPlan) -> Ended:
+def first_session(plan: ScenarioPlan) -> Ended:
     """A world to the end of its first session."""
     worlds.SESSION_S, worlds.REST_S = SESSION_S, REST_S
     return alone(plan, most_sessions=1)
@@ -105,7 +105,7 @@ def likely(name: str, seeds: range) -> list[int]:
     Another variant of the same row comes after all that are the same.
     """
     case, drawn_too = CASES[name], list[tuple[int, int, bool, int]]()
-    what = {Happening.parse(text).what for text in case.happenings}
+    what = {FaultEvent.parse(text).what for text in case.happenings}
     for seed in seeds:
         plan = drawn(seed)
         given = {happening.what for happening in plan.happenings}

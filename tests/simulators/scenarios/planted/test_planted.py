@@ -25,8 +25,8 @@ from planted_reach import watched
 from planted_search import Unbugged
 
 from rig.station import supervisor
-from simulators.scenarios.plan import WorldPlan, drawn
-from simulators.scenarios.runs import Ended as World
+from simulators.scenarios.plan import ScenarioPlan, drawn
+from simulators.scenarios.runs import Ended as Scenario
 from simulators.scenarios.runs import begin_worker
 
 Ended = tuple[dict[str, str], str]
@@ -110,9 +110,9 @@ def test_of_a_rare_line_only_the_worlds_that_come_by_it_are_tried() -> None:
 
 
 def test_a_search_names_the_first_seed_that_fails_and_its_replay(monkeypatch: pytest.MonkeyPatch) -> None:
-    def first_session(plan: WorldPlan) -> World:
+    def first_session(plan: ScenarioPlan) -> Scenario:
         failed = (("sent", "no stop", 1.0),) if plan.seed >= 5 else ()
-        return World(plan.seed, failed, str(plan.seed), 1.0, 1.0, (0,), happenings=("estop@1",))
+        return Scenario(plan.seed, failed, str(plan.seed), 1.0, 1.0, (0,), happenings=("estop@1",))
 
     monkeypatch.setattr(planted_search, "first_session", first_session)
     monkeypatch.setattr(planted_search, "smallest", lambda name, seed: f"{name} in {seed}")
