@@ -32,7 +32,7 @@ from simulators.scenarios import device_loop
 from simulators.scenarios.disk import Disk
 from simulators.scenarios.kernel import Kernel
 from simulators.scenarios.machine import Machine, Process
-from simulators.scenarios.os_stubs import Installed, Stand
+from simulators.scenarios.os_stubs import Installed, StubModule
 
 LOADED = (
     "protocols", "drivers", "rig.bench", "rig.station", "rig.campaign", "rig.check", "rig.recording", "rig.matrix",
@@ -121,7 +121,7 @@ class Stage:
         installed.put(simulators.rig, "open_port", lambda *_: device_loop.WirePort(kernel, machine.network))
         installed.put(simulators.named_port, "open_port", lambda *_: device_loop.Tty(machine, self.root / "dev"))
         named = {"serial_for_url": functools.partial(device_loop.serial_for_url, machine)}
-        installed.put(drivers.serial_port, "serial", Stand("serial", named, serial, "SerialTimeoutException"))
+        installed.put(drivers.serial_port, "serial", StubModule("serial", named, serial, "SerialTimeoutException"))
         installed.put(simulators.slcan_bus, "PeerQueue", device_loop.Queue)
         # Coarser than in production: adapters that hand over every few milliseconds, a busy application.
         installed.put(simulators.rig, "TICK_S", self._steps_s[0])
