@@ -137,7 +137,7 @@ class FrameChecks:
             said = f"every frame of {name} has a wrong checksum ({protection.profile}"
             said += f", data id 0x{protection.data_id:X})" if protection.data_id >= 0 else ")"
             if set(differences) == {0}:
-                return "ecu-crc", f"every frame of {name} has a counter beyond its range ({protection.profile})"
+                return "ecu-crc", f"every frame of {name} has a counter outside its range ({protection.profile})"
             slug = "ecu-crc"
             if len(set(differences)) == 1 and protection.data_id >= 0:
                 wrong = f"wrong by the same bits every time (0x{differences[-1]:02X}): its E2E data id differs"

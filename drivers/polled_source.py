@@ -130,7 +130,7 @@ class PolledSource(ToldSource):
         low_A, high_A = self._described.current_A
         if current_A != 0.0 and not low_A <= current_A <= high_A:
             raise LocalProtocolError(
-                f"{current_A:g} A is beyond the {self._called}'s range of {low_A:g} to {high_A:g} A"
+                f"{current_A:g} A is outside the {self._called}'s range of {low_A:g} to {high_A:g} A"
             )
         changed = self._wanted != (current_A, enable)
         self._wanted = (current_A, enable)

@@ -39,7 +39,9 @@ def explained(link: ModbusLink, read: Read, rules: Rules, error: DriverError, *,
         return error  # nothing of it was ever heard: the link, the unit number, the power
     block = f"{_span((read.address, read.count), read.space, rules)}: {error.message}"
     if not readable:
-        text, fix = "none of its quantities can be read alone", "check first_address, function and addresses of the map"
+        text, fix = (
+            "none of its quantities can be read separately"
+        ), "check first_address, function and addresses of the map"
     elif others:
         missing = [one.name for one in _apart(read.quantities) if _whole(one) in others][:NAMED]
         at = ", ".join(_span(part, read.space, rules) for part in others[:NAMED])
@@ -49,11 +51,14 @@ def explained(link: ModbusLink, read: Read, rules: Rules, error: DriverError, *,
         first = rules.first_of(HOLDING)
         pairs = ", ".join(f"[{at + first}, {at + count - 1 + first}]" for at, count in holes)
         at = ", ".join(_span(part, read.space, rules) for part in holes)
-        text = f"each quantity can be read alone, but not {at}, the registers between them, which the map does not name"
+        text = (
+            f"each quantity can be read separately, but not {at}, the registers between them, which the map does not "
+            "name"
+        )
         fix = f"write [modbus] unreadable = [{pairs}], or largest_gap = 0, in the register map"
     else:
         longest = max(one.end - one.address for one in read.quantities)
-        text = f"each quantity can be read alone, but not {read.count} at once"
+        text = f"each quantity can be read separately, but not {read.count} at once"
         fix = f"write [modbus] largest_read = {longest} (or more, if the device allows it) in the register map"
     names = ", ".join(one.name for one in read.quantities[:NAMED])
     more = f" and {len(read.quantities) - NAMED} more" if len(read.quantities) > NAMED else ""

@@ -162,7 +162,7 @@ def _group_problems(made: LineFormat, values: Mapping[str, Any]) -> Iterator[Pro
     if made.checksum == "none":
         for key in ("checksum_from", "checksum_to", "checksum_over"):
             if key in values:
-                yield (key,), 'checksum is none; state it, such as checksum = "xor-hex"'
+                yield (key,), 'no checksum is given. Fix: state it, such as checksum = "xor-hex"'
     if made.number.startswith("hexadecimal") and made.sign == "trailing":
         yield ("sign",), "a hexadecimal number has no trailing sign"
     if made.number == "hexadecimal-signed" and made.sign == "separate":
@@ -332,7 +332,7 @@ def _packed_fields(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Pr
         if there and name not in made.fields:
             yield ("fields",), f"packed has bits {letter}, which need a field {name}"
         elif not there and name in made.fields:
-            yield ("fields", name), f"packed has no bits {letter} for it"
+            yield ("fields", name), f"has no bits {letter} in packed"
     for name, table in values.get("fields", {}).items():
         for key in sorted({"at", "type", "bits"} & set(table)):
             yield ("fields", name, key), "cannot be combined with packed, which contains the bits"

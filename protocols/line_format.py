@@ -251,7 +251,8 @@ class LineFormat:
             begin = text.find(self.checksum_from)
             end = text.rfind(self.checksum_to) if self.checksum_to else match.span("checksum")[0]
             if begin < 0 or end < 0:
-                raise RemoteProtocolError(f"{self.name}: {text!r} does not show what its checksum covers")
+                raise RemoteProtocolError(f"{self.name}: {text!r} does not contain the characters that its checksum "
+                    "covers")
             covered = text[begin + len(self.checksum_from) : end]
         return format(kind.of(covered.encode("ascii")), _HEX_DIGITS[kind.size])
 

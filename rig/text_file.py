@@ -109,7 +109,7 @@ def read_bytes(path: Path, limit_bytes: int) -> bytes:
         raise FileProblem(str(path), [f"cannot be read: {why}"]) from error
     if len(raw) > limit_bytes:
         size = f"{limit_bytes // 1024} KiB" if limit_bytes < 1_000_000 else f"{limit_bytes / 1e6:g} MB"
-        raise FileProblem(str(path), [f"larger than {size}: not a file written for the rig"])
+        raise FileProblem(str(path), [f"larger than {size}: too large for a file of this program"])
     return raw
 
 

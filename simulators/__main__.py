@@ -323,11 +323,11 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--rate", type=click.FloatRange(1.0, 10_000.0), help="Sampling rate of every sensor (Hz).")
 @click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
 @click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]),
-              help="Connection of the sensors; by-id: device names with serial numbers.  [default: pty, or by-id "
-                  "where a fault needs it]")
+              help="Connection of the sensors; by-id: device names with serial numbers.  [default: pty, or by-id if "
+                  "a fault requires it]")
 @click.option("--actuator", type=click.Choice(["tcp", "rtu", "setpoints"]),
               help="Controller: Modbus TCP, Modbus RTU (port as in --ports), or streamed set-points on TCP without a "
-                  "function generator.  [default: tcp, or what a fault needs]")
+                  "function generator.  [default: tcp, or as a fault requires]")
 @click.option("--real-time/--no-real-time", default=False, show_default=True,
               help="Run in real time as hardware does: real-time priority if permitted, and the time limits of "
                   "hardware at speed 1. By default the rig's clock waits while the computer is busy.")

@@ -128,7 +128,9 @@ class Reading:
             if matching:
                 return matching[0]
             near = near_names(value, names.values(), 2, 0.5) or list(names.values())[:8]
-            known = f"nearest: {', '.join(near)}" if names else "the DBC names none of its values; give the number"
+            known = f"nearest: {', '.join(near)}" if names else (
+                "the DBC defines no value names for it. Fix: give the number"
+            )
             self.wrong(place, f"{signal.name} has no value named {value!r}; {known}")
             return None
         if not isinstance(value, int):
@@ -136,7 +138,7 @@ class Reading:
             self.wrong(place, said)
             return None
         if not signal.low <= value <= signal.high:
-            self.wrong(place, f"{signal.name} holds {signal.low:g} to {signal.high:g} on the wire")
+            self.wrong(place, f"{signal.name} has a raw range of {signal.low:g} to {signal.high:g}")
             return None
         return value
 
@@ -194,5 +196,5 @@ def _unusable(given: DbcSignal, message: DbcMessage) -> str:
         return f"it has {signal.length} bits; allowed: 1 to 64"
     bits = signal.bits(message.size)
     if min(bits) < 0 or max(bits) >= 8 * message.size:
-        return f"it ends beyond the {message.size} bytes of {message.name}"
+        return f"it extends beyond the {message.size} bytes of {message.name}"
     return ""

@@ -180,4 +180,4 @@ def _lacking(
     if math.isclose(max(map(abs, current_A)), 0.0):
         yield ("range", "current_A"), "does not allow any current"
     if voltage_V is not None and not commands.set_voltage_limit:
-        yield ("range", "voltage_V"), "is stated, but there is no set_voltage_limit among the commands"
+        yield ("range", "voltage_V"), "is given, but [commands] has no set_voltage_limit"

@@ -59,7 +59,7 @@ class Table:
         """Note keys that are not among names of the file."""
         for key in self.given:
             if key not in names:
-                self.add(key, f"is not among [{what}]; {meant(key, names)}")
+                self.add(key, f"is not in [{what}]; {meant(key, names)}")
 
 
 def listed(given: Any) -> list[Any]:  # noqa: ANN401 - one or several

@@ -86,7 +86,7 @@ def read_indirect(table: Table, quantities: Mapping[str, Quantity], first: Mappi
     for name in table.get("quantities"):
         quantity = quantities.get(name)
         if quantity is None:
-            table.add("quantities", f"{name!r} is not among [quantities]; {meant(name, quantities)}")
+            table.add("quantities", f"{name!r} is not in [quantities]; {meant(name, quantities)}")
         elif quantity.space in BITS:
             table.add("quantities", f"{name!r} is not a register")
         else:

@@ -36,7 +36,7 @@ def _test(table: Table, quantities: Quantities, names: Collection[str]) -> Test 
     name = table.get("quantity")
     quantity = quantities.get(name)
     if quantity is None:
-        table.add(None, f"quantity {name!r} is not among [quantities]; {meant(name, quantities)}")
+        table.add(None, f"quantity {name!r} is not in [quantities]; {meant(name, quantities)}")
         return None
     if not quantity.read:
         table.add(None, f"{name!r} cannot be read: its access is \"w\"")

@@ -80,7 +80,7 @@ class Recipes:
     def _call(self, step: Table, names: Collection[str], under: tuple[str, ...]) -> Recipe:
         name = step.get("recipe")
         if name not in self._named:
-            step.add(None, f"recipe {name!r} is not among [recipes]; {meant(name, self._named)}")
+            step.add(None, f"recipe {name!r} is not in [recipes]; {meant(name, self._named)}")
             return ()
         if name in under:
             step.add(None, f"the recipe calls itself: {' -> '.join((*under, name))}; it would never end")
@@ -128,7 +128,7 @@ def read_values(step: Table, key: str, quantities: Quantities, names: Collection
     for name in written:
         quantity = quantities.get(name)
         if quantity is None:
-            written.add(name, f"is not among [quantities]; {meant(name, quantities)}")
+            written.add(name, f"is not in [quantities]; {meant(name, quantities)}")
             continue
         if not quantity.written:
             written.add(name, f"cannot be written: its access is \"r\" ({quantity.space})")

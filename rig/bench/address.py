@@ -54,7 +54,7 @@ def serial_url(text: str) -> str:
     if scheme not in SCHEMES:
         hint = _close(scheme, SCHEMES)
         known = f'did you mean "{hint}://"?' if hint else f"known: {', '.join(f'{name}://' for name in SCHEMES)}"
-        raise ValueError(f"unknown kind of port {scheme}:// ({known}); a local port is written like /dev/ttyUSB0")
+        raise ValueError(f"unknown kind of port {scheme}:// ({known}); a local port has a name such as /dev/ttyUSB0")
     if scheme in _WITH_HOST:
         _host_and_port(text, f"{scheme}://192.168.0.7:4001")
     return text
@@ -89,7 +89,7 @@ def modbus_url(text: str) -> str:
     elif given.kind is LinkKind.MODBUS_RTU and given.line:
         serial_url(given.line)
     else:
-        raise ValueError('must be like "modbus-tcp://192.168.0.10:502" or "modbus-rtu:/dev/ttyUSB0"')
+        raise ValueError('must have a form such as "modbus-tcp://192.168.0.10:502" or "modbus-rtu:/dev/ttyUSB0"')
     return text
 
 
@@ -190,9 +190,9 @@ def _host_and_port(text: str, example: str) -> None:
         parts = urlsplit(text)
         host, port = parts.hostname, parts.port
     except ValueError as error:
-        raise ValueError(f'{str(error)[:1].lower()}{str(error)[1:]}; written like "{example}"') from error
+        raise ValueError(f'{str(error)[:1].lower()}{str(error)[1:]}; expected a form such as "{example}"') from error
     if not host or not port:
-        raise ValueError(f'needs a host and a port from 1 to 65535, written like "{example}"')
+        raise ValueError(f'needs a host and a port from 1 to 65535, for example "{example}"')
 
 
 def _address(text: str) -> str:

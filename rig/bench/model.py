@@ -175,10 +175,10 @@ class Bench(Section):
         problems: list[Problem] = []
         if self.limits.force_N > self.load_cell.range_N:
             cell = units.show(self.load_cell.range_N, "kN")
-            problems.append((("limits", "force"), f"is beyond the load cell's range; allowed: at most {cell}"))
+            problems.append((("limits", "force"), f"exceeds the load cell's range; allowed: at most {cell}"))
         if max(map(abs, self.limits.position_m)) > self.lvdt.range_m:
             lvdt = units.show(self.lvdt.range_m, "mm")
-            problems.append((("limits", "position"), f"is beyond the LVDT's range; allowed: within +-{lvdt}"))
+            problems.append((("limits", "position"), f"exceeds the LVDT's range; allowed: within +-{lvdt}"))
         return problems
 
     def _held_limits(self) -> list[Problem]:
@@ -199,7 +199,7 @@ class Bench(Section):
         if self.limits.current_A <= high_A and (-self.limits.current_A >= low_A or low_A >= 0.0):
             return []
         held = f"{units.show(low_A, 'A')} to {units.show(high_A, 'A')}"
-        return [(("limits", "current"), f"is beyond the set-point of the current source; allowed: within {held}")]
+        return [(("limits", "current"), f"exceeds the set-point range of the current source; allowed: within {held}")]
 
     def _hands(self) -> list[Problem]:
         """The pressure while the operator is at the supply."""

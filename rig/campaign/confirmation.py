@@ -25,7 +25,7 @@ LONGEST_TEXT = 500
 
 LOOK_AT = {
     "modbus": "the link to the controller, its cable and its other users",
-    "rtu": "the serial line to the controller, its termination and who else uses it",
+    "rtu": "the serial line to the controller, its termination and its other users",
     "controller": "the controller: its state, settings, messages and other masters",
     "can": "the CAN bus: cable, termination, other nodes",
     "ecu": "the current ECU, its supply, and the coil with its cable",
@@ -115,7 +115,7 @@ def unconfirmed(lines: Iterable[Mapping[str, Any]]) -> tuple[EarlierStop, ...]:
 
 
 def _damaged(what: str) -> EarlierStop:
-    detail = f"{what}; it may have contained an e-stop or another grave stop"
+    detail = f"{what}; it may have contained an e-stop or another serious fault"
     return EarlierStop(DAMAGED, "unknown", "unknown", detail, LOOK_AT_THE_RIG, REQUALIFY)
 
 

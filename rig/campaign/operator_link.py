@@ -30,7 +30,7 @@ from rig.matrix.plan import Plan
 STOPS = {
     signal.SIGINT: (StopKind.FADE_OUT, because("sigint", "said", text="Ctrl-C")),
     signal.SIGTERM: (StopKind.PRESSURE_OFF, because("sigterm", "said", text="SIGTERM")),
-    signal.SIGHUP: (StopKind.PRESSURE_OFF, because("sigterm", "said", text="SIGHUP: the terminal went away")),
+    signal.SIGHUP: (StopKind.PRESSURE_OFF, because("sigterm", "said", text="SIGHUP: the terminal was closed")),
 }
 PAUSES = (signal.SIGTSTP, signal.SIGUSR1)
 """Ctrl-Z, or `kill -USR1`: pause after the running point; once more: go on."""

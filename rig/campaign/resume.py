@@ -212,7 +212,7 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
             continue
         attempts[name] = max(attempts.get(name, 0), attempt)
         if damaged := () if aside or recorded.verdict == INVALID else _damage(file):
-            problems += [f"{place.name}/{file.name}: {problem}; the point is run again" for problem in damaged]
+            problems += [f"{place.name}/{file.name}: {problem}; the point is repeated" for problem in damaged]
             continue
         temperatures_degC += [end_degC for end_degC in ends_degC if end_degC is not None]
         if name not in best or rank >= best[name][0]:

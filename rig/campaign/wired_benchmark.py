@@ -152,7 +152,7 @@ def _await(driver: Actuator, what: str, true: Callable[[ActuatorStatus], bool]) 
         if true(driver.exchange(fed)):
             return
         if monotonic_ns() > last_ns:
-            raise Refused("controller-refused", f"{what} did not come within {READY_S:g} s")
+            raise Refused("controller-refused", f"{what} not received within {READY_S:g} s")
         time.sleep(LOOK_S)
 
 

@@ -37,12 +37,13 @@ MESSAGES = {
     "damper; mount the right one, or correct `prior` of the specimen",
     "other-device": "{device}: {name} {now!r}, in the campaign's first session {first!r}",
     "no-coil-temperature": "the ECU reports no coil temperature",
-    "too-hot-to-resume": "coil at {now_degC:.1f} degC; this campaign saw {lowest_degC:.1f} to {highest_degC:.1f} degC "
-    "and continues from {from_degC:.1f} to {to_degC:.1f} degC: let it cool, then resume",
-    "too-cold-to-resume": "coil at {now_degC:.1f} degC; this campaign saw {lowest_degC:.1f} to {highest_degC:.1f} degC "
-    "and continues from {from_degC:.1f} to {to_degC:.1f} degC: warm the room or the damper, then resume",
+    "too-hot-to-resume": "coil at {now_degC:.1f} degC; earlier sessions ran at {lowest_degC:.1f} to "
+    "{highest_degC:.1f} degC and continues from {from_degC:.1f} to {to_degC:.1f} degC: let it cool, then resume",
+    "too-cold-to-resume": "coil at {now_degC:.1f} degC; earlier sessions ran at {lowest_degC:.1f} to "
+    "{highest_degC:.1f} degC and continues from {from_degC:.1f} to {to_degC:.1f} degC: warm the room or the damper, "
+    "then resume",
     # Preparing and running points
-    "still-cold": "{now_degC:.1f} degC after {warmed_s:.0f} s of warm-up; the window begins at {low_degC:g} degC",
+    "still-cold": "{now_degC:.1f} degC after {warmed_s:.0f} s of warm-up; the window starts at {low_degC:g} degC",
     "never-cool": "{now_degC:.1f} degC; does not cool to {highest_degC:.1f} degC unaided",
     "cool-too-late": "{now_degC:.1f} degC; cools to {highest_degC:.1f} degC in {forecast_s:.0f} s, later than "
     "[temperature] longest allows",

@@ -302,7 +302,7 @@ class _Mover:
             if true is not None and true(records := np.concatenate(parts)):
                 return records
         if true is not None:
-            raise NotProved("stop-ignored", f"{what} did not come within {longest_s:.3g} s")
+            raise NotProved("stop-ignored", f"{what} not received within {longest_s:.3g} s")
         return np.concatenate(parts)
 
 

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 )
 @click.option("--page", "page", is_flag=True, help="Serve the operator's page; its address is printed as `page: URL`.")
 @page_options
-@click.option("--hold", is_flag=True, help="With --page: begin when Start is pressed on the page.")
+@click.option("--hold", is_flag=True, help="With --page: start when Start is pressed on the page.")
 @click.option("--stay", is_flag=True, help="With --page: keep the page open after the end, until Close or Ctrl-C.")
 @click.option("--hybrid", "must_be_hybrid", is_flag=True, hidden=True)  # `rig run FILE` of earlier versions
 @click.option("--no-identify", is_flag=True, help="Record only; ignore [identify] in the matrix file.")

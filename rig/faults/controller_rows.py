@@ -105,14 +105,14 @@ ROWS = (
         slug="setpoints-lost", fault="Streamed set-points not followed",
         where="wire", place="controller", detected_by="device's set-point, else following error",
         limit_s=0.15, reaction="SO", end=StopKind.HALT, disk="J", resume="c",
-        code=67, detector="device's own set-point, or the rod, three times in a row too far from what was sent",
+        code=67, detector="device's own set-point, or the rod, three times in a row too far from the set-point sent",
     ),
     FaultRow(
         slug="hybrid-unstable", fault="Hybrid test does not track, or diverges",
         where="process", place="process", detected_by="energy error, bounds of the computed motion, each step",
         occasion="next step", reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
         code=68,
-        detector="hybrid test: delay, computed motion or energy error beyond its bounds, or no fresh force",
+        detector="hybrid test: delay, computed motion or energy error beyond its bounds, or no new force value",
     ),
     FaultRow(
         slug="register-layout", fault="Word order/scale wrong",

@@ -34,7 +34,7 @@ ROWS = (
     ),
     FaultRow(
         slug="host-late", fault="Computer too busy: monitoring paused",
-        where="process", place="starvation", detected_by="its threads' own waits, no device heard at all",
+        where="process", place="starvation", detected_by="excess waiting time of its threads, silence of all devices",
         limit_s=0.05, reaction="W→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
         code=54, detector="the station did not run, or heard no device at all, for longer than allowed",
     ),
@@ -61,7 +61,7 @@ ROWS = (
     ),
     FaultRow(
         slug="fsync-error", fault="fsync error",
-        where="process", place="disk", detected_by="abandon file; never retry-and-trust",
+        where="process", place="disk", detected_by="abandon the file; no retry",
         occasion="1 flush", reaction="S2", end=StopKind.FADE_OUT, disk="K", resume="c",
     ),
     FaultRow(

@@ -43,7 +43,7 @@ ROWS = (
         slug="can-lost", end=StopKind.FADE_OUT, code=27, detector="CAN port ended or refuses to send",
     ),
     FaultRow(
-        slug="position-disagreement", end=StopKind.HALT, code=35, detector="controller position and LVDT apart",
+        slug="position-disagreement", end=StopKind.HALT, code=35, detector="controller position and LVDT disagree",
     ),
     FaultRow(
         slug="feedback-lost", end=StopKind.HALT, code=61,

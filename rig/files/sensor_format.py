@@ -168,7 +168,7 @@ class FieldEntry(DescriptionTable):
     )
     offset: float | None = Field(None, description="see scale (default 0)")
     valid: Annotated[tuple[float, float], Check(_limits)] | None = Field(
-        None, description="[lowest, highest] valid number; outside it is an overload"
+        None, description="[lowest, highest] valid number; a number outside is an overload"
     )
     overload_values: tuple[int, ...] | None = Field(None, description="numbers for an input out of range")
     fault_values: tuple[int, ...] | None = Field(

@@ -16,7 +16,7 @@ from rig.text_file import read_text
 
 SIZE_LIMIT_BYTES = 262_144
 _AT = re.compile(r"\(at line (\d+), column \d+\)")
-_QUOTES = 'texts and quantities are in quotes, as in speed = "0.8 m/s"; dates are like 2030-01-31'
+_QUOTES = 'texts and quantities are in quotes, as in speed = "0.8 m/s"; dates have the form 2030-01-31'
 _HINTS = (
     ("Cannot overwrite a value", "this key is given twice; keep one"),
     ("Cannot declare", "this table is given twice; put all its keys under one heading"),
@@ -25,7 +25,7 @@ _HINTS = (
     ("Unclosed array", "the closing ] of a list is missing"),
     ("Illegal character '\\n'", "the closing quote is missing"),
     ("Found invalid character '\\n'", "the closing quote is missing"),
-    ("Found invalid character '\\r'", "lines end with CR alone; save the file with LF or CR LF"),
+    ("Found invalid character '\\r'", "lines end with CR only. Fix: save the file with LF or CR LF"),
     ("Found invalid character", "control character. Fix: delete it"),
     ("Illegal character", "control character. Fix: delete it"),
     ("Unescaped", "Fix: write a backslash in double quotes twice, or use single quotes"),

@@ -122,7 +122,8 @@ def _implausible(table: FloatArray, intensity: float) -> list[str]:
     uneven = np.flatnonzero(~(np.abs(steps - step_s) <= 0.01 * step_s))
     if step_s <= 0.0 or len(uneven):
         at = table[uneven[0], 0] if len(uneven) else table[0, 0]
-        problems.append(f"time steps are not equal: {step_s:g} s on average, another one after {at:g} s; resample it")
+        problems.append(f"time steps are not equal: {step_s:g} s on average, different after {at:g} s. Fix: resample "
+            "the record")
     elif step_s * (len(table) - 1) < 1.0:
         problems.append(f"lasts {step_s * (len(table) - 1):g} s; at least 1 s")
     peak = float(np.max(np.abs(table[:, 1]))) * intensity

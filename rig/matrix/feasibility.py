@@ -326,8 +326,8 @@ def _rate(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Itera
             need_Hz = needed * max(point.frequency_Hz for point in coarse)
             yield (
                 f"{some(coarse)}: only {fewest:.3g} samples per cycle from the {name} at {sensor.rate_Hz:.4g} Hz; "
-                f"identification from a {waveform} needs {needed:g}, that is {show(need_Hz, 'Hz')} here, because "
-                "force turns round within a few samples at each reversal"
+                f"identification from a {waveform} needs {needed:g}, that is {show(need_Hz, 'Hz')} here, because the "
+                "force reverses within a few samples"
             )
 
 

@@ -233,8 +233,8 @@ class HybridTable(Section):
             self.largest_energy_error < POLYNOMIAL_ERROR
         ):
             against.append(("hybrid-unstable", (
-                "polynomial extrapolates past targets, which a law that switches the current makes curved: energy "
-                f"errors of 20 to 24 % on healthy rigs, allowed {100 * self.largest_energy_error:g} %. Fix: "
+                "polynomial extrapolates previous targets, which is inaccurate with a law that switches the current: "
+                f"energy errors of 20 to 24 % on healthy rigs, allowed {100 * self.largest_energy_error:g} %. Fix: "
                 f"compensation model, ats or inverse, or largest_energy_error of {100 * POLYNOMIAL_ERROR:g} %"
             )))
         critical_s, share = car.critical_delay_s(), 1.0 if point.compensator == "none" else LEFT_SHARE

@@ -226,7 +226,7 @@ def _judged_warm_up(
     reached_degC = ambient_degC + thermal.warm_up_W / thermal.heat.loss_W_K
     if judged.energy_J is not None and ambient_degC < thermal.low_degC and reached_degC <= thermal.low_degC:
         text = (
-            f"warm-up reaches only {reached_degC:.3g} degC, the temperature window begins at {thermal.low_degC:.3g} "
+            f"warm-up reaches only {reached_degC:.3g} degC, the temperature window starts at {thermal.low_degC:.3g} "
             "degC. Fix: lower the window or give a stronger [temperature.warm_up]"
         )
         causes.append(Reason("warm-up", text))

@@ -171,7 +171,7 @@ class RecordedPoint(TestPoint):
             arrays["velocity"] = velocity_of(time_s, displacement_m)[0]
         for name in ("displacement", "force"):
             if not np.any(np.isfinite(arrays[name])):
-                raise FileProblem(id, [f"{name}: no number in any of {len(time_s)} rows; name another column"])
+                raise FileProblem(id, [f"{name}: no number in any of {len(time_s)} rows. Fix: name another column"])
         if "amplitude_m" not in description:
             check_one_motion(id, time_s, displacement_m, arrays["current"] if measured else None, waveform)
         assessment = assess(TestSamples(

@@ -61,7 +61,7 @@ class Selection:
 def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
     name, separator, value = (piece.strip() for piece in part.partition("="))
     if not separator or not value:
-        raise ValueError(f"{part.strip()!r} is not a condition; write one like waveform=triangle or current_A=1")
+        raise ValueError(f"{part.strip()!r} is not a condition; expected one such as waveform=triangle or current_A=1")
     if name in TEXTS:
         return name, tuple(item.strip() for item in value.split("|"))
     if name not in NUMBERS:

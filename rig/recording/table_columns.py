@@ -174,7 +174,7 @@ def _channel(column: pd.Series, name: str, known: TableUnits) -> tuple[str, Floa
     except (ValueError, TypeError) as error:
         if not dimension:
             return quantity, None
-        raise ValueError(f"column {name!r} must hold numbers: {error}") from error
+        raise ValueError(f"column {name!r} must contain numbers: {error}") from error
     values, notes = without_no_value(values, None)
     for note in notes:
         warnings.warn(f"column {name!r}: {note}", DataWarning, stacklevel=4)
@@ -231,7 +231,7 @@ def table_time(
     if len(time_s) < 2 or not np.all(np.isfinite(time_s)):
         name = "index" if column is None else f"column {column!r}"
         raise FileProblem(where, [
-            f"the time ({name}, in s) must increase from row to row, a number in each of two rows or more"
+            f"the time ({name}, in s) must have two or more rows of numbers and increase from row to row"
         ])
     return time_s, column
 

@@ -102,8 +102,8 @@ def refuse_beyond(extents: Sequence[Extent], what: str, rounding: float) -> None
 def travel_extents(reached: Reach, limits: Limits) -> tuple[Extent, Extent]:
     """Both ends of what a motion and its halts reach (m, rig's coordinate), against the position limits."""
     return (
-        Extent("travel, halts included, to", "m", reached.high_m, limits.position_max_m),
-        Extent("travel, halts included, to minus", "m", -reached.low_m, -limits.position_min_m),
+        Extent("travel (halts included) to", "m", reached.high_m, limits.position_max_m),
+        Extent("travel (halts included) to minus", "m", -reached.low_m, -limits.position_min_m),
     )
 
 

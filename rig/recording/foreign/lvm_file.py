@@ -118,8 +118,8 @@ class LvmFile(CsvFile):
         columns = self.values([*places, *mine])[len(places) :]
         if any(not np.array_equal(columns[0], one, equal_nan=True) for one in columns):
             raise FileProblem(str(self._file), [
-                "its channels have columns X_Value that differ: they were not sampled together. Fix: name channels "
-                "of one of them",
+                "its channels have different columns X_Value: they were not sampled together. Fix: name channels "
+                "that share one of them",
             ])
         return columns[0]
 

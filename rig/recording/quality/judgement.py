@@ -173,7 +173,7 @@ def _standing(name: str, counts: SensorCounts, samples_a_cycle: float) -> list[R
         return [invalid("sensor-saturated", f"{counts.saturated} {name} samples at the end of the range")]
     share = COARSE_STUCK_SHARE if counts.coarse else STUCK_SHARE
     if counts.standing > max(share * samples_a_cycle, FLAT_SAMPLES) and counts.flat < counts.standing:
-        return [invalid("sensor-stuck", f"{counts.standing} consecutive {name} samples are equal while the rig moves")]
+        return [invalid("sensor-stuck", f"{counts.standing} consecutive {name} samples are identical during motion")]
     if name == "force" and counts.flat >= FLAT_SAMPLES:
         return [invalid(
             "sensor-saturated",

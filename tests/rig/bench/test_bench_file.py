@@ -109,8 +109,8 @@ def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
         ('watchdog = "500 ms"', 'watchdog = "60 ms"', "shorter than two polls or time-outs; allowed: at least 80 ms"),
         ('stale_after = "30 ms"', 'stale_after = "15 ms"', "shorter than two status frames; allowed: at least 20 ms"),
         ("by-id/usb-lvdt", "by-id/usb-load-cell", "lvdt.url"),
-        ('range = "10 kN"', 'range = "4 kN"', "beyond the load cell's range; allowed: at most 4 kN"),
-        ('range = "100 mm"', 'range = "50 mm"', "beyond the LVDT's range; allowed: within +-50 mm"),
+        ('range = "10 kN"', 'range = "4 kN"', "exceeds the load cell's range; allowed: at most 4 kN"),
+        ('range = "100 mm"', 'range = "50 mm"', "exceeds the LVDT's range; allowed: within +-50 mm"),
         ("format = 1", "format = 2", "format = 2"),
     ],
 )  # fmt: skip

@@ -80,7 +80,7 @@ def _mended(folder: Path) -> Path:
 def test_a_limit_beyond_the_set_point_and_a_patience_below_two_statuses_are_refused(folder: Path) -> None:
     dbc = folder / "coil-driver.dbc"
     dbc.write_text(dbc.read_text().replace("[-5000|5000]", "[-2000|2000]"), encoding="utf-8")
-    with pytest.raises(FileProblem, match=r"limits\.current = .*beyond the set-point of the current source"):
+    with pytest.raises(FileProblem, match=r"limits\.current = .*exceeds the set-point range of the current source"):
         Bench.load(bench(folder))
     with pytest.raises(FileProblem, match=r"ecu\.command_period = .*too long for an ECU with a time-out of 60 ms"):
         Bench.load(bench(_mended(folder), f'{BY_FILE}\ncommand_period = "40 ms"\nstale_after = "90 ms"'))

@@ -173,7 +173,7 @@ def test_a_file_whose_values_are_not_what_was_written_is_run_again_and_told(tmp_
     assert ([point.id for point in stock.remaining], stock.results, stock.attempts) == (["p001"], (), {"p001": 1})
     (told,) = stock.problems
     assert told.startswith("points/p001.h5: /entry/data/force: damaged")
-    assert told.endswith("the point is run again")
+    assert told.endswith("the point is repeated")
 
 
 def test_a_damaged_later_attempt_gives_way_to_one_that_can_be_read(tmp_path: Path) -> None:

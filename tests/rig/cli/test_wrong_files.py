@@ -75,9 +75,9 @@ WRONG_BENCHES = {
     "name on two lines": ('name = "', 'name = "a\\nb', "must be 1 to 64 characters on one line, for example"),
     "maker instead of interface": ('"socketcan"', '"peak"', 'did you mean "pcan"? known: socketcan'),
     "upper case interface": ('"socketcan"', '"SocketCAN"', 'did you mean "socketcan"?'),
-    "no port number": (TCP, "modbus-tcp://192.168.0.10", "needs a host and a port from 1 to 65535, written like"),
+    "no port number": (TCP, "modbus-tcp://192.168.0.10", "needs a host and a port from 1 to 65535, for example"),
     "port 99999": (TCP, "modbus-tcp://192.168.0.10:99999", "port out of range"),
-    "no scheme": (TCP, "192.168.0.10:502", 'must be like "modbus-tcp://192.168.0.10:502" or "modbus-rtu:/dev/ttyUSB0"'),
+    "no scheme": (TCP, "192.168.0.10:502", 'must have a form such as "modbus-tcp://192.168.0.10:502" or "modbus-rtu:'),
     "serial line of no kind": (TCP, "modbus-rtu:tcp://a:1", "unknown kind of port tcp://"),
     "sensor without a scheme": (LOAD_CELL, "192.168.0.7:4001", 'is written "socket://192.168.0.7:4001"'),
     "misspelt scheme": (LOAD_CELL, "sockt://192.168.0.7:4001", 'did you mean "socket://"?'),
@@ -89,7 +89,7 @@ WRONG_BENCHES = {
     ),
     "NaN sensitivity": ("sensitivity = 0.001", "sensitivity = nan", "must be a finite number"),
     "due date as text": ("due = 2030-01-01", 'due = "2030-01-01"', "must be a date such as 2030-01-01"),
-    "thirteenth month": ("due = 2030-01-01", "due = 2030-13-01", "dates are like 2030-01-31"),
+    "thirteenth month": ("due = 2030-01-01", "due = 2030-13-01", "dates have the form 2030-01-31"),
 }  # fmt: skip
 
 WRONG_MATRICES = {
@@ -180,7 +180,7 @@ ENCODINGS = {
     "only comments": (b"# nothing\n", "this file has no entries"),
     "latin-1": (b"# a\n# 20 \xb0C\n", "line 2: not UTF-8 text (byte 0xb0 at 9). Fix: save the file as UTF-8"),
     "UTF-16": (BENCH.encode("utf-16"), "UTF-16 text. Fix: save it as UTF-8"),
-    "CR alone": (BENCH.replace("\n", "\r").encode(), "lines end with CR alone; save the file with LF or CR LF"),
+    "CR alone": (BENCH.replace("\n", "\r").encode(), "lines end with CR only. Fix: save the file with LF or CR LF"),
     "binary": (b"\x89HDF\r\n\x1a\n" + bytes(100), "line 1: not UTF-8 text"),
     "JSON": (b'{"format": 1}', "line 1: not valid TOML"),
     "YAML": (b"limits:\n  speed: 0.8 m/s\n", "line 1: not valid TOML: limits:"),

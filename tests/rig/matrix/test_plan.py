@@ -375,7 +375,7 @@ def test_a_window_that_the_warm_up_cannot_reach_is_refused_with_the_temperature_
     held_degC = 23.0 + 4.0 * 0.04 * 3000.0 * 1.5 / 10.0
     assert not result.feasible
     assert result.warm_up is not None
-    assert f"warm-up reaches only {held_degC:.3g} degC, the temperature window begins at 200 degC" in (
+    assert f"warm-up reaches only {held_degC:.3g} degC, the temperature window starts at 200 degC" in (
         result.warm_up.reasons
     )[0]
     entry = result.to_json()

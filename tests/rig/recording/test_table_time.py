@@ -76,7 +76,7 @@ REFUSED: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
     ),
     "not finite": (lambda: table(pd.Index([*TIME_S[:-1], np.inf], name="time_s")), "must increase"),
     "one row": (lambda: table(pd.Index(TIME_S, name="time_s")).iloc[:1], "at least two rows"),
-    "a force of texts": (lambda: table(TIME_S).assign(force=["ok"] * len(TIME_S)), "column 'force' must hold numbers"),
+    "a force of texts": (lambda: table(TIME_S).assign(force=["ok"] * len(TIME_S)), "'force' must contain numbers"),
 }  # fmt: skip
 
 
