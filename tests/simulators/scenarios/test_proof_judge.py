@@ -284,7 +284,7 @@ def test_a_stop_long_before_a_station_that_stands_still_excuses_nothing(
     shown: Shown, tripped_s: float | None, found: int
 ) -> None:
     """The rod moves at 0 s to 1 s, while the station does not run."""
-    shown.happened = ((SAFE_NS, Happening("station-stalled", 0.0, 1.0)),)
+    shown.happened = ((SAFE_NS, FaultEvent("station-stalled", 0.0, 1.0)),)
     shown.moves(0.0, 3.0, 0.1)
     if tripped_s is not None:
         shown.tells("host-late", tripped_s, "trip")
