@@ -158,7 +158,7 @@ SIG_VALTYPE_ 17 Amps : 1;
         ("open = 0", "open = 16", "ErrorWord has the bits 0 to 15"),
         ("open = 0", "open = 1", "bit 1 is already used for open"),
         ("short = 1", 'short = "DriverStatus.Shorted"', "has no signal 'Shorted'"),
-        ("value = 3", "value = 300", "FrameVersion holds 0 to 255"),
+        ("value = 3", "value = 300", "FrameVersion has a raw range of 0 to 255"),
         ("data_id = 0x2A1", "", "protection.DriverCommand.data_id: missing"),
         ("data_id = 0x2A1", "data_id = 0x12A1F", "must be a whole number of 0 to 65535 (0xFFFF)"),
         ('"e2e-1"\ndata_id = 0x2A2', '"e2e-3"\ndata_id = 0x2A2', "its profile must be one of none, counter, counter+"),

@@ -158,7 +158,7 @@ WRONG = [
     (("moving = 2", "moving = 1"), "hold and moving both have code 1"),
     (("e-stop = {quantity = \"alarms\"", "e-stop = {quantity = \"alarm\""), "did you mean alarms"),
     (("e-stop = {quantity = \"alarms\", bit = 1", "e-stop = {quantity = \"alarms\", bit = 16"), "0 to 15"),
-    (("{write = {pump = 0}}", "{write = {pumps = 0}}"), "pumps = 0: is not among .quantities.; did you mean pump"),
+    (("{write = {pump = 0}}", "{write = {pumps = 0}}"), "pumps = 0: is not in .quantities.; did you mean pump"),
     (("{write = {command = 3}}", "{write = {alarms = 3}}"), "cannot be written"),
     (("speed = \"$speed\"", "speed = \"$sped\""), "did you mean \\$speed"),
     (("speed = \"$speed\"", "speed = \"$target\""), "target is a length; speed is a speed"),

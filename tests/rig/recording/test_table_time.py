@@ -72,10 +72,10 @@ REFUSED: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
     "different time columns": (lambda: table(time_s=TIME_S, t_ms=TIME_S), "time columns: 'time_s', 't_ms'"),
     "backwards": (lambda: table(pd.Index(TIME_S[::-1], name="time_s")), "must increase from row to row"),
     "a date missing": (
-        lambda: table(pd.DatetimeIndex([pd.NaT, *(START + pd.to_timedelta(TIME_S[1:], "s"))])), "must increase",
+        lambda: table(pd.DatetimeIndex([pd.NaT, *(START + pd.to_timedelta(TIME_S[1:], "s"))])), "increase from row",
     ),
-    "not finite": (lambda: table(pd.Index([*TIME_S[:-1], np.inf], name="time_s")), "must increase"),
-    "one row": (lambda: table(pd.Index(TIME_S, name="time_s")).iloc[:1], "at least two rows"),
+    "not finite": (lambda: table(pd.Index([*TIME_S[:-1], np.inf], name="time_s")), "increase from row to row"),
+    "one row": (lambda: table(pd.Index(TIME_S, name="time_s")).iloc[:1], "two or more rows"),
     "a force of texts": (lambda: table(TIME_S).assign(force=["ok"] * len(TIME_S)), "'force' must contain numbers"),
 }  # fmt: skip
 
