@@ -75,8 +75,8 @@ class BoucWenModel(HystereticModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Kernel, bouc_wen_rate
+        from rig.dampers.compiled_cache import njit  # loads numba
+        from rig.dampers.kernel import Kernel, bouc_wen_rate  # loads numba
 
         @njit()
         def force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:
@@ -137,8 +137,8 @@ class NormalizedBoucWenModel(HystereticModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Kernel, bouc_wen_rate
+        from rig.dampers.compiled_cache import njit  # loads numba
+        from rig.dampers.kernel import Kernel, bouc_wen_rate  # loads numba
 
         @njit()
         def force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:
@@ -195,8 +195,8 @@ class ThinningBoucWenModel(NormalizedBoucWenModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Kernel
+        from rig.dampers.compiled_cache import njit  # loads numba
+        from rig.dampers.kernel import Kernel  # loads numba
 
         @njit()
         def force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:
@@ -240,7 +240,7 @@ class NormalizedSeparation:
 
     def yielding(self, source: Motion, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
         """See `Separation.yielding`."""
-        from rig.dampers.loop_curve import hysteresis_series, hysteresis_with_slopes
+        from rig.dampers.loop_curve import hysteresis_series, hysteresis_with_slopes  # loads numba
 
         rho, sigma, n = float(shape[0]), float(shape[1]), LOWEST_EXPONENT + float(shape[2])
         motion = (source.u_m, source.v_m_s, source.dt_s, source.samples_per_cycle)

@@ -101,7 +101,7 @@ class SaturatingLaw(CurrentLaw):
 
     def compiled(self, first: int) -> Compiled:
         """See `CurrentLaw.compiled`."""
-        from rig.dampers.compiled_cache import njit
+        from rig.dampers.compiled_cache import njit  # loads numba
 
         @njit()
         def felt(p: FloatArray, current: float) -> float:
@@ -140,7 +140,7 @@ class PolynomialLaw(CurrentLaw):
 
     def compiled(self, first: int) -> Compiled:
         """See `CurrentLaw.compiled`."""
-        from rig.dampers.compiled_cache import njit
+        from rig.dampers.compiled_cache import njit  # loads numba
 
         @njit()
         def felt(p: FloatArray, current: float) -> float:
@@ -195,7 +195,7 @@ class TableLaw(CurrentLaw):
 
     def compiled(self, first: int) -> Compiled:
         """See `CurrentLaw.compiled`."""
-        from rig.dampers.compiled_cache import njit
+        from rig.dampers.compiled_cache import njit  # loads numba
 
         levels, last = self.levels_A, self.levels_A.size - 1
 

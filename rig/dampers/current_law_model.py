@@ -43,8 +43,8 @@ class CurrentLawModel(DamperModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Instant, Kernel, Wanted, kernel_of
+        from rig.dampers.compiled_cache import njit  # loads numba
+        from rig.dampers.kernel import Instant, Kernel, Wanted, kernel_of  # loads numba
 
         inner, felt = kernel_of(self.base), self.law.compiled(len(self.base.parameters))
         inner_force, inner_rates, inner_rate, inner_step = inner.force, inner.rates, inner.fastest_rate, inner.step

@@ -49,10 +49,10 @@ class GeneralizedBoucWenModel(HystereticModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Kernel, sign
-        from rig.dampers.leaning_loop import leaning_travel
-        from rig.dampers.loop_curve import turning_point
+        from rig.dampers.compiled_cache import njit  # loads numba
+        from rig.dampers.kernel import Kernel, sign  # loads numba
+        from rig.dampers.leaning_loop import leaning_travel  # loads numba
+        from rig.dampers.loop_curve import turning_point  # loads numba
 
         @njit()
         def force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:

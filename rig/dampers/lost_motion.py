@@ -90,8 +90,8 @@ class LostMotionModel(HystereticModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Kernel, bouc_wen_rate, sign
+        from rig.dampers.compiled_cache import njit  # loads numba
+        from rig.dampers.kernel import Kernel, bouc_wen_rate, sign  # loads numba
 
         @njit()
         def force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:
@@ -149,7 +149,7 @@ class LostMotionSeparation(OwnNames):
 
     def yielding(self, source: Motion, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
         """See `Separation.yielding`."""
-        from rig.dampers.loop_curve import hysteresis_series, hysteresis_with_slopes
+        from rig.dampers.loop_curve import hysteresis_series, hysteresis_with_slopes  # loads numba
 
         rho, bend = float(shape[0]), float(shape[1])
         motion = (source.u_m, source.v_m_s, source.dt_s, source.samples_per_cycle)

@@ -67,8 +67,8 @@ class LuGreModel(HystereticModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Kernel
+        from rig.dampers.compiled_cache import njit  # loads numba
+        from rig.dampers.kernel import Kernel  # loads numba
 
         @njit()
         def slip(p: FloatArray, s0: float, v: float) -> float:

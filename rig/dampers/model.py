@@ -210,7 +210,7 @@ class HystereticModel(DamperModel):
             KeyError: a parameter is missing or unknown.
             ValueError: motion or current holds what is no number: every state after it would be none.
         """
-        from rig.dampers.kernel import force_series
+        from rig.dampers.kernel import force_series  # loads numba
 
         motion = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (u, v, a, current)))
         u_m, v_m_s, a_m_s2, current_A = (np.array(x) for x in motion)

@@ -67,8 +67,8 @@ class ModifiedBoucWenModel(HystereticModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Kernel, bouc_wen_rate
+        from rig.dampers.compiled_cache import njit  # loads numba
+        from rig.dampers.kernel import Kernel, bouc_wen_rate  # loads numba
 
         @njit()
         def force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:
@@ -104,8 +104,8 @@ def _own_step(rates: Compiled) -> Compiled:
     With z saturated, only y moves, and z closes up as exp(-n rho s) with the distance s; a step then ends at the next
     reversal of u' - y' at the latest. Elsewhere classical Runge-Kutta, by the fastest rate of the state as it is.
     """
-    from rig.dampers.compiled_cache import njit
-    from rig.dampers.kernel import MAXIMUM_SUBSTEPS, SATURATED, SUBSTEP_RATE, runge_kutta
+    from rig.dampers.compiled_cache import njit  # loads numba
+    from rig.dampers.kernel import MAXIMUM_SUBSTEPS, SATURATED, SUBSTEP_RATE, runge_kutta  # loads numba
 
     bend = runge_kutta(rates)
 

@@ -64,8 +64,8 @@ class BinghamModel(AlgebraicModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Kernel, sign
+        from rig.dampers.compiled_cache import njit  # loads numba
+        from rig.dampers.kernel import Kernel, sign  # loads numba
 
         @njit()
         def force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:
@@ -109,8 +109,8 @@ class ViscoelasticPlasticModel(HystereticModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Kernel, sign
+        from rig.dampers.compiled_cache import njit  # loads numba
+        from rig.dampers.kernel import Kernel, sign  # loads numba
 
         @njit()
         def force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:

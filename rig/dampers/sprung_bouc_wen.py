@@ -75,9 +75,9 @@ class SprungBoucWenModel(HystereticModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from rig.dampers.compiled_cache import njit
-        from rig.dampers.kernel import Instant, Kernel, Wanted
-        from rig.dampers.sprung_flow import MASS, OFFSET, SPRING, at_current, law, moved, remembered
+        from rig.dampers.compiled_cache import njit  # loads numba
+        from rig.dampers.kernel import Instant, Kernel, Wanted  # loads numba
+        from rig.dampers.sprung_flow import MASS, OFFSET, SPRING, at_current, law, moved, remembered  # loads numba
 
         @njit()
         def force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:
@@ -95,7 +95,7 @@ class SprungBoucWenModel(HystereticModel):
 
     def slopes_along(self) -> Compiled:
         """See `DamperModel.slopes_along`."""
-        from rig.dampers.sprung_slopes import slopes_along
+        from rig.dampers.sprung_slopes import slopes_along  # loads numba
 
         return slopes_along()
 

@@ -79,7 +79,7 @@ class UnitSeparation(OwnNames):
 
     def column(self, source: Motion, name: str, shape: FloatArray) -> FloatArray:
         """The force (N per unit of the parameter) with one linear parameter at 1 and the others at 0, shape (n,)."""
-        from rig.dampers.kernel import force_series
+        from rig.dampers.kernel import force_series  # loads numba
 
         values = dict.fromkeys(self.model.names, 0.0) | dict(zip(self.shape_names, shape.tolist(), strict=True))
         motion = (source.u_m, source.v_m_s, source.a_m_s2, source.current_A)

@@ -127,25 +127,25 @@ def _write_c(source: Source, out: Path) -> list[Path]:
 
 
 def _write_fmu(source: Source, out: Path) -> list[Path]:
-    from rig.export.fmu import write_fmu
+    from rig.export.fmu import write_fmu  # loads numba
 
     return write_fmu(source.fitted, out)
 
 
 def _write_modelica(source: Source, out: Path) -> list[Path]:
-    from rig.export.model_files import write_modelica
+    from rig.export.model_files import write_modelica  # loads numba
 
     return write_modelica(source.fitted, out)
 
 
 def _write_octave(source: Source, out: Path) -> list[Path]:
-    from rig.export.model_files import write_octave
+    from rig.export.model_files import write_octave  # loads numba
 
     return write_octave(source.fitted, out)
 
 
 def _write_python(source: Source, out: Path) -> list[Path]:
-    from rig.export.model_files import write_python
+    from rig.export.model_files import write_python  # loads numba
 
     return write_python(source.fitted, out)
 

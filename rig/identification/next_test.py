@@ -65,11 +65,11 @@ def bench_of(folder: Path) -> Allowance | None:
     campaign = CampaignFolder(folder)
     if not campaign.bench.is_file() or not campaign.matrix.is_file():
         return None
-    from rig.bench.model import Bench
-    from rig.matrix.feasibility import HEADROOM_M
-    from rig.matrix.model import Matrix, load_matrix
-    from rig.matrix.plan import plan
-    from rig.matrix.sections import ExtraPoint
+    from rig.bench.model import Bench  # loads pydantic
+    from rig.matrix.feasibility import HEADROOM_M  # loads pydantic
+    from rig.matrix.model import Matrix, load_matrix  # loads pydantic
+    from rig.matrix.plan import plan  # loads pydantic
+    from rig.matrix.sections import ExtraPoint  # loads pydantic
 
     bench, matrix = Bench.load(campaign.bench), load_matrix(campaign.matrix)
 

@@ -45,7 +45,7 @@ class AssumedDamper:
     @property
     def corner(self) -> CornerDamper:
         """The same as the damper of a car."""
-        from rig.vehicle.motion import CornerDamper
+        from rig.vehicle.motion import CornerDamper  # loads numba and pydantic
 
         return CornerDamper(self.model, dict(self.values))
 

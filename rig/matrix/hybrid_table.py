@@ -178,7 +178,7 @@ class HybridTable(Section):
             law: of its coil's current.
             fixture_kg: the rig's moving mass between load cell and specimen.
         """
-        from rig.hybrid.quarter_car import QuarterCar
+        from rig.hybrid.quarter_car import QuarterCar  # loads numba
 
         return QuarterCar(self.car, self.road.road(Path()), prior.corner, self.control(law), fixture_kg)
 

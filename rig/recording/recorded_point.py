@@ -154,9 +154,9 @@ class RecordedPoint(TestPoint):
                 implausible, there is no time or it does not increase, there is no motion to measure, or there are
                 several motions (`rig import` makes a test of each).
         """
-        from rig.recording.imported_quality import TestSamples, assess
-        from rig.recording.motion_parts import check_one_motion
-        from rig.recording.table_columns import check_current, table_channels
+        from rig.recording.imported_quality import TestSamples, assess  # loads h5py
+        from rig.recording.motion_parts import check_one_motion  # loads h5py
+        from rig.recording.table_columns import check_current, table_channels  # loads h5py
         from rig.signals.derivatives import velocity_of
 
         check_current(current_A, id)

@@ -130,7 +130,7 @@ class Controller:
 
     def _rate(self, force_N: float) -> float:
         """The wanted force's rate (N/s), smoothed."""
-        from rig.dampers.trajectory import smoothed_rate
+        from rig.dampers.trajectory import smoothed_rate  # loads numba
 
         if not math.isnan(self._force_N):
             self._rate_N_s = float(smoothed_rate(self._rate_N_s, force_N - self._force_N, self._dt_s))
@@ -139,7 +139,7 @@ class Controller:
 
     def _advanced(self, now: tuple[float, float, float]) -> FloatArray:
         """The state at this instant, moved from the one before with the coil's current."""
-        from rig.dampers.trajectory import trajectory_of
+        from rig.dampers.trajectory import trajectory_of  # loads numba
 
         model = self._law.model
         if self._state is None:

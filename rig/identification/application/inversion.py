@@ -77,7 +77,7 @@ def inverse(
     """
     grid = currents_A(tested)
     start = _start(law, motion, state)
-    from rig.dampers.trajectory import rates_N_s
+    from rig.dampers.trajectory import rates_N_s  # loads numba
 
     dt_s = 0.0 if motion.time_s is None else motion.dt_s
     answer = solve(law, grid, start, motion, wanted_N, rates_N_s(wanted_N, dt_s))
@@ -101,7 +101,7 @@ def solve(
     law: Law, grid: FloatArray, start: FloatArray, motion: Motion, wanted_N: FloatArray, rate_N_s: FloatArray
 ) -> FloatArray:
     """The compiled inverse: see `rig.dampers.trajectory.inverse_of`; `start` (1 or n, S) are states."""
-    from rig.dampers.trajectory import inverse_of
+    from rig.dampers.trajectory import inverse_of  # loads numba
 
     vectors, seen_A = law.vectors(grid)
     dt_s = motion.dt_s if start.shape[0] == 1 and motion.time_s is not None else 0.0
@@ -128,7 +128,7 @@ def current_band_A(
     tested: TestedRange | None, answer: FloatArray, dt_s: float, *, causal: bool = False
 ) -> FloatArray:
     """Half width (A) of the current's 95 % band, shape (n,); `dt_s`, `causal`: how the force's rate was taken."""
-    from rig.dampers.trajectory import amplified
+    from rig.dampers.trajectory import amplified  # loads numba
 
     if tested is None:
         return np.full(answer.shape[0], math.inf)

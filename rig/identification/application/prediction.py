@@ -75,7 +75,7 @@ def along(law: Law, motion: Motion) -> tuple[FloatArray, FloatArray]:
     if model.states == 0 and law.current is None and law.temperature is None:
         force_N = model.force(law.values, motion.u_m, motion.v_m_s, motion.a_m_s2, seen_A, motion.dt_s)
         return force_N, np.zeros((motion.u_m.size, 0))
-    from rig.dampers.trajectory import trajectory_of
+    from rig.dampers.trajectory import trajectory_of  # loads numba
 
     start = model.initial_state(float(motion.u_m[0]))
     if law.temperature is not None and motion.temperature_degC is not None:

@@ -35,7 +35,7 @@ def with_lag(test: Measurement, eta_1_s: float) -> Measurement:
 
 def coil_current(test: Measurement, eta_1_s: float) -> FloatArray:
     """Coil current (A), shape (n,), by equation (9) from the command, with its history before the kept cycles."""
-    from rig.identification.models.kernels import lagged_current
+    from rig.identification.models.kernels import lagged_current  # loads numba
 
     commanded = test.current_A if test.commanded_A is None else test.commanded_A
     before = test.commanded_before_A

@@ -63,7 +63,7 @@ def modelled_force(model: DamperModel, values: Mapping[str, float], test: Measur
             motion = (test.u_m[rows], test.v_m_s[rows], test.a_m_s2[rows], test.current_A[rows])
             whole[rows] = model.force(complete, *motion, test.dt_s)
         return whole
-    from rig.dampers.kernel import force_series
+    from rig.dampers.kernel import force_series  # loads numba
 
     state, motion = model.initial_state(float(test.u_m[0])), (test.u_m, test.v_m_s, test.a_m_s2, test.current_A)
     force: FloatArray = force_series(model, model.vector(complete), state, *motion, test.dt_s, test.samples_per_cycle)

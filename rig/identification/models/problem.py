@@ -142,7 +142,7 @@ class Problem:
         return np.where(np.isfinite(joined), joined, UNACCEPTABLE)
 
     def _algebraic_batch(self, general: FloatArray, *data: FloatArray) -> FloatArray:
-        from rig.identification.models.kernels import tanh_objective
+        from rig.identification.models.kernels import tanh_objective  # loads numba
 
         total: FloatArray = tanh_objective(general, *data)
         return np.where(np.isfinite(total), total, np.inf)
@@ -163,8 +163,8 @@ class Problem:
         return total
 
     def _hysteretic_batch(self, candidates: FloatArray, sources: Sequence[Measurement]) -> FloatArray:
-        from rig.dampers.kernel import series_of
-        from rig.identification.models.kernels import weighted_squares
+        from rig.dampers.kernel import series_of  # loads numba
+        from rig.identification.models.kernels import weighted_squares  # loads numba
 
         series = series_of(self.model)
         full = np.ones((candidates.shape[0], len(self.model.parameters)))

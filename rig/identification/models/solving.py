@@ -223,7 +223,7 @@ def solve_weighted(
     form = model.separation(motion_scale(measurements))
     if form is not None:
         return solve_loop(measurements, model, form, weighting, held, near)
-    from rig.identification.models.state_search import solve_states
+    from rig.identification.models.state_search import solve_states  # loads numba
 
     return solve_states(measurements, model, weighting, held, near, rival_N)
 

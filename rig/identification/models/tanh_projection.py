@@ -111,7 +111,7 @@ def gram(samples: Samples, *, compiled: bool) -> FloatArray:
     """Moments of a, 1, v, |v|, u and force with each other for each power of the current, shape (3, 6, 6)."""
     s = samples
     if compiled:
-        from rig.identification.models import kernels as tanh_kernels
+        from rig.identification.models import kernels as tanh_kernels  # loads numba
 
         products: FloatArray = tanh_kernels.gram(*s.arrays, s.ends, s.steady)
         return products
@@ -141,7 +141,7 @@ def add_moments(total: FloatArray, shapes: FloatArray, samples: Samples, *, slop
     """
     s = samples
     if compiled:
-        from rig.identification.models import kernels as tanh_kernels
+        from rig.identification.models import kernels as tanh_kernels  # loads numba
 
         tanh_kernels.add_moments(total, shapes, slope, *s.arrays, s.ends, s.steady)
         return
@@ -167,7 +167,7 @@ def squares(samples: Samples, shape: FloatArray, values: FloatArray, *, compiled
     """
     s = samples
     if compiled:
-        from rig.identification.models.kernels import tanh_objective
+        from rig.identification.models.kernels import tanh_objective  # loads numba
 
         (m, f0, ca, ca_half, ka, fya), (_, _, cb, cb_half, kb, fyb) = values
         viscous = ca + ca_half, ca - ca_half, cb + cb_half, cb - cb_half

@@ -24,7 +24,7 @@ def force_change_N(
     """
     if test.temperature_degC is None or not any(law.rates.values()):
         return np.zeros(test.u_m.size)
-    from rig.dampers.trajectory import trajectory_of
+    from rig.dampers.trajectory import trajectory_of  # loads numba
 
     complete = dict(values)
     if "eta" in model.names:

@@ -182,9 +182,9 @@ def warm_up() -> None:
     """Load what the first point would wait for, and write one small file."""
     import numpy as np
 
-    from rig.recording.hdf5.hdf5_image import write_file
-    from rig.recording.hdf5.read_back import prove
-    from rig.recording.layout import AlignedChannel, PointFile
+    from rig.recording.hdf5.hdf5_image import write_file  # loads numpy
+    from rig.recording.hdf5.read_back import prove  # loads numpy
+    from rig.recording.layout import AlignedChannel, PointFile  # loads numpy
 
     import_module("rig.recording.conversion.conversion")
     time_s = np.arange(16) / 250.0
@@ -230,8 +230,8 @@ def main() -> int:
 
 
 def _served(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    from rig.recording.conversion.conversion import finish_alone
-    from rig.recording.conversion.delay_correction import retime
+    from rig.recording.conversion.conversion import finish_alone  # loads numpy
+    from rig.recording.conversion.delay_correction import retime  # loads numpy
 
     if "journal" in request:
         yield asdict(finish_alone(Path(request["journal"]), recovered=request["recovered"]))

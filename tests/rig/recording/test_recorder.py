@@ -133,7 +133,7 @@ def test_an_answer_comes_even_when_the_finaliser_is_gone(campaign: Path) -> None
     finaliser.close()
     assert not finaliser.alive
     finaliser.submit(PointJournal("p001", campaign / "points/p001.journal", 0, 0))
-    assert "gone" in finaliser.wait("p001", WAIT_S).error
+    assert finaliser.wait("p001", WAIT_S).error_slug == "conversion-crashed"
 
 
 def test_closing_the_finaliser_finishes_what_it_was_given_and_answers_each_point_once(campaign: Path) -> None:
