@@ -4,4 +4,4 @@ Rooms, lowest first: dampers, bench, matrix, recording, station, campaign, ident
 Imports run downwards only; the simulated rig is never imported, it is started as a process.
 """
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
