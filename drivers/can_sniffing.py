@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import PurePath
 from typing import Any
 
 from drivers import clock
@@ -15,6 +16,8 @@ from protocols.errors import LocalProtocolError
 from protocols.guess_can import CanFrame
 
 LARGEST_LOG_BYTES = 64 << 20
+FORMATS = {".dbc": "dbc", ".kcd": "kcd", ".sym": "sym", ".arxml": "arxml"}
+"""Ending of a network description's name and its format; other files are taken as DBC files."""
 MOST_FRAMES = 200_000
 """Heard at a time; a full 1 Mbit/s bus carries some 8,000 a second."""
 
@@ -39,23 +42,28 @@ def listen_to_can(address: CanAddress, seconds: float) -> list[CanFrame]:
 
 
 def decoded(frames: Sequence[CanFrame], dbc: DbcText) -> tuple[dict[int, dict[str, Any]], list[int]]:
-    """What a DBC says of frames: by identifier its message's name and each signal's lowest and highest value.
+    """Each message and signal of frames: by identifier the message's name and each signal's lowest and highest value.
+
+    Args:
+        frames: as received.
+        dbc: a DBC file, or another network description (`FORMATS`), known by the ending of its name.
 
     Returns:
-        That, and the identifiers that it does not know.
+        That, and the identifiers that are not described.
 
     Raises:
-        LocalProtocolError: it is not a DBC.
+        LocalProtocolError: the text is not of the format that its name states.
     """
     import_can()  # before cantools, which would have it load its MF4 reader
-    from cantools.database.can import Database
+    from cantools.database import load_string
     from cantools.database.errors import Error
 
-    database: Any = Database(strict=False)
+    kind = FORMATS.get(PurePath(dbc.name).suffix.lower(), "dbc")
     try:
-        database.add_dbc_string(dbc.text)
+        database: Any = load_string(dbc.text, database_format=kind, strict=False)
     except Exception as error:  # the library raises its parser's errors, its own, and plain ones of many kinds
-        raise LocalProtocolError(f"{dbc.name}: not a DBC file: {str(error).splitlines()[0]}") from error
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise LocalProtocolError(f"{dbc.name}: not a valid {kind.upper()} file: {reason}") from error
     known: dict[int, dict[str, Any]] = {}
     unknown: set[int] = set()
     for _, identifier, data, _ in frames:

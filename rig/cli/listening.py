@@ -38,7 +38,7 @@ def listen_options(function: Callable[..., int]) -> Callable[..., int]:
         click.option("--from", "captured", type=FILE, hidden=True),
         click.option("--format", "given", metavar="FORMAT",
                      help="With --listen: decode with this format (a name or a file) instead of guessing."),
-        click.option("--dbc", type=FILE, help="With --listen: decode CAN frames with this DBC file."),
+        click.option("--dbc", type=FILE, help="With --listen: decode CAN frames with a DBC, KCD, SYM or ARXML file."),
         click.option("--baud", type=click.IntRange(300, 12_000_000),
                      help="With --listen: baud rate; default: try several."),
         click.option("--parity", type=click.Choice(["N", "E", "O"]),

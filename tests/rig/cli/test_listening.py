@@ -9,6 +9,7 @@ import socket
 import threading
 from pathlib import Path
 
+import cantools
 import pytest
 
 from drivers.sensor_formats import described_format
@@ -99,10 +100,15 @@ def test_what_fits_nothing_is_told_with_what_to_try(tmp_path: Path, capsys: pyte
     assert "add-a-sensor-format.md" in told
 
 
-def test_a_log_of_a_bus_is_told_by_identifiers_and_decoded_by_a_dbc(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("kind", ["dbc", "kcd", "sym"])
+def test_a_log_of_a_bus_is_shown_by_identifiers_and_decoded_by_a_network_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
 ) -> None:
     dbc = Path(__file__).resolve().parents[3] / "drivers/devices/demo_ecu.dbc"
+    if kind != "dbc":
+        network = cantools.database.load_file(dbc)
+        dbc = tmp_path / f"demo.{kind}"
+        dbc.write_text(getattr(network, f"as_{kind}_string")(), encoding="utf-8")
     # CoilTemperature 0x122: 31.5 degC, 25.0 degC, 13.50 V, boot count 3, little-endian as docs/wires.md has it.
     log = "".join(f"({k / 10:.6f}) can0 122#3B01FA0046050300\n({k / 10:.6f}) can0 7FF#0{k % 10}\n" for k in range(20))
     path = tmp_path / "bus.log"
