@@ -86,7 +86,7 @@ class IdentificationFailed(RigError):
 
 
 class UnknownRigState(RigError):
-    """Links are lost and the rig's state cannot be proved: go and look."""
+    """Links are lost and the rig's state cannot be confirmed: inspect the rig before continuing."""
 
     exit_code = EXIT_UNKNOWN_STATE
     slug = "state-unknown"

@@ -23,7 +23,7 @@ from rig.campaign.manual_current import check_manual_current, manual_current_of
 from rig.campaign.operator_link import Signals, operator_link
 from rig.campaign.preflight.proof_move import read_baseline
 from rig.campaign.preflight.rest_check import tolerances_of
-from rig.campaign.preflight.zero_return import zeros_returned
+from rig.campaign.preflight.zero_return import current_left, zeros_returned
 from rig.campaign.results import CampaignOptions, CampaignResult, Display, RigState, StopReport
 from rig.campaign.resume import Stock
 from rig.campaign.setup import (
@@ -265,8 +265,8 @@ def _result_of(runner: Runner, campaign: CampaignContext) -> CampaignResult:
     """The result of a session that has ended; the zeros at its end are judged first, for the points' verdicts."""
     state = runner.state
     findings, stop = zeros_returned(runner.zeros, campaign), _stop_report(runner)
-    left = None
-    if stop is not None and not stop.current_zero:
+    left = current_left(runner.current_left_A)
+    if left is None and stop is not None and not stop.current_zero:
         left = runner.zeros.force_left(tolerances_of(campaign.bench, campaign.plan).force_zero_N)
     not_proved = stop is not None and stop.moved and not (runner.safe or stop.current_zero)
     cause = state.refused or (None if state.latch is None else state.latch.cause)
@@ -287,13 +287,16 @@ def _stop_report(runner: Runner) -> StopReport | None:
     state = runner.state
     if state.latch is None or state.refused is not None:
         return None
-    gone = not state.pressurised and not runner.without_hydraulics
+    gone = (not state.pressurised or runner.pressure == "off") and not runner.without_hydraulics
+    zero = runner.current_zero or not state.moved or (state.hand_A == 0.0 and not state.hand_flows)
     classes = {resume_class(slug) for slug in {state.latch.cause.slug, *runner.stop_causes}}
     return StopReport(
         kind=str(state.latch.stop),
         slug=state.latch.cause.slug,
         proved=runner.standstill or (state.rig_state is RigState.SAFE and not state.pressurised),
-        current_zero=runner.current_zero or not state.moved or (state.hand_A == 0.0 and not state.hand_flows),
+        current_zero=zero and runner.current_left_A is None,
+        current_left_A=runner.current_left_A,
+        current_timeout_s=runner.current_timeout_s,
         pressure_off=gone,
         pressure="none" if runner.without_hydraulics else "off" if gone else runner.pressure,
         moved=state.moved,

@@ -157,6 +157,8 @@ class StopReport:
         slug: of the first cause.
         proved: the station proved standstill.
         current_zero: it proved 0 A, too.
+        current_left_A: the current that the last measurement shows, too large for 0 A (A); None: 0 A, or not measured.
+        current_timeout_s: own time-out (s) of a current source that was silent, which has passed; None elsewhere.
         pressure_off: the hydraulics are proved off.
         pressure: what was last seen of them: `off`, `low`, `on`, `unknown` (the controller does not show it), `none`
             (nothing to take away), or empty (not heard).
@@ -178,17 +180,30 @@ class StopReport:
     halted: bool
     faded: bool = False
     pressure: str = ""
+    current_left_A: float | None = None
+    current_timeout_s: float | None = None
 
     @property
     def stands(self) -> str:
         """The state of the rig, as far as it was proved: standstill, current and pressure separately."""
         if not self.moved:
-            said = self.pressure and not self.pressure_off
-            return f"no motion had started, {self._pressure}" if said else "no motion had started"
+            said = [] if self.current_left_A is None else [self._current]
+            said += [self._pressure] if self.pressure and not self.pressure_off else []
+            return ", ".join(("no motion had started", *said))
         ended = "motion halted" if self.halted else "motion faded out" if self.faded else "rod at rest"
         motion = ended if self.proved else "standstill is not confirmed"
-        current = "coil at 0 A" if self.current_zero else "coil current not confirmed"
-        return f"{motion}, {current}, {self._pressure}"
+        return f"{motion}, {self._current}, {self._pressure}"
+
+    @property
+    def _current(self) -> str:
+        if self.current_left_A is not None:
+            return f"COIL CURRENT STILL ON ({self.current_left_A:.3g} A measured; disconnect the coil's supply)"
+        if self.current_zero:
+            return "coil at 0 A"
+        if self.current_timeout_s is None:
+            return "coil current not confirmed"
+        passed = f"the current source's own time-out of {self.current_timeout_s:.3g} s has passed"
+        return f"coil current not measured ({passed})"
 
     @property
     def _pressure(self) -> str:

@@ -120,6 +120,8 @@ MESSAGES = {
     "drifted-apart": "the difference between {measured} and {own} at rest drifted by {drift:+.3g} {unit} between start "
     "and end (limit {limit:.3g} {unit}, largest measured {peak:.4g} {unit}): one of the two zeros drifted; check "
     "cable, mounting and temperature of both, tare, and repeat the tests",
+    "current-measured": "the coil current is still on: {left_A:.3g} A measured, 0 A expected; disconnect the coil's "
+    "supply, then inspect the rig",
     "force-left": "0 A could not be measured after the stop, and the force at rest changed from {start:.4g} N to "
     "{end:.4g} N (limit {limit:.3g} N): current may still flow in the coil; disconnect its supply, then check the "
     "current source and its connection",

@@ -19,7 +19,8 @@ def ending(result: CampaignResult) -> list[tuple[str, str]]:
     stop = result.stop
     lines: list[tuple[str, str]] = []
     if result.rig_state == RigState.UNKNOWN:
-        unproved = () if stop is None else stop.not_proved
+        flows = any(finding.slug == "current-left" for finding in result.findings)
+        unproved = stop.not_proved if stop is not None else ("0 A",) if flows else ()
         lines.append(("bold red", UNKNOWN.format(not_proved=" and ".join(unproved) or "standstill or 0 A")))
     if result.refused:
         lines.append(("red", f"Refused before anything moved: {result.stopped_by}: {result.detail}"))

@@ -74,12 +74,12 @@ ROWS = (
     FaultRow(
         slug="current-stuck", fault="Current persists after zero",
         where="wire", place="ecu", detected_by="measured current",
-        limit_s=0.2, reaction="S1, cut coil supply", end=StopKind.PRESSURE_OFF, disk="J", resume="n",
-        code=28, detector="measured current after 0 A was commanded",
+        limit_s=0.2, reaction="S1; operator cuts coil supply", end=StopKind.PRESSURE_OFF, disk="J", resume="n",
+        code=28, detector="measured current after 0 A was commanded", current_stays=True,
     ),
     FaultRow(
         slug="supply-not-zero", fault="Supply that cannot give 0 A",
         where="wire", place="ecu", detected_by="measured current at rest, and at 0 A when arming",
-        occasion="preflight", reaction="R", end=Ending.REFUSE, disk="N", resume="c",
+        occasion="preflight", reaction="R", end=Ending.REFUSE, disk="N", resume="c", current_stays=True,
     ),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_USAGE
+from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE, EXIT_USAGE
 
 PROVED_BY = "test_every_row.py::test_every_row_ends_as_the_matrix_says"
 UNUSABLE_FILES = frozenset({"config-absurd"})
@@ -67,6 +67,7 @@ class FaultRow:
         code: of the ring's `TRIP` record, unique; 0 where the station has no detector.
         detector: who in the station sees it, and how.
         halt: a FADE_OUT whose stop is the halt ramp, because a hard limit was hit.
+        current_stays: a current is measured until the end, and no command takes it away: the rig's state is unknown.
     """
 
     slug: str
@@ -84,6 +85,7 @@ class FaultRow:
     code: int = 0
     detector: str = ""
     halt: bool = False
+    current_stays: bool = False
 
     @property
     def stop(self) -> StopKind | None:
@@ -103,6 +105,8 @@ class FaultRow:
         """Exit code of `rig run` when the fault stays: the end's, but for a file of no use that of bad files."""
         if self.slug in UNUSABLE_FILES:
             return EXIT_USAGE
+        if self.current_stays:
+            return EXIT_UNKNOWN_STATE
         return EXIT_CODES[self.end] if isinstance(self.end, Ending) else EXIT_STOPPED
 
     @property

@@ -59,7 +59,10 @@ def late_event(blind: BlindTime, host: HostWatch) -> Event:
 
 def step_event(stop: SafeStop, inputs: StopInputs, evidence: Event, now_ns: int) -> Event:
     """The event of a stop's new step; of the last one with what is proved and what is not."""
-    proved: Event = {"stop": str(stop.kind), "standstill": stop.standstill, "current_zero": stop.current_zero}
+    proved: Event = {
+        "stop": str(stop.kind), "standstill": stop.standstill, "current_zero": stop.current_zero,
+        "current_left_A": stop.current_left_A,
+    }
     if stop.step is StopPhase.SAFE:
         event: Event = {
             "event": "safe", **proved, **evidence, "stopped_s": (inputs.now_ns - stop.started_ns) / 1e9
@@ -77,6 +80,11 @@ PRESSURE_SEEN = {
     "it, or define in [pressure] of its register map how it shows this",
 }
 
+CURRENT_ON = (
+    "the coil current is still on: {:.3g} A measured, 0 A commanded. Fix: disconnect the coil's supply, then inspect "
+    "the rig"
+)
+
 
 def unknown_reason(stop: SafeStop, inputs: StopInputs, evidence: Event) -> str:
     """What a stop could not prove, and which device it is missing for that."""
@@ -89,6 +97,8 @@ def unknown_reason(stop: SafeStop, inputs: StopInputs, evidence: Event) -> str:
         )
         if value is None
     ]
+    if stop.current_left_A is not None and stop.standstill:
+        return CURRENT_ON.format(stop.current_left_A)
     if inputs.current_A is None and stop.current_falls_s is None and stop.standstill:
         return (
             "the rod is at rest, but the current source does not respond and may still drive its current: switch it off"

@@ -25,6 +25,10 @@ class Coil(Protocol):
     def falls_within_s(self) -> float | None:
         """After so long without commands it is at 0 A (wall s); None: it keeps its current."""
 
+    @property
+    def own_timeout_s(self) -> float | None:
+        """Time-out of its own commands that its description declares (wall s); None: none, or set manually."""
+
 
 class Motion(Protocol):
     """What the supervisor needs of the actuator's side."""

@@ -136,7 +136,7 @@ class Station:
                     f"{signal.Signals(number).name}")
             self.supervisor.application_gone()
             code = EXIT_DONE if self._wait_safe() else EXIT_UNKNOWN_STATE
-            if code == EXIT_DONE:
+            if code == EXIT_DONE or self.supervisor.proved_without_pressure:
                 self.supervisor.disarm()
                 self.requests.leave()
         if self._stop_socket is not None:

@@ -112,6 +112,7 @@ class SafeStop:
         standstill: proved.
         current_zero: True proved, False not (yet).
         current_judged: the current's deadline has been judged.
+        current_left_A: the current last measured behind its deadline (A); None: none was measured, or it went to 0 A.
         current_s: that deadline (s).
         current_due_ns: host time from which it counts: the trip, or when a current that was gone came back.
         current_falls_s: after so long without commands the source is at 0 A by itself (s); None: it keeps its current.
@@ -130,6 +131,7 @@ class SafeStop:
     standstill: bool = False
     current_zero: bool = False
     current_judged: bool = False
+    current_left_A: float | None = None
     watchdog_s: float = 0.0
     current_s: float = CURRENT_LIMIT_S
     current_falls_s: float | None = 0.0
@@ -261,17 +263,21 @@ def _elapsed_s(since_ns: int, inputs: StopInputs) -> float:
 
 def _judge_current(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:
     if inputs.current_A is not None and abs(inputs.current_A) < ZERO_CURRENT_A:
-        return replace(stop, current_zero=True, current_judged=True), ()
+        return replace(stop, current_zero=True, current_judged=True, current_left_A=None), ()
     if stop.current_zero and inputs.current_A is not None:
         # It has come back, or one sample was noise: it is given the time that a current is given at first.
         stop = replace(stop, current_judged=False, current_due_ns=inputs.now_ns)
     stop = replace(stop, current_zero=False)
     silent_s = 0.0 if inputs.current_A is not None else stop.current_falls_s or 0.0
     allowed_s = max(stop.current_s, silent_s) / min(1.0, stop.device_rate)
-    if stop.current_judged or _elapsed_s(stop.current_due_ns, inputs) <= allowed_s:
+    if _elapsed_s(stop.current_due_ns, inputs) <= allowed_s:
         return stop, ()
+    first = stop.current_left_A is None
     stop = replace(stop, current_judged=True)
-    return (stop, ()) if inputs.current_A is None else (stop, (StopAction.CURRENT_STUCK,))
+    if inputs.current_A is None:
+        return stop, ()
+    stop = replace(stop, current_left_A=inputs.current_A)
+    return (stop, (StopAction.CURRENT_STUCK,)) if first else (stop, ())
 
 
 def _standstill(stop: SafeStop, inputs: StopInputs) -> bool:
@@ -345,10 +351,12 @@ def _hydraulics(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[Sto
 def _conclude(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:
     """Motion is over: safe once the current is proved, or its deadline has passed and been judged.
 
-    A source that is not heard, and keeps its current then, leaves the rig in an unknown state.
+    The state is unknown if the last measurement shows a current, or if the source is silent and has no time-out after
+    which it goes to 0 A.
     """
-    if stop.current_judged and not stop.current_zero and inputs.current_A is None and stop.current_falls_s is None:
-        return replace(stop, step=StopPhase.UNKNOWN, step_ns=inputs.now_ns), ()
-    if stop.current_zero or stop.current_judged:
-        return replace(stop, step=StopPhase.SAFE, step_ns=inputs.now_ns), ()
-    return stop, ()
+    if not (stop.current_zero or stop.current_judged):
+        return stop, ()
+    silent = inputs.current_A is None and stop.current_falls_s is None
+    flows = stop.current_left_A is not None or silent
+    step = StopPhase.UNKNOWN if flows and not stop.current_zero else StopPhase.SAFE
+    return replace(stop, step=step, step_ns=inputs.now_ns), ()

@@ -139,11 +139,19 @@ class Supervisor:
         """The last stop ended in proved standstill."""
         return self.stop is not None and self.stop.step is StopPhase.SAFE
 
+    @property
+    def proved_without_pressure(self) -> bool:
+        """The last stop ended in proved standstill with the pressure off, whatever became of the current."""
+        stop = self.stop
+        stands = stop is not None and stop.finished and stop.standstill
+        return stands and self._motion is not None and self._motion.pressure_name == "off"
+
     def evidence(self) -> dict[str, object]:
-        """Current, position, controller state and pressure as they are now; None where stale."""
+        """Current, position, controller state and pressure as they are now; None where stale; the source's time-out."""
         now_ns = monotonic_ns()
         return {
             "current_A": None if self._coil is None else self._coil.fresh_current_A,
+            "current_timeout_s": None if self._coil is None else self._coil.own_timeout_s,
             "position_m": None if self._travel is None else self._travel.position_m(now_ns),
             "state": None if self._motion is None else self._motion.state_name,
             "pressure": None if self._motion is None else self._motion.pressure_name,

@@ -14,14 +14,15 @@ from typing import Any
 import numpy as np
 
 from rig.campaign.results import INVALID, VALID, RigState
-from rig.campaign.stop_cause import CURRENT_FLOWS, because
+from rig.campaign.sequencer.state import Phase
+from rig.campaign.stop_cause import because
 from rig.campaign_folder import CampaignFolder
 from rig.errors import EXIT_STOPPED, FileProblem
 from rig.faults.row import StopKind
 from rig.recording.recorded_point import RecordedPoint
 from simulators.scenarios.motion_invariants import MOTION_CHECKS
 from simulators.scenarios.plan import DEATHS, DISK, OF_THE_STATION, SIGNALS
-from simulators.scenarios.proof_invariants import PROOF_CHECKS
+from simulators.scenarios.proof_invariants import PROOF_CHECKS, ZERO_A, source_is_hidden
 from simulators.scenarios.scenario import EVERY_S, MOST_SESSIONS, Scenario
 from simulators.scenarios.stop_invariants import STOP_CHECKS, STOPS
 from simulators.scenarios.view import (
@@ -45,7 +46,7 @@ TRIES_NS = 5e9
 """For so long before everything is at rest the pressure is ordered off."""
 WRITE_LOST = "modbus-write-lost"
 """Writes are acknowledged and change nothing: a link over which no command goes, whatever it answers."""
-LEFT_NS = 1e9
+LEFT_NS = 0.3e9
 SKEW_SIGMAS, SKEW_S = 4.5, 20e-6
 TRUE_SHARE, TRUE_FORCE_N = 0.05, 60.0
 """So much may a recorded force's ends differ from the true ones: of its span, and noise beside."""
@@ -190,20 +191,23 @@ UNFINISHED = f"not-written: {because('not-written', 'file-unfinished').detail}"
 
 
 def a_current_that_is_left_is_told(view: View) -> Findings:
-    """A coil with more than the bench's limit for the program's last second is told; after an S2 as an unknown state.
+    """A coil with current until the rig is left leaves an unknown state, unless its source is not heard.
 
-    After an S1 the resting force is not checked any more: there it is enough that 0 A is told to be not proved.
+    Then 0 A is reported as not measured; more than the bench's limit is seen in the force at rest, but not after an S1.
     """
     answer, bench = view.session.answer, bench_of(view)
-    if answer is None or bench is None or answer.rig_state is RigState.UNKNOWN:
+    if answer is None or bench is None or answer.rig_state is RigState.UNKNOWN or view.by_hand:
         return
-    limit_A = bench.limits.current_A + MORE_A
-    rows = view.between(view.session.ended_ns - LEFT_NS, view.session.ended_ns)
-    if not len(rows) or np.min(np.abs(rows[:, 2])) <= limit_A:
+    left = [float(line["host_ns"]) for line in view.lines if line.get("phase") == str(Phase.ENDED)]
+    left_ns = min(left, default=view.session.ended_ns)
+    rows = view.between(left_ns - LEFT_NS, left_ns)
+    flows_A = float(np.min(np.abs(rows[:, 2]))) if len(rows) else 0.0
+    if flows_A <= ZERO_A:
         return
-    seen = CURRENT_FLOWS & {str(line.get("slug")) for line in view.station("trip", "also")}
     stop = answer.stop
-    if not seen and (stop is None or stop.current_zero or stop.kind != str(StopKind.PRESSURE_OFF)):
+    silent = stop is not None and not stop.current_zero and stop.current_left_A is None
+    held = stop is not None and stop.kind != str(StopKind.PRESSURE_OFF)
+    if (held and flows_A > bench.limits.current_A + MORE_A) or not (silent or source_is_hidden(view)):
         yield f"{rows[-1, 2]:.2f} A in the coil at the end, but the rig is reported safe", rows[0, 0]
 
 

@@ -47,7 +47,7 @@ def moving_by_itself(view: View, from_ns: float, to_ns: float) -> NDArray[np.flo
 
 
 def a_stop_is_proved(view: View) -> Findings:
-    """A stop that the devices obey is proved: unknown is the rig's state only where something hides it."""
+    """A stop that the devices obey is proved: the state is unknown only if something hides it or a current stays."""
     for unknown in () if view.hidden else view.station("unknown"):
         yield f"the stop is not confirmed: {unknown.get('reason', '')}", float(unknown["t_ns"])
 
@@ -70,6 +70,8 @@ def what_is_proved_is_true(view: View) -> Findings:
         # A current that has begun since the last status was measured is not in the proof: it comes back, and is told.
         if safe.get("current_zero") and np.min(heard) > ZERO_A:
             yield f"0 A was confirmed at {heard[-1]:.2f} A", t_ns
+        if safe.get("current_left_A") is not None:
+            yield f"safe with {safe['current_left_A']:.2f} A measured", t_ns
         unproved = not safe.get("current_zero") and not view.by_hand
         if unproved and not view.faults() and not view.session.happened:
             yield "reported safe without confirmation of 0 A", t_ns
@@ -118,12 +120,20 @@ def _heard_ns(view: View) -> float:
     return 1e9 * (silent_s + HANDED_OVER_S)
 
 
+def _told(view: View) -> set[str]:
+    return {str(line["slug"]) for line in view.station("trip", "also", "warning")}
+
+
+def source_is_hidden(view: View) -> bool:
+    """The station reported something else of the current source, which may hide its current."""
+    return any(MATRIX[slug].place in OF_THE_SOURCE for slug in _told(view) - CURRENT_FLOWS if slug in MATRIX)
+
+
 def a_current_that_comes_back_is_told(view: View) -> Findings:
     """A current that flows after a proof of 0 A does not stay untold, nor what hides it."""
     if view.session.answer is None or view.by_hand:
         return
-    told = {str(line["slug"]) for line in view.station("trip", "also", "warning")}
-    if told & CURRENT_FLOWS or any(MATRIX[slug].place in OF_THE_SOURCE for slug in told if slug in MATRIX):
+    if source_is_hidden(view) or CURRENT_FLOWS & _told(view):
         return
     for safe in view.station("safe"):
         t_ns = float(safe["t_ns"])

@@ -72,7 +72,7 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     "sensors-swapped": DEAF_PREFLIGHT,
     "current-stuck": (
         deaf_station("current-stuck"),
-        Edit("rig/station/safe_stop.py", "else (stop, (StopAction.CURRENT_STUCK,))", "else (stop, ())"),
+        Edit("rig/station/safe_stop.py", "(stop, (StopAction.CURRENT_STUCK,)) if first", "(stop, ()) if first"),
     ),
     "supply-not-zero": (
         Edit("rig/campaign/preflight/rest_check.py", "not zero_A.beyond(0.0, limits.current_zero_A, SURE)", "True"),

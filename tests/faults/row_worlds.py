@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pytest
 from end_states import assert_never_moved, assert_no_current, assert_still
 from matrices import HYBRID, ONE_LONG_POINT, ONE_POINT
 from watched_campaign import Ending
@@ -179,11 +180,13 @@ def joint_is_noticed(_: WorldCampaign, ending: Ending) -> None:
 
 
 def current_stays(campaign: WorldCampaign, ending: Ending) -> None:
-    """0 A is commanded at the point's end, the current stays, so the pressure is taken away; the point is whole."""
+    """0 A is commanded at the point's end, the current stays: pressure off, state unknown; the point is valid."""
     truth = ending.truth
-    assert ending.exit_code == 4, ending.said
+    assert ending.exit_code == MATRIX["current-stuck"].exit_code == 7, ending.said
     assert ending.trips() == [("current-stuck", "S1")]
-    assert ending.answer["rig_state"] == "safe"
+    assert_current_is_named(ending, truth.current_A[-1])
+    stop = ending.answer["stop"]
+    assert (stop["proved"], stop["current_zero"], stop["pressure_off"]) == (True, False, True)
     zero = truth.first("SET_CURRENT", text="0.000", after=truth.first("FAULT"))
     stop = truth.first("FADE_STOP", after=zero)
     assert (stop.host_ns - zero.host_ns) / 1e9 <= within_s("current-stuck")
@@ -194,11 +197,20 @@ def current_stays(campaign: WorldCampaign, ending: Ending) -> None:
     assert ending.verdicts() == {"p001": "valid"}
 
 
+def assert_current_is_named(ending: Ending, current_A: float) -> None:
+    """The state is unknown, and the current that still flows is named."""
+    assert ending.answer["rig_state"] == "unknown"
+    (left,) = ending.answer["findings"]
+    assert left["slug"] == "current-left"
+    assert left["values"]["measured"] == pytest.approx(current_A, abs=0.05)
+
+
 def left_as_it_was(campaign: WorldCampaign, ending: Ending) -> None:
     """Refused by name before anything was set or taken: the current that nobody here can take away is not increased."""
     truth = ending.truth
-    assert ending.exit_code == MATRIX["supply-not-zero"].exit_code, ending.said
+    assert ending.exit_code == MATRIX["supply-not-zero"].exit_code == 7, ending.said
     assert ending.answer["stopped_by"] == "supply-not-zero"
+    assert_current_is_named(ending, truth.current_A[-1])
     assert [line["slug"] for line in ending.log if line["event"] == "refused"] == ["supply-not-zero"]
     assert not truth.all("ACQUIRE", "START")
     assert np.ptp(truth.displacement_m) <= 1e-6

@@ -29,12 +29,15 @@ from rig.signals.clock_model import unwrapped
 from rig.signals.cycles import measured_motion
 from rig.signals.load_train import CURRENT_APART_A, EDGE_MODULUS, CycleTrack, LoadTrain
 from rig.signals.waveform import HOLD, SIGNAL_NAMES
+from rig.station.safe_stop import ZERO_CURRENT_A
 
 _SATURATED = int(Input.VALVE_SATURATED)
 MOVES = frozenset({ControllerState.MOVING, ControllerState.RUNNING})
 ENDS = frozenset({ControllerState.FADING, ControllerState.HALTING})
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
+CURRENTS = 3
+"""So many samples in a row show that a current flows: one may be noise."""
 FRESH_TEMPERATURE_NS = 300_000_000
 STILL_WINDOW_S = 0.3
 STILL_M = 0.2e-3
@@ -139,6 +142,7 @@ class Observer:
         cycles_done: whole cycles done of the program last awaited, ramps included; 0 until it was seen.
         ended_by: states in which the last motion was ended, `FADING` or `HALTING`; empty while it runs, and where it
             ended by itself.
+        currents_A: arrival (ns) and value of the last measured currents.
         wait: what finds the awaited fact in new records; None while nothing is waited for.
         load_train_change: what the newest records tell of a load train that gives way; None where they do not.
     """
@@ -148,6 +152,7 @@ class Observer:
     device_s: float = 0.0
     held_ns: int = 0
     cycles_done: int = 0
+    currents_A: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=CURRENTS))
     wait: Wait | None = None
     load_train_change: str | None = None
     ended_by: set[int] = field(default_factory=set)
@@ -166,6 +171,9 @@ class Observer:
         channels, arrived_ns = newest["channel"].tolist(), newest["host_ns"].tolist()
         self.last.update(zip(channels, newest["value"].tolist(), strict=True))
         self.last_host_ns.update(zip(channels, arrived_ns, strict=True))
+        if Channel.COIL_CURRENT in block:
+            samples = block.of(Channel.COIL_CURRENT)[-CURRENTS:]
+            self.currents_A += zip(samples["host_ns"].tolist(), good_values(samples).tolist(), strict=True)
         if Channel.STATE in block:
             status = block.of(Channel.STATE)[-1]
             self._follow_motion(block.of(Channel.STATE)["value"].tolist())
@@ -175,6 +183,13 @@ class Observer:
         if fact is not None:
             self.wait = None
         return fact
+
+    def current_left_A(self, since_ns: int) -> float | None:
+        """The newest current (A) if the last samples all show one; None: 0 A, or none arrived after `since_ns`."""
+        known = [(arrived_ns, abs(value_A)) for arrived_ns, value_A in self.currents_A if math.isfinite(value_A)]
+        if not known or known[-1][0] < since_ns or min(value_A for _, value_A in known) < ZERO_CURRENT_A:
+            return None
+        return known[-1][1]
 
     def _follow_motion(self, states: list[float]) -> None:
         for state in states:

@@ -98,6 +98,10 @@ class Runner:
         """Standstill was proved at the end of the station's last stop."""
         self.pressure = ""
         """What was seen of the pressure then; empty: nothing."""
+        self.current_timeout_s: float | None = None
+        """Own time-out of a current source that was silent then, and that has passed; None: measured, or none (s)."""
+        self.current_left_A: float | None = None
+        """Current that the last measurement shows, too large for 0 A (A); None: 0 A, or not measured."""
         self.safe = False
         """The station's last stop ended in proof: its last word is `safe`, not `trip` or `unknown`."""
         self._stands = False
@@ -134,6 +138,8 @@ class Runner:
             watch.end()
             if self.state.armed:
                 self._leave_to_the_station()
+            measured_A = self._measured_left_A()
+            self.current_left_A = self.current_left_A if measured_A is None else measured_A
             abort = self._executor.recording.collect(self._signals)
             if abort is not None:
                 self.state = replace(self.state, latch=self.state.latch or Latch(abort.stop, abort.cause))
@@ -158,6 +164,15 @@ class Runner:
         self._events_of(message for message in heard if message.get("slug") != LINK_ENDED)
         self._campaign.log.note("station", what="ended", exit_code=code)
         self.state = after_station(self.state, ended=code == 0, safe=self.safe, stands=self._stands)
+
+    def _measured_left_A(self) -> float | None:
+        """The current that still flows, by the station's newest samples of it; None: 0 A, or not measured."""
+        ecu = self._campaign.bench.ecu
+        if self._ring is None or not ecu.measured:
+            return None
+        observer = self._executor.observer
+        observer.observe(RecordBlock(self._ring.read()))
+        return observer.current_left_A(self._ring.writer_heartbeat_ns - int(1e9 * ecu.silent_after_s))
 
     def _guarded_turn(self) -> None:
         try:
@@ -298,6 +313,7 @@ class Runner:
     def _forget_proof(self) -> None:
         """A stop begins, or was reset: what an earlier one proved says nothing of now."""
         self.standstill, self.current_zero, self.pressure = False, False, ""
+        self.current_timeout_s = self.current_left_A = None
         self.safe = self._stands = False
 
     def _end_of_stop(self, message: dict[str, Any]) -> ev.Event:
@@ -308,6 +324,9 @@ class Runner:
         self._stands = self.safe or (self._stands and self.standstill and (current_zero or not self.current_zero))
         self.current_zero = current_zero
         self.pressure = str(message.get("pressure") or "")
+        self.current_left_A = message.get("current_left_A")
+        silent = self.safe and not current_zero and message.get("current_A") is None
+        self.current_timeout_s = message.get("current_timeout_s") if silent else None
         return ev.Safe(StopKind(message["stop"])) if self.safe else ev.Unknown(str(message.get("reason", "")))
 
     def _take_proof(self, outcome: Outcome) -> None:

@@ -131,6 +131,14 @@ def _drift_finding(
     return CampaignFinding("zero-drift", "bench", text, instruments, values)
 
 
+def current_left(left_A: float | None) -> CampaignFinding | None:
+    """The finding of a current (A) that the last measurement shows at a session's end; None where there is none."""
+    if left_A is None:
+        return None
+    text = say("current-measured", left_A=left_A)
+    return CampaignFinding("current-left", "bench", text, ("current source",), {"measured": left_A})
+
+
 def zeros_returned(zeros: ZeroReturn, campaign: CampaignContext) -> tuple[CampaignFinding, ...]:
     """What the zeros show at a session's end, entered in `campaign.json`, in the points' files and in the books."""
     findings = zeros.findings()

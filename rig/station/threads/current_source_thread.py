@@ -266,9 +266,14 @@ class CurrentSourceThread(ReadingThread):
         return self._driver.traits.lowest_A
 
     @property
+    def own_timeout_s(self) -> float | None:
+        """Time-out of its own commands that its description declares (wall s); None: none, or set manually."""
+        return self._driver.traits.own_timeout_s
+
+    @property
     def falls_within_s(self) -> float | None:
         """After so long without commands it is at 0 A (wall s), or a person is asked; None: it keeps its current."""
-        own_s = 0.0 if self.by_hand else self._driver.traits.own_timeout_s
+        own_s = 0.0 if self.by_hand else self.own_timeout_s
         return None if own_s is None else max(own_s, 1e-9 * self._stale_ns) + self._settle_s
 
     @property

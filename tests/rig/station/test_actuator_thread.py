@@ -37,6 +37,7 @@ class Coil:
     fresh_current_A = 0.0
     zero_within_s = 0.25
     falls_within_s = 0.25
+    own_timeout_s = 0.1
 
     def zero_now(self) -> None:
         """Nothing to do."""

@@ -9,6 +9,7 @@ import pytest
 
 from rig.faults.row import StopKind
 from rig.station import safe_stop
+from rig.station.events import unknown_reason
 from rig.station.safe_stop import SafeStop, StopAction, StopInputs, StopPhase
 
 MS = 1_000_000
@@ -170,6 +171,19 @@ def test_a_current_that_comes_back_after_its_deadline_is_stuck_and_told_each_tim
     stop, _ = run(stop, replace(MOVING, current_A=0.0), 820, from_ms=800)
     _, actions = run(stop, MOVING, 1200, from_ms=820)
     assert actions == [(1075, StopAction.CURRENT_STUCK)]
+
+
+def test_a_current_that_is_measured_to_the_end_is_no_safe_end_also_when_its_source_is_lost_then() -> None:
+    stuck, actions = run(begin(StopKind.PRESSURE_OFF), replace(OFF, current_A=1.5), 300)
+    assert StopAction.CURRENT_STUCK in [action for _, action in actions]
+    assert (stuck.step, stuck.current_left_A, stuck.standstill) == (StopPhase.UNKNOWN, 1.5, True)
+    reason = unknown_reason(stuck, replace(AT_REST, current_A=1.5), {})
+    assert "1.5 A" in reason
+    waiting, _ = run(begin(), replace(MOVING, current_A=1.5), 300)
+    lost, _ = run(waiting, replace(AT_REST, current_A=None), 310, from_ms=300)
+    assert (lost.step, lost.current_left_A) == (StopPhase.UNKNOWN, 1.5)
+    gone, _ = run(waiting, replace(AT_REST, current_A=0.0), 310, from_ms=300)
+    assert (gone.step, gone.current_left_A) == (StopPhase.SAFE, None)
 
 
 def test_one_sample_of_noise_after_a_proved_0_A_is_no_stuck_current_but_judged_before_the_end() -> None:

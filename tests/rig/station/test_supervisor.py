@@ -71,6 +71,7 @@ class Coil:
     fresh_current_A = None
     zero_within_s = 0.25
     falls_within_s = 0.25
+    own_timeout_s = 0.1
 
     def __init__(self, zero: Callable[[], None]) -> None:
         self.zero_now = zero
