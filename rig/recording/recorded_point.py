@@ -151,8 +151,8 @@ class RecordedPoint(TestPoint):
 
         Raises:
             FileProblem: the current is no number, a column is missing or not numbers, a unit is unknown, a size is
-                implausible, there is no time or it does not increase, there is no motion to measure, or there are
-                several motions (`rig import` makes a test of each).
+                implausible, there is no time or it does not increase, or there are several motions (`rig import` makes
+                a test of each). A record without a whole cycle is an invalid test (`too-few-cycles`).
         """
         from rig.recording.imported_quality import TestSamples, assess  # loads h5py
         from rig.recording.motion_parts import check_one_motion  # loads h5py
@@ -179,10 +179,9 @@ class RecordedPoint(TestPoint):
             measured,
         ), waveform)  # fmt: skip
         if not {"amplitude_m", "frequency_Hz"} <= set(description):
-            if assessment.motion is None:
-                raise FileProblem(id, ["the displacement contains no whole cycle. Fix: give amplitude_m and "
-                    "frequency_Hz"])
-            sizes = {"amplitude_m": assessment.motion.amplitude_m, "frequency_Hz": assessment.motion.frequency_Hz}
+            motion = assessment.motion  # none without a whole cycle: invalid, as by `rig import`
+            found = (0.0, 0.0) if motion is None else (motion.amplitude_m, motion.frequency_Hz)
+            sizes = dict(zip(("amplitude_m", "frequency_Hz"), found, strict=True))
             description = {**sizes, **description}
             description["test"] = {**description.get("test", {}), MOTION_MEASURED: True}
         if "verdict" not in description:

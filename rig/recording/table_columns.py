@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rig.errors import DataWarning, FileProblem
+from rig.recording.foreign.csv_dialect import is_stamp
 from rig.recording.foreign.file_units import named_unit, units_for
+from rig.recording.foreign.text_cells import numbers_of_cells, seconds_of_stamps
 from rig.recording.foreign_tests import LARGEST, implausible, uniform_times, without_no_value
 from rig.signals.arrays import FloatArray
 from rig.signals.sample_times import SampleTimes
@@ -170,7 +172,7 @@ def _channel(column: pd.Series, name: str, known: TableUnits) -> tuple[str, Floa
             quantity, dimension, suffix = channel, measured, rest[1:]
             break
     try:
-        values = column.to_numpy(np.float64)
+        values = _numbers(column)
     except (ValueError, TypeError) as error:
         if not dimension:
             return quantity, None
@@ -182,6 +184,16 @@ def _channel(column: pd.Series, name: str, known: TableUnits) -> tuple[str, Floa
         return quantity, values
     unit = known.of(name, quantity, dimension, suffix)
     return quantity, np.asarray(values * unit.scale + unit.offset, np.float64)
+
+
+def _numbers(column: Any) -> FloatArray:  # noqa: ANN401 - an index or a series
+    """A column's numbers; in a column of texts as in a file.
+
+    Raises:
+        ValueError: not all are numbers.
+        TypeError: likewise.
+    """
+    return np.asarray(column.to_numpy(np.float64) if column.dtype.kind in "biuf" else numbers_of_cells(column))
 
 
 def _is_unit(text: str, dimension: str) -> bool:
@@ -242,7 +254,7 @@ def _kind_of_time(source: Any, column: str | None, known: TableUnits) -> str:  #
         return ""
     name = "" if source.name is None else str(source.name).lower()
     dates = source.dtype.kind in "mM" or hasattr(source.dtype, "tz")
-    if dates:
+    if dates or _is_stamps(source):
         return "certain" if column is None or name.split("_")[0] in DATES else ""
     stated = _stated_unit(source, known) is not None
     if name in NAMES and (stated or "_" in name):
@@ -262,6 +274,20 @@ def _stated_unit(source: Any, known: TableUnits) -> str | None:  # noqa: ANN401 
     return known.stated.get(name, known.stated.get("time", known.attribute.get(name)))
 
 
+def _is_stamps(source: Any) -> bool:  # noqa: ANN401 - an index or a series
+    """Whether a column's texts are time stamps, by its first one."""
+    first = source[:1].tolist()
+    return bool(first) and isinstance(first[0], str) and is_stamp(first[0].strip())
+
+
+def _of_stamps(source: Any, where: str) -> FloatArray:  # noqa: ANN401 - an index or a series
+    try:
+        return seconds_of_stamps(source.tolist())[0]
+    except (ValueError, OverflowError) as error:
+        problem = f"the time in {source.name!r}: {error}. Fix: repair the row, or write all time stamps alike"
+        raise FileProblem(where, [problem]) from error
+
+
 def _same(one: FloatArray, other: FloatArray) -> bool:
     """Whether two times have the same steps; dates count from the first row."""
     steps = (one - one[:1]) - (other - other[:1])
@@ -276,6 +302,8 @@ def _seconds(source: Any, where: str, known: TableUnits) -> FloatArray:  # noqa:
             values = source.to_numpy("datetime64[ns]")
         steps = np.asarray(values - values[:1], "timedelta64[ns]")
         return np.where(np.isnat(steps), np.nan, steps.astype(np.int64) * 1e-9)
+    if _is_stamps(source):
+        return _of_stamps(source, where)
     name, stated = str(source.name).lower(), _stated_unit(source, known)
     scale = NAMES.get(name, 1.0)
     if stated is not None:
@@ -285,6 +313,6 @@ def _seconds(source: Any, where: str, known: TableUnits) -> FloatArray:  # noqa:
             raise FileProblem(where, [problem])
         scale = unit[1].scale
     try:
-        return np.asarray(source.to_numpy(np.float64) * scale, np.float64)
+        return np.asarray(_numbers(source) * scale, np.float64)
     except (ValueError, TypeError) as error:
         raise FileProblem(where, [f"the time in {source.name!r} is not a number: {error}"]) from error

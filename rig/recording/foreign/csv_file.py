@@ -27,19 +27,17 @@ from rig.recording.foreign.csv_dialect import (
     is_number,
     is_stamp,
     layout_of,
-    normal_stamp,
     signs_of,
-    stamp_forms,
     without_groups,
 )
 from rig.recording.foreign.foreign_file import Break, Dialect, ForeignColumn
+from rig.recording.foreign.text_cells import NotStamps, seconds_of_stamps
 from rig.signals.arrays import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
 
 MOST_PROBLEMS = 5
-HALF_DAY_NS = 43_200_000_000_000
 MOST_EVENTS, FEW_EVENTS = 0.1, 5
 """Share of the rows that may be events; a few always may."""
 MINUS = "\u2212"
@@ -125,7 +123,6 @@ class CsvFile:
         if table is None:
             raise FileProblem(str(self._file), list(self._wrong_values(places)) or ["not every value is a number"])
         columns = {place: table[place].to_numpy(copy=True) for place in places if place not in stamps}
-        self._refuse_infinite(columns)
         columns |= {place: self._seconds(table[place].tolist(), place) for place in stamps}
         if self._lines is None or int(self._lines[-1]) == self._text.count("\n") + 1:
             for place in {*self._cut_off()} & {*places}:
@@ -284,50 +281,27 @@ class CsvFile:
             start = self._text.index("\n", start) + 1
         return self._text[start:]
 
-    def _refuse_infinite(self, columns: dict[int, FloatArray]) -> None:
-        problems = [
-            f"{self.row_name(int(np.flatnonzero(np.isinf(values))[0]))}, column "
-            f"{self.columns[place].name!r}: infinite"
-            for place, values in columns.items() if np.isinf(values).any()
-        ]  # fmt: skip
-        if problems:
-            raise FileProblem(str(self._file), problems)
-
     def _seconds(self, cells: list[object], place: int) -> FloatArray:
         """Time stamps as seconds after the first one.
 
         Raises:
             FileProblem: some are no time stamps, or they are not written alike.
         """
-        given = ("" if cell is None or cell != cell else str(cell).strip() for cell in cells)
-        texts = [normal_stamp(cell).replace(",", ".") for cell in given]
-        while texts and not texts[-1]:
-            texts.pop()
-        wrong = [k for k, text in enumerate(texts) if not is_stamp(text)]
-        if wrong:
-            raise FileProblem(str(self._file), [
-                f"{self.row_name(k)}, column {self.columns[place].name!r}: {texts[k][:40]!r} is not a time stamp. "
-                "Fix: repair the row, or, for samples at a constant rate, use --rate instead of the column"
-                for k in wrong[:MOST_PROBLEMS]
-            ])  # fmt: skip
+        name = self.columns[place].name
         try:
-            nanoseconds = _nanoseconds(texts)
+            seconds, self._midnights = seconds_of_stamps(cells)
+        except NotStamps as error:
+            raise FileProblem(str(self._file), [
+                f"{self.row_name(row)}, column {name!r}: {text[:40]!r} is not a time stamp. "
+                "Fix: repair the row, or, for samples at a constant rate, use --rate instead of the column"
+                for row, text in list(error.rows.items())[:MOST_PROBLEMS]
+            ]) from error
         except (ValueError, OverflowError) as error:
-            problem = f"column {self.columns[place].name!r}: the time stamps have different formats: {error}. Fix: " + (
+            problem = f"column {name!r}: the time stamps have different formats: {error}. Fix: " + (
                 "for samples at a constant rate, use --rate instead of the column"
             )
             raise FileProblem(str(self._file), [problem]) from error
-        if not stamp_forms(texts[0]) or not re.search(r"\d[-/.]", texts[0][:5]):
-            nanoseconds = self._over_midnight(nanoseconds)
-        seconds = np.full(len(cells), np.nan)
-        seconds[: len(texts)] = (nanoseconds - nanoseconds[0]) * 1e-9
         return seconds
-
-    def _over_midnight(self, nanoseconds: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Times of day that go on after midnight; a step back of more than half a day is one."""
-        days = np.cumsum(np.diff(nanoseconds, prepend=nanoseconds[:1]) < -HALF_DAY_NS)
-        self._midnights = int(days[-1]) if len(days) else 0
-        return nanoseconds + 2 * HALF_DAY_NS * days
 
     def _wrong_values(self, places: Sequence[int]) -> Iterator[str]:
         """Where the values are that are no numbers, the first few."""
@@ -367,31 +341,3 @@ def _stretches(marked: NDArray[np.bool_]) -> NDArray[np.int64]:
     """First place and place after the last of every stretch of marked places, (stretches, 2)."""
     edges = np.diff(np.concatenate([[False], marked, [False]]).astype(np.int8))
     return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)])
-
-
-def _nanoseconds(texts: Sequence[str]) -> NDArray[np.int64]:
-    """Time stamps, shape (n,), in ns; where day and month may be either, in the order that makes the test shorter.
-
-    Raises:
-        ValueError: they are not written alike.
-    """
-    import pandas as pd
-
-    forms = stamp_forms(texts[0])
-    if not forms:
-        return np.asarray(pd.to_timedelta(list(texts)).to_numpy().astype("timedelta64[ns]").astype(np.int64))
-    series = pd.Series(texts)
-    if forms == ("ISO8601",):
-        series = series.str.replace("/", "-")
-    read: list[NDArray[np.int64]] = []
-    refused: ValueError | None = None
-    for form in forms:
-        try:
-            stamps = pd.to_datetime(series, format=form, utc=True).dt.tz_localize(None)
-        except ValueError as error:
-            refused = error
-        else:
-            read.append(np.asarray(stamps.to_numpy().astype("datetime64[ns]").astype(np.int64)))
-    if not read and refused is not None:
-        raise refused
-    return min(read, key=lambda nanoseconds: abs(int(nanoseconds[-1]) - int(nanoseconds[0])))

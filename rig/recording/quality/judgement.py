@@ -231,7 +231,7 @@ def _motion(evidence: PointEvidence) -> list[Reason]:
         if evidence.stopped_by is not None:
             # No fault of a device: the point was stopped, which is reported already.
             return []
-        counted = "none" if evidence.measured_cycles is None else f"{evidence.measured_cycles:g}"
+        counted = f"{evidence.measured_cycles or 0.0:g}"
         return [invalid("too-few-cycles", f"{counted} full cycles measured, expected {evidence.wanted_cycles:g}")]
     reasons = []
     if evidence.measured_amplitude_m is not None and evidence.wanted_amplitude_m > 0:

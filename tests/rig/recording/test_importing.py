@@ -102,10 +102,6 @@ def test_time_that_does_not_increase_is_named_with_its_line(tmp_path: Path) -> N
     assert "does not come after" in message
 
 
-def test_infinite_values_are_refused(tmp_path: Path) -> None:
-    assert "line 42, column 'F': infinite" in refused(tmp_path, changed(sine_file(tmp_path), 42, "0.2,12.0,inf"))
-
-
 @pytest.mark.parametrize(("columns", "message"), [
     ({**COLUMNS, "displacement": "stroke_mm"}, "no column 'stroke_mm'; columns: t_s, x_mm, F"),
     ({**COLUMNS, "force": "F"}, "unknown unit"),

@@ -58,6 +58,35 @@ def test_a_time_is_read_in_seconds_wherever_it_stands(make: Callable[[], pd.Data
     assert set(point.to_pandas()) == {"displacement", "force", "current", "velocity"}
 
 
+LIKE_A_FILE: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
+    "infinite force": lambda test: test.assign(force_N=test["force_N"].where(test.index != 300, np.inf)),
+    "n/a": lambda test: test.assign(force_N=test["force_N"].astype(str).where(test.index != 300, "n/a")),
+    "time stamps": lambda test: test.assign(
+        time=[(START + pd.Timedelta(t, "s")).isoformat(timespec="microseconds") for t in TIME_S]
+    ),
+    "many missing": lambda test: test.assign(force_N=test["force_N"].where(test.index > 40)),
+    "less than a cycle": lambda test: test[:120],
+}
+
+
+@pytest.mark.filterwarnings("ignore::rig.errors.DataWarning")
+@pytest.mark.parametrize("name", LIKE_A_FILE)
+def test_a_table_is_taken_as_the_same_table_in_a_file(name: str, tmp_path: Path) -> None:
+    """Each of these was refused by one of the two and taken by the other, or refused in other words."""
+    made = pd.DataFrame({"time": TIME_S - TIME_S[0], "displacement_mm": 1e3 * MOTION_M, "force_N": 900.0 * MOTION_M})
+    made = LIKE_A_FILE[name](made)
+    made.to_csv(tmp_path / "a.csv", index=False)
+    columns = {"displacement": "displacement_mm", "force": "force_N", "time": "time"}
+    units = {} if name == "time stamps" else {"time": "s"}
+    columns |= {"time": f"time:{units['time']}"} if units else {}
+    (of_file,) = Run.open(import_tests([tmp_path / "a.csv"], columns=columns, current_A=0.5, out=tmp_path)).points
+    of_table = RecordedPoint.from_pandas(made, id="mine", current_A=0.5, units=units)
+    assert (of_table.verdict, of_table.reasons) == (of_file.verdict, of_file.reasons)
+    assert of_table.amplitude_m == pytest.approx(of_file.amplitude_m)
+    assert of_table.frequency_Hz == pytest.approx(of_file.frequency_Hz)
+    assert np.count_nonzero(np.isnan(of_table.force_N)) == np.count_nonzero(np.isnan(of_file.force_N))
+
+
 REFUSED: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
     "row numbers": (lambda: table(), "counts rows. Fix: give a column `time_s`"),
     "filtered row numbers": (lambda: table().iloc[7:], "counts rows"),
