@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import stat
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -65,16 +67,49 @@ def json_of(path: Path, raw: bytes) -> dict[str, Any]:
     """The object in what was read from a JSON file.
 
     Raises:
-        FileProblem: not UTF-8, not JSON, nested too deeply, or not an object.
+        FileProblem: not UTF-8, not JSON, nested too deeply, not an object, or a key twice in one object.
     """
+    repeated: list[_Repeated] = []
+
+    def object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        made = dict(pairs)
+        if len(made) != len(pairs):
+            made = _Repeated(made)
+            made.names = [name for name, count in Counter(name for name, _ in pairs).items() if count > 1]
+            repeated.append(made)
+        return made
+
     try:
-        value = json.loads(_text_of(path, raw))
+        value = json.loads(_text_of(path, raw), object_pairs_hook=object_of)
     except (ValueError, RecursionError) as error:
         why = "nested too deeply" if isinstance(error, RecursionError) else str(error)
         raise FileProblem(str(path), [f"not valid JSON: {why}"]) from error
     if not isinstance(value, dict):
         raise FileProblem(str(path), [f"expected a JSON object, got {type(value).__name__}"])
+    if repeated:
+        raise FileProblem(str(path), [
+            f"{place}: the key is there more than once, expected once. Fix: leave one of them, the right one"
+            for place in _repeated_keys(value, "")
+        ])  # fmt: skip
     return value
+
+
+class _Repeated(dict[str, Any]):
+    """An object of JSON in which keys are there more than once: their `names`."""
+
+    names: list[str]
+
+
+def _repeated_keys(value: object, place: str) -> Iterator[str]:
+    """Every key that is there more than once, by its path."""
+    if isinstance(value, _Repeated):
+        yield from (f"{place}{name}" for name in value.names)
+    if isinstance(value, dict):
+        for name, entry in value.items():
+            yield from _repeated_keys(entry, f"{place}{name}.")
+    elif isinstance(value, list):
+        for index, entry in enumerate(value):
+            yield from _repeated_keys(entry, f"{place}{index}.")
 
 
 def open_regular(path: Path) -> BinaryIO:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,6 +79,8 @@ def listen(source: str | None, options: Mapping[str, Any], *, as_json: bool) -> 
     if captured is None and source is not None and Path(source).is_file():
         captured, source = Path(source), None
     options["captured"] = captured
+    if captured is not None:
+        _refuse_bench(captured)
     frames = _can_frames(source, options)
     answer = _can(frames, options["dbc"]) if frames is not None else _sensor(source, options)
     if as_json:
@@ -85,6 +88,24 @@ def listen(source: str | None, options: Mapping[str, Any], *, as_json: bool) -> 
     else:
         say("\n".join(_can_words(answer) if frames is not None else _words(answer)))
     return EXIT_DONE if answer["found"] else EXIT_NOT_ALL_VALID
+
+
+def _refuse_bench(captured: Path) -> None:
+    """Refuse a file of settings in place of captured traffic.
+
+    Raises:
+        FileProblem: it is TOML; with the command for a bench file.
+    """
+    try:
+        tables = tomllib.loads(_read(captured).decode("utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return
+    if any(isinstance(table, dict) for table in tables.values()):
+        raise FileProblem(str(captured), [
+            f"--listen: got a TOML file ({', '.join(f'[{name}]' for name in list(tables)[:3])} ...), expected a serial "
+            "port, socket://HOST:PORT, a CAN bus as INTERFACE:CHANNEL, or a file of captured bytes. Fix: of a bench "
+            f"file, `rig check {captured}` checks its devices; --listen takes the port of one of them",
+        ])  # fmt: skip
 
 
 def _can_frames(port: str | None, options: Mapping[str, Any]) -> list[CanFrame] | None:

@@ -145,8 +145,20 @@ def _present_spelling(words: list[str]) -> list[str]:
         return words
     own = words[: words.index("--")] if "--" in words else words
     if words[0] == "hybrid" and "--benchmark" in own:
-        return ["benchmark", *(word for word in own[1:] if word != "--benchmark"), *words[len(own):]]
+        return ["benchmark", *_of_benchmark(own[1:])]
     return [*RENAMED[words[0]], *words[1:]]
+
+
+def _of_benchmark(words: list[str]) -> list[str]:
+    """Options of `rig hybrid --benchmark` that `rig benchmark` has too: --out had no effect there."""
+    kept: list[str] = []
+    following = iter(words)
+    for word in following:
+        if word == "--out":
+            next(following, None)
+        elif word != "--benchmark" and not word.startswith("--out="):
+            kept.append(word)
+    return kept
 
 
 def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:

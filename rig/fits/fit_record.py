@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
 
@@ -194,8 +195,7 @@ class FitRecord:
                 "identify again with --current affine"
             ])  # fmt: skip
         if missing:
-            named = (f"{name} ({reasons[name]})" if reasons.get(name) else name for name in missing)
-            raise FileProblem(file, [f"no value for {', '.join(named)}"])
+            raise FileProblem(file, [_without_values(model, missing, reasons, self.parameters), FIX])
         known = {name: self.values[name] for name in model.names if name in self.values}
         usual = model.parameter(COIL).start if COIL in model.names else 0.0
         return {name: known.get(name, usual if eta_1_s is None else eta_1_s) for name in model.names}
@@ -274,6 +274,20 @@ class FitRecord:
             },
             uncertainty=replace(self.uncertainty, correlation=correlation),
         )
+
+
+def _without_values(
+    model: DamperModel, missing: Sequence[str], reasons: Mapping[str, str], given: Collection[str]
+) -> str:
+    """Why a file's parameters are not enough for its model; those of another model are named."""
+    named = ", ".join(f"{name} ({reasons[name]})" if reasons.get(name) else name for name in missing)
+    others = [name for name in given if name not in {*model.names, *chain(*RATES.values())}]
+    if not others:
+        return f"parameters: no value for {named}"
+    return (
+        f"parameters: got {', '.join(others)}, which model {model.name!r} does not have, and no value for {named}: the "
+        "parameters are those of another model"
+    )
 
 
 def _moved(

@@ -25,6 +25,8 @@ from rig.recording.foreign_tests import DOUBTS
 from rig.recording.quality.instrument_checks import SLUGS, ZERO_RETURN
 from rig.recording.quality.quality_checks import VERDICT_REMARKS
 from rig.study.printed_values import SENSITIVITY as PRINTED_SENSITIVITY
+from simulators.injection import LASTING_VARIANTS, PASSING_VARIANTS
+from simulators.scenarios.plan import AROUND
 
 CAUSES = [slug for slug in SENTENCES if f"next-{slug}" in SENTENCES and slug != "current-law-two"]
 """Of a misfit, as report and `rig identify --json` show them: each has its own advice."""
@@ -132,6 +134,7 @@ def known() -> dict[str, str]:
         **dict.fromkeys(("lease-taken", "not-running"), "rig/page/lease.py: take"),
         **dict.fromkeys(("not-recorded", "still-running"), "rig/page/server.py: _send_recorded"),
         **{f"sensitivity-{name}": "rig/study/findings.py: _sensitivity" for name in PRINTED_SENSITIVITY},
+        **dict.fromkeys((*AROUND, *LASTING_VARIANTS, *PASSING_VARIANTS), "simulators: events and variants"),
         "hydraulics": "rig/station/requests.py: await_status",
         "amplitude-scatter": "rig/recording/quality/judgement.py", "force-scatter": "the same",
     }

@@ -67,6 +67,7 @@ def test_every_command_has_help_with_an_example_and_json(name: str) -> None:
         (("sniff", "{captured}", "--seconds", "2"), ("check", "--listen", "{captured}", "--seconds", "2")),
         (("hybrid", TABLE1, "--simulate"), ("run", "--hybrid", TABLE1, "--simulate")),
         (("hybrid", "--benchmark", "--plants", "0"), ("benchmark", "--plants", "0")),
+        (("hybrid", "--out", "logs", "--benchmark", "--out=x", "--plants", "0"), ("benchmark", "--plants", "0")),
     ],
 )
 def test_a_command_by_its_earlier_name_does_the_same_and_names_the_present_one_once(
@@ -85,6 +86,9 @@ def test_options_of_listening_belong_to_it() -> None:
     assert rig("check", DEMO, "--baud", "9600").returncode == 2
     assert rig("check", "--listen").returncode == 2
     assert rig("check", "--listen", "--prove", "/dev/null").returncode == 2
+    bench = rig("check", "--listen", DEMO)
+    assert bench.returncode == 2
+    assert f"rig check {DEMO}" in bench.stderr
 
 
 def test_the_version_names_the_commit() -> None:
@@ -113,7 +117,7 @@ def test_the_version_is_never_that_of_another_repository(tmp_path: Path, monkeyp
 
 
 def test_what_follows_two_dashes_is_not_an_option_of_an_earlier_name() -> None:
-    assert present_spelling(["hybrid", "--benchmark", "--", "--benchmark"]) == ["benchmark", "--", "--benchmark"]
+    assert present_spelling(["hybrid", "--benchmark", "--", "--benchmark"]) == ["benchmark"], "never had an effect"
     words = ["a.toml", "--", "--benchmark"]
     assert present_spelling(["hybrid", *words]) == ["run", "--hybrid", *words]
 

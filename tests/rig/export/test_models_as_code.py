@@ -259,7 +259,7 @@ def test_everything_that_a_fit_lacks_is_said_at_once(tmp_path: Path) -> None:
     fit["parameters"]["beta"]["value"], fit["parameters"]["m"]["low"] = 50.0, 0.0
     fit["tested"]["current_A"] = [0.0, 2.0]
     (tmp_path / "fit.json").write_text(json.dumps(fit))
-    with pytest.raises(FileProblem, match=r"no value for Ka \(no stroke\)$"):
+    with pytest.raises(FileProblem, match=r"no value for Ka \(no stroke\)\n"):
         export(tmp_path / "fit.json", "c", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
