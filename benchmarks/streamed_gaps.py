@@ -250,7 +250,7 @@ class Lvdt:
 class Coil:
     """A coil at 0 A."""
 
-    fresh_current_A, zero_within_s, falls_within_s = 0.0, 0.25, 0.0
+    fresh_current_A, zero_within_s, falls_within_s, own_timeout_s = 0.0, 0.25, 0.0, 0.1
 
     def zero_now(self) -> None:
         """It is at 0 A."""

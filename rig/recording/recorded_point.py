@@ -180,8 +180,10 @@ class RecordedPoint(TestPoint):
         ), waveform)  # fmt: skip
         if not {"amplitude_m", "frequency_Hz"} <= set(description):
             motion = assessment.motion  # none without a whole cycle: invalid, as by `rig import`
-            found = (0.0, 0.0) if motion is None else (motion.amplitude_m, motion.frequency_Hz)
-            sizes = dict(zip(("amplitude_m", "frequency_Hz"), found, strict=True))
+            sizes = {
+                "amplitude_m": 0.0 if motion is None else motion.amplitude_m,
+                "frequency_Hz": 0.0 if motion is None else motion.frequency_Hz,
+            }
             description = {**sizes, **description}
             description["test"] = {**description.get("test", {}), MOTION_MEASURED: True}
         if "verdict" not in description:
