@@ -22,13 +22,19 @@ def command(run: Path, as_json: bool) -> int:
     incomplete.
     """
     from rig.recording.conversion.recovery import recover
+    from rig.recording.run import unreadable_points
 
     finished = recover(run)
+    damaged = unreadable_points(run)
     if as_json:
-        write_json({"campaign": run.resolve(), "points": [asdict(item) for item in finished]})
+        answer = {"campaign": run.resolve(), "points": [asdict(item) for item in finished]}
+        write_json(answer | {"unreadable": damaged})
+        damaged = []
     elif not finished:
         say("nothing to recover")
     else:
         for item in finished:
             say("  ".join(filter(None, (item.id, item.verdict, *item.reasons, item.error, item.file))))
+    for line in damaged:
+        say(f"warning: {line}", err=True)
     return EXIT_DONE if all(item.verdict == "valid" for item in finished) else EXIT_NOT_ALL_VALID

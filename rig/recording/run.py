@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +28,9 @@ MOTION = ("amplitude_m", "frequency_Hz")
 NUMBERS = ("amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "centre_m")
 EXACT = 1e-6
 """Relative difference of a number in a filter from a requested one that is only rounding."""
+
+OF_CAMPAIGN = {"campaign": "id", "campaign_hash": "hash"}
+"""What a point's file and its campaign's description both state: attribute -> key."""
 
 
 @dataclass(frozen=True)
@@ -126,13 +129,18 @@ class Run:
                 problems += [(file.stem, problem) for problem in error.problems]
         if not points:
             raise FileProblem(str(place), [f"points/{name}.h5: {problem}" for name, problem in problems])
+        campaign = read_campaign(place)
+        points, copies = _without_copies(points)
+        for remark in _misplaced(points, campaign):
+            warnings.warn(f"{place}: {remark}", DataWarning, stacklevel=2)
         unreadable = tuple(f"{name} left out: unreadable (points/{name}.h5: {problem})" for name, problem in problems)
+        unreadable += copies
         if unreadable:
             fix = "restore the file from a copy, or move it out of points/"
             warnings.warn(f"{place}: {'; '.join(unreadable)}. Fix: {fix}", DataWarning, stacklevel=2)
         counted = tuple(point for point in points if not point.kept_apart)
         apart = tuple(point for point in points if point.kept_apart)
-        return cls(place, counted, read_campaign(place), apart, unreadable)
+        return cls(place, counted, campaign, apart, unreadable)
 
     @property
     def valid(self) -> tuple[RecordedPoint, ...]:
@@ -171,6 +179,55 @@ class Run:
             "lost_samples", "skew_s", "skew_std_s", "path",
         )
         return pd.DataFrame([{name: getattr(point, name) for name in fields} for point in (*self.points, *self.apart)])
+
+
+def _stem(point: RecordedPoint) -> str:
+    return "" if point.path is None else point.path.stem
+
+
+def _has_own_name(point: RecordedPoint) -> bool:
+    """The file is called by the point's id, or as a further attempt of it."""
+    rest = _stem(point).removeprefix(point.id)
+    return not rest or (rest != _stem(point) and rest[0] in "-.")
+
+
+def _without_copies(points: list[RecordedPoint]) -> tuple[list[RecordedPoint], tuple[str, ...]]:
+    """Points without second copies of a recording, and a line for each copy: the one with its own name stays."""
+    kept: dict[object, RecordedPoint] = {}
+    copies: list[str] = []
+    for point in sorted(points, key=_has_own_name, reverse=True):
+        recording = point.provenance.get("journal_check") or object()
+        first = kept.setdefault((recording, point.id), point)
+        if first is not point:
+            copies.append(
+                f"{_stem(point)} left out: a copy (points/{_stem(point)}.h5 holds the same recording of {point.id} as "
+                f"points/{_stem(first)}.h5)"
+            )
+    return sorted(kept.values(), key=_stem), tuple(copies)
+
+
+def _misplaced(points: Iterable[RecordedPoint], campaign: Mapping[str, Any]) -> Iterator[str]:
+    """Files that have another point's name, or come from another campaign: they are used, and named."""
+    for point in points:
+        if not _has_own_name(point):
+            yield f"points/{_stem(point)}.h5 holds the point {point.id}; it is used under that id. Fix: rename the file"
+        pairs = [(point.provenance.get(name), campaign.get(key)) for name, key in OF_CAMPAIGN.items()]
+        if all(theirs and ours and theirs != ours for theirs, ours in pairs):
+            yield (
+                f"points/{_stem(point)}.h5 was recorded in another campaign ({point.provenance['campaign']}), with "
+                "another bench or matrix. Fix: move it out of points/ unless it belongs here"
+            )
+
+
+def unreadable_points(folder: Path) -> list[str]:
+    """One line for each file of a point in a campaign's directory that cannot be read."""
+    lines = []
+    for file in sorted((folder / "points").glob("*.h5"), key=lambda file: file.stem):
+        try:
+            RecordedPoint.open(file)
+        except FileProblem as error:
+            lines += [f"points/{file.name} cannot be read: {problem}" for problem in error.problems]
+    return lines
 
 
 def read_campaign(folder: Path) -> dict[str, Any]:

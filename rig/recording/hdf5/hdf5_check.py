@@ -60,7 +60,8 @@ def check_file(path: Path, groups: Iterable[str] | None = None) -> h5py.File:
     import h5py
 
     if not path.is_file():
-        raise FileProblem(str(path), ["no such file"])
+        there = path.exists()
+        raise FileProblem(str(path), ["is a folder, pipe or device, expected a file" if there else "no such file"])
     try:
         file = h5py.File(path, "r")
     except OSError as error:

@@ -37,11 +37,49 @@ def test_a_points_id_is_a_name_and_never_a_path(campaign: Path, point_id: str) -
 
 @pytest.mark.parametrize("point_id", ["p001", "Dämpfer 3, 5 mm (2)", "a" * 150])
 def test_names_that_are_no_paths_are_exported_under_themselves(tmp_path: Path, campaign: Path, point_id: str) -> None:
-    shutil.copy(FIRST_VERSION, campaign / "points" / "p001.h5")
-    with h5py.File(campaign / "points" / "p001.h5", "r+") as file:
-        file["entry/test"].attrs["id"] = point_id
+    stored(campaign, point_id, point_id)
     write_points(Run.open(campaign), tmp_path)
     assert (tmp_path / f"{point_id}.csv").is_file()
+
+
+def stored(folder: Path, name: str, point_id: str, **provenance: str) -> None:
+    """A point's file under a name."""
+    path = folder / "points" / f"{name}.h5"
+    shutil.copy(FIRST_VERSION, path)
+    with h5py.File(path, "r+") as file:
+        file["entry/test"].attrs["id"] = point_id
+        for key, value in provenance.items():
+            file["entry/provenance"].attrs[key] = value
+
+
+def test_a_copy_of_a_recording_is_left_out_and_named_and_takes_no_other_points_place(campaign: Path) -> None:
+    """The export wrote both to p001.csv, and a fit was refused for all points."""
+    stored(campaign, "p000", "p001", journal_check="a")
+    stored(campaign, "p001", "p001", journal_check="a")
+    stored(campaign, "p001-attempt2", "p001", journal_check="b")
+    with pytest.warns(DataWarning, match=r"p000 left out: a copy \(points/p000.h5 holds .* as points/p001.h5\)"):
+        run = Run.open(campaign)
+    assert [point.path.stem for point in run.points if point.path] == ["p001", "p001-attempt2"]
+
+
+def test_files_with_swapped_names_and_of_another_campaign_are_named_and_used(campaign: Path) -> None:
+    (campaign / "campaign.json").write_text('{"id": "ours", "hash": "1"}', encoding="utf-8")
+    stored(campaign, "p001", "p010", journal_check="a")
+    stored(campaign, "p010", "p001", journal_check="b", campaign="theirs", campaign_hash="2")
+    with pytest.warns(DataWarning) as warned:
+        run = Run.open(campaign)
+    said = "\n".join(str(one.message) for one in warned)
+    assert "points/p001.h5 holds the point p010" in said
+    assert "points/p010.h5 holds the point p001" in said
+    assert "points/p010.h5 was recorded in another campaign (theirs)" in said
+    assert sorted(point.id for point in run.points) == ["p001", "p010"]
+
+
+def test_recovery_names_the_files_that_cannot_be_read(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stored(campaign, "p002", "p002")
+    (campaign / "points" / "p001.h5").mkdir()
+    assert main(["recover", str(campaign)]) == 0
+    assert "points/p001.h5 cannot be read: is a folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("link", ["symbolic", "hard"])
