@@ -69,7 +69,7 @@ def test_whole_numbers_that_may_be_decimals_are_not_guessed(tmp_path: Path, sign
     text = "t_ms;x_um;F_N\n" + "\n".join(rows) + "\n"
     columns = {"time": "t_ms", "displacement": "x_um", "force": "F_N"}
     told = problems(tmp_path / "a.csv", text, **columns)
-    assert f"'22{sign}000' may be 22000, or a number with three decimals" in told
+    assert f"'22{sign}000' may be 22000 or a number with three decimals" in told
     thousands = read(tmp_path / "a.csv", text, Dialect(decimal="." if sign == "," else ","), **columns)
     assert thousands.force_N == pytest.approx(force, abs=0.6)
     decimals = read(tmp_path / "a.csv", text, Dialect(decimal=sign), **columns)
