@@ -129,9 +129,9 @@ class Run:
                 problems += [(file.stem, problem) for problem in error.problems]
         if not points:
             raise FileProblem(str(place), [f"points/{name}.h5: {problem}" for name, problem in problems])
-        campaign = read_campaign(place)
+        described = read_campaign(place)
         points, copies = _without_copies(points)
-        for remark in _misplaced(points, campaign):
+        for remark in _misplaced(points, described):
             warnings.warn(f"{place}: {remark}", DataWarning, stacklevel=2)
         unreadable = tuple(f"{name} left out: unreadable (points/{name}.h5: {problem})" for name, problem in problems)
         unreadable += copies
@@ -140,7 +140,7 @@ class Run:
             warnings.warn(f"{place}: {'; '.join(unreadable)}. Fix: {fix}", DataWarning, stacklevel=2)
         counted = tuple(point for point in points if not point.kept_apart)
         apart = tuple(point for point in points if point.kept_apart)
-        return cls(place, counted, campaign, apart, unreadable)
+        return cls(place, counted, described, apart, unreadable)
 
     @property
     def valid(self) -> tuple[RecordedPoint, ...]:
@@ -222,7 +222,7 @@ def _misplaced(points: Iterable[RecordedPoint], campaign: Mapping[str, Any]) -> 
 def unreadable_points(folder: Path) -> list[str]:
     """One line for each file of a point in a campaign's directory that cannot be read."""
     lines = []
-    for file in sorted((folder / "points").glob("*.h5"), key=lambda file: file.stem):
+    for file in sorted(CampaignFolder(folder).points.glob("*.h5"), key=lambda file: file.stem):
         try:
             RecordedPoint.open(file)
         except FileProblem as error:
