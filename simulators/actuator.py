@@ -389,6 +389,13 @@ class Actuator:
             self._fed_s = self.served_s
         return Result.DONE
 
+    def stop_at_panel(self) -> None:
+        """End the motion as a key at the device does: fade a program out, halt one that follows set-points."""
+        if self.options.generator:
+            self._stop_motion()
+        else:
+            self.plant.order(mode=records.MODE_HALT)
+
     def _stop_motion(self) -> None:
         """Fade the program out, or bring a move to rest."""
         state, command = self.plant.state, self.plant.command

@@ -22,7 +22,7 @@ from rig.matrix.model import load_matrix
 from rig.recording.journal.campaign_log import read_log
 from simulators.emulated_ecu import DEMO_ECU
 from simulators.options import RigOptions, with_option
-from simulators.plant import records, step
+from simulators.plant import step
 from simulators.plant.plant import Plant
 from simulators.rig import RunOptions, SimulatedRig
 from simulators.scenarios.drawn_rig import RECORD
@@ -344,7 +344,7 @@ class Scenario:
             command = Command.FADE_STOP if actuator.options.generator else Command.HALT
             actuator.execute({"sequence": sequence, "command": int(command), "owner_id": 0})
         else:
-            self.stage.rig.plant.order(mode=records.MODE_FADE if actuator.options.generator else records.MODE_HALT)
+            actuator.stop_at_panel()
         if not any(known is happening for _, known in session.happened):
             session.happened.append((self.kernel.now_ns, happening))
         session.truth.note("FOREIGN", what)
