@@ -21,7 +21,7 @@ DONE = {
     "pressure was switched off.",
     Ending.WARN: "Flagged and recorded; the campaign continues.",
     Ending.INVALID: "The running point is invalid; the campaign continues and repeats it if [campaign] retries allows.",
-    Ending.REFUSE: "Refused; nothing moved.",
+    Ending.REFUSE: "The request was refused; nothing moved.",
 }
 """What follows from how a fault ends."""
 HALTED = "Stopped (S2): the coil went to 0 A at once, the controller's halt ramp ended the motion."
