@@ -126,7 +126,9 @@ class TestPoint:
 
     @property
     def highest_Hz(self) -> float:
-        """Highest frequency of the motion (Hz): of a signal where it is known, else `frequency_Hz`."""
+        """Highest frequency of the motion (Hz): of a signal where it is known, else `frequency_Hz`; 0 at rest."""
+        if self.at_rest:  # its `frequency_Hz` is how often the current changes
+            return 0.0
         return (0.0 if self.record is None else self.record.highest_Hz) or self.frequency_Hz
 
     @property

@@ -155,12 +155,9 @@ def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
 
     Raises:
         Refused: some point is not: each is named with its reason and the amplitude that would fit. Or the bench file
-            does not promise what `check_calibrations` and `check_clocks` want, or as `check_room`.
+            does not fulfil `check_requirements`, or as `check_room`.
     """
-    check_calibrations(bench, utc_now().date())
-    if matrix.campaign.require_skew:
-        check_clocks(bench)
-    check_source(bench, matrix)
+    check_requirements(bench, matrix)
     judged = plan(matrix, bench)
     lines = []
     for item in judged.judged:
@@ -173,6 +170,18 @@ def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
     if folder is not None:
         check_room(folder, judged, bench, matrix)
     return judged
+
+
+def check_requirements(bench: Bench, matrix: Matrix) -> None:
+    """What a matrix requires of the bench apart from limits: calibrations, sensors with clocks, the current source.
+
+    Raises:
+        Refused: as `check_calibrations`, `check_clocks` and `check_source`.
+    """
+    check_calibrations(bench, utc_now().date())
+    if matrix.campaign.require_skew:
+        check_clocks(bench)
+    check_source(bench, matrix)
 
 
 def check_room(folder: Path, plan: Plan, bench: Bench, matrix: Matrix) -> None:

@@ -31,8 +31,10 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 def command(matrix: Path, bench: Path, everything: bool, as_json: bool) -> int:
     """Check every point of MATRIX against the limits of a bench; nothing is connected.
 
-    Exit code 3 if a point is outside a limit; the reasons and the largest amplitude that fits are shown.
+    Exit code 3 if a point is outside a limit; the reasons and the largest amplitude that fits are shown. Exit code 3
+    as well if the bench does not fulfil what the matrix requires, as `rig run` would report.
     """
+    from rig.campaign.setup import check_requirements
     from rig.cli.analysis_check import check_analysis
     from rig.cli.tables import PlanText
     from rig.matrix.model import load_files
@@ -40,6 +42,7 @@ def command(matrix: Path, bench: Path, everything: bool, as_json: bool) -> int:
 
     tests, loaded = load_files(matrix, bench)
     check_analysis(matrix, tests)
+    check_requirements(loaded, tests)
     overdue = tuple(f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date()))
     result = plan(tests, loaded)
     result = replace(result, warnings=(*result.warnings, *overdue))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -183,3 +184,26 @@ def test_warnings_refuse_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[s
     (tmp_path / "m.toml").write_text(text)
     assert main(["plan", str(tmp_path / "m.toml"), "--bench", str(EXAMPLES / "demo-bench.toml")]) == EXIT_DONE
     assert "warning: p001, p002: only 45.5 samples per cycle" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("bench", "entry", "slug"),
+    [
+        ("by_hand = true\n", '[[current_step]]\ncurrent = ["0 A", "1 A"]\n', "by-hand-without-steps"),
+        ("by_hand = true\n", '[temperature]\nwindow = ["25 degC", "40 degC"]\n', "source-without-temperature"),
+        ("", "[campaign]\nrequire_skew = true\n", "format-without-clock"),
+    ],
+)
+def test_what_a_run_refuses_before_connecting_the_plan_refuses_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], bench: str, entry: str, slug: str
+) -> None:
+    """`rig plan` and `rig run` give the same answer for everything that the two files determine."""
+    text = (EXAMPLES / "demo-bench.toml").read_text().replace('format = "frame16"', 'format = "signed-decimal"', 1)
+    if bench:
+        text = f"{text[: text.index('[ecu]')]}[ecu]\n{bench}\n{text[text.index('[load_cell]') :]}"
+    quick = (EXAMPLES / "quick.toml").read_text()
+    (tmp_path / "b.toml").write_text(text)
+    (tmp_path / "m.toml").write_text(quick[: quick.index("[campaign]")] + entry)
+    arguments = ["plan", str(tmp_path / "m.toml"), "--bench", str(tmp_path / "b.toml"), "--json"]
+    assert main(arguments) == EXIT_REFUSED
+    assert json.loads(capsys.readouterr().out)["slug"] == slug

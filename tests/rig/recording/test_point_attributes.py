@@ -44,6 +44,14 @@ def test_a_test_point_is_the_same_in_matrix_header_and_file(point: TestPoint, tm
     assert (recorded.motion, recorded.described) == (point.motion, point.described)
 
 
+def test_a_rod_at_rest_has_no_frequency_that_sensors_must_pass(tmp_path: Path) -> None:
+    """Steps of 60 ms are 15 samples of 250 Hz; that is no cycle of a motion."""
+    point = replace(POINTS[1], frequency_Hz=1.0 / 0.06)
+    write_file(tmp_path / "p.h5", build(CONTENT, SyntheticRig(cycles=3).context(point=point))[0])
+    reasons = RecordedPoint.open(tmp_path / "p.h5").quality.verdict.entries
+    assert "bandwidth" not in {reason.slug for reason in reasons}
+
+
 def test_what_an_earlier_recording_does_not_state_is_0() -> None:
     stated = {"id": "p", "waveform": "sine", "amplitude_m": 0.01, "frequency_Hz": 1.0, "current_A": 0.5}
     assert TestPoint(**point_fields(stated)) == TestPoint("p", "sine", 0.01, 1.0, 0.5, 0.0, 0.0, 0.0)
