@@ -296,58 +296,63 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.command(epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.option("--speed", type=click.FloatRange(0.01, 1000.0), default=1.0, show_default=True,
               help="Simulated seconds per second (upper limit).")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of noise, clock offsets and "
-    "drifts.")
-@click.option("--truth", type=FILE, help="Write the true state to this HDF5 file.")
-@click.option("--bench", type=FILE, help="Write the bench file here instead of a temporary folder.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed for noise, clock "
+    "offsets "
+    "and drifts.")
+@click.option("--truth", type=FILE, help="Write the true state of the simulated rig to this HDF5 file.")
+@click.option("--bench", type=FILE, help="Write the bench file to this path instead of a temporary folder.")
 @click.option("--config", type=click.Path(path_type=Path, exists=True, dir_okay=False),
-              help="TOML file with constants that replace the defaults.")
+              help="TOML file of constants that replace the defaults.")
 @click.option("--option", metavar="TABLE.KEY=VALUE", multiple=True, help="Replace one constant (repeatable).")
 @click.option("--model", help="Damper model of the specimen.")
 @click.option("--set", "parameter_set", help="Parameter set of the specimen.")
 @click.option("--specimen", metavar="KEY=VALUE", multiple=True,
-              help="serial_number, mid_stroke_m, stroke_m (repeatable).")
+              help="Property of the specimen: serial_number, mid_stroke_m or stroke_m (repeatable).")
 @click.option("--force-format", metavar="FORMAT",
               help="Data format of the load cell: a name or a file.  [default: frame16]")
 @click.option("--displacement-format", metavar="FORMAT", help="Data format of the LVDT.  [default: frame16]")
 @click.option("--by-hand", type=click.Choice(["off", "low", "on"]), default=None,
-              help="Rehearse manual current, with this pressure while the operator is at the supply.")
+              help="Rehearse with a manually set current; the pressure has this state while the operator is at the "
+                   "supply.")
 @click.option("--register-map", metavar="MAP",
-              help="Simulate the controller of this register map: a file, or the name of an included map.")
+              help="Simulate a controller with this register map: a file, or the name of a built-in map.")
 @click.option("--supply", default="", metavar="NAME|FILE",
-              help="Drive the coil by a power supply instead of the ECU: a preset, or your own file.")
+              help="Drive the coil with a power supply instead of the ECU: a preset, or your own file.")
 @click.option("--dbc", type=click.Path(path_type=Path, exists=True, dir_okay=False),
               help="Simulate the ECU that this DBC file describes (requires --ecu-roles).")
 @click.option("--ecu-roles", type=click.Path(path_type=Path, exists=True, dir_okay=False),
-              help="Roles file: the meaning of the DBC's signals.")
-@click.option("--rate", type=click.FloatRange(1.0, 10_000.0), help="Sampling rate of every sensor (Hz).")
-@click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
+              help="Roles file, which defines the meaning of the signals in the DBC file.")
+@click.option("--rate", type=click.FloatRange(1.0, 10_000.0), help="Sampling rate of all sensors (Hz).")
+@click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Number of auxiliary "
+    "channels.")
 @click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]),
-              help="Connection of the sensors; by-id: device names with serial numbers.  [default: pty, or by-id if "
+              help="How the sensors are connected; by-id: device names with serial numbers.  [default: pty, or by-id "
+                   "if "
                   "a fault requires it]")
 @click.option("--actuator", type=click.Choice(["tcp", "rtu", "setpoints"]),
               help="Controller: Modbus TCP, Modbus RTU (port as in --ports), or streamed set-points on TCP without a "
-                  "function generator.  [default: tcp, or as a fault requires]")
+                  "function generator.  [default: tcp, unless a fault requires another one]")
 @click.option("--real-time/--no-real-time", default=False, show_default=True,
-              help="Run in real time as hardware does: real-time priority if permitted, and the time limits of "
-                  "hardware at speed 1. By default the rig's clock waits while the computer is busy.")
+              help="Run in real time, as hardware does: with real-time priority if permitted and, at speed 1, with the "
+                  "time limits of hardware. By default, the rig's clock waits while the computer is busy.")
 @click.option("--drop-unread", is_flag=True,
-              help="Ports drop and count data that are not read in time, as real ones do. By default the rig's clock "
-                  "waits for its readers (up to about half a second).")
+              help="Drop and count data that are not read in time, as real ports do. By default, the rig's clock waits "
+                  "for its readers (up to about half a second).")
 @setting_options
 @click.option("--fault", metavar="SLUG[:VARIANT][@T[+D]]", multiple=True,
-              help="Inject a fault T s of simulated time after the first cycle begins, for D s (repeatable).")
+              help="Inject a fault T s (simulated time) after the first cycle begins, for D s (repeatable).")
 @click.option("--fault-seed", type=click.IntRange(0), metavar="N",
-              help="Draw one to three random faults from seed N, printed at the start as --fault options.")
+              help="Draw one to three random faults with seed N; they are printed at the start as --fault options.")
 @click.option("--fault-within", type=click.FloatRange(0.0, 1e6), default=WITHIN_S, show_default=True, metavar="S",
-              help="Latest start of a drawn fault (simulated s after the first cycle begins).")
+              help="Latest start of a random fault, in simulated seconds after the first cycle begins.")
 @click.option("--exit-when-idle", is_flag=True, help="Stop the rod and exit when the parent process ends.")
 @click.option("--list-faults", "listing", is_flag=True, help="List the fault matrix and exit.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON on standard output.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON to standard output.")
 def main(listing: bool, **values: Any) -> None:  # noqa: ANN401 (click hands options over by name)
     """Serve a simulated rig: actuator on Modbus TCP, current ECU on slcan, load cell and LVDT on serial ports.
 
-    The first line printed is the path of its bench file, once every socket is open. SIGTERM or Ctrl-C ends it.
+    When every socket is open, the first line of output is the path of the rig's bench file. SIGTERM or Ctrl-C stops the
+    rig.
     """
     if listing:
         list_faults(bool(values["as_json"]))

@@ -33,23 +33,23 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 @click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
 @click.option(
     "--prove", is_flag=True,
-    help="Trigger the watchdog on purpose and move the rod by 2 mm at 10 mm/s and 0 A: only on a rig that may move.",
+    help="Trigger the watchdog deliberately and move the rod by 2 mm at 10 mm/s and 0 A; use only if the rig may move.",
 )
-@click.option("--simulate", is_flag=True, help="Start a simulated rig (with the devices of BENCH) and check it.")
+@click.option("--simulate", is_flag=True, help="Start a simulated rig (with the devices in BENCH) and check it.")
 @listen_options
 @json_option
 def command(
     bench: str | None, simulator_args: tuple[str, ...], prove: bool, simulate: bool, listen: bool, as_json: bool,
     **of_listening: Any,  # noqa: ANN401 - click's, by their names
 ) -> int:  # fmt: skip
-    """Check every device of BENCH: reachable, identity, layout as its file states, rates, noise, zero, watchdog.
+    """Check every device in BENCH: connection, identity, data layout, sampling rate, noise, zero and watchdog.
 
-    Nothing moves and no current flows without --prove. The watchdog is triggered only while there is no pressure, or
-    with --prove. Exit code 0: a campaign can begin, there may be warnings. Exit code 3: a check failed.
+    Without --prove, nothing moves and no current flows, and the watchdog is triggered only while there is no pressure.
+    Exit code 0: a campaign can begin; there may be warnings. Exit code 3: a check failed.
 
-    With --listen, BENCH is a serial port, socket://HOST:PORT, a CAN bus as INTERFACE:CHANNEL, or a file of captured
-    bytes or of `candump -l`. Nothing is sent: a device that must be polled stays silent. Exit code 0: a format was
-    found or fits. Exit code 5: none was.
+    With --listen, BENCH is a serial port, socket://HOST:PORT, a CAN bus as INTERFACE:CHANNEL, a file of captured bytes
+    or a log written by `candump -l`. No data are sent, so a device that must be polled stays silent. Exit code 0: a
+    format was found, or the given format matches. Exit code 5: no format matches.
     """
     if bench is not None and bench.startswith("-"):
         simulator_args, bench = (bench, *simulator_args), None

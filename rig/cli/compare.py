@@ -27,20 +27,21 @@ if TYPE_CHECKING:
 @click.argument("runs", nargs=-1, required=True, type=RunPath(), metavar="RUN...")
 @click.option(
     "--bands", type=click.Path(path_type=Path),
-    help="Acceptance bands file: every value passes or fails, with its margin; exit code 8 if one fails.",
+    help="File of acceptance bands. Each value is shown as PASS or FAIL, with its margin; the exit code is 8 if any "
+         "value fails.",
 )  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path), help="Write the comparison as HTML to this file.")
-@click.option("--pdf", "on_paper", is_flag=True, help="With --out: also write a PDF (A4) next to it.")
-@click.option("--all", "everything", is_flag=True, help="Show every value, not only those that changed or failed.")
+@click.option("--out", type=click.Path(path_type=Path), help="Write the comparison to this HTML file.")
+@click.option("--pdf", "on_paper", is_flag=True, help="With --out: also write a PDF (A4) next to the HTML file.")
+@click.option("--all", "everything", is_flag=True, help="Show every value, not only values that changed or failed.")
 @json_option
 def command(
     runs: tuple[Path, ...], bands: Path | None, out: Path | None, on_paper: bool, everything: bool, as_json: bool
 ) -> int:
-    """Compare recorded RUNs with the first of them, and with acceptance bands.
+    """Compare each recorded RUN with the first, and check all of them against acceptance bands.
 
-    For a damper before and after endurance, for two specimens, or for one specimen and its tolerances. Only valid
-    points are used. Motions tested in both runs are compared by force at peak velocity, energy, damping and dynamic
-    range; fits by their parameters.
+    Use this command to compare a damper before and after an endurance test, to compare two specimens, or to check one
+    specimen against its tolerances. Only valid points are used. Motions tested in both runs are compared in terms of
+    force at peak velocity, energy, damping and dynamic range; fits are compared in terms of their parameters.
     """
     from rig.comparison import compare
 

@@ -21,13 +21,13 @@ MATRIX = Path(__file__).with_name("demo.toml")
 @click.command(name="demo", cls=Command, examples=("rig demo", "rig demo --speed 10 --seed 7 --out /tmp/runs"))
 @click.option(
     "--speed", type=click.FloatRange(0.1, 100.0), default=25.0, show_default=True,
-    help="Speed of the simulated rig: simulated seconds per second.",
+    help="Speed of the simulated rig, in simulated seconds per second.",
 )
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the simulated rig.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed for the simulated rig.")
 @out_option
 @json_option
 def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
-    """Run a complete example on the simulated rig, in under a minute: plan, run, identify, report.
+    """Run a complete example on the simulated rig in under a minute: plan, run, identify, report.
 
     Only the devices are simulated; processes and sockets are real. The fit is compared with the true parameters of the
     simulated damper.

@@ -19,7 +19,7 @@ WIDTH = 100
 @click.argument("slug", metavar="[CODE]", required=False)
 @json_option
 def command(slug: str | None, as_json: bool) -> int:
-    """Explain CODE: a fault, refusal, finding or reason. Without CODE: list all codes."""
+    """Explain CODE, the code of a fault, refusal, finding or reason. Without CODE, list all codes."""
     return _show(slug, as_json=as_json)
 
 

@@ -23,20 +23,20 @@ from rig.errors import EXIT_DONE
 @click.option(
     "--to", "name", required=True, metavar="NAME",
     help="Format: csv, parquet, mat, mf4, netcdf, svg, png (of a run); json, c, fmi, modelica, octave, python, table, "
-         "inverse (of a fit); or one of a plug-in.",
+         "inverse (of a fit); or a format provided by a plug-in.",
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), required=True,
-    help="Folder for the files; created if missing.",
+    help="Folder for the files; created if it does not exist.",
 )  # fmt: skip
 @json_option
 def command(source: Path, name: str, out: Path, as_json: bool) -> int:
     """Write SOURCE (a campaign folder or a fit.json) in another format.
 
-    c, modelica, octave and python are the fitted model as source code, fmi is an FMU 2.0 for co-simulation; table is
-    its force over speed and current. svg and png are the figures of the report, one file each.
+    c, modelica, octave and python write the fitted model as source code; fmi writes an FMU 2.0 for co-simulation; table
+    tabulates force against speed and current. svg and png write the report figures, one file each.
 
-    `rig plugins` lists the formats of other packages.
+    `rig plugins` lists the formats that other packages provide.
     """
     from rig.export import export
 

@@ -41,51 +41,55 @@ DESCRIPTION = (
         "rig benchmark --wires --plants 5",
     ),
 )
-@click.option("--case", "cases", type=click.IntRange(1, 4), multiple=True, help="Building case.  [default: all four]")
+@click.option("--case", "cases", type=click.IntRange(1, 4), multiple=True, help="Building case of the benchmark.  "
+    "[default: all four]")
 @click.option(
-    "--rate", "rates", type=click.Choice(RATES), multiple=True, help=("Steps per second.  [default: all three]")
+    "--rate", "rates", type=click.Choice(RATES), multiple=True, help="Integration steps per second.  [default: all "
+    "three]"
 )
 @click.option(
     "--compensator",
     "compensators",
     type=click.Choice(NAMES),
     multiple=True,
-    help="Delay compensation.  [default: all]",
+    help="Delay compensator.  [default: all]",
 )
 @click.option(
-    "--plants", type=click.IntRange(1, 1000), help=("Perturbed plants per case.  [default: 20; with --wires 1]")
+    "--plants", type=click.IntRange(1, 1000), help="Number of perturbed plants per case.  [default: 20; with --wires: "
+    "1]"
 )
-@click.option("--seed", type=click.IntRange(0), default=SEED, show_default=True, help="Seed of plants and noise.")
-@click.option("--wires", is_flag=True, help="Run through the Modbus of a simulated rig, 250 Hz, in real time.")
+@click.option("--seed", type=click.IntRange(0), default=SEED, show_default=True, help="Random seed for plants and "
+    "noise.")
+@click.option("--wires", is_flag=True, help="Run in real time at 250 Hz over Modbus TCP to a simulated rig.")
 @click.option(
     "--earthquake",
     type=click.Path(path_type=Path),
     metavar="CSV",
-    help="Your own record: lines of time (s) and acceleration (m/s^2).  [default: synthesised]",
+    help="Your own earthquake record: lines with time (s) and acceleration (m/s^2).  [default: a synthesised record]",
 )
 @click.option(
     "--intensity",
     type=click.FloatRange(0.0, 100.0, min_open=True),
     default=0.4,
     show_default=True,
-    help="Factor on your record.",
+    help="Scale factor for your earthquake record.",
 )
 @click.option(
     "--latency-steps",
     type=click.IntRange(0, 20),
     default=0,
     show_default=True,
-    help="Steps from a measurement to the arrival of the command calculated from it.",
+    help="Number of steps between a measurement and the arrival of the command calculated from it.",
 )
 @json_option
 def command(seed: int, as_json: bool, **options: Any) -> int:  # noqa: ANN401 - click's, by their names
     """Run the real-time hybrid simulation benchmark of Silva et al. (2020).
 
-    Criteria J1 to J9 of six delay compensators are shown next to the published values. Exit code 3 when this program's
-    own compensator (adaptive-model) misses its targets.
+    Criteria J1 to J9 for six delay compensators are shown next to the published values. The exit code is 3 if this
+    program's own compensator (adaptive-model) misses its targets.
 
-    Everything runs in this process, or with --wires behind a simulated rig's Modbus TCP: 45 s for each plant and
-    compensator (by default adaptive-model only).
+    Everything runs in this process or, with --wires, over Modbus TCP to a simulated rig: 45 s for each plant and
+    compensator (default: adaptive-model only).
     """
     return _benchmark(BenchmarkOptions(**options), seed, as_json=as_json)
 

@@ -55,37 +55,39 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 @click.argument("runs", type=RunPath(), nargs=-1, required=True)
 @click.option(
     "--model",
-    help="Damper model; `few` compares five, `all` compares all.  [default: few; asymmetric with an option for one "
-         "model: a search method, --current, --series-spring, --temperature-law, --profile-of, --hysteresis printed]",
+    help="Damper model; `few` compares five models, `all` compares all models.  [default: few; asymmetric if an option "
+         "that applies to a single model is given: a search method, --current, --series-spring, --temperature-law, "
+         "--profile-of, --hysteresis printed]",
 )
 @click.option(
     "--method", type=MethodName(), metavar="NAME", default="separable", show_default=True,
-    help=f"Fitting method: {', '.join(METHODS)}, or one of a plug-in.",
+    help=f"Fitting method: {', '.join(METHODS)}, or the name of a plug-in.",
 )  # fmt: skip
 @click.option(
     "--holdout",
-    help="Tests for validation, not fitted: a run, or a filter (waveform=triangle).",
+    help="Tests held out of the fit for validation: a run, or a filter (waveform=triangle).",
 )
 @click.option(
     "--hysteresis", type=click.Choice(["kwok", "printed"]), default="kwok", show_default=True,
-    help="Argument of the tanh models: Kwok's, or as printed in the c-FOA paper.",
+    help="Argument of tanh in the models that use it: according to Kwok, or as printed in the c-FOA paper.",
 )  # fmt: skip
 @click.option(
     "--current", type=click.Choice(DEPENDENCES), metavar="NAME", default="affine", show_default=True,
-    help="Dependence of the parameters on current: affine in one fit, or one fit per current and a relation between "
-         f"them: {', '.join(DEPENDENCES[1:])}.",
+    help="How the parameters depend on current: affine, fitted to all currents together; or one fit per current, with "
+         f"a relation between the fits: {', '.join(DEPENDENCES[1:])}.",
 )  # fmt: skip
 @click.option(
     "--current-law", type=click.Choice(LAWS), default="affine", show_default=True,
-    help="Effect of the current, for any model: proportional (affine), a saturating or polynomial law, one level per "
-         "current, or all compared.",
+    help="Current law, for any model: affine, saturating, polynomial, one level per current, or a comparison of all "
+         "of these.",
 )  # fmt: skip
 @_correction_options
 @click.option("--suspect", is_flag=True, help="Include suspect points; by default only valid points are fitted.")
 @click.option(
     "--weight", type=click.Choice(["1", "v", "relative"]),
     help=(
-        "Weight of a residual: 1, the speed, or the inverse of the peak of its test.  [default: depends on the method]"
+        "Weight of each residual: 1, the speed, or the inverse of the test's peak force.  [default: depends on the "
+        "method]"
     ),
 )
 @click.option(
@@ -94,14 +96,16 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 )
 @click.option(
     "--budget", type=click.IntRange(1), default=16_000, show_default=True,
-    help="Maximum number of model evaluations of a search.",
+    help="Maximum number of model evaluations in a search.",
 )
-@click.option("--population", type=click.IntRange(2), default=50, show_default=True, help="Candidates per generation.")
+@click.option("--population", type=click.IntRange(2), default=50, show_default=True, help="Number of candidates in "
+    "each generation.")
 @click.option(
     "--bounds", type=click.Choice(["model", "wide", "none"]), default="model", show_default=True,
-    help="Search range: each parameter's own range, +-10,000 (SI) for all, or unbounded as in the papers.",
+    help="Search range: the range defined for each parameter, +-10,000 (SI) for all, or unbounded as in the papers.",
 )  # fmt: skip
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed of stochastic methods.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed for stochastic "
+    "methods.")
 @click.option("--profile", is_flag=True, help="Also compute the profile likelihoods of the nonlinear parameters.")
 @click.option(
     "--profile-of", multiple=True, metavar="NAME",
@@ -114,7 +118,8 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 )  # fmt: skip
 @click.option(
     "--unseen", type=click.Choice(["pairs"]),
-    help="Leave-one-motion-out cross-validation: error at each amplitude and frequency, predicted from the others.",
+    help="Leave-one-motion-out cross-validation: prediction error at each amplitude and frequency, using a fit to the "
+         "others.",
 )
 @scheduler_option
 @json_option
@@ -131,10 +136,10 @@ def command(
     as_json: bool,
     **requested: Any,  # noqa: ANN401 - click has checked each by its own type
 ) -> int:
-    """Fit a damper model to RUNS and write fit.json into the first; an earlier fit.json is kept under another name.
+    """Fit damper models to RUNS and write fit.json to the first run; an earlier fit.json is kept under another name.
 
     A run is a campaign directory, a folder with exactly one campaign, or a point file. Parameters that the tests do not
-    determine are reported as not identifiable, with the reason. Exit code 6 if no model can be fitted.
+    determine are reported as not identifiable, with the reason. The exit code is 6 if no model can be fitted.
     """
     gc.set_threshold(SELDOM)
     from rig.identification import FitOptions, Method, identify_run

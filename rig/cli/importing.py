@@ -85,56 +85,58 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     multiple=True,
     callback=_pairs,
     metavar="QUANTITY=COLUMN",
-    help="Column of time, displacement, force, current (measured), commanded_current, temperature or voltage (of the "
-    "driver): its "
-    "name, #3 for the third, GROUP/NAME in MDF and TDMS; unit as the file says, as a suffix (x_mm) or after a colon "
-    "(x:mm).",
+    help="Column for time, displacement, force, current (measured), commanded_current, temperature or voltage (of the "
+    "driver): the column's name, #3 for the third column, or GROUP/NAME in MDF and TDMS files. The unit is taken from "
+    "the file, from a suffix (x_mm) or from the text after a colon (x:mm).",
 )
 @click.option(
     "--scale", "scales", multiple=True, callback=_pairs, metavar="QUANTITY=FACTOR",
-    help="Factor of a column's numbers, such as force=-1 (compression positive), or its sensitivity: 'force=500 N/V', "
-    "'force=0.25 N/count', 'displacement=2 mV/mm'.",
+    help="Factor by which to multiply the values in a column, such as force=-1 (if compression is positive), or the "
+    "sensor's sensitivity: 'force=500 N/V', 'force=0.25 N/count', 'displacement=2 mV/mm'.",
 )
 @click.option(
     "--no-value", "no_value", multiple=True, callback=_numbers, metavar="NUMBER",
-    help="Number that marks a missing value, instead of the usual ones (-9999, 999.25, 9.9e37, ...); "
-    "none: no such number.",
+    help="Number that marks a missing value, instead of the usual numbers (-9999, 999.25, 9.9e37, ...); "
+    "none: no number marks a missing value.",
 )
 @click.option(
-    "--rate", type=QuantityOption("frequency"), help="Sample rate, such as '1 kHz', if there is no time column."
+    "--rate", type=QuantityOption("frequency"), help="Sampling rate, such as '1 kHz', if there is no time column."
 )
-@click.option("--separator", callback=_separator, metavar="SIGN", help="CSV: separator: one character, tab or space.")
-@click.option("--decimal", type=click.Choice([".", ","]), help="CSV: decimal sign.")
+@click.option("--separator", callback=_separator, metavar="SIGN", help="CSV: column separator (one character, tab or "
+    "space).")
+@click.option("--decimal", type=click.Choice([".", ","]), help="CSV: decimal separator.")
 @click.option(
     "--thousands", type=click.Choice([",", ".", "'", "space", "none"]),
     help="CSV: thousands separator (space includes the no-break space).",
 )
 @click.option(
     "--event-rows", type=click.Choice(["refuse", "skip", "split"]), default="refuse", show_default=True,
-    help="CSV: text rows between rows of numbers: skip them, or split the file there"
-    " into several tests.",
+    help="CSV: how to treat text rows between rows of numbers: refuse the file, skip these rows, or split the file at"
+    " these rows into several tests.",
 )
-@click.option("--sheet", metavar="NAME", help="Excel: sheet of the test; all: one test per sheet with a table.")
-@click.option("--encoding", metavar="NAME", help="CSV: encoding, such as cp1252 or utf-16-le.")
-@click.option("--header-line", type=click.IntRange(0, 2000), help="CSV: line with the column names; 0: none.")
-@click.option("--units-line", type=click.IntRange(0, 2000), help="CSV: line with the units; 0: none.")
+@click.option("--sheet", metavar="NAME", help="Excel: sheet that contains the test; all: one test for each sheet that "
+                                              "contains a table.")
+@click.option("--encoding", metavar="NAME", help="CSV: character encoding, such as cp1252 or utf-16-le.")
+@click.option("--header-line", type=click.IntRange(0, 2000), help="CSV: number of the line with the column names; 0: "
+    "none.")
+@click.option("--units-line", type=click.IntRange(0, 2000), help="CSV: number of the line with the units; 0: none.")
 @click.option(
     "--accept", multiple=True, metavar="SLUG",
     help="Accept implausible magnitudes: units-time, units-displacement, units-force, sample-rate.",
 )
-@click.option("--dry-run", is_flag=True, help="Read, check and show everything; write nothing.")
-@click.option("--current", type=QuantityOption("current"), help="Coil current of all files, such as '0.5 A'.")
+@click.option("--dry-run", is_flag=True, help="Read, check and show the data, but write no files.")
+@click.option("--current", type=QuantityOption("current"), help="Coil current for all files, such as '0.5 A'.")
 @click.option(
     "--current-from-name", metavar="REGEX",
-    help="Regular expression for the file name with a group `current` (A).",
+    help="Regular expression that extracts the current from the file name, in a group named `current` (A).",
 )
 @click.option(
     "--waveform", type=click.Choice((*WAVEFORM_NAMES, "random")), default=SINE.name, show_default=True,
-    help="Waveform of all files; random: motion without cycles.",
+    help="Waveform for all files; random: motion without cycles.",
 )
 @click.option(
     "--ampere-per-volt", type=click.FloatRange(0.0, 100.0, min_open=True), default=1.0, show_default=True,
-    help="Current commanded by the driver per volt of the column `voltage`.",
+    help="Driver current command per volt in the `voltage` column.",
 )
 @click.option("--specimen", default="imported", show_default=True, help="Serial number of the damper.")
 @click.option("--mid-stroke", type=QuantityOption("length"), help="Mid-stroke position in the displacement column.")
@@ -165,11 +167,11 @@ def command(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Convert FILES (CSV, LVM, Excel, MATLAB, HDF5, MF4, TDMS, RPC III) to a run; if one fails, none is converted.
+    """Convert FILES (CSV, LVM, Excel, MATLAB, HDF5, MF4, TDMS, RPC III) to a run; if one fails, none are converted.
 
-    The layout of a CSV file (separator, decimal sign, encoding, header lines, time stamps) is detected and shown;
-    options override it. Without --column the file's columns are listed. `rig identify` and `rig report` treat the
-    result like a recorded run.
+    The layout of a CSV file (separators, encoding, header lines, time stamps) is detected and shown; options override
+    the detected layout. Without --column, the command lists the file's columns. `rig identify` and `rig report` treat
+    an imported run like a recorded one.
     """
     from rig.recording.foreign.foreign_file import Dialect
     from rig.recording.foreign_tests import WantedTests, read_tests

@@ -67,18 +67,18 @@ OF_A_SUPPLY, NOT_OF_A_SUPPLY = frozenset({"supply_url"}), frozenset({"interface"
     examples=("rig init my-lab", "rig init my-lab --yes --actuator demo --force laumas-fast"),
 )
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path), default=Path(), metavar="[DIR]")
-@click.option("--actuator", metavar="NAME", help="Kind of controller: a preset, or the path of a register map.")
+@click.option("--actuator", metavar="NAME", help="Type of controller: a preset, or the path to a register map.")
 @click.option("--ecu", metavar="NAME",
               help="Current source: a preset, a DBC file (roles: NAME-roles.toml), a supply, or by-hand.")
 @click.option("--force", metavar="FORMAT", help="Data format of the load cell.")
 @click.option("--displacement", metavar="FORMAT", help="Data format of the displacement sensor.")
-@click.option("--yes", is_flag=True, help="Ask no questions; use the defaults for everything not given.")
+@click.option("--yes", is_flag=True, help="Ask no questions; use the defaults for all values not given.")
 @json_option
 def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
     """Write bench.toml, matrix.toml and their JSON schemas into DIR; existing files are kept.
 
-    Without --yes it asks questions on a terminal. Both files are valid as written: `rig plan` and `rig run --simulate`
-    accept them.
+    Without --yes, the command asks questions on a terminal. Both files are valid as written: `rig plan` and
+    `rig run --simulate` accept them.
     """
     answers = {question.key: given.get(question.key) or "" for question in QUESTIONS}
     _check_names(answers)

@@ -33,21 +33,22 @@ def listen_options(function: Callable[..., int]) -> Callable[..., int]:
     for option in reversed((
         click.option("--listen", is_flag=True,
                      help=(
-                         "Show the data on a port or CAN bus (in place of BENCH), and the matching lines of a bench "
+                         "Show the data on a port or CAN bus (given instead of BENCH) and the lines to put in a bench "
                          "file."
                      )),
         click.option("--from", "captured", type=FILE, hidden=True),
         click.option("--format", "given", metavar="FORMAT",
-                     help="With --listen: decode with this format (a name or a file) instead of guessing."),
+                     help="With --listen: decode the data with this format (a name or a file) instead of detecting "
+                          "the format."),
         click.option("--dbc", type=FILE, help="With --listen: decode CAN frames with a DBC, KCD, SYM or ARXML file."),
         click.option("--baud", type=click.IntRange(300, 12_000_000),
-                     help="With --listen: baud rate; default: try several."),
+                     help="With --listen: baud rate. By default, several are tried."),
         click.option("--parity", type=click.Choice(["N", "E", "O"]),
-                     help="With --listen and --baud: parity; default N."),
+                     help="With --listen and --baud: parity. The default is N."),
         click.option("--bitrate", type=click.IntRange(10_000, 1_000_000),
-                     help="With --listen: bit rate of the CAN bus; default 500000."),
+                     help="With --listen: bit rate of the CAN bus. The default is 500000."),
         click.option("--seconds", type=click.FloatRange(0.1, 600.0),
-                     help="With --listen: time at each baud rate; default 1 s."),
+                     help="With --listen: listening time at each baud rate. The default is 1 s."),
     )):  # fmt: skip
         function = option(function)
     return function

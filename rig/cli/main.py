@@ -37,34 +37,34 @@ OPERATOR_STOP = "sigint"
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Set up": {
         "demo": ("rig.cli.demo", "Run a complete example on the simulated rig, in under a minute."),
-        "init": ("rig.cli.init", "Write a commented bench file and matrix file as a starting point."),
-        "check": ("rig.cli.check", "Check every device of a bench; --listen shows the data of a device."),
+        "init": ("rig.cli.init", "Write a commented bench file and matrix file to start from."),
+        "check": ("rig.cli.check", "Check every device of a bench; --listen shows what a device sends."),
         "plan": ("rig.cli.plan", "Check every point of a matrix against the limits of a bench."),
     },
     "Run": {
-        "run": ("rig.cli.run", "Run a matrix or a hybrid test, record it, identify the damper."),
-        "page": ("rig.cli.page", "Serve the operator's page of a run."),
+        "run": ("rig.cli.run", "Run and record a test matrix or a hybrid test; identify the damper."),
+        "page": ("rig.cli.page", "Serve the operator's page for a run."),
     },
     "Results": {
         "runs": ("rig.cli.runs", "List recorded runs."),
-        "report": ("rig.cli.report", "Write the report of a run (HTML, PDF)."),
+        "report": ("rig.cli.report", "Write the report for a run (HTML, PDF)."),
         "compare": ("rig.cli.compare", "Compare runs; check them against acceptance bands."),
-        "export": ("rig.cli.export", "Write a run or a fit in another program's format."),
+        "export": ("rig.cli.export", "Export a run or a fit for use in another program."),
         "import": ("rig.cli.importing", "Convert test files (CSV, MATLAB, MDF, TDMS) to a run."),
         "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
     },
     "Models": {
         "identify": ("rig.cli.identify", "Fit damper models to recorded runs."),
-        "ride": ("rig.cli.ride", "Compare the ride of a car with fitted dampers, with uncertainty."),
+        "ride": ("rig.cli.ride", "Compare a car's ride with different fitted dampers, with uncertainty."),
         "study": ("rig.cli.study", "Compare identification algorithms on recordings."),
         "models": ("rig.cli.models", "List the damper models: equations, parameters, energy."),
-        "benchmark": ("rig.cli.hybrid_benchmark", "Run the published benchmark of real-time hybrid tests."),
+        "benchmark": ("rig.cli.hybrid_benchmark", "Run a published benchmark for real-time hybrid simulation."),
     },
     "Tools": {
-        "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
-        "scenarios": ("rig.cli.scenarios", "Run a matrix in simulated scenarios with drawn faults."),
+        "simulate": ("rig.cli.simulate", "Start only the simulated rig."),
+        "scenarios": ("rig.cli.scenarios", "Run a matrix in simulated scenarios with random faults."),
         "explain": ("rig.cli.explain", "Explain a code: a fault, refusal or finding."),
-        "schema": ("rig.cli.schema", "Print JSON schemas of the files you write, for editors."),
+        "schema": ("rig.cli.schema", "Print JSON schemas for the files you write, for use in editors."),
         "plugins": ("rig.cli.plugins", "List plug-ins: drivers, models, methods, sections, exports."),
     },
 }
@@ -81,8 +81,8 @@ EXAMPLES = (
 
 EXIT_CODES = (
     ("0", "done"),
-    ("1", "defect of this software; the message names a file to send with a report"),
-    ("2", "bad usage or file"),
+    ("1", "defect in this software; the message names a file to attach to a bug report"),
+    ("2", "incorrect usage or invalid file"),
     ("3", "refused before motion"),
     ("4", "stopped by a fault or the operator; the rig is safe"),
     ("5", "finished, but some points are not valid"),
@@ -253,8 +253,8 @@ def _defect(error: Exception) -> str:
         with tempfile.NamedTemporaryFile("w", prefix="mr-damper-rig-", suffix=".txt", delete=False) as file:
             file.write(f"rig {__version__}, {' '.join(sys.argv)}\n{''.join(traceback.format_exception(error))}")
     except OSError:
-        return f"{text}This is a defect of this program: please report it with the command and its files"
-    return f"{text}This is a defect of this program: please report it with {file.name}"
+        return f"{text}This is a defect in this program; please report it with the command and its files"
+    return f"{text}This is a defect in this program; please report it with {file.name}"
 
 
 def _ended(text: str, answer: dict[str, object], code: int, *, as_json: bool) -> int:

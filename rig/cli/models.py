@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @json_option
 def command(names: tuple[str, ...], as_json: bool) -> int:
-    """List the damper models, including plug-ins; with NAME also their parameters.
+    """List the damper models, including those from plug-ins; with NAME, also list the parameters.
 
-    Each model can be fitted (`rig identify --model NAME`) and can be the simulated rig's damper (`[damper] model`, or
-    `set`).
+    Each model can be fitted (`rig identify --model NAME`) and can be used as the simulated rig's damper (`[damper]
+    model`, or `set`).
     """
     from rig import dampers
 

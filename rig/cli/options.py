@@ -126,17 +126,17 @@ def continued(command: str, width: int) -> list[str]:
     return lines
 
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to standard output.")
 scheduler_option = click.option(
     "--scheduler",
     metavar="URL",
-    help="Dask scheduler (tcp://HOST:8786) for the searches; its workers need this software.",
+    help="Dask scheduler (tcp://HOST:8786) for the searches; this software must be installed on its workers.",
 )
 out_option = click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     default=LOGS,
     show_default=True,
-    help="Folder in which the run is created.",
+    help="Folder in which to create the run.",
 )
 run_argument = click.argument("run", type=RunPath())

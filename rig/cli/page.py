@@ -31,7 +31,8 @@ def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
     options = (
         click.option(
             "--page-address", metavar="HOST[:PORT]",
-            help="Address of the page; default 127.0.0.1 and any free port. TLS is required for other machines.",
+            help="Address of the page. The default is 127.0.0.1 with any free port. Access from other machines "
+                 "requires TLS.",
         ),
         click.option("--page-cert", type=click.Path(path_type=Path), metavar="FILE", help="TLS certificate (PEM)."),
         click.option("--page-key", type=click.Path(path_type=Path), metavar="FILE", help=(

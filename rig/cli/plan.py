@@ -25,14 +25,14 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 @click.option("--bench", type=click.Path(path_type=Path), required=True, help="Bench file of the rig.")
 @click.option(
     "--all", "everything", is_flag=True,
-    help="Show every point; otherwise long plans are summarised by group.",
+    help="Show every point. By default, long plans are summarised by group.",
 )
 @json_option
 def command(matrix: Path, bench: Path, everything: bool, as_json: bool) -> int:
-    """Check every point of MATRIX against the limits of a bench; nothing is connected.
+    """Check every point of MATRIX against the limits of a bench, without connecting to any device.
 
-    Exit code 3 if a point is outside a limit; the reasons and the largest amplitude that fits are shown. Exit code 3
-    as well if the bench does not fulfil what the matrix requires, as `rig run` would report.
+    If a point is outside a limit, the output shows the reasons and the largest amplitude within limits, and the exit
+    code is 3. The exit code is also 3 if the bench does not meet a requirement of the matrix, as with `rig run`.
     """
     from rig.campaign.setup import check_requirements
     from rig.cli.analysis_check import check_analysis

@@ -36,10 +36,10 @@ class Kind:
 @click.command(name="plugins", cls=Command, examples=("rig plugins", "rig plugins --json"))
 @json_option
 def command(as_json: bool) -> int:
-    """List all plug-ins with their package and state; each one is loaded.
+    """Load all plug-ins and list them with their package and state.
 
-    States: `ok`; `broken`: cannot be used, with the reason; `shadowed`: a built-in of the same name is used instead.
-    Exit code 2 if one is not ok.
+    States: `ok`; `broken`: the plug-in cannot be used, and the reason is shown; `shadowed`: a built-in with the same
+    name is used instead. The exit code is 2 if any plug-in is not ok.
     """
     listed = _listed()
     if as_json:

@@ -18,10 +18,11 @@ from rig.text_file import read_json
     "rig report logs/20260102T030405Z-MR-001-ab12cd --pdf",
 ))  # fmt: skip
 @run_argument
-@click.option("--pdf", "on_paper", is_flag=True, help="Also write report.pdf: A4, vectors, bookmarks, page numbers.")
+@click.option("--pdf", "on_paper", is_flag=True, help="Also write report.pdf (A4, with vector graphics, bookmarks and "
+                                                      "page numbers).")
 @json_option
 def command(run: Path, on_paper: bool, as_json: bool) -> int:
-    """Write report.html of RUN (a campaign folder): one self-contained file."""
+    """Write report.html for RUN (a campaign folder) as one self-contained file."""
     from rig.report.document import written_report
 
     report, document = written_report(run)

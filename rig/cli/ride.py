@@ -27,28 +27,28 @@ LAW_NAMES = ("passive", "skyhook", "groundhook", "hybrid", "inverse")
 )
 @click.argument("fits", nargs=-1, required=True)
 @click.option("--car", default="compact-suv", show_default=True,
-              help="Car file, or the name of an included car.")  # fmt: skip
+              help="Car file, or the name of a built-in car.")  # fmt: skip
 @click.option("--road", default="paper-sweep", show_default=True,
-              help="Road file, or the name of an included road.")  # fmt: skip
+              help="Road file, or the name of a built-in road.")  # fmt: skip
 @click.option("--law", "laws", type=click.Choice(LAW_NAMES), multiple=True, default=("passive",), show_default=True,
-              help="Control law of the coil current (repeatable).")  # fmt: skip
+              help="Control law for the coil current (repeatable).")  # fmt: skip
 @click.option("--current", type=QuantityOption("current"), default="0 A", show_default=True,
-              help="Constant current of the passive law.")  # fmt: skip
+              help="Constant current for the passive law.")  # fmt: skip
 @click.option("--most-current", type=QuantityOption("current"), default="1 A", show_default=True,
-              help="Largest current of the other laws.")  # fmt: skip
+              help="Maximum current for the semi-active laws.")  # fmt: skip
 @click.option("--members", type=click.IntRange(0, 10_000), default=20, show_default=True,
-              help="Monte Carlo samples per fit, for the intervals.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed of the samples.")
-@click.option("--out", type=click.Path(path_type=Path), help="Write the report (HTML) to this file.")
+              help="Number of Monte Carlo samples per fit, for the intervals.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed for the samples.")
+@click.option("--out", type=click.Path(path_type=Path), help="Write the report to this HTML file.")
 @json_option
 def command(
     fits: tuple[str, ...], car: str, road: str, laws: tuple[Law, ...], current: float, most_current: float,
     members: int, seed: int, out: Path | None, as_json: bool,
 ) -> int:  # fmt: skip
-    """Simulate a car on a road with the damper of each of FITS: a fit.json, a run with a fit, or a named parameter set.
+    """Simulate a car on a road with each damper in FITS: a fit.json, a run with a fit, or a named parameter set.
 
-    Shows responses in heave, pitch and roll, differences from 4 to 8 Hz and up to 18 Hz with their uncertainty from the
-    fits, ISO 2631-1 weighted RMS, tyre load, suspension travel and power.
+    The output contains the responses in heave, pitch and roll, the differences from 4 to 8 Hz and up to 18 Hz with the
+    uncertainty due to the fits, the RMS acceleration weighted to ISO 2631-1, tyre load, suspension travel and power.
     """
     _check_currents({"--current": current, "--most-current": most_current})
     from rig.study.ride_draws import drawn_again

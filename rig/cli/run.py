@@ -38,16 +38,19 @@ if TYPE_CHECKING:
 @click.argument("matrix", type=click.Path(path_type=Path), required=False)
 @click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
 @click.option("--bench", type=click.Path(path_type=Path), help="Bench file of the rig.")
-@click.option("--simulate", is_flag=True, help="Start a simulated rig (with the devices of --bench) and run on it.")
+@click.option("--simulate", is_flag=True, help="Start a simulated rig (with the devices in the --bench file) and run "
+                                               "on it.")
 @click.option(
-    "--speed", type=click.FloatRange(0.01, 1000.0), help="Simulated seconds per second (with --simulate; default 1)."
+    "--speed", type=click.FloatRange(0.01, 1000.0), help="With --simulate: simulated seconds per second. The default "
+    "is 1."
 )
-@click.option("--seed", type=click.IntRange(0), help="Seed of the simulated rig (with --simulate; default 0).")
+@click.option("--seed", type=click.IntRange(0), help="With --simulate: random seed for the simulated rig. The default "
+                                                     "is 0.")
 @click.option("--real-time", is_flag=True,
-              help="Apply the timing limits of hardware: the simulated rig does not wait for a busy computer.")
+              help="Apply the timing limits of hardware: the simulated rig does not wait while the computer is busy.")
 @click.option(
     "--resume", type=RunPath(), metavar="RUN",
-    help="Continue campaign RUN; valid points are kept.",
+    help="Resume campaign RUN; valid points are kept.",
 )
 @click.option(
     "--requalified", metavar="TEXT",
@@ -56,8 +59,9 @@ if TYPE_CHECKING:
 )
 @click.option("--page", "page", is_flag=True, help="Serve the operator's page; its address is printed as `page: URL`.")
 @page_options
-@click.option("--hold", is_flag=True, help="With --page: start when Start is pressed on the page.")
-@click.option("--stay", is_flag=True, help="With --page: keep the page open after the end, until Close or Ctrl-C.")
+@click.option("--hold", is_flag=True, help="With --page: wait until the operator presses Start on the page.")
+@click.option("--stay", is_flag=True, help="With --page: keep serving the page after the campaign ends, until Close "
+                                           "the page or Ctrl-C is pressed.")
 @click.option("--hybrid", "must_be_hybrid", is_flag=True, hidden=True)  # `rig run FILE` of earlier versions
 @click.option("--no-identify", is_flag=True, help="Record only; ignore [identify] in the matrix file.")
 @out_option
@@ -79,14 +83,15 @@ def command(
     hold: bool, stay: bool,
     out: Path, as_json: bool, must_be_hybrid: bool,
 ) -> int:
-    """Run MATRIX on a rig: check it, record every point, identify the damper, write the report.
+    """Run MATRIX on a rig: check the rig, record every point, identify the damper, write the report.
 
-    Ctrl-C stops the rig: coil to 0 A, motion faded out by the controller; finished points are kept. Ctrl-Z pauses after
-    the running point, Ctrl-Z again continues. --page offers both in a browser.
+    Ctrl-C stops the rig: the coil current goes to 0 A and the controller ramps down the motion; finished points are
+    kept. Ctrl-Z pauses the campaign after the current point; a second Ctrl-Z resumes it. --page provides both controls
+    in a browser.
 
-    --resume repeats all preflight checks, keeps the valid points and continues with the rest, on the campaign's own
-    bench or on a simulated rig again. It confirms that the cause of the stop was inspected and removed; the cause is
-    printed.
+    --resume repeats all preflight checks, keeps the valid points and runs the remaining ones on the same bench, or on a
+    simulated rig if the campaign was simulated. By using --resume you confirm that the cause of the stop, which is
+    printed, has been investigated and eliminated.
     """
     if resume is not None and matrix is not None and str(matrix).startswith("-"):
         matrix, simulator_args = None, (str(matrix), *simulator_args)

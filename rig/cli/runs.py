@@ -28,25 +28,25 @@ MOST_SHOWN = 200
 )
 @click.option(
     "--in", "folder", type=click.Path(path_type=Path), default=LOGS, show_default=True,
-    help="Folder with the runs.",
+    help="Folder that contains the runs.",
 )
-@click.option("--specimen", metavar="TEXT", help="Specimen's serial number; * and ? are wildcards.")
+@click.option("--specimen", metavar="TEXT", help="Serial number of the specimen; * and ? are wildcards.")
 @click.option(
     "--date", metavar="DATE",
     help=(
-        "Start date (UTC): a year, month or day (2026-11-23), or a range (2026-11-01:2026-11-23), which may be open "
-        "at one end."
+        "Start date (UTC): a year, month or day (2026-11-23), or a range (2026-11-01:2026-11-23); a range may be "
+        "open at one end."
     ),
 )
-@click.option("--verdict", type=click.Choice(VERDICTS), help="Worst verdict among the points of the run.")
+@click.option("--verdict", type=click.Choice(VERDICTS), help="Worst point verdict in the run.")
 @click.option("--model", metavar="NAME", help="Fitted model.")
 @json_option
 def command(
     folder: Path, specimen: str | None, date: str | None, verdict: str | None, model: str | None, as_json: bool
 ) -> int:
-    """List the runs in a folder; several filters are combined with AND.
+    """List the runs in a folder; multiple filters are combined with AND.
 
-    Summaries are cached in .rig-runs.sqlite in that folder; runs that changed are read again.
+    Summaries are cached in .rig-runs.sqlite in that folder; runs that have changed are read again.
     """
     runs = _listed(folder, RunFilter(specimen, date, verdict, model), None if as_json else MOST_SHOWN)
     if as_json:

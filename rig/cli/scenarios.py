@@ -19,5 +19,5 @@ from rig.cli.options import Command
 )
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def command(arguments: tuple[str, ...]) -> NoReturn:
-    """Run `python -m simulators.scenarios` with ARGUMENTS, never a package of that name in this folder."""
+    """Run a matrix in simulated scenarios with random faults (`python -m simulators.scenarios` with ARGUMENTS)."""
     os.execv(sys.executable, [sys.executable, "-P", "-m", "simulators.scenarios", *arguments])

@@ -19,8 +19,9 @@ from rig.cli.options import Command
 )
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def command(arguments: tuple[str, ...]) -> NoReturn:
-    """Run only the simulated rig: `python -m simulators` with ARGUMENTS.
+    """Run only the simulated rig (`python -m simulators` with ARGUMENTS).
 
-    The first line printed is the path of its bench file, for `rig run --bench`. Ctrl-C ends it.
+    The first line of output is the path of the simulated rig's bench file, for `rig run --bench`. Press Ctrl-C to stop
+    the rig.
     """
     os.execv(sys.executable, [sys.executable, "-m", "simulators", *arguments])

@@ -29,19 +29,21 @@ if TYPE_CHECKING:
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder for the results; an interrupted study in it is continued.  [default: logs/study-<name of the file>]",
+    help="Folder for the results; an interrupted study in this folder is continued.  [default: "
+         "logs/study-<name of the file>]",
 )
-@click.option("--processes", type=click.IntRange(1, 1024), help="Worker processes.  [default: one per processor]")
+@click.option("--processes", type=click.IntRange(1, 1024), help="Number of worker processes.  [default: one per "
+    "processor]")
 @scheduler_option
 @json_option
 def command(file: Path, out: Path | None, processes: int | None, scheduler: str | None, as_json: bool) -> int:
-    """Run the study FILE: tables, statistics and figures of both papers from its recordings.
+    """Run the study FILE: produce the tables, statistics and figures of both papers from the study's recordings.
 
-    A benchmark file (examples/open-recordings.toml) fits every model and method to open recordings instead and writes
-    one table of their errors on validation tests; it prints which files to download.
+    If FILE is a benchmark file (examples/open-recordings.toml), the command instead fits every model and method to open
+    recordings, writes one table of their validation errors, and prints which files to download.
 
-    Writes tables (CSV), study.json and study.html. After an interruption the same command continues; finished searches
-    are kept.
+    The results are tables (CSV), study.json and study.html. After an interruption, run the same command again to
+    continue; finished searches are kept.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 

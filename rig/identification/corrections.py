@@ -29,12 +29,13 @@ class Correction:
 
 
 CORRECTIONS = (
-    Correction("series_spring", "rig.identification.series_spring", "Add a spring in series: compliant mounts."),
+    Correction("series_spring", "rig.identification.series_spring", "Add a spring in series with the damper, for "
+        "compliant mounts."),
     Correction("coil_lag", "rig.identification.coil_lag", choices=()),
     Correction(
         "temperature_law", "rig.identification.temperature",
-        "Temperature-dependent parameters: viscosity, yield force, both with a common rate, or both with separate "
-        "rates.",
+        "Parameters that depend on temperature: viscosity, yield force, both with a common rate, or both with "
+        "separate rates.",
         TEMPERATURE_LAWS,
     ),
 )  # fmt: skip

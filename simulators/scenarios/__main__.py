@@ -31,32 +31,32 @@ FILE = click.Path(path_type=Path)
     ),
 )
 @click.option("--seeds", default="0:20", show_default=True, metavar="FIRST:END",
-              help="Scenarios to run, END excluded; a single number runs that scenario.")
+              help="Range of scenarios to run, END excluded; a single number runs one scenario.")
 @click.option("--bench", type=FILE, help="Your bench file instead of the default simulated rig.")
-@click.option("--matrix", type=FILE, help="Your matrix file instead of drawn ones.")
+@click.option("--matrix", type=FILE, help="Your matrix file instead of random ones.")
 @click.option("--event", "events", multiple=True, metavar="WHAT[@T[+D]]",
-              help="An event instead of drawn ones (repeatable): a row of the fault matrix T s after the first cycle "
-                   "begins, or application-killed, power-cut ... T s after the start; it lasts D s.")
+              help="An event instead of random ones (repeatable), lasting D s: a row of the fault matrix, T s after "
+                   "the "
+                   "first cycle begins; or application-killed, power-cut ..., T s after the start.")
 @click.option("--happening", multiple=True, hidden=True)  # name of earlier versions, kept until 2.0
 @click.option("--actuator", type=click.Choice(["tcp", "rtu"]),
-              help="Connection of the controller.  [default: as your bench or the events need it, else drawn]")
-@click.option("--until", type=float, metavar="S", help="End each scenario after S virtual seconds, without checks.")
-@click.option("--trace", type=FILE, help="Write every step of one scenario to this file.")
+              help="How the controller is connected.  [default: as your bench or the events require, otherwise random]")
+@click.option("--until", type=float, metavar="S", help="End each scenario after S virtual seconds and omit the checks.")
+@click.option("--trace", type=FILE, help="Write every step of a single scenario to this file.")
 @click.option("--shrink", is_flag=True, help="Reduce each failing scenario to the smallest one that still fails.")
 @click.option("--jobs", type=click.IntRange(1, 1024), default=os.cpu_count() or 1, show_default=True,
-              help="Number of processes.")
+              help="Number of parallel processes.")
 @json_option
 def command(
     seeds: str, bench: Path | None, matrix: Path | None, events: tuple[str, ...], happening: tuple[str, ...],
     as_json: bool, **ways: Any,  # noqa: ANN401 - click's own
 ) -> int:  # fmt: skip
-    """Run campaigns in scenarios drawn from seeds, and check the safety and data rules in each.
+    """Run campaigns in random scenarios, and check the safety and data rules in each scenario.
 
-    The whole program runs in virtual time with simulated devices. The events of a scenario (faults, killed processes,
-    power cuts, a full disk, operator signals) are drawn from its seed; the same seed repeats the same scenario step by
-    step.
+    The whole program runs in virtual time with simulated devices. The seed determines the events in a scenario (faults,
+    killed processes, power cuts, a full disk, operator signals); the same seed repeats a scenario step by step.
 
-    Exit code 5 when a check failed in a scenario.
+    The exit code is 5 if a check fails in any scenario.
     """
     from simulators.scenarios.request import Files, request_for, seeds_of
 
