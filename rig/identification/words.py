@@ -283,7 +283,8 @@ CAUSES = {
         "{yield_percent_K:.2g} % per kelvin, explains {percent_explained:.0f} % of the misfit"
     ),
     "outliers": (
-        "{count} outliers of the force ({percent:.2g} % of the samples) explain {percent_explained:.0f} % of the misfit"
+        "outliers in the measured force ({count} sample(s), {percent:.2g} %) explain {percent_explained:.0f} % of the "
+        "misfit"
     ),
     "clipping": (
         "clipping of the force channel at {low_N:.4g} and {high_N:.4g} N explains {percent_explained:.0f} % of the "

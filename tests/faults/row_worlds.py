@@ -218,8 +218,8 @@ def left_as_it_was(campaign: WorldCampaign, ending: Ending) -> None:
     assert_pressure_off(campaign)
 
 
-def fades_by_set_points(campaign: WorldCampaign, ending: Ending) -> None:
-    """The device gets no stop command: the amplitude of what is streamed to it, late, goes to 0 over a cycle."""
+def stops_without_set_points(campaign: WorldCampaign, ending: Ending) -> None:
+    """No stop command, and no set-point over a link so slow that the measured rod may have stopped meanwhile."""
     truth = ending.truth
     assert ending.exit_code == 4, ending.said
     assert ending.trips() == [("setpoints-late", "S2")]
@@ -229,9 +229,8 @@ def fades_by_set_points(campaign: WorldCampaign, ending: Ending) -> None:
     assert (sent_ns - fault.host_ns) / 1e9 <= within_s("setpoints-late")
     fade_s = fault.time_s + (sent_ns - fault.host_ns) / 1e9
     assert not truth.all("FADE_STOP", "HALT")
-    moving = truth.displacement_m[truth.since(fade_s)][: int(0.5e3 * PERIOD_S)]
-    assert np.ptp(moving) > 0.005, "it was faded out, not halted"
-    assert_still(truth, fade_s + PERIOD_S + 0.2)
+    assert_still(truth, fade_s + 0.3)
+    assert np.abs(truth.displacement_m[truth.since(fault.time_s)]).max() < 0.021, "no farther than the sine's 20 mm"
     assert_no_current(truth, truth.first("SET_CURRENT", text="0.000", after=fault).time_s)
     assert_pressure_off(campaign)
     assert ending.verdicts() == {"p001": "invalid"}
@@ -371,7 +370,7 @@ ROW_WORLDS: dict[str, RowWorld] = {
     "register-layout": RowWorld(faulty("register-layout"), also=nothing_was_written),
     "stop-ignored": RowWorld(faulty(f"stop-ignored@{FAULT_S}"), judge=program_runs_on),
     "host-silent": RowWorld(around=silent),
-    "setpoints-late": RowWorld(faulty(f"setpoints-late@{FAULT_S}"), judge=fades_by_set_points),
+    "setpoints-late": RowWorld(faulty(f"setpoints-late@{FAULT_S}"), judge=stops_without_set_points),
     "hybrid-unstable": RowWorld(
         ALONE_HYBRID, around=servo_slows, begins=WorldCampaign.on_the_road, judge=hybrid_test_is_ended
     ),

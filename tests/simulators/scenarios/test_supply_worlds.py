@@ -79,7 +79,7 @@ def test_a_matrix_runs_on_a_supply_described_by_a_file(tmp_path: Path) -> None:
     assert world.folder is not None
     said = {line["slug"] for line in world.journal if "-without-" in str(line.get("slug"))}
     assert {"ecu-without-timeout", "ecu-without-coil-temperature", "ecu-without-error-queue"} <= said
-    assert "ecu-without-timeout: the supply has no time-out" in fragment(unsupported(read_log(world.folder)))
+    assert "ecu-without-timeout: " in fragment(unsupported(read_log(world.folder)))
 
 
 @pytest.mark.few(1)

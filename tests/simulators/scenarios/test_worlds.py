@@ -92,11 +92,11 @@ def test_an_attempt_without_a_file_is_found_though_another_one_has_it(
 def test_a_program_that_outlasts_its_length_and_a_current_at_the_end_are_found(
     undisturbed: tuple[Scenario, Ended], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As if half of the motion had been ordered, and the bench allowed less than no current."""
+    """As if half of the motion had been ordered, and less than no current counted as 0 A."""
     ordered = load_matrix(undisturbed[0].root / "matrix.toml").points()
     halves = [replace(point, cycles=0.4 * point.cycles) for point in ordered]
     monkeypatch.setattr(stop_invariants, "points_of", lambda _: halves)
-    monkeypatch.setattr(invariants, "MORE_A", -100.0)
+    monkeypatch.setattr(invariants, "ZERO_A", -1.0)
     assert {"overrun", "current-told"} <= {failed for failed, _, _ in judged(undisturbed[0])}
 
 
