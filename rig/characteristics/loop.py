@@ -249,7 +249,7 @@ def without_cut_ends(test: Measurement) -> tuple[Measurement, list[str]]:
         if abs(rise_N) < RISE_ERRORS * 2.0 * noise_N / math.sqrt(speed.size):
             kept &= ~at_end
             ends_cut.append(
-                f"the force is constant at {end_N:+.0f} N, within its noise, from {100 * SLOWEST:.0f} to 100 % of its "
-                "largest speed: probably the end of the channel's range"
+                f"the force remains at {end_N:+.0f} N, within noise, from {100 * SLOWEST:.0f} to 100 % of the peak "
+                "speed; the channel has probably reached the end of its range"
             )
     return (replace(test, usable=kept) if ends_cut else test), ends_cut

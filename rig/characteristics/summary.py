@@ -161,7 +161,7 @@ def _unknown(loop: LoopCharacteristics) -> list[str]:
     """What of a loop is not known, in words."""
     values = {
         "force at peak velocity in rebound": loop.rebound_N,
-        "force at peak velocity in jounce": loop.jounce_N,
+        "force at peak velocity in compression": loop.jounce_N,
         "energy per cycle and equivalent damping": loop.energy_J,
     }
     names = [name for name, measured in values.items() if not math.isfinite(measured.value)]

@@ -79,7 +79,7 @@ class Figure:
     @property
     def alternative(self) -> str:
         """What the figure shows, for readers who do not see it."""
-        return self.title or f"{self.y.label} over {self.x.label}"
+        return self.title or f"{self.y.label} vs. {self.x.label}"
 
     @property
     def limits(self) -> tuple[Range, Range]:

@@ -57,7 +57,7 @@ class Plot:
 
                 content = png(drawing, dpi)
             else:
-                raise ValueError(f"{file.name}: got {file.suffix or 'no ending'}, expected .svg, .pdf or .png")
+                raise ValueError(f"{file.name}: got {file.suffix or 'no extension'}, expected .svg, .pdf or .png")
         except ImportError as error:
             raise RigError(f"{file.name}: {error.name} is not installed. Fix: {how_to_install('pdf')}") from error
         file.write_bytes(content)

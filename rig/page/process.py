@@ -42,7 +42,7 @@ def listening(settings: PageSettings) -> socket.socket:
     except OSError as error:
         if sock is not None:
             sock.close()
-        raise PageProblem(f"page address {settings.address!r}: cannot be served: {error}") from error
+        raise PageProblem(f"page address {settings.address!r}: the page cannot be served: {error}") from error
     return sock
 
 

@@ -121,7 +121,7 @@ class PageServer:
         if place == "/":
             return Response(200, "OK", _headers(headers(), document()), document())
         if place != "/ws":
-            return _response(404, "not here\n")
+            return _response(404, "not found\n")
         most = MOST_CLIENTS if judged is Role.OPERATOR else MOST_CLIENTS - FOR_OPERATORS
         return _response(503, "refused: too-many-clients\n") if len(self._clients) >= most else None
 

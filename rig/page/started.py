@@ -46,7 +46,7 @@ class PageProcess:
         if "url" not in answer:
             process.kill()
             process.communicate()
-            raise PageProblem(answer.get("message", "the page's process did not start"))
+            raise PageProblem(answer.get("message", "the page server did not start"))
         return cls(process, answer["url"])
 
     @staticmethod

@@ -65,7 +65,7 @@ def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> 
     point, measured = max(known, key=lambda pair: steepest[pair[0].id])
     note = (
         f"Standard uncertainties at the peak of point {point.id}, where the force changes fastest. "
-        "Contributions marked \"not stated\" are missing from the total."
+        "Contributions marked \"not stated\" are not included in the total."
     )
     drift_N = _drift_N([view.point for view in views])
     channels = channels_of(point, measured, steepest[point.id], drift_N)
@@ -105,10 +105,10 @@ def _force(point: RecordedPoint, measured: Measurement, steepest_N_s: float, dri
     timing_N = steepest_N_s * measured.skew_std_s
     return Channel("Force", "N", peak_N, (
         _certificate(peak_N, point.test.get("force_uncertainty_percent")),
-        Share("zero", _known(point.quality.rest.force_zero_std_N), "rest before the first motion: duration, noise"),
-        Share("zero drift", drift_N, "against the controller's force input, over the campaign"),
+        Share("zero", _known(point.quality.rest.force_zero_std_N), "noise and duration of rest before first motion"),
+        Share("zero drift", drift_N, "compared with the controller's force input, during the campaign"),
         Share("noise of one sample", _known(loop.noise_N), "neighbouring samples"),
-        Share("timing, at the reversals", timing_N, "remaining sensor delay times the steepest change of force"),
+        Share("timing, at the reversals", timing_N, "remaining sensor delay times the highest rate of change of force"),
         Share("variation between cycles", _known(loop.scatter_N), "differences between cycles"),
     ))
 
@@ -130,7 +130,7 @@ def _current(point: RecordedPoint) -> Iterator[Channel]:
     if current.mean_A is not None:
         yield Channel("Coil current", "A", abs(current.mean_A), (
             Share("calibration", NOT_STATED, "the ECU"),
-            Share("SD of one sample", _known(current.std_A), "over the point"),
+            Share("SD of one sample", _known(current.std_A), "during the point"),
         ))
 
 
@@ -141,7 +141,7 @@ def _temperature(point: RecordedPoint) -> Iterator[Channel]:
         change_K = UNIFORM * (high_degC - low_degC)
         yield Channel("Coil temperature", "degC", high_degC, (
             Share("calibration", NOT_STATED, "the ECU"),
-            Share("change during the point", change_K, "lowest to highest"),
+            Share("change during the point", change_K, "from lowest to highest"),
         ))
 
 

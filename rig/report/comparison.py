@@ -73,15 +73,15 @@ def _facts(compared: Comparison) -> Facts:
         )
         known = [result.margin_percent for result in judged.results if math.isfinite(result.margin_percent)]
         if known:
-            facts.append(Fact(f"{number(min(known), 3)} %", "smallest margin, relative to the nearer limit"))
+            facts.append(Fact(f"{number(min(known), 3)} %", "smallest margin, relative to the nearest limit"))
     if len(compared.runs) > 1:
         both = sum(all(row.loops) for row in compared.rows)
-        facts.append(Fact(f"{both} of {len(compared.rows)}", "motions tested in every run"))
+        facts.append(Fact(f"{both} of {len(compared.rows)}", "motions tested in all runs"))
         for quantity in LOOP_QUANTITIES[:3]:
             summary = compared.summary(len(compared.runs) - 1, quantity.key)
             if summary is not None and math.isfinite(summary.median_percent):
                 middle = f"{number(summary.median_percent, 3)} %"
-                facts.append(Fact(middle, f"{quantity.title.lower()}: median change, last run against first"))
+                facts.append(Fact(middle, f"{quantity.title.lower()}: median change, last run relative to first"))
     return Facts(tuple(facts))
 
 
@@ -94,9 +94,9 @@ def _bands(judgement: AcceptanceResult, *, several: bool) -> Blocks:
     ]  # fmt: skip
     decision = (
         "A value passes only if the margin is at least its expanded uncertainty (ISO 14253-1)."
-        if judgement.bands.decision == "guarded" else "The uncertainty is not part of the decision."
+        if judgement.bands.decision == "guarded" else "The uncertainty does not affect the result."
     )  # fmt: skip
-    note = f"Margin: distance to the nearer limit, negative outside. {decision}"
+    note = f"Margin: distance to the nearest limit, negative outside the limits. {decision}"
     rows = [_result(result, several) for result in ordered]
     return [*section(f"Acceptance bands: {judgement.bands.name}", note), table(head, rows)]
 
@@ -124,15 +124,15 @@ def _loops(compared: Comparison, names: Sequence[str]) -> Blocks:
         if over_u:
             title = row.motion.label
             pair = (
-                Figure(DISPLACEMENT, FORCE, over_u, title=f"Force over displacement, {title}"),
-                Figure(VELOCITY, FORCE, over_v, title=f"Force over velocity, {title}"),
+                Figure(DISPLACEMENT, FORCE, over_u, title=f"Force vs. displacement, {title}"),
+                Figure(VELOCITY, FORCE, over_v, title=f"Force vs. velocity, {title}"),
             )
             cards.append(Card(Strong(title), (Figures(pair, across=2),)))
     if not cards:
         return []
     keys = tuple(Key(name, current_colour(index, len(names))) for index, name in enumerate(names))
     more = len(compared.rows) - MOST_DRAWN
-    note = "One cycle from the middle of each test." + (f" {more} more motions: in the tables." if more > 0 else "")
+    note = "One cycle from the middle of each test." + (f" The tables contain {more} more motions." if more > 0 else "")
     return [*section("Loops of all runs", note), Keys(keys), Cards(tuple(cards), large=True)]
 
 
@@ -169,7 +169,7 @@ def _changes(compared: Comparison, names: Sequence[str]) -> Blocks:
         for quantity in SINGLE_QUANTITIES if any(quantity.key in run.singles for run in compared.runs)
     ]  # fmt: skip
     parts += _quantity_table("Slow triangle at 0 A, N", "Quantity", singles, names)
-    note = "Bold: more than the expanded uncertainty of the difference."
+    note = "Bold: the change exceeds its expanded uncertainty."
     return [*section("Values and changes", note if len(names) > 1 else ""), *parts] if parts else []
 
 

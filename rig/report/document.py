@@ -177,10 +177,10 @@ def _drawn_law(fit: FitRecord | None) -> tuple[Law | None, str]:
     try:
         model = fit.damper
     except RigError as error:
-        return None, f"The fit's curves are not drawn: {error}"
+        return None, f"The fitted curves are not drawn: {error}"
     missing = [name for name in model.names if name not in fit.values and name != COIL]
     if missing:
-        return None, f"The fit's curves are not drawn: {', '.join(missing)} missing in fit.json."
+        return None, f"The fitted curves are not drawn: {', '.join(missing)} missing from fit.json."
     return replace(Law.of(model, fit.values, None), temperature=fit.temperature_law), ""
 
 
@@ -232,7 +232,7 @@ def _verdict(fit: FitRecord | None) -> list[Fact]:
     if fit is None:
         return []
     if fit.adequate is None:
-        return [Fact("Not evaluated", "no test has two whole cycles between its first and last for comparison")]
+        return [Fact("Not evaluated", "no test has two full cycles in addition to its first and last")]
     if not fit.adequate:
         return [Fact("Does not fit", "model error exceeds the repeatability of the tests", POOR)]
     known = f"{len(fit.identifiable)} of {len(fit.parameters)} parameters identified"
@@ -248,8 +248,8 @@ def _lost(run: Run) -> list[Fact]:
     if lost or by == {"sequence"}:
         return [Fact(str(lost), "samples lost", _severity(lost == 0))]
     if by <= {"sequence", "rate"}:
-        return [Fact(str(lost), "samples lost, counted against the nominal rate: single ones may be missed")]
-    return [Fact("unknown", "samples lost: a sensor's format has no sequence number", FAIR)]
+        return [Fact(str(lost), "samples lost, estimated from the nominal rate; single losses may go undetected")]
+    return [Fact("unknown", "samples lost; the format of one sensor has no sequence number", FAIR)]
 
 
 def _severity(good: bool) -> Severity:
@@ -260,17 +260,18 @@ def warnings(run: Run, fit: FitRecord | None) -> Blocks:
     """Everything a reader must know before believing the rest."""
     notes: Blocks = [Note(POOR, line) for line in run.unreadable]
     if count := _count(run, "invalid"):
-        left_out = " and not used for the fit" if fit is not None else ""
+        left_out = " and excluded from the fit" if fit is not None else ""
         notes.append(Note(POOR, f"{_points(count)} invalid{left_out}."))
     if count := _count(run, "suspect"):
         use = Code("rig identify --suspect")
-        notes.append(Note(FAIR, (f"{_points(count)} suspect and not used for the fit; ", use, " uses them.")))
+        left_out = f"{_points(count)} suspect and excluded from the fit; to include suspect points, use "
+        notes.append(Note(FAIR, (left_out, use, ".")))
     if fit is None:
-        return [*notes, Note(FAIR, "This run has no fit: the report shows measurements only.")]
+        return [*notes, Note(FAIR, "This run has no fit, so the report shows only measurements.")]
     if fit.adequate is False:
         notes.append(Note(POOR, (
-            Strong("The model does not fit."), " Its error exceeds the repeatability of the tests: do not use the "
-            "parameters as properties of the damper.",
+            Strong("The model does not fit."), " The model error exceeds the repeatability of the tests. Do not use "
+            "the parameters as properties of the damper.",
         )))  # fmt: skip
     remarks = [Note(FAIR, warning) for warning in fit.warnings]
     notes += remarks[:SHOWN_WARNINGS]
@@ -292,7 +293,7 @@ def unsupported(log: Sequence[JsonObject]) -> Blocks:
     if not stated:
         return []
     listed = Items(tuple(f"{slug}: {detail}" for slug, detail in stated.items()))
-    return [*section("Functions that this rig does not support", "As reported at connect."), listed]
+    return [*section("Functions that this rig does not support", "As reported by the devices on connection."), listed]
 
 
 def provenance(run: Run, fit: FitRecord | None) -> Blocks:
@@ -310,8 +311,8 @@ def provenance(run: Run, fit: FitRecord | None) -> Blocks:
     if fit is not None:
         shown["fit"] = f"{fit.evaluations} evaluations, {number(fit.wall_s, 3)} s"
     note = (
-        "Each point's file holds its raw samples, calibrations and clock models: ", Code("points/*.h5"),
-        " (HDF5; h5dump, xarray, MATLAB, Octave).",
+        "The file for each point contains the raw samples, calibrations and clock models: ", Code("points/*.h5"),
+        " (HDF5, readable with h5dump, xarray, MATLAB and Octave).",
     )
     return [*section("Provenance", note), Properties(shown)]
 

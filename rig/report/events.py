@@ -37,9 +37,9 @@ def events(log: Sequence[Mapping[str, Any]] | None) -> Blocks:
     if log is None:
         return []
     happened = campaign_events(log)
-    title = section("Events", ("From the campaign's journal; ", Code("rig explain CODE"), " explains a code."))
+    title = section("Events", ("From the campaign journal. To explain a code, run ", Code("rig explain CODE"), "."))
     if not happened:
-        return [*title, Paragraph("Routine events only.", small=True)]
+        return [*title, Paragraph("The journal contains only routine events.", small=True)]
     rows = [
         [
             _clock(one.first), _clock(one.last) if one.count > 1 else NOTHING, one.kind, one.name or NOTHING,
@@ -50,7 +50,7 @@ def events(log: Sequence[Mapping[str, Any]] | None) -> Blocks:
     more = len(happened) - len(rows)
     count = Column("Count", "", True)
     head: list[Head] = ["First, UTC", "Last, UTC", "Event", "Code or name", count, "Last text or values"]
-    rest: Blocks = [Paragraph(f"{more} more kinds are in journal.jsonl.", small=True)] if more > 0 else []
+    rest: Blocks = [Paragraph(f"For {more} more kinds of event, see journal.jsonl.", small=True)] if more > 0 else []
     return [*title, table(head, rows), *rest]
 
 

@@ -82,7 +82,7 @@ def parameters(fit: FitRecord) -> Blocks:
             value, interval = between(entry.value, entry.low, entry.high)
             known.append([name, value, interval, _half_percent(entry), *_bootstrapped(fit, name), entry.unit, meaning])
         else:
-            reason = entry.reason or "the data do not determine it"
+            reason = entry.reason or "not determined by the data"
             unknown.append([name, number(entry.value, 5), entry.unit, meaning, reason])
     head: list[Head] = ["Parameter", "Value", "95 % interval", Column(PLUS_MINUS, "%", True), *again, "Unit", "Meaning"]
     parts: Blocks = [Heading("Fitted parameters"), *_equation(fit), table(head, known, (1, 2))]
@@ -111,7 +111,7 @@ def _equation(fit: FitRecord) -> Blocks:
             rows.append([title, *(number(round(scale * end, 3) + 0.0, 4) for end in ends), unit])
     if not rows:
         return stated
-    note = "The model is supported by tests in these ranges only; outside them its force is an extrapolation."
+    note = "The tests support the model only within these ranges; outside the ranges, the force is extrapolated."
     return [*stated, table(["Valid for", "from", "to", "Unit"], rows, (1, 2)), Paragraph(note, small=True)]
 
 
@@ -128,10 +128,10 @@ def quality(fit: FitRecord) -> Blocks:
         Column("Energy", "J", True), Column("Modelled", "J", True), Column("Remark"),
     ]  # fmt: skip
     note = (
-        "Cycle SD: standard deviation of the force from cycle to cycle. Noise, systematic residual: the parts of the "
-        "residual that change and that repeat with every cycle; the model does not describe the latter. Whiteness p: "
-        "probability of such a residual if it were pure noise, at the rate of the noise. Energy: dissipated in a mean "
-        "cycle, measured and modelled."
+        "Cycle SD: standard deviation of the force from cycle to cycle. Noise: the part of the residual that changes "
+        "from cycle to cycle. Systematic residual: the part that repeats in every cycle, which the model does not "
+        "describe. Whiteness p: probability of such a residual if the residual were pure noise with the bandwidth of "
+        "the measured noise. Energy: energy dissipated in the mean cycle, measured and modelled."
     )
     return [*section("Quality of the fit", note), *_passivity(fit), table(head, rows), *_correlation(fit)]
 
@@ -185,8 +185,8 @@ def _diagnosis(fit: FitRecord) -> Blocks:
         for cause in fit.diagnosis
     ]
     note = (
-        "Each cause was fitted separately, together with the damper; the first explains most. The shares do not add "
-        f"up. {NOTHING}: found in the tests themselves, without a share of the misfit."
+        "Each cause was fitted separately, together with the damper; the first cause explains most. The shares do not "
+        f"add up to 100 %. {NOTHING}: cause found directly in the tests, with no share of the misfit assigned."
     )
     head: list[Head] = [Column("Cause"), Column("Finding"), Column("Explains", "%", True), Column("Next step")]
     return [*section("Probable causes of the misfit", note, 3), table(head, rows)]
@@ -195,7 +195,7 @@ def _diagnosis(fit: FitRecord) -> Blocks:
 def _next_tests(fit: FitRecord) -> Blocks:
     if not fit.next_tests:
         return []
-    note = "Lines for the matrix file; the gain is predicted from the fitted model and the noise of these tests."
+    note = "Add these lines to the matrix file. The gain is predicted from the fitted model and the noise in the tests."
     return [
         *section("Proposed next tests", note, 3),
         *(block for one in fit.next_tests for block in (Paragraph(one.text), Listing(one.toml.strip()))),
@@ -247,7 +247,7 @@ def _correlation(fit: FitRecord) -> Blocks:
     cells = [[a, *(_heat(rows[a].get(b, math.nan)) for b in names)] for a in names]
     made = table(["", *names], cells, range(1, len(names) + 1))
     condition = f"Condition number of the scaled normal equations: {number(fit.condition, 3)}."
-    return [Paragraph(f"{stated} {condition}"), Details("Correlation of the parameters", (made,))]
+    return [Paragraph(f"{stated} {condition}"), Details("Correlation between parameters", (made,))]
 
 
 def _heat(value: float) -> Words:
@@ -264,7 +264,7 @@ def _meanings(name: str) -> dict[str, str]:
 
 
 REFERENCES = {
-    "mean_cycle": "no model: each cycle from the other cycles of its test (floor)",
+    "mean_cycle": "no model: each cycle predicted from the other cycles of its test (lower bound)",
     "regression": "no model: regression on motion and current",
 }
 
@@ -289,7 +289,7 @@ def selection(fit: FitRecord) -> Blocks:
         rows.append(Row((name, error, *within, NOTHING, NOTHING, NOTHING), faded=True))
     head = [
         Column("Model"), Column("Validation error" + ("" if some or not beyond else " (extrapolated)"), "%", True),
-        *([Column("Without extrapolated tests", "%", True)] if also_within else []), Column("RMS error", "N", True),
+        *([Column("Excluding extrapolated tests", "%", True)] if also_within else []), Column("RMS error", "N", True),
         Column("Parameters", "", True), Column("BIC", "", True),
     ]  # fmt: skip
     notes = [score.reason for score in scores if score.reason]
@@ -333,10 +333,10 @@ def cross_validation(fit: FitRecord) -> Blocks:
         cells = [_cell([test for test in here if test.current_A == current]) for current in currents]
         name = f"{number(1e3 * motion[0], 3)} mm {number(motion[1], 3)} Hz"
         rows.append([name, *cells, number(pair.nrmse_percent_of_peak, 3)])
-    head: list[Head] = ["Motion left out", *(f"{number(current, 3)} A" for current in currents), "Mean"]
+    head: list[Head] = ["Excluded motion", *(f"{number(current, 3)} A" for current in currents), "Mean"]
     note = (
-        "Each amplitude and frequency predicted by a fit of the same model to the others; error in % of the peak "
-        f"force. Mean of all tests: {number(unseen.nrmse_percent_of_peak, 3)} %{extrapolated_words(unseen)}."
+        "Each amplitude and frequency is predicted by fitting the same model to the others. Errors are in % of the "
+        f"peak force. Mean of all tests: {number(unseen.nrmse_percent_of_peak, 3)} %{extrapolated_words(unseen)}."
     )
     made = table(head, rows, range(1, len(head)))
     return [*section("Leave-one-motion-out cross-validation", note, 3), made, *_extrapolated(unseen)]
@@ -357,5 +357,5 @@ def _extrapolated(unseen: Unseen) -> Blocks:
     beyond = {test.id: test.beyond for test in unseen.per_test if test.beyond}
     if not beyond:
         return []
-    stated = f"{MARK} Outside the data of the others (extrapolated): {_outside_words(beyond)}."
+    stated = f"{MARK} Outside the range of the other data (extrapolated): {_outside_words(beyond)}."
     return [Paragraph(stated, small=True)]

@@ -16,15 +16,15 @@ from rig.signals.arrays import FloatArray
 CRITERIA = (("J1", "ms"), ("J2", "%"), ("J4", "%"), ("J6", "%"), ("J7", "%"))
 HEAD = (
     Column("Point"), Column("Compensation"), Column("Law"), Column("Delay", "ms", True),
-    Column("Tracking error", "%", True), Column("Body to 3 Hz", "%", True), Column("Wheel, 8 to 15 Hz", "%", True),
+    Column("Tracking error", "%", True), Column("Body, up to 3 Hz", "%", True), Column("Wheel, 8 to 15 Hz", "%", True),
     Column("Energy error", "%", True), Column("Late set-points", "", True),
     *(Column(name, unit, True) for name, unit in CRITERIA),
 )  # fmt: skip
 NOTE = (
-    "The damper moves as in the simulated car. Delay: of the rod behind its set-points, measured before the test. "
-    "Tracking error: rod against target, RMS relative to the target's. Body and wheel: difference from the whole car, "
-    "computed with the assumed damper, in these bands. If the tested damper differs from the assumed one, the "
-    "difference is the result and not an error of the test."
+    "The damper moves as in the simulated car. Delay: delay between the set-points and the rod, measured before the "
+    "test. Tracking error: RMS difference between rod and target, relative to the RMS of the target. Body and wheel: "
+    "difference from a complete simulation of the car with the assumed damper, in the stated bands. If the tested "
+    "damper differs from the assumed damper, this difference is a result, not a test error."
 )
 SHOWN_S = 2.0
 """Of the tracking, about the middle of the test: a longer time is not legible."""
@@ -38,7 +38,7 @@ def hybrid_section(tests: Sequence[HybridTest]) -> Blocks:
     parts: Blocks = [*section("Hybrid tests", NOTE), table(HEAD, [(test.id, *_row(test)) for test in tests])]
     missing = [test.id for test in tests if test.record is None]
     if missing:
-        parts.append(Note(FAIR, f"The recording of {', '.join(missing)} is too short for a comparison."))
+        parts.append(Note(FAIR, f"The recording is too short for a comparison: {', '.join(missing)}."))
     return parts + [block for test in tests if test.record is not None for block in _plots(test, test.record)]
 
 
@@ -76,7 +76,7 @@ def _plots(test: HybridTest, record: Record) -> Blocks:
          _trace(record.time_s[rows], record.body_m[rows], "hybrid", MEASURED)],
         480, 260, title=f"{test.id}: body",
     )
-    keys = (Key("rod, hybrid", MEASURED), Key("target", OVERLAID), Key("whole car, computed", FITTED))
+    keys = (Key("rod, hybrid", MEASURED), Key("target", OVERLAID), Key("complete simulation", FITTED))
     cards = Cards((Card("", (Figures((tracking,)),)), Card("", (Figures((body,)),))))
     return [Heading(test.id, 3), Keys(keys), cards]
 

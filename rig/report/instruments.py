@@ -39,9 +39,10 @@ def instruments(run: Run, sensors: Sensors) -> Blocks:
     if not checks:
         return []
     note = (
-        "Load cell and LVDT compared with the controller's own force and position inputs, all points combined; "
-        f"{PLUS_MINUS} is one standard deviation. Two instruments that agree may have the same error, so this is no "
-        "calibration. The bench file's ", Code("[checks]"), " sets what is allowed.",
+        "The load cell and the LVDT are compared with the controller's own force and position inputs, using all "
+        f"points; {PLUS_MINUS} is one standard deviation. Two instruments that agree may share the same error, so "
+        "this is not "
+        "a calibration. The allowed values are set in the bench file, in ", Code("[checks]"), ".",
     )  # fmt: skip
     head: list[Head] = ["Instrument", "Property", "Compared with", Column("Difference", "", True), "Allowed", "Result"]
     return [*section("Sensor cross-checks", note), table(head, [_row(check) for check in checks])]
@@ -73,9 +74,9 @@ def zero_returns(run: Run) -> tuple[CrossCheck, ...]:
             error = math.hypot(*(reading.std / math.sqrt(max(reading.count, 1)) for reading in readings))
             moved = Estimate((after - after_own) - (before - before_own), error)
             checks.append(CrossCheck(
-                name, f"zero drift over session {session}",
-                f"controller's {REST[name]}, at rest before and after",
-                f"{moved.times(scale).signed} {unit}", "1 % of the largest value, or its noise",
+                name, f"zero drift during session {session}",
+                f"controller's {REST[name]}, at rest before and after the session",
+                f"{moved.times(scale).signed} {unit}", "1 % of the largest value, or the noise",
                 CheckState.DISAGREES if name in disagree else CheckState.AGREES,
             ))
     return tuple(checks)

@@ -30,7 +30,7 @@ def overview(views: Sequence[PointView]) -> Blocks:
         keys.append(Key("fitted", OVERLAID, dashed=True))
     cards = tuple(Card(Strong(motion), (Figures((figure,)),)) for motion, figure in overview_figures(views).items())
     return [
-        Heading("Force over velocity, all currents"), Keys(tuple(keys), "One cycle, measured: "), Cards(cards),
+        Heading("Force vs. velocity, all currents"), Keys(tuple(keys), "One measured cycle: "), Cards(cards),
     ]  # fmt: skip
 
 
@@ -49,7 +49,7 @@ def overview_figures(views: Sequence[PointView]) -> dict[str, Figure]:
             Trace(view.loop.velocity_m_s, view.loop.fitted_N, Style.OVERLAID, f"fitted, {view.level_A:g} A")
             for view in group if view.loop is not None and view.loop.fitted_N is not None
         ]
-        made[motion] = Figure(VELOCITY, FORCE, traces, 400, 270, title=f"Force over velocity, {motion}")
+        made[motion] = Figure(VELOCITY, FORCE, traces, 400, 270, title=f"Force vs. velocity, {motion}")
     return made
 
 
@@ -61,8 +61,8 @@ def details(views: Sequence[PointView], *, fitted: bool) -> Blocks:
     keys = [Key("measured", MEASURED)]
     if fitted:
         keys += [Key("fitted", FITTED, dashed=True), Key("residual", RESIDUAL)]
-    note = "One cycle from the middle of the test; all of a motion without cycles. "
-    parts: Blocks = [Heading("Loops of every point"), Keys(tuple(keys), note)]
+    note = "One cycle from the middle of the test, or the whole test if the motion is not cyclic. "
+    parts: Blocks = [Heading("Loops for all points"), Keys(tuple(keys), note)]
     ordered = sorted(shown, key=lambda view: (view.level_A, view.point.waveform, view.point.frequency_Hz))
     for current, group in _grouped(ordered, lambda view: view.level_A):
         loops = [view.loop for view in group if view.loop is not None]

@@ -30,10 +30,10 @@ def parameters_over_current(fit: FitRecord) -> Blocks:
     by_current = fit.current is not None
     keys = (
         Key("relation" if by_current else "fitted", MEASURED),
-        Key("fit of each current, 95 %", FITTED) if by_current else Key("95 %", RESIDUAL),
+        Key("separate fit at each current, 95 %", FITTED) if by_current else Key("95 %", RESIDUAL),
     )
     cards = tuple(Card(Strong(name), (Figures((figure,)),)) for name, figure in drawn.items())
-    return [Heading("Parameters over current"), Keys(keys), Cards(cards)]
+    return [Heading("Parameters vs. current"), Keys(keys), Cards(cards)]
 
 
 def parameter_figures(fit: FitRecord) -> dict[str, Figure]:
@@ -70,7 +70,7 @@ def _affine(fit: FitRecord, model: DamperModel, current_A: FloatArray) -> dict[s
             ]
         title = _common(base, [name for name, power in members if power])
         axis = Axis(title, fit.parameters[base].unit)
-        drawn[title] = Figure(CURRENT, axis, traces, WIDTH, HEIGHT, title=f"{title} over current")
+        drawn[title] = Figure(CURRENT, axis, traces, WIDTH, HEIGHT, title=f"{title} vs. current")
     return drawn
 
 
@@ -101,5 +101,5 @@ def _by_relations(fit: FitRecord, current: CurrentRelations) -> dict[str, Figure
             tick = current_A + reach * np.array([-1.0, 1.0])
             traces.append(Trace(tick, np.full(2, value), name=label, colour=FITTED))
         axis = Axis(name, known[0][1].unit)
-        drawn[name] = Figure(CURRENT, axis, traces, WIDTH, HEIGHT, title=f"{name} over current")
+        drawn[name] = Figure(CURRENT, axis, traces, WIDTH, HEIGHT, title=f"{name} vs. current")
     return drawn

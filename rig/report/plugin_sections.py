@@ -27,7 +27,7 @@ def section_of(name: str, brought: object) -> Section:
         ValueError: it cannot be called.
     """
     if not callable(brought):
-        raise ValueError(f"{name}: got {type(brought).__name__}, expected a function of a run and its fit")
+        raise ValueError(f"{name}: got {type(brought).__name__}, expected a function that takes a run and its fit")
     return brought
 
 
@@ -37,18 +37,19 @@ def installed_sections(run: Run, fit: FitRecord | None) -> Blocks:
 
 
 def _blocks(plug_in: PlugIn, run: Run, fit: FitRecord | None) -> Sequence[Block]:
-    named = f"section {plug_in.name!r} of {plug_in.place}"
+    named = f"section {plug_in.name!r} from {plug_in.place}"
     try:
         content: object = made_of(plug_in, section_of)(run, None if fit is None else fit.to_json())
     except BrokenPlugIn as error:
-        return [Note(FAIR, f"A section is missing: {error}")]
+        return [Note(FAIR, f"A section could not be created: {error}")]
     except Exception as error:  # noqa: BLE001 - whatever a plug-in raises is reported in the section's place
-        return [Note(FAIR, f"A section is missing: {named} failed: {type(error).__name__}: {error}")]
+        return [Note(FAIR, f"A section could not be created: {named} failed: {type(error).__name__}: {error}")]
     if isinstance(content, str):
         return [Markup(content, tuple(blocks_of(content)))]
     if isinstance(content, Sequence) and all(isinstance(block, KINDS) for block in content):
         return content
-    return [Note(FAIR, f"A section is missing: {named} returned {type(content).__name__}, expected blocks or HTML")]
+    got = type(content).__name__
+    return [Note(FAIR, f"A section could not be created: {named} returned {got}, expected blocks or HTML")]
 
 
 def blocks_of(markup: str) -> Blocks:

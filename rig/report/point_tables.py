@@ -114,9 +114,9 @@ def points_table(views: Sequence[PointView]) -> Blocks:
     note = "Error: 100 \N{MULTIPLICATION SIGN} RMS error / largest deviation of the force from its mean."
     if not all(view.point.imported for view in views):
         note += (
-            " Sensor delay: delay of the force behind the displacement in addition to the declared delays. It is "
-            f"corrected; {PLUS_MINUS} is one standard deviation of the remaining delay. The word in brackets after a "
-            "remark states whether the specimen, the bench or the test is the cause."
+            " Sensor delay: delay of the force relative to the displacement, in addition to the declared delays. The "
+            f"sensor delay is corrected; {PLUS_MINUS} is one standard deviation of the remaining delay. The word in "
+            "brackets after a remark indicates whether the cause is the specimen, the bench or the test."
         )
     return [*section("Test points", note), point_table(TEST_POINTS, views)]
 
@@ -162,9 +162,9 @@ def achieved_table(points: Sequence[RecordedPoint]) -> Blocks:
     if not moved:
         return []
     note = (
-        f"Means over the full cycles, {PLUS_MINUS} standard deviation from cycle to cycle. Phase: measured "
-        "displacement against the controller's set-point. Distortion: harmonics 2 to 9 in addition to those of the "
-        "ideal waveform. The values of each cycle are in the point's file."
+        f"Mean over all full cycles {PLUS_MINUS} standard deviation from cycle to cycle. Phase: measured displacement "
+        "relative to the controller's set-point. Distortion: harmonics 2 to 9 in addition to those of the ideal "
+        "waveform. The values for each cycle are stored in the file for the point."
     )
     return [*section("Achieved motion and current", note), point_table(ACHIEVED, _views(moved))]
 
@@ -210,7 +210,8 @@ def conditions(points: Sequence[RecordedPoint], log: Sequence[Mapping[str, Any]]
     step = f"{PLUS_MINUS} {number(TEMPERATURE_STEP_K / math.sqrt(12.0) * CONFIDENCE, 1)} K"
     note = (
         "Amplitude achieved: measured divided by commanded amplitude, with the 95 % interval of its mean over the "
-        f"cycles. The ECU reports the coil temperature; its resolution is {step}, its own error is not included."
+        f"cycles. The ECU reports the coil temperature; its resolution is {step}; the sensor's own error is not "
+        "included."
     )
     lines = [
         str(line.get("text", NOTHING)) for line in log
@@ -270,11 +271,12 @@ def time_base(points: Sequence[RecordedPoint]) -> Blocks:
     if not points:
         return []
     note = (
-        "All samples are on the controller's clock. Force delay: delay of the force behind the displacement in "
-        "addition to the delays that the bench file declares; it is corrected. Delays checked: the controller's own "
-        "record of force and position confirms or corrects them. Declared, not checked: that record is not accurate "
-        "enough. Contradicted: that record disagrees with the declared delays, and the remaining delay includes the "
-        "difference. Arrival delay: what pairing samples by arrival would have left (real time only). Intervals: 95 %."
+        "All samples are referred to the controller's clock. Force delay: delay of the force relative to the "
+        "displacement, in addition to the delays declared in the bench file; this delay is corrected. Delays "
+        "checked: the controller's own record of force and position confirms or corrects the delays. Declared, not "
+        "checked: the controller's record is not accurate enough for a check. Contradicted: the controller's record "
+        "disagrees with the declared delays, and the remaining delay includes the difference. Arrival delay: delay "
+        "that would remain if samples were paired by time of arrival (real time only). Intervals: 95 %."
     )
     return [
         *section("Time base and sensor delays", note), *_pooled(points), *_not_stated(points),
@@ -291,21 +293,22 @@ def _not_stated(points: Sequence[RecordedPoint]) -> Blocks:
     if not unstated:
         return []
     return [Paragraph((
-        "The bench file states no ", Code("delay"), f" for {' and '.join(sorted(unstated))}: 0 ms is assumed, with a "
-        "standard uncertainty of 0.7 ms where it could not be checked.",
+        "The bench file does not state ", Code("delay"), f" for {' and '.join(sorted(unstated))}: 0 ms is assumed, "
+        "with a standard uncertainty of 0.7 ms if the delay could not be checked.",
     ))]  # fmt: skip
 
 
 _OF_STATE: dict[str, Words] = {
     "checked": "",
-    "declared": " They are not accurate enough to check the declared delays, which are used.",
+    "declared": " The signals are not accurate enough to check the declared delays, so the declared delays are used.",
     "doubted": (
-        " They contradict the declared delays: check these and ", Code("[actuator] input_delay"), " in the bench file.",
+        " The signals contradict the declared delays. Check the delays and ", Code("[actuator] input_delay"),
+        " in the bench file.",
     ),
 }  # fmt: skip
 _OWN_INPUTS = (
     " The bench file does not state the delay of the controller's own inputs (", Code("[actuator] input_delay"),
-    "); the interval includes it.",
+    "); the interval includes this delay.",
 )
 
 
@@ -323,8 +326,8 @@ def _pooled(points: Sequence[RecordedPoint]) -> Blocks:
     corrected = Estimate(used.delays.value_s, CONFIDENCE * used.std_s).times(1e3)
     left_ms = number(1e3 * CONFIDENCE * used.std_s, 2)
     return [Paragraph((
-        "All points combined: the signals show that force lags displacement by ",
+        "For all points combined, the signals show that the force lags the displacement by ",
         Strong(f"{number(1e3 * low_s, 3)} to {number(1e3 * high_s, 3)} ms"), " in addition to the declared delays.",
         *(stated if isinstance(stated, tuple) else (stated,)),
-        f" Corrected: {signed(corrected.alone)} ms; {PLUS_MINUS} {left_ms} ms remain, in the fit as well.",
+        f" Corrected: {signed(corrected.alone)} ms; {PLUS_MINUS} {left_ms} ms remain, including in the fit.",
     ))]  # fmt: skip

@@ -80,11 +80,11 @@ def warnings(study: RideStudy) -> list[Note]:
     lines = [f"{variant.name}: {variant.fit.remark}" for variant in study.variants if variant.fit.remark]
     lines += extrapolations(study)
     if study.car.estimate:
-        lines.append(f"The parameters of this car are not measured: {study.car.source}.")
+        lines.append(f"The parameters of this car were not measured: {study.car.source}.")
     if not study.step_close:
         lines.append(
-            f"Even a step of {1e3 * study.step_s:g} ms changes the numbers by more than 1 %: the force of a damper is "
-            "nearly discontinuous."
+            f"Even at a time step of {1e3 * study.step_s:g} ms, the results have not converged to within 1 %, because "
+            "the force of a damper is nearly discontinuous."
         )
     return [Note(FAIR, line) for line in lines]
 
@@ -104,18 +104,18 @@ def _curves(study: RideStudy) -> Blocks:
         )
         for variant in study.variants
     ]
-    figure = Figure(Axis("Velocity", "m/s"), Axis("Force", "N"), traces, 480, 320, title="Force over velocity")
-    return [Heading("Force over velocity at mid-stroke"), _keys(study), Cards((Card("", (Figures((figure,)),)),))]
+    figure = Figure(Axis("Velocity", "m/s"), Axis("Force", "N"), traces, 480, 320, title="Force vs. velocity")
+    return [Heading("Force vs. velocity at mid-stroke"), _keys(study), Cards((Card("", (Figures((figure,)),)),))]
 
 
 def _responses(study: RideStudy) -> Blocks:
     """Responses of every phase (Figures 13a to c)."""
     colours = _colours(study)
     note = (
-        "Acceleration relative to the height of the road under the front left wheel (H1); gaps where the motion does "
-        "not follow the road."
+        "Acceleration relative to the road height under the front left wheel (H1). Gaps: frequencies at which the "
+        "motion does not follow the road."
     )
-    parts: Blocks = [*section("Response of the body", note), _keys(study)]
+    parts: Blocks = [*section("Body response", note), _keys(study)]
     for phase, by_name in study.driven.items():
         cards = []
         for motion in study.own.body:
@@ -162,10 +162,10 @@ def differences(study: RideStudy) -> Blocks:
                 rows.append(cells)
     phases = (Column(phase, "", True) for phase in study.driven)
     head: list[Head] = ["Motion", "Band", "Damper", "Against", *phases]
-    note = f"In brackets: 95 % interval from the uncertainty of the fits. {NOTHING}: not excited by the road."
+    note = f"In brackets: 95 % interval due to the uncertainty of the fits. {NOTHING}: not excited by the road."
     if {variant.name for variant in study.variants} == set(PAPER_FITS):
         printed = ", ".join(f"up to {value:g} dB in {name}" for name, value in PRINTED_dB.items())
-        note += f" The same differences as printed in the paper: {printed}."
+        note += f" The corresponding differences printed in the paper are {printed}."
     return [*section("Largest differences, dB", note), table(head, rows)]
 
 
@@ -188,8 +188,8 @@ def numbers(study: RideStudy) -> Blocks:
         [title, *(_with_interval(study.number(variant.name, name)) for variant in study.variants)]
         for name, title in names.items()
     ]
-    note = "Weighting of ISO 2631-1:1997: Wk for heave, We for pitch and roll."
-    return [*section("Comfort, grip, heat", note), _by_variant(study, rows)]
+    note = "Weighting to ISO 2631-1:1997: Wk for heave, We for pitch and roll."
+    return [*section("Comfort, road holding, heat", note), _by_variant(study, rows)]
 
 
 def _by_variant(study: RideStudy, rows: list[list[str]]) -> Block:

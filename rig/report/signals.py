@@ -24,9 +24,9 @@ HEAD = (
     Column("Fit error", "%", True), Column("Verdict"),
 )  # fmt: skip
 NOTE = (
-    "Each was streamed set-point by set-point. The time between the ramps is evaluated and fitted. Tracking error: RMS "
-    "distance of the rod from its target without the delay, relative to the RMS of the target about its mean. The "
-    "fitted model is simulated freely from the beginning of the motion."
+    "Each signal was streamed as individual set-points. The section between the ramps is evaluated and fitted. "
+    "Tracking error: RMS deviation of the rod from its target after removal of the delay, relative to the RMS of the "
+    "target about its mean. The fitted model is simulated freely from the beginning of the motion."
 )
 SHOWN_S = 2.0
 """Of rod and target, about the middle: a longer time is not legible."""

@@ -30,7 +30,7 @@ def described_specimen(run: Run) -> Blocks:
         shown.pop("serial_number", None)
     typed = _typed(run)
     if typed.get("specimen"):
-        shown["specimen, as typed"] = str(typed["specimen"])
+        shown["specimen, as entered"] = str(typed["specimen"])
     people = {name: run.campaign.get(name) or typed.get(name) for name in PEOPLE}
     shown |= {name: value for name, value in people.items() if isinstance(value, (str, int, float)) and value}
     unknown = [name for name, value in people.items() if not value]

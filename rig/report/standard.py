@@ -29,8 +29,9 @@ def standard_tests(characteristics: Characteristics) -> Blocks:
     if not body:
         return []
     note = (
-        f"Measured without a model. {PLUS_MINUS} is one standard uncertainty from the variation over the cycles, "
-        "without that of calibrations. Forces are mean forces at peak velocity, in extension (rebound) and compression."
+        f"These values are measured without a model. {PLUS_MINUS} is one standard uncertainty due to the variation "
+        "between cycles, excluding calibration uncertainty. Forces are mean forces at peak velocity, in rebound and "
+        "compression."
     )
     if characteristics.left_out:
         body.append(Paragraph(f"Not measured: {'; '.join(characteristics.left_out)}.", small=True))
@@ -65,7 +66,7 @@ def _plots(loops: Sequence[LoopCharacteristics]) -> Blocks:
         Key(f"{number(current)} A", current_colour(index, len(currents))) for index, current in enumerate(currents)
     )
     strokes = " and amplitude (energy, damping)" if len({_amplitude(loop) for loop in loops}) > 1 else ""
-    return [Keys(keys, f"One line for each current{strokes}. "), Cards(cards)]
+    return [Keys(keys, f"One curve for each current{strokes}. "), Cards(cards)]
 
 
 def _amplitude(loop: LoopCharacteristics) -> str:
@@ -97,7 +98,7 @@ def _figure(
                 speeds, height = speeds[0] * SHORT_DASH, np.repeat(height, 2)
             colour = current_colour(currents.index(line[0]), len(currents))
             traces.append(Trace(speeds, height, name=f"{line[0]:g} A, {line[1]}{line[2]}", colour=colour))
-    return Figure(PEAK_SPEED, axis, traces, 400, 270, title=f"{axis.label} over peak velocity")
+    return Figure(PEAK_SPEED, axis, traces, 400, 270, title=f"{axis.label} vs. peak velocity")
 
 
 def _loops_table(loops: Sequence[LoopCharacteristics]) -> Blocks:
@@ -116,7 +117,10 @@ def _loops_table(loops: Sequence[LoopCharacteristics]) -> Blocks:
         ]
         for loop in sorted(loops, key=lambda loop: (loop.level_A, loop.peak_speed_m_s))
     ]  # fmt: skip
-    note = "Loops at 0 A are the damper's zero-current signature. Force SD: from cycle to cycle at equal phase."
+    note = (
+        "The loops at 0 A are the damper's zero-current signature. Force SD: standard deviation from cycle to cycle at "
+        "the same phase."
+    )
     return [table(head, rows), Paragraph(note, small=True)]
 
 
@@ -134,7 +138,10 @@ def _ranges(characteristics: Characteristics) -> Blocks:
         ]
         for dynamic in characteristics.dynamic_range
     ]  # fmt: skip
-    note = "Force at peak velocity divided by that of the same motion at 0 A, both without the static force."
+    note = (
+        "Force at peak velocity divided by the force at peak velocity of the same motion at 0 A, both without the "
+        "static force."
+    )
     return [*section("Dynamic range", note, 3), table(head, rows)]
 
 
@@ -158,10 +165,10 @@ def _special(characteristics: Characteristics) -> Blocks:
 def _lag_rows(lag: CurrentLag) -> list[list[Words]]:
     value = f"{number(lag.eta_1_s, 5)} {PLUS_MINUS} {number(lag.std_1_s, 2)}"
     rows: list[list[Words]] = [
-        [NOTHING, "Coil lag eta", value, "1/s", f"{lag.steps} current steps, command to measured current"],
+        [NOTHING, "Coil lag eta", value, "1/s", f"{lag.steps} current steps, from command to measured current"],
     ]
     if lag.delay_s is not None:
-        rows.append([NOTHING, "Command delay", number(1e3 * lag.delay_s, 3), "ms", "host to coil, median"])
+        rows.append([NOTHING, "Command delay", number(1e3 * lag.delay_s, 3), "ms", "from host to coil, median"])
     return rows
 
 

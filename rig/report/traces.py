@@ -32,7 +32,10 @@ def time_traces(views: Sequence[PointView]) -> Blocks:
         return []
     fitted = any(view.loop is not None and view.loop.fitted_N is not None for view in chosen(views))
     keys = (Key("measured", MEASURED), *([Key("fitted", FITTED, dashed=True)] if fitted else []))
-    note = "The fastest test of each current, from its first to its last sample; below, one cycle from its middle."
+    note = (
+        "The fastest test at each current, from its first to its last sample; below, one cycle from the middle of the "
+        "test."
+    )
     return [*section("Time traces", note), Keys(keys), Cards(tuple(cards), large=True)]
 
 
@@ -67,7 +70,7 @@ def trace_figures(view: PointView) -> dict[str, Figure]:
         return {}
     for name, (unit, scale) in channels.items():
         at_s, drawn_values = envelope(time_s, scale * values[name])
-        title, time = f"{name.capitalize()} over time, {point.id}", Axis(f"{name.capitalize()} ({unit}) over time", "s")
+        title, time = f"{name.capitalize()} vs. time, {point.id}", Axis(f"{name.capitalize()} ({unit}) vs. time", "s")
         drawn[name] = Figure(
             time, Axis(), [Trace(at_s - at_s[0], drawn_values, Style.THIN, name)], WIDTH, HEIGHT, title=title
         )
@@ -77,8 +80,8 @@ def trace_figures(view: PointView) -> dict[str, Figure]:
         traces = [Trace(at_ms, loop.force_N, name="measured")]
         if loop.fitted_N is not None:
             traces.append(Trace(at_ms, loop.fitted_N, Style.FITTED, "fitted"))
-        time = Axis("Force (N) over time in the cycle", "ms")
-        drawn["cycle"] = Figure(time, Axis(), traces, WIDTH, 130, title=f"One cycle of {point.id}")
+        time = Axis("Force (N) vs. time in the cycle", "ms")
+        drawn["cycle"] = Figure(time, Axis(), traces, WIDTH, 130, title=f"One cycle from {point.id}")
     return drawn
 
 

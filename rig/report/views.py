@@ -96,9 +96,9 @@ def view_of(
         skew: what the whole campaign shows of the sensors' delays, as used for the fit.
     """
     if point.at_rest:
-        return PointView(point, None, "the rod stood still; the current was stepped", error, held_out)
+        return PointView(point, None, "the rod was at rest while the current was stepped", error, held_out)
     if point.kind == HYBRID:
-        return PointView(point, None, "a hybrid test: its motion has no cycles", error, held_out)
+        return PointView(point, None, "the motion of a hybrid test has no cycles", error, held_out)
     try:
         with evaluating("it"):
             measured = prepare(point, skew)

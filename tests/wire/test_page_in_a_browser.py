@@ -173,7 +173,7 @@ def command_by_keyboard(beside: Beside, page: Page) -> None:
     assert page.evaluate(FOCUS)[0] == "sample-gap", "back to where it was"
     beside.link.ask_current(0.5)
     why = "document.getElementById('why').textContent"
-    page.wait_for_function(f"{why} === 'invalid: p003; to do: set 0.50 A on the supply, then confirm'", timeout=WAIT_MS)
+    page.wait_for_function(f"{why} === 'invalid: p003; to do: set the supply to 0.50 A, then confirm'", timeout=WAIT_MS)
     tabbed_to(page, "set", "Shift+Tab")
     page.keyboard.press("Enter")
     end_s = time.monotonic() + 60.0
@@ -191,7 +191,7 @@ def stop_and_go_on(beside: Beside, page: Page) -> None:
     """What follows a stop is no OK; what somebody must do then is said large."""
     why = "document.getElementById('why').textContent"
     beside.link.display.phase("stopping")
-    page.wait_for_function(f"{why} === 'coil to 0 A, motion fades out'", timeout=WAIT_MS)
+    page.wait_for_function(f"{why} === 'coil to 0 A, motion ramps down'", timeout=WAIT_MS)
     beside.link.display.phase("hydraulics off")
     page.wait_for_function(f"{why} === 'hydraulics off'", timeout=WAIT_MS)
     assert page.evaluate("document.getElementById('verdict').textContent") == "STOPPING"
@@ -242,7 +242,7 @@ def end_it(beside: Beside, page: Page) -> None:
     says(page, "NOT OK")
     beside.page.close()
     why = "document.getElementById('why').textContent"
-    page.wait_for_function(f"{why}.includes('The page was closed')", timeout=WAIT_MS)
+    page.wait_for_function(f"{why}.includes('The page has been closed')", timeout=WAIT_MS)
     assert page.evaluate("document.getElementById('verdict').textContent") == "NOT OK"
     assert not page.is_visible("#stop"), "there is nothing to stop, and nobody has control"
     page.wait_for_function(NOT_STRETCHED, timeout=WAIT_MS)
@@ -267,7 +267,7 @@ def show_ended(beside: Beside, browser: Browser) -> None:
         page.goto(again.url)
         says(page, "OK")
         shown = "document.getElementById('head-fx').textContent"
-        page.wait_for_function(f"{shown}.startsWith('Force over displacement – p001 as recorded')", timeout=WAIT_MS)
+        page.wait_for_function(f"{shown}.startsWith('Force vs. displacement – p001 as recorded')", timeout=WAIT_MS)
         assert page.evaluate(COUNT_INK, "fx") != page.evaluate(COUNT_INK, "fv")
         check_contrast(page)
         assert not page.is_visible("#stop"), "there is nothing to stop"
@@ -278,7 +278,7 @@ def show_ended(beside: Beside, browser: Browser) -> None:
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "a phone scrolls one way only"
         tabbed_to(page, "close", "Shift+Tab")
         page.keyboard.press("Enter")
-        page.wait_for_function("document.getElementById('why').textContent.includes('The page was closed')")
+        page.wait_for_function("document.getElementById('why').textContent.includes('The page has been closed')")
         assert not page.is_visible("#close")
         again.wait()
     finally:

@@ -42,7 +42,7 @@ function connected() { return is_open() && silence_s() < SILENT_S; }
 function look_after() {
   if (socket && socket.readyState === WebSocket.CONNECTING ? performance.now() - opened_at > 1000 * GIVEN_UP_S : is_open() && silence_s() > GIVEN_UP_S) connect();
   if (stop_asked && !stop_asked.taken && performance.now() - stop_asked.at > 1000 * STOP_TRIED_S) stop_asked.failed = true;
-  if (stop_asked && stop_asked.failed && connected()) { stop_asked = null; answer("The last Stop did not reach the rig. Press it again."); }
+  if (stop_asked && stop_asked.failed && connected()) { stop_asked = null; answer("The last stop command did not reach the rig. Press STOP again."); }
   if (stop_asked && stop_asked.taken && performance.now() - stop_asked.taken > 1000 * STOP_SEEN_S) stop_asked = null;
   judge();
   if (!connected()) gauges(); // no frame arrives that would mark them as old

@@ -20,41 +20,41 @@ function heard_of() { return Boolean(run) && run.devices.some((one) => series.ha
 function points_that_are(verdict) { return Object.entries(results).filter(([, one]) => one.verdict === verdict).map(([id]) => id); }
 
 function opinion() {
-  if (state.ended) return of_the_end(state.ended, connected() ? "" : " (The page was closed; this is the final state of the campaign.)");
-  if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "No connection to the rig: stop it at the rig."];
-  if (!connected()) return ["bad", "✗", "NO CONNECTION", run ? "The displayed values are old. Inspect the rig; stop it there if necessary." : "No connection to the rig. Inspect the rig; stop it there if necessary."];
+  if (state.ended) return of_the_end(state.ended, connected() ? "" : " (The page has been closed; this is the final state of the campaign.)");
+  if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "There is no connection to the rig. Stop the rig at the rig itself."];
+  if (!connected()) return ["bad", "✗", "NO CONNECTION", run ? "The displayed values are out of date. Inspect the rig and, if necessary, stop it there." : "There is no connection to the rig. Inspect the rig and, if necessary, stop it there."];
   if (!state.running && state.phase === undefined) return ["wait", "…", "WAITING", "for the campaign"];
-  if (!state.running) return ["bad", "✗", "NOT OK", "The rig software ended without notice (killed, or power failure). The station stops the rig. Inspect the rig."];
+  if (!state.running) return ["bad", "✗", "NOT OK", "The rig software stopped unexpectedly (process killed or power failure). The station stops the rig. Inspect the rig."];
   if (state.phase === "stopping" || state.stopping || (stop_asked && stop_asked.taken)) return of_a_stop();
-  if (stop_asked) return ["bad", "■", "STOP SENT", "not confirmed yet: be ready to stop it at the rig"];
+  if (stop_asked) return ["bad", "■", "STOP SENT", "not yet confirmed; be ready to stop the rig at the rig itself"];
   const late = devices_late(), invalid = points_that_are("invalid"), suspect = points_that_are("suspect");
-  const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.phase === "paused" ? "; paused, press Resume to continue" : "";
+  const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.phase === "paused" ? "; paused: press Resume to continue" : "";
   if (late.length) return ["bad", "✗", "NOT OK", `no fresh data from: ${late.join(", ")}${todo}`];
   if (invalid.length) return ["bad", "✗", "NOT OK", `invalid: ${invalid.join(", ")}${todo}`];
   const doubt = suspect.length ? `; suspect: ${suspect.join(", ")}` : "";
   if (state.asked) return ["wait", "?", "SET CURRENT", `${question(state.asked)}${doubt}`];
   if (state.held) return ["wait", "Ⅱ", "READY", "waiting for Start"];
   if (state.phase === "paused") return ["wait", "Ⅱ", "PAUSED", `press Resume to continue${doubt}`];
-  const what = `${state.phase || ""}${state.paused ? "; will pause after this point" : ""}`;
+  const what = `${state.phase || ""}${state.paused ? "; the campaign will pause after this point" : ""}`;
   if (suspect.length) return ["bad", "?", "CHECK", `suspect: ${suspect.join(", ")}; ${what}`];
   return heard_of() ? ["good", "✓", "OK", what] : ["wait", "…", "STARTING", what];
 }
 
 function of_a_stop() { // until the campaign has ended, or moves again
   if (state.asked) return ["bad", "?", "SET CURRENT", `stopped; ${question(state.asked)}`];
-  const fading = run && run.by_hand ? "motion fades out; the current remains until it is set to 0 A manually" : "coil to 0 A, motion fades out";
+  const fading = run && run.by_hand ? "motion ramps down; the current remains on until the operator sets it to 0 A" : "coil to 0 A, motion ramps down";
   return ["bad", "■", "STOPPING", !state.stopping || state.phase === "stopping" ? fading : state.phase];
 }
 
 function of_the_end(ended, note) {
   const lines = (ended.lines || []).map((line) => /[.!?:;]$/.test(line) ? line : `${line}.`).join(" ");
   if (ended.refused) return ["bad", "✗", "REFUSED", lines + note];
-  if (ended.cut_off) return ["bad", "✗", "INTERRUPTED", `The campaign ended without a result (killed, or power failure). Inspect the rig before you resume it.${note}`];
+  if (ended.cut_off) return ["bad", "✗", "INTERRUPTED", `The campaign ended without a result (process killed or power failure). Inspect the rig before you resume the campaign.${note}`];
   if (ended.rig_state === "unknown") return ["bad", "✗", "NOT OK", `RIG STATE UNKNOWN: inspect the rig before continuing. ${lines}${note}`];
   if (ended.stopped_by) return ["bad", "■", "STOPPED", (lines || ended.stopped_by) + note];
   if (!(ended.valid >= ended.total)) return ["bad", "✗", "NOT OK", `${ended.valid} of ${ended.total} points valid. ${lines}${note}`];
-  if (lines) return ["bad", "?", "CHECK", `all ${ended.total} points valid, but: ${lines}${note}`];
-  return ["good", "✓", "OK", `finished: all ${ended.total} points valid${note}`];
+  if (lines) return ["bad", "?", "CHECK", `All ${ended.total} points are valid, but: ${lines}${note}`];
+  return ["good", "✓", "OK", `finished; all ${ended.total} points valid${note}`];
 }
 
 function judge() {

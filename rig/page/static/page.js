@@ -8,10 +8,10 @@ const latencies_ms = [];
 window.rigPage = { latencies_ms, get series() { return series; }, get state() { return state; }, get run() { return run; }, get results() { return results; }, get recorded() { return recorded; }, frames: 0 };
 
 const MESSAGES = {
-  "lease-taken": "Another operator has control.", "not-running": "No campaign is running.", "viewer": "This page is for viewers: it can only stop the rig.",
-  "no-lease": "Take control first.", "name-missing": "Type your name first.", "not-reached": "The campaign does not respond.",
-  "not-recorded": "This point has no readable data.", "still-running": "Recorded points are shown after the end of the campaign.",
-  "unknown-slug": "There is no explanation for this code.",
+  "lease-taken": "Another operator has control.", "not-running": "No campaign is running.", "viewer": "This page is for viewers; viewers can only stop the rig.",
+  "no-lease": "Take control first.", "name-missing": "Type your name first.", "not-reached": "The campaign is not responding.",
+  "not-recorded": "The data for this point cannot be read.", "still-running": "Recorded points can be shown only after the campaign has ended.",
+  "unknown-slug": "No explanation is available for this code.",
 };
 
 function limit(name) { const value = run && run.limits ? run.limits[name] : null; return typeof value === "number" ? value : Infinity; }
@@ -58,8 +58,8 @@ function draw() {
   loop_keep_s = Math.max(1, 2.5 * period_s());
   for (const [chart, limits] of loops) chart.draw(old ? old.series : series, old ? Infinity : period_s(), limits());
   const window_s = old ? Math.min(WINDOW_S, old.end_s) : WINDOW_S;
-  if (old) strips.draw(old.series, old.end_s, [`${plain(old.end_s - window_s)} s`, `${plain(old.end_s)} s of the record`], window_s);
-  else strips.draw(series, live ? now_s() : last_sample_s(), live ? ["20 s ago", "now"] : ["", "the last samples"]);
+  if (old) strips.draw(old.series, old.end_s, [`${plain(old.end_s - window_s)} s`, `${plain(old.end_s)} s into the record`], window_s);
+  else strips.draw(series, live ? now_s() : last_sample_s(), live ? ["20 s ago", "now"] : ["", "last samples"]);
   headings(old); gauges();
   const newest = series.get(23); // arrivals at the host, whatever the devices' clocks say
   if (newest && clock) { latencies_ms.push(1000 * (clock_s() - newest.last_t)); if (latencies_ms.length > 5000) latencies_ms.shift(); }
@@ -67,7 +67,7 @@ function draw() {
 function last_sample_s() { return series.has(1) ? series.get(1).last_t : now_s(); }
 function headings(old) {
   const one = old ? point(old.point) : null, of = old ? ` – ${old.point} as recorded${one ? `: ${describe(one)}` : ""}` : "";
-  for (const [id, text] of [["head-fx", `Force over displacement${of}`], ["head-fv", `Force over velocity${of}`], ["head-strips", old ? `Record${of}` : "Last 20 s"]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
+  for (const [id, text] of [["head-fx", `Force vs. displacement${of}`], ["head-fv", `Force vs. velocity${of}`], ["head-strips", old ? `Record${of}` : "Last 20 s"]]) if (by_id(id).textContent !== text) by_id(id).textContent = text;
 }
 
 function take(message) {

@@ -19,7 +19,7 @@ function describe(one) {
   if (one.described) return one.described;
   return `${one.waveform} ${plain(1000 * one.amplitude_m)} mm, ${plain(one.frequency_Hz)} Hz, ${plain(one.current_A)} A`;
 }
-function question(asked) { return asked.current_A ? `set ${asked.current_A.toFixed(2)} A on the supply, then confirm` : "set 0 A on the supply and switch its output off, then confirm"; }
+function question(asked) { return asked.current_A ? `set the supply to ${asked.current_A.toFixed(2)} A, then confirm` : "set the supply to 0 A, switch its output off, then confirm"; }
 
 function progress() {
   const one = point(), total = run ? run.points.length : 0, done = Object.values(results).filter((each) => each.verdict !== "not run").length;
@@ -54,8 +54,8 @@ function matrix_entry(one, judged) {
   const item = element("li", undefined, verdict.replace(" ", "-")); item.dataset.id = one.id;
   item.append(element("b", `${mark} ${one.id} `), element("span", verdict ? `${verdict} ` : ""));
   if (judged.file) {
-    const show = push_button("loops", `recorded loops of ${one.id}`, () => say({ do: "recorded", point: one.id }));
-    show.dataset.name = `loops ${one.id}`; show.setAttribute("aria-label", `loops of ${one.id}`);
+    const show = push_button("loops", `show the recorded loops for ${one.id}`, () => say({ do: "recorded", point: one.id }));
+    show.dataset.name = `loops ${one.id}`; show.setAttribute("aria-label", `loops for ${one.id}`);
     show.setAttribute("aria-pressed", String(Boolean(recorded) && recorded.point === one.id)); item.append(show);
   }
   item.append(element("div", describe(one)));
@@ -116,10 +116,10 @@ function events(message) {
   for (const one of message.events) {
     const item = element("li", undefined, one.level), mark = { error: "✗ ", warning: "! " }[one.level] || "";
     item.append(element("span", `${mark}${one.utc.slice(11, 19)} `));
-    if (one.slug) item.append(push_button(one.slug, "explain", () => say({ do: "explain", slug: one.slug })));
+    if (one.slug) item.append(push_button(one.slug, "explain this code", () => say({ do: "explain", slug: one.slug })));
     item.append(element("span", ` ${one.by ? `${one.by}: ` : ""}${one.text}`));
     if (one.slug && one.level !== "info") {
-      const acknowledge = push_button("Acknowledge", "record that you have seen this", () => { if (say({ do: "words", acknowledged: one.slug }) && standing.mine) acknowledge.disabled = true; });
+      const acknowledge = push_button("Acknowledge", "record that you have seen this event", () => { if (say({ do: "words", acknowledged: one.slug }) && standing.mine) acknowledge.disabled = true; });
       acknowledge.className = "seen";
       item.append(" ", acknowledge);
     }
@@ -132,7 +132,7 @@ function explain(message) {
   const box = by_id("explanation"); box.replaceChildren(element("b", message.slug), element("p", message.means));
   if (message.done) box.append(element("p", message.done));
   const look = element("ul"); for (const text of message.look_at) look.append(element("li", `• check: ${text}`));
-  const close = push_button("Close", "back to the events (Esc)", close_explanation);
+  const close = push_button("Close", "return to the events (Esc)", close_explanation);
   if (box.hidden) explained_from = document.activeElement;
   box.append(look, element("p", message.resume || ""), close); box.hidden = false; close.focus();
 }
@@ -143,7 +143,7 @@ function close_explanation() {
 
 function show_standing() {
   const mine = standing.mine, viewer = standing.role === "viewer", here = document.activeElement, move = mine && (here === by_id("take") || here === by_id("name"));
-  by_id("standing").textContent = mine ? `You have control, ${standing.holder}.` : standing.holder ? `${standing.holder} has control.` : viewer ? "You are a viewer: you can only stop the rig." : "No operator has control.";
+  by_id("standing").textContent = mine ? `You have control, ${standing.holder}.` : standing.holder ? `${standing.holder} has control.` : viewer ? "You are a viewer; you can only stop the rig." : "No operator has control.";
   by_id("lease").hidden = viewer; by_id("words").hidden = viewer; by_id("take").hidden = mine; by_id("release").hidden = !mine;
   by_id("viewers").hidden = !standing.viewer_url; by_id("viewer-url").textContent = standing.viewer_url || "";
   if (mine && by_id("answer").textContent === MESSAGES["no-lease"]) answer("");

@@ -34,7 +34,7 @@ def test_every_motion_and_current_has_its_error_and_what_lies_beyond_is_marked_a
     pairs = (UnseenPair(*slow, 3, 6.17), UnseenPair(*fast, 1, 9.0))
     html = fragment(parameters(of(Unseen("leave-one-pair-out", 6.88, pairs, tuple(tests)))))
     assert cells(html[html.index("Leave-one-motion-out") :]) == [
-        ["Motion left out", "0 A", "1 A", "Mean"],
+        ["Excluded motion", "0 A", "1 A", "Mean"],
         ["20 mm 0.5 Hz", "5", "7.5", "6.17"],
         ["5 mm 4 Hz", "–", "9*", "9"],
     ]

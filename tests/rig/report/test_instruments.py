@@ -104,7 +104,7 @@ def test_a_calibration_in_doubt_comes_before_everything_else(folder: Path) -> No
 
 
 @pytest.mark.parametrize(("counted_by", "text", "green"), [
-    ("sequence", "samples lost</span>", True), ("rate", "against the nominal rate", False),
+    ("sequence", "samples lost</span>", True), ("rate", "from the nominal rate", False),
     ("nothing", "has no sequence number", False),
 ])
 def test_no_lost_sample_is_good_news_only_where_one_would_have_been_counted(

@@ -92,7 +92,7 @@ def lines(page: str, style: str) -> list[np.ndarray]:
 
 def test_the_fitted_loops_lie_on_the_measured_ones_when_the_fit_is_the_truth(run: Path) -> None:
     page = written(run, fit_of())
-    cards = page[page.index("Loops of every point"):page.index("Time traces")]
+    cards = page[page.index("Loops for all points"):page.index("Time traces")]
     measured, fitted = lines(cards, "m"), lines(cards, "p")
     assert len(measured) == len(fitted) == 4
     for one, other in zip(measured, fitted, strict=True):
@@ -110,7 +110,7 @@ def test_a_wrong_fit_is_seen_beside_the_measured_loops(run: Path) -> None:
 
 def test_verdict_loops_and_parameters_come_before_the_long_tables(run: Path) -> None:
     page = written(run, fit_of())
-    order = [">Fits<", "Force over velocity", "Fitted parameters", "Loops of every point", "Time traces",
+    order = [">Fits<", "Force vs. velocity", "Fitted parameters", "Loops for all points", "Time traces",
              "Standard damper tests", "Test points", "Provenance"]
     places = [page.index(text) for text in order]
     assert places == sorted(places)
@@ -122,8 +122,8 @@ def test_a_real_fit_shows_quality_profiles_and_the_next_test(run: Path) -> None:
     quality = page[page.index("Quality of the fit"):page.index("Standard damper tests")]
     assert quality.count("p002") == 1
     assert "passive</span>" in quality
-    assert "Correlation of the parameters" in quality
-    profiles = page[page.index("Profile likelihoods"):page.index("<h2>Parameters over current")]
+    assert "Correlation between parameters" in quality
+    profiles = page[page.index("Profile likelihoods"):page.index("<h2>Parameters vs. current")]
     assert len(lines(profiles, "m")) == 1
     assert len(lines(profiles, "e")[0]) == 2
     assert "[[point]]" in page[page.index("Proposed next tests"):]
@@ -173,7 +173,7 @@ def test_unseen_tests_beyond_the_fitted_data_are_marked_with_what_lay_beyond(run
     assert "error on validation tests; 3.21 % without the 1 of 2 outside the fitted data" in page
     assert "validation, outside the fitted data: current, velocity" in page
     assert "Validation tests outside the fitted data (extrapolated): p002 (current)." in page
-    assert "Without extrapolated tests" in page
+    assert "Excluding extrapolated tests" in page
     assert page.index(">3.21<") < page.index(">4.32<")
     fit["error"]["holdout"] |= {"per_test": [apart]}
     assert "all outside the fitted data (extrapolated)" in written(run, fit)

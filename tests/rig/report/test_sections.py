@@ -100,7 +100,7 @@ def test_numbers_have_the_digits_that_are_known_and_no_more(run: Path) -> None:
 def test_time_traces_show_the_whole_test_with_its_highest_peak(run: Path) -> None:
     page = write_report(run).read_text(encoding="utf-8")
     part = page[page.index("Time traces"):page.index("Test points")]
-    for label in ("Force (N) over time (s)", "Displacement (mm) over", "Current (A) over", "time in the cycle (ms)"):
+    for label in ("Force (N) vs. time (s)", "Displacement (mm) vs.", "Current (A) vs.", "time in the cycle (ms)"):
         assert label in part
     values = np.sin(np.arange(10_000) / 500.0)
     values[7003] = 9.0

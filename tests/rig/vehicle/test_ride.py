@@ -91,7 +91,7 @@ def test_the_largest_pair_is_the_one_told(paper: dict[str, Any]) -> None:
 
 def test_the_report_is_one_page_with_the_paper_s_values_beside_ours(paper: dict[str, Any]) -> None:
     page = Path(paper["report"]).read_text(encoding="utf-8")
-    for word in ("printed in the paper", "up to 5", "up to 12", "estimate", "Force over velocity", *PAPER):
+    for word in ("printed in the paper", "up to 5", "up to 12", "estimate", "Force vs. velocity", *PAPER):
         assert word in page, word
     assert "http" not in page.replace("http://www.w3.org", "")
 
