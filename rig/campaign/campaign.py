@@ -72,7 +72,7 @@ def run_campaign(options: CampaignOptions, display: Display, live: LiveLink | No
         earlier = options.resume_path.resolve()
         options = resume.as_before(earlier, replace(options, resume_path=earlier))
     if (options.bench_path is None) != options.simulate:
-        raise RigError("give either a bench file or --simulate: got both or neither")
+        raise RigError("expected either a bench file or --simulate, got both or neither")
     matrix = load_matrix(options.matrix_path)
     known = None
     if options.bench_path is not None:
@@ -137,7 +137,7 @@ def _stock(
     resume.same_matrix(folder, matrix)
     stops = open_stops(folder)
     confirm(stops, options.requalified)
-    display.phase("checking the earlier session")
+    display.phase("checking the previous session")
     stock = replace(resume.take_stock(folder, matrix.points()), confirmed=stops)
     confirmed = [stop.to_json() for stop in stops]
     if options.requalified:
@@ -245,7 +245,7 @@ def _run(
             runner.run()
         except Exception as error:
             client.close()
-            text = f"the campaign's loop failed; the station stops the rig: {error!r}"
+            text = f"the campaign loop failed; the station is stopping the rig: {error!r}"
             _or_say(display, lambda: log.write("ended", rig_state="unknown", text=text))
             raise UnknownRigState(text) from error
         client.close()

@@ -24,23 +24,23 @@ CONFIRM = "c"
 LONGEST_TEXT = 500
 
 LOOK_AT = {
-    "modbus": "the link to the controller, its cable and its other users",
-    "rtu": "the serial line to the controller, its termination and its other users",
-    "controller": "the controller: its state, settings, messages and other masters",
+    "modbus": "the link to the controller: its cable and other devices on the network",
+    "rtu": "the serial line to the controller: its termination and other devices on the line",
+    "controller": "the controller: its state, settings and messages, and any other masters",
     "can": "the CAN bus: cable, termination, other nodes",
-    "ecu": "the current ECU, its supply, and the coil with its cable",
+    "ecu": "the current ECU, its power supply, and the coil with its cable",
     "sensor": "the sensor, its cable, plug and adapter",
     "specimen": "the damper, its joints and its mounting",
-    "signal": "the rig: at rest, nothing loose, guard area clear",
+    "signal": "the rig: it is at rest, nothing is loose, and the guard area is clear",
     "disk": "the disk: free space and permissions",
-    "silence": "the computer: what prevented the programs from running",
-    "starvation": "the computer: what prevented the programs from running",
-    "clock": "the computer: why its clock jumped or it was suspended",
-    "process": "the computer: logs of the programs that ended",
+    "silence": "the computer: the reason why programs were not running",
+    "starvation": "the computer: the reason why programs were not running",
+    "clock": "the computer: the reason why it was suspended or its clock jumped",
+    "process": "the computer: the logs of the programs that stopped",
 }
 """By the place of the fault matrix's row."""
 DAMAGED = "journal-damaged"
-LOOK_AT_THE_RIG = "the rig and station.log: what the stop message names"
+LOOK_AT_THE_RIG = "the rig and station.log: the cause named in the stop message"
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def unconfirmed(lines: Iterable[Mapping[str, Any]]) -> tuple[EarlierStop, ...]:
 
 
 def _damaged(what: str) -> EarlierStop:
-    detail = f"{what}; it may have contained an e-stop or another serious fault"
+    detail = f"{what}; the missing part may contain an e-stop or another serious fault"
     return EarlierStop(DAMAGED, "unknown", "unknown", detail, LOOK_AT_THE_RIG, REQUALIFY)
 
 
@@ -139,7 +139,7 @@ def confirm(stops: Iterable[EarlierStop], requalified: str) -> None:
         named = "\n".join(stop.text for stop in grave)
         raise Refused(
             "requalify",
-            f"the specimen must be requalified after the stop of this campaign:\n{named}\nNothing was connected. Fix: "
+            f"the specimen must be requalified after the stop in this campaign:\n{named}\nNothing was connected. Fix: "
             'check the specimen, then state what was checked or replaced: --requalified "TEXT"',
         )
 

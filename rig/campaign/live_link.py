@@ -164,7 +164,8 @@ class LiveLink:
         confirmed = {str(slug) for slug in named} if isinstance(named, list) else set()
         missing = [stop["slug"] for stop in self.confirm if stop["slug"] not in confirmed]
         if missing:
-            self.display.message("warning", f"not started: first confirm that these were checked: {', '.join(missing)}")
+            self.display.message("warning", f"not started: first confirm that the following were checked: "
+                f"{', '.join(missing)}")
             return None
         self.held = False
         self._note("begun", by, confirmed=sorted(confirmed))

@@ -141,7 +141,8 @@ def check_manual_current(bench: Bench, *, attended: bool) -> None:
     if bench.ecu.by_hand and bench.ecu.rehearsal is None and not attended:
         raise Refused(
             UNATTENDED,
-            "this bench's current is set manually ([ecu] by_hand = true), but no operator can confirm it here. "
-            "Nothing was moved. Fix: run at a terminal, without --json and without redirected input or output; or "
-            "use --page and confirm there; or rehearse with --simulate",
+            "this bench's current is set manually ([ecu] by_hand = true), but no operator can confirm the current "
+            "here. "
+            "Nothing was moved. Fix: run the command in a terminal, without --json and without redirected input or "
+            "output; or use --page and confirm on the page; or rehearse with --simulate",
         )

@@ -183,7 +183,7 @@ class GuardedDisplay:
                 show()
             except Exception as error:
                 self.failed = f"{type(error).__name__}: {error}"
-                log.exception("the display failed and is off; the campaign continues")
+                log.exception("the display failed and was switched off; the campaign continues")
 
 
 class Displays:

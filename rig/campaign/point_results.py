@@ -116,7 +116,7 @@ class PointResults:
                 write_verdict(file, judged, "load cell and LVDT at rest after the session's motion")
                 told = finished(RecordedPoint.open(file, whole=False))
             except (FileProblem, OSError) as error:
-                warn(f"{file.name}: the zero drift could not be entered in the file: {error}")
+                warn(f"{file.name}: the zero drift could not be written to the file: {error}")
                 continue
             self.corrected(file, told.verdict, told.reasons, told.quality)
 

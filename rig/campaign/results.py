@@ -190,7 +190,7 @@ class StopReport:
             said = [] if self.current_left_A is None else [self._current]
             said += [self._pressure] if self.pressure and not self.pressure_off else []
             return ", ".join(("no motion had started", *said))
-        ended = "motion halted" if self.halted else "motion faded out" if self.faded else "rod at rest"
+        ended = "motion halted" if self.halted else "motion ramped down" if self.faded else "rod at rest"
         motion = ended if self.proved else "standstill is not confirmed"
         return f"{motion}, {self._current}, {self._pressure}"
 
@@ -202,7 +202,7 @@ class StopReport:
             return "coil at 0 A"
         if self.current_timeout_s is None:
             return "coil current not confirmed"
-        passed = f"the current source's own time-out of {self.current_timeout_s:.3g} s has passed"
+        passed = f"the time-out of the current source, {self.current_timeout_s:.3g} s has passed"
         return f"coil current not measured ({passed})"
 
     @property
@@ -211,8 +211,9 @@ class StopReport:
             return "hydraulics off"
         others = {
             "none": "actuator holds (no hydraulics to switch off)",
-            "unknown": "HYDRAULICS NOT CONFIRMED OFF (in this state, such as after its own trip, the controller does "
-            "not show whether it has pressure. Fix: inspect and reset it there, or define [pressure] in its register "
+            "unknown": "HYDRAULICS NOT CONFIRMED OFF (in this state, for example after its own trip, the controller "
+            "does not show whether it has pressure. Fix: inspect and reset the controller, or define [pressure] in "
+            "its register "
             "map)",
         }
         return others.get(self.pressure, "HYDRAULICS STILL ON")

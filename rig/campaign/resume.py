@@ -30,7 +30,7 @@ SLOWEST, FASTEST = 0.01, 1000.0
 """Speeds of a simulated rig."""
 SET_ASIDE = -1
 """Of files that were set aside: after any other, whatever their verdict."""
-NOT_OURS = "not in the form that a campaign writes. Fix: repair the file or start a new campaign"
+NOT_OURS = "not in the format that a campaign writes. Fix: repair the file or start a new campaign"
 
 
 def as_before(folder: Path, options: CampaignOptions) -> CampaignOptions:
@@ -208,7 +208,7 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
             ends_degC = (recorded.quality.coil_low_degC, recorded.quality.coil_high_degC)
             rank = SET_ASIDE if aside else RANKS.index(recorded.verdict), not recorded.kept_apart, attempt
         except (TypeError, ValueError) as error:
-            problems.append(f"{place.name}/{file.name}: not in the form that a campaign writes: {error}")
+            problems.append(f"{place.name}/{file.name}: not in the format that a campaign writes: {error}")
             continue
         attempts[name] = max(attempts.get(name, 0), attempt)
         if damaged := () if aside or recorded.verdict == INVALID else _damage(file):
@@ -322,10 +322,10 @@ def of_the_rig(arguments: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ..
         argument = waiting.pop(0)
         name, equals, value = argument.partition("=")
         if name not in ALLOWED and name not in OF_ONE_SESSION:
-            raise StrangeArgument(f"{name[:60]!r} is not an option of a resumed simulated rig")
+            raise StrangeArgument(f"{name[:60]!r} is not a valid option for a resumed simulated rig")
         if not equals and (OF_ONE_SESSION.get(name, False) or ALLOWED.get(name, FLAG) != FLAG):
             if not waiting:
-                raise StrangeArgument(f"{name}: its value is missing")
+                raise StrangeArgument(f"{name}: the value is missing")
             value = waiting.pop(0)
         if name in OF_ONE_SESSION:
             left_out.append(name)

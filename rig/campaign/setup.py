@@ -95,7 +95,7 @@ def make_campaign_folder(out: Path, specimen: str) -> Path:
         inner_folder(folder, CampaignFolder.points)
     except OSError as error:
         raise Refused(
-            "dir-readonly", f"{folder}: cannot be created: {error}. Fix: give a writable folder with --out"
+            "dir-readonly", f"{folder}: cannot be created: {error}. Fix: specify a writable folder with --out"
         ) from error
     return folder
 
@@ -162,7 +162,10 @@ def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
     lines = []
     for item in judged.judged:
         if not item.feasible:
-            fit = "" if item.would_fit_m is None else f"; an amplitude of {1e3 * item.would_fit_m:g} mm fits"
+            fit = "" if item.would_fit_m is None else (
+                f"; the largest amplitude that fits is "
+                f"{1e3 * item.would_fit_m:g} mm"
+            )
             lines.append(f"{item.point.id}: {'; '.join(item.reasons)}{fit}")
     if lines:
         raise Refused("matrix-infeasible", "the matrix is outside the limits of the rig; nothing "
@@ -198,8 +201,8 @@ def check_room(folder: Path, plan: Plan, bench: Bench, matrix: Matrix) -> None:
     if free < needed:
         raise Refused(
             "disk-full",
-            f"{folder}: {free / 1e6:.0f} MB free, about {needed / 1e6:.0f} MB needed. Fix: free space or give another "
-            "folder with --out",
+            f"{folder}: {free / 1e6:.0f} MB free, about {needed / 1e6:.0f} MB needed. Fix: free disk space or specify "
+            "another folder with --out",
         )
 
 
@@ -269,8 +272,8 @@ def described(folder: Path) -> dict[str, Any]:
     description = read_campaign(folder) if folder.is_dir() else {}
     if not isinstance(description.get("hashes"), dict) or not CampaignFolder(folder).matrix.is_file():
         raise FileProblem(
-            str(folder), ["contains no started campaign. Fix: give the directory that `rig run` printed (see `rig "
-                "runs`)"]
+            str(folder), ["does not contain a started campaign. Fix: specify the folder that `rig run` printed (see "
+                "`rig runs`)"]
         )
     return description
 
@@ -332,8 +335,8 @@ def check_calibrations(bench: Bench, today: date) -> tuple[str, ...]:
     if warnings and bench.require_valid_calibration:
         raise Refused(
             "calibration-overdue",
-            "; ".join(warnings) + "; nothing was moved. Fix: have it calibrated and enter the new certificate and "
-                "due date in the bench file (which sets require_valid_calibration = true)",
+            "; ".join(warnings) + "; nothing was moved. Fix: have the sensor calibrated and enter the new certificate "
+                "and due date in the bench file, which sets require_valid_calibration = true",
         )
     return warnings
 
@@ -352,7 +355,8 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
         raise Refused(
             "source-without-temperature",
             "the matrix has a [temperature] window, but this bench does not measure the coil temperature; nothing "
-            "was moved. Fix: remove the window, or drive the coil with a current controller that measures it",
+            "was moved. Fix: remove the window, or drive the coil with a current controller that measures the coil "
+            "temperature",
         )
     if described is None:
         _check_by_hand(matrix)
@@ -362,8 +366,8 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
         raise Refused(
             "source-without-negative-current",
             f"the matrix requires negative currents, but {described.name} delivers {described.current_A[0]:g} to "
-            f"{described.current_A[1]:g} A; nothing was moved. Fix: remove them and [campaign] demagnetise, or use a "
-            "bipolar supply",
+            f"{described.current_A[1]:g} A; nothing was moved. Fix: remove the negative currents and [campaign] "
+            "demagnetise, or use a bipolar supply",
         )
 
 
@@ -376,14 +380,14 @@ def _check_by_hand(matrix: Matrix) -> None:
     if matrix.current_step:
         raise Refused(
             "by-hand-without-steps",
-            "the matrix has a [[current_step]], but the current is set manually, which cannot be timed; nothing was "
-            "moved. Fix: remove the table",
+            "the matrix has a [[current_step]], but a manually set current cannot be timed; nothing was moved. Fix: "
+            "remove this table",
         )
     if matrix.campaign.demagnetise or any(point.current_A < 0.0 for point in matrix.points()):
         raise Refused(
             "source-without-negative-current",
             "the matrix requires negative currents, but the current is set manually; nothing was moved. Fix: remove "
-            "them and [campaign] demagnetise",
+            "the negative currents and [campaign] demagnetise",
         )
 
 

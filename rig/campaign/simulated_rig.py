@@ -49,8 +49,8 @@ def wearing(path: Path) -> tuple[str, ...]:
     """
     bench = Bench.load(path)
     problems = [
-        f"{place}: described in place. Fix: write the description to a separate file and give its name; then a "
-        "simulated rig can emulate it"
+        f"{place}: described within the bench file. Fix: write the description to a separate file and enter its "
+        "name; a simulated rig can then emulate the device"
         for place, given in (
             ("ecu.roles", bench.ecu.roles), ("ecu.supply", bench.ecu.supply),
             ("load_cell.format", bench.load_cell.format), ("lvdt.format", bench.lvdt.format),
@@ -136,7 +136,7 @@ class SimulatedRig:
             _end(process)
             tail = log_path.read_text(encoding="utf-8", errors="replace")[-2000:].strip()
             if process.returncode == EXIT_USAGE:
-                raise RigError(f"arguments of the simulated rig (after --): {tail}")
+                raise RigError(f"arguments for the simulated rig (after --): {tail}")
             raise Refused(
                 "simulator", f"the simulated rig did not start (exit code {process.returncode}); its output:\n{tail}"
             )
@@ -225,8 +225,8 @@ def _await_end(part: Path) -> None:
                 return
             except OSError as error:
                 if monotonic_ns() > deadline_ns:
-                    raise Refused("two-instances", f"{part}: the earlier session's simulated rig is still "
-                        "running") from error
+                    raise Refused("two-instances", f"{part}: the simulated rig of the previous session is "
+                        "still running") from error
             # A lock cannot be waited for with a time limit.
             time.sleep(LOOK_AGAIN_S)
     finally:
@@ -292,7 +292,8 @@ def rig_in_use(
         check()
         told_s = SLOW_START_S * (waited_s // SLOW_START_S)
         if told_s > 0.0:
-            display.phase(f"starting the simulated rig ({told_s:.0f} s; the first start on a machine compiles it)")
+            display.phase(f"starting the simulated rig ({told_s:.0f} s; the first start on a computer includes "
+                f"compilation)")
 
     simulated = SimulatedRig.start(folder, options, specimen, waiting)
     rig = RigInUse(simulated.bench_path)
@@ -301,5 +302,5 @@ def rig_in_use(
     finally:
         if not simulated.stop(rig.settle_s, disk_refuses=rig.disk_refuses):
             full = rig.disk_refuses or simulated.lacks_room
-            why = ": it completes truth.h5 when disk space is available" if full else ""
+            why = ": it will complete truth.h5 when disk space is available" if full else ""
             display.message("warning", say("rig-goes-on", process=simulated.process.pid, why=why))

@@ -11,75 +11,77 @@ MESSAGES = {
     # At rest, before arming
     "few-samples": "{name}: {count} samples at rest, expected {fewest} or more, all finite",
     "flagged-samples": "{name}: {count} samples at rest with the sensor's overload or fault flag, expected none; "
-    "check sensor and cable",
+    "check the sensor and its cable",
     "rest-value": "{what}: {value:.3g} {unit}, allowed {limit:.3g} {unit}{advice}",
     "force-zero": "load cell and controller force input differ by {difference} N at rest, allowed {limit_N:.3g} N "
     "for this test's force (cause: bench){advice}",
     "current-zero": "the ECU reports {zero} mA while its output stage is off, allowed {limit_mA:.3g} mA (cause: bench)"
     "{advice}",
     "supply-not-zero": "the supply delivers {zero} mA before any command, allowed {limit_mA:.3g} mA (cause: bench); "
-    "switch its output off at the supply; a supply that cannot deliver 0 A is not usable for this coil; enter an "
-    "offset of its measurement as [checks] current_zero",
+    "switch its output off at the supply; a supply that cannot be set to 0 A is not suitable for this coil; if "
+    "only its measurement has an offset, enter the offset as [checks] current_zero",
     "rest-position": "LVDT at rest: {value_mm:.3g} mm, allowed {low_mm:g}..{high_mm:g} mm{advice}",
     "few-rest-samples": "too few samples at rest",
     # The check move
-    "lvdt-scale": "check move: the LVDT shows {shown_mm:.3g} mm, the controller moved {moved_mm:.3g} mm; check plugs, "
+    "lvdt-scale": "check move: the LVDT showed {shown_mm:.3g} mm, the controller moved {moved_mm:.3g} mm; check plugs, "
     "sign and sensitivity",
-    "force-sign": "check move: the load cell shows {force_N:.3g} N less on the up stroke than on the down stroke, "
-    "but a damper opposes motion; check plugs, sign and sensitivity",
-    "force-scale": "check move: the load cell shows a damper force of {force_N:.3g} N, the controller {own_N:.3g} N; "
+    "force-sign": "check move: the load cell showed {force_N:.3g} N less on the upward stroke than on the downward "
+    "stroke, but a damper opposes motion; check plugs, sign and sensitivity",
+    "force-scale": "check move: the load cell showed a damper force of {force_N:.3g} N, the controller {own_N:.3g} N; "
     "check plugs, sign and sensitivity",
     "no-proof-move": "the actuator did not perform the check move",
     # Against the first session
     "no-signature": "the damper's force at 0 A could not be measured",
     "other-signature": "force at 0 A: {now}, in the campaign's first session {first}",
     "stronger-damper": "force at 0 A: {now}, the expected damper gives {expected}: the plan is not valid for this "
-    "damper; mount the right one, or correct `prior` of the specimen",
+    "damper; mount the correct damper, or correct the specimen's `prior`",
     "other-device": "{device}: {name} {now!r}, in the campaign's first session {first!r}",
     "no-coil-temperature": "the ECU reports no coil temperature",
     "too-hot-to-resume": "coil at {now_degC:.1f} degC; earlier sessions ran at {lowest_degC:.1f} to "
-    "{highest_degC:.1f} degC and continues from {from_degC:.1f} to {to_degC:.1f} degC: let it cool, then resume",
+    "{highest_degC:.1f} degC and continues from {from_degC:.1f} to {to_degC:.1f} degC: let the damper cool, then "
+    "resume",
     "too-cold-to-resume": "coil at {now_degC:.1f} degC; earlier sessions ran at {lowest_degC:.1f} to "
     "{highest_degC:.1f} degC and continues from {from_degC:.1f} to {to_degC:.1f} degC: warm the room or the damper, "
     "then resume",
     # Preparing and running points
-    "still-cold": "{now_degC:.1f} degC after {warmed_s:.0f} s of warm-up; the window starts at {low_degC:g} degC",
-    "never-cool": "{now_degC:.1f} degC; does not cool to {highest_degC:.1f} degC unaided",
-    "cool-too-late": "{now_degC:.1f} degC; cools to {highest_degC:.1f} degC in {forecast_s:.0f} s, later than "
+    "still-cold": "{now_degC:.1f} degC after {warmed_s:.0f} s of warm-up; the temperature window starts at "
+    "{low_degC:g} degC",
+    "never-cool": "{now_degC:.1f} degC; the coil does not cool to {highest_degC:.1f} degC unaided",
+    "cool-too-late": "{now_degC:.1f} degC; the coil cools to {highest_degC:.1f} degC in {forecast_s:.0f} s, later than "
     "[temperature] longest allows",
     "cooling-overdue": "the damper did not cool within twice the predicted time",
     "no-temperature": "the ECU reports no temperature",
-    "no-negative-current": "the measured current does not follow the demagnetising sequence; it needs an ECU that "
-    "drives both signs",
-    "current-not-settled": "measured current did not reach {wanted_A:g} A in {limit_s:g} s",
+    "no-negative-current": "the measured current does not follow the demagnetising sequence, which requires an ECU "
+    "that drives currents of both signs",
+    "current-not-settled": "the measured current did not reach {wanted_A:g} A in {limit_s:g} s",
     "current-not-zero": "the measured current did not return to 0 A",
-    "no-full-cycle": "the trial motion contained no full cycle",
+    "no-full-cycle": "the trial motion did not contain a full cycle",
     "ended-by-another": "{point}: another master ended the motion: {how}",
     "program-overdue": "the motion program did not finish in time",
     "centre-overdue": "the actuator did not reach the centre",
     "rest-overdue": "the controller's clock does not advance",
     "standstill-overdue": "the actuator did not come to rest",
     "pause-overdue": "paused for {hours:g} h: pressure off",
-    "unanswered": "{phase}: no confirmation from the station in time",
+    "unanswered": "{phase}: the station did not confirm in time",
     # The rig software's own
     "finaliser-ended": "the file-writing process has ended; `rig recover` completes the files",
-    "file-unfinished": "its file is not finished; `rig recover` or resuming completes it",
+    "file-unfinished": "the point's file is not finished; `rig recover` or resuming the campaign completes it",
     "records-lost": "{count} records overwritten before they were read",
-    "station-silent": "the station has not run for {silent_s:g} s or longer",
+    "station-silent": "the station has not been running for {silent_s:g} s or longer",
     "no-status": "no status from the controller for {silent_s:g} s",
     # Notes of the sequencer
     "paused": "paused before {point}",
     "page-stop": "Stop on the page, {by}",
-    "operator-stop": "stopped by operator ({detail}): current to 0 A, motion fades out",
+    "operator-stop": "stopped by operator ({detail}): current to 0 A, motion ramps down",
     "stop": "{slug}: {detail}; stop {stop}: current to 0 A, motion ends",
     "refused": "refused: {slug}: {detail}",
     "spoiled": "{slug}: {detail}",
     "ask-current": "Set {wanted_A:.2f} A on the supply, then press Enter",
     "ask-zero": "Set 0 A on the supply and switch its output off, then press Enter",
     "set-by-hand": "{said_A:.2f} A set manually, confirmed by the operator",
-    "current-left": "not confirmed that the manual current was switched off: it may still flow. Go to the supply and "
-    "switch its output off",
-    "by-hand-unanswered": "{wanted_A:g} A were requested and not confirmed within {limit_s:g} s",
+    "current-left": "the operator did not confirm that the current was switched off, so current may still be flowing. "
+    "Go to the supply and switch its output off",
+    "by-hand-unanswered": "the operator was asked to set {wanted_A:g} A but did not confirm within {limit_s:g} s",
     "cooling-ecu": "waiting for the ECU to cool down: {cooled_s:g} s of at most {longest_s:g} s",
     "left-to-station": "no further commands are sent; the station's monitoring and the controller's watchdog stop the "
     "motion: {detail}",
@@ -96,34 +98,35 @@ MESSAGES = {
     "corrected": "{point}: {reached_mm:.4g} mm of {wanted_mm:.4g} mm reached; correction {step}: command "
     "{command_mm:.4g} mm",
     "no-motion": "no motion",
-    "not-within": "still outside {percent:g} % after {steps} corrections",
+    "not-within": "still outside the tolerance of {percent:g} % after {steps} corrections",
     "beyond-room": "a command of {command_mm:.4g} mm about {centre_mm:.4g} mm would be needed, beyond {limit}",
-    "beyond-shift": "the centre would have to be moved by {wanted_mm:.4g} mm; {allowed_mm:.4g} mm are allowed",
-    "valve-saturated": "the valve is saturated: the speed needs more flow than it can pass",
+    "beyond-shift": "the centre would have to be moved by {wanted_mm:.4g} mm; {allowed_mm:.4g} mm is allowed",
+    "valve-saturated": "the valve is saturated: this speed requires more flow than the valve can pass",
     "no-answer": "the motion does not follow a larger command (following error up to {error_mm:.3g} mm)",
     # What the operator reads beside the points
-    "resume-confirms": "resuming confirms that this was checked and fixed: {text}",
+    "resume-confirms": "by resuming you confirm that this was checked and fixed: {text}",
     "resuming": "resuming: {kept} points kept, {left} to run",
-    "without-options": "the simulated rig is started without these options of the earlier session: {names}",
+    "without-options": "the simulated rig is being started without these options of the previous session: {names}",
     "requalified": "requalified: {text}",
     "at-the-end": "at the campaign's end: {error}",
-    "pause-asked": "pause after the running point; continue with Ctrl-Z or with Start on the page",
+    "pause-asked": "the campaign will pause after the current point; resume with Ctrl-Z or with Start on the page",
     "pause-over": "continuing",
     "clock-step": "the system time changed by {stepped_s:+.3f} s; recorded times (host_ns) are not affected",
-    "station-late": "this computer was busy: monitoring paused for {late_ms:.0f} ms (pause {count}); samples that "
-    "waited are flagged",
+    "station-late": "this computer was busy: monitoring paused for {late_ms:.0f} ms (pause {count}); queued samples "
+    "are flagged",
     "points-files": "point files: {error}; `rig recover` completes them",
-    "own-skews": "each point keeps its own sensor delay: {why}",
+    "own-skews": "the points keep their individual sensor delays: {why}",
     "recorder-left": "recorder: {error}; `rig recover` completes the files",
-    "dropped": "the motion was out of tolerance; the record is kept as {kept}, the point is repeated",
+    "dropped": "the motion was out of tolerance; the record is kept as {kept} and the point is repeated",
     "rig-goes-on": "the simulated rig is still running (process {process}){why}",
     "drifted-apart": "the difference between {measured} and {own} at rest drifted by {drift:+.3g} {unit} between start "
     "and end (limit {limit:.3g} {unit}, largest measured {peak:.4g} {unit}): one of the two zeros drifted; check "
-    "cable, mounting and temperature of both, tare, and repeat the tests",
+    "the cable, mounting and temperature of both sensors, tare both, and repeat the tests",
     "current-measured": "the coil current is still on: {left_A:.3g} A measured, 0 A expected; disconnect the coil's "
     "supply, then inspect the rig",
     "force-left": "0 A could not be measured after the stop, and the force at rest changed from {start:.4g} N to "
-    "{end:.4g} N (limit {limit:.3g} N): current may still flow in the coil; disconnect its supply, then check the "
+    "{end:.4g} N (limit {limit:.3g} N): current may still be flowing in the coil; disconnect its supply, then check "
+    "the "
     "current source and its connection",
     # Text from elsewhere: a device, the station, an exception
     "said": "{text}",
@@ -134,10 +137,10 @@ EXCHANGED = {
     "lvdt-sign": "the LVDT's sign is wrong",
 }
 ADVICE = {
-    "rest-value": "; tare it or check its cable",
-    "force-zero": "; one of the two has an offset: tare the load cell and the controller's input, "
+    "rest-value": "; tare the sensor or check its cable",
+    "force-zero": "; one of the two readings has an offset: tare the load cell and the controller's input, "
     "or set [checks] force_zero in the bench file",
-    "current-zero": "; it does not measure zero at 0 A: zero the ECU's current measurement, or set [checks] "
+    "current-zero": "; the ECU does not measure zero at 0 A: zero its current measurement, or set [checks] "
     "current_zero in the bench file",
     "rest-position": "; move the rod manually, or tare the sensor",
 }

@@ -45,9 +45,9 @@ HELD_S = 0.3
 OF_THE_COIL = frozenset({"ecu-command", "coil-not-ready", "current-stuck", "supply-not-zero"})
 """What ends a proof on the part of the current source."""
 FIXES = {
-    "ecu-command": "under [protection.MESSAGE] of the roles file, enter the protection of the command message from "
-    "the ECU's documentation: profile, data_id, counter, crc; otherwise check the DBC and the supply of its output "
-    "stage",
+    "ecu-command": "under [protection.MESSAGE] in the roles file, enter the protection of the command message from "
+    "the ECU's documentation: profile, data_id, counter, crc; otherwise check the DBC file and the power supply of "
+    "the ECU's output stage",
 }
 FEWEST = 10
 
@@ -267,7 +267,8 @@ class _Mover:
 
     def position_m(self) -> float:
         """Where the controller says the rod is now (m)."""
-        records = self._until(lambda seen: len(_values(seen, Channel.POSITION)) > 0, "a status of the controller")
+        records = self._until(lambda seen: len(_values(seen, Channel.POSITION)) > 0, "a status message from the "
+            "controller")
         return float(_values(records, Channel.POSITION)[-1])
 
     def leg(self, target_m: float) -> Leg:

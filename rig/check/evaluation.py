@@ -89,7 +89,7 @@ class Reports:
         slow_ms = 1e3 * SLOW_ANSWER_SHARE * self._config.actuator.timeout_s
         taken_ms = within_ms(np.array(seen["answers_s"], dtype=np.float64))
         if taken_ms is not None and taken_ms > slow_ms:
-            text = f"one answer in a hundred takes longer than {taken_ms:.3g} ms, time-out {2.0 * slow_ms:g} ms"
+            text = f"1 % of the answers take longer than {taken_ms:.3g} ms; the time-out is {2.0 * slow_ms:g} ms"
             fix = f'write timeout = "{4.0 * taken_ms:.0f} ms" in [actuator], or reduce the load'
             yield warning("actuator-slow", text, fix)
 
@@ -103,7 +103,7 @@ class Reports:
             number = self.of[name].identity.get("serial_number")
             if given is None and number and self.of[name].verdict != "failed":
                 shown = f'"{number}"' if isinstance(number, str) else str(number)
-                text = f"serial number {number}: the bench file does not state the expected one"
+                text = f"serial number {number}: the bench file does not state the expected number"
                 self.add(name, note("identity-unstated", text, f"write {entry} = {shown} in [{name}]"))
 
     def warned(self, events: Iterable[Mapping[str, Any]]) -> None:
@@ -167,7 +167,8 @@ class Reports:
     def _exchanges(self, what: str) -> list[tuple[str, str]]:
         """Devices and fixes for what explains a wrong rest: a key of `rig.campaign.words.EXCHANGED`."""
         if what == "plugs":
-            return [(name, "swap the two plugs, or the two urls in the bench file") for name in (LOAD_CELL, LVDT)]
+            fix = "swap the two plugs, or the two `url` entries in the bench file"
+            return [(name, fix) for name in (LOAD_CELL, LVDT)]
         name = LOAD_CELL if what == "force-sign" else LVDT
         return [(name, self.turned(name))]
 
@@ -200,7 +201,8 @@ class Reports:
         self.of[HOST].numbers["late_ms"] = 1e3 * worst_s
         if worst_s > self._config.late_limit_s:
             text = f"this computer is too busy: monitoring paused {late_loops} times, for up to {1e3 * worst_s:.0f} ms"
-            self.add(HOST, warning("host-late", f"{text}; a campaign stops at {1e3 * self._config.late_limit_s:g} ms"))
+            self.add(HOST, warning("host-late", f"{text}; a campaign is stopped at "
+                f"{1e3 * self._config.late_limit_s:g} ms"))
 
 
 def _fix(seen: Seen) -> str:
@@ -210,21 +212,24 @@ def _fix(seen: Seen) -> str:
         return str(seen["fix"])
     if seen["slug"] == "serial-baud" and seen["reads_at"]:
         rates = " or ".join(map(str, seen["reads_at"]))
-        return f"write baudrate = {rates} in [{name}]: at that rate its bytes make valid frames"
+        return f"write baudrate = {rates} in [{name}]: at this rate the received bytes form valid frames"
     if seen["slug"] == "serial-baud":
-        return f"no valid frame at any usual baud rate: check format, parity and wiring of [{name}]"
+        return f"no valid frame was received at any common baud rate: check format, parity and wiring of [{name}]"
     return ""
 
 
 def _polls(stream: Stream, config: StationConfig) -> Iterator[CheckFinding]:
     wanted_Hz = 1.0 / config.actuator.poll_s / config.device_rate
     if math.isfinite(stream.rate_Hz) and stream.rate_Hz < SLOW_POLLS * wanted_Hz:
-        text = f"{stream.rate_Hz:.3g} statuses per second, expected {wanted_Hz:.3g}: it does not answer within a poll"
+        text = (
+            f"{stream.rate_Hz:.3g} statuses per second, expected {wanted_Hz:.3g}: it does not answer within one "
+            f"poll period"
+        )
         poll_ms = 1e3 / stream.rate_Hz / config.device_rate
         fix = f'write poll = "{poll_ms:.0f} ms" in [actuator], or reduce its response time'
         yield warning("actuator-slow", text, fix)
     if stream.not_numbers:
-        yield failed("feedback-lost", f"{stream.not_numbers} of {stream.count} positions are not a number")
+        yield failed("feedback-lost", f"{stream.not_numbers} of {stream.count} positions are not numbers")
 
 
 def _numbers(stream: Stream, sensor: SensorConfig) -> dict[str, object]:
@@ -247,9 +252,10 @@ def _sensor(stream: Stream, sensor: SensorConfig) -> Iterator[CheckFinding]:
         yield warning("sensor-nan", f"{stream.not_numbers} of {stream.count} values are not numbers")
     if math.isnan(stream.step) and stream.count:
         text = (
-            f"all {stream.count} values are identical: the resolution is coarser than the noise, or the sensor is stuck"
+            f"all {stream.count} values are identical: either the resolution is coarser than the noise, or the "
+            f"sensor is stuck"
         )
-        yield note("sensor-resolution", text, "move or load it manually and check again: the value must change")
+        yield note("sensor-resolution", text, "move or load the sensor manually and check again: its value must change")
 
 
 @dataclass(frozen=True)

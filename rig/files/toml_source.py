@@ -21,7 +21,7 @@ _HINTS = (
     ("Cannot overwrite a value", "this key is given twice; keep one"),
     ("Cannot declare", "this table is given twice; put all its keys under one heading"),
     ("Expected newline or end of document", f"unexpected text after the value; {_QUOTES}"),
-    ("Invalid value", f"this is not a value; {_QUOTES}; true and false are lower case"),
+    ("Invalid value", f"this not a value; {_QUOTES}; true and false are lower case"),
     ("Unclosed array", "the closing ] of a list is missing"),
     ("Illegal character '\\n'", "the closing quote is missing"),
     ("Found invalid character '\\n'", "the closing quote is missing"),

@@ -45,7 +45,7 @@ class StationClient:
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         if process.stdin is None or process.stdout is None:
-            raise ValueError("the station process needs pipes at stdin and stdout")
+            raise ValueError("the station process requires pipes on stdin and stdout")
         self.process = process
         self.ready: dict[str, Any] = {}
         self._stdin_fd = process.stdin.fileno()
@@ -214,10 +214,10 @@ class StationClient:
                     data = data[os.write(self._stdin_fd, data) :]
                 except BlockingIOError:
                     if monotonic_ns() > deadline_ns:
-                        raise StationLost("the station does not read its input") from None
+                        raise StationLost("the station is not reading its input") from None
                     select.select([], [self._stdin_fd], [], 0.05)
                 except OSError as error:
-                    raise StationLost(f"the link to the station broke: {error}") from error
+                    raise StationLost(f"the link to the station was lost: {error}") from error
 
     def _read(self) -> None:
         if self.process.stdout is None:

@@ -61,7 +61,7 @@ class CommandChannel:
 
         def begin(driver: Actuator) -> int:
             if not isinstance(driver, StreamedActuator):
-                raise StationRefused("matrix-infeasible", "start: this actuator does not follow streamed set-points")
+                raise StationRefused("matrix-infeasible", "start: this actuator does not support streamed set-points")
             return driver.compute(motion)
 
         return self._carried(Command.START, begin)

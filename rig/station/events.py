@@ -77,7 +77,7 @@ def step_event(stop: SafeStop, inputs: StopInputs, evidence: Event, now_ns: int)
 PRESSURE_SEEN = {
     "on": "the controller shows pressure (or power)", "low": "the controller shows low pressure",
     "unknown": "the controller does not show whether it has pressure (or power) while its state is {state}: reset "
-    "it, or define in [pressure] of its register map how it shows this",
+    "the controller, or define in [pressure] of its register map how it shows this",
 }
 
 CURRENT_ON = (
@@ -101,8 +101,9 @@ def unknown_reason(stop: SafeStop, inputs: StopInputs, evidence: Event) -> str:
         return CURRENT_ON.format(stop.current_left_A)
     if inputs.current_A is None and stop.current_falls_s is None and stop.standstill:
         return (
-            "the rod is at rest, but the current source does not respond and may still drive its current: switch it off"
+            "the rod is at rest, but the current source does not respond and may still be delivering current: switch "
+            "the source off"
         )
-    proof = "hydraulics off is not confirmed" if stop.standstill else "standstill is not confirmed"
+    proof = "it is not confirmed that the hydraulics are off" if stop.standstill else "standstill is not confirmed"
     seen = PRESSURE_SEEN.get(str(evidence.get("pressure")), "").format(state=evidence.get("state"))
     return f"{proof}{': ' if seen else ''}{seen}; no fresh data from: {', '.join(lost) or 'none lost'}"

@@ -20,7 +20,7 @@ from rig.station.threads.devices import Device, Devices, slug_of
 from rig.station.threads.sensor_thread import SensorThread
 
 NOTHING_STOPS_IT = (
-    "the actuator has no watchdog and its pressure cannot be switched off: nothing would stop it if this host fails"
+    "the actuator has no watchdog and its pressure cannot be switched off: nothing would stop it if this host failed"
 )
 ASKED = 100
 """So many times the controller is asked for its status one after the other, for the time that an answer takes."""
@@ -132,7 +132,7 @@ def _look_at_the_controller(actuator: ActuatorThread, seen: Seen) -> None:
     try:
         seen.answers_s = actuator.call(_answer_times, ASKED_TIMEOUT_S)
     except (DriverError, TimeoutError) as error:
-        seen.fails("no-answer", f"actuator: stopped answering within {ASKED} consecutive requests: {error}")
+        seen.fails("no-answer", f"actuator: no answer to {ASKED} consecutive requests: {error}")
 
 
 def _answer_times(driver: Actuator) -> tuple[float, ...]:

@@ -57,7 +57,7 @@ def make_live_folder(place: Path | None = None) -> tuple[Path, int]:
     folder = Path(tempfile.mkdtemp(SUFFIX, PREFIX, parent))
     lock = hold(folder / LOCK)
     if lock is None:
-        raise OSError(f"{folder}: its lock is held by another process")
+        raise OSError(f"{folder}: the folder's lock is held by another process")
     return folder, lock
 
 

@@ -170,7 +170,7 @@ def _program(arguments: Arguments, devices: Devices) -> Program:
         raise StationRefused("bad-request", f"start: waveform {arguments.get('waveform')!r} is unknown")
     waveform, limits = Waveform[name], devices.config.limits
     if waveform is Waveform.TRIANGLE and not devices.actuator.capabilities.triangle:
-        raise StationRefused("matrix-infeasible", "start: this actuator generates sines only")
+        raise StationRefused("matrix-infeasible", "start: this actuator generates only sine waveforms")
     amplitude_m = number(arguments, "amplitude_m", 0.0, LARGEST_AMPLITUDE_M)
     frequency_Hz = number(arguments, "frequency_Hz", 1e-3, 1e3)
     centre_m = number(arguments, "centre_m", limits.position_min_m, limits.position_max_m)
@@ -229,5 +229,6 @@ def _table(arguments: Arguments, devices: Devices) -> list[float]:
         raise StationRefused("matrix-infeasible", "start: this actuator does not support table waveforms")
     table = arguments.get("table")
     if not isinstance(table, list) or len(table) < 2:
-        raise StationRefused("bad-request", "start: waveform table needs `table`, a list of at least 2 values (m)")
+        raise StationRefused("bad-request", "start: a waveform of type table requires `table`, a list of at least 2 "
+            "values (m)")
     return [float(value) for value in table]

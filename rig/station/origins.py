@@ -11,7 +11,7 @@ COMPUTED = ChannelOrigin("station", "value = computed by the station")
 OWN: Origins = {
     Channel.TRIP: ChannelOrigin("station", "value = the station's code of the interlock"),
     Channel.LOOP_LATE: ChannelOrigin("station", "value = measured by the station"),
-    Channel.HYBRID_SEEN: ChannelOrigin("station", "value = the newest sample of the displacement, less the centre"),
+    Channel.HYBRID_SEEN: ChannelOrigin("station", "value = the newest displacement sample minus the centre"),
     **dict.fromkeys((
         Channel.HYBRID_TIME, Channel.HYBRID_TARGET, Channel.HYBRID_BODY, Channel.HYBRID_WHEEL, Channel.SIGNAL_TIME,
         Channel.SIGNAL_TARGET,

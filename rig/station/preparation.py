@@ -68,7 +68,7 @@ class Preparation:
         devices, config = self._devices, self._config
         identity = devices.actuator.identity
         if identity is None or devices.actuator.wait_status(lambda _: True, FIRST_DATA_S) is None:
-            raise StationRefused("no-answer", f"actuator: no status within {FIRST_DATA_S:g} s")
+            raise StationRefused("no-answer", f"actuator: no status received within {FIRST_DATA_S:g} s")
         if config.actuator.serial_number not in {None, identity.serial_number}:
             expected = config.actuator.serial_number
             raise StationRefused(
@@ -113,7 +113,7 @@ class Preparation:
             raise StationRefused(slug, f"ecu: {words}")
         if missing:
             bad = coil.thrown_away
-            failing = "; frames arrive, but fail their checks" if bad else ""
+            failing = "; frames are received but fail their checks" if bad else ""
             told = f"ecu: no valid {' and '.join(missing)} frames within {first_s:g} s{failing}"
             raise StationRefused(bad or "no-answer", told)
         return identity
@@ -179,7 +179,7 @@ class Preparation:
                 self._devices.actuator.wait_status(lambda status: status.owner == 0, 0.1)
         owner = self._devices.owner_id
         self._commands.await_status(
-            lambda status: status.owner == owner, "second-master", f"the controller does not show owner {owner}"
+            lambda status: status.owner == owner, "second-master", f"the controller does not report the owner {owner}"
         )
         judge.leased = True
 
@@ -204,8 +204,8 @@ class Preparation:
             if coil.faults & SourceFault.COMMAND_CHECK:
                 raise StationRefused(
                     "ecu-command",
-                    f"arm: ECU {coil.describe()}: it rejects the commands; check their protection: profile, E2E data "
-                    "id, counter, and the DBC",
+                    f"arm: ECU {coil.describe()}: it rejects the commands; check their protection (profile, E2E data "
+                    "ID, counter) and the DBC file",
                 )
             raise StationRefused("coil-not-ready", f"arm: ECU {coil.describe()}")
         current_A = coil.fresh_current_A
@@ -228,9 +228,10 @@ class Preparation:
         if measured_A <= 0.5 * asked_A:
             raise StationRefused(
                 "ecu-command",
-                f"arm: ECU {coil.describe()}: {asked_A:g} A commanded at rest, its measured current does not follow "
+                f"arm: ECU {coil.describe()}: {asked_A:g} A was commanded at rest, but the measured current does not "
+                f"follow "
                 f"({measured_A:.3f} A): it rejects the commands, or its output stage has no power; check the "
-                "protection of the command message: profile, E2E data id, counter, and the DBC",
+                "protection of the command message (profile, E2E data ID, counter) and the DBC file",
             )
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
             raise StationRefused("current-stuck", f"arm: measured current {current_A} A after {asked_A:g} A was "
@@ -249,7 +250,7 @@ class Preparation:
         if actuator.capabilities.watchdog is WatchdogKind.NONE:
             return None
         if not actuator.rests(monotonic_ns()):
-            raise StationRefused("not-at-rest", "starve_watchdog: the actuator moves or does not report standstill")
+            raise StationRefused("not-at-rest", "starve_watchdog: the actuator is moving or does not report standstill")
         # Many watchdogs run from the first feed on.
         actuator.wait_fed(ACK_TIMEOUT_S)
         begin_ns = monotonic_ns()
@@ -266,7 +267,7 @@ class Preparation:
                 )
             self._commands.command(Command.RESET)
             self._commands.await_status(
-                lambda status: status.fault_bits == 0, "controller-trip", "the watchdog's trip does not clear"
+                lambda status: status.fault_bits == 0, "controller-trip", "the watchdog's trip cannot be reset"
             )
         finally:
             supervisor.starve(proving=False, feeding=True)
@@ -305,5 +306,5 @@ class Preparation:
             return
         self._commands.command(Command.RESET)
         self._commands.await_status(
-            lambda status: not status.tripped, "controller-trip", "the watchdog's trip at the end does not clear"
+            lambda status: not status.tripped, "controller-trip", "the watchdog's trip at the end cannot be reset"
         )

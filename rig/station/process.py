@@ -69,7 +69,8 @@ class Station:
             try:
                 self._stop_socket = StopSocket(Path(self.config.stop_socket), self._asked_to_stop)
             except OSError as error:
-                self.supervisor.tell("station-link", f"the page cannot stop the rig, only the application can: {error}")
+                self.supervisor.tell("station-link", f"the rig can be stopped by the application only, not from the "
+                    f"page: {error}")
         self.link.emit(
             {
                 "event": "ready",
@@ -292,7 +293,7 @@ class Link:
             for line in lines:
                 self._take_line(line, take)
             if len(rest) > LONGEST_LINE:
-                self.emit({"event": "warning", "slug": "station-link", "detail": "line too long: dropped"})
+                self.emit({"event": "warning", "slug": "station-link", "detail": "line too long: it was discarded"})
                 rest = b""
 
     def end(self, timeout_s: float = 1.0) -> None:

@@ -166,7 +166,7 @@ class Requests:
     def _arm(self, arguments: Arguments) -> Answer:
         del arguments
         if self._supervisor.trip is not None:
-            raise StationRefused("tripped", f"arm: {self._supervisor.trip.slug} is latched; reset first")
+            raise StationRefused("tripped", f"arm: {self._supervisor.trip.slug} is latched; reset the trip first")
         limits = self._preparation.prepare_controller()
         current_A = self._preparation.prepare_coil()
         self._preparation.prove_commands()
@@ -301,7 +301,7 @@ class Requests:
             supervisor.starve(proving=False, feeding=True)
         self._await_quiet()
         if not supervisor.reset(ended):
-            raise StationRefused("not-at-rest", "reset: a stop was resumed in the meantime")
+            raise StationRefused("not-at-rest", "reset: a new stop was started in the meantime")
         return {"limits": asdict(limits)}
 
     def _disarm(self, arguments: Arguments) -> Answer:
@@ -359,7 +359,8 @@ class Requests:
         patience_s = REST_PATIENCE_S + max(STILL_S, period_s) / self._config.device_rate
         if actuator.wait_status(lambda _: actuator.rests(monotonic_ns()), patience_s) is None:
             raise StationRefused(
-                "not-at-rest", f"{do}: the actuator moves or does not report standstill. Fix: stop it first"
+                "not-at-rest", f"{do}: the actuator is moving or does not report standstill. Fix: stop the actuator "
+                    f"first"
             )
 
     def _await_quiet(self) -> None:
@@ -379,7 +380,7 @@ class Requests:
     def _require_motion(self, do: str) -> None:
         supervisor = self._supervisor
         if supervisor.trip is not None:
-            raise StationRefused("tripped", f"{do}: {supervisor.trip.slug} is latched; reset first")
+            raise StationRefused("tripped", f"{do}: {supervisor.trip.slug} is latched; reset the trip first")
         if not supervisor.armed:
             raise StationRefused("not-armed", f"{do}: arm first")
 

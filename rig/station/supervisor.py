@@ -180,7 +180,7 @@ class Supervisor:
     def application_gone(self) -> None:
         """The application's link has ended: stop, and after standstill hydraulics off."""
         self._application_gone = True
-        self.report([Finding("sigkill", "the application's link has ended", monotonic_ns())])
+        self.report([Finding("sigkill", "the link to the application was closed", monotonic_ns())])
 
     def report(self, findings: Iterable[Finding]) -> None:
         """Act on what a detector found: trip, or warn where the row or the state says so.
@@ -323,9 +323,10 @@ class Supervisor:
             if self._coil is not None:
                 self._coil.zero_now()
         elif action is StopAction.STOP_IGNORED:
-            self._internal("stop-ignored", "no standstill within the stop's deadline: hydraulics off")
+            self._internal("stop-ignored", "the rod was not at rest within the stop's deadline: hydraulics switched "
+                "off")
         elif action is StopAction.CURRENT_STUCK:
-            self._internal("current-stuck", "coil current persists after 0 A was commanded")
+            self._internal("current-stuck", "the coil current persists after 0 A was commanded")
         elif self._motion is not None:
             self._motion.act(action)
 
@@ -394,7 +395,8 @@ class Supervisor:
             elif self._application_gone and before.kind is not StopKind.PRESSURE_OFF:
                 self.stop, actions = safe_stop.escalate(before, StopKind.PRESSURE_OFF, inputs.now_ns)
             elif safe_stop.broken(before, inputs):
-                self._internal("stop-ignored", "the rod moves after its standstill was confirmed: hydraulics off")
+                self._internal("stop-ignored", "the rod moved after its standstill had been confirmed: hydraulics "
+                    "switched off")
                 return
             else:
                 return

@@ -147,7 +147,7 @@ class HostWatch:
             detail = (
                 f"no device sent anything for {unheard_ns / 1e6:.0f} ms ({name}: {age_ns / 1e6:.0f} ms, limit "
                 f"{(stale_ns + self.limit_ns) / 1e6:.0f} ms): this computer was too busy, or all devices lost "
-                "their supply"
+                "power"
             )
             return Finding(LATE, detail, now_ns, unheard_ns / 1e9, self.limit_ns / 1e9)
         blind_ns = self.blind_ns(last_ns, now_ns)
@@ -156,7 +156,7 @@ class HostWatch:
         again_ns = GRACE_NS if overdue else min(stale_ns, LOOK_AGAIN_NS)
         if age_ns - blind_ns <= stale_ns or since_woken_ns <= again_ns:
             return None
-        meanwhile = f", for {blind_ns / 1e6:.0f} ms of this the station itself did not run" if blind_ns else ""
+        meanwhile = f"; for {blind_ns / 1e6:.0f} ms of this time the station itself was not running" if blind_ns else ""
         detail = f"{name}: no value for {age_ns / 1e6:.0f} ms{meanwhile}, allowed {stale_ns / 1e6:.0f} ms"
         return Finding(slug, detail, now_ns, age_ns / 1e9, stale_ns / 1e9)
 
@@ -298,7 +298,7 @@ class Watchdogs:
         """Threads that ended, devices not heard within their time."""
         for source in self.watched:
             if not source.alive:
-                yield Finding("task-dies", f"the thread of {source.name} ended", now_ns)
+                yield Finding("task-dies", f"the thread for {source.name} ended", now_ns)
                 continue
             age_ns, stale_ns = source.silent_ns(now_ns)
             finding = self._host.missed(source.name, source.slug, now_ns - age_ns, stale_ns, now_ns)
@@ -309,7 +309,7 @@ class Watchdogs:
         """A machine that slept."""
         slept_s = self._suspend.slept_s()
         if slept_s > 0.0:
-            detail = f"the computer was suspended for {slept_s:.3f} s; the rig was not monitored meanwhile"
+            detail = f"the computer was suspended for {slept_s:.3f} s; the rig was not monitored during this time"
             yield Finding("host-suspend", detail, now_ns, slept_s)
 
     def application(self, now_ns: int) -> Iterator[Finding]:

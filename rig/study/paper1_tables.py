@@ -190,7 +190,7 @@ def parameter_tables(study: StudyFile, results: Lines, units: Mapping[str, str])
         columns = ("No.", "parameter", "unit", *(TITLES[method] for method in methods))
         columns += ("truth",) if truth else ()
         columns += tuple(f"{TITLES[method]} printed" for method in printed_fits)
-        note = "eta (9) is not identified: this is not possible with constant current." if "eta" in units else ""
+        note = "eta (9) is not identified: this not possible with constant current." if "eta" in units else ""
         note += f" The best of all settings. {MIRRORED} {LAMBDA} {NOT_PUBLIC}"
         note += " Truth: the values that generated the synthetic recordings, which also contain noise." if truth else ""
         title = f"Optimised model parameter values using {titles}"

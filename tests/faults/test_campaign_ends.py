@@ -231,7 +231,7 @@ def test_ctrl_c_is_told_as_what_it_is_and_how_to_go_on(in_motion: InMotion) -> N
     campaign.process.send_signal(signal.SIGINT)
     ending = campaign.finish()
     assert (
-        "Stopped by operator (Ctrl-C): motion faded out, coil at 0 A, hydraulics off. p002 not finished. "
+        "Stopped by operator (Ctrl-C): motion ramped down, coil at 0 A, hydraulics off. p002 not finished. "
         f"Continue with: rig run --resume {ending.folder}"
     ) in ending.said
     assert "error" not in ending.said

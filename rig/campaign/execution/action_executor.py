@@ -336,6 +336,6 @@ def hybrid_order(campaign: CampaignContext, point: TestPoint) -> dict[str, Any]:
     """
     matrix, assumed = campaign.matrix, campaign.matrix.specimen.assumed
     if matrix.hybrid is None or assumed is None:
-        raise RuntimeError(f"{point.id}: the matrix has no hybrid test")
+        raise RuntimeError(f"{point.id}: the matrix does not define a hybrid test")
     low_m, high_m, _ = command_room(matrix, campaign.bench)
     return matrix.hybrid.order(point, assumed, campaign.bench, (low_m, high_m)).to_json()

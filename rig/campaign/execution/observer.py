@@ -294,7 +294,7 @@ class Observer:
 
     def _cycles_missing(self, ordered_cycles: float) -> str:
         done, ordered = self.cycles_done, math.floor(ordered_cycles + 1e-6)
-        return f"{done} of {ordered} ordered cycles done" if done < ordered else ""
+        return f"{done} of {ordered} requested cycles completed" if done < ordered else ""
 
     def _read_since(self, host_ns: int) -> bool:
         return all(self.last_host_ns.get(channel, host_ns) >= host_ns for channel in SAMPLED)

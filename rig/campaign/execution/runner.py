@@ -272,7 +272,7 @@ class Runner:
         if not self._campaign.client.alive and "gone" not in self._said:
             self._said.add("gone")
             events.append(
-                ev.StationGone("the station process has ended; see station.log in the campaign's directory")
+                ev.StationGone("the station process has ended; see station.log in the campaign folder")
             )
         return events
 

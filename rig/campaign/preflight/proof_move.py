@@ -359,8 +359,8 @@ def read_baseline(folder: Path, *, points_kept: bool) -> Baseline:
     baseline = Baseline(folder)
     if baseline.signature is None:
         text = (
-            "is missing or empty, but points are kept: it cannot be verified that this is their damper and their "
-            "devices; "
+            "is missing or empty, but the campaign contains points: it cannot be verified that they were measured "
+            "with this damper and these devices; "
         )
         raise FileProblem(str(CampaignFolder(folder).baseline), [text + "restore the file, or start a new campaign"])
     try:
@@ -387,7 +387,7 @@ class DamperCheck:
     disk_error: OSError | None = None
 
     def judge(self, up: Leg, down: Leg) -> StopCause | None:
-        """Why this is not the campaign's damper, or not as warm as it may be; None when all is well."""
+        """Why this not the campaign's damper, or not as warm as it may be; None when all is well."""
         campaign = self.campaign
         expected = expected_signature(campaign.matrix.specimen, PROOF_M, PROOF_SPEED_M_S)
         first = self.baseline.signature

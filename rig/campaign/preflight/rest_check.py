@@ -170,7 +170,7 @@ def causes_at_rest(seen: AtRest, limits: RestLimits) -> list[tuple[str, StopCaus
         ("load_cell", _force_zero(seen, limits)),
         ("load_cell", _over("load cell's noise at rest", noise_N, REST_FORCE_NOISE_SHARE * limits.force_N, "N")),
         ("lvdt", _over("LVDT's noise at rest", 1e3 * noise_m, 1e3 * REST_DISPLACEMENT_NOISE_M, "mm")),
-        ("lvdt", _over("LVDT against controller position", 1e3 * abs(apart_m), 1e3 * limits.disagreement_m, "mm")),
+        ("lvdt", _over("LVDT vs. controller position", 1e3 * abs(apart_m), 1e3 * limits.disagreement_m, "mm")),
         ("lvdt", _outside(place_m, limits)),
         ("ecu", _current_zero(seen, limits)),
     )

@@ -200,13 +200,13 @@ class Phase(StrEnum):
     CHECKING_ZEROS = "checking zeros"
     PRESSURE_LOW = "hydraulics to low pressure"
     PRESSURE_ON = "hydraulics to full pressure"
-    PROVING_SENSORS = "checking sensors by a slow move"
+    PROVING_SENSORS = "checking the sensors with a slow move"
     CENTRING = "centring"
     GATING = "reading the temperature"
     COOLING = "cooling down"
-    YIELDING = "lowering the pressure for the operator at the supply"
-    ASKING = "waiting for the manual current"
-    TOLD = "recording the manual current"
+    YIELDING = "lowering the pressure while the operator sets the supply"
+    ASKING = "waiting for the operator to set the current"
+    TOLD = "recording the manually set current"
     DEMAGNETISING = "demagnetising"
     SETTLING = "settling the current"
     WARMING = "warming up"
@@ -218,13 +218,13 @@ class Phase(StrEnum):
     PAUSED = "paused"
     JUDGING = "waiting for verdicts"
     STOPPING = "stopping"
-    COOLING_DOWN = "at rest until the ECU has cooled down"
+    COOLING_DOWN = "waiting at rest for the ECU to cool down"
     RESETTING = "resetting after a stop"
     STANDING = "coming to rest"
     CHECKING_RETURN = "checking zeros again"
     FINISHING = "hydraulics off"
-    TAKING_AWAY = "waiting for the manual current to be switched off"
-    TAKEN_AWAY = "recording that no current flows"
+    TAKING_AWAY = "waiting for the operator to switch the current off"
+    TAKEN_AWAY = "recording that the current is 0 A"
     ENDED = "ended"
 
 
@@ -364,7 +364,7 @@ def start_state(points: tuple[TestPoint, ...], retries: int, conditions: Conditi
     """
     ids = [point.id for point in points]
     if not points or len(set(ids)) != len(ids):
-        raise ValueError(f"points: got {ids}, expected at least one point and unique ids")
+        raise ValueError(f"points: got {ids}, expected at least one point and unique IDs")
     if not 0 <= retries <= MOST_RETRIES:
         raise ValueError(f"retries: got {retries}, expected 0 to {MOST_RETRIES}")
     return State(queue=points, retries=retries, conditions=conditions)

@@ -116,7 +116,7 @@ class ActuatorInterlock:
         self._follow_program(status, lvdt_m, lvdt_speed_m_s, findings)
         unknown = [name for name in self._measured if not math.isfinite(getattr(status, name))]
         if unknown:
-            detail = f"controller's {', '.join(unknown)} not a finite number"
+            detail = f"the controller reports a value that is not a finite number: {', '.join(unknown)}"
             findings.append(Finding("feedback-lost", detail, status.received_ns))
         elif lvdt_m is not None:
             self._compare(status, lvdt_m, lvdt_speed_m_s, findings)
@@ -174,7 +174,7 @@ class ActuatorInterlock:
             return
         forward_us = (status.clock_us - before.clock_us) % CLOCK_MODULUS
         if forward_us >= CLOCK_MODULUS // 2:
-            detail = f"controller clock went back from {before.clock_us} to {status.clock_us} us"
+            detail = f"the controller's clock went back from {before.clock_us} to {status.clock_us} us"
             findings.append(Finding("actuator-reboot", detail, status.received_ns))
             self._anchor_m = math.nan
         else:
@@ -186,7 +186,7 @@ class ActuatorInterlock:
         age_ms = (status.received_ns - self._beat_ns) / 1e6
         self.frozen = age_ms > self.frozen_after_ns / 1e6
         if self.frozen:
-            detail = f"controller heartbeat unchanged at {status.heartbeat} for {age_ms:.0f} ms"
+            detail = f"the controller's heartbeat was unchanged at {status.heartbeat} for {age_ms:.0f} ms"
             findings.append(Finding("actuator-frozen", detail, status.received_ns, age_ms, self.frozen_after_ns / 1e6))
 
     def _follow_bits(self, status: ActuatorStatus, findings: list[Finding]) -> None:
@@ -199,12 +199,12 @@ class ActuatorInterlock:
         if status.e_stop_open and not status.fault_bits & FaultBit.E_STOP:
             findings.append(Finding("estop", "e-stop chain open", t_ns))
         if rest or (status.state == State.TRIPPED and status.fault_bits == 0):
-            names = ", ".join(bit.name or "?" for bit in FaultBit if bit & rest) or "no fault bit reported"
+            names = ", ".join(bit.name or "?" for bit in FaultBit if bit & rest) or "no fault bit was reported"
             findings.append(Finding("controller-trip", f"controller tripped: {names}", t_ns, float(status.fault_bits)))
         if not self.leased or not self._has_lease:
             return
         if status.owner not in {0, self.owner_id}:
-            detail = f"controller's lease is held by {status.owner}, expected {self.owner_id} (this host)"
+            detail = f"the controller's lease is held by {status.owner}, expected {self.owner_id} (this host)"
             findings.append(Finding("second-master", detail, t_ns, status.owner, self.owner_id))
         elif status.owner == 0:
             findings.append(Finding("actuator-reboot", "the controller no longer holds this host's lease", t_ns))
@@ -224,7 +224,7 @@ class ActuatorInterlock:
             self._program_began_s = self.clock_s
         elif self.clock_s - self._program_began_s > self._program_s + self._overrun_s():
             ran_s = self.clock_s - self._program_began_s
-            detail = f"the program has run for {ran_s:.3f} s, it lasts {self._program_s:.3f} s"
+            detail = f"the program has been running for {ran_s:.3f} s, but its duration is {self._program_s:.3f} s"
             findings.append(Finding("stop-ignored", detail, t_ns, ran_s, self._program_s))
         restless = status.state in AT_REST_STATES and abs(lvdt_speed_m_s) > RESTLESS_M_S
         shown_m, self._shown_m = self._shown_m, lvdt_m
@@ -254,7 +254,8 @@ class ActuatorInterlock:
             travel_m = self._lvdt_high_m - self._lvdt_low_m
             if travel_m > FROZEN_TRAVEL_M and self._repeats >= FROZEN_POLLS:
                 detail = (
-                    f"controller position unchanged at {status.position_m:.6g} m while the LVDT moved {travel_m:.4g} m"
+                    f"the controller's position was unchanged at {status.position_m:.6g} m while the LVDT moved "
+                    f"{travel_m:.4g} m"
                 )
                 findings.append(Finding("actuator-frozen", detail, t_ns, travel_m, FROZEN_TRAVEL_M))
         else:
@@ -330,7 +331,8 @@ class CommandWatch:
         if not self._acknowledged or acknowledged == self._before:
             return []
         detail = (
-            f"the controller's last command is {_name(acknowledged[1])}, number {acknowledged[0]}: not from this host"
+            f"the controller's last command is {_name(acknowledged[1])}, number {acknowledged[0]}, which this host "
+            f"did not send"
         )
         if status.acked_command == Command.ACQUIRE and status.result == Result.REFUSED_OWNER:
             # Another host asks whether the rig is free, and has been told that it is not: said once.

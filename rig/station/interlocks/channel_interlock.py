@@ -154,7 +154,7 @@ class ChannelInterlock:
                 detail = f"{self.name}: sample {sequence} jumps from {self.last_value:g} to {value:g} {limits.unit}"
                 findings.append(Finding("sensor-spike", detail, host_ns, value, limits.spike_jump, warns=True))
                 return (host_ns, device_us, value, sequence, channel, flags | int(Quality.SPIKE))
-            detail = f"{self.name}: jumped from {self.last_value:g} to {value:g} {limits.unit} and stayed"
+            detail = f"{self.name}: jumped from {self.last_value:g} to {value:g} {limits.unit} and remained there"
             findings.append(Finding("sensor-spike", detail, host_ns, value, limits.spike_jump))
         self._jumps = 0
         self.last_value = value
@@ -175,7 +175,7 @@ class ChannelInterlock:
         elif not math.isnan(value):
             self._saturated = 0
         if self._saturated >= CONSECUTIVE:
-            findings.append(Finding("sensor-saturated", f"{self.name}: at the end "
+            findings.append(Finding("sensor-saturated", f"{self.name}: at the limit "
                 "of its range", host_ns, value, self.limits.span))
 
     def _check_limits(self, host_ns: int, value: float, findings: list[Finding]) -> None:

@@ -81,7 +81,7 @@ class CurrentInterlock:
 
 
 WRONG = {
-    "can-malformed": "consecutive ECU status frames with a wrong length or kind",
+    "can-malformed": "consecutive ECU status frames with a wrong length or type",
     "ecu-crc": "consecutive ECU status frames with a wrong counter, CRC or length",
     "current-unmeasured": "consecutive answers of the current source without a measured number",
 }
@@ -122,8 +122,8 @@ class BusInterlock:
         findings = [*self._frames(counted, t_ns), *self._load(counted, t_ns)]
         if counted.foreign_commands > self._foreign:
             detail = (
-                f"{counted.foreign_commands - self._foreign} frames from another sender with this host's command "
-                "identifier"
+                f"{counted.foreign_commands - self._foreign} frames with this host's command identifier from "
+                "another sender"
             )
             findings.append(Finding("can-foreign", detail, t_ns))
         return findings

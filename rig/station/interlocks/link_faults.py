@@ -61,7 +61,7 @@ class LinkFaults:
         self._busy = self._wrong = 0
         findings = [*self._stale(t_ns)]
         if self._link.busy > self._seen_busy:
-            detail = f"controller was busy {self._link.busy - self._seen_busy} times before it answered"
+            detail = f"the controller was busy {self._link.busy - self._seen_busy} times before answering"
             findings.append(Finding("modbus-busy", detail, t_ns, warns=True))
         self._seen_busy = self._link.busy
         return findings
@@ -127,5 +127,5 @@ class EchoWatch:
         self._missing = self._missing + 1 if status.watchdog_echo != counter else 0
         if self._missing < CONSECUTIVE:
             return []
-        detail = f"wrote watchdog counter {counter}, the controller still has {status.watchdog_echo}"
+        detail = f"wrote watchdog counter {counter}, the controller still returns {status.watchdog_echo}"
         return [Finding("modbus-write-lost", detail, status.received_ns, status.watchdog_echo, counter)]

@@ -53,8 +53,8 @@ def unfollowable(program: Program, limits: Limits, poll_s: float) -> list[str]:
     problems = []
     if frequency_Hz > most_Hz * (1.0 + LIMIT_SLACK):
         problems.append(
-            f"{frequency_Hz:g} Hz has fewer than {FEWEST_SETPOINTS} set-points per cycle. Fix: at most {most_Hz:g} "
-            "Hz, or a shorter poll interval"
+            f"{frequency_Hz:g} Hz has fewer than {FEWEST_SETPOINTS} set-points per cycle. Fix: use at most {most_Hz:g} "
+            "Hz, or shorten the poll interval"
         )
     if speed_m_s > limits.speed_m_s * (1.0 + LIMIT_SLACK):
         problems.append(f"speed {speed_m_s:g} m/s, allowed {limits.speed_m_s:g} m/s")
@@ -167,14 +167,14 @@ class SetpointInterlock:
         detail = (
             f"{omitted} of the last {len(self._omitted)} set-points were omitted because this computer was too busy "
             f"(the last one sent {1e3 * late_s:.1f} ms late, period {1e3 * self._period_s:g} ms): the rod does not "
-            "follow the motion. Fix: close other programs, or grant this one real-time priority"
+            "follow the motion. Fix: close other programs, or grant this program real-time priority"
         )
         return [Finding(LATE, detail, t_ns, omitted, MOST_LATE, warns=True)]
 
     def _late(self, late_s: float, t_ns: int) -> Finding:
         detail = (
             f"set-points were sent {1e3 * self._late_s:g} ms late or more {CONSECUTIVE} times in a row or "
-            f"{MOST_LATE} times of {WINDOW_STEPS}; the last one {1e3 * late_s:.1f} ms late"
+            f"{MOST_LATE} times out of {WINDOW_STEPS}; the last one {1e3 * late_s:.1f} ms late"
         )
         return Finding(LATE, detail, t_ns, late_s, self._late_s)
 
@@ -211,7 +211,7 @@ class SetpointInterlock:
         what = "the device's set-point" if shows else "the rod"
         detail = (
             f"{what} is {1e3 * apart_m:.2f} mm from the set-point sent, allowed {1e3 * allowed_m:.2f} mm: the device "
-            "does not follow the streamed set-points"
+            "is not following the streamed set-points"
         )
         return [Finding(LOST, detail, t_ns, apart_m, allowed_m)]
 

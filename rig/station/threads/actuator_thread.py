@@ -347,7 +347,7 @@ class ActuatorThread(DeviceThread):
         """A controller that has booted, or whose limits another client changed, is not the one that was prepared."""
         shown = self._driver.read_identity().settings
         if shown != expected:
-            detail = f"controller's boot count and configuration hash are {shown}, expected {expected}"
+            detail = f"the controller's boot count and configuration hash are {shown}, expected {expected}"
             self._supervisor.report([Finding("actuator-reboot", detail, monotonic_ns())])
 
     def _run_job(self) -> None:

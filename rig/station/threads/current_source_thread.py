@@ -312,7 +312,7 @@ class CurrentSourceThread(ReadingThread):
         if status is None:
             return "sends no status"
         if status.state == UNKNOWN_STATE:
-            return f"in an unknown state, faults {SourceFault(status.faults)!r}"
+            return f"in an unknown state, with faults {SourceFault(status.faults)!r}"
         state = SourceState(status.state).name if status.state in set(SourceState) else str(status.state)
         return f"in state {state}, faults {SourceFault(status.faults)!r}"
 
@@ -396,7 +396,7 @@ class CurrentSourceThread(ReadingThread):
             self._stamps_told = True
             self._supervisor.tell(
                 "ecu-time-stamps",
-                "its frames have the CAN interface's time stamps, converted to this host's clock within "
+                "its frames have time stamps from the CAN interface, converted to this host's clock to within "
                 f"{uncertainty_ns / 1e3:.0f} us plus the shortest read time",
             )
 
@@ -406,8 +406,8 @@ class CurrentSourceThread(ReadingThread):
             self._not_numbers_told.add(channel)
             self._supervisor.tell(
                 "ecu-value-missing",
-                f"its {channel.name.lower().replace('_', ' ')} is not a finite number in some frames: that value is "
-                "discarded, the rest of the frame is used",
+                f"its {channel.name.lower().replace('_', ' ')} is not a finite number in some frames: this value is "
+                "discarded, and the rest of the frame is used",
             )
 
     def _silence(self) -> str:

@@ -287,7 +287,7 @@ class SensorThread(ReadingThread):
         return self.value(now_ns)
 
     def still_s(self, now_ns: int) -> float | None:
-        """Device seconds of standstill; None when stale, when its values tell nothing, or when this is not the LVDT.
+        """Device seconds of standstill; None when stale, when its values tell nothing, or when this not the LVDT.
 
         One that repeated its value before the rig was armed, at rest, is quiet: that it does so again says nothing
         against it.

@@ -119,7 +119,7 @@ def test_after_a_stop_it_is_asked_to_be_taken_away_without_pressure_and_silence_
     for event in (ev.TimedOut(Phase.TAKING_AWAY), ev.Abort(StopKind.FADE_OUT, StopCause("sigint"))):
         unsaid, actions = through(state, event)
         assert (unsaid.phase, unsaid.rig_state) == (Phase.ENDED, RigState.UNKNOWN)
-        assert any("may still flow" in action.text for action in actions if isinstance(action, act.Note))
+        assert any("may still be flowing" in action.text for action in actions if isinstance(action, act.Note))
 
 
 @pytest.mark.parametrize(("register_map", "pressure"), [("demo", "low"), ("delta-rmc", "off")])

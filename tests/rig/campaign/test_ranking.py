@@ -65,8 +65,8 @@ def test_a_resumed_campaign_keeps_the_best_attempt(verdicts: tuple[str, ...], tm
     assert stock.attempts == {"p001": len(verdicts)}
 
 
-UNSETTLED = StopCause("current-tracking", "measured current did not reach 0.25 A in 5 s")
-SAID = "current-tracking: measured current did not reach 0.25 A in 5 s"
+UNSETTLED = StopCause("current-tracking", "the measured current did not reach 0.25 A in 5 s")
+SAID = "current-tracking: the measured current did not reach 0.25 A in 5 s"
 
 
 @pytest.mark.parametrize("recorded_first", [True, False])

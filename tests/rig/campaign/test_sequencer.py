@@ -736,7 +736,7 @@ def test_a_journal_that_cannot_be_opened_stops_the_rig_and_the_end_is_reached() 
 @pytest.mark.parametrize("phase", [Phase.RUNNING])
 def test_a_program_that_somebody_else_ended_stops_the_campaign_as_a_second_master(phase: Phase) -> None:
     state, _ = play(start_state(POINTS, 2), until=phase)
-    state, actions = step(state, ev.ProgramEnded(at_centre=True, cut_short="3 of 5 ordered cycles done"))
+    state, actions = step(state, ev.ProgramEnded(at_centre=True, cut_short="3 of 5 requested cycles completed"))
     assert [action.cause.slug for action in actions if isinstance(action, act.Stop)] == ["second-master"]
     state, actions = play(state)
     assert [action.fault.slug for action in actions if isinstance(action, act.EndRecording)] == ["second-master"]

@@ -132,7 +132,7 @@ def test_commands_that_an_ecu_throws_away_without_a_word_are_found_by_a_small_cu
         checked(tmp_path / "astray", *worn, change=lambda bench: bench.replace(str(roles), str(wrong))), "ecu",
         "ecu-command",
     )
-    assert "0.2 A commanded at rest, its measured current does not follow" in seen.text
+    assert "0.2 A was commanded at rest, but the measured current does not follow" in seen.text
     assert "E2E data id" in seen.text
     assert "[protection.MESSAGE]" in seen.fix
 
@@ -160,7 +160,7 @@ def test_a_reversed_lvdt_at_its_zero_shows_only_when_the_rod_is_moved(tmp_path: 
     assert checked(tmp_path / "still", *wrong).passed
     moved = checked(tmp_path / "moved", *wrong, prove=True)
     seen = finding(moved, "lvdt", "sensors-swapped")
-    assert re.search(r"the LVDT shows -(4|3\.9\d) mm, the controller moved (4|3\.9\d) mm", seen.text)
+    assert re.search(r"the LVDT showed -(4|3\.9\d) mm, the controller moved (4|3\.9\d) mm", seen.text)
     assert 'polarity = "reversed" in [lvdt.calibration]' in seen.fix
     assert moved.proved
 

@@ -85,7 +85,7 @@ def test_the_live_display_fits_eighty_columns_with_every_word_whole() -> None:
     console = Console(file=text, force_terminal=True, width=80, color_system=None)
     with LiveDisplay(console) as display:
         display.planned(PLAN)
-        display.phase("checking sensors by a slow move")
+        display.phase("checking the sensors with a slow move")
         display.progress("p002", 4, 43_980.0, {**LIVE, "position_m": -0.1234, "force_N": -12345.0})
     lines = [re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", line) for line in re.split(r"[\r\n]+", text.getvalue())]
     assert max(map(len, lines)) <= 80
@@ -151,7 +151,7 @@ def ended(stop: StopReport, detail: str, *points: PointResult) -> str:
 
 def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
     assert (
-        "Stopped by operator (Ctrl-C): motion faded out, coil at 0 A, hydraulics off. p003 not finished. "
+        "Stopped by operator (Ctrl-C): motion ramped down, coil at 0 A, hydraulics off. p003 not finished. "
         "Continue with: rig run --resume run\n"
     ) in ended(STOPPED, "Ctrl-C", result("valid"))
 
@@ -163,7 +163,7 @@ def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
         ({"halted": True}, "motion halted"),
         ({"faded": False}, "rod at rest, coil at 0 A"),
         ({"current_zero": False}, "coil current not confirmed"),
-        ({"current_zero": False, "current_timeout_s": 1.0}, "not measured (the current source's own time-out of 1 s"),
+        ({"current_zero": False, "current_timeout_s": 1.0}, "not measured (the time-out of the current source, 1 s"),
         ({"current_zero": False, "current_left_A": 1.5}, "COIL CURRENT STILL ON (1.5 A measured"),
         ({"moved": False, "current_left_A": 0.3}, "no motion had started, COIL CURRENT STILL ON (0.3 A"),
         ({"pressure_off": False}, "HYDRAULICS STILL ON"),

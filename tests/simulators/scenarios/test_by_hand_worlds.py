@@ -66,7 +66,7 @@ def test_a_stop_takes_the_pressure_away_and_then_has_the_current_taken_away(tmp_
     gone = stopped[np.flatnonzero(np.abs(stopped[:, 2]) < 0.05)[0]]
     assert gone[5] == 0.0, "the pressure is off before anybody turns the knob"
     phases = [line["phase"] for line in world.journal if line.get("event") == "phase"]
-    assert "waiting for the manual current to be switched off" in phases
+    assert "waiting for the operator to switch the current off" in phases
 
 
 def test_what_tells_of_the_coil_does_not_happen_here(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from simulators.scenarios.runs import live
 
 MATRIX = matrix_text("0.5 A", amplitude="5 mm", frequency="4 Hz", more='waveform = ["triangle"]')
 """The first motion comes out 5 % too small, its second one begins 5 s after the start."""
-UNSETTLED = "current-tracking: measured current did not reach 0.5 A in 5 s"
+UNSETTLED = "current-tracking: the measured current did not reach 0.5 A in 5 s"
 
 
 @pytest.mark.parametrize(
