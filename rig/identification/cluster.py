@@ -37,6 +37,6 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
         threads = sum(client.nthreads().values())
         if threads == 0:
             raise RigError(
-                f"Dask scheduler {address}: no workers connected. Fix: start one with `dask worker {address}`"
+                f"Dask scheduler {address}: no workers connected. Fix: start a worker with `dask worker {address}`"
             )
         yield client.get_executor(), threads

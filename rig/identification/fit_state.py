@@ -60,8 +60,9 @@ class FitState:
         """
         if self.fit is None:
             raise ValueError(
-                "corrections: this stage needs a fitted model, but no model was fitted before it. Fix: place it after "
-                "the fit"
+                "corrections: this stage requires a fitted model, but no model was fitted before this stage. Fix: "
+                "place "
+                "the stage after the fit"
             )
         return self.fit
 

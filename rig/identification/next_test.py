@@ -220,7 +220,10 @@ def _proposal(point: TestPoint, name: str, fit: Fit, ratio: float, allowance: Al
         gain = f"would make {name} identifiable"
     else:
         after = ratio * estimate.standard_error
-        gain = f"would narrow the interval of {name}, the widest, to {100.0 * ratio:.0f} % of its present width"
+        gain = (
+            f"would narrow the interval of {name}, which is the widest, to {100.0 * ratio:.0f} % of its current "
+            f"width"
+        )
     toml = (
         f'[[point]]\nwaveform = "sine"\namplitude = "{mm:g} mm"\nfrequency = "{point.frequency_Hz:g} Hz"\n'
         f'current = "{point.current_A:g} A"\n'

@@ -32,7 +32,7 @@ from rig.identification.words import say
 from rig.matrix.methods import DEPENDENCES
 from rig.signals.test_set import rounded_levels
 
-EACH_ALONE = "each current fitted separately, then relations of the parameters to the current"
+EACH_ALONE = "each current fitted separately, then the parameters fitted as functions of current"
 PER_CURRENT = {name: name.removeprefix("per-current-") for name in DEPENDENCES if name != AFFINE}
 
 

@@ -76,7 +76,7 @@ def _regression(
     except ImportError:
         return Reference("regression", None, None, INSTALL)
     if len({test.waveform in WAVEFORMS for test in (*fitted, *held_out)}) > 1:
-        return Reference("regression", None, None, "tests with and without cycles cannot be learned together")
+        return Reference("regression", None, None, "tests with and without cycles cannot be used for training together")
     most = max(FEWEST_A_CYCLE, MOST_ROWS // len(fitted))
     whole = _learnt([_spaced(test, most) for test in fitted])
     seen = _mean([_error(whole, _spaced(test, most)) for test in fitted])
@@ -84,7 +84,7 @@ def _regression(
         return _regressed(seen, [(_error(whole, _spaced(test, most)), test, fitted) for test in held_out])
     folds = [[test for group in groups[k::MOST_FOLDS] for test in group] for k in range(min(MOST_FOLDS, len(groups)))]
     if len(folds) < 2:
-        return Reference("regression", None, seen, "all tests have the same motion; none can be left out")
+        return Reference("regression", None, seen, "all tests have the same motion, so none can be held out")
     errors: list[tuple[float, Measurement, Sequence[Measurement]]] = []
     for fold in folds:
         rest = [test for other in folds if other is not fold for test in other]

@@ -66,7 +66,7 @@ def identify_run(
     if len(specimens) > 1:
         raise IdentificationFailed(
             f"these runs have different specimens ({', '.join(sorted(specimens))}), but a fit describes one damper. "
-            "Fix: identify them separately"
+            "Fix: identify the runs separately"
         )
     options = replace(
         options, holdout=other, declared=declared_errors(points), allowance=bench_of(runs[0].path),
@@ -76,7 +76,7 @@ def identify_run(
         fit = identify(points, options, model=QUICK if options.model == AUTO else options.model)
         if options.model == AUTO and fit.adequate is not True and not (options.one_model_only or options.profile):
             fit = identify(points, options, model=FEW)
-    doubted = [f"calibration in doubt, not included in any interval: {line}" for line in doubts(points)]
+    doubted = [f"doubtful calibration, not included in any interval: {line}" for line in doubts(points)]
     fit = replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
     written, kept = write_fit(fit, runs[0].path)
     return replace(fit, path=written, kept=kept)

@@ -116,7 +116,7 @@ def refuse_without(tests: Sequence[Measurement]) -> list[FloatArray]:
     if lacking:
         raise IdentificationFailed(
             f"temperature law: {len(lacking)} of {len(tests)} tests have no recorded temperature "
-            f"({', '.join(lacking[:3])}). Fix: leave them out, or fit without a temperature law"
+            f"({', '.join(lacking[:3])}). Fix: omit these tests, or fit without a temperature law"
         )
     strange = [
         f"{test.id}: {np.min(values):.4g} to {np.max(values):.4g}"
@@ -126,8 +126,8 @@ def refuse_without(tests: Sequence[Measurement]) -> list[FloatArray]:
     if strange:
         raise IdentificationFailed(
             f"temperature law: {len(strange)} of {len(tests)} tests have implausible temperatures "
-            f"({', '.join(strange[:3])} degC; expected {COLDEST_degC:g} to {WARMEST_degC:g}). Fix: state kelvin at "
-            "import (`--column temperature=NAME:K`), or leave out tests with a failed sensor"
+            f"({', '.join(strange[:3])} degC; expected {COLDEST_degC:g} to {WARMEST_degC:g}). Fix: specify kelvin "
+            "on import (`--column temperature=NAME:K`), or omit tests with a failed sensor"
         )
     return known
 
@@ -142,8 +142,9 @@ def recorded_ends(tests: Sequence[Measurement]) -> tuple[float, float]:
     low, high = (float(end([end(values) for values in known])) for end in (np.min, np.max))
     if high - low < LEAST_SPAN_K:
         raise IdentificationFailed(
-            f"temperature law: the tests cover {low:.4g} to {high:.4g} degC, expected a span of {LEAST_SPAN_K:g} K or "
-            "more. Fix: add tests of the same motion with the damper warm"
+            f"temperature law: the tests cover {low:.4g} to {high:.4g} degC, expected a span of at least "
+            f"{LEAST_SPAN_K:g} "
+            "K. Fix: add tests with the same motion on the warm damper"
         )
     return low, high
 

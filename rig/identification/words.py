@@ -48,64 +48,68 @@ def some(texts: Sequence[str], separator: str = ", ") -> str:
 
 PARAMETERS = {
     "no-knee": (
-        "{name} not identifiable: on its side of standstill one straight line fits equally well, so {knee} is outside "
+        "{name} not identifiable: for this direction of motion a single straight line fits equally well, so {knee} "
+        "is outside "
         "the tested speeds or does not exist. Fix: test at higher and lower speeds"
     ),
     "no-current-step": "eta not identifiable: the current was constant in every test. Fix: add a current step",
     "redundant": (
-        "{name} not identifiable separately: {by} only scales {scaled}; the values are for {by} = {value:g} "
+        "{name} not identifiable separately: {by} only scales {scaled}; the values apply for {by} = {value:g} "
         "(normalized_bouc_wen has no such redundancy)"
     ),
     "few-currents": "{name} not identifiable: got tests at {levels} different currents, expected {needed}",
     "lower-power": (
-        "{name} is identified only together with {left_out}, which the tested currents do not determine: the value is "
-        "for {left_out} = 0. Fix: add tests at other currents"
+        "{name} is identified only together with {left_out}, which the tested currents do not determine: the value "
+        "applies for {left_out} = 0. Fix: add tests at other currents"
     ),
     "no-current": "{name} not identifiable: every test ran at 0 A. Fix: add tests at another current",
     "one-current": (
         "{name} not separable from {base}: every test ran at {mean_A:.2f} A. Fix: add tests at another current"
     ),
     "sum-at-one-current": (
-        "only {base} + {name} I is identified, at I = {mean_A:.2f} A, the current of every test; the value is that sum"
+        "only {base} + {name} I is identified, at I = {mean_A:.2f} A, the current of every test; the value is the sum"
     ),
     "one-frequency": (
         "m is not separable from {stiffness}: every test ran at one frequency, where inertia and stiffness are "
-        "proportional. Fix: add another frequency"
+        "proportional. Fix: add a test at another frequency"
     ),
     "harmonics-only": (
         "m is not separable from {stiffness}: every test ran at one frequency, where inertia and stiffness are "
-        "proportional. Fix: add another frequency (only harmonics separate them here; m stays in the fit so that "
+        "proportional. Fix: add a test at another frequency (only harmonics separate them here; m stays in the fit "
+        "so that "
         "{stiffness} is correct)"
     ),
     "difference-at-one-frequency": (
-        "only {stiffness} - m (2 pi f)^2 is identified: every test ran at one frequency; the value is that "
-        "difference. Fix: add another frequency"
+        "only {stiffness} - m (2 pi f)^2 is identified: every test ran at one frequency; the value is the "
+        "difference. Fix: add a test at another frequency"
     ),
     "one-speed": (
         "{name} not identifiable: every test ran at one speed, where viscous and yield force are not separable. Fix: "
-        "add another speed or a sine"
+        "add a test at another speed or a sine test"
     ),
     "held": "{reason}; its value is set to 0",
-    "no-effect": "{name} not identifiable: it has no effect on the force in these tests",
+    "no-effect": "{name} not identifiable: the parameter has no effect on the force in these tests",
     "inseparable": "{name} not separable from {partners} in these tests",
     "degenerate-yield": (
         "{name} not identifiable: the hysteresis is degenerate, {offset} exceeds the speed term everywhere, so that "
         "the tanh follows sgn(u) and the yield force dissipates no energy; only its height is identified"
     ),
     "straight-tanh": (
-        "{name} not identifiable: the tanh is linear here (at most {largest:.2g}), so that yield and viscous force "
+        "{name} not identifiable: the tanh is linear in these tests (its argument is at most {largest:.2g}), so that "
+        "yield and viscous force "
         "are not separable. Fix: add faster tests"
     ),
     "bent-or-steep": (
         "{name} not identifiable: at these speeds a steep and a rounded tanh, with different yield and viscous "
-        "forces, fit equally well. Fix: add other speeds or a sine"
+        "forces, fit equally well. Fix: add tests at other speeds or a sine test"
     ),
     "saturated-tanh": (
-        "{name} not identifiable: the tanh is saturated at nearly all samples, on both sides of mid-stroke, so it "
-        "hardly affects the force; the yield force is only a sign function there"
+        "{name} not identifiable: the tanh is saturated at nearly all samples, on both sides of mid-stroke, so the "
+        "parameter hardly affects the force; there the yield force is effectively a sign function"
     ),
     "would-be-negative": (
-        "{name} is not identifiable: the unconstrained estimate is negative, so it is set to its lower bound, 0; the "
+        "{name} is not identifiable: the unconstrained estimate is negative, so the parameter is set to its lower "
+        "bound, 0; the "
         "upper end of its interval is a 95 % bound"
     ),
     "at-limit": (
@@ -114,36 +118,39 @@ PARAMETERS = {
     ),
     "too-wide": (
         "{name} is not identifiable: the interval {value:.3g} +- {half:.3g} (95 %) is wider than the value, although "
-        "its term is {percent:.0f} % of the force: other parameters compensate for it"
+        "the parameter's term is {percent:.0f} % of the force: other parameters compensate for it"
     ),
 }
 """Why a parameter is not identified."""
 
 WARNINGS = {
-    "few-cycles": "only {cycles} full cycle(s), so none was discarded and transients at the ends may remain",
+    "few-cycles": "only {cycles} full cycle(s), so no cycle was discarded, and transients at the ends may remain",
     "no-repeat": (
-        "the motion does not repeat from cycle to cycle: velocity is from a local polynomial, whose errors are not "
+        "the motion does not repeat from cycle to cycle: the velocity is derived from a local polynomial, whose "
+        "errors are not "
         "included in the intervals"
     ),
     "one-cycle-no-series": (
-        "only one cycle remains without the first and last, and no Fourier series describes its motion: velocity is "
-        "from a local polynomial, whose errors are not included in the intervals"
+        "only one cycle remains after the first and last are discarded, and no Fourier series describes its motion: "
+        "the velocity "
+        "is derived from a local polynomial, whose errors are not included in the intervals"
     ),
     "whole-record": (
-        "the motion has no cycles: the whole record is used, {used}; errors of its velocity are not included in the "
+        "the motion has no cycles: the whole record is used, {used}; errors in its velocity are not included in the "
         "intervals"
     ),
-    "command-steps": "no measured current: eta is identified from the commanded current",
-    "command-steady": "no measured current: the commanded {current_A:g} A is used",
+    "command-steps": "no current was measured: eta is identified from the commanded current",
+    "command-steady": "no current was measured: the commanded {current_A:g} A is used",
     "saturated-force": (
-        "the force remains at its {end} value, {extreme_N:.1f} N, {times} times: it is probably saturated, and these "
-        "samples are excluded, so the fit does not cover the largest forces"
+        "the force remains at its {end} value, {extreme_N:.1f} N, {times} times: the force channel is probably "
+        "saturated; "
+        "these samples are excluded, so the fit does not cover the largest forces"
     ),
     "left-out": "{test} not used: {reason}",
     "no-diagnosis": "causes of the misfit were not searched: {reason}",
     "time-errors": (
-        "sample times are uncertain by {std_ms:.3g} ms each (rounded or jittering time stamps); the uncertainties of "
-        "force noise and delay include this"
+        "each sample time is uncertain by {std_ms:.3g} ms (rounded or jittering time stamps); this is included in "
+        "the uncertainties of the force noise and the delay"
     ),
     "constant-channel": (
         "{test} not used: its {channel[0]} is {channel[1]:g} {channel[2]} in all samples (channel not connected, or "
@@ -151,7 +158,7 @@ WARNINGS = {
     ),
     "contradiction": (
         "tests of the same motion and current have different forces ({pairs}): two specimens, two temperatures, or a "
-        "change of the rig between them; a fit describes one damper in one condition"
+        "change to the rig between the tests; a fit describes one damper in one condition"
     ),
     "current-contradicts": (
         "the measured current differs from the requested one: {tests}; these tests are grouped by measured current. "
@@ -163,8 +170,9 @@ WARNINGS = {
         "the requested currents, or measure the current with less noise"
     ),
     "runs-apart": (
-        "the {count} runs fit to {apart_N:.3g} N separately, but only to {together_N:.3g} N jointly: probably "
-        "different dampers, or one damper in different conditions. Fix: identify them separately"
+        "separate fits to the {count} runs leave an error of {apart_N:.3g} N, a joint fit leaves {together_N:.3g} N: "
+        "probably "
+        "different dampers, or one damper in different conditions. Fix: identify the runs separately"
     ),
     "degenerate-hysteresis": (
         "degenerate hysteresis: {offset} = {value:.3g} exceeds beta v at every tested speed, so that the yield force "
@@ -172,26 +180,29 @@ WARNINGS = {
         "position, or fit another model"
     ),
     "not-passive": (
-        "the fitted model is not passive: at {percent:.0f} % of the tested speeds and currents its force (without gas "
-        "force) drives the rod instead of damping it ({worst}); a simulation with it can gain energy"
+        "the fitted model is not passive: at {percent:.0f} % of the tested speeds and currents the model's force "
+        "(without "
+        "gas force) drives the rod instead of damping its motion ({worst}); a simulation with it can gain energy"
     ),
-    "energy-unknown": "energy per cycle unknown, because part of every cycle has no force samples: {tests}",
-    "energy-differs": "energy per cycle differs by more than {percent:g} % between model and measurement: {tests}",
+    "energy-unknown": "the energy per cycle is unknown because part of every cycle has no force samples: {tests}",
+    "energy-differs": "the energy per cycle of the model differs from the measured energy by more than {percent:g} "
+    "%: {tests}",
     "misses-held-out": (
         "the model fits its tests, but the errors of the validation tests exceed their measurement noise: the model "
         "does not generalise"
     ),
     "model-error": (
-        "Model error exceeds the repeatability (scatter) of the tests: the values are a best fit of the closest "
+        "Model error exceeds the repeatability (scatter) of the tests: the values are the best fit of the closest "
         "model; the intervals do not include model error"
     ),
     "no-two-cycles": (
-        "no test has two whole cycles besides its first and last, which are not fitted, so it is unknown whether the "
+        "no test has two whole cycles in addition to its first and last, which are not fitted, so it is unknown "
+        "whether the "
         "model fits within measurement noise. Fix: run more cycles"
     ),
     "ranked-unseen-by-none": (
         "every test used to compare the models is outside the fitted range ({quantities}), so its error is an "
-        "extrapolation error; the models are ranked by the information criterion. Fix: add tests in between"
+        "extrapolation error; the models are ranked by the information criterion. Fix: add tests within this range"
     ),
     "ranked-beyond": (
         "every validation test is outside the fitted range ({quantities}): the models are ranked by extrapolation error"
@@ -202,17 +213,17 @@ WARNINGS = {
         "as large. Fix: measure more motions"
     ),
     "ranked-by-those-beyond": (
-        "{model} is first by validation tests outside the fitted range ({tests}: {quantities}); by those inside it "
-        "{other} is first: {other_error:.3g} % of peak, {model} {error:.3g} %"
+        "{model} is first by validation tests outside the fitted range ({tests}: {quantities}); by the tests inside "
+        "it {other} is first: {other_error:.3g} % of peak, {model} {error:.3g} %"
     ),
     "relative-weights": (
-        "the residual of the best model is {ratio:.1f} times the measurement noise, so it is model error: every test "
-        "has equal weight, by its error in % of its peak; weight 1 gives all samples equal weight"
+        "the residual of the best model is {ratio:.1f} times the measurement noise and is therefore model error: every "
+        "test has equal weight (error in % of its peak); weight 1 gives all samples equal weight"
     ),
-    "weight-v": "weight v (equation 12) suppresses the reversals; compare with weight 1",
+    "weight-v": "weight v (equation 12) suppresses the reversals; compare the result with that of weight 1",
     "sharp-reversals": (
         "every test reverses more sharply than its displacement samples resolve (velocity there uncertain by up to "
-        "{worst_mm_s:.1f} mm/s); the intervals include this. Fix: add sines to narrow them"
+        "{worst_mm_s:.1f} mm/s); the intervals include this. Fix: add sine tests to narrow the intervals"
     ),
     "unfinished": (
         "{method} stopped before the least-squares solution: {names} differ from it by more than {errors:g} standard "
@@ -222,9 +233,10 @@ WARNINGS = {
     "systematic-residuals": (
         "{count} of {tests} residuals are systematic{worst}; the intervals are widened by a factor of {widening:.1f}"
     ),
-    "relations-beyond": ("validation tests outside the fitted currents, where the relations predict nothing: {tests}"),
+    "relations-beyond": ("validation tests outside the fitted currents, where the relations are not valid: {tests}"),
     "given-up": (
-        "{model}: stopped after {evaluations} evaluations on one cycle of each test: its error, {reached_N:.3g} N, is "
+        "{model}: stopped after {evaluations} evaluations on one cycle of each test: the error of this model, "
+        "{reached_N:.3g} N, is "
         "{times:.1f} times that of the best model so far, {rival_N:.3g} N"
     ),
 }
@@ -232,26 +244,28 @@ WARNINGS = {
 
 CAUSES = {
     "units-force": (
-        "the largest force is {value:.3g} {unit}, implausible for a damper test: it is probably in {likely}"
+        "the largest force is {value:.3g} {unit}, implausible for a damper test: the values are probably in {likely}"
     ),
     "units-time": "a cycle lasts {value:.3g} {unit}, implausible for a damper test: the time is probably in {likely}",
     "units-displacement": (
-        "the displacement spans {value:.3g} {unit}, implausible for a damper test: it is probably in {likely}"
+        "the displacement spans {value:.3g} {unit}, implausible for a damper test: the values are probably in {likely}"
     ),
-    "units-current": "the largest current is {value:.3g} {unit}, implausible for a coil: it is probably in {likely}",
+    "units-current": "the largest current is {value:.3g} {unit}, implausible for a coil: the values are probably in "
+    "{likely}",
     "units-of-some": "in {tests} only: {what}",
     "odd-test": (
         "{test} is inconsistent with the other tests: a fit to those misses {percent_missed:.0f} % of its force; "
         "{corrections}"
     ),
     "odd-test-corrected": "it would be consistent with {corrections}",
-    "odd-test-apart": "no gain of its force, other current or other motion explains this",
+    "odd-test-apart": "neither a gain of its force nor a different current or motion explains this",
     "correction-force": "its force multiplied by {factor:.3g}",
     "correction-current": "a current of {likely_A:.2f} A, not {stated_A:.2f} A",
     "correction-motion": "its motion multiplied by {factor:.3g}",
     "units-velocity": (
-        "the rate of the displacement is {ratio:.3g} times the given velocity: one of them, or the sampling interval, "
-        "is in another unit"
+        "the rate of the displacement is {ratio:.3g} times the given velocity: one of the two, or the sampling "
+        "interval, "
+        "is in the wrong unit"
     ),
     "signs-reversed": (
         "the mean force at low speed is {offset_N:+.3g} N, towards extension, but gas force pushes the rod out: force "
@@ -263,7 +277,7 @@ CAUSES = {
         "not resist rebound more than compression"
     ),
     "skew": (
-        "a delay of {skew_ms:+.3g} ms of the force behind the displacement explains {percent_explained:.0f} % of the "
+        "a delay of {skew_ms:+.3g} ms between the displacement and the force explains {percent_explained:.0f} % of the "
         "misfit"
     ),
     "force-drift": (
@@ -275,7 +289,8 @@ CAUSES = {
         "end) explains {percent_explained:.0f} % of the misfit"
     ),
     "temperature": (
-        "the recorded temperature, {percent:+.3g} % of force and {zero_N:+.3g} N from lowest to highest, explains "
+        "the recorded temperature, {percent:+.3g} % of force and {zero_N:+.3g} N from the lowest to the highest "
+        "temperature, explains "
         "{percent_explained:.0f} % of the misfit"
     ),
     "temperature-rates": (
@@ -299,11 +314,12 @@ CAUSES = {
         "of the misfit"
     ),
     "current-law": (
-        "another current law than the model's, over {currents} A, explains {percent_explained:.0f} % of the misfit: "
+        "a current law other than the model's, over {currents} A, explains {percent_explained:.0f} % of the misfit: "
         "the force probably saturates"
     ),
     "current-law-two": (
-        "the current law is determined by {low_A:.3g} and {top_A:.3g} A only and predicts {zero_N:.3g} N at 0 A, "
+        "the current law is determined only by the tests at {low_A:.3g} and {top_A:.3g} A and predicts {zero_N:.3g} "
+        "N at 0 A, "
         "{percent:.0f} % of the yield force at {top_A:.3g} A, but 0 A was not measured: the force probably saturates"
     ),
     "current-sign": (
@@ -315,13 +331,14 @@ CAUSES = {
         "{percent_explained:.0f} % of the misfit; {percent:.0f} % of the misfit is within 1 mm after a reversal"
     ),
     "mixed-specimens": (
-        "two dampers instead of one explain {percent_explained:.0f} % of the misfit; tests of the second: {tests}"
+        "two dampers instead of one explain {percent_explained:.0f} % of the misfit; tests of the second damper: "
+        "{tests}"
     ),
     "speed-shape": (
-        "another force-velocity shape than the model's explains {percent_explained:.0f} % of the misfit"
+        "a force-velocity shape other than the model's explains {percent_explained:.0f} % of the misfit"
     ),
     "stroke-shape": (
-        "another force-displacement shape than the model's, such as end stops or progressive gas stiffness, explains "
+        "a force-displacement shape other than the model's, such as end stops or progressive gas stiffness, explains "
         "{percent_explained:.0f} % of the misfit"
     ),
     "unexplained": (
@@ -332,29 +349,33 @@ CAUSES = {
 """What may explain a misfit, or is implausible."""
 
 NEXT = {
-    "next-units-force": "multiply the force by {factor:g}, or state its unit on import (--column force=NAME:kN)",
-    "next-units-time": "multiply the time by {factor:g}, or state its unit on import (--column time=NAME:ms)",
+    "next-units-force": "multiply the force by {factor:g}, or specify its unit on import (--column force=NAME:kN)",
+    "next-units-time": "multiply the time by {factor:g}, or specify its unit on import (--column time=NAME:ms)",
     "next-units-displacement": (
-        "multiply the displacement by {factor:g}, or state its unit on import (--column displacement=NAME:mm)"
+        "multiply the displacement by {factor:g}, or specify its unit on import (--column displacement=NAME:mm)"
     ),
-    "next-units-current": "multiply the current by {factor:g}, or state its unit on import (--column current=NAME:mA)",
+    "next-units-current": "multiply the current by {factor:g}, or specify its unit on import (--column "
+    "current=NAME:mA)",
     "next-odd-test": (
-        "check the current, the units and ranges of both channels and the damper of that test, or identify without it"
+        "check the current, the units and ranges of both channels and the damper of that test, or identify without "
+        "that test"
     ),
-    "next-units-velocity": "give displacement in m, velocity in m/s, acceleration in m/s^2 and the interval in s",
+    "next-units-velocity": "provide displacement in m, velocity in m/s, acceleration in m/s^2 and the interval in s",
     "next-signs-reversed": (
-        "check the signs by a slow manual extension: displacement increases, force is positive; if both are reversed, "
-        "multiply both by -1; if neither is, check the zero of the load cell"
+        "check the signs with a slow manual extension, in which displacement must increase and force must be "
+        "positive; if both signs are "
+        "reversed, multiply both signals by -1; if neither is, check the zero of the load cell"
     ),
     "next-force-offset": (
-        "read the load cell with the rod free, and check the signs by a slow manual extension: displacement "
-        "increases, force is positive"
+        "read the load cell with the rod free, and check the signs with a slow manual extension, in which "
+        "displacement must increase and force must be positive"
     ),
     "next-skew": (
-        "measure the delay of both channels with one sharp motion, or shift the force by this delay before the fit"
+        "measure the delay between the two channels with one sharp motion, or shift the force by this delay before "
+        "the fit"
     ),
     "next-force-drift": (
-        "check zero and gain of the load cell before and after the tests; warm up amplifier and damper, and repeat "
+        "check the zero and gain of the load cell before and after the tests; warm up amplifier and damper, and repeat "
         "the first test at the end"
     ),
     "next-temperature": "fit with --temperature-law both, or keep the damper within a temperature window",
@@ -362,20 +383,21 @@ NEXT = {
     "next-clipping": "use a larger range of the force channel, or reduce speed and current",
     "next-series-compliance": "fit with --series-spring; measure the displacement at the damper itself",
     "next-current-law": "fit with --current-law saturating, or compare the laws with --current-law all",
-    "next-current-law-two": "measure at 0 A and at an intermediate current",
+    "next-current-law-two": "run tests at 0 A and at an intermediate current",
     "next-current-sign": (
-        "give all currents as positive values: the direction of the magnetic field does not affect the yield force"
+        "enter all currents as positive values: the direction of the magnetic field does not affect the yield force"
     ),
     "next-missing-hysteresis": (
-        "{untried}measure slow triangles of several amplitudes, which show the force after a reversal"
+        "{untried}run slow triangle tests with several amplitudes, which show the force after a reversal"
     ),
-    "next-mixed-specimens": "check which damper was mounted, and identify these tests separately",
-    "next-speed-shape": "{untried}measure sines of more amplitudes at the same frequency",
+    "next-mixed-specimens": "check which damper was mounted, and identify the tests of each damper separately",
+    "next-speed-shape": "{untried}run sine tests at the same frequency with more amplitudes",
     "next-unexplained": (
-        "{untried}repeat {worst}, the first test and one with the currents in another order: a model cannot describe "
+        "{untried}repeat {worst}, the first test, and the tests with the currents in another order: a model cannot "
+        "describe "
         "differences between repeats"
     ),
-    "next-stroke-shape": "measure with smaller amplitudes, at more positions of the stroke",
+    "next-stroke-shape": "run tests with smaller amplitudes at more positions along the stroke",
 }
 """What to measure or correct next; `untried` is `UNTRIED` where not every model was compared, else empty."""
 

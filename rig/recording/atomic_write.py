@@ -228,7 +228,7 @@ def inner_folder(folder: Path, name: str) -> Path:
     inner = folder / name
     inner.mkdir(parents=True, exist_ok=True)
     if inner.is_symlink():
-        raise OSError(errno.ELOOP, "is a symbolic link; files are written into a real folder only", str(inner))
+        raise OSError(errno.ELOOP, "is a symbolic link; files are written only into a real folder", str(inner))
     return inner
 
 

@@ -131,8 +131,8 @@ def _said_twice(files: Sequence[Path], wanted: WantedTests) -> Iterator[str]:
     places = [Path(file).resolve() for file in files]
     for place in dict.fromkeys(place for place in places if places.count(place) > 1):
         yield (
-            f"{place} is given {places.count(place)} times. Fix: give each file once, because copies would reduce the "
-            "intervals wrongly"
+            f"{place} is given {places.count(place)} times. Fix: name each file only once, because copies would make "
+            "the intervals too narrow"
         )
 
 
@@ -181,7 +181,7 @@ def _tests_of(
         table.setdefault("commanded_current", table["voltage"] * wanted.ampere_per_volt)
     parts, notes = _parts(opened, table["time"], wanted)
     if not parts:
-        raise FileProblem(str(file), [*notes, f"no part has {FEWEST_ROWS} rows (read as {opened.read_as})"])
+        raise FileProblem(str(file), [*notes, f"no part of the file has {FEWEST_ROWS} rows (read as {opened.read_as})"])
     tests = []
     for number, (start, stop) in enumerate(parts, start=1):
         part = "_".join([*([name] if name else []), *([f"part{number}"] if len(parts) > 1 else [])])
@@ -286,9 +286,9 @@ def _notes(breaks: Sequence[Break], count: int, parts: Sequence[tuple[int, int]]
     if events:
         yield f"{sum(one.count for one in events)} row(s) without numbers skipped ({_lines(events)})"
     if count > 1:
-        yield f"split there into {count} parts, one test each"
+        yield f"split into {count} parts there, one test each"
     elif headings:
-        yield "joined, because the time continues"
+        yield "the parts were joined because the time continues"
     used = sum(stop - start for start, stop in parts)
     if used < rows:
         yield f"{rows - used} rows in parts of fewer than {FEWEST_ROWS} rows skipped"
@@ -319,7 +319,8 @@ def _choices(file: Path, opened: ForeignFile, wanted: WantedTests) -> dict[str, 
     try:
         check_wanted(wanted.columns, wanted.scales)
         if {"voltage", "commanded_current"} <= wanted.columns.keys():
-            raise FileProblem("--column", ["voltage and commanded_current both command the coil. Fix: name one"])
+            raise FileProblem("--column", ["voltage and commanded_current both command the coil. Fix: name only one "
+                "of them"])
         return choose(opened.columns, wanted.columns, opened.is_stamps, wanted.scales)
     except FileProblem as error:
         absent = [name for name in (*REQUIRED, "time") if name not in wanted.columns]
@@ -357,7 +358,7 @@ def _table(
         if time_s is None:
             hint = "".join(f"; perhaps {option}" for option in suggestions(opened.columns, ["time"]))
             raise FileProblem(str(file), [
-                f"time: no column given. Fix: write --column time=NAME, or --rate '1 kHz'{hint}"
+                f"time: no column specified. Fix: write --column time=NAME, or --rate '1 kHz'{hint}"
             ])  # fmt: skip
         table["time"] = time_s
     check_alike(file, list(table), [len(values) for values in table.values()])
@@ -383,7 +384,7 @@ def _together(
         told = ", ".join(f"{opened.columns[choice.place].full or choice.column} {len(by_quantity[quantity])} samples"
                          for quantity, choice in choices.items())  # fmt: skip
         raise FileProblem(str(file), [
-            f"its channels were not sampled together: {told}. Fix: resample them to a common time base first "
+            f"its channels were not sampled together: {told}. Fix: first resample the channels to a common time base "
             "(MDF.resample)"
         ])  # fmt: skip
     time_s, channels = brought
@@ -403,7 +404,7 @@ def without_no_value(values: FloatArray, stated: Sequence[float] | None) -> tupl
     infinite = np.isinf(values)
     notes = [f"{np.count_nonzero(infinite)} infinite value(s) read as missing"] * bool(infinite.any())
     values, missing = without_sentinels(np.where(infinite, np.nan, values) if notes else values, stated)
-    return values, [*notes, *(f"{count} x {number:g} read as missing" for number, count in missing.items())]
+    return values, [*notes, *(f"{count} values of {number:g} read as missing" for number, count in missing.items())]
 
 
 def without_sentinels(values: FloatArray, stated: Sequence[float] | None) -> tuple[FloatArray, dict[float, int]]:
@@ -454,7 +455,7 @@ def _wrong_time(
     wrong = np.flatnonzero(~(np.diff(time_s) > 0.0))
     if len(wrong):
         row = int(wrong[0]) + 1
-        yield (f"{opened.row_name(row + first_row)}: time {float(time_s[row])!r} s does not come after "
+        yield (f"{opened.row_name(row + first_row)}: time {float(time_s[row])!r} s is not after "
             f"{float(time_s[row - 1])!r} s ({len(wrong)} such line(s)); times must increase. Fix: for "
             "samples at a constant rate, use --rate instead of the column")  # fmt: skip
 
@@ -477,7 +478,7 @@ def _empty(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice])
     """Columns without a single number; the time and the current have their own words."""
     for quantity, choice in choices.items():
         if quantity not in {"time", "current", "commanded_current"} and not np.any(np.isfinite(table[quantity])):
-            way_out = "name another column" if quantity in REQUIRED else "name another column, or none"
+            way_out = "name another column" if quantity in REQUIRED else "name another column, or omit the column"
             yield f"column {choice.text!r}, as {quantity}: no number in any of {len(table[quantity])} rows; {way_out}"
 
 
@@ -507,7 +508,7 @@ def _nominal_A(
     """
     if known is not None:
         if not np.any(np.isfinite(known)):
-            raise ValueError("the column of the current contains no number")
+            raise ValueError("the current column does not contain any numbers")
         return float(np.nanmedian(known))
     if pattern is None and wanted.current_A is None:
         raise ValueError(
@@ -522,9 +523,9 @@ def _nominal_A(
     try:
         value = float((named["current"] or "").replace(",", "."))
     except ValueError as error:
-        raise ValueError(f"current {named['current']!r} in the name is not a number (A)") from error
+        raise ValueError(f"current {named['current']!r} in the file name is not a number (A)") from error
     if not abs(value) <= LARGEST["current"][0]:
-        raise ValueError(f"current {value:g} A in the name; a test has at most {LARGEST['current'][0]:g} A")
+        raise ValueError(f"current {value:g} A in the file name; a test has at most {LARGEST['current'][0]:g} A")
     return value
 
 

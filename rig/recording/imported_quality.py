@@ -115,7 +115,7 @@ def _spikes(test: TestSamples) -> Iterator[Reason]:
         yield suspect(
             "sensor-spike", f"{len(places)} single {name} sample(s) deviate from the signal, the first at "
                 f"{test.time_s[first]:.6g} s with {factor * values[first]:.5g} {unit}: interference or a damaged row. "
-                "Fix: correct the value in the source, or leave it empty",
+                "Fix: correct the value in the source file, or leave the cell empty",
         )
 
 
@@ -149,8 +149,9 @@ def _unsteady(motion: MeasuredMotion | None) -> list[Reason]:
             continue
         least, most = float(np.min(values)), float(np.max(values))
         return [invalid(
-            "unsteady-motion", f"cycles {what} {least:.3g} to {most:.3g} {unit}: not a single motion. Fix: import a "
-                f"sweep with the waveform `random`; import each motion of {FEWEST_CYCLES} or more cycles as one test",
+            "unsteady-motion", f"cycles {what} {least:.3g} to {most:.3g} {unit}: this is not a single motion. Fix: "
+                f"import a sweep with the waveform `random`; import each motion of {FEWEST_CYCLES} or more cycles as "
+                f"a separate test",
             least=least, most=most,
         )]
     return []
@@ -166,9 +167,9 @@ def _drifting(test: TestSamples, motion: MeasuredMotion | None) -> Iterator[Reas
     shift_m = float(np.polyfit(np.arange(motion.cycles), middles_m, 1)[0])
     if abs(shift_m) > DRIFTING * motion.amplitude_m:
         yield suspect(
-            "unsteady-motion", f"the middle of the motion shifts by {1e3 * shift_m:.3g} mm in each cycle (limit "
-            f"{1e3 * DRIFTING * motion.amplitude_m:.3g} mm): amplitude, frequency and damping are wrong. Fix: check "
-            "the displacement sensor for drift; subtract the drift in the source, or repeat the test",
+            "unsteady-motion", f"the mean position of the motion shifts by {1e3 * shift_m:.3g} mm in each cycle (limit "
+            f"{1e3 * DRIFTING * motion.amplitude_m:.3g} mm): the amplitude, frequency and damping are therefore wrong. "
+            "Fix: check the displacement sensor for drift; subtract the drift in the source file, or repeat the test",
             shift_m=shift_m,
         )
 
@@ -195,8 +196,9 @@ def _current_off(test: TestSamples, motion: MeasuredMotion | None) -> list[Reaso
     if not off_A > limit_A:
         return []
     return [invalid(
-        "current-tracking", f"the current is off by {1e3 * off_A:.3g} mA from {test.nominal_current_A:.3g} A in a "
-            f"part of the cycles (limit {1e3 * limit_A:.3g} mA): not a single test. Fix: exclude that part; if the "
+        "current-tracking", f"the current is off by {1e3 * off_A:.3g} mA from {test.nominal_current_A:.3g} A in "
+            f"some of the cycles (limit {1e3 * limit_A:.3g} mA): this is not a single test. Fix: exclude these "
+            f"cycles; if the "
             "current varies intentionally, import it with the waveform `random`",
         off_A=off_A, limit_A=limit_A,
     )]

@@ -110,7 +110,7 @@ def write_run(tests: Sequence[ImportedTest], out: Path, said: Described) -> Path
         _write_run(folder, tests, said)
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)  # made here, a moment ago, by this very function
-        raise FileProblem(str(folder), [f"cannot be written: {error}; nothing was imported"]) from error
+        raise FileProblem(str(folder), [f"could not be written: {error}; nothing was imported"]) from error
     return folder
 
 
@@ -183,7 +183,7 @@ def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
         ))  # fmt: skip
     quality = PointQuality(
         verdict=assessment.verdict, lost_samples=assessment.lost, coil_low_degC=low_degC, coil_high_degC=high_degC,
-        skew=SkewQuality(value_s=0.0, std_s=0.0, method="as imported: one time base, not checked"),
+        skew=SkewQuality(value_s=0.0, std_s=0.0, method="as imported: a common time base, not checked"),
         motion=MotionQuality(cycles=0) if motion is None else MotionQuality(
             cycles=motion.cycles, amplitude_m=motion.amplitude_m, frequency_Hz=motion.frequency_Hz,
             mean_m=motion.mean_m, start_s=motion.start_s, end_s=motion.end_s,

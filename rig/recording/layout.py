@@ -194,15 +194,15 @@ class PointContext:
             sensors = {name: SensorContext(**entry) for name, entry in raw.pop("sensors").items()}
             requested = raw.pop("point")
             if unknown := requested.keys() - NAMES:
-                raise ValueError(f"journal header is not a point's context: point has {sorted(unknown)}")
+                raise ValueError(f"the journal header does not describe a point: point has {sorted(unknown)}")
             context = cls(
                 point=TestPoint(**point_fields(requested)), commanded=commanded_of(requested), sensors=sensors, **raw
             )
         except (AttributeError, KeyError, RecursionError, TypeError) as error:
-            raise ValueError(f"journal header is not a point's context: {error}") from error
+            raise ValueError(f"the journal header does not describe a point: {error}") from error
         if not isinstance(context.provenance, dict):
-            raise ValueError("journal header is not a point's context: provenance is not an object")
+            raise ValueError("the journal header does not describe a point: its provenance is not an object")
         stated = context.channels
         if not isinstance(stated, dict) or not all(isinstance(origin, dict) for origin in stated.values()):
-            raise ValueError("journal header is not a point's context: channels are not objects")
+            raise ValueError("the journal header does not describe a point: its channels are not objects")
         return context

@@ -171,7 +171,8 @@ class RecordedPoint(TestPoint):
             arrays["velocity"] = velocity_of(time_s, displacement_m)[0]
         for name in ("displacement", "force"):
             if not np.any(np.isfinite(arrays[name])):
-                raise FileProblem(id, [f"{name}: no number in any of {len(time_s)} rows. Fix: name another column"])
+                raise FileProblem(id, [f"{name}: none of {len(time_s)} rows contains a number. Fix: name another "
+                    f"column"])
         if "amplitude_m" not in description:
             check_one_motion(id, time_s, displacement_m, arrays["current"] if measured else None, waveform)
         assessment = assess(TestSamples(
@@ -225,7 +226,7 @@ class RecordedPoint(TestPoint):
     @property
     def _file(self) -> Path:
         if self.path is None:
-            raise FileProblem(self.id, ["this point was made in memory without a file and without this data"])
+            raise FileProblem(self.id, ["this point was created in memory, without a file and without these data"])
         return self.path
 
     @property

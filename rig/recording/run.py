@@ -64,7 +64,8 @@ class Selection:
 def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
     name, separator, value = (piece.strip() for piece in part.partition("="))
     if not separator or not value:
-        raise ValueError(f"{part.strip()!r} is not a condition; expected one such as waveform=triangle or current_A=1")
+        raise ValueError(f"{part.strip()!r} is not a condition; expected, for example, waveform=triangle or "
+            f"current_A=1")
     if name in TEXTS:
         return name, tuple(item.strip() for item in value.split("|"))
     if name not in NUMBERS:
@@ -136,7 +137,7 @@ class Run:
         unreadable = tuple(f"{name} left out: unreadable (points/{name}.h5: {problem})" for name, problem in problems)
         unreadable += copies
         if unreadable:
-            fix = "restore the file from a copy, or move it out of points/"
+            fix = "restore the file from a backup, or move it out of points/"
             warnings.warn(f"{place}: {'; '.join(unreadable)}. Fix: {fix}", DataWarning, stacklevel=2)
         counted = tuple(point for point in points if not point.kept_apart)
         apart = tuple(point for point in points if point.kept_apart)
@@ -210,7 +211,7 @@ def _misplaced(points: Iterable[RecordedPoint], campaign: Mapping[str, Any]) -> 
     """Files that have another point's name, or come from another campaign: they are used, and named."""
     for point in points:
         if not _has_own_name(point):
-            yield f"points/{_stem(point)}.h5 holds the point {point.id}; it is used under that id. Fix: rename the file"
+            yield f"points/{_stem(point)}.h5 holds the point {point.id}; it is used under that ID. Fix: rename the file"
         pairs = [(point.provenance.get(name), campaign.get(key)) for name, key in OF_CAMPAIGN.items()]
         if all(theirs and ours and theirs != ours for theirs, ours in pairs):
             yield (
@@ -255,10 +256,10 @@ def read_words(folder: Path) -> dict[str, Any]:
 def _why_no_run(place: Path) -> str:
     if not place.exists():
         return (
-            "no such directory. Fix: give the directory of a campaign, as printed by `rig run` or listed by `rig runs`"
+            "no such folder. Fix: specify the folder of a campaign, as printed by `rig run` or listed by `rig runs`"
         )
     points = CampaignFolder(place).points
     journals = unfinished(points) if points.is_dir() else []
     if journals:
-        return f"contains no finished point, but {len(journals)} journal(s). Fix: run `rig recover` on it first"
-    return "not a run: it has no points/*.h5"
+        return f"contains {len(journals)} journal(s) but no finished point. Fix: first run `rig recover` on this folder"
+    return "this is not a run: it contains no points/*.h5"

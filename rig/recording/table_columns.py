@@ -72,7 +72,7 @@ class TableUnits:
             known = ", ".join(units_for(dimension))
             raise ValueError(f"column {column!r}: {text!r} is not a unit of {dimension}; {known}")
         if by_name is not None and by_name != unit[1]:
-            raise ValueError(f"column {column!r}: its name states {suffix}, but its unit is stated as {text}")
+            raise ValueError(f"column {column!r}: the name states {suffix}, but the unit is stated as {text}")
         return unit[1]
 
 
@@ -132,18 +132,19 @@ def table_channels(
         row = int(wrong[0]) + 1
         now_s, before_s = channels["time"][row], channels["time"][row - 1]
         raise FileProblem(where, [
-            f"row {row}: time {now_s:.9g} s does not come after {before_s:.9g} s ({len(wrong)} such rows); it must "
-            "increase from row to row, and the time stamps have no uniform rate. Fix: sort them, or set the time: "
+            f"row {row}: time {now_s:.9g} s is not after {before_s:.9g} s ({len(wrong)} such rows); it must "
+            "increase from row to row, and the time stamps do not have a uniform rate. Fix: sort the rows, or set "
+            "the time: "
             "table.index = pd.Index(np.arange(len(table)) / rate_Hz, name='time_s')"
         ])
     doubts = list(implausible(channels, source, accept))
     if doubts:
-        way_out = "Fix: units={'displacement': 'mm', ...}; accept=(SLUG,) accepts the magnitude as it is"
+        way_out = "Fix: units={'displacement': 'mm', ...}; accept=(SLUG,) accepts the value as it is"
         raise FileProblem(where, [*doubts, way_out])
     if known.assumed:
         told = ", ".join(f"{name} in {unit}" for name, unit in known.assumed.items())
-        warnings.warn(f"{where}: columns without a unit are read in SI: {told}. State "
-            f"them: units={{'force': 'kN'}}, table.attrs['units'], or names such as "
+        warnings.warn(f"{where}: columns without a unit are read in SI units: {told}. "
+            f"Specify the units: units={{'force': 'kN'}}, table.attrs['units'], or names such as "
             "force_kN", stacklevel=3)  # fmt: skip
     return channels, times
 
@@ -234,7 +235,7 @@ def table_time(
     times = certain or bare
     if not times:
         raise FileProblem(where, [
-            f"the table has no time: its index ({table.index.name or 'without a name'}) counts rows. Fix: give a "
+            f"the table has no time: its index ({table.index.name or 'without a name'}) counts rows. Fix: add a "
             "column `time_s`, or set the index to the time in s: table.index = pd.Index(time_s, name='time_s')"
         ])  # fmt: skip
     column, time_s = times[0]
@@ -284,7 +285,10 @@ def _of_stamps(source: Any, where: str) -> FloatArray:  # noqa: ANN401 - an inde
     try:
         return seconds_of_stamps(source.tolist())[0]
     except (ValueError, OverflowError) as error:
-        problem = f"the time in {source.name!r}: {error}. Fix: repair the row, or write all time stamps alike"
+        problem = (
+            f"the time in {source.name!r}: {error}. Fix: repair the row, or write all time stamps in the same "
+            f"format"
+        )
         raise FileProblem(where, [problem]) from error
 
 
@@ -309,7 +313,10 @@ def _seconds(source: Any, where: str, known: TableUnits) -> FloatArray:  # noqa:
     if stated is not None:
         unit = named_unit(str(stated), "time")
         if unit is None or ("_" in name and unit[1].scale != scale):
-            problem = f"the time in {source.name!r}: {stated!r} is not a unit of time, or not the unit in its name"
+            problem = (
+                f"the time in {source.name!r}: {stated!r} is not a unit of time or contradicts the unit in its "
+                f"name"
+            )
             raise FileProblem(where, [problem])
         scale = unit[1].scale
     try:

@@ -75,7 +75,7 @@ class Controller:
         self._limits = (float(self._grid[0]), float(self._grid[-1])) if limits_A is None else limits_A
         problems = [f"dt_s = {dt_s:g}, expected a positive time in seconds"] if not 0.0 < dt_s < math.inf else []
         if not self._limits[0] < self._limits[1]:
-            problems.append(f"limits_A = {self._limits}, expected the least current below the greatest")
+            problems.append(f"limits_A = {self._limits}, expected the lowest current to be below the highest")
         if problems:
             raise FileProblem("controller", problems)
         self._mid_stroke_m = mid_stroke_m
@@ -102,7 +102,8 @@ class Controller:
         asked = {"force_N": force_N, "displacement_m": displacement_m, "velocity_m_s": velocity_m_s}
         for name, value in {**asked, "acceleration_m_s2": acceleration_m_s2}.items():
             if not math.isfinite(value):
-                raise ValueError(f"controller: {name} = {value:g}, expected a number; hold or drop the last command")
+                raise ValueError(f"controller: {name} = {value:g}, expected a number. Fix: hold or discard the last "
+                    f"command")
         self.coil_A = self._stays * self.coil_A + (1.0 - self._stays) * self._command_A
         now = (displacement_m - self._mid_stroke_m, velocity_m_s, acceleration_m_s2)
         state = self._advanced(now)

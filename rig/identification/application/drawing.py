@@ -25,7 +25,7 @@ def loops(law: Law, tests: Sequence[Measurement]) -> Plot:
         IdentificationFailed: there is no test to draw.
     """
     if not tests:
-        raise IdentificationFailed("no loops to draw: the fit contains no tests and names no recordings")
+        raise IdentificationFailed("no loops to draw: the fit contains neither tests nor references to recordings")
     currents = [float(np.mean(test.current_A)) for test in tests]
     levels = sorted(set(currents))
     over_u, over_v = list[Trace](), list[Trace]()

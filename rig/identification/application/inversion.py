@@ -42,7 +42,7 @@ def currents_A(tested: TestedRange | None) -> FloatArray:
     """
     if tested is None:
         raise IdentificationFailed(
-            "no inverse: the fit does not state its tested currents. Fix: identify the run again"
+            "no inverse: the fit does not contain the tested currents. Fix: identify the run again"
         )
     low, high = tested.current_A
     if high - low < SAME:
@@ -160,7 +160,7 @@ def _start(law: Law, motion: Motion, state: FloatArray | None) -> FloatArray:
     if count and motion.time_s is None:
         raise FileProblem("state", [
             f"{law.model.name} has internal states. Fix: give `state`, as returned by `fit.simulate`, or `time_s`, to "
-            "integrate them from rest"
+            "integrate the states from rest"
         ])  # fmt: skip
     return law.model.initial_state(float(motion.u_m[0]))[None, :]
 

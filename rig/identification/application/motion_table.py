@@ -90,7 +90,7 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "", also: 
         problems.append(f"column `time_s` (s): missing, and {needs_time}")
     elif time_s is None and not _named(frame, "velocity_m_s"):
         problems.append(
-            "column `velocity_m_s`: missing. Fix: give it, or give `time_s` to differentiate the displacement"
+            "column `velocity_m_s`: missing. Fix: add it, or add `time_s` to differentiate the displacement"
         )
     if len(frame) == 0:
         problems.append("no rows")

@@ -48,12 +48,12 @@ def simulate(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: f
     Raises:
         FileProblem: the table cannot be used, or the lag is wanted and not known.
     """
-    motion = motion_of(table, mid_stroke_m, needs_time="a simulation integrates them")
+    motion = motion_of(table, mid_stroke_m, needs_time="a simulation integrates these states")
     if lag:
         if law.eta_1_s is None:
             raise FileProblem("the fit", [
-                "the time constant of the coil (eta) was not identified in these tests. Fix: give the actual coil "
-                "current and lag=False, or fit tests with current steps",
+                "the time constant of the coil (eta) was not identified in these tests. Fix: provide the actual "
+                "coil current with lag=False, or fit tests with current steps",
             ])  # fmt: skip
         motion = replace(motion, current_A=coil_current(motion.current_A, law.eta_1_s, motion.dt_s))
     given, motion = motion, _at_a_temperature(law, motion)
@@ -101,7 +101,7 @@ def _assuming(frame: pd.DataFrame, law: Law, motion: Motion) -> pd.DataFrame:
     given = motion.temperature_degC
     missing = motion.u_m.size if given is None else int(np.count_nonzero(np.isnan(given)))
     if missing == motion.u_m.size:
-        frame.attrs["assumed"] = f"no temperature given: force at {law.temperature.reference_degC:.4g} degC"
+        frame.attrs["assumed"] = f"no temperature given; the force applies at {law.temperature.reference_degC:.4g} degC"
     elif missing:
         frame.attrs["assumed"] = f"no temperature in {missing} of {motion.u_m.size} rows: interpolated linearly"
     return frame
@@ -126,7 +126,7 @@ def with_band(columns: dict[str, FloatArray], motion: Motion, tested: TestedRang
     if tested is None:
         frame["low_N"] = frame["high_N"] = math.nan
         frame["extrapolates"], frame["beyond"] = True, UNKNOWN
-        frame.attrs["extrapolation"] = "the fit does not state its tested range. Fix: identify the run again"
+        frame.attrs["extrapolation"] = "the fit does not contain the tested range. Fix: identify the run again"
         return frame
     half_N = tested.band.at(motion.current_A)
     frame["low_N"], frame["high_N"] = columns["force_N"] - half_N, columns["force_N"] + half_N

@@ -149,7 +149,8 @@ def slope_at_zero(displacement_m: FloatArray, velocity_m_s: FloatArray, w: Float
         crossing = displacement_m[span][np.argmin(np.abs(w[span]))]
         slopes.append(float(fit.deriv()(crossing)))
     if not slopes:
-        raise IdentificationFailed("zhu_three_step: no zero crossing of w has three samples. Fix: sample faster")
+        raise IdentificationFailed("zhu_three_step: no zero crossing of w has three samples. Fix: increase the "
+            "sample rate")
     return float(np.median(slopes))
 
 
@@ -198,7 +199,7 @@ def transition_shape(
             branches.append(np.arange(first, first + int(near.sum())))
     if not branches:
         raise IdentificationFailed(
-            "zhu_three_step: no transition after a reversal has five samples. Fix: sample faster"
+            "zhu_three_step: no transition after a reversal has five samples. Fix: increase the sample rate"
         )
 
     def error(shape: FloatArray) -> FloatArray:
@@ -284,7 +285,7 @@ def solve_three_steps(
     affine = "kw_b" not in held
     if affine and len(levels_of(fitted)) == 1:
         raise IdentificationFailed(
-            f"zhu_three_step succeeds at {currents_A[0]:.2f} A only, where kw and kw_b, kv and kv_b are not separable "
+            f"zhu_three_step succeeds only at {currents_A[0]:.2f} A, where kw and kw_b, kv and kv_b are not separable "
             f"({'; '.join(refused)}). Fix: use the tests at other currents for validation, or use separable"
         )
     values = {

@@ -43,7 +43,7 @@ def refuse_seen(fitted: Sequence[RecordedPoint | Measurement], held_out: Sequenc
     if twice:
         raise IdentificationFailed(
             f"{len(twice)} validation test(s) are also fitted ({some(twice)}), so their errors do not validate the "
-            "fit. Fix: hold out another run, or part of this one by a filter such as frequency_Hz=2"
+            "fit. Fix: hold out another run, or part of this run, with a filter such as frequency_Hz=2"
         )
 
 
@@ -65,7 +65,7 @@ def refuse_twice(fitted: Sequence[RecordedPoint | Measurement]) -> None:
     if twice:
         raise IdentificationFailed(
             f"{len(twice)} recording(s) are given twice ({some(twice)} contain the same force, sample by sample); a "
-            "second copy narrows every interval without new information. Fix: give each run once"
+            "second copy narrows every interval without new information. Fix: name each run only once"
         )
 
 

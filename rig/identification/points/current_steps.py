@@ -65,7 +65,7 @@ def lag_of(points: Sequence[RecordedPoint]) -> tuple[CurrentLag | None, list[str
         if not point.at_rest:
             continue
         if point.verdict == "invalid":
-            refused.append(f"{point.id} not used: its recording is invalid")
+            refused.append(f"{point.id} not used because its recording is invalid")
             continue
         try:
             with evaluating("it"):
@@ -97,7 +97,7 @@ def fit_lag(point: RecordedPoint) -> CurrentLag:
     levels_A = list(point.steps_A)
     raw = point.raw("coil_current")
     if len(levels_A) < 2 or raw is None or "time" not in raw:
-        raise IdentificationFailed("the run contains no current steps with a measured current")
+        raise IdentificationFailed("the run does not contain current steps with a measured current")
     time_s, current_A = raw["time"].astype(np.float64), raw["value"].astype(np.float64)
     good = np.isfinite(current_A) & np.isfinite(time_s)
     time_s, current_A = time_s[good], current_A[good]
@@ -111,7 +111,7 @@ def fit_lag(point: RecordedPoint) -> CurrentLag:
     known = best is not None and 0.0 < best.std_1_s < LARGEST_DETERMINED_SHARE * best.eta_1_s
     if best is None or not known or best.eta_1_s > fastest_1_s:
         raise IdentificationFailed(
-            "its current does not follow the steps as a first-order lag that is slow compared with the ECU's status "
+            "the current does not follow the steps as a first-order lag that is slow compared with the ECU's status "
             "period; eta is not determined"
         )
     return CurrentLag(best.eta_1_s, best.std_1_s, _delay_s(point, best.starts_s, levels_A), best.rmse_A, len(starts_s))
@@ -220,7 +220,7 @@ def _step_times(time_s: FloatArray, current_A: FloatArray, levels_A: Sequence[fl
         arrived = np.flatnonzero(share[half[0] :] >= 0.95)
         if len(arrived) == 0:
             raise IdentificationFailed(
-                f"the current has not settled at {after_A:g} A before the next step. Fix: hold it longer"
+                f"the current has not settled at {after_A:g} A before the next step. Fix: hold the current longer"
             )
         position += int(half[0] + arrived[0])
         if len(starts) > 1 and np.count_nonzero((time_s >= starts[-2]) & (time_s < starts[-1])) < FEWEST_SAMPLES_A_STEP:

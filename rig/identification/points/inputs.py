@@ -122,11 +122,14 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
         held_out = [] if isinstance(others, Run) else [item for item in others if isinstance(item, Measurement)]
         count = len(others.valid if isinstance(others, Run) else others)
         if not count:
-            where = f"the run {others.path} contains no valid point" if isinstance(others, Run) else "no test was given"
+            where = f"the run {others.path} contains no valid point" if isinstance(others, Run) else (
+                "no test was "
+                "specified"
+            )
             raise IdentificationFailed(f"holdout: {where}. Fix: omit holdout to fit without validation")
         if not kept_out and not held_out:
             raise IdentificationFailed(
-                f"holdout: none of the {count} points is a loop; only loops are used for validation"
+                f"holdout: none of the {count} points contains loops; only loops are used for validation"
             )
     refuse_twice([*points, *fitted])
     refuse_seen([*points, *fitted], [*kept_out, *held_out])

@@ -53,7 +53,7 @@ class Fit(FitRecord):
         if self.series is not None and self.series.stiffness_N_m is not None:
             raise IdentificationFailed(
                 "this fit describes the damper behind a series spring, whose motion is displacement - force / "
-                "stiffness. Fix: give that motion to `fit.behind_spring`"
+                "stiffness. Fix: pass that motion to `fit.behind_spring`"
             )
         estimated = {name: estimate.value for name, estimate in self.parameters.items()}
         if self.coil_eta_1_s is not None:

@@ -30,7 +30,7 @@ from rig.signals.interpolation import flags_at, monotone_at, status_at
 CONTROLLER_CHANNELS = range(Channel.POSITION, Channel.CONTROLLER_FORCE + 1)
 ECU_CLOCKED = ("coil_current", "ecu_state", "ecu_faults")
 OWN_SAMPLES = "the sensor's own samples"
-RESAMPLED = "monotone cubic through the sensor's own samples, never beyond its two neighbours"
+RESAMPLED = "monotone cubic through the sensor's own samples, never beyond the two adjacent samples"
 INTERPOLATED = "linear interpolation between the values received"
 NEIGHBOURS = 4
 MOST_FOR_A_MEDIAN = 20_000
@@ -141,7 +141,7 @@ def align(
     by_name = records if isinstance(records, Mapping) else split(records)
     for name in ("displacement", "force"):
         if name not in by_name:
-            raise NothingRecorded(f"no sample of {name} was recorded")
+            raise NothingRecorded(f"no {name} samples were recorded")
     host = _host_map(by_name, context.device_rate)
     sensors, delays = timed_sensors(by_name, host, context, delays, behind_arrivals)
     timed = {

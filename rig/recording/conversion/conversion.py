@@ -36,8 +36,8 @@ from rig.signals.derivatives import MARGIN, METHOD, velocity_of
 from rig.signals.estimate import Estimate
 
 UNMEASURED = {
-    "operator": "constant: set manually, as the operator confirmed it; not measured",
-    "set-point": f"the set-point that was sent, not measured; {INTERPOLATED}",
+    "operator": "constant: set manually and confirmed by the operator; not measured",
+    "set-point": f"the set-point sent, not a measured value; {INTERPOLATED}",
 }
 """How a current that no device measured was made, by who states it (`PointContext.current_told_by`)."""
 RAW_NAMES = {"current": "coil_current"}

@@ -150,7 +150,7 @@ class Converter:
             if left_s <= 0.0 or not select.select([process.stdout], [], [], left_s)[0]:
                 process.kill()
                 process.wait()
-                raise ConversionEnded("conversion-timeout", f"not finished within {timeout_s:.0f} s, cancelled")
+                raise ConversionEnded("conversion-timeout", f"not finished within {timeout_s:.0f} s; cancelled")
             data = os.read(process.stdout.fileno(), 1 << 16)
             if not data:
                 return None
@@ -161,7 +161,7 @@ class Converter:
     @staticmethod
     def _ended(process: subprocess.Popen[bytes]) -> ConversionEnded:
         code = process.wait()
-        how = f"ended with exit code {code}"
+        how = f"stopped with exit code {code}"
         if code < 0:
             name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
             how = f"was terminated by {name}"

@@ -50,7 +50,7 @@ CERTAIN = 2.0
 what it states is what all points leave open, since they contradict each other ..."""
 MATTERS_S = 1e-4
 """... and by how much, which is what a skew is to be known to."""
-WHY = "the campaign's points together, against the controller's own inputs"
+WHY = "all points of the campaign combined, compared with the controller's own inputs"
 
 
 @dataclass(frozen=True)
@@ -95,15 +95,16 @@ def _change(point: RecordedPoint, skew: PointSkew | BehindArrivals, instruments:
     if isinstance(skew, BehindArrivals):
         if stated_s > max(CERTAIN * skew.std_s, MATTERS_S) or after != before:
             why = f"all points combined determine the delay between force and displacement to {1e3 * skew.std_s:.2g} ms"
-            return Change(f"{why}, its own signals determine it to {1e3 * stated_s:.2g} ms", skew, reasons)
+            return Change(f"{why}; the point's own signals determine the delay to {1e3 * stated_s:.2g} "
+                f"ms", skew, reasons)
         return None
     off = abs(skew.shift_s) > max(CERTAIN * min(skew.std_s, stated_s), MATTERS_S)
     if off or skew.std_s > max(CERTAIN * stated_s, MATTERS_S):
         why = f"all points combined give a sensor delay of {1e3 * skew.delays.value_s:.3f} +- {1e3 * skew.std_s:.2g} ms"
         return Change(why, skew, reasons)
     if after != before:
-        return Change(f"with all points combined it is {after.verdict}, on its own it was "
-            f"{before.verdict}", skew, reasons)
+        return Change(f"with all points combined the verdict is {after.verdict}; for this "
+            f"point alone it was {before.verdict}", skew, reasons)
     return None
 
 
@@ -161,7 +162,8 @@ def _journal_of(path: Path, old: RecordedPoint) -> JournalContent:
     with opened(path) as file:
         group = file["entry/events"]
         if "host_ns" not in group or "journal_end" not in provenance:
-            raise FileProblem(str(path), ["does not contain the data that it was made from; it is not changed"])
+            raise FileProblem(str(path), ["does not contain the data from which it was created; the file is left "
+                "unchanged"])
         times = group["host_ns"][:].tolist()
         texts = [[text.decode("utf-8", "replace") for text in group[name][:].tolist()] for name in ("code", "text")]
     events = tuple(Event(time_ns, code, text.strip()) for time_ns, code, text in zip(times, *texts, strict=True))

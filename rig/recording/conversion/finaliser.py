@@ -157,7 +157,7 @@ class Finaliser:
                     continue
                 answered.add(answer["id"])
                 self._answers.put(FinishedPoint.from_json(answer))
-        gone = "the finaliser process ended early; `rig recover` completes the files"
+        gone = "the finaliser process stopped early; `rig recover` completes the files"
         for point_id in list(self._pending):
             if point_id not in answered:
                 self._answers.put(FinishedPoint(point_id, error=gone, error_slug="conversion-crashed"))

@@ -84,7 +84,7 @@ def check_wanted(columns: Mapping[str, str], scales: Mapping[str, str | float]) 
         f"{name}=NAME" for name in REQUIRED if name not in columns]
     for quantity, text in scales.items():
         if quantity not in columns:
-            problems.append(f"--scale {quantity}={text}: no column of {quantity} is given")
+            problems.append(f"--scale {quantity}={text}: no {quantity} column is specified")
             continue
         try:
             scaling_of(quantity, text)
@@ -204,7 +204,7 @@ def _found(columns: Sequence[ForeignColumn], text: str) -> tuple[int, str]:
             full = [columns[place].full for place in places]
             apart = all(full) and len({*full}) == len(full)
             others = ", ".join(full if apart else [f"#{place + 1}" for place in places])
-            raise ValueError(f"{len(places)} columns have the name {wanted!r}. Fix: select one by {others}")
+            raise ValueError(f"{len(places)} columns have the name {wanted!r}. Fix: select one of them by {others}")
     shown = ", ".join(column.name for column in columns[:MOST_SHOWN])
     more = f" and {len(columns) - MOST_SHOWN} more" if len(columns) > MOST_SHOWN else ""
     raise ValueError(f"no column {(name if colon else text)!r}; columns: {shown}{more}")
@@ -232,11 +232,11 @@ def _unit(column: ForeignColumn, given: str, dimension: str) -> tuple[str, str]:
     by_name = _suffix_unit(column.name, dimension)
     if not column.unit:
         if not by_name:
-            raise ValueError("unknown unit. Fix: end the name with it (x_mm), write it after a colon "
-                f"({column.name}:{units_of(dimension)[0]}), or give a sensitivity by --scale")  # fmt: skip
+            raise ValueError("unknown unit. Fix: append the unit to the name (x_mm), write it after a colon "
+                f"({column.name}:{units_of(dimension)[0]}), or specify a sensitivity with --scale")  # fmt: skip
         return by_name, "by its name"
     problem = (f"the file states {column.unit!r}, which is not a unit of {dimension} ({units}). Fix: "
-        "write the unit after a colon, or a sensitivity by --scale")  # fmt: skip
+        "write the unit after a colon, or specify a sensitivity with --scale")  # fmt: skip
     by_file = _of(column.unit, dimension, problem)
     if by_name and by_name != by_file:
         raise ValueError(f"its name states {by_name}, but the file {by_file}. Fix: write the correct unit after a "

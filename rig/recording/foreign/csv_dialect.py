@@ -34,7 +34,7 @@ COMMA = re.compile(r"[+-]?(\d++,?\d*+|,\d++)([eE][+-]?\d++)?", re.IGNORECASE)
 NUMBER_LIKE = re.compile(r"[-+]?[\d.,'\s]*\d[\d.,'\s]*([eEdD][-+]?\d{1,3})?")
 """What is a number written in another way, and no word."""
 FORTRAN = re.compile(r"(?<![\w.,])[+-]?(\d++[.,]?\d*+|[.,]\d++)[dD][+-]?\d{1,3}(?![\w.])")
-FORTRAN_HINT = "has Fortran's exponent D: write the numbers with E (sed -E 's/([0-9.])[Dd]([+-]?[0-9])/\\1E\\2/g')"
+FORTRAN_HINT = "has Fortran exponents with D: write them with E (sed -E 's/([0-9.])[Dd]([+-]?[0-9])/\\1E\\2/g')"
 GROUPED = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?"), ",": re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?"),
 }  # fmt: skip
@@ -110,7 +110,10 @@ def decoded(file: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
     wanted = encoding or next((name for mark, name in MARKS.items() if data.startswith(mark)), "utf-8-sig")
     if b"\0" in data and not wanted.lower().replace("_", "-").startswith(("utf-16", "utf-32")):
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
-        cut = " to its end, as of a recording that lost its power" if not data[data.index(b"\0") :].strip(b"\0") else ""
+        cut = (
+            " to the end of the file, as if recording ended with a loss of "
+            "power"
+        ) if not data[data.index(b"\0") :].strip(b"\0") else ""
         raise FileProblem(str(file), [
             f"line {line}: zero bytes{cut}, which do not occur in {wanted.removesuffix('-sig')} text. Fix: repair or "
             "remove that line, or use --encoding"
@@ -125,7 +128,7 @@ def decoded(file: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
             return data.decode("cp1252", errors="replace"), "cp1252"
         line = data.count(b"\n", 0, start) + 1
         shown = "UTF-8" if wanted == "utf-8-sig" else wanted
-        told = f"line {line}: not {shown} text. Fix: state another one with --encoding, such as cp1252"
+        told = f"line {line}: not {shown} text. Fix: specify another encoding with --encoding, such as cp1252"
         raise FileProblem(str(file), [told]) from error
 
 
@@ -187,7 +190,7 @@ def layout_of(file: Path, text: str, encoding: str, said: Dialect) -> CsvLayout:
         raise FileProblem(str(file), [
             f"no rows of numbers in the first {len(lines)} lines (expected three or more, with two or more columns). "
             "Fix: "
-            + (fortran or "state the layout with --separator, --decimal and --header-line"),
+            + (fortran or "specify the layout with --separator, --decimal and --header-line"),
         ])  # fmt: skip
     separator, first, count = rows
     sample = [cells for line in lines[first : first + 200] if (cells := cells_of(line, separator))]
@@ -345,14 +348,15 @@ def signs_of(file: Path, rows: Sequence[Sequence[str]], said: Dialect) -> tuple[
     decimal = stated or next(("," if cell.rfind(",") > cell.rfind(".") else "." for cell in both), "")
     commas = [cell for cell in cells if COMMA.fullmatch(cell) and "," in cell]
     points = [cell for cell in cells if POINT.fullmatch(cell) and "." in cell]
-    way_out = "--decimal ',' or --decimal . states the decimal sign, --thousands the other one"
+    way_out = "--decimal ',' or --decimal . specifies the decimal separator, --thousands the thousands separator"
     if not decimal and commas and points:
         raise FileProblem(str(file), [f"{commas[0]!r} and {points[0]!r} both occur as numbers: {way_out}"])
     unclear = commas or points
     if not decimal and unclear and all(_grouped("." if commas else ",", cell) for cell in unclear):
         whole = re.sub("[.,]", "", unclear[0])
         raise FileProblem(str(file), [
-            f"{unclear[0]!r} may be {whole} or a number with three decimals, as every other number with that sign: "
+            f"{unclear[0]!r} may be {whole} or a number with three decimals, like every other number with that "
+            f"separator: "
             f"{way_out}",
         ])  # fmt: skip
     decimal = decimal or ("," if commas else ".")

@@ -121,7 +121,7 @@ class CsvFile:
             self._look_again(places)
             table = self._table(self._rows_alone(places), places)
         if table is None:
-            raise FileProblem(str(self._file), list(self._wrong_values(places)) or ["not every value is a number"])
+            raise FileProblem(str(self._file), list(self._wrong_values(places)) or ["some values are not numbers"])
         columns = {place: table[place].to_numpy(copy=True) for place in places if place not in stamps}
         columns |= {place: self._seconds(table[place].tolist(), place) for place in stamps}
         if self._lines is None or int(self._lines[-1]) == self._text.count("\n") + 1:
@@ -194,8 +194,8 @@ class CsvFile:
         if numbers:
             raise FileProblem(str(self._file), [
                 *self._wrong_values(places),
-                f"{len(numbers)} row(s) with numbers in another format, or more numbers than columns. Fix: --decimal, "
-                "--thousands; the thousands sign must differ from the separator",
+                f"{len(numbers)} row(s) contain numbers in another format, or more numbers than columns. Fix: use "
+                "--decimal and --thousands; the thousands separator must differ from the column separator",
             ])  # fmt: skip
         if events and self._said.event_rows == "refuse":
             raise FileProblem(str(self._file), [
@@ -205,7 +205,8 @@ class CsvFile:
             ])  # fmt: skip
         if events > max(FEW_EVENTS, MOST_EVENTS * np.count_nonzero(good)):
             raise FileProblem(str(self._file), [
-                *self._wrong_values(places), f"{events} of {len(lines)} rows are not numbers: too many for events",
+                *self._wrong_values(places), f"{events} of {len(lines)} rows do not contain numbers: too many to be "
+                    f"events",
             ])  # fmt: skip
         self._lines = np.flatnonzero(good) + first
         return "\n".join(line for line, row in zip(lines, good, strict=True) if row) + "\n" * self._text.endswith("\n")
@@ -317,7 +318,7 @@ class CsvFile:
                 if cell.lower() not in NOTHING and not self.is_stamps(place) and not is_number(
                     cell, layout.decimal, grouped=grouped
                 ):
-                    hint = f"; its decimals are read with {layout.decimal!r} (--decimal, --thousands)"
+                    hint = f"; the decimal separator is taken to be {layout.decimal!r} (--decimal, --thousands)"
                     hint = hint if "," in cell or "." in cell else ""
                     hint = f"; it {FORTRAN_HINT}" if FORTRAN.fullmatch(cell) else hint
                     name = self.columns[place].name

@@ -65,7 +65,8 @@ def open_workbook(file: Path, data: bytes, said: Dialect) -> list[tuple[str, She
                     "one test per sheet"
                 ])  # fmt: skip
             if not wanted:
-                raise FileProblem(str(file), [f"Excel workbook without rows of numbers; its sheets: {_quoted(sheets)}"])
+                raise FileProblem(str(file), [f"Excel workbook without rows of numbers; it has the sheets: "
+                    f"{_quoted(sheets)}"])
             return [(name, SheetFile(file, sheets[name], said)) for name in wanted if name is not None]
     except FileProblem:
         raise
@@ -114,13 +115,14 @@ def _check_parts(file: Path, data: bytes) -> None:
             largest = LARGEST_BYTES if part.filename.startswith("xl/worksheets/") else LARGEST_PART_BYTES
             if part.file_size > largest:
                 raise FileProblem(str(file), [
-                    f"{part.filename[:80]!r} unpacks to {part.file_size} bytes; allowed at most {largest}"
+                    f"{part.filename[:80]!r} unpacks to {part.file_size} bytes; at most {largest} are allowed"
                 ])  # fmt: skip
             if part.filename.endswith((".xml", ".rels")):
                 with packed.open(part) as content:
                     head = content.read(4096)
                 if any(mark in head for mark in HIDDEN_MARKUP):
-                    raise FileProblem(str(file), [f"{part.filename[:80]!r} defines XML entities: not written by Excel"])
+                    raise FileProblem(str(file), [f"{part.filename[:80]!r} defines XML entities, which Excel does "
+                        f"not write"])
 
 
 def _has_table(file: Path, sheet: Any, said: Dialect) -> bool:  # noqa: ANN401 - of a half annotated library

@@ -156,7 +156,7 @@ def read_foreign_bytes(file: Path) -> bytes:
         raise FileProblem(str(file), [kind])
     size = file.stat().st_size
     if size > LARGEST_BYTES:
-        raise FileProblem(str(file), [f"{size} bytes; allowed at most {LARGEST_BYTES}"])
+        raise FileProblem(str(file), [f"{size} bytes; at most {LARGEST_BYTES} are allowed"])
     try:
         data = file.read_bytes()
     except OSError as error:
@@ -186,7 +186,7 @@ def check_size(file: Path, numbers: int) -> None:
         FileProblem: it does.
     """
     if numbers > MOST_NUMBERS:
-        raise FileProblem(str(file), [f"declares {numbers} numbers; allowed at most {MOST_NUMBERS}"])
+        raise FileProblem(str(file), [f"declares {numbers} numbers; at most {MOST_NUMBERS} are allowed"])
 
 
 def check_alike(file: Path, names: Sequence[str], rows: Sequence[int]) -> None:
@@ -197,7 +197,7 @@ def check_alike(file: Path, names: Sequence[str], rows: Sequence[int]) -> None:
     """
     if len(set(rows)) > 1:
         told = ", ".join(f"{name} {count}" for name, count in zip(names, rows, strict=True))
-        raise FileProblem(str(file), [f"its columns have different numbers of rows: {told}; a single time base is "
+        raise FileProblem(str(file), [f"its columns have different numbers of rows: {told}; a common time base is "
             "required"])
 
 
@@ -214,7 +214,7 @@ def unreadable(kind: str, error: BaseException) -> list[str]:
         gc.collect()
     finally:
         sys.unraisablehook = hook
-    return [f"cannot be read as {kind}; it is damaged or has another format ({told})"]
+    return [f"cannot be read as {kind}; the file is damaged or has another format ({told})"]
 
 
 def stream(data: bytes) -> io.BytesIO:

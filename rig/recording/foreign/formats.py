@@ -51,7 +51,7 @@ def _opened(file: Path, data: bytes, said: Dialect) -> list[tuple[str, ForeignFi
     if said.encoding is None and b"\0" in data[:4096] and data[:2] not in {b"\xff\xfe", b"\xfe\xff"}:
         encoding = encoding_without_mark(data)
         way_out = f"UTF-16 text without a byte order mark. Fix: --encoding {encoding}" if encoding else (
-            "a binary file of an unknown format. Fix: save it as CSV with the program that wrote it")
+            "a binary file of an unknown format. Fix: save the file as CSV with the program that wrote it")
         raise FileProblem(str(file), [f"not a text file: it contains zero bytes; {way_out}"])
     return [("", CsvFile(file, data, said))]
 

@@ -102,7 +102,7 @@ class LvmFile(CsvFile):
             ):
                 raise FileProblem(str(self._file), [
                     f"line {segment.line}: its channels were not sampled together: X0 {segment.first_s}, Delta_X "
-                    f"{segment.step_s} s. Fix: name a column of time"
+                    f"{segment.step_s} s. Fix: name a time column"
                 ])  # fmt: skip
             after_s = (at - begun[0]).total_seconds() if at is not None and begun[0] is not None else 0.0
             parts.append(after_s + segment.first_s[0] + segment.step_s[0] * np.arange(count))
@@ -119,7 +119,7 @@ class LvmFile(CsvFile):
         if any(not np.array_equal(columns[0], one, equal_nan=True) for one in columns):
             raise FileProblem(str(self._file), [
                 "its channels have different columns X_Value: they were not sampled together. Fix: name channels "
-                "that share one of them",
+                "that share an X_Value column",
             ])
         return columns[0]
 

@@ -217,7 +217,7 @@ def _check_array(data: bytes, order: str, place: int, end: int, depth: int = 0) 
         for _ in range((3 if of_class == SPARSE else 1) + bool(flags & COMPLEX)):
             kind, _start, _stop, place = _element(data, order, place, stop)
             if kind not in NUMBERS and not (of_class == CHARACTERS and kind in TEXTS):
-                raise ValueError(f"numbers of type {kind}, which does not exist, before byte {place}")
+                raise ValueError(f"the number type {kind}, which does not exist, is used before byte {place}")
     if depth and place != stop:
         raise ValueError(f"{stop - place} extra bytes in the array before byte {stop}")
     return after

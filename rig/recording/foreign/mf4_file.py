@@ -93,7 +93,7 @@ class Mf4File(NoLines):
                 if int(channel.bit_count) > 0 and end > size:
                     raise FileProblem(str(self._file), [
                         f"group {number}, channel {str(channel.name)!r} ends at byte {end} of records of {size} bytes: "
-                        "the file is damaged. Fix: export it again"
+                        "the file is damaged. Fix: export the file again"
                     ])  # fmt: skip
 
     def _column(self, group: int, index: int) -> ForeignColumn:
@@ -130,7 +130,7 @@ class Mf4File(NoLines):
             what = kind or f"numbers in {unit!r}"
             raise FileProblem(str(self._file), [
                 f"group {group}: its master channel {str(master.name)!r} contains {what} instead of a time. Fix: "
-                "--column time= with a channel of time, or --rate"
+                "use --column time= with a time channel, or --rate"
             ])  # fmt: skip
         return known[1].scale
 
@@ -149,7 +149,8 @@ class Mf4File(NoLines):
         signal = self._signal(place)
         values = np.asarray(signal.samples)
         if values.dtype.kind not in "fiub" or values.ndim != 1:
-            raise FileProblem(str(self._file), [f"channel {self.columns[place].name!r} contains no series of numbers"])
+            raise FileProblem(str(self._file), [f"channel {self.columns[place].name!r} does not contain a series of "
+                f"numbers"])
         numbers = values.astype(np.float64)
         if signal.invalidation_bits is not None:
             numbers[np.asarray(signal.invalidation_bits, bool)] = np.nan
@@ -160,8 +161,8 @@ class Mf4File(NoLines):
         conversion = self._mdf.groups[group].channels[index].conversion
         if conversion is not None and getattr(conversion, "conversion_type", None) == ALGEBRAIC:
             raise FileProblem(str(self._file), [
-                f"channel {self.columns[place].name!r}: its values need a text formula of the file, which is not "
-                "evaluated. Fix: export it with converted values"
+                f"channel {self.columns[place].name!r}: its values require a text formula in the file, which this "
+                "program does not evaluate. Fix: export the file with converted values"
             ])  # fmt: skip
         try:
             with _quiet():

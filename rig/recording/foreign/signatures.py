@@ -5,44 +5,45 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-CSV = "save it as CSV with the program that wrote it"
+CSV = "save the file as CSV with the program that wrote it"
 BEGINNINGS: tuple[tuple[bytes, str, str], ...] = (
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel workbook (.xls) or another Office file",
-     "save it as .xlsx or CSV"),
+     "save the workbook as .xlsx or CSV"),
     (b"PAR1", "a Parquet file", "pandas.read_parquet(FILE).to_csv('a.csv'), or RecordedPoint.from_pandas"),
     (b"ARROW1", "a Feather (Arrow) file", "pandas.read_feather(FILE).to_csv('a.csv'), or RecordedPoint.from_pandas"),
     (b"\x93NUMPY", "a NumPy array (.npy)", "numpy.savetxt('a.csv', numpy.load(FILE), delimiter=',')"),
     (b"CDF\x01", "a NetCDF 3 file", "ncks -4 or xarray.open_dataset(FILE).to_netcdf('a.nc', engine='h5netcdf')"),
     (b"CDF\x02", "a NetCDF 3 file", "ncks -4 or xarray.open_dataset(FILE).to_netcdf('a.nc', engine='h5netcdf')"),
     (b"SQLite format 3\0", "an SQLite database", "export the table of the test as CSV"),
-    (b"%PDF", "a PDF document", "export the numbers themselves as CSV"),
-    (b"\x1f\x8b", "a gzip archive", "unpack it first (gunzip)"),
+    (b"%PDF", "a PDF document", "export the numerical data as CSV"),
+    (b"\x1f\x8b", "a gzip archive", "unpack the file first (gunzip)"),
     (b"BZh", "a bzip2 archive", "unpack it first (bunzip2)"),
-    (b"\xfd7zXZ\0", "an xz archive", "unpack it first (unxz)"),
+    (b"\xfd7zXZ\0", "an xz archive", "unpack the file first (unxz)"),
     (b"7z\xbc\xaf\x27\x1c", "a 7-Zip archive", "unpack it first"),
     (b"Rar!", "a RAR archive", "unpack it first"),
-    (b"\x89PNG", "a picture (PNG)", "export the numbers themselves as CSV"),
-    (b"\xff\xd8\xff", "a picture (JPEG)", "export the numbers themselves as CSV"),
+    (b"\x89PNG", "a picture (PNG)", "export the numerical data as CSV"),
+    (b"\xff\xd8\xff", "a picture (JPEG)", "export the numerical data as CSV"),
     (b"|CF,", "an imc FAMOS file", CSV),
     (b"|CK,", "an imc FAMOS file", CSV),
-    (b"DEWESoft", "a Dewesoft file", "export it as MDF4, MATLAB or CSV"),
-    (b"DIAEHL", "a DIAdem file", "save it as TDMS or CSV"),
-    (b"{\\rtf", "an RTF document", "save the numbers as text"),
+    (b"DEWESoft", "a Dewesoft file", "export the data as MDF4, MATLAB or CSV"),
+    (b"DIAEHL", "a DIAdem file", "save the data as TDMS or CSV"),
+    (b"{\\rtf", "an RTF document", "save the numbers as a text file"),
 )
 IN_ARCHIVES = (
-    ("xl/workbook.bin", "a binary Excel workbook (.xlsb)", "save it as .xlsx or CSV"),
-    ("word/", "a Word document", "save the numbers as text"),
-    ("content.xml", "an OpenDocument spreadsheet", "save it as .xlsx or CSV"),
+    ("xl/workbook.bin", "a binary Excel workbook (.xlsb)", "save the workbook as .xlsx or CSV"),
+    ("word/", "a Word document", "save the numbers as a text file"),
+    ("content.xml", "an OpenDocument spreadsheet", "save the workbook as .xlsx or CSV"),
     (".npy", "NumPy arrays (.npz)", "numpy.savetxt('a.csv', columns, delimiter=',')"),
 )
 TEXTS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
     (re.compile(rb"\s*-1\s*\n\s*(15|55|58b?|82|151|164)\b"), "a universal file (UFF, UNV)", CSV),
     (re.compile(rb"(?s)\s*(<\?xml[^>]*>\s*)?(<!--.{0,2000}?-->\s*)?<(usi:)?tdm\b"), "a TDM file of DIAdem",
-     "save it as TDMS or CSV"),
+     "save the data as TDMS or CSV"),
     (re.compile(rb"\s*<\?xml[^>]*>\s*(<\?mso[^>]*>\s*)?<Workbook\b"), "an Excel workbook in XML (2003)",
-     "save it as .xlsx or CSV"),
-    (re.compile(rb"(?i)\s*(<!doctype html|<html|<table)\b"), "a web page (HTML), which some programs name .xls",
-     "open it in a spreadsheet and save it as .xlsx or CSV"),
+     "save the workbook as .xlsx or CSV"),
+    (re.compile(rb"(?i)\s*(<!doctype html|<html|<table)\b"), "a web page (HTML), which some programs save with the "
+        "extension .xls",
+     "open the file in a spreadsheet and save it as .xlsx or CSV"),
     (re.compile(rb"\s*<\?xml\b"), "an XML file", CSV),
 )  # fmt: skip
 

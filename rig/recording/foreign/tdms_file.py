@@ -130,7 +130,7 @@ def _check_scales(file: Path, heads: Any) -> None:  # noqa: ANN401 - of a librar
         count = holder.properties.get(SCALES, 0)
         if not isinstance(count, (int, np.integer)) or not 0 <= int(count) <= MOST_SCALES:
             raise FileProblem(str(file), [
-                f"{SCALES} = {str(count)[:40]}, at most {MOST_SCALES}: the file is damaged. Fix: export it again"
+                f"{SCALES} = {str(count)[:40]}, at most {MOST_SCALES}: the file is damaged. Fix: export the file again"
             ])
 
 

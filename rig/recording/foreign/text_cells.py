@@ -27,7 +27,7 @@ class NotStamps(ValueError):
     def __init__(self, rows: dict[int, str]) -> None:
         self.rows = rows
         row, text = next(iter(rows.items()))
-        super().__init__(f"row {row}: {text[:40]!r} is no time stamp")
+        super().__init__(f"row {row}: {text[:40]!r} is not a time stamp")
 
 
 def numbers_of_cells(cells: Iterable[object]) -> FloatArray:

@@ -61,7 +61,7 @@ def check_file(path: Path, groups: Iterable[str] | None = None) -> h5py.File:
 
     if not path.is_file():
         there = path.exists()
-        raise FileProblem(str(path), ["is a folder, pipe or device, expected a file" if there else "no such file"])
+        raise FileProblem(str(path), ["is a folder, a pipe or a device; expected a file" if there else "no such file"])
     try:
         file = h5py.File(path, "r")
     except OSError as error:
@@ -152,7 +152,7 @@ class _Walk:
             elif isinstance(item, h5py.h5g.GroupID):
                 self.group(item, where)
             else:
-                self.problems.append(f"{where}: neither group nor dataset")
+                self.problems.append(f"{where}: is neither a group nor a dataset")
 
     def bomb(self) -> list[str]:
         """One line when all datasets together declare more than the file can hold compressed."""
@@ -200,7 +200,7 @@ def _storage_problems(storage: h5py.h5p.PropDCID, kind: np.dtype[Any], dimension
     texts += [f"filter {code} ({text!r}) refused; allowed: {', '.join(ALLOWED_FILTERS.values())}"
               for code, _, _, text in filters if code not in ALLOWED_FILTERS]
     if len(set(codes)) < len(codes):
-        texts.append(f"filter given twice, refused: {codes}")
+        texts.append(f"duplicate filter refused: {codes}")
     return texts
 
 

@@ -193,7 +193,7 @@ def opened(path: Path, groups: Iterable[str] | None = None) -> Iterator[h5py.Fil
             shown = "none" if version is None else f"{version:g}"
             raise FileProblem(str(path), [f"format_version: {shown}; this software reads up to {FORMAT_VERSION}"])
         if "entry/data/time" not in file:
-            raise FileProblem(str(path), ["/entry/data/time is missing: not a recorded point"])
+            raise FileProblem(str(path), ["/entry/data/time is missing: this file is not a recorded point"])
         yield file
     finally:
         file.close()
@@ -234,5 +234,5 @@ def _values(path: Path, dataset: h5py.Dataset) -> NDArray[Any]:
         raise FileProblem(str(path), [f"{dataset.name}: damaged: {error}"]) from error
     wanted = dataset.attrs.get("crc32")
     if wanted is not None and not np.array_equal(wanted, check_of(values)):
-        raise FileProblem(str(path), [f"{dataset.name}: damaged: its values do not match their check"])
+        raise FileProblem(str(path), [f"{dataset.name}: the data are damaged: the values do not match their checksum"])
     return values

@@ -291,7 +291,7 @@ def _header(data: bytes | mmap, name: str) -> tuple[str, int]:
     magic, length, check = HEADER.unpack_from(data)
     text = data[HEADER.size:HEADER.size + length]
     if magic != HEADER_MAGIC:
-        raise JournalProblem(f"{name}: not a journal: begins with {magic!r}, expected {HEADER_MAGIC!r}")
+        raise JournalProblem(f"{name}: this is not a journal: it begins with {magic!r}, expected {HEADER_MAGIC!r}")
     if len(text) != length or zlib.crc32(text) != check:
         raise JournalProblem(f"{name}: the header is damaged or cut off")
     return text.decode("utf-8", "replace"), HEADER.size + length
@@ -361,5 +361,5 @@ def _end(said: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever JSON holds
     """
     stopped_by, lost = said["stopped_by"], said["lost_records"]
     if not (stopped_by is None or isinstance(stopped_by, str)) or type(lost) is not int or not 0 <= lost < 1 << 62:
-        raise ValueError(f"not the end of a point: {said!r:.80}")
+        raise ValueError(f"this is not the end of a point: {said!r:.80}")
     return {"stopped_by": stopped_by, "lost_records": lost}

@@ -27,7 +27,7 @@ def campaign_held(folder: Path) -> Iterator[None]:
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError as error:
-        raise FileProblem(str(folder), [f"not a campaign's directory: {error.strerror}"]) from error
+        raise FileProblem(str(folder), [f"this is not a campaign folder: {error.strerror}"]) from error
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
@@ -36,8 +36,8 @@ def campaign_held(folder: Path) -> Iterator[None]:
             "recovering it") from error
     except OSError as error:
         os.close(handle)
-        raise FileProblem(str(folder), [f"cannot be locked: {error.strerror}. Fix: use a file system with "
-            "locks"]) from error
+        raise FileProblem(str(folder), [f"cannot be locked: {error.strerror}. Fix: use a file system that "
+            "supports locks"]) from error
     try:
         yield
     finally:

@@ -183,7 +183,8 @@ class ChannelSplit:
         """
         self._numbers.update(np.unique(records["channel"]).tolist())
         if len(self._numbers) > MOST_CHANNELS:
-            raise JournalProblem(f"records of {len(self._numbers)} and more channels, expected at most {MOST_CHANNELS}")
+            raise JournalProblem(f"records from {len(self._numbers)} or more channels, expected at most "
+                f"{MOST_CHANNELS}")
         if self._stored or self._bytes + records.nbytes > MOST_BYTES_IN_MEMORY:
             self._spill()
             for number, part in _by_number(records):
@@ -247,7 +248,7 @@ def checked_context(context: PointContext, name: str) -> PointContext:
             problems.append(f"no sensor {channel}")
     for channel, sensor in context.sensors.items():
         problems += _outside(channel, vars(sensor), SENSOR, needed=("rate_Hz",))
-        problems += [f"{channel}: {key} is not a text" for key in ("sensor", "unit", "long_name")
+        problems += [f"{channel}: {key} is not a string" for key in ("sensor", "unit", "long_name")
                      if not isinstance(vars(sensor)[key], str)]
     if problems:
         raise JournalProblem("the header contains implausible values: " + "; ".join(problems))
@@ -280,8 +281,8 @@ def check_records(channels: Mapping[str, Records]) -> None:
             if least < low or greatest > high:
                 raise JournalProblem(f"{name}: {key} from {least} to {greatest}, expected {low} to {high}")
             if key == "host_ns" and greatest - least > LONGEST_NS:
-                raise JournalProblem(f"{name}: records {1e-9 * (greatest - least):.0f} s apart; a point cannot take a "
-                    "month")
+                raise JournalProblem(f"{name}: records {1e-9 * (greatest - least):.0f} s apart, which is implausible "
+                    "for one point")
 
 
 def _extremes(records: Records, key: str) -> tuple[int, int]:

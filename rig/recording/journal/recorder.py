@@ -157,7 +157,7 @@ class PointRecorder:
             except OSError as error:
                 failed = self._error = failed or error
         if failed is not None:
-            raise RecorderFailed(f"{journal.path}: point {self._id} is not completely recorded: {failed}") from failed
+            raise RecorderFailed(f"{journal.path}: point {self._id} was not recorded completely: {failed}") from failed
         return PointJournal(self._id, journal.path, journal.records, lost)
 
     def close(self) -> None:

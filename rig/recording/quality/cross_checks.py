@@ -191,13 +191,14 @@ def _row(
         return CrossCheck(instrument, what, f"{few} the {reference}")
     shown = f"{difference.signed} {unit}"
     if not limit.exceeded and PROVES * difference.std > limit.tolerance:
-        return CrossCheck(instrument, what, f"{reference}: too uncertain for a conclusion", shown, limit.text)
+        return CrossCheck(instrument, what, f"{reference}: the value is too uncertain for a "
+            f"conclusion", shown, limit.text)
     state = CheckState.DISAGREES if limit.exceeded else CheckState.AGREES
     return CrossCheck(instrument, what, reference, shown, limit.text, state)
 
 
 def _zero_over_campaign(points: Sequence[Checked], doubted: set[str]) -> list[CrossCheck]:
-    allowed = f"{points[0].tolerances.force_zero_change_N:.3g} N over the campaign"
+    allowed = f"{points[0].tolerances.force_zero_change_N:.3g} N during the campaign"
     change = zero_change(points, deviations(len(points)))
     if change is None:
         return [CrossCheck("load cell", "drift and crosstalk of its zero", "fewer than two points determine its zero")]
@@ -221,7 +222,8 @@ def _ecu(points: Sequence[Checked], doubted: set[str]) -> list[CrossCheck]:
     zero = pooled(point.current_zero for point in points if point.current_zero is not None)
     colder = [point.colder_K for point in points if point.colder_K is not None]
     rows = [
-        CrossCheck("ECU's current measurement", "zero", "no current was reported while the output stage was off")
+        CrossCheck("ECU's current measurement", "zero", "the ECU reported no current value while the output stage "
+            "was off")
         if zero is None else CrossCheck(
             "ECU's current measurement", "zero", "output stage off, before the first motion",
             f"{zero.times(1e3).signed} mA", f"{1e3 * tolerances.current_zero_A:g} mA",
@@ -233,7 +235,8 @@ def _ecu(points: Sequence[Checked], doubted: set[str]) -> list[CrossCheck]:
         rows.append(CrossCheck("coil temperature", "offset", "neither coil nor ECU temperature was reported at rest"))
     else:
         rows.append(CrossCheck(
-            "coil temperature", "offset, only detected if the coil appears colder", "ECU's own temperature at rest",
+            "coil temperature", "offset; detected only if it makes the coil appear colder than its "
+                "surroundings", "ECU's own temperature at rest",
             f"{round(-max(colder), 1) + 0.0:+.1f} K", f"{-tolerances.coil_temperature_K:g} K",
             CheckState.DISAGREES if "coil-temperature" in doubted else CheckState.AGREES,
         ))

@@ -183,7 +183,7 @@ def _doubts(
     """
     together, count = pooled(estimates.values()), len(estimates)
     if together is not None and together.beyond(*limit) and (count > 1 or not jumps):
-        alone = "this point only" if len(points) == 1 else "from the one conclusive point"
+        alone = "this point only" if len(points) == 1 else "from the only conclusive point"
         by = f"{count} points combined" if count > 1 else alone
         return dict.fromkeys((point.id for point in points), told(together, by))
     if not jumps:
@@ -204,8 +204,8 @@ def _gains(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
         percent = Estimate(gain.value - 1.0, gain.std).times(100.0)
         return Reason(
             instruments.gain_slug, _kind(percent.value, 100.0 * tolerance),
-            f"{instruments.sensor} reads {percent.signed} % more than the {instruments.reference} for the same change "
-            f"(allowed {100.0 * tolerance:g} %; {by}): {instruments.either}",
+            f"the {instruments.sensor} reads {percent.signed} % more than the {instruments.reference} for the same "
+            f"change (allowed {100.0 * tolerance:g} %; {by}): {instruments.either}",
             {"gain": gain.value, "gain_std": gain.std, "tolerance": tolerance},
         )
 
@@ -248,7 +248,7 @@ def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict
             instruments.lag_slug, _kind(lag.value, tolerance_s),
             f"{instruments.reference} and {instruments.sensor} disagree in time by {lag.times(-1e3).plain} ms, the "
             f"input later than its declared delay (allowed {1e3 * tolerance_s:.2g} ms; {by}): it is not known which "
-            "one is wrong",
+            "of them is wrong",
             {"lag_s": lag.value, "lag_std_s": lag.std, "tolerance_s": tolerance_s},
         )
 
@@ -284,7 +284,7 @@ def _changes(points: Sequence[Checked], k: float) -> list[Reason]:
         return []
     tolerance_N, gross_N = _least(points, "force_zero_change_N"), GROSS * _least(points, "force_zero_N")
     drifted, crossed = change.moved(tolerance_N, k)
-    by_time = f"{change.drift_N_s.signed} N/s drift, {change.over_time_N.signed} N over the campaign"
+    by_time = f"{change.drift_N_s.signed} N/s drift, {change.over_time_N.signed} N during the campaign"
     by_current = (
         f"{change.crosstalk_N_A.signed} N/A crosstalk from the coil current, {change.over_current_N.signed} N over "
         "its range"
@@ -294,7 +294,7 @@ def _changes(points: Sequence[Checked], k: float) -> list[Reason]:
         *([("crosstalk", by_current, change.over_current_N)] if crossed else []),
     ]
     if not change.separable and len(ways) > 1:
-        both = f"{by_time}, or {by_current} (the order of the points does not distinguish them)"
+        both = f"{by_time}, or {by_current} (the order of the points does not allow the two to be distinguished)"
         largest_N = max(change.over_time_N, change.over_current_N, key=lambda moved_N: abs(moved_N.value))
         ways = [("zero-change", both, largest_N)]
     numbers = {"drift_N_s": change.drift_N_s.value, "crosstalk_N_A": change.crosstalk_N_A.value}
@@ -315,8 +315,8 @@ def _current_zero(point: Checked, k: float) -> list[Reason]:
     return [Reason(
         "current-zero", _kind(zero.value, tolerance_A),
         f"the ECU reports {zero.times(1e3).signed} mA while its output stage is off (allowed {1e3 * tolerance_A:g} "
-        "mA): its current measurement and its command disagree, and the true coil current has the same error at "
-        "every set-point",
+        "mA): the measured and the commanded current disagree, and the true coil current has this error at every "
+        "set-point",
         {"current_A": zero.value, "tolerance_A": tolerance_A},
     )]
 
@@ -326,7 +326,7 @@ def _coil_temperature(point: Checked) -> list[Reason]:
         return []
     return [Reason(
         "coil-temperature", Kind.SUSPECT,
-        f"the coil's temperature sensor shows {point.colder_K:.1f} K less than the ECU's own before any motion "
+        f"the coil's temperature sensor shows {point.colder_K:.1f} K less than the ECU's own sensor before any motion "
         f"(allowed {point.tolerances.coil_temperature_K:g} K): one of the two is wrong, or the ECU was warm",
         {"colder_K": point.colder_K},
     )]

@@ -133,11 +133,12 @@ def with_skew(judged: Verdict, skew_std_s: float, frequency_Hz: float) -> Verdic
 def _ending(evidence: PointEvidence) -> list[Reason]:
     reasons = []
     if evidence.stopped_by is not None:
-        reasons.append(invalid(evidence.stopped_by, "the point was stopped before its end"))
+        reasons.append(invalid(evidence.stopped_by, "the point was stopped before it was complete"))
     elif evidence.tripped:
         reasons.append(invalid("trip", "an interlock tripped during the point"))
     if evidence.interrupted:
-        reasons.append(invalid("INTERRUPTED", "recording was interrupted; recovered from the journal"))
+        reasons.append(invalid("INTERRUPTED", "the recording was interrupted; the data were recovered from the "
+            "journal"))
     if evidence.overrun_records:
         reasons.append(invalid("slow-consumer", f"{evidence.overrun_records} records overwritten before being read"))
     if evidence.missing_blocks or evidence.damaged_bytes:
@@ -162,7 +163,7 @@ def _sensor_reasons(evidence: PointEvidence) -> list[Reason]:
         if counts.faulty:
             reasons.append(invalid("sensor-fault", f"{counts.faulty} {name} samples flagged as faulty by the sensor"))
         if counts.spikes:
-            reasons.append(suspect("sensor-spike", f"{counts.spikes} {name} samples jump faster than the machine can "
+            reasons.append(suspect("sensor-spike", f"{counts.spikes} {name} samples jump by more than the machine can "
                 "move"))
         reasons += _bandwidth(name, counts, evidence.wanted_frequency_Hz)
     return reasons
@@ -170,7 +171,7 @@ def _sensor_reasons(evidence: PointEvidence) -> list[Reason]:
 
 def _standing(name: str, counts: SensorCounts, samples_a_cycle: float) -> list[Reason]:
     if counts.saturated >= SATURATED_SAMPLES:
-        return [invalid("sensor-saturated", f"{counts.saturated} {name} samples at the end of the range")]
+        return [invalid("sensor-saturated", f"{counts.saturated} {name} samples at the limit of the range")]
     share = COARSE_STUCK_SHARE if counts.coarse else STUCK_SHARE
     if counts.standing > max(share * samples_a_cycle, FLAT_SAMPLES) and counts.flat < counts.standing:
         return [invalid("sensor-stuck", f"{counts.standing} consecutive {name} samples are identical during motion")]
@@ -183,7 +184,7 @@ def _standing(name: str, counts: SensorCounts, samples_a_cycle: float) -> list[R
         return [suspect(
             "sensor-resolution",
             f"the {name} has steps of {100 * counts.step / counts.span:.2g} % of its span (limit "
-            f"{100 * RESOLUTION_SUSPECT:g} %): a finer range or resolution is needed",
+            f"{100 * RESOLUTION_SUSPECT:g} %): a smaller range or a finer resolution is needed",
             step=counts.step, span=counts.span,
         )]
     return []
@@ -198,14 +199,15 @@ def _bandwidth(name: str, counts: SensorCounts, frequency_Hz: float) -> list[Rea
         a_cycle = counts.rate_Hz / frequency_Hz
         reasons.append(suspect(
             "bandwidth",
-            f"{name} at {counts.rate_Hz:g} Hz gives {a_cycle:.3g} samples per cycle at {frequency_Hz:g} Hz, harmonics "
-            f"up to order {0.5 * a_cycle:.3g} only ({SAMPLES_A_CYCLE} samples are required)",
+            f"{name} at {counts.rate_Hz:g} Hz gives {a_cycle:.3g} samples per cycle at {frequency_Hz:g} Hz, which "
+            f"covers "
+            f"harmonics only up to order {0.5 * a_cycle:.3g} ({SAMPLES_A_CYCLE} samples are required)",
             rate_Hz=counts.rate_Hz, frequency_Hz=frequency_Hz,
         ))
     if counts.bandwidth_Hz is not None and counts.bandwidth_Hz < HARMONICS_NEEDED * frequency_Hz:
         reasons.append(suspect(
             "bandwidth",
-            f"{name} passes {counts.bandwidth_Hz:g} Hz only, {counts.bandwidth_Hz / frequency_Hz:.3g} times the "
+            f"{name} passes {counts.bandwidth_Hz:g} Hz at most, {counts.bandwidth_Hz / frequency_Hz:.3g} times the "
             f"test's {frequency_Hz:g} Hz ({HARMONICS_NEEDED} times are required)",
             bandwidth_Hz=counts.bandwidth_Hz, frequency_Hz=frequency_Hz,
         ))
@@ -261,7 +263,7 @@ def _current(evidence: PointEvidence) -> list[Reason]:
     if evidence.current_error_A > evidence.current_tolerance_A:
         return [invalid(
             "current-tracking",
-            f"measured current off by {1e3 * evidence.current_error_A:.3g} mA "
+            f"the measured current is off by {1e3 * evidence.current_error_A:.3g} mA "
             f"(limit {1e3 * evidence.current_tolerance_A:.3g} mA)",
         )]
     return []
@@ -298,8 +300,8 @@ def _specimen(evidence: PointEvidence) -> list[Reason]:
     if evidence.free_play_m > 0.0:
         reasons.append(invalid(
             "free-play",
-            f"the force remains at zero over about {1e3 * evidence.free_play_m:.2g} mm after it changes sign: a "
-            "fixture or joint slips",
+            f"the force remains at zero over about {1e3 * evidence.free_play_m:.2g} mm after each change of sign: "
+            "a fixture or joint is slipping",
         ))
     if evidence.span_N is None or evidence.scatter_N is None or evidence.change_N is None or not evidence.span_N > 0.0:
         return reasons

@@ -164,8 +164,8 @@ def tracking_reasons(wanted: TestPoint, tracking: Tracking | None, *, stopped: b
     if tracking.nrms <= TRACKING_SUSPECT:
         return []
     text = (
-        f"tracking error of the rod {100 * tracking.nrms:.3g} % of the target, RMS, after removing "
-        f"{1e3 * tracking.delay_s:.3g} ms of delay (limit {100 * TRACKING_INVALID:g} %); the rod reached "
+        f"tracking error of the rod {100 * tracking.nrms:.3g} % of the target, RMS, after correction "
+        f"for a delay of {1e3 * tracking.delay_s:.3g} ms (limit {100 * TRACKING_INVALID:g} %); the rod reached "
         f"{100 * tracking.reached:.3g} % of the span"
     )
     kind = Kind.INVALID if tracking.nrms > TRACKING_INVALID else Kind.SUSPECT

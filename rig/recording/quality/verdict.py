@@ -204,7 +204,7 @@ def stored_reasons(verdict: str, lines: Sequence[str], kinds: Sequence[str] = ()
         kinds: its `reason_kinds`; a file without them keeps the verdict it has: each reason counts as its verdict does.
     """
     if verdict in WORDS and not lines:
-        return (Reason("unknown", WORDS[verdict], "the file gives no reason"),)
+        return (Reason("unknown", WORDS[verdict], "the file does not state a reason"),)
     if len(kinds) != len(lines) or not set(kinds) <= WORDS.keys():
         kinds = [verdict if verdict in WORDS else Kind.SUSPECT.word] * len(lines)
     return tuple(Reason.stored(line, WORDS[kind]) for line, kind in zip(lines, kinds, strict=True))

@@ -183,8 +183,9 @@ def test_a_stop_says_only_what_was_proved_and_what_the_operator_has_to_do(change
 def test_a_point_that_the_operator_stopped_is_nobodys_fault() -> None:
     console, text = terminal(is_terminal=False)
     with PlainDisplay(console) as display:
-        display.point_done(result("invalid", "sigint: the point was stopped before its end", "amplitude: 3 % off"))
-        display.point_done(result("invalid", "ecu-silent: the point was stopped before its end"))
+        display.point_done(result("invalid", "sigint: the point was stopped before it was complete", "amplitude: 3 % "
+            "off"))
+        display.point_done(result("invalid", "ecu-silent: the point was stopped before it was complete"))
     first, second = text.getvalue().splitlines()
     assert "not finished: stopped by operator" in first
     assert "amplitude" not in first

@@ -84,5 +84,5 @@ def test_points_that_scatter_beyond_their_errors_are_pooled_with_their_scatter(t
 
 
 def test_a_step_that_is_cut_off_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(IdentificationFailed, match="hold it longer"):
+    with pytest.raises(IdentificationFailed, match="hold the current longer"):
         fit_lag(step_point(tmp_path, 3.0))

@@ -175,4 +175,4 @@ def test_a_tanh_without_a_bend_is_called_a_straight_line(make_synthetic: Make) -
     known = information(FittedModel(model("asymmetric"), values, tuple(names)), tests, Weighting())
     reasons = explain(model("asymmetric"), known, values, tests, Weighting())
     assert {"beta", "delta", "Fya", "Fyb", "Ca_plus", "Ca_minus"} <= set(reasons)
-    assert "linear here (at most 0.08" in reasons["Fyb"]
+    assert "linear in these tests (its argument is at most 0.08" in reasons["Fyb"]

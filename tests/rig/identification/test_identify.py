@@ -116,7 +116,7 @@ def test_a_holdout_that_matches_nothing_or_everything_is_refused(demo_points: li
 
 
 def test_held_out_tests_that_are_none_are_refused_and_not_forgotten(demo_points: list[RecordedPoint]) -> None:
-    with pytest.raises(IdentificationFailed, match="holdout: no test was given"):
+    with pytest.raises(IdentificationFailed, match="holdout: no test was specified"):
         identify(demo_points, holdout=[])
     empty = Run(path=Path("other"), points=(replace(demo_points[0], verdict="invalid"),))
     with pytest.raises(IdentificationFailed, match="holdout: the run other contains no valid point"):
@@ -133,7 +133,7 @@ def test_a_recording_given_twice_is_refused(demo_points: list[RecordedPoint]) ->
 def test_unusable_points_are_left_out_with_a_warning(demo_points: list[RecordedPoint]) -> None:
     broken = replace(demo_points[0], verdict="invalid", reasons=("tripped",))
     fit = identify([broken, *demo_points[1:]])
-    assert fit.warnings == (f"{broken.id} not used: its recording is invalid (tripped)",)
+    assert fit.warnings == (f"{broken.id} not used because its recording is invalid (tripped)",)
 
 
 def test_unknown_methods_are_refused(demo_points: list[RecordedPoint]) -> None:

@@ -258,4 +258,4 @@ def test_every_resampled_channel_says_by_which_method(tmp_path: Path) -> None:
     file, _ = build(content, rig.context())
     methods = {channel.name: channel.attributes.get("method") for channel in file.channels}
     assert all(methods.values()), methods
-    assert "never beyond its two neighbours" in methods["force"]
+    assert "never beyond the two adjacent samples" in methods["force"]

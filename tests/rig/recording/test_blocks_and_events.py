@@ -112,7 +112,7 @@ def test_many_rows_that_are_no_numbers_are_no_events(tmp_path: Path) -> None:
     with pytest.raises(FileProblem, match="numbers in another format"):
         read(tmp_path / "a.txt", HEADING + "\n" + "\n".join(lines) + "\n", event_rows="skip", decimal=".", thousands="")
     lines = [f"event {k}" if k > 20 and k % 3 == 0 else line for k, line in enumerate(rows())]
-    with pytest.raises(FileProblem, match="too many for events"):
+    with pytest.raises(FileProblem, match="too many to be events"):
         read(tmp_path / "a.txt", HEADING + "\n" + "\n".join(lines) + "\n", event_rows="skip")
 
 

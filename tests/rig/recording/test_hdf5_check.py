@@ -120,7 +120,7 @@ def test_a_filter_applied_twice_is_refused(file: Path) -> None:
     with h5py.File(file, "a") as opened:
         space, kind = h5py.h5s.create_simple((500,)), h5py.h5t.py_create(np.dtype("f8"))
         h5py.h5d.create(opened["entry/data"].id, b"velocity", kind, space, dcpl=wanted)
-    assert "filter given twice, refused: [1, 1]" in refused(file)
+    assert "duplicate filter refused: [1, 1]" in refused(file)
 
 
 def test_elements_larger_than_any_text_or_number_are_refused(file: Path) -> None:

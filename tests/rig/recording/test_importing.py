@@ -245,7 +245,8 @@ def test_a_column_without_a_number_is_named(tmp_path: Path) -> None:
         import_tests([path], columns={**COLUMNS, "temperature": "T:degC"}, out=tmp_path / "out", current_A=0.5)
     force, temperature, _ = caught.value.problems
     assert force.endswith("as force: no number in any of 2000 rows; name another column")
-    assert temperature.endswith("as temperature: no number in any of 2000 rows; name another column, or none")
+    assert temperature.endswith("as temperature: no number in any of 2000 rows; name another column, or omit the "
+        "column")
     assert not (tmp_path / "out").exists()
 
 

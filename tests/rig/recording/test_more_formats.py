@@ -214,7 +214,7 @@ def archive(names: str) -> bytes:
 
 
 NAMED = {
-    "xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500), "save it as .xlsx or CSV"),
+    "xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500), "save the workbook as .xlsx or CSV"),
     "ods": (archive("content.xml"), "an OpenDocument spreadsheet"),
     "zip": (archive("a.csv"), "a ZIP archive"),
     "parquet": (b"PAR1" + bytes(200), "pandas.read_parquet"),

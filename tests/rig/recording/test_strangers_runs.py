@@ -132,7 +132,7 @@ def test_attributes_of_another_kind_are_refused_in_words(
 def test_a_damaged_file_among_others_is_named_with_the_way_out(campaign: Path) -> None:
     shutil.copy(FIRST_VERSION, campaign / "points" / "p001.h5")
     (campaign / "points" / "p002.h5").write_bytes(b"damaged")
-    with pytest.warns(DataWarning, match=r"points/p002.h5: .*Fix: restore the file from a copy, or move it out"):
+    with pytest.warns(DataWarning, match=r"points/p002.h5: .*Fix: restore the file from a backup, or move it out"):
         run = Run.open(campaign)
     assert [point.id for point in run.points] == ["p001"]
     assert len(run.unreadable) == 1

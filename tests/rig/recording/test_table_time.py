@@ -88,7 +88,7 @@ def test_a_table_is_taken_as_the_same_table_in_a_file(name: str, tmp_path: Path)
 
 
 REFUSED: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
-    "row numbers": (lambda: table(), "counts rows. Fix: give a column `time_s`"),
+    "row numbers": (lambda: table(), "counts rows. Fix: add a column `time_s`"),
     "filtered row numbers": (lambda: table().iloc[7:], "counts rows"),
     "row numbers as floats": (lambda: table(np.arange(len(TIME_S), dtype=float)), "counts rows"),
     "index named sample": (lambda: table(pd.Index(TIME_S, name="sample")), "its index (sample) counts rows"),
