@@ -76,7 +76,7 @@ class CampaignFolder:
         inside = [folder for folder in map(cls, sorted(path.iterdir())) if folder.points.is_dir()]
         if len(inside) > 1:
             names = ", ".join(folder.path.name for folder in inside[:3]) + (" ..." if len(inside) > 3 else "")
-            text = f"{len(inside)} campaigns found in this folder ({names}). Fix: name one of them"
+            text = f"{len(inside)} campaigns found in this folder ({names}). Fix: specify one of them"
             raise FileProblem(str(path), [text])
         return inside[0] if inside else here
 
@@ -88,9 +88,9 @@ class CampaignFolder:
             FileProblem: there is none, or it is a symbolic link: what is written there would lie elsewhere.
         """
         if self.points.is_symlink():
-            raise FileProblem(str(self.points), ["is a symbolic link; files are written into a real folder only"])
+            raise FileProblem(str(self.points), ["is a symbolic link; files are written only into a real folder"])
         if not self.points.is_dir():
-            raise FileProblem(str(self.path), ["not a campaign's directory: it has no points/"])
+            raise FileProblem(str(self.path), ["this is not a campaign folder: it has no points/"])
         return self.points
 
     def session_bench(self, session: int) -> Path:

@@ -88,7 +88,7 @@ def json_of(path: Path, raw: bytes) -> dict[str, Any]:
         raise FileProblem(str(path), [f"expected a JSON object, got {type(value).__name__}"])
     if repeated:
         raise FileProblem(str(path), [
-            f"{place}: the key is there more than once, expected once. Fix: leave one of them, the right one"
+            f"{place}: the key occurs more than once. Fix: keep only the correct entry"
             for place in _repeated_keys(value, "")
         ])  # fmt: skip
     return value
@@ -144,7 +144,7 @@ def read_bytes(path: Path, limit_bytes: int) -> bytes:
         raise FileProblem(str(path), [f"cannot be read: {why}"]) from error
     if len(raw) > limit_bytes:
         size = f"{limit_bytes // 1024} KiB" if limit_bytes < 1_000_000 else f"{limit_bytes / 1e6:g} MB"
-        raise FileProblem(str(path), [f"larger than {size}: too large for a file of this program"])
+        raise FileProblem(str(path), [f"larger than {size}: too large for a file read by this program"])
     return raw
 
 

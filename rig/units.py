@@ -109,7 +109,7 @@ def parse(text: object, dimension: str) -> float:
         raise UnitProblem(f"not a number with a unit; {fit}")
     text = text.strip()
     if _DECIMAL_COMMA.match(text):
-        raise UnitProblem(f"decimals are written with a point; {fit}")
+        raise UnitProblem(f"the decimal separator must be a point; {fit}")
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise UnitProblem(f"not a number with a unit; {fit}")

@@ -100,7 +100,7 @@ def known_actuator(name: str) -> str:
         ValueError: unknown; the known ones are named. Or its driver cannot be used.
     """
     return _described(
-        _known(name, actuator_names(), '; give your own register map by its file name, such as "my-map.toml"'),
+        _known(name, actuator_names(), '; specify your own register map by its file name, such as "my-map.toml"'),
         check_actuator,
     )
 
@@ -134,11 +134,13 @@ def ecu_problems(dbc: str | DbcText, roles: str | Mapping[str, Any] | None) -> I
     if not is_dbc(dbc):
         if roles is not None and (dbc in own_names(CURRENT_SOURCES) or not isinstance(roles, Mapping)):
             yield ("roles",), (
-                f'states the meaning of the signals of a DBC file; "{dbc}" includes it. Fix: remove this entry'
+                f'states the meaning of the signals in a DBC file; "{dbc}" already includes this.  Fix: remove this '
+                f'entry'
             )
     elif roles is None:
         yield ("dbc",), (
-            'a DBC file needs roles, which state the meaning of its signals. Fix: write roles = "ecu-roles.toml", or '
+            'a DBC file requires roles, which state the meaning of its signals. Fix: write roles = "ecu-roles.toml", '
+            'or '
             "a table [ecu.roles]; docs/how-to/connect-an-ecu-by-dbc.md"
         )  # fmt: skip
     else:
@@ -172,7 +174,7 @@ def can_interface(text: str) -> str:
     if text in INTERFACES:
         missing = missing_for(text)
         if missing:
-            raise ValueError(f"a package that python-can needs for it is not installed: {missing}")
+            raise ValueError(f"a package that python-can requires for this interface is not installed: {missing}")
         return text
     from importlib.metadata import entry_points
 
@@ -192,7 +194,7 @@ def _host_and_port(text: str, example: str) -> None:
     except ValueError as error:
         raise ValueError(f'{str(error)[:1].lower()}{str(error)[1:]}; expected a form such as "{example}"') from error
     if not host or not port:
-        raise ValueError(f'needs a host and a port from 1 to 65535, for example "{example}"')
+        raise ValueError(f'requires a host and a port from 1 to 65535, for example "{example}"')
 
 
 def _address(text: str) -> str:

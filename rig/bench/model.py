@@ -33,21 +33,24 @@ class Checks(Section):
     """Load cell and LVDT against the controller's own inputs, as far as both classes of instruments allow."""
 
     force_gain: Annotated[float, Quantity("ratio", "0.1 %", "50 %")] = Field(
-        default=0.02, description="difference of sensitivity of load cell and the controller's force input"
+        default=0.02, description="permitted difference in sensitivity between the load cell and the controller's "
+            "force input"
     )
     displacement_gain: Annotated[float, Quantity("ratio", "0.1 %", "50 %")] = Field(
-        default=0.01, description="difference of sensitivity of LVDT and the controller's position input"
+        default=0.01, description="permitted difference in sensitivity between the LVDT and the controller's "
+            "position input"
     )
     force_zero_N: Annotated[float, Quantity("force", "0 N", "20 kN", above=True)] | None = Field(
         default=None, alias="force_zero",
-        description="difference of the zeros of load cell and force input; default: 0.25 % of the load cell's range, "
-            "less for a weak test",
+        description="permitted zero difference between the load cell and the force input; default: 0.25 % of the load "
+            "cell's range, less for tests with low forces",
     )
     displacement_zero_m: Annotated[float, Quantity("length", "0 mm", "100 mm", above=True)] = Field(
-        default=0.5e-3, alias="displacement_zero", description="difference of the zeros of LVDT and position input"
+        default=0.5e-3, alias="displacement_zero", description="permitted zero difference between the LVDT and the "
+            "position input"
     )
     time_s: Annotated[float, Quantity("time", "0.01 ms", "100 ms")] = Field(
-        default=0.5e-3, alias="time", description="largest delay of an input beyond the declared delays"
+        default=0.5e-3, alias="time", description="largest permitted delay of an input beyond the declared delays"
     )
     current_zero_A: Annotated[float, Quantity("current", "1 mA", "5 A")] = Field(
         default=0.02, alias="current_zero", description="largest current that the ECU may report while its output "
@@ -156,7 +159,8 @@ class Bench(Section):
         owners: dict[str, str] = {}
         for place, sensor in self._sensors().items():
             if (owner := owners.get(sensor.url)) is not None:
-                problems.append(((*place, "url"), f"is already the port of {owner}; every sensor needs its own port"))
+                problems.append(((*place, "url"), f"is already the port of {owner}; every sensor requires its own "
+                    f"port"))
             owners.setdefault(sensor.url, str(place[0]))
         if self.ecu.url is not None and self.ecu.url.startswith("modbus-rtu:") and self.ecu.url == self.actuator.url:
             text = "is the serial line of [actuator], which cannot be shared. Fix: use a separate serial line"
@@ -166,7 +170,7 @@ class Bench(Section):
     def _shared_names(self) -> list[Problem]:
         names = [item.name for item in self.auxiliary]
         return [
-            (("auxiliary", index, "name"), "is the name of another auxiliary channel; names are unique")
+            (("auxiliary", index, "name"), "is the name of another auxiliary channel; names must be unique")
             for index, name in enumerate(names)
             if name in names[:index]
         ]
@@ -206,8 +210,9 @@ class Bench(Section):
         if self.ecu.pressure_while_asked == "on" or self.actuator.takes_pressure_away:
             return []
         told = (
-            'the controller has no command to switch the pressure off. Fix: write pressure_while_asked = "on" if the '
-            "rod is out of reach from the supply, or use a register map with commands for the hydraulics"
+            'the controller has no command that switches the pressure off. Fix: write pressure_while_asked = "on" if '
+            'the '
+            "rod cannot be reached from the supply, or use a register map with commands for the hydraulics"
         )
         return [(("ecu", "pressure_while_asked"), told)]
 
@@ -220,7 +225,7 @@ class Bench(Section):
                 problems.append(((*place, "stale_after"), message))
         shortest = 2.0 * max(self.actuator.poll_s, self.actuator.timeout_s)
         if self.actuator.watchdog_s < shortest:
-            message = f"is shorter than two polls or time-outs; allowed: at least {units.show(shortest, 'ms')}"
+            message = f"is shorter than two poll periods or time-outs; allowed: at least {units.show(shortest, 'ms')}"
             problems.append((("actuator", "watchdog"), message))
         on_CAN = self.ecu.url is None and not self.ecu.by_hand
         return [*problems, *self._ecu_periods()] if on_CAN else problems

@@ -36,9 +36,9 @@ RESERVED_NAMES = frozenset({"time", "force", "displacement", "velocity", "curren
 
 def _positive(value: float) -> float:
     if value < 0:
-        raise ValueError(f'too small; for the opposite sign write sensitivity = {-value:g} and polarity = "reversed"')
+        raise ValueError(f'too small; to invert the sign, write sensitivity = {-value:g} and polarity = "reversed"')
     if value == 0:
-        raise ValueError("too small (allowed: more than 0)")
+        raise ValueError("too small (allowed: greater than 0)")
     return value
 
 
@@ -58,7 +58,7 @@ def wire_number(value: WireValue) -> float:
         return float(value)
     match = _WIRE.fullmatch(value)
     if match is None:
-        raise units.UnitProblem(f'{value!r} is not a value on the wire, such as 1234 or "2 mV/V"')
+        raise units.UnitProblem(f'{value!r} is not a value as sent by the sensor, such as 1234 or "2 mV/V"')
     return float(match[1])
 
 
@@ -78,26 +78,28 @@ class Calibration(Settings):
 
     sensitivity: Annotated[float, Check(_positive)] = field(
         default=1.0,
-        metadata=key(description="SI units per unit sent", json_schema_extra={"exclusiveMinimum": 0}),
+        metadata=key(description="SI units per unit sent by the sensor", json_schema_extra={"exclusiveMinimum": 0}),
     )
     polarity: Literal["normal", "reversed"] = field(
-        default="normal", metadata=key(description="reversed: positive values are jounce or compression")
+        default="normal", metadata=key(description="reversed: positive values mean compression")
     )
     offset: str | None = field(default=None, metadata=key(description="sensor reading at zero, with its unit"))
     points: tuple[CalibrationPoint, CalibrationPoint] | None = field(
         default=None,
         metadata=key(
-            description="two points of the certificate instead of a sensitivity, each [value sent, true value]",
+            description="two points from the certificate instead of a sensitivity, each [value sent, true value]",
             examples=[[["0.002 mV/V", "0 N"], ["2.001 mV/V", "10 kN"]]],
         ),
     )
     rated_output: WireValue | None = field(
         default=None,
-        metadata=key(description="value sent at the capacity, instead of a sensitivity", examples=["2 mV/V"]),
+        metadata=key(description="value sent by the sensor at rated load (instead of a sensitivity)", examples=["2 "
+            "mV/V"]),
     )
     capacity: str | None = field(default=None, metadata=key(description="load at the rated output", examples=["10 kN"]))
     zero: WireValue | None = field(
-        default=None, metadata=key(description="value sent at zero load, with a rated output", examples=["0.01 mV/V"])
+        default=None, metadata=key(description="value sent by the sensor at zero load, if a rated output is "
+            "specified", examples=["0.01 mV/V"])
     )
     serial_number: Name = field(metadata=key(examples=["LC-1234"]))
     certificate: str = field(default="", metadata=key(max_length=128))
@@ -134,10 +136,10 @@ class Calibration(Settings):
         """What contradicts itself, or is not of the sensor's dimension."""
         ways = [name for name in ("points", "rated_output") if getattr(self, name) is not None]
         if len(ways) > 1:
-            yield ("points",), "cannot be combined with a rated output. Fix: keep one of the two"
+            yield ("points",), "cannot be combined with a rated output. Fix: keep only one of the two"
         for name in ("sensitivity", "offset"):
             if ways and getattr(self, name) != (1.0 if name == "sensitivity" else None):
-                yield (name,), f"cannot be combined with {ways[0]}. Fix: keep one of the two"
+                yield (name,), f"cannot be combined with {ways[0]}. Fix: keep only one of the two"
         for name, wanted in (("capacity", "rated_output"), ("zero", "rated_output"), ("rated_output", "capacity")):
             if getattr(self, name) is not None and getattr(self, wanted) is None:
                 yield (name,), f"requires {wanted}"
@@ -148,10 +150,11 @@ class Calibration(Settings):
             return
         if not 0.0 < slope < math.inf:
             way_out = (
-                'falls as the value sent rises. Fix: write the loads with the opposite sign, and polarity = "reversed"'
+                'decreases as the value sent increases. Fix: write the loads with the opposite sign, and polarity = '
+                '"reversed"'
             )
             yield (ways[0] if ways else "sensitivity",), f"the load {way_out}" if slope < 0.0 else (
-                "the two points have no slope"
+                "the slope between the two points is zero"
             )
 
 
@@ -163,8 +166,8 @@ def _known_format(value: str) -> str:
     if value not in known:
         near = near_names(value, known)
         raise ValueError(
-            f"unknown format; {f'did you mean {near[0]}? ' if near else ''}known: {', '.join(known)}, a file's name "
-            f"that ends in .toml, or a table that describes the format"
+            f"unknown format; {f'did you mean {near[0]}? ' if near else ''}known: {', '.join(known)}, the name of a "
+            f"file that ends in .toml, or a table that describes the format"
         )
     try:
         check_sensor_format(value)
@@ -187,7 +190,8 @@ class SensorConfig(Settings):
     format: Annotated[str | dict[str, Any], DescribedBy("sensor-format", _known_format)] = field(
         default="frame16",
         metadata=key(
-            description="a format's name, the name of a file that ends in .toml (from the bench file's folder), or a "
+            description="the name of a format, the name of a file that ends in .toml (relative to the bench file's "
+                "folder), or a "
             "table (rig schema sensor-format)"
         ),
     )
@@ -197,12 +201,12 @@ class SensorConfig(Settings):
         default=None,
         metadata=key(
             "delay",
-            description="group delay of the conditioner's filter; default: 0, and uncertain unless checked",
+            description="group delay of the conditioner's filter; default: 0; uncertain unless checked",
         ),
     )
     bandwidth_Hz: Annotated[float, Quantity("frequency", "0 Hz", "1000 kHz", above=True)] | None = field(
         default=None,
-        metadata=key("bandwidth", description="-3 dB bandwidth of sensor and conditioner, used by the plan"),
+        metadata=key("bandwidth", description="-3 dB bandwidth of sensor and conditioner; used by `rig plan`"),
     )
     calibration: Calibration
 
@@ -238,7 +242,7 @@ class SensorConfig(Settings):
 
     @property
     def sensitivity(self) -> float:
-        """SI units per unit sent; negative where the polarity is reversed."""
+        """SI units per unit sent by the sensor; negative where the polarity is reversed."""
         return self.calibration.sign * self.calibration.line(self.dimension)[0]
 
     @property
@@ -270,7 +274,10 @@ class SensorConfig(Settings):
             values = getattr(given, name) or ()
             for value in [wire for wire, _ in values] if name == "points" else [values]:
                 if wire_unit(value or 0) not in {"", unit}:
-                    yield (name,), f"the format's unit is {unit}. Fix: write these values in it, or without a unit"
+                    yield (name,), (
+                        f"the format's unit is {unit}. Fix: write these values in this unit, or without a "
+                        f"unit"
+                    )
                     break
         # A table stands beside its calibration; the numbers of a file are not known here.
         known = units.UNITS.get(units.ALIASES.get(unit, unit)) if is_file(self.format) else None
@@ -279,7 +286,10 @@ class SensorConfig(Settings):
             if known.dimension == self.dimension:
                 yield ("sensitivity",), f"the format's unit is {unit}; write sensitivity = {known.scale!r}"
             else:
-                told = f"the format's unit is {unit}, which is not a unit of {self.dimension}. Fix: state a sensitivity"
+                told = (
+                    f"the format's unit is {unit}, which is not a unit of {self.dimension}. Fix: specify a "
+                    f"sensitivity"
+                )
                 yield ("sensitivity",), told
 
 
@@ -329,7 +339,7 @@ class Lvdt(SensorConfig):
 
 def _not_reserved(value: str) -> str:
     if value in RESERVED_NAMES:
-        raise ValueError(f"is the name of a channel that every run has ({', '.join(sorted(RESERVED_NAMES))})")
+        raise ValueError(f"is the name of a channel present in every run ({', '.join(sorted(RESERVED_NAMES))})")
     return value
 
 
@@ -367,6 +377,6 @@ class Auxiliary(SensorConfig):
         yield from super().problems()
         try:
             if not self.span > 0:
-                yield ("range",), "must be more than 0"
+                yield ("range",), "must be greater than 0"
         except units.UnitProblem as problem:
             yield ("range",), str(problem)

@@ -128,10 +128,11 @@ class ActuatorConfig(Settings):
         metadata=key(examples=["modbus-tcp://192.168.0.10:502", "modbus-rtu:/dev/ttyUSB0"])
     )
     baudrate: int = field(
-        default=115_200, metadata=key(ge=1200, le=12_000_000, description="serial line only (modbus-rtu)")
+        default=115_200, metadata=key(ge=1200, le=12_000_000, description="only for a serial line (modbus-rtu)")
     )
-    parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="serial line only (modbus-rtu)"))
-    device_id: int = field(default=1, metadata=key(ge=0, le=255, description="Modbus unit; on a serial line 1 to 247"))
+    parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="only for a serial line (modbus-rtu)"))
+    device_id: int = field(default=1, metadata=key(ge=0, le=255, description="Modbus unit address; on a serial line, "
+        "1 to 247"))
     register_map: Annotated[str | dict[str, Any], DescribedBy("register-map", address.known_actuator, tables=False)] = (
         "demo"
     )
@@ -153,8 +154,8 @@ class ActuatorConfig(Settings):
         default=None,
         metadata=key(
             "setpoint_late",
-            description="actuator with streamed set-points only: lateness from which a set-point counts as late; "
-                "default: 10 ms, or one poll if that is longer",
+            description="only for an actuator with streamed set-points: delay beyond which a set-point counts as "
+                "late; default: 10 ms, or one poll period if that is longer",
         ),
     )
     serial_number: Name | None = None
@@ -245,13 +246,14 @@ class EcuConfig(Settings):
     channel: Name | None = field(default=None, metadata=key(examples=["can0"]))
     bitrate: int = field(default=500_000, metadata=key(ge=10_000, le=1_000_000))
     interface_options: dict[str, str | int | float | bool] = field(
-        default_factory=dict, metadata=key(description="further arguments of the interface, by python-can's names")
+        default_factory=dict, metadata=key(description="further arguments of the interface, with the names used by "
+            "python-can")
     )
     dbc: Annotated[str | DbcText, Check(address.known_current_source, written=str)] = field(
-        default="demo", metadata=key(examples=["ecu.dbc"], description="name of an included ECU, or a DBC file")
+        default="demo", metadata=key(examples=["ecu.dbc"], description="name of a built-in ECU, or a DBC file")
     )
     roles: str | dict[str, Any] | None = field(
-        default=None, metadata=key(examples=["ecu-roles.toml"], description="meaning of the signals of a DBC file")
+        default=None, metadata=key(examples=["ecu-roles.toml"], description="meaning of the signals in a DBC file")
     )
     command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = field(
         default=0.010, metadata=key("command_period")
@@ -266,17 +268,18 @@ class EcuConfig(Settings):
         default=None,
         metadata=key(
             examples=["generic-scpi", "my-supply.toml"],
-            description="commands of a supply: a preset, a file in the folder of this one, or a table",
+            description="commands of a supply: a preset, a file in the folder of this file, or a table",
         ),
     )
     baudrate: int | None = field(
-        default=None, metadata=key(ge=300, le=12_000_000, description="supply on a serial line only; default: as its "
-            "description states")
+        default=None, metadata=key(ge=300, le=12_000_000, description="only for a supply on a serial line; default: "
+            "the value in its description")
     )
     poll_s: Annotated[float, Quantity("time", "2 ms", "1 s")] = field(
-        default=0.100, metadata=key("poll", description="interval at which the current of a supply is read")
+        default=0.100, metadata=key("poll", description="interval at which the supply's current is read")
     )
-    timeout_s: Timeout = field(default=0.500, metadata=key("timeout", description="time-out of one answer of a supply"))
+    timeout_s: Timeout = field(default=0.500, metadata=key("timeout", description="time-out for each answer from a "
+        "supply"))
     voltage_limit_V: Annotated[float, Quantity("voltage", "0 V", "200 V", above=True)] | None = field(
         default=None, metadata=key("voltage_limit", description="highest voltage that a supply may apply to the coil")
     )
@@ -284,7 +287,8 @@ class EcuConfig(Settings):
         default=None, metadata=key(description="text that a supply's identity (*IDN?) must contain")
     )
     device_id: int = field(
-        default=1, metadata=key(ge=0, le=255, description="Modbus unit of an analogue output (url modbus-tcp:, -rtu:)")
+        default=1, metadata=key(ge=0, le=255, description="Modbus unit address of an analogue output (url "
+            "modbus-tcp:, modbus-rtu:)")
     )
     by_hand: bool = field(
         default=False, metadata=key(description="the operator sets the current manually, on request")
@@ -293,11 +297,12 @@ class EcuConfig(Settings):
         default="off", metadata=key(description="hydraulic pressure while the operator is at the supply")
     )
     answer_within_s: Annotated[float, Quantity("time", "10 s", "1 h")] = field(
-        default=600.0, metadata=key("answer_within", description="longest time that the operator may take to set a "
+        default=600.0, metadata=key("answer_within", description="maximum time for the operator to set a "
             "current")
     )
     rehearsal: Annotated[str, Text(256), Check(address.supply_url)] | None = field(
-        default=None, metadata=key(description="written by a simulated rig with manual current: address of its supply")
+        default=None, metadata=key(description="address of the supply, written by a simulated rig with manually set "
+            "current")
     )
 
     @property
@@ -383,7 +388,7 @@ class EcuConfig(Settings):
             except ValueError as problem:
                 yield ("channel",), str(problem)
         for name in self.interface_options.keys() & {"interface", "channel", "bitrate"}:
-            yield ("interface_options", name), f"is an entry of [ecu]. Fix: write {name} = ... there"
+            yield ("interface_options", name), f"is an entry in [ecu]. Fix: write {name} = ... there"
         yield from address.ecu_problems(self.dbc, self.roles)
 
 
@@ -398,8 +403,8 @@ class Clock(Settings):
     device_rate: float = field(default=1.0, metadata=key(ge=0.01, le=1000.0))
     shared: Annotated[str, Text(1024)] | None = field(
         default=None,
-        metadata=key(description="written by a simulated rig: the file of its clock, which pauses while the "
-            "computer is busy"),
+        metadata=key(description="clock file, written by a simulated rig; this clock pauses while the computer "
+            "is busy"),
     )
 
 
@@ -414,7 +419,7 @@ class Station(Settings):
         default=0.050,
         metadata=key(
             "late_limit",
-            description="longest time without monitoring; beyond it the rig stops (host-late)",
+            description="longest permitted pause in monitoring; a longer pause stops the rig (host-late)",
         ),
     )
     real_time: bool = True

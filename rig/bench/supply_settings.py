@@ -67,8 +67,10 @@ def _link(url: str | None, described: SupplyDescription) -> Iterator[Problem]:
     modbus = ActuatorAddress.parse(url or "").kind in {LinkKind.MODBUS_TCP, LinkKind.MODBUS_RTU}
     if url is not None and modbus is not (described.output is not None):
         yield ("url",), (
-            "a supply with text commands is not on Modbus. Fix: write tcp://host:port or a serial port" if modbus else
-            "a supply with registers ([quantities]) is on Modbus. Fix: write modbus-tcp://host:port or modbus-rtu: "
+            "a supply with text commands cannot be connected over Modbus. Fix: write tcp://host:port or a serial "
+            "port" if modbus else
+            "a supply with registers ([quantities]) must be connected over Modbus. Fix: write modbus-tcp://host:port "
+            "or modbus-rtu: "
             "and a serial port"
         )
 
@@ -78,7 +80,8 @@ def _voltage(config: SupplyEntries, described: SupplyDescription) -> Iterator[Pr
     if not described.commands.set_voltage_limit:
         if limit_V is not None:
             yield ("voltage_limit",), (
-                "this supply has no command for it (set_voltage_limit). Fix: remove it and set the limit manually"
+                "this supply has no command for the voltage limit (set_voltage_limit). Fix: remove this entry and "
+                "set the limit manually"
             )
         return
     if limit_V is None:
@@ -95,8 +98,8 @@ def _times(config: SupplyEntries) -> Iterator[Problem]:
     shortest_s = 2.0 * config.poll_s
     if config.stale_after_s < shortest_s:
         yield ("stale_after",), (
-            f"is shorter than two polls of the supply; allowed: at least {1e3 * shortest_s:g} ms (30 ms is the "
+            f"is shorter than two poll periods of the supply; allowed: at least {1e3 * shortest_s:g} ms (30 ms is the "
             "default for CAN)"
         )
     if config.timeout_s > config.stale_after_s >= shortest_s:
-        yield ("timeout",), "is longer than stale_after: the rig would stop before an answer counts as lost"
+        yield ("timeout",), "is longer than stale_after: the rig would stop before an answer is counted as lost"

@@ -81,7 +81,8 @@ def hybrid_tests(run: Run) -> tuple[HybridTest, ...]:
     matrix = load_matrix(CampaignFolder(run.path).matrix)
     assumed = matrix.specimen.assumed
     if matrix.hybrid is None or assumed is None:
-        raise FileProblem(str(CampaignFolder(run.path).matrix), ["has no [hybrid], but the run contains hybrid tests"])
+        raise FileProblem(str(CampaignFolder(run.path).matrix), ["has no [hybrid] table, but the run contains hybrid "
+            "tests"])
     lines = read_lines(run.path)
     return tuple(_test(point, matrix.hybrid, assumed, lines) for point in points)
 

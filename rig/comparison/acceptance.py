@@ -119,7 +119,7 @@ def evaluate(bands: Bands, runs: Sequence[RunReadings], file: str = "bands") -> 
         FileProblem: a band needs a second run, or a parameter's unit is not that of the fit.
     """
     problems = [] if len(runs) > 1 or not bands.changes else [
-        "most_change is the change relative to another run. Fix: give two runs (before, after)"
+        "most_change is the change relative to another run. Fix: specify two runs (before, after)"
     ]
     problems += list(dict.fromkeys(_wrong_units(bands, runs)))
     if problems:
@@ -173,7 +173,7 @@ def _values(key: str, band: Band, run: RunReadings) -> Iterator[_Value]:
         return
     loops = _chosen(key, band, run.loops)
     if not loops:
-        yield _Value(key, unit, band.where or "any loop", NONE, why="the run has no valid point with this test")
+        yield _Value(key, unit, band.where or "any loop", NONE, why="the run contains no valid point for this test")
         return
     for loop in loops:
         known = loop.values.get(key)
@@ -224,7 +224,7 @@ def _changed(
     """A value's change against the first run's, in percent."""
     most = 100.0 * (band.most_change or 0.0)
     before = _before(band, value, first, key)
-    same = "it is the first run itself: identical data cannot show a change" if run.identity == first.identity else ""
+    same = "this is the first run itself: identical data cannot show a change" if run.identity == first.identity else ""
     why = value.why or same or ("" if before is not None else f"{first.name} has no such value")
     known = None if why or before is None else change(
         before, value.reading, same_gauge=bool(run.load_cell) and run.load_cell == first.load_cell,

@@ -28,7 +28,7 @@ class Band(Section):
     most_change: Change | None = Field(
         default=None, description="change of every later run relative to the first, in both directions"
     )
-    note: str = Field(default="", max_length=200, description="shown next to the result")
+    note: str = Field(default="", max_length=200, description="text shown next to the result")
 
     @property
     def where(self) -> str:
@@ -38,7 +38,7 @@ class Band(Section):
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
         if self.low is None and self.high is None and self.most_change is None:
-            yield (), "a band needs low, high or most_change"
+            yield (), "a band requires low, high or most_change"
         if self.low is not None and self.high is not None and not self.low < self.high:
             yield ("low",), "must be below high"
 
@@ -46,7 +46,7 @@ class Band(Section):
 class LoopBand(Band):
     """A band of what loops show; of the keys that choose loops every one that is given must hold."""
 
-    point: str | None = Field(default=None, min_length=1, max_length=80, description="id of one point")
+    point: str | None = Field(default=None, min_length=1, max_length=80, description="ID of a point")
     waveform: str | None = Field(default=None, min_length=1, max_length=40)
     amplitude_m: Annotated[float, Quantity("length", "0 mm", "1 m", above=True)] | None = Field(
         default=None, alias="amplitude"
@@ -96,7 +96,7 @@ class JounceForce(ForceLimits, LoopBand):
         yield from super().problems()
         if self.low is not None and self.low >= 0.0:
             yield ("low",), (
-                'forces in compression are negative: for a damper that delivers 900 to 1100 N write low = "-1100 N", '
+                'forces in compression are negative: for a damper that delivers 900 to 1100 N, write low = "-1100 N", '
                 'high = "-900 N"'
             )
 
@@ -142,7 +142,7 @@ class Bands(Section):
     """A whole bands file."""
 
     format: Literal[1]
-    name: str = Field(min_length=1, max_length=120, description="shown in results, such as the number of the drawing")
+    name: str = Field(min_length=1, max_length=120, description="text shown in the results, such as the drawing number")
     decision: Literal["simple", "guarded"] = Field(
         default="simple",
         description="guarded: passes only if the margin exceeds the expanded uncertainty (ISO 14253-1)",
@@ -160,7 +160,7 @@ class Bands(Section):
         """See `Section.problems`."""
         if not self.all:
             names = ", ".join(f"[[{key}]]" for key in (*QUANTITIES, "parameter"))
-            yield ("name",), f"no band given, expected at least one of {names}"
+            yield ("name",), f"no band is specified; expected at least one of {names}"
 
     @property
     def all(self) -> tuple[tuple[str, Band], ...]:

@@ -100,21 +100,21 @@ class Comparison:
         if len(models) > 1:
             lines.append(f"different models were fitted ({', '.join(sorted(models))}): parameters are not compared")
         if len(self.runs) > 1 and not any(all(row.loops) for row in self.rows):
-            lines.append("the runs have no motion with cycles in common")
+            lines.append("the runs have no cyclic motion in common")
         lines += [*self._corrected(), *self._near()]
         if len({run.load_cell for run in self.runs if run.load_cell}) > 1:
             lines.append(
-                "different load cells or sensitivities: the uncertainty of their calibrations is included in the "
-                "differences"
+                "different load cells or sensitivities were used: the uncertainty of their calibrations is included "
+                "in the differences"
             )
         given = Counter(run.identity for run in self.runs)
         if max(given.values()) > 1:
-            lines.append("one run is given more than once; identical data cannot show a change")
+            lines.append("one run is specified more than once; identical data cannot show a change")
         for run in self.runs:
             if signals := [point.id for point in run.run.points if point.kind == SIGNAL]:
                 lines.append(
-                    f"{run.name}: signals (sweep, road, file) have no loop and are not compared, only their "
-                    f"fit: {', '.join(signals[:3])}{', ...' if len(signals) > 3 else ''}"
+                    f"{run.name}: signals (sweep, road, file) have no loops, so only their fit is "
+                    f"compared: {', '.join(signals[:3])}{', ...' if len(signals) > 3 else ''}"
                 )
             if run.not_recorded:
                 lines.append(f"{run.name}: {len(run.not_recorded)} planned point(s) were not recorded")
@@ -133,7 +133,8 @@ class Comparison:
                     largest = max(largest, first.motion.apart_from(later.motion))
             if largest >= WORTH_SAYING:
                 yield (
-                    f"{run.name}: measured motions differ from the first run's by up to {100.0 * largest:.2g} %; "
+                    f"{run.name}: the measured motions differ from those of the first run by up to "
+                    f"{100.0 * largest:.2g} %; "
                     "changes are corrected to the first run's motion (forces with speed^0.5), and the uncertainty of "
                     "the correction is included"
                 )
@@ -245,7 +246,7 @@ def compare(runs: Sequence[Path | str | Run], bands: Path | str | None = None) -
     """
     limits = None if bands is None else load_bands(bands)
     if not runs or (len(runs) == 1 and limits is None):
-        raise RigError("nothing to compare. Fix: give two runs, or one run and acceptance bands (--bands FILE)")
+        raise RigError("nothing to compare. Fix: specify two runs, or one run and acceptance bands (--bands FILE)")
     if len(runs) > MOST_RUNS:
         raise RigError(f"got {len(runs)} runs, expected at most {MOST_RUNS}")
     read = tuple(readings_of(run if isinstance(run, Run) else Run.open(run)) for run in runs)

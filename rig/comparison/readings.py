@@ -353,7 +353,7 @@ def fitted_of(run: Run) -> tuple[str, dict[str, FittedReading]]:
 
 def _fitted(entry: Estimate, poor: str) -> FittedReading:
     known = entry.identifiable and entry.value is not None
-    why = poor if known else entry.reason or "the data do not determine it"
+    why = poor if known else entry.reason or "the data do not determine this parameter"
     value, error = (math.nan if one is None else one for one in (entry.value, entry.standard_error))
     return FittedReading(Reading(value, error), entry.unit, why)
 

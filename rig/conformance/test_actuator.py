@@ -61,7 +61,7 @@ class Driven:
         status = self.poll()
         while not true(status):
             if time.monotonic() > until_s:
-                pytest.fail(f"{what} did not come within {seconds:g} s; the last status is {status}")
+                pytest.fail(f"{what} was not received within {seconds:g} s; the last status is {status}")
             status = self.poll()
         return status
 
@@ -215,7 +215,7 @@ def test_a_program_runs_and_a_stop_ends_it_at_rest(taken: Driven) -> None:
 
 def test_an_actuator_that_is_not_fed_stops_by_itself(taken: Driven) -> None:
     if taken.driver.capabilities.watchdog is WatchdogKind.NONE:
-        pytest.skip("no watchdog (reported at connect): the rig relies on switching the pressure off")
+        pytest.skip("no watchdog (as reported on connection): the rig relies on switching the pressure off")
     taken.poll()
     taken.fed = False
     taken.until(lambda status: status.state == State.TRIPPED, "watchdog trip", 3.0)

@@ -111,7 +111,7 @@ def test_what_waited_can_be_thrown_away(made: Made) -> None:
     read(sensor, 0.2)
     time.sleep(0.6)
     sensor.discard_input()
-    assert len(sensor.read_batch(0.1).records) < 0.4 * RATE_HZ, "data that waited for 0.6 s must be discarded"
+    assert len(sensor.read_batch(0.1).records) < 0.4 * RATE_HZ, "data queued for 0.6 s must be discarded"
 
 
 def test_silence_is_an_empty_batch_in_time_and_never_an_old_value(made: Made, peer: Peer) -> None:

@@ -63,7 +63,7 @@ class DescribedBy:
 
         table = isinstance(value, Mapping) and self.tables
         if not table and not isinstance(value, str):
-            raise ValueError("must be the name of a description or of a file in quotes" + self.tables * ", or a table")
+            raise ValueError("must be the name of a description or of a file, in quotes" + self.tables * ", or a table")
         if not table and not is_file(value):
             return self.known(value)
         if problems := entry_problems(self.kind, value):
@@ -96,4 +96,4 @@ def dbc_text(path: str | Path, largest_bytes: int = LARGEST_DBC_BYTES) -> DbcTex
     for encoding in ("utf-8-sig", DBC_ENCODING):
         with contextlib.suppress(UnicodeDecodeError):
             return DbcText(path.name, data.decode(encoding))
-    raise FileProblem(str(path), ["not a text in UTF-8 or Windows-1252"])
+    raise FileProblem(str(path), ["not text encoded in UTF-8 or Windows-1252"])

@@ -19,14 +19,14 @@ LARGEST = 1.7e308
 
 def _signal(name: str) -> str:
     if name.count(".") != 1:
-        raise ValueError('must be a text of the form "Message.signal", with the names of the DBC')
+        raise ValueError('must be a string of the form "Message.signal", with the names of the DBC')
     return name
 
 
 def _number(value: object) -> object:
     if isinstance(value, (bool, int, str)):
         return value
-    raise ValueError("must be a raw whole number, true, false, or the name of a value in quotes")
+    raise ValueError("must be a raw integer, true, false, or the name of a value in quotes")
 
 
 def _constant(value: object) -> object:
@@ -69,19 +69,19 @@ Fault = Annotated[
 ]
 
 ABOUT: Mapping[str, str] = {
-    "command": "the set-point of the current",
+    "command": "set-point of the current",
     "enable": "output stage on and off",
     "clear_faults": "command that clears the ECU's latched faults",
-    "measured_current": "the current as the ECU measures it",
+    "measured_current": "the current measured by the ECU",
     "state": "state of the output stage; off, enabled, ...: raw numbers or their names in the DBC",
-    "faults": "word of fault bits (signal); each fault is a bit of it, a name of its value, or a separate signal",
+    "faults": "fault word (signal); each fault is a bit of this word, a named value of it, or a separate signal",
     "coil_temperature": "temperature of the coil",
     "ecu_temperature": "temperature of the ECU",
-    "supply_voltage": "supply of the output stage",
+    "supply_voltage": "supply voltage of the output stage",
     "clock": "the ECU's own clock, a free-running counter",
     "serial_number": "serial number",
     "firmware": "firmware version",
-    "layout": "version of the frame layout; value: the version of this DBC, checked at connect",
+    "layout": "version of the frame layout; value: the version of this DBC file, checked on connection",
     "boot_count": "number of starts of the ECU",
 }
 
@@ -147,7 +147,7 @@ Constants = Annotated[
     Annotated[Constant, Tag("[plain]")] | Annotated[dict[str, Constant], Tag("[Table]")], Discriminator(_table)
 ]
 
-Roles = table_of_words("Roles", "The roles of signals.", (), str, **{
+Roles = table_of_words("Roles", "Roles of the signals.", (), str, **{
     role: (_role(role), Field(description=ABOUT[role], examples=["Message.signal"]))
     if role in {"command", "measured_current"} else (_role(role) | None, Field(None, description=ABOUT[role]))
     for role in ROLE_KEYS
@@ -158,7 +158,7 @@ class RolesFile(Roles):  # type: ignore[valid-type,misc]  # a class made of the 
     """What the signals of a DBC file mean: docs/how-to/connect-an-ecu-by-dbc.md."""
 
     constants: dict[str, Constants] | None = Field(
-        None, description='"Message.signal" = number or name: constant signals of the sent messages'
+        None, description='"Message.signal" = number or name: constant signals in the messages sent'
     )
     protection: dict[str, Protected] | None = Field(None, description="counter and checksum, by message")
     periods: dict[str, Duration] | None = Field(
@@ -168,5 +168,6 @@ class RolesFile(Roles):  # type: ignore[valid-type,misc]  # a class made of the 
         None, description="transmission of commands (default cyclic)"
     )
     command_timeout: Duration | None = Field(
-        None, description="time without commands after which the ECU goes to 0 A; omit it if the ECU does not"
+        None, description="time without commands after which the ECU goes to 0 A; omit this entry if the ECU does "
+            "not do so"
     )

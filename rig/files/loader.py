@@ -31,7 +31,7 @@ MOST_SHOWN = 40
 """Wrong entries shown of one file; who has more has one cause for most of them."""
 
 _KINDS = {
-    "string_type": "a text in quotes",
+    "string_type": "a string in quotes",
     "int_type": "a whole number",
     "int_from_float": "a whole number",
     "float_type": "a number",
@@ -86,7 +86,7 @@ class WrongKind(FileProblem):
     def __init__(self, path: Path, kind: str, wanted: str) -> None:
         self.kind = kind
         place = _PLACES[kind].format(path=path)
-        super().__init__(str(path), [f"this is a {kind} file, expected a {wanted} file. Fix: give it as {place}"])
+        super().__init__(str(path), [f"this is a {kind} file, expected a {wanted} file. Fix: pass it as {place}"])
 
 
 def load_section(
@@ -110,7 +110,7 @@ def load_section(
     source = read_toml(path)
     if not source.data:
         way = f"; `rig schema {kind}` prints every key" if kind in {"bench", "matrix"} else ""
-        raise FileProblem(str(path), [f"this file has no entries; docs/files.md describes it{way}"])
+        raise FileProblem(str(path), [f"this file has no entries; docs/files.md describes its format{way}"])
     if kind and not source.data.keys() & TABLES[kind]:
         for other, tables in TABLES.items():
             if source.data.keys() & tables:
@@ -197,7 +197,7 @@ def _unknown_key(model: Table, section: Table, key: str) -> str:
     """Where an unknown key belongs, else which key was meant, else which there are."""
     homes = [f"[{name}]" for name, table in _tables(model) if table is not section and key in keys_of(table)]
     if homes:
-        return f"unknown key here. Fix: move it to {' or '.join(homes)}"
+        return f"this key is not allowed here. Fix: move it to {' or '.join(homes)}"
     known = keys_of(section)
     near = near_names(key, [*known, *suffixed_keys(section)])
     return f"unknown key; did you mean {near[0]}?" if near else f"unknown key; allowed here: {', '.join(known)}"

@@ -68,7 +68,7 @@ Step = Annotated[
     Annotated[WriteStep, Tag("[WriteStep]")] | Annotated[WaitStep, Tag("[WaitStep]")]
     | Annotated[PauseStep, Tag("[PauseStep]")] | Annotated[RecipeStep, Tag("[RecipeStep]")],
     Discriminator(
-        _step, custom_error_type="no_step", custom_error_message=f"a step has one of {', '.join(STEPS)}"
+        _step, custom_error_type="no_step", custom_error_message=f"a step must have one of {', '.join(STEPS)}"
     ),
 ]
 Recipe = Annotated[tuple[Step, ...], Field(min_length=1), OneOrMore()]
@@ -98,9 +98,10 @@ def _words(meaning: tuple[Enum, ...]) -> list[str]:
     return [word(member) for member in meaning]  # type: ignore[arg-type]  # members of IntEnum and IntFlag
 
 
-States = table_of_words("States", "Conditions of each state.", _words(tuple(State)), StateEntry)
+States = table_of_words("States", "Conditions for each state.", _words(tuple(State)), StateEntry)
 Pressures = table_of_words(
-    "Pressures", "Conditions of the pressure.", _words((Pressure.OFF, Pressure.LOW, Pressure.ON)), CodesOrCondition
+    "Pressures", "Conditions for the pressure states.", _words((Pressure.OFF, Pressure.LOW, Pressure.ON)),
+    CodesOrCondition,
 )
 Faults = table_of_words("Faults", "Bits of fault_bits.", _words(tuple(FaultBit)), BitsOrCondition)
 Inputs = table_of_words("Inputs", "Bits of inputs.", _words(tuple(Input)), BitsOrCondition)
@@ -109,7 +110,7 @@ Results = table_of_words("Results", "Codes of result.", _words(tuple(Result)), C
 CommandCodes = table_of_words("CommandCodes", "Codes of commands.", _words(tuple(Command)), Codes)
 Waveforms = table_of_words("Waveforms", "Codes of waveforms.", _words(tuple(Waveform)), Codes)
 Actions = table_of_words("Actions", "Codes of watchdog actions.", _words(tuple(WatchdogAction)), Codes)
-Commands = table_of_words("Commands", "Writes of each command.", COMMANDS, Recipe)
+Commands = table_of_words("Commands", "Register writes for each command.", COMMANDS, Recipe)
 
 
 NEEDED: JsonDict = {
@@ -130,10 +131,10 @@ class RegisterMapFile(DescriptionTable):
     name: str | None = None
     description: str | None = None
     unverified: bool | None = None
-    base: str | None = Field(None, description="name of an included map")
+    base: str | None = Field(None, description="name of a built-in register map")
     without: tuple[str, ...] | None = Field(
-        None, description="entries of the base that this device does not "
-            "support", examples=[["commands.start", "table"]]
+        None, description="entries in the base map that this device does "
+            "not support", examples=[["commands.start", "table"]]
     )
     modbus: Modbus | None = None
     quantities: dict[str, QuantityEntry] | None = None

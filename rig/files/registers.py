@@ -147,4 +147,5 @@ class Written(DescriptionTable):
     """Values that are written together."""
 
     write: Values
-    span: tuple[str, str] | None = Field(None, description="first and last quantity: all registers of one to the other")
+    span: tuple[str, str] | None = Field(None, description="first and last quantity: all registers from the first "
+        "quantity to the last")

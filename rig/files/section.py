@@ -180,7 +180,8 @@ def folded(table: Table, data: object) -> object:
     for written in data.keys() & suffixed.keys():
         key, unit = suffixed[written]
         if key in values:
-            raise PydanticCustomError("written_twice", f"{key} is given twice (also as {written}); keep one")
+            raise PydanticCustomError("written_twice", f"{key} is specified twice (also as {written}); keep one of "
+                f"them")
         values[key] = _with_unit(data[written], unit, written)
     return values
 

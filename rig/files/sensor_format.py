@@ -24,7 +24,8 @@ def _bytes(value: object) -> object:
         if not value.isascii():
             raise ValueError("expected ASCII text, or a list of bytes such as [0x02, 0xA5]")
         if any(written in value for written in ("\\r", "\\n", "\\x", "\\0", "\\u")):
-            raise ValueError('a backslash is literal in single quotes. Fix: write "\\r\\n" in double quotes, or '
+            raise ValueError('a backslash is taken literally in single quotes. Fix: write "\\r\\n" in double quotes, '
+                'or '
                 "[0x0D, 0x0A]")
     elif not isinstance(value, (list, tuple)) or not all(type(item) is int and 0 <= item <= 0xFF for item in value):
         raise ValueError("expected ASCII text, or a list of bytes from 0 to 0xFF")
@@ -40,7 +41,7 @@ def _column(value: object) -> object:
 
 def _rising(value: Any) -> Any:  # noqa: ANN401 - two numbers
     if len(value) != 2 or value[0] > value[1]:
-        raise ValueError("must be two whole numbers [first, last], the first not after the last")
+        raise ValueError("must be two whole numbers [first, last], the first no greater than the last")
     return value
 
 
@@ -64,74 +65,77 @@ Status = Literal["ok", "overload", "fault"]
 class _Format(DescriptionTable):
     """Entries of both kinds."""
 
-    name: str | None = Field(None, description="name for messages and recordings")
-    base: str | None = Field(None, description="name of a preset that supplies the entries missing in this table")
+    name: str | None = Field(None, description="name used in messages and recordings")
+    base: str | None = Field(None, description="name of a preset that supplies the entries missing from this table")
     kind: Literal["lines", "frames"] | None = Field(
         None, description="lines of text or frames of bytes; default: inferred from the other keys"
     )
-    description: str | None = Field(None, description="manufacturer, device and document of the format; information "
+    description: str | None = Field(None, description="manufacturer, device and manual for this format; for "
+        "information "
         "only")
     unit: str | None = Field(None, description="unit of the value")
     nominal_rate_Hz: float | None = Field(
-        None, ge=1e-3, le=1e6, description="readings per second, if the bench file does not state them"
+        None, ge=1e-3, le=1e6, description="readings per second, used if the bench file does not specify the rate"
     )
     start_command: Bytes | None = Field(
-        None, description="sent when the port is opened, to start continuous transmission"
+        None, description="command sent when the port is opened, to start continuous transmission"
     )
-    stop_command: Bytes | None = Field(None, description="sent before the port is closed")
+    stop_command: Bytes | None = Field(None, description="command sent before the port is closed")
     request: Bytes | None = Field(
-        None, description="request sent for each reading, at the bench file's rate; {address} in a text is replaced "
+        None, description="request sent for each reading, at the bench file's rate; {address} in the text is replaced "
             "by `address`"
     )
     answer_timeout_ms: float | None = Field(
-        None, ge=1, le=5000, description="longest wait for the answer to a request (default 100)"
+        None, ge=1, le=5000, description="maximum time to wait for the answer to a request (default 100)"
     )
-    address: str | None = Field(None, description="replaces {address} in request, commands and pattern")
+    address: str | None = Field(None, description="address that replaces {address} in the request, the commands and "
+        "the pattern")
 
 
 class LineFormatFile(_Format):
     """Lines of text."""
 
     start: Bytes | None = Field(
-        None, description="bytes at the start of a line, such as STX; not part of pattern and columns"
+        None, description="bytes at the start of a line, such as STX; not part of the pattern or columns"
     )
     terminator: Bytes | None = Field(None, description="bytes at the end of a line (default CR LF)")
-    pattern: str | None = Field(None, description="regular expression of the whole line with a group (?P<value>...)")
+    pattern: str | None = Field(None, description="regular expression for the whole line, with a group (?P<value>...)")
     columns: dict[str, Annotated[Place | Span, Check(_column, alone=True)]] | None = Field(
         None, min_length=1,
         description="instead of a pattern: [first, last] character of value, unit, status, sign, checksum, counted "
-            "from 1; with a separator the column number",
+            "from 1; with a separator, the column number",
     )
-    separator: str | None = Field(None, description="separator between columns of any width")
+    separator: str | None = Field(None, description="separator between columns of variable width")
     length: Place | None = Field(None, description="fixed line length in characters, without start and terminator")
     maximum_length: Place | None = Field(
-        None, description="longest line in characters, without start and terminator (default 64)"
+        None, description="maximum line length in characters, without start and terminator (default 64)"
     )
     number: Literal[tuple(NUMBERS)] | None = Field(  # type: ignore[valid-type]  # the format's own list
         None, description="number format (default decimal)"
     )
-    decimal_mark: Literal[".", ","] | None = Field(None, description="point or comma (default point)")
+    decimal_mark: Literal[".", ","] | None = Field(None, description="decimal separator: point or comma (default "
+        "point)")
     sign: Literal[SIGNS] | None = Field(  # type: ignore[valid-type]  # the format's own list
         None, description="position of the sign (default leading); separate: in group or column `sign`"
     )
     negative_tokens: tuple[str, ...] | None = Field(
-        None, description='texts of a separate sign that mean a negative number (default ["-"])'
+        None, description='strings in a separate sign field that mean a negative number (default ["-"])'
     )
-    decimals: int | None = Field(None, ge=0, le=9, description="implied decimal places of a number without a decimal "
-        "sign")
+    decimals: int | None = Field(None, ge=0, le=9, description="number of implied decimal places if the number has no "
+        "decimal separator")
     scale: float | None = Field(None, description="value = number * scale + offset (default 1)")
     offset: float | None = Field(None, description="see scale (default 0)")
     units: dict[str, float] | None = Field(
         None, min_length=1, description="units that the line may contain, each with its factor to `unit`"
     )
     status: dict[str, Status] | None = Field(
-        None, min_length=1, description="texts of group or column `status`; each means ok, overload or fault"
+        None, min_length=1, description="strings in group or column `status`; each means ok, overload or fault"
     )
     overload_tokens: tuple[str, ...] | None = Field(
-        None, description="texts instead of the number: input out of range"
+        None, description="strings sent instead of the number: input out of range"
     )
     fault_tokens: tuple[str, ...] | None = Field(
-        None, description="texts instead of the number: sensor broken or not connected"
+        None, description="strings sent instead of the number: sensor broken or not connected"
     )
     checksum: Literal[LINE_CHECKSUMS] | None = Field(  # type: ignore[valid-type]  # the format's own list
         None, description="checksum in group or column `checksum` (default none)"
@@ -143,7 +147,7 @@ class LineFormatFile(_Format):
         None, description="character after the last one covered (default: the checksum)"
     )
     checksum_over: Span | None = Field(
-        None, description="[first, last] character covered, counted from 1, instead of both"
+        None, description="[first, last] character covered, counted from 1; replaces the two entries above"
     )
     template: str | None = Field(
         None, description="template of a simulated sensor's line, such as \"ST,{value:+08.3f}\"; default: derived from "
@@ -156,7 +160,7 @@ class FieldEntry(DescriptionTable):
 
     at: Byte | None = Field(None, description="first byte of the field, counted from 0 at the start of the frame")
     type: Literal[tuple(SIZES)] | None = Field(  # type: ignore[valid-type]  # the format's own list
-        None, description="u unsigned, i signed, f float, followed by the number of bits"
+        None, description="u (unsigned), i (signed) or f (float), followed by the number of bits"
     )
     order: Order | None = Field(None, description="byte order (default: that of the frame)")
     bits: Annotated[tuple[Bit, Bit], Check(_rising)] | None = Field(
@@ -168,14 +172,14 @@ class FieldEntry(DescriptionTable):
     )
     offset: float | None = Field(None, description="see scale (default 0)")
     valid: Annotated[tuple[float, float], Check(_limits)] | None = Field(
-        None, description="[lowest, highest] valid number; a number outside is an overload"
+        None, description="[lowest, highest] valid number; a number outside this range is an overload"
     )
-    overload_values: tuple[int, ...] | None = Field(None, description="numbers for an input out of range")
+    overload_values: tuple[int, ...] | None = Field(None, description="numbers that mean an input out of range")
     fault_values: tuple[int, ...] | None = Field(
-        None, description="numbers for a sensor that is broken or not connected"
+        None, description="numbers that mean a sensor that is broken or not connected"
     )
-    overload_bits: Mask | None = Field(None, description="mask of status bits for an input out of range")
-    fault_bits: Mask | None = Field(None, description="mask of status bits for a broken sensor")
+    overload_bits: Mask | None = Field(None, description="mask of the status bits that mean an input out of range")
+    fault_bits: Mask | None = Field(None, description="mask of the status bits that mean a broken sensor")
 
 
 class Fields(DescriptionTable):
@@ -192,13 +196,13 @@ class FrameFormatFile(_Format):
 
     sync: Bytes | None = Field(None, description="bytes at the start of a frame")
     length: int | None = Field(
-        None, ge=1, le=256, description="length of a whole frame in bytes, with sync, checksum and end, without "
+        None, ge=1, le=256, description="total frame length in bytes, including sync, checksum and end but not "
             "stuffing"
     )
     end: Bytes | None = Field(None, description="bytes at the end of a frame")
     order: Order | None = Field(None, description="byte order of numbers (default little)")
     fields: Fields | None = Field(
-        None, description="table value, and optionally tables status, sequence and time"
+        None, description="table `value` and, optionally, tables `status`, `sequence` and `time`"
     )
     packed: tuple[str, ...] | None = Field(
         None, min_length=1,
@@ -206,7 +210,7 @@ class FrameFormatFile(_Format):
             f"{', '.join(f'{letter} {name}' for letter, name in LETTERS.items())}, x any",
     )
     stuffing: Literal[STUFFINGS] | None = Field(  # type: ignore[valid-type]  # the format's own list
-        None, description="byte stuffing of a sync inside a frame (default none)"
+        None, description="byte stuffing of sync bytes within a frame (default none)"
     )
     escape: Byte | None = Field(None, description="escape byte before a stuffed byte (default 0x10)")
     escape_xor: Byte | None = Field(None, description="value by which a stuffed byte is XORed (default 0; HDLC 0x20)")
@@ -216,7 +220,7 @@ class FrameFormatFile(_Format):
     checksum_at: Byte | None = Field(None, description="first byte of the checksum, counted from 0 (default: "
         "directly before the end)")
     checksum_over: ByteSpan | None = Field(
-        None, description="[first, last] byte covered, counted from 0 (default: all before it)"
+        None, description="[first, last] byte covered, counted from 0 (default: all bytes before the checksum)"
     )
     checksum_order: Order | None = Field(None, description="byte order (default: that of the frame)")
 

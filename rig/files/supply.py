@@ -33,7 +33,7 @@ def _pattern(text: str) -> str:
 
 def _value_pattern(text: str) -> str:
     if text and "value" not in Pattern(_pattern(text)).groups:
-        raise ValueError("must have the number in a group named value, such as '(?P<value>[-+0-9.]+)A'")
+        raise ValueError("must capture the number in a group named value, such as '(?P<value>[-+0-9.]+)A'")
     return text
 
 
@@ -67,10 +67,10 @@ class _Supply(DescriptionTable):
     format: Literal[1] | None = None
     maker: str | None = None
     model: str | None = None
-    tried: str | None = Field(None, description="degree of testing, shown at connect: unverified")
+    tried: str | None = Field(None, description="test status, shown on connection: unverified")
     settling_ms: float | None = Field(
         None, ge=1.0, le=LONGEST_MS,
-        description="settling time of the current after a new set-point, with the coil (default 300)",
+        description="settling time of the current after a new set-point, with the coil connected (default 300)",
     )
 
 
@@ -80,7 +80,7 @@ class Link(DescriptionTable):
     terminator: Literal[TERMINATORS] | None = None  # type: ignore[valid-type]  # the driver's own list
     echo: bool | None = Field(None, description="the supply echoes every command before its answer")
     acknowledge: Regex | None = Field(None, description="answer to commands that are not queries")
-    gap_ms: float | None = Field(None, ge=0.0, le=1000.0, description="least time between two commands")
+    gap_ms: float | None = Field(None, ge=0.0, le=1000.0, description="minimum time between two commands")
     baudrate: Baudrate | None = None
     bytesize: Literal[7, 8] | None = None
     parity: Parity | None = None
@@ -97,11 +97,12 @@ class Ranges(DescriptionTable):
 
 
 Commands = table_of_words(
-    "Commands", "Text of each command.", [name for name in COMMANDS if name not in {"set_current", "measure_current"}],
+    "Commands", "Text sent for each command.",
+    [name for name in COMMANDS if name not in {"set_current", "measure_current"}],
     Sent,
     set_current=(Sent, Field(examples=["CURR {current_A:.3f}"])),
     measure_current=(Sent, Field(
-        examples=["MEAS:CURR?"], description="without a measured current 0 A could not be confirmed"
+        examples=["MEAS:CURR?"], description="without a measured current, 0 A cannot be confirmed"
     )),
 )  # fmt: skip
 
@@ -109,14 +110,15 @@ Commands = table_of_words(
 class Answers(DescriptionTable):
     """What its answers look like, where they are not plain."""
 
-    identity: Regex | None = Field(None, description="required form of the answer to identify")
-    no_error: Regex | None = Field(None, description="answer to error_queue without an error")
-    current: ValueRegex | None = Field(None, description="the current, as the group value: (?P<value>[-+0-9.]+)")
-    voltage: ValueRegex | None = Field(None, description="the voltage, as the group value")
-    on: Sent | None = Field(None, description="answers to read_output for an output that is on")
+    identity: Regex | None = Field(None, description="required form of the answer to `identify`")
+    no_error: Regex | None = Field(None, description="answer to `error_queue` if there is no error")
+    current: ValueRegex | None = Field(None, description="regular expression for the current, in the group `value`: "
+        "(?P<value>[-+0-9.]+)")
+    voltage: ValueRegex | None = Field(None, description="regular expression for the voltage, in the group `value`")
+    on: Sent | None = Field(None, description="answers to `read_output` that mean that the output is on")
 
 
-Faults = table_of_words("Faults", "Bits of the answer to read_faults.", FAULTS, Bit)
+Faults = table_of_words("Faults", "Bits in the answer to `read_faults`.", FAULTS, Bit)
 
 
 class Watchdog(DescriptionTable):

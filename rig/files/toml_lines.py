@@ -37,7 +37,7 @@ def structure_problem(text: str) -> str | None:
             line = text.count("\n", 0, match.start()) + 1
             return f"line {line}: {what} more than {MOST_PARTS} {'parts' if dots >= MOST_PARTS else 'levels'}"
         if entries > MOST_ENTRIES:
-            return f"more than {MOST_ENTRIES} entries: too many for a file of this program"
+            return f"more than {MOST_ENTRIES} entries: too many for a file read by this program"
     return None
 
 

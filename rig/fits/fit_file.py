@@ -41,7 +41,7 @@ def read_fit(kind: type[Value], path: Path) -> Value:
     """
     file = CampaignFolder(path).fit if path.is_dir() else path
     if path.is_dir() and not file.is_file():
-        raise FileProblem(str(file), ["this run has no fit. Fix: create one with `rig identify RUN`"])
+        raise FileProblem(str(file), ["this run has no fit. Fix: create a fit with `rig identify RUN`"])
     raw = read_bytes(file, JSON_LIMIT_BYTES)
     try:
         content = json_of(file, raw)
@@ -98,7 +98,7 @@ def _without_counterpart(
     rates = () if corrections.temperature is None else RATES.get(corrections.temperature.law, ())
     for name in (*rates, *profiles):
         if (parameters.get(name) or {}).get("value") is None:
-            yield f"parameters.{name}.value: is missing; its profile or the temperature law needs it"
+            yield f"parameters.{name}.value: is missing; the parameter's profile or the temperature law requires it"
     if related is not None:
         yield from ["current.currents_A: is missing"] * bool(related.relations and not related.currents_A)
         for name in sorted(related.relations.keys() ^ related.ranges.keys()):

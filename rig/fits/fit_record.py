@@ -248,13 +248,13 @@ class FitRecord:
         that temperature, and states where it lies beyond the tests.
 
         Raises:
-            IdentificationFailed: the fit has no temperature law, or this is no temperature.
+            IdentificationFailed: the fit has no temperature law, or the temperature is not valid.
         """
         term, law = self.temperature, self.temperature_law
         if term is None or law is None:
             raise IdentificationFailed("this fit has no temperature law. Fix: fit again with --temperature-law")
         if not -273.15 < temperature_degC < math.inf:
-            raise IdentificationFailed(f"{temperature_degC:g} degC is no temperature")
+            raise IdentificationFailed(f"{temperature_degC:g} degC is not a valid temperature")
         model, warmer_K = self.damper, temperature_degC - term.reference_degC
         names = [name for name in self.correlation if self.parameters[name].standard_error is not None]
         factors = {one.name: math.exp(-law.rate_1_K(one) * warmer_K) for one in model.parameters}
@@ -286,7 +286,7 @@ def _without_values(
         return f"parameters: no value for {named}"
     return (
         f"parameters: got {', '.join(others)}, which model {model.name!r} does not have, and no value for {named}: the "
-        "parameters are those of another model"
+        "parameters belong to another model"
     )
 
 

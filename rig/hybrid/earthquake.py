@@ -128,6 +128,6 @@ def _implausible(table: FloatArray, intensity: float) -> list[str]:
         problems.append(f"lasts {step_s * (len(table) - 1):g} s; at least 1 s")
     peak = float(np.max(np.abs(table[:, 1]))) * intensity
     if not 0.0 < peak <= LARGEST_m_s2:
-        at = f"at intensity {intensity:g}; above 0, up to {LARGEST_m_s2:g} m/s^2"
+        at = f"at intensity {intensity:g}; expected above 0 and up to {LARGEST_m_s2:g} m/s^2"
         problems.append(f"peak acceleration {peak:g} m/s^2 {at}")
     return problems

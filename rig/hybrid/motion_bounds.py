@@ -124,7 +124,7 @@ class Watch:
         if not abs(lost_J) <= bounds.energy_share * self._reference_J:
             share = lost_J / self._reference_J
             text = (
-                f"energy error of following the target: got {lost_J:.3g} J in {self._reference_J:.3g} J of work, "
+                f"energy error from following the target: got {lost_J:.3g} J in {self._reference_J:.3g} J of work, "
                 f"{100 * share:.1f} %; allowed +-{100 * bounds.energy_share:g} %"
             )
             return Problem(text, share, bounds.energy_share)

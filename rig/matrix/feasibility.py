@@ -66,7 +66,7 @@ def reasons_against(point: TestPoint, force_N: float | None, matrix: Matrix, ben
     if force_N is not None and _beyond(force_N, _allowed_force_N(bench)):
         yield Reason(
             "force",
-            f"predicted force {force_N:.4g} N is above the bench's limit, {limits.force_N:.4g} N less "
+            f"predicted force {force_N:.4g} N is above the bench's limit, {limits.force_N:.4g} N minus "
             f"{100 * FORCE_HEADROOM:g} % headroom",
         )
     yield from _independent_of_amplitude(point, matrix, bench)
@@ -117,7 +117,7 @@ def command_limit(point: TestPoint, matrix: Matrix, bench: Bench) -> tuple[float
         allowed[what] = slower * AMPLITUDE_STEP_M
     halted = _largest(steps, lambda smaller: _can_be_halted(smaller, matrix, bench), point)
     if halted < min(steps, slower):
-        allowed["the travel that a halt needs"] = halted * AMPLITUDE_STEP_M
+        allowed["the travel required for a halt"] = halted * AMPLITUDE_STEP_M
     what = min(allowed, key=lambda name: allowed[name])
     return allowed[what], what
 
@@ -160,10 +160,10 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     rate_Hz = min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
     if _beyond(SAMPLES_A_CYCLE * point.frequency_Hz, rate_Hz):
         samples = rate_Hz / point.frequency_Hz
-        text = f"{samples:.3g} samples per cycle at {rate_Hz:.4g} Hz; a loop needs {SAMPLES_A_CYCLE}"
+        text = f"{samples:.3g} samples per cycle at {rate_Hz:.4g} Hz; a loop requires {SAMPLES_A_CYCLE}"
         yield Reason("sampling", text)
     if point.waveform == "triangle" and not bench.actuator.makes_triangles:
-        yield Reason("waveform", "triangle: the controller's function generator produces sines only")
+        yield Reason("waveform", "triangle: the controller's function generator produces only sine waveforms")
     streamed_s = bench.actuator.setpoints_s
     if streamed_s is None:
         return
@@ -171,7 +171,8 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     if _beyond(FEWEST_SETPOINTS, told):
         poll_ms = 1e3 * streamed_s
         text = (
-            f"{told:.3g} set-points per cycle at a poll interval of {poll_ms:.3g} ms; a motion needs {FEWEST_SETPOINTS}"
+            f"{told:.3g} set-points per cycle at a poll interval of {poll_ms:.3g} ms; a motion requires "
+            f"{FEWEST_SETPOINTS}"
         )
         if bench.clock.device_rate > 1.0:
             text += f". Fix: --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
@@ -183,20 +184,21 @@ def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reaso
     highest_Hz, rate_Hz = record.highest_Hz, min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
     upto = f"per cycle of its highest frequency, {highest_Hz:.3g} Hz"
     if _beyond(SAMPLES_A_CYCLE * highest_Hz, rate_Hz):
-        text = f"{rate_Hz / highest_Hz:.3g} samples {upto}, at {rate_Hz:.4g} Hz; a signal needs {SAMPLES_A_CYCLE}"
+        text = f"{rate_Hz / highest_Hz:.3g} samples {upto}, at {rate_Hz:.4g} Hz; a signal requires {SAMPLES_A_CYCLE}"
         yield Reason("sampling", text)
     streamed_s = bench.actuator.setpoints_s
     if streamed_s is None:
         yield Reason(
             "waveform", f"{point.waveform}: requires an actuator with streamed set-points; this bench's controller "
-                "generates its motion itself and has no generator for it",
+                "generates the motion itself and has no generator for this waveform",
         )
         return
     told = 1.0 / (highest_Hz * streamed_s * bench.clock.device_rate)
     if _beyond(FEWEST_SETPOINTS, told):
         poll_ms = 1e3 * streamed_s
         text = (
-            f"{told:.3g} set-points {upto}, at a poll interval of {poll_ms:.3g} ms; a signal needs {FEWEST_SETPOINTS}"
+            f"{told:.3g} set-points {upto}, at a poll interval of {poll_ms:.3g} ms; a signal requires "
+            f"{FEWEST_SETPOINTS}"
         )
         if bench.clock.device_rate > 1.0 and told * bench.clock.device_rate >= FEWEST_SETPOINTS:
             text += f". Fix: --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
@@ -210,7 +212,7 @@ def _ripple(reached: float, own: float, unit: str) -> str:
     """How much of what is reached the motion itself asks for; empty where that is all."""
     if not _beyond(reached, own):
         return ""
-    return f" ({own:.3g} {unit} of the motion itself, plus ramps, fade-out, corners and streaming)"
+    return f" ({own:.3g} {unit} for the motion itself, plus ramps, ramp-down, corners and streaming)"
 
 
 def _when(point: TestPoint, which: int) -> str:
@@ -326,7 +328,8 @@ def _rate(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Itera
             need_Hz = needed * max(point.frequency_Hz for point in coarse)
             yield (
                 f"{some(coarse)}: only {fewest:.3g} samples per cycle from the {name} at {sensor.rate_Hz:.4g} Hz; "
-                f"identification from a {waveform} needs {needed:g}, that is {show(need_Hz, 'Hz')} here, because the "
+                f"identification from a {waveform} requires {needed:g}, which means {show(need_Hz, 'Hz')} here, "
+                f"because the "
                 "force reverses within a few samples"
             )
 
@@ -335,7 +338,8 @@ def _bandwidth(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> 
     if sensor.bandwidth_Hz is not None and sensor.bandwidth_Hz > 0.5 * sensor.rate_Hz:
         yield (
             f"{name}: declared bandwidth {show(sensor.bandwidth_Hz, 'Hz')} is above half its rate, "
-            f"{show(0.5 * sensor.rate_Hz, 'Hz')} (Nyquist): noise and hum above that appear at lower frequencies"
+            f"{show(0.5 * sensor.rate_Hz, 'Hz')} (Nyquist): noise and hum above that frequency appear at lower "
+            f"frequencies"
         )
     band_Hz, source = sensor.bandwidth_Hz, "declared bandwidth"
     if band_Hz is None and sensor.delay_s:
@@ -347,6 +351,6 @@ def _bandwidth(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> 
         fastest_Hz = max(point.frequency_Hz for point in slow)
         yield (
             f"{some(slow)}: the {name} ({source} {show(band_Hz, 'Hz', 3)}) passes {math.floor(band_Hz / fastest_Hz)} "
-            f"harmonics of {show(fastest_Hz, 'Hz')}; the shape of a loop needs {HARMONICS}, that is "
+            f"harmonics of {show(fastest_Hz, 'Hz')}; the shape of a loop requires {HARMONICS}, which means "
             f"{show(HARMONICS * fastest_Hz, 'Hz')} here"
         )

@@ -64,7 +64,7 @@ class HybridCar(Car):
     @field_validator("rear", mode="before")
     @classmethod
     def _one_corner(cls, value: object) -> object:
-        text = "a hybrid test has one corner of a car, [hybrid.car.front]. Fix: remove this table"
+        text = "a hybrid test simulates only one corner of a car, [hybrid.car.front]. Fix: remove this table"
         raise PydanticCustomError("one_corner", text)
 
     def problems(self) -> Iterator[Problem]:
@@ -113,29 +113,31 @@ class HybridTable(Section):
     road: HybridRoad
     current_A: Annotated[float, Quantity("current", "0 A", "20 A")] = Field(default=0.0, alias="current")
     compensation: tuple[Compensator, ...] = Field(
-        default=("model", "none"), min_length=1, description="compensation of the actuator's delay; one point for each"
+        default=("model", "none"), min_length=1, description="compensation methods for the actuator's delay; one "
+            "point each"
     )
     law: tuple[Law, ...] = Field(
-        default=("passive",), min_length=1, description="control law of the coil current, as in `rig ride --law`; "
-            "one point for each"
+        default=("passive",), min_length=1, description="control laws for the coil current, as in `rig ride --law`; "
+            "one point each"
     )
     most_current_A: Annotated[float, Quantity("current", "0 A", "20 A", above=True)] = Field(
-        default=1.0, alias="most_current", description="largest current of every law except passive"
+        default=1.0, alias="most_current", description="maximum current for every law except passive"
     )
     sky_share: Annotated[float, Quantity("ratio", "0 %", "100 %")] = Field(
-        default=0.7, description="skyhook share of the laws hybrid and inverse: 100 % controls the body, 0 % the wheel"
+        default=0.7, description="skyhook share in the laws hybrid and inverse: 100 % controls the body, 0 % the wheel"
     )
     law_damping_N_s_m: Annotated[float, Quantity("damping", "1 N s/m", "100 kN s/m")] = Field(
         default=3000.0, alias="law_damping", description="damping that the law inverse requests"
     )
     largest_delay_s: Delay = Field(
-        default=0.015, alias="largest_delay", description="largest delay of the actuator with which the test may start"
+        default=0.015, alias="largest_delay", description="largest actuator delay with which the test may start"
     )
     largest_energy_error: Annotated[float, Quantity("ratio", "1 %", "100 %")] = Field(
-        default=0.2, description="energy added by the tracking error, as a share of the specimen's work"
+        default=0.2, description="largest permitted energy added by the tracking error, as a share of the specimen's "
+            "work"
     )
     probe_amplitude_m: Annotated[float, Quantity("length", "0.1 mm", "10 mm")] = Field(
-        default=1e-3, alias="probe_amplitude", description="amplitude of the sine that measures the delay"
+        default=1e-3, alias="probe_amplitude", description="amplitude of the sine motion used to measure the delay"
     )
     probe_frequency_Hz: Annotated[float, Quantity("frequency", "0.5 Hz", "10 Hz")] = Field(
         default=3.0, alias="probe_frequency"
@@ -146,7 +148,7 @@ class HybridTable(Section):
         for entry, given in (("compensation", self.compensation), ("law", self.law)):
             for name in dict.fromkeys(given):
                 if tuple(given).count(name) > 1:
-                    yield (entry,), f"{name} is given twice; keep one"
+                    yield (entry,), f"{name} is specified twice; keep one of them"
 
     def blind_to_current(self, prior: AssumedDamper) -> Iterator[Problem]:
         """Where the law `inverse` is asked for, and the assumed damper does not resist more with current."""
@@ -158,7 +160,7 @@ class HybridTable(Section):
             yield ("law",), (
                 f"inverse computes the current from the force, but the force of {prior.told} does not rise with "
                 f"current: at {SPEED_M_S:g} m/s {without_N:.4g} N at 0 A, {without_N + rise_N:.4g} N at {most_A:g} A. "
-                "Fix: use another law, or a fit of tests at several currents"
+                "Fix: use another law, or a fit to tests at several currents"
             )
 
     def control(self, law: Law) -> Control:
@@ -217,8 +219,9 @@ class HybridTable(Section):
         car, poll_s = self.quarter_car(prior, law_named(point.law)), bench.actuator.setpoints_s
         if poll_s is None:
             return [(
-                "hybrid", "a hybrid test needs an actuator that follows streamed set-points; this bench's controller "
-                    "generates its motion itself",
+                "hybrid", "a hybrid test requires an actuator that follows streamed set-points; this bench's "
+                    "controller "
+                    "generates the motion itself",
             )]
         against = []
         if bench.clock.device_rate != 1.0:
@@ -233,8 +236,10 @@ class HybridTable(Section):
             self.largest_energy_error < POLYNOMIAL_ERROR
         ):
             against.append(("hybrid-unstable", (
-                "polynomial extrapolates previous targets, which is inaccurate with a law that switches the current: "
-                f"energy errors of 20 to 24 % on healthy rigs, allowed {100 * self.largest_energy_error:g} %. Fix: "
+                "the compensation polynomial extrapolates previous targets, which is inaccurate with a law that "
+                "switches "
+                f"the current: it causes energy errors of 20 to 24 % on healthy rigs, allowed "
+                f"{100 * self.largest_energy_error:g} %. Fix: "
                 f"compensation model, ats or inverse, or largest_energy_error of {100 * POLYNOMIAL_ERROR:g} %"
             )))
         critical_s, share = car.critical_delay_s(), 1.0 if point.compensator == "none" else LEFT_SHARE
@@ -243,14 +248,15 @@ class HybridTable(Section):
             against.append((
                 "hybrid-unstable", f"unstable with a force {1e3 * critical_s:.1f} ms late; {1e3 * acting_s:.1f} ms "
                     f"may occur ({100 * share:g} % of largest_delay {1e3 * self.largest_delay_s:g} ms), and "
-                    f"{DELAY_MARGIN:g} times that must be stable. Fix: a smaller largest_delay, if the actuator "
-                    "achieves it, or a heavier wheel",
+                    f"the test must be stable with {DELAY_MARGIN:g} times that delay. Fix: use a smaller "
+                    f"largest_delay, if the actuator achieves it, or a heavier wheel",
             ))
         hop_Hz = car.highest_mode_Hz()
         if hop_Hz * poll_s * FEWEST_STEPS > 1.0:
             against.append((
                 "sampling", f"{1.0 / (hop_Hz * poll_s):.3g} steps in a period of the wheel ({hop_Hz:.3g} Hz) at a "
-                    f"poll of {1e3 * poll_s:g} ms; {FEWEST_STEPS} are needed. Fix: a shorter poll, or a softer tyre",
+                    f"poll of {1e3 * poll_s:g} ms; {FEWEST_STEPS} are required. Fix: use a shorter poll period or a "
+                    f"softer tyre",
             ))
         return against + _of_road(self, prior, law_named(point.law), poll_s)
 
@@ -278,7 +284,7 @@ class HybridTable(Section):
         """
         poll_s, limits = bench.actuator.setpoints_s, bench.limits
         if poll_s is None:
-            raise ValueError("this bench's actuator follows no set-points; the plan refuses it")
+            raise ValueError("this bench's actuator does not follow set-points, so the plan rejects the test")
         car = self.quarter_car(prior, law_named(point.law), bench.fixture.moving_mass_kg)
         room = min(room_m[1] - point.centre_m, point.centre_m - room_m[0])
         bounds = Bounds(
@@ -297,14 +303,15 @@ def _of_road(table: HybridTable, prior: AssumedDamper, law: Law, poll_s: float) 
     if not travel_m >= LEAST_TRAVEL_M:
         return [(
             "hybrid", f"the road moves the damper by {1e3 * travel_m:.3g} mm, required: at least "
-                f"{1e3 * LEAST_TRAVEL_M:g} mm. Fix: a higher road (left side) that starts within its duration and is "
-                "longer than a few milliseconds of travel",
+                f"{1e3 * LEAST_TRAVEL_M:g} mm. Fix: use a road with a higher profile (left side) that starts within "
+                "the duration and takes longer than a few milliseconds to cross",
         )]
     lost = table.quarter_car(prior, law).road_lost(poll_s)
     if not lost <= ROAD_LOST:
         return [(
             "sampling", f"steps of {1e3 * poll_s:g} ms lose {100 * lost:.3g} % of the road's force, RMS; allowed: "
-                f"{100 * ROAD_LOST:g} %: a longer bump or edge, a lower speed or last frequency, or a shorter poll",
+                f"{100 * ROAD_LOST:g} %. Fix: use a longer bump or edge, a lower speed or last frequency, or a "
+                f"shorter poll period",
         )]
     return []
 

@@ -203,7 +203,7 @@ class Matrix(Section):
         count += (self.friction is not None) + len(self.current_step)
         count += 0 if self.hybrid is None else len(self.hybrid.compensation) * len(self.hybrid.law)
         if count == 0:
-            yield (), "no test point. Fix: complete [matrix] or add [[point]]"
+            yield (), "no test point is defined. Fix: complete [matrix] or add [[point]]"
         if count > POINT_LIMIT:
             product_of = " x ".join(map(str, sizes))
             yield (), (
@@ -216,14 +216,14 @@ class Matrix(Section):
         if self.sweep.order != "by heat":
             return
         if self.temperature is None:
-            yield (), 'order = "by heat" needs [temperature] window'
+            yield (), 'order = "by heat" requires [temperature] window'
         if self.specimen.prior is None and self.specimen.max_force_N is None:
-            yield (), 'order = "by heat" needs specimen.prior or specimen.max_force'
+            yield (), 'order = "by heat" requires specimen.prior or specimen.max_force'
 
     def _damper_assumed(self) -> Iterator[Problem]:
         if self.hybrid is not None and self.specimen.prior is None:
             text = (
-                "is missing; the forecast of a hybrid test needs the expected damper. Fix: name a parameter set, "
+                "is missing; the forecast for a hybrid test requires the expected damper. Fix: name a parameter set, "
                 'prior = "demo"'
             )
             text += ', or a fit in the folder of this file, prior = "fit.json"'
@@ -241,8 +241,8 @@ class Matrix(Section):
         if twice:
             shown = ", ".join(twice[:10]) + (", ..." if len(twice) > 10 else "")
             yield (), (
-                f"two points have the id {shown}. Fix: give each [[point]] a unique id (points without one are called "
-                "p001, p002 ...; repeats add -2, -3 ...; upper and lower case count as the same)"
+                f"two points have the ID {shown}. Fix: give each [[point]] a unique ID (points without an ID are named "
+                "p001, p002 ...; repeats add -2, -3 ...; case is ignored)"
             )
 
 

@@ -226,8 +226,9 @@ def _judged_warm_up(
     reached_degC = ambient_degC + thermal.warm_up_W / thermal.heat.loss_W_K
     if judged.energy_J is not None and ambient_degC < thermal.low_degC and reached_degC <= thermal.low_degC:
         text = (
-            f"warm-up reaches only {reached_degC:.3g} degC, the temperature window starts at {thermal.low_degC:.3g} "
-            "degC. Fix: lower the window or give a stronger [temperature.warm_up]"
+            f"warm-up reaches only {reached_degC:.3g} degC, but the temperature window starts at "
+            f"{thermal.low_degC:.3g} "
+            "degC. Fix: lower the window or specify a stronger [temperature.warm_up]"
         )
         causes.append(Reason("warm-up", text))
     return replace(judged, causes=tuple(causes), would_fit_m=fits_m)

@@ -41,7 +41,7 @@ def read_record(path: Path) -> tuple[FloatArray, FloatArray, str]:
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines:
-        raise FileProblem(str(path), ["is empty; expected a first line of names such as time_s,displacement_mm, "
+        raise FileProblem(str(path), ["the file is empty; expected a header line such as time_s,displacement_mm, "
             "then rows"])
     separator = max(SEPARATORS, key=lines[0][1].count)
     names = [name.strip().strip('"') for name in lines[0][1].split(separator)]
@@ -49,7 +49,7 @@ def read_record(path: Path) -> tuple[FloatArray, FloatArray, str]:
     rows, problems = _numbers(lines[1:], separator, [place for place, _ in places.values()], len(names))
     problems += _falling(rows)
     if not problems and len(rows) < FEWEST_ROWS:
-        problems.append(f"{len(rows)} rows; a motion needs at least {FEWEST_ROWS}")
+        problems.append(f"{len(rows)} rows; a motion requires at least {FEWEST_ROWS}")
     if problems:
         more = [f"{len(problems) - MOST_SHOWN} further wrong lines"] if len(problems) > MOST_SHOWN else []
         raise FileProblem(str(path), [*problems[:MOST_SHOWN], *more])
@@ -93,7 +93,7 @@ def _numbers(
         if len(values) == len(places) and all(abs(value) <= LARGEST_VALUE for value in values):
             rows.append((number, values))
         else:
-            comma = "; decimals are written with a point" if separator != "," and "," in line else ""
+            comma = "; the decimal separator must be a point" if separator != "," and "," in line else ""
             problems.append(
                 f"line {number}: {line.strip()[:60]!r} is not a row of {columns} columns with finite numbers{comma}"
             )

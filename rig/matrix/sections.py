@@ -32,8 +32,8 @@ Amplitude = Annotated[float, Quantity("length", "0 mm", "1 m", above=True)]
 Frequency = Annotated[float, Quantity("frequency", "0.001 Hz", "100 Hz")]
 CoilCurrent = Annotated[float, Quantity("current", "0 A", "20 A")]
 CoilTemperature = Annotated[float, Quantity("temperature", "-40 degC", "250 degC")]
-Cycles = Annotated[int, Field(ge=3, le=10_000, description="number at full amplitude; the first and the last are "
-    "discarded")]
+Cycles = Annotated[int, Field(ge=3, le=10_000, description="number of cycles at full amplitude; the first and the "
+    "last are discarded")]
 RampCycles = Annotated[float, Field(ge=0.5, le=20.0)]
 Identifier = Annotated[
     str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"),
@@ -82,7 +82,7 @@ class Specimen(Section):
 
     def _one_forecast(self) -> Iterator[Problem]:
         if self.prior is not None and self.max_force_N is not None:
-            yield (), "give prior or max_force, not both"
+            yield (), "specify prior or max_force, not both"
 
     def _fit_read(self) -> Iterator[Problem]:
         if self.prior is not None and is_fit_file(self.prior):
@@ -154,7 +154,7 @@ class Sweep(Section):
         """Every signal that is asked for has its table, and no other."""
         for name in SIGNAL_NAMES:
             if name in self.waveform and name not in self.signals:
-                yield ("waveform",), f"{name} needs a table [matrix.{name}]; docs/files.md describes it"
+                yield ("waveform",), f"{name} requires a table [matrix.{name}]; docs/files.md describes this table"
             if name in self.signals and name not in self.waveform:
                 yield (name,), f'the table is not used. Fix: write waveform = ["{name}"], or remove the table'
 
@@ -169,16 +169,16 @@ class Sweep(Section):
         if self.only_signals:
             if not self.current_A:
                 yield ("current",), 'is missing; write for example current = ["0 A"]'
-            text = "applies to waveforms with cycles, but there is none; a signal has its own table"
+            text = "applies only to waveforms with cycles, but there is none; a signal has its own table"
             yield from (((key,), text) for key in ("amplitude", "frequency") if given[key])
             return
         missing = [key for key, values in given.items() if not values]
         if missing and len(missing) < len(given):
-            yield (), f"{' and '.join(missing)} missing: give amplitude, frequency and current, or none of them"
+            yield (), f"{' and '.join(missing)} missing: specify amplitude, frequency and current, or none of them"
 
     def _seeded(self) -> Iterator[Problem]:
         if self.order == "random" and self.seed is None:
-            yield (), 'order = "random" needs a seed, for example seed = 1'
+            yield (), 'order = "random" requires a seed, for example seed = 1'
 
 
 class ExtraPoint(Section):
@@ -219,7 +219,7 @@ class Temperature(Section):
         low, high = self.window_degC
         if not high - low >= NARROWEST_WINDOW_K:
             yield (), (
-                f"window: the first must lie at least {NARROWEST_WINDOW_K:g} K below the second, as in "
+                f"window: the first temperature must be at least {NARROWEST_WINDOW_K:g} K below the second, as in "
                 '["25 degC", "45 degC"]'
             )
         if high <= self.ambient_degC:
@@ -249,7 +249,7 @@ class CurrentStep(Section):
     @classmethod
     def _steps(cls, values: tuple[float, ...]) -> tuple[float, ...]:
         if any(first == second for first, second in itertools.pairwise(values)):
-            raise ValueError("two currents in succession are equal; a step needs two different currents")
+            raise ValueError("two currents in succession are equal; a step requires two different currents")
         return values
 
 
@@ -309,7 +309,7 @@ class Campaign(Section):
     )
     demagnetise: bool = False
     require_skew: bool = Field(
-        default=False, description="refuse a bench whose load cell or LVDT has a format without a clock"
+        default=False, description="refuse a bench whose load cell or LVDT format has no clock"
     )
 
 
@@ -321,7 +321,7 @@ def _no_value_twice(values: tuple[V, ...], written: Callable[[V], str]) -> tuple
     """
     for value, count in Counter(values).items():
         if count > 1:
-            raise ValueError(f"duplicate value {written(value)}; to repeat points set `repeats = N`")
+            raise ValueError(f"duplicate value {written(value)}; to repeat points, set `repeats = N`")
     return values
 
 

@@ -50,7 +50,7 @@ def _none_twice(values: tuple[str, ...]) -> tuple[str, ...]:
     """
     twice = sorted({value for value in values if values.count(value) > 1})
     if twice:
-        raise ValueError(f"{', '.join(twice)} is given twice; to repeat points set `repeats = N`")
+        raise ValueError(f"{', '.join(twice)} is specified twice; to repeat points, set `repeats = N`")
     return values
 
 
@@ -60,7 +60,7 @@ Ramp = Annotated[float, Quantity("time", "0.1 s", "60 s")]
 Duration = Annotated[float, Quantity("time", "1 s", "600 s")]
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
 Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=MOST_RECORDS), AfterValidator(_none_twice)]
-RAMP = Field(default=1.0, alias="ramp", description="fade-in and fade-out at the ends, excluded from verdict and fit")
+RAMP = Field(default=1.0, alias="ramp", description="ramps at the start and end, excluded from the verdict and the fit")
 Maker = tuple[tuple[str | int, ...], Callable[[], Record]]
 """The entry that asks for a record, and what makes it."""
 
@@ -116,7 +116,7 @@ class SweepTable(SignalTable):
 
     def _makers(self) -> list[Maker]:
         if self.first_Hz == self.last_Hz:
-            raise located([(("last_frequency",), "equals first_frequency; a sweep needs two different frequencies")])
+            raise located([(("last_frequency",), "equals first_frequency; a sweep requires two different frequencies")])
         last_m = self.first_m if self.last_m is None else self.last_m
         motion = SweepMotion(
             self.duration_s, self.first_Hz, self.last_Hz, self.first_m, last_m, self.spacing == "logarithmic"
@@ -127,14 +127,14 @@ class SweepTable(SignalTable):
 class RoadTable(SignalTable):
     """`[matrix.road]`: the height of a road under a wheel, less its mean, as the motion of the rod."""
 
-    road: Names = Field(description="names of included roads, or road files", examples=[["iso8608-c"]])
-    amplitude_m: Amplitude = Field(alias="amplitude", description="the signal is scaled to this largest distance "
-        "from the centre")
+    road: Names = Field(description="names of built-in roads, or road files", examples=[["iso8608-c"]])
+    amplitude_m: Amplitude = Field(alias="amplitude", description="the signal is scaled so that its largest distance "
+        "from the centre has this value")
     speed_m_s: Annotated[float, Quantity("speed", "0.1 m/s", "100 m/s")] | None = Field(
-        default=None, alias="speed", description="speed of the car; default: that of the road file"
+        default=None, alias="speed", description="speed of the car; default: the speed in the road file"
     )
     duration_s: Duration | None = Field(default=None, alias="duration", description="duration from the start of the "
-        "road; default: all of it")
+        "road; default: the whole road")
     side: Literal["left", "right"] = "left"
     highest_Hz: Frequency = Field(
         default=5.0, alias="highest_frequency", description="cut-off frequency of a zero-phase low-pass filter"
@@ -149,7 +149,7 @@ class RoadTable(SignalTable):
         file = load_section(path, RoadFile, "road")[0]
         if self.speed_m_s is not None:
             if file.drive is not None:
-                raise NoRecord("is a drive file, which contains its own time. Fix: remove speed")
+                raise NoRecord("is a drive file, which contains its own time stamps. Fix: remove speed")
             file = file.model_copy(update={"speed_m_s": self.speed_m_s})
         content = read_bytes(path, MOST_ROAD_BYTES)
         table = file.profile or file.drive
@@ -175,7 +175,8 @@ class FileTable(SignalTable):
         examples=[["drive.csv"]],
     )
     amplitude_m: Amplitude | None = Field(
-        default=None, alias="amplitude", description="the signal is scaled to this largest distance from the centre; "
+        default=None, alias="amplitude", description="the signal is scaled so that its largest distance from the "
+            "centre has this value; "
             "default: not scaled"
     )
     highest_Hz: Frequency | None = Field(

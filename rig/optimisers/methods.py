@@ -87,7 +87,7 @@ class Hybrid:
         require("hybrid", "share", self.share, 1e-6, 1.0)
         require("hybrid", "tolerance", self.tolerance, 1e-15, 0.1)
         if self.first == "hybrid":
-            raise SearchError("hybrid: first: got 'hybrid', which cannot start itself. Fix: name another method")
+            raise SearchError("hybrid: first: got 'hybrid', which cannot start itself. Fix: specify another method")
 
     def run(self, search: Search) -> str:
         """Search globally, then refine.

@@ -87,7 +87,7 @@ def find_cycles(time_s: FloatArray, displacement_m: FloatArray, *, mean_m: float
     usable = np.isfinite(displacement_m) & np.isfinite(time_s)
     t, u = np.asarray(time_s)[usable], np.asarray(displacement_m)[usable]
     if t.size < 8:
-        raise NoCycles(f"{t.size} usable displacement samples; at least 8 are needed to find a cycle")
+        raise NoCycles(f"{t.size} usable displacement samples; at least 8 are required to find a cycle")
     level = float(np.max(u) + np.min(u)) / 2.0 if mean_m is None else mean_m
     cycles = _cycles_about(t, u, level)
     if mean_m is not None:
@@ -122,7 +122,7 @@ def kept_cycles(cycles: Cycles, *, drop_first: int = 1, drop_last: int = 1) -> C
     full = full_cycles(cycles)
     if len(full) <= drop_first + drop_last:
         raise NoCycles(
-            f"{len(full)} cycles at full amplitude; more than {drop_first + drop_last} are needed, because the first "
+            f"{len(full)} cycles at full amplitude; more than {drop_first + drop_last} are required, because the first "
             f"{drop_first} and the last {drop_last} are discarded"
         )
     return full.between(drop_first, len(full) - drop_last)
@@ -133,7 +133,7 @@ def _cycles_about(t: FloatArray, u: FloatArray, level: float) -> Cycles:
     if crossings.size < 2:
         raise NoCycles(
             f"the displacement crosses its mean ({level * 1e3:.3f} mm) upwards {crossings.size} time(s); at least 2 "
-            "crossings, one whole cycle, are needed"
+            "crossings (one whole cycle) are required"
         )
     parts = [u[a:b] for a, b in pairwise(indices)]
     amplitude = np.array([(part.max() - part.min()) / 2.0 for part in parts])

@@ -226,7 +226,7 @@ def savitzky_golay(time_s: FloatArray, displacement_m: FloatArray, window_s: flo
     spacing = float(np.median(np.diff(time_s)))
     half = max(round(window_s / spacing / 2.0), (degree + 2) // 2)
     if 2 * half + 1 > time_s.size:
-        raise NotDifferentiable(f"{time_s.size} samples; a window of {2 * half + 1} is needed to differentiate them")
+        raise NotDifferentiable(f"{time_s.size} samples; a window of {2 * half + 1} is required to differentiate them")
     offsets = np.arange(-half, half + 1)
     inverse = np.linalg.pinv(np.vander(offsets / half, degree + 1, increasing=True))
     u, v, a = (_correlate(displacement_m, inverse[k]) for k in range(3))
@@ -266,7 +266,7 @@ def _correlate(x: FloatArray, kernel: FloatArray) -> FloatArray:
 
 def _refuse_gaps(t: FloatArray, frequency_Hz: float) -> None:
     if t.size < 16:
-        raise NotDifferentiable(f"{t.size} displacement samples; at least 16 are needed for a harmonic fit")
+        raise NotDifferentiable(f"{t.size} displacement samples; at least 16 are required for a harmonic fit")
     longest = float(np.max(np.diff(t)))
     if longest > 0.5 / frequency_Hz:
         raise NotDifferentiable(

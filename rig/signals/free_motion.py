@@ -75,7 +75,7 @@ def free_motion(time_s: FloatArray, displacement_m: FloatArray, wanted_s: FloatA
     known = np.isfinite(displacement_m)
     if np.count_nonzero(known) < FEWEST_SAMPLES:
         raise NotDifferentiable(
-            f"{np.count_nonzero(known)} displacement samples; motion without cycles needs at least {FEWEST_SAMPLES}"
+            f"{np.count_nonzero(known)} displacement samples; motion without cycles requires at least {FEWEST_SAMPLES}"
         )
     spacing_s = float(np.median(np.diff(time_s)))
     even_s = time_s[known][0] + spacing_s * np.arange(1 + round((time_s[known][-1] - time_s[known][0]) / spacing_s))

@@ -237,8 +237,8 @@ class LoadTrain:
         if most is None or usual.mean_N + noise_N >= KEPT_FORCE * most.mean_N:
             return None
         return (
-            f"mean force of a cycle is {usual.mean_N:.4g} N, at the same or lower current and speed it was "
-            f"{most.mean_N:.4g} N"
+            f"the mean force of a cycle is {usual.mean_N:.4g} N, but at the same or lower current and speed it "
+            f"was {most.mean_N:.4g} N"
         )
 
     def _rests(self, cycle: Cycle, force: Samples, displacement: Samples) -> str | None:
@@ -260,7 +260,8 @@ class LoadTrain:
             return None
         was_mm, is_mm = 1e3 * self._usual_play_m, 1e3 * play_m
         return (
-            f"the force now remains at zero over {is_mm:.2g} mm after its changes of sign, before over {was_mm:.2g} mm"
+            f"the force now remains at zero over {is_mm:.2g} mm after each change of sign; previously it was "
+            f"{was_mm:.2g} mm"
         )
 
 
@@ -323,14 +324,17 @@ def difference(cycle: Cycle, usual: Cycle) -> str | None:
     """What of a cycle differs from the usual one by more than cycles and their noise do; None when nothing does."""
     work_J = WORK_SHARE * usual.work_J + NOISES * usual.work_noise_J + usual.work_steps_J
     if abs(cycle.work_J - usual.work_J) > work_J:
-        return f"work of a cycle went from {usual.work_J:.4g} J to {cycle.work_J:.4g} J"
+        return f"the work per cycle changed from {usual.work_J:.4g} J to {cycle.work_J:.4g} J"
     if abs(cycle.peak_N - usual.peak_N) > PEAK_SHARE * usual.peak_N + NOISES * usual.noise_N:
-        return f"peak force of a cycle went from {usual.peak_N:.4g} N to {cycle.peak_N:.4g} N"
+        return f"the peak force per cycle changed from {usual.peak_N:.4g} N to {cycle.peak_N:.4g} N"
     few = NOISES * float(np.sqrt(usual.quiet * (1.0 - usual.quiet) * cycle.sample)) if usual.noise_N > 0.0 else 0.0
     if cycle.quiet - usual.quiet > QUIET_SHARE + QUIET_SAMPLES * cycle.sample + few:
-        return f"force near zero went from {100 * usual.quiet:.2g} % to {100 * cycle.quiet:.2g} % of a cycle"
+        return (
+            f"the share of force near zero changed from {100 * usual.quiet:.2g} % to {100 * cycle.quiet:.2g} % of "
+            f"a cycle"
+        )
     allowed_m = SERVO_FLOOR_M + SERVO_SHARE * usual.servo_error_m
     if abs(cycle.servo_error_m - usual.servo_error_m) > allowed_m:
         was_mm, is_mm = 1e3 * usual.servo_error_m, 1e3 * cycle.servo_error_m
-        return f"servo error of a cycle went from {was_mm:.3g} mm to {is_mm:.3g} mm"
+        return f"the servo error per cycle changed from {was_mm:.3g} mm to {is_mm:.3g} mm"
     return None

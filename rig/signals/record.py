@@ -194,7 +194,8 @@ def through_rows(time_s: FloatArray, position_m: FloatArray) -> FloatArray:
     usual_s, widest = float(np.median(apart_s)), int(np.argmax(apart_s))
     if apart_s[widest] > LARGEST_GAP * usual_s:
         raise NoRecord(
-            f"between {time_s[widest]:.6g} s and {time_s[widest + 1]:.6g} s there is no row for {apart_s[widest]:.3g} "
+            f"between {time_s[widest]:.6g} s and {time_s[widest + 1]:.6g} s there are no rows for "
+            f"{apart_s[widest]:.3g} "
             f"s, while the usual step is {usual_s:.3g} s; allowed: at most {LARGEST_GAP:g} times that"
         )
     spline = CubicSpline(time_s, position_m)
@@ -231,8 +232,9 @@ def _faded(
     moved = float(np.ptp(faded[left_s >= ramp_s - 0.5 * STEP_S])) / largest_m
     if not moved >= LEAST_MOTION:
         raise NoRecord(
-            f"no motion between the ramps, where it is judged and fitted: {100 * moved:.2g} % of the largest distance "
-            f"from the centre, at least {100 * LEAST_MOTION:g} %; what moves may lie in a ramp of {ramp_s:g} s"
+            f"no motion between the ramps, where the motion is evaluated and fitted: {100 * moved:.2g} % of the "
+            f"largest distance "
+            f"from the centre, at least {100 * LEAST_MOTION:g} %; the movement may lie within a ramp of {ramp_s:g} s"
         )
     shape = np.asarray(faded / largest_m, np.float64)
     mark = hashlib.sha256(shape.tobytes()).hexdigest()

@@ -101,11 +101,11 @@ class SampleTimes:
         if self.base is TimeBase.JITTER:
             return (
                 f"{few} that jitter by {1e3 * self.scatter_s:.3g} ms (standard deviation) read as a uniform "
-                f"{self.rate_Hz:.5g} Hz, over which displacement and force are smooth"
+                f"{self.rate_Hz:.5g} Hz, which makes displacement and force smooth"
             )
         if self.base is TimeBase.IRREGULAR:
             left = (
-                f"an error of {1e3 * self.std_s:.3g} ms of each stamp is included in the intervals"
+                f"an error of {1e3 * self.std_s:.3g} ms in each stamp is included in the intervals"
             ) if self.std_s > 0.0 else (
                 "displacement and force are smooth over them"
             )

@@ -151,7 +151,7 @@ SIG_VALTYPE_ 17 Amps : 1;
         ('command = "DriverCommand.Target"', "", "command: missing"),
         ("DriverStatus.Actual", "DriverState.Actual", "no message 'DriverState'; nearest: DriverStatus"),
         ("DriverStatus.Actual", "DriverStatus.Actuel", "has no signal 'Actuel'; nearest: Actual"),
-        ("DriverStatus.Actual", "DriverStatus", 'must be a text of the form "Message.signal"'),
+        ("DriverStatus.Actual", "DriverStatus", 'must be a string of the form "Message.signal"'),
         ("measured_current", "mesured_current", "unknown key; did you mean measured_current?"),
         ('"CURRENT_CONTROL"', '"CURENT_CONTROL"', "no value named 'CURENT_CONTROL'; nearest: CURRENT_CONTROL"),
         ('off = "STANDBY"', 'off = "CURRENT_CONTROL"', "on and off are both 2"),

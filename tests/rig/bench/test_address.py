@@ -59,9 +59,9 @@ def test_what_pyserial_takes_is_taken(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("socket://host", "needs a host and a port"),
-        ("socket://:4001", "needs a host and a port"),
-        ("socket://host:0", "needs a host and a port"),
+        ("socket://host", "requires a host and a port"),
+        ("socket://:4001", "requires a host and a port"),
+        ("socket://host:0", "requires a host and a port"),
         ("socket://host:70000", "port out of range"),
         ("host:4001", 'written "socket://host:4001"'),
         ("socket:host:4001", 'written "socket://host:4001"'),
@@ -89,5 +89,5 @@ def test_an_interface_whose_package_is_not_installed_is_refused_when_the_file_is
 ) -> None:
     monkeypatch.delitem(sys.modules, "can.interfaces.canalystii", raising=False)
     monkeypatch.setitem(sys.modules, "canalystii", None)
-    with pytest.raises(ValueError, match=r"needs for it is not installed: .*canalystii"):
+    with pytest.raises(ValueError, match=r"requires for this interface is not installed: .*canalystii"):
         address.can_interface("canalystii")

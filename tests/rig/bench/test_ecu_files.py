@@ -60,7 +60,7 @@ def test_roles_may_stand_in_the_bench_file_itself(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("ecu", "said"),
     [
-        ('dbc = "coil-driver.dbc"', 'a DBC file needs roles.*write roles = "ecu-roles.toml"'),
+        ('dbc = "coil-driver.dbc"', 'a DBC file requires roles.*write roles = "ecu-roles.toml"'),
         ('dbc = "demo"\nroles = "coil-driver-roles.toml"', 'the signals of a DBC file; "demo" includes it'),
         ('dbc = "none.dbc"\nroles = "coil-driver-roles.toml"', "none.dbc: there is no such file"),
         ('dbc = "coil-driver.dbc"\nroles = "none.toml"', "none.toml: there is no such file"),

@@ -96,9 +96,9 @@ def test_a_table_says_the_same_as_a_file(tmp_path: Path) -> None:
         ("generic-scpi", "gone.toml", "gone.toml: there is no such file"),
         ('voltage_limit = "12 V"', "", "ecu.voltage_limit: missing"),
         ('"12 V"', '"90 V"', "is outside the supply's range; allowed: 0 V to 60 V"),
-        ('"500 ms"', '"150 ms"', "is shorter than two polls of the supply; allowed: at least 200 ms"),
+        ('"500 ms"', '"150 ms"', "is shorter than two poll periods of the supply; allowed: at least 200 ms"),
         ('"500 ms"', '"300 ms"', "ecu.timeout"),
-        ("tcp://192.168.0.20:5025", "tcp://192.168.0.20", "needs a host and a port"),
+        ("tcp://192.168.0.20:5025", "tcp://192.168.0.20", "requires a host and a port"),
         ("tcp://192.168.0.20:5025", "visa://192.168.0.20:5025", "unknown kind of port"),
         ('url = "tcp', 'channel = "can0"\nurl = "tcp', "applies to a current controller on CAN"),
         ('url = "tcp', 'serial_number = 5\nurl = "tcp', "write identity"),
@@ -112,7 +112,7 @@ def test_what_is_missing_or_wrong_is_named_with_its_place(tmp_path: Path, before
 def test_everything_wrong_in_both_files_is_told_together(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(OWN.replace("[0, 5]", "[1, 5]").replace("I?", "I{x}?"), encoding="utf-8")
     told = problems(tmp_path, '[ecu]\nurl = "tcp://a"\nsupply = "mine.toml"\n')
-    assert any("needs a host and a port" in line for line in told)
+    assert any("requires a host and a port" in line for line in told)
     assert any("mine.toml: line 5: commands.measure_current = " in line for line in told)
     assert any("mine.toml: line 2: range.current_A = [1, 5]: does not include 0 A" in line for line in told)
     (tmp_path / "mine.toml").write_text(OWN, encoding="utf-8")
@@ -139,9 +139,11 @@ def test_an_analogue_output_is_reached_by_modbus_and_is_not_measured_unless_it_s
     assert (bench.ecu.port, bench.ecu.device_id, bench.ecu.measured) == ("modbus-tcp://192.168.0.30:502", 7, False)
     assert Bench.load(written(tmp_path)).ecu.measured
     other = BY_OUTPUT.replace("modbus-tcp://", "tcp://")
-    assert any("a supply with registers ([quantities]) is on Modbus" in line for line in problems(tmp_path, other))
+    assert any("a supply with registers ([quantities]) must be connected over "
+        "Modbus" in line for line in problems(tmp_path, other))
     lines = SUPPLY.replace("tcp://", "modbus-tcp://")
-    assert any("a supply with text commands is not on Modbus" in line for line in problems(tmp_path, lines))
+    assert any("a supply with text commands cannot be connected over "
+        "Modbus" in line for line in problems(tmp_path, lines))
     head, line = HEAD.replace("modbus-tcp://192.168.0.10:502", "modbus-rtu:/dev/ttyS1"), "modbus-rtu:/dev/ttyS1"
     shared = BY_OUTPUT.replace("modbus-tcp://192.168.0.30:502", line)
     assert any("is the serial line of [actuator]" in line for line in problems(tmp_path, shared, head))

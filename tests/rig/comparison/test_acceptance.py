@@ -69,7 +69,7 @@ def test_a_band_whose_test_was_not_run_or_is_not_valid_is_missing_and_not_passed
         compared = compare([folder], bands(text.format(frequency)))
         (result,) = judged(compared).results
         assert (str(result.state), judged(compared).passed) == ("missing", False)
-        assert result.why == "the run has no valid point with this test"
+        assert result.why == "the run contains no valid point for this test"
 
 
 def test_bands_choose_loops_by_every_key_that_is_given(made_run: Make, made_point: Make, bands: Make) -> None:
@@ -131,7 +131,7 @@ def test_a_change_is_judged_of_every_later_run_against_the_first(made_run: Make,
     assert (result.change, result.unit, result.run, str(result.state)) == (True, "%", "after", "pass")
     assert result.value == pytest.approx(12.0, abs=0.05)
     assert states(compare([before, after], bands(text.format(10)))) == ["fail"]
-    with pytest.raises(FileProblem, match="give two runs"):
+    with pytest.raises(FileProblem, match="specify two runs"):
         compare([before], bands(text.format(10)))
 
 
@@ -183,7 +183,7 @@ def test_a_run_and_itself_or_its_copy_have_no_change_that_could_pass(made_run: M
         compared = compare([first, later], bands('[[energy]]\nmost_change = "15 %"\n'))
         (result,) = judged(compared).results
         assert str(result.state) == "missing"
-        assert result.why == "it is the first run itself: identical data cannot show a change"
+        assert result.why == "this is the first run itself: identical data cannot show a change"
         assert any("given more than once" in remark for remark in compared.remarks)
 
 
@@ -196,7 +196,7 @@ def test_every_wrong_entry_of_a_bands_file_is_told_at_once_with_its_line(bands: 
     problems = "\n".join(told.value.problems)
     for piece in (
         "line 3: decision", 'energy[1].high = "5 N": 5 N is a force', "rebound_force[1].low", "must be below high",
-        "damping[1]: a band needs low, high or most_change", "parameter[1].unit", "did you mean rebound_force?",
+        "damping[1]: a band requires low, high or most_change", "parameter[1].unit", "did you mean rebound_force?",
     ):
         assert piece in problems
     assert told.value.slug == "config-absurd"

@@ -158,7 +158,7 @@ def test_a_force_near_zero_has_no_relative_change(made_run: Make, made_point: Ma
 
 def test_too_few_or_too_many_runs_are_refused(made_run: Make) -> None:
     folder = made_run("a")
-    with pytest.raises(RigError, match="give two runs"):
+    with pytest.raises(RigError, match="specify two runs"):
         compare([folder])
     with pytest.raises(RigError, match="at most 12"):
         compare([folder] * 13)
@@ -214,4 +214,4 @@ def test_motions_of_one_run_alone_are_named(made_run: Make, made_point: Make) ->
     assert "1 motion(s) not in the first run" in told[0]
     assert "1.5 A" in told[0]
     assert "1 motion(s) only in the first run" in told[1]
-    assert compare([first, first]).remarks[0].startswith("one run is given more than once")
+    assert compare([first, first]).remarks[0].startswith("one run is specified more than once")

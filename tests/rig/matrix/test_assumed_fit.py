@@ -206,7 +206,7 @@ def test_the_plan_says_where_a_fit_is_asked_beyond_its_tests(tmp_path: Path) -> 
         tested=TESTED | {"displacement_m": [-0.001, 0.0005], "velocity_m_s": [-0.05, 0.04], "current_A": [0.0, 0.5]},
     )
     warnings = plan(load(tmp_path, TEXT.replace('current = "0 A"', 'current = "1 A"')), bench(tmp_path)).warnings
-    assert any(re.search(r"fit\.json was fitted to tests of up to 0\.05 m/s; the points reach 0\.\d+ m/s", warning)
+    assert any(re.search(r"fit\.json was fitted to tests up to 0\.05 m/s; the points reach 0\.\d+ m/s", warning)
                for warning in warnings), warnings  # fmt: skip
     assert any("up to 0.5 A; the points reach 1 A" in warning for warning in warnings), warnings
     assert any(re.search(r"up to 0\.001 m; the points reach 0\.\d+ m,", warning) for warning in warnings), warnings

@@ -108,16 +108,16 @@ def test_points_are_centred_on_the_specimens_mid_stroke(tmp_path: Path) -> None:
     [
         (HEAD, "no test point"),
         (HEAD + "[matrix]\nwaveform = []", "matrix.waveform = []: is empty"),
-        (HEAD + '[matrix]\namplitude = ["50 mm"]', "frequency and current missing: give amplitude, frequency"),
+        (HEAD + '[matrix]\namplitude = ["50 mm"]', "frequency and current missing: specify amplitude, frequency"),
         (HEAD + SWEEP + 'waveform = ["sinus"]', 'matrix.waveform[1] = "sinus": must be \'sine\', \'triangle\', '),
         (HEAD + SWEEP.replace('"0 A"', '"-1 A"'), "too small (allowed: 0 A to 20 A)"),
         (HEAD + SWEEP.replace('"0 A"', "1"), "the number 1 has no unit"),
         (HEAD + SWEEP.replace('["50 mm"]', '"50 mm"'), "must be a list in [ ]"),
         (HEAD + SWEEP.replace("50 mm", "0 mm"), "allowed: more than 0 mm to 1 m"),
-        (HEAD + SWEEP.replace('"0.5 A"', '"0 A"'), "duplicate value 0 A; to repeat points set `repeats = N`"),
+        (HEAD + SWEEP.replace('"0.5 A"', '"0 A"'), "duplicate value 0 A; to repeat points, set `repeats = N`"),
         (HEAD + SWEEP + "cycles = 2", "too small (allowed: 3 to 10000)"),
         (HEAD + SWEEP + "cycles = 10.0", "must be a whole number"),
-        (HEAD + SWEEP + 'order = "random"', "needs a seed"),
+        (HEAD + SWEEP + 'order = "random"', "requires a seed"),
         (HEAD + SWEEP + 'order = "backwards"', "matrix.order"),
         (HEAD + SWEEP + "repeats = 1000\n" + 'rest = "-1 s"', "matrix.rest"),
         (HEAD + SWEEP + "amplitudes = 3", "unknown key; did you mean amplitude?"),
@@ -138,7 +138,7 @@ def test_a_wrong_entry_is_refused_with_its_place_and_what_would_fit(tmp_path: Pa
 def test_two_points_of_one_name_are_refused(tmp_path: Path) -> None:
     extra = '[[point]]\nid = "P003"\namplitude = "5 mm"\nfrequency = "3 Hz"\ncurrent = "1 A"\n'
     (found,) = problems(tmp_path, HEAD + SWEEP + extra)
-    assert "two points have the id p003" in found
+    assert "two points have the ID p003" in found
 
 
 def test_a_list_entry_is_named_by_its_number(tmp_path: Path) -> None:

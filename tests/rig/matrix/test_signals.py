@@ -116,7 +116,7 @@ def test_a_known_damper_says_force_and_heat(tmp_path: Path) -> None:
         (SWEEP, {"speed": '"0.2 m/s"'}, "speed", r"speed 0\.\d+ m/s at \d\.\d+ s is above the bench's limit, 0.2 m/s"),
         (SWEEP, {"acceleration": '"3 m/s^2"'}, "acceleration", r"acceleration \d\.\d+ m/s\^2 at \d\.\d+ s is above"),
         (SWEEP.replace("10 mm", "90 mm"), {}, "stroke", "exceeds the specimen's stroke, 170 mm"),
-        (SWEEP, {"register_map": '"demo"'}, "waveform", "no generator for it"),
+        (SWEEP, {"register_map": '"demo"'}, "waveform", "no generator for this waveform"),
         (SWEEP.replace('"4 Hz"', '"6 Hz"'), {}, "sampling", "16.7 set-points per cycle of its highest frequency, 6 Hz"),
         (SWEEP.replace('"4 Hz"', '"12 Hz"'), {}, "sampling", "20.8 samples per cycle of its highest frequency, 12 Hz"),
     ],
@@ -154,12 +154,12 @@ def test_a_jump_in_a_file_is_faster_than_the_rig_and_told_where(tmp_path: Path) 
         (rows().replace("\n1.0000,-0.000000", "\n1.0000,nan"), "line 102: '1.0000,nan' is not a row"),
         (rows().replace("\n1.0000,", "\n0.9800,"), "line 102: time 0.98 is not after 0.99"),
         (rows(4), "0.03 s long; allowed 3 s"),
-        (rows(3), "3 rows; a motion needs"),
+        (rows(3), "3 rows; a motion requires"),
         (rows(62_000), "619.99 s long|620 s long"),
         ("time_h,displacement_mm\n0,0\n1e6,1\n2e6,3\n3e6,0\n", r"1\.08e\+10 s long; at most 600 s"),
         ("time_s,displacement_mm\n0,0\n1e300,1\n2e300,3\n3e300,0\n", "line 3: '1e300,1' is not a row"),
         ("time_us,displacement_mm\n0,0\n1e-310,1\n2e-310,3\n3e-310,0\n", "rows 1 and 2 are less than 1e-09 s apart"),
-        ("time_s;displacement_mm\n0,00;0,0\n0,01;1,5\n", "line 2: .*; decimals are written with a point"),
+        ("time_s;displacement_mm\n0,00;0,0\n0,01;1,5\n", "line 2: .*; the decimal separator must be a point"),
         ("time_s,displacement_mm\n" + "".join(f"{k / 10},5\n" for k in range(50)), "no motion between the ramps"),
     ],
 )  # fmt: skip
@@ -200,7 +200,7 @@ def test_a_file_that_is_named_as_another_entry_spoils_no_copy(tmp_path: Path) ->
     (tmp_path / "demo").write_text(rows(), encoding="utf-8")
     text = matrix_of("file").replace('max_force = "1 kN"', 'prior = "demo"') + FILE.replace("drive.csv", "demo")
     load(tmp_path, text)
-    with pytest.raises(FileProblem, match="a name that is not another value"):
+    with pytest.raises(FileProblem, match="a name that is not also another value"):
         keep_matrix(tmp_path / "matrix.toml", tmp_path / "kept.toml")
 
 
@@ -225,7 +225,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (matrix_of("sweep"), r"matrix.waveform.* needs a table \[matrix.sweep\]"),
+        (matrix_of("sweep"), r"matrix.waveform.* requires a table \[matrix.sweep\]"),
         (matrix_of("sine") + SWEEP, "matrix.sweep: the table is not used"),
         (matrix_of("sweep", more="") + SWEEP, "matrix.current: is missing"),
         (matrix_of("sweep", more='current = ["0 A"]\nfrequency = ["1 Hz"]\n') + SWEEP, "matrix.frequency.*applies to"),

@@ -13,7 +13,7 @@ from rig.text_file import read_json, read_text
 
 HOSTILE = {
     "nothing": (b"", "not valid JSON"),
-    "a key twice": (b'{"a": [{"m": 1, "n": 2, "m": 3}], "b": 1}', "a.0.m: the key is there more than once"),
+    "a key twice": (b'{"a": [{"m": 1, "n": 2, "m": 3}], "b": 1}', "a.0.m: the key occurs more than once"),
     "list": (b"[1]", "expected a JSON object, got list"),
     "nested": (b'{"a":' * 200_000, "not valid JSON: nested too deeply"),
     "nested lists": (b"[" * 1_000_000, "not valid JSON: nested too deeply"),

@@ -51,7 +51,7 @@ def test_a_quantity_becomes_its_SI_value(text: str, dimension: str, value: float
         ("50", "50 has no unit"),
         ("50 MM", 'unknown unit "MM" (did you mean "mm"?)'),
         ("50 parsec", 'unknown unit "parsec" (known units: m, mm, cm'),
-        ("0,5 mm", "decimals are written with a point"),
+        ("0,5 mm", "the decimal separator must be a point"),
         ("nan mm", "not a number with a unit"),
         ("inf mm", "not a number with a unit"),
         ("1e999 mm", "the number is too large"),
