@@ -77,31 +77,31 @@ class Capabilities:
         without = {
             "watchdog": (
                 self.watchdog is not WatchdogKind.NONE,
-                "the actuator does not detect a failure of its host; only the coil goes to 0 A, by the time-out of "
-                "its current source",
+                "the actuator does not detect a failure of the host; only the coil goes to 0 A, after the time-out "
+                "of its current source",
             ),
             "hydraulics": (self.hydraulics, "the pressure cannot be switched off from this host; after a stop the "
                 "actuator holds its position"),
-            "lease": (self.lease, "commands from another host are not refused; do not connect a second one"),
+            "lease": (self.lease, "commands from another host are not refused; do not connect a second host"),
             "acknowledge": (
-                self.acknowledge, "commands are not acknowledged; a stop is confirmed by standstill only"
+                self.acknowledge, "commands are not acknowledged; a stop is confirmed only by standstill"
             ),
             "echo": (
-                self.echo or self.watchdog is WatchdogKind.NONE, "a missing watchdog refresh is detected only by the "
-                    "trip"
+                self.echo or self.watchdog is WatchdogKind.NONE, "a missing watchdog refresh is detected only when "
+                    "the watchdog trips"
             ),
-            "limits": (self.limits_read_back, "limits are monitored by the station only, not by the actuator"),
+            "limits": (self.limits_read_back, "limits are monitored only by the station, not by the actuator"),
             "settings": (self.settings_hash, "a reboot or changed settings are not detected"),
             "cycle-pulse": (
                 self.cycle_pulse, "no cycle pulses: delays between sensors are estimated from their signals; a loose "
                     "joint is not detected during motion"
             ),
-            "generator": (self.generator, "the host streams one set-point per poll: slower motion only, and a delay "
-                "or failure of the host directly affects the motion"),
+            "generator": (self.generator, "the host streams one set-point per poll: only slow motion is possible, "
+                "and a delay or failure of the host directly affects the motion"),
             "e-stop-input": (self.e_stop_input, "an open e-stop chain is not detected"),
             "force-input": (self.force_input, "the load cell is not compared with a second force measurement"),
             "trial": (
-                self.tried, "unverified: this register map was never tested on such a device; before any motion, "
+                self.tried, "unverified: this register map has never been tested on such a device; before any motion, "
                     "check that `rig check` shows the device's own values"
             ),
         }

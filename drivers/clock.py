@@ -71,14 +71,15 @@ class SharedClock:
             handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
         except OSError as error:
             raise ClockRefused(
-                f"{path}: the simulated rig's clock cannot be opened: {error.strerror}. Fix: start that rig on "
-                "this computer, or remove shared from [clock]"
+                f"{path}: the simulated rig's clock cannot be opened: {error.strerror}. Fix: start the simulated "
+                "rig on this computer, or remove shared from [clock]"
             ) from error
         try:
             if os.fstat(handle).st_size != SIZE or os.pread(handle, len(MAGIC), 0) != MAGIC:
-                raise ClockRefused(f"{path}: not the clock of a simulated rig")
+                raise ClockRefused(f"{path}: this file is not the clock of a simulated rig")
             if not _locked(handle):
-                raise ClockRefused(f"{path}: the simulated rig of this clock has ended. Fix: start it again")
+                raise ClockRefused(f"{path}: the simulated rig that owns this clock has ended. Fix: start the "
+                    f"simulated rig again")
             self._map = mmap.mmap(handle, SIZE)
         finally:
             os.close(handle)

@@ -135,35 +135,35 @@ class FrameChecks:
                 (key, item.protection) for key, item in self._description.heard.items() if item.name == name
             )
             said = f"every frame of {name} has a wrong checksum ({protection.profile}"
-            said += f", data id 0x{protection.data_id:X})" if protection.data_id >= 0 else ")"
+            said += f", data ID 0x{protection.data_id:X})" if protection.data_id >= 0 else ")"
             if set(differences) == {0}:
                 return "ecu-crc", f"every frame of {name} has a counter outside its range ({protection.profile})"
             slug = "ecu-crc"
             if len(set(differences)) == 1 and protection.data_id >= 0:
-                wrong = f"wrong by the same bits every time (0x{differences[-1]:02X}): its E2E data id differs"
+                wrong = f"wrong by the same bits every time (0x{differences[-1]:02X}): its E2E data ID differs"
                 slug = "e2e-data-id"
                 fitting = self._fitting(key & ~EXTENDED, protection, tuple(self._bad[name]))
                 return slug, f"{said}, {wrong}{fitting}. Fix: write the correct data_id under [protection.{name}]"
-            fix = f"check profile, E2E data id and signals under [protection.{name}], and that the DBC is this ECU's"
+            fix = f"check profile, E2E data ID and signals under [protection.{name}], and that the DBC is this ECU's"
             return slug, f"{said}, wrong in different bits every time; {fix}"
         return "", ""
 
     def _fitting(self, identifier: int, protection: Protection, frames: tuple[bytes, ...]) -> str:
-        """Which data ids would make these frames right, in words; empty where none can be told.
+        """Which data IDs would make these frames right, in words; empty where none can be told.
 
-        First the message's own identifier, what is written read as hexadecimal, the other messages' data ids, and then
+        First the message's own identifier, what is written read as hexadecimal, the other messages' data IDs, and then
         the nearest to the one that is written.
         """
         if protection.with_id is None:
             return ""
         fitting = protection.fitting_ids(frames)
         if not fitting:
-            return "; no data id matches them"
+            return "; no data ID matches them"
         others = [item.protection.data_id for item in self._description.heard.values()]
         others += [item.protection.data_id for item in self._description.sent]
         nearest = sorted(fitting, key=lambda number: abs(number - protection.data_id))
         likely = dict.fromkeys((identifier, int(str(protection.data_id), 16), *others, *nearest))
         named = [f"0x{number:X} ({number})" for number in likely if number in set(fitting)][:MOST_NAMED]
         if len(fitting) == 1:
-            return f"; data id {named[0]} matches them"
-        return f"; {len(fitting)} of {protection.ids} data ids match them, most likely first: {', '.join(named)}"
+            return f"; data ID {named[0]} matches them"
+        return f"; {len(fitting)} of {protection.ids} data IDs match them, most likely first: {', '.join(named)}"

@@ -17,12 +17,13 @@ from drivers.ring import Channel
 PERIOD_S = 0.010
 _LACKING = (
     ("measurement", "the coil current is not measured: the recorded current is the value that the operator "
-        "confirmed; a different current (setting error, heating, broken coil) is not detected, and overcurrent, "
+        "confirmed; a different current (due to a setting error, heating or a broken coil) is not detected, and "
+        "overcurrent, "
         "current-tracking and current-stuck cannot stop the rig"),
     ("switch", "a stop cannot switch the current off: the motion stops, the pressure is switched off, and the "
-        "operator is requested to set 0 A; force, stroke, speed and position are monitored as usual"),
-    ("coil-temperature", "the coil's temperature is not measured: its limit is not monitored, temperature windows "
-        "are refused"),
+        "operator is asked to set 0 A; force, stroke, speed and position are monitored as usual"),
+    ("coil-temperature", "the coil's temperature is not measured: its limit is not monitored, and temperature "
+        "windows are refused"),
 )  # fmt: skip
 
 
@@ -54,10 +55,11 @@ class ManualCurrentSource(ToldSource):
     def origins(self) -> Origins:
         """Nothing is measured: what the operator confirmed."""
         stated = ChannelOrigin(
-            "operator", "what the operator confirmed; not measured",
+            "operator", "value confirmed by the operator; not measured",
             "Coil current set manually, as the operator confirmed it; not measured",
         )
-        derived = ChannelOrigin("station", "value = by what the operator confirmed; no device reports it")
+        derived = ChannelOrigin("station", "value = derived from the operator's confirmation; not reported by any "
+            "device")
         own = self._origins("operator", stated, stated.from_wire)
         return {**own, Channel.ECU_STATE: derived, Channel.ECU_FAULTS: derived}
 

@@ -87,8 +87,8 @@ class ModbusOutput(PolledSource):
             )
         else:
             current = ChannelOrigin(
-                "set-point", "the set-point that the output took; not measured",
-                "Coil current that an analogue output was commanded to; not measured",
+                "set-point", "the set-point accepted by the output; not measured",
+                "Coil current commanded to an analogue output; not measured",
             )
         return self._origins("output", current, written)
 

@@ -26,7 +26,7 @@ TRANSACTIONS = 1 << 16
 EARLIER = 4
 """So many requests back an answer may belong to one that was given up."""
 ECHO = "local echo: the adapter receives its own requests"
-ECHO_FIX = "switch the echo off at the RS-485 adapter (2-wire mode, receiver disabled during transmission)"
+ECHO_FIX = "switch off the echo at the RS-485 adapter (2-wire mode, receiver disabled during transmission)"
 QUIET_S = 0.005
 """Silence that ends whatever a serial line was sending: more than 3.5 characters at any baud rate in use."""
 
@@ -184,7 +184,7 @@ class TcpWire:
             raise TimeoutError
         data = connection.recv(READ_SIZE)
         if not data:
-            raise OSError("closed by the device")
+            raise OSError("the device closed the connection")
         self._frames.feed(data)
 
 

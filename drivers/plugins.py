@@ -131,7 +131,7 @@ def simulated_as(group: str, name: str) -> str | Mapping[str, Any] | None:
     plug_in = plug_in_of(group, name)
     said = None if plug_in is None else getattr(load(plug_in), "simulated_as", None)
     if plug_in is not None and not (said is None or isinstance(said, (str, Mapping))):
-        raise plug_in.broken(f"simulated_as: got {said!r}, expected a name or the description of a line")
+        raise plug_in.broken(f"simulated_as: got {said!r}, expected a name or a line description")
     return said
 
 

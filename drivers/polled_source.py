@@ -52,7 +52,7 @@ class ToldSource:
             current: of the current that flows.
             commanded: how the set-point was written.
         """
-        derived = ChannelOrigin(source, "value = found by the driver from set-point, answers and faults")
+        derived = ChannelOrigin(source, "value = derived by the driver from the set-point, the answers and the faults")
         return {
             Channel.COIL_CURRENT: current, Channel.COMMANDED_CURRENT: ChannelOrigin(source, commanded),
             Channel.ECU_STATE: derived, Channel.ECU_FAULTS: derived,

@@ -60,13 +60,13 @@ def wire_text(given: Given, written: Given) -> str:
 def _line_reading(made: LineFormat) -> str:
     number = NUMBER
     if made.decimals:
-        bare = "" if made.number.startswith("hexadecimal") else " where it has no decimal mark"
+        bare = "" if made.number.startswith("hexadecimal") else " if it has no decimal separator"
         number = f"({NUMBER} / {10**made.decimals}{bare})"
     reading = _scaled(made.scale, number, made.offset)
     if not made.units:
         return reading
     factors = ", ".join(f"{unit} {factor:.9g}" for unit, factor in {made.unit: 1.0, **made.units}.items())
-    return f"({reading}) * factor of the unit behind it ({factors})"
+    return f"({reading}) * factor of the unit that follows ({factors})"
 
 
 def _frame_reading(made: BinaryFormat) -> str:

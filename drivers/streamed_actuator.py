@@ -152,7 +152,8 @@ class StreamedActuator:
     def origins(self) -> Origins:
         """The device's channels, and what is known of the motion because it is streamed from here."""
         device = origins_of(self._device)
-        motion = ChannelOrigin("station", "value = of the motion that this host streams while the device follows it")
+        motion = ChannelOrigin("station", "value = taken from the motion that this host streams, while the device "
+            "follows it")
         own = dict.fromkeys((Channel.PHASE, Channel.CYCLES_DONE), motion)
         own[Channel.STATE] = motion._replace(from_wire="; else ".join(
             [motion.from_wire, *([device[Channel.STATE].from_wire] if Channel.STATE in device else [])]

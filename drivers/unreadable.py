@@ -40,20 +40,20 @@ def explained(link: ModbusLink, read: Read, rules: Rules, error: DriverError, *,
     block = f"{_span((read.address, read.count), read.space, rules)}: {error.message}"
     if not readable:
         text, fix = (
-            "none of its quantities can be read separately"
+            "none of the device's quantities can be read separately"
         ), "check first_address, function and addresses of the map"
     elif others:
         missing = [one.name for one in _apart(read.quantities) if _whole(one) in others][:NAMED]
         at = ", ".join(_span(part, read.space, rules) for part in others[:NAMED])
         text = f"{', '.join(missing)} ({at}) cannot be read; the other quantities can"
-        fix = f"correct address and function of {' and '.join(missing)} in [quantities], or remove them"
+        fix = f"correct the address and function of {' and '.join(missing)} in [quantities], or remove them"
     elif holes:
         first = rules.first_of(HOLDING)
         pairs = ", ".join(f"[{at + first}, {at + count - 1 + first}]" for at, count in holes)
         at = ", ".join(_span(part, read.space, rules) for part in holes)
         text = (
-            f"each quantity can be read separately, but not {at}, the registers between them, which the map does not "
-            "name"
+            f"each quantity can be read separately, but not {at}, the registers between them, which are not in the "
+            "map"
         )
         fix = f"write [modbus] unreadable = [{pairs}], or largest_gap = 0, in the register map"
     else:

@@ -71,7 +71,7 @@ CHECKSUMS: Mapping[str, Checksum] = {
     "sum8": Checksum(1, lambda data: sum(data) & 0xFF, "sum modulo 256"),
     "sum8-negated": Checksum(1, lambda data: -sum(data) & 0xFF, "two's complement of the sum: all bytes add up to 0"),
     "sum8-inverted": Checksum(1, lambda data: ~sum(data) & 0xFF, "one's complement of the sum"),
-    "sum8-bit7": Checksum(1, lambda data: sum(data) & 0xFF | 0x80, "sum modulo 256, its highest bit set"),
+    "sum8-bit7": Checksum(1, lambda data: sum(data) & 0xFF | 0x80, "sum modulo 256, with the highest bit set"),
     "sum16": Checksum(2, lambda data: sum(data) & 0xFFFF, "sum modulo 65536"),
     "crc8": Checksum(1, _crc8, "polynomial 0x07, start 0; check value F4"),
     "crc16-modbus": Checksum(2, _crc16(0xA001, 0xFFFF), "polynomial 0x8005 reflected, start FFFF; check value 4B37"),
@@ -84,7 +84,7 @@ CHECKSUMS: Mapping[str, Checksum] = {
     "crc16-x25": Checksum(
         2, _crc16(0x8408, 0xFFFF, 0xFFFF), "polynomial 0x1021 reflected, start and end FFFF; check value 906E"
     ),
-    "crc32": Checksum(4, zlib.crc32, "the one of Ethernet and zip; check value CBF43926"),
+    "crc32": Checksum(4, zlib.crc32, "as used by Ethernet and zip; check value CBF43926"),
 }
 """By name."""
 

@@ -41,13 +41,13 @@ def pattern_of(values: Mapping[str, Any], problems: list[Problem]) -> str | None
     address = re.escape(str(values.get("address", "")))
     if "columns" in values:
         if "pattern" in values:
-            problems.append((("columns",), "cannot be combined with a pattern. Fix: keep one of the two"))
+            problems.append((("columns",), "cannot be combined with a pattern. Fix: keep only one of the two"))
         made = _of_columns(values, problems)
         return None if made is None else _compiled(made, problems)
     if "separator" in values:
-        problems.append((("separator",), "needs columns, such as columns = { value = 2, unit = 3 }"))
+        problems.append((("separator",), "requires columns, such as columns = { value = 2, unit = 3 }"))
     if "pattern" not in values:
-        problems.append(((), "key 'pattern' is missing (or columns; a binary format needs fields or packed)"))
+        problems.append(((), "key 'pattern' is missing (or columns; a binary format requires fields or packed)"))
         return None
     pattern = str(values["pattern"]).replace(_MARK, address)
     if (depth := max(accumulate((letter == "(") - (letter == ")") for letter in pattern), default=0)) > MOST_NESTED:
@@ -60,7 +60,7 @@ def pattern_of(values: Mapping[str, Any], problems: list[Problem]) -> str | None
         problems.append((("pattern",), f"pattern {pattern!r:.200}: {error}"))
         return None
     if "value" not in groups:
-        problems.append((("pattern",), "pattern needs a group (?P<value>...)"))
+        problems.append((("pattern",), "pattern requires a group (?P<value>...)"))
         return None
     return pattern
 
@@ -70,7 +70,7 @@ def _compiled(made: str, problems: list[Problem]) -> str | None:
     try:
         Pattern(made)
     except PatternError as error:
-        problems.append((("columns",), f"too many columns: their pattern has {error}"))
+        problems.append((("columns",), f"too many columns: the resulting pattern has {error}"))
         return None
     return made
 
@@ -81,11 +81,11 @@ def _of_columns(values: Mapping[str, Any], problems: list[Problem]) -> str | Non
         if name not in HOLES:
             problems.append((("columns", name), f"unknown column; known are {', '.join(HOLES)}"))
         elif isinstance(place, int) is (separator is None):
-            wanted = "the column number, because a separator is given"
+            wanted = "the column number, because a separator is specified"
             wanted = "[first, last] character" if separator is None else wanted
             problems.append((("columns", name), f"must be {wanted}"))
     if "value" not in columns:
-        problems.append((("columns",), "needs the column of the value"))
+        problems.append((("columns",), "requires the column of the value"))
     if separator is not None and not (len(separator) == 1 and separator.isascii()):
         problems.append((("separator",), "must be one ASCII character"))
     if problems:
@@ -97,7 +97,7 @@ def _fixed(columns: Mapping[str, tuple[int, int]], values: Mapping[str, Any], pr
     pattern, at = "", 1
     for name, (first, last) in sorted(columns.items(), key=lambda item: item[1]):
         if first < at:
-            problems.append((("columns", name), "overlaps the column before it"))
+            problems.append((("columns", name), "overlaps the previous column"))
         pattern += f"[ -~]{{{first - at}}}" if first > at else ""
         pattern += f"(?P<{name}>[ -~]{{{last - first + 1}}})"
         at = last + 1
@@ -149,25 +149,25 @@ def _group_problems(made: LineFormat, values: Mapping[str, Any]) -> Iterator[Pro
         ("status", "status", bool(made.status)),
     ):  # fmt: skip
         if given and group not in groups:
-            needed = f"pattern needs a group (?P<{group}>...)" if column == "pattern" else f"needs a column {group}"
+            needed = f"pattern requires a group (?P<{group}>...)" if column == "pattern" else f"needs a column {group}"
             yield (key,), needed
         elif group in groups and not given:
             what = {"checksum": "a checksum, such as checksum = \"xor-hex\"", "sign": 'sign = "separate"',
                     "status": 'status, such as status = { ST = "ok", OL = "overload" }'}[group]  # fmt: skip
-            yield (column,), f"has a group {group}, which needs {what}"
+            yield (column,), f"has a group {group}, which requires {what}"
     if made.units and "unit" not in groups:
         yield ("units",), f"{column} needs a group (?P<unit>...)"
     if made.checksum_over is not None and (made.checksum_from or made.checksum_to):
-        yield ("checksum_over",), "cannot be combined with checksum_from or checksum_to. Fix: keep one of the two"
+        yield ("checksum_over",), "cannot be combined with checksum_from or checksum_to. Fix: keep only one of the two"
     if made.checksum == "none":
         for key in ("checksum_from", "checksum_to", "checksum_over"):
             if key in values:
-                yield (key,), 'no checksum is given. Fix: state it, such as checksum = "xor-hex"'
+                yield (key,), 'no checksum is specified. Fix: specify the checksum, such as checksum = "xor-hex"'
     if made.number.startswith("hexadecimal") and made.sign == "trailing":
-        yield ("sign",), "a hexadecimal number has no trailing sign"
+        yield ("sign",), "a hexadecimal number cannot have a trailing sign"
     if made.number == "hexadecimal-signed" and made.sign == "separate":
         yield ("sign",), (
-            'hexadecimal-signed contains the sign in its digits. Fix: for a separate sign write number = "hexadecimal"'
+            'hexadecimal-signed contains the sign in its digits. Fix: for a separate sign, write number = "hexadecimal"'
         )
     if made.sign == "separate" and not made.negative_tokens:
         yield ("negative_tokens",), "must not be empty"
@@ -214,15 +214,15 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
         told = f"no {made.number} number{with_unit}{digits} fits into a line like {written!r}"
         yield ("pattern",), f"can never match: {told}"
     elif made.terminator.decode("latin-1") in fixed:
-        yield ("pattern",), "can never match: the pattern has the terminator in it, which ends the line before"
+        yield ("pattern",), "can never match: the pattern contains the terminator, which ends the line"
 
 
 def _exchange_problems(values: Mapping[str, Any]) -> Iterator[Problem]:
     marked = [key for key in ("request", "start_command", "stop_command") if b"{address}" in values.get(key, b"")]
     if "request" in values and not values["request"]:
-        yield ("request",), "must not be empty. Fix: remove it for a device that transmits continuously"
+        yield ("request",), "must not be empty. Fix: remove this entry for a device that transmits continuously"
     if marked and "address" not in values:
-        yield (marked[0],), 'has {address}, which needs address = "..."'
+        yield (marked[0],), 'contains {address}, which requires address = "..."'
     if "address" in values and not marked and _MARK not in str(values.get("pattern", "")):
         yield ("address",), "is not used. Fix: write {address} in request"
     if "answer_timeout_ms" in values and "request" not in values:
@@ -247,7 +247,7 @@ def frame_problems(made: BinaryFormat, values: Mapping[str, Any]) -> list[Proble
 
 def _framing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
     if "length" not in values:
-        yield (), "key 'length' is missing: bytes of a whole frame"
+        yield (), "key 'length' is missing: the total number of bytes in a frame"
         return
     if not made.sync and made.checksum == "none" and made.stuffing != "slip":
         yield (), "the start of a frame cannot be detected: sync bytes or a checksum are required"
@@ -270,7 +270,7 @@ def _framing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator
     for name, item in made.fields.items():
         place: Place = ("fields", name)
         if not item.type or "at" not in values["fields"][name]:
-            yield place, "needs at (its first byte, counted from 0) and type"
+            yield place, "requires at (the first byte, counted from 0) and type"
             continue
         if item.at + item.size > len(taken):
             yield (*place, "at"), f"extends beyond the frame of {made.length} bytes"
@@ -284,13 +284,13 @@ def _framing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator
 
 def _stuffing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
     if made.stuffing == "escape" and not (len(made.sync) == len(made.end) == 1):
-        yield ("stuffing",), "escape needs a sync of one byte and an end of one byte"
+        yield ("stuffing",), "escape requires a sync of one byte and an end of one byte"
     elif made.stuffing == "dle" and not (
         len(made.sync) == len(made.end) == 2 and made.sync[0] == made.end[0] == 0x10 and made.sync[1] != made.end[1]
     ):
-        yield ("stuffing",), "dle needs a sync [0x10, ...] and an end [0x10, ...] of two different bytes each"
+        yield ("stuffing",), "dle requires a sync [0x10, ...] and an end [0x10, ...] of two different bytes each"
     elif made.stuffing == "slip" and (made.end != b"\xc0" or made.sync not in {b"", b"\xc0"}):
-        yield ("stuffing",), "slip needs end = [0xC0], and the same or no sync"
+        yield ("stuffing",), "slip requires end = [0xC0], and either the same bytes or nothing as sync"
     if made.stuffing == "escape" and made.escape in {*made.sync, *made.end}:
         yield ("escape",), "is equal to sync or end"
     for key in ("escape", "escape_xor"):
@@ -315,11 +315,11 @@ def _packed_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[
     for shift in range(1, count):
         pairs = [(marks[at], marks[(at + shift) % count]) for at in range(count)]
         if not any((one[1] ^ other[1]) & one[0] & other[0] for one, other in pairs):
-            told = f"shifted by {shift} bytes its fixed bits are identical"
+            told = f"when shifted by {shift} bytes, the fixed bits are identical"
             yield ("packed",), f"the start of a frame cannot be detected: {told}"
             return
     if count == 1:
-        yield ("packed",), "needs two bytes or more"
+        yield ("packed",), "requires at least two bytes"
     yield from _packed_fields(made, values)
 
 
@@ -328,9 +328,9 @@ def _packed_fields(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Pr
         bits = sum(byte.count(letter) for byte in made.packed)
         there = bits > 0
         if bits > WIDEST_FIELD:
-            yield ("packed",), f"has {bits} bits {letter}, a field has at most {WIDEST_FIELD}"
+            yield ("packed",), f"has {bits} bits {letter}; a field can have at most {WIDEST_FIELD}"
         if there and name not in made.fields:
-            yield ("fields",), f"packed has bits {letter}, which need a field {name}"
+            yield ("fields",), f"packed has bits {letter}, which require a field {name}"
         elif not there and name in made.fields:
             yield ("fields", name), f"has no bits {letter} in packed"
     for name, table in values.get("fields", {}).items():
@@ -353,7 +353,10 @@ def _field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Prob
     if item.scale == 0.0 or (counts and item.scale < 0.0):
         yield ("scale",), "must not be 0" if name == "value" else "must be more than 0"
     if name == "status" and not item.judges:
-        yield (), "has no entries. Fix: state overload_bits, fault_bits, overload_values or fault_values, or remove it"
+        yield (), (
+            "has no entries. Fix: specify overload_bits, fault_bits, overload_values or fault_values, or "
+            "remove the table"
+        )
     if not item.type.startswith("f") and (_in_packed(name, made) if made.packed else item.type):
         yield from _never(name, item, made)
 

@@ -133,8 +133,8 @@ class LineFormat:
             RemoteProtocolError: the line is not one of this format.
         """
         if len(line) > self.maximum_length:
-            raise RemoteProtocolError(f"{self.name}: a line of {len(line)} bytes, allowed at most "
-                f"{self.maximum_length}")
+            raise RemoteProtocolError(f"{self.name}: a line of {len(line)} bytes, at most "
+                f"{self.maximum_length} are allowed")
         try:
             text = line.decode("ascii")
         except UnicodeDecodeError as error:

@@ -112,7 +112,7 @@ def decode_words(request: bytes, answer: bytes, count: int) -> list[int]:
     """
     _check_function(request, answer)
     if len(answer) < 2 or len(answer) != 2 + answer[1] or answer[1] % 2:
-        raise RemoteProtocolError(f"the answer's byte count does not fit its {len(answer)} bytes")
+        raise RemoteProtocolError(f"the answer's byte count does not match its {len(answer)} bytes")
     if answer[1] != 2 * count:
         raise RemoteProtocolError(f"requested {count} registers, got {answer[1] // 2}")
     message = _ANSWERS.decode(answer)

@@ -60,7 +60,7 @@ class Command:
         for name, form in _FIELD.findall(text):
             if name not in FIELDS:
                 known = ", ".join("{" + field + "}" for field in FIELDS)
-                raise LocalProtocolError(f"{{{name}}} is unknown here; allowed: {known}")
+                raise LocalProtocolError(f"{{{name}}} is not allowed here; allowed: {known}")
             if form and not _FORM.fullmatch(form):
                 raise LocalProtocolError(f"{{{name}:{form}}}: expected a number format such as {{{name}:.3f}}")
             quantities.add(FIELDS[name][0])

@@ -67,7 +67,7 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
         "template": "G{value:+07.3f}",
     },
     "hbm-clipx": {
-        "description": "HBM ClipX over TCP, port 55000: object 0x44F0.4, the gross value, asked for by SDO",
+        "description": "HBM ClipX over TCP, port 55000: object 0x44F0.4, the gross value, requested by SDO",
         "pattern": r"(?P<value>[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?|\?)",
         "number": "scientific",
         "fault_tokens": ["?"],
@@ -76,7 +76,7 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
         "nominal_rate_Hz": 100.0,
     },
     "mantracourt": {
-        "description": "Mantracourt DSC, DCell in ASCII: SOUT of station 001, DP and DPB as they are set",
+        "description": "Mantracourt DSC, DCell in ASCII: SOUT of station 001, DP and DPB as set in the device",
         "pattern": r"(?P<value>[+-]\d{1,8}\.\d{1,8})",
         "terminator": "\r",
         "request": "!{address}:SOUT?\r",
@@ -104,7 +104,8 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
         "fields": {"value": {"at": 7, "type": "f32"}},
     },
     "msc7xxx-scaled": {
-        "description": "the same: the scaled value, 0 in a controller that was not set up",
+        "description": "Micro-Epsilon MSC7401, MSC7602, MSC7802 over RS485: the scaled value, which is 0 in a "
+        "controller that has not been set up",
         **_MSC,
         "fields": {"value": {"at": 11, "type": "f32"}},
     },

@@ -304,8 +304,8 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--config", type=click.Path(path_type=Path, exists=True, dir_okay=False),
               help="TOML file of constants that replace the defaults.")
 @click.option("--option", metavar="TABLE.KEY=VALUE", multiple=True, help="Replace one constant (repeatable).")
-@click.option("--model", help="Damper model of the specimen.")
-@click.option("--set", "parameter_set", help="Parameter set of the specimen.")
+@click.option("--model", help="Damper model for the specimen.")
+@click.option("--set", "parameter_set", help="Parameter set for the specimen.")
 @click.option("--specimen", metavar="KEY=VALUE", multiple=True,
               help="Property of the specimen: serial_number, mid_stroke_m or stroke_m (repeatable).")
 @click.option("--force-format", metavar="FORMAT",

@@ -38,7 +38,7 @@ class FrameWriter:
         least, most = span_of(binary_format)
         if low < least or high > most:
             raise LocalProtocolError(
-                f"{binary_format.name}: {low:g} to {high:g} {binary_format.unit} do not fit: its value ranges from "
+                f"{binary_format.name}: {low:g} to {high:g} {binary_format.unit} do not fit: the value can range from "
                 f"{least:g} to {most:g}"
             )
         self.differ = binary_format.stuffing != "none"

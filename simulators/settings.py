@@ -83,9 +83,9 @@ def _input(table: str, quantity: str, unit: str, largest: float) -> tuple[Settin
     name, whose = f"actuator-{quantity}", f"controller's {quantity} input"
     return (
         Setting(f"{name}-delay", f"{table}.delay_s", "ms", 0.0, 100.0,
-                f"Undeclared extra delay of the {whose}."),
+                f"Undeclared additional delay of the {whose}."),
         Setting(f"{name}-bandwidth", f"{table}.bandwidth_Hz", "Hz", 1.0, 2000.0,
-                f"Low-pass of the {whose} (delay in the bench file)."),
+                f"Low-pass filter of the {whose} (delay in the bench file)."),
         Setting(f"{name}-gain", f"{table}.gain", "", 0.1, 10.0, f"Gain of the {whose}; 1 is correct."),
         Setting(f"{name}-zero", f"{table}.zero", unit, -largest, largest, f"Zero offset of the {whose}."),
         Setting(f"{name}-noise", f"{table}.noise", unit, 0.0, largest, f"Noise of the {whose} (rms)."),
@@ -103,15 +103,15 @@ def _sensor(name: str, table: str, unit: str, per_si: float, largest: float) -> 
         Setting(f"{name}-resolution", f"{table}.resolution", unit, 0.0, largest, f"Resolution of the {shown}.",
                 per_si),
         Setting(f"{name}-delay", f"{table}.skew_s", "ms", 0.0, 100.0,
-                f"Undeclared extra delay of the {shown}."),
+                f"Undeclared additional delay of the {shown}."),
     )
 
 
 SETTINGS = (
     Setting("servo-stiffness", "servo.stiffness_N_m", "N/mm", 0.0, 1e9,
-            "Stiffness of the position loop against force. 0: infinite."),
+            "Stiffness of the position loop under load (0: infinite)."),
     Setting("load-train-stiffness", "servo.load_train_stiffness_N_m", "N/mm", 0.0, 1e9,
-            "Stiffness between piston (controller's sensor) and LVDT. 0: rigid."),
+            "Stiffness between the piston (controller's sensor) and the LVDT (0: rigid)."),
     Setting("actuator-friction", "servo.friction_N", "N", 0.0, 1e4,
             "Friction of the piston, not measured by the load cell."),
     *_input("force_input", "force", "N", 1e4),
@@ -124,7 +124,7 @@ SETTINGS = (
             "Crosstalk of the coil current into the load cell."),
     *_sensor("lvdt", "lvdt", "mm", 1e3, 50.0),
     Setting("ecu-current-gain", "coil.current_gain", "", 0.1, 10.0,
-            "Gain of the ECU's current measurement, which it uses for control."),
+            "Gain of the ECU's current measurement, which the ECU uses for control."),
     Setting("ecu-current-offset", "coil.current_offset_A", "mA", -2000.0, 2000.0,
             "Offset of the ECU's current measurement; shifts the true current."),
     Setting("coil-sensor-offset", "coil.temperature_offset_K", "K", -100.0, 100.0,
@@ -133,7 +133,8 @@ SETTINGS = (
             "Heat capacity of the coil, heated by I^2 R."),
     Setting("body-heat-capacity", "damper.heat_capacity_J_K", "J/K", 1.0, 1e6,
             "Heat capacity of the damper's body, heated by F v."),
-    Setting("coil-to-body", "damper.coil_to_body_W_K", "W/K", 0.0, 1e4, "Heat conductance from the coil to the body."),
+    Setting("coil-to-body", "damper.coil_to_body_W_K", "W/K", 0.0, 1e4, "Thermal conductance from the coil to the "
+        "body."),
 )  # fmt: skip
 
 

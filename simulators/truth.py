@@ -33,14 +33,14 @@ ROW = np.dtype(
      ("accumulator_pressure", "<f4"), ("body_temperature", "<f4"), ("controller_state", "<i2")]
 )
 CHANNELS = (
-    ("displacement", "m", "True extension where the LVDT sits"),
+    ("displacement", "m", "True extension at the LVDT"),
     ("velocity", "m/s", "True velocity there"),
     ("force", "N", "True force at the load cell"),
     ("current", "A", "True coil current"),
     ("coil_temperature", "degC", "True coil temperature"),
     ("piston_position", "m", "True position of the actuator's piston, before the load train"),
-    ("damper_force", "N", "Force of the damper itself, without moving mass"),
-    ("damper_displacement", "m", "The damper's own extension about its mid-stroke"),
+    ("damper_force", "N", "Force of the damper alone, without the moving mass"),
+    ("damper_displacement", "m", "Extension of the damper itself, relative to mid-stroke"),
     ("accumulator_pressure", "Pa", "Pressure at the servo valve"),
     ("body_temperature", "degC", "True temperature of the damper's body"),
     ("controller_state", "1", "Controller state: " + ", ".join(f"{state.value} {state.name}" for state in State)),
@@ -269,7 +269,7 @@ def when_there_is_room(folder: Path, needed: Callable[[], int], do: Callable[[],
         if not waits:
             waits = True
             print(  # noqa: T201 - to the process that waits for this one
-                f"simulated rig: no disk space in {folder}: waiting up to {longest_s:g} "
+                f"simulated rig: no disk space in {folder}; waiting up to {longest_s:g} "
                 "s; a second signal ends this process and leaves an incomplete file", file=sys.stderr, flush=True,
             )
         if time.monotonic() > until_s:

@@ -95,7 +95,7 @@ def parse_dbc(text: str) -> dict[str, DbcMessage]:
     except Exception as error:  # the library raises its parser's errors, its own, and plain ones of many kinds
         raise LocalProtocolError(f"not a readable DBC file: {error}") from error
     if not database.messages:
-        raise LocalProtocolError("no message (BO_) in this file")
+        raise LocalProtocolError("this file contains no message (BO_)")
     lines = _lines(text)
     try:
         return {message.name: _message(message, lines) for message in database.messages}
@@ -113,7 +113,7 @@ def _check_sizes(text: str) -> None:
         if (match := _SIZE.match(line)) is not None and _beyond(match[1], LONGEST_MESSAGE):
             said = f"a message has at most {LONGEST_MESSAGE} bytes"
         elif (match := _BITS.match(line)) is not None and any(_beyond(one, MOST_BITS) for one in match.groups()):
-            said = f"a signal must lie in the first {MOST_BITS} bits of its message"
+            said = f"a signal must lie within the first {MOST_BITS} bits of its message"
         else:
             continue
         raise LocalProtocolError(f"line {number}: {line.strip()!r:.80}: {said}")

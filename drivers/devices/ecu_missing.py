@@ -18,22 +18,23 @@ from drivers.devices.ecu_description import (
 
 WITHOUT: Mapping[str, str] = {
     "timeout": (
-        "no command time-out is stated (command_timeout): if this host or the bus fails, the current continues until "
-        "its supply is switched off manually"
+        "no command time-out is stated (command_timeout): if this host or the bus fails, the current continues to flow "
+        "until the supply is switched off manually"
     ),
-    "faults": "its own faults (open coil, short circuit, overheating) are not reported; only its current is checked",
-    "enable": "its output stage cannot be switched off; a stop commands 0 A",
-    "counter": "{status} has no counter: repeated or lost frames are not detected, only missing communication is",
+    "faults": "the ECU's own faults (open coil, short circuit, overheating) are not reported; only the current is "
+    "checked",
+    "enable": "the output stage cannot be switched off; a stop commands 0 A",
+    "counter": "{status} has no counter: repeated or lost frames are not detected, only a loss of communication",
     "checksum": "{status} has no checksum: a corrupted frame is accepted",
-    "command-checksum": "commands have no checksum: the source may accept a corrupted one",
+    "command-checksum": "commands have no checksum: the current source may accept a corrupted command",
     "coil-temperature": "the coil's temperature is not measured: its limit is not monitored",
     "supply": "its supply voltage is not recorded",
     "state": "the state of its output stage is not recorded",
-    "restart": "a restart is detected only by its faults or missing communication",
+    "restart": "a restart is detected only if it causes a fault or a loss of communication",
     "clock": "its frames are time-stamped on arrival at this host",
     "identity": "its identity cannot be checked against the bench file",
-    "layout": "the frame layout cannot be checked against the DBC",
-    "periods": "the period of {unwatched} is not stated. Fix: write it under [periods]",
+    "layout": "the frame layout cannot be checked against the DBC file",
+    "periods": "the period of {unwatched} is not stated. Fix: enter the period under [periods]",
 }
 """Name of what can be missing, and what remains without it; the most important first."""
 

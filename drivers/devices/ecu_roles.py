@@ -105,7 +105,7 @@ class _Roles:
         cyclic = self._roles.get("sending", SENDING[0]) == SENDING[0]
         if not cyclic and timeout_s is not None:
             reading.wrong(("sending",), "not allowed with a command_timeout: the current would go to 0 A between two "
-                "changes. Fix: send cyclic")
+                "changes. Fix: use cyclic transmission")
         layout = self._layout()
         if reading.problems:
             raise RoleProblems(reading.problems)
@@ -133,10 +133,10 @@ class _Roles:
         if role in MEASURED or role == COMMAND:
             named = self._reading.in_unit(named, MEASURED.get(role, "current"), table, place)
         elif named.signal.is_float:
-            self._reading.wrong(place, f"{named.signal.name} is a float; must be a whole number on the wire")
+            self._reading.wrong(place, f"{named.signal.name} is a float, but must be an integer on the wire")
             return None
         if named is not None and role == CLOCK and (named.signal.is_float or named.signal.scale < 0.0):
-            self._reading.wrong(place, f"{named.signal.name} must be a whole number that counts up")
+            self._reading.wrong(place, f"{named.signal.name} must be an integer that counts up")
             return None
         if named is not None and role == CLOCK and named.signal.scale > LONGEST_TICK_US:
             self._reading.wrong(place, f"a tick is {named.signal.scale:g} us; allowed: at most {LONGEST_TICK_US:g} us")
@@ -195,7 +195,7 @@ class _Roles:
         self, bit: int, word: Found | None, meaning: SourceFault, bits: dict[int, SourceFault], place: Place
     ) -> None:
         if word is None:
-            self._reading.wrong(place, "is a bit, but no signal is given. Fix: write faults.signal = "
+            self._reading.wrong(place, "is a bit, but no signal is specified. Fix: write faults.signal = "
                 '"Message.signal" too, or a separate "Message.signal" here')  # fmt: skip
         elif not 0 <= bit < word.signal.length:
             self._reading.wrong(place, f"{word.signal.name} has the bits 0 to {word.signal.length - 1}")
@@ -212,7 +212,7 @@ class _Roles:
         if named is None:
             return
         if named.signal.is_float:
-            self._reading.wrong(place, f"{named.signal.name} is a float; must be a whole number on the wire")
+            self._reading.wrong(place, f"{named.signal.name} is a float, but must be an integer on the wire")
             return
         numbers = self._reading.numbers(table["value"], named, place) if "value" in table else frozenset[int]()
         self._fault_signals.append((f"{FAULTS}.{place[-1]}", named, numbers, meaning))
@@ -231,8 +231,9 @@ class _Roles:
             self._reading.wrong(
                 (COMMAND,),
                 f"{signal.name} (line {given.line} of the DBC) holds {low_A:g} A to {high_A:g} A in steps of "
-                f"{abs(signal.scale):g} A: it cannot represent 0 A, so the coil could not be switched off. Fix: name "
-                "a set-point that can",
+                f"{abs(signal.scale):g} A: it cannot represent 0 A, so the coil could not be switched off. Fix: "
+                f"specify "
+                "a set-point that can represent 0 A",
             )
         return low_A, high_A
 

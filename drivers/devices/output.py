@@ -86,15 +86,17 @@ def output_lacks(output: AnalogueOutput) -> tuple[tuple[str, bool, str], ...]:
          "the motion"),
         ("measurement", output.measures,
          "the coil current is not measured: the recorded current is the set-point that the module accepted; a "
-         "different current (amplifier, scale, broken coil) is not detected, and overcurrent and current-stuck "
+         "different current (due to the amplifier, the scale or a broken coil) is not detected, and overcurrent and "
+         "current-stuck "
          "cannot stop the rig"),
         ("read-back", output.current.read,
-         "the set-point cannot be read back: the only confirmation, also of 0 A after a stop, is the module's "
+         "the set-point cannot be read back: the only confirmation, even of 0 A after a stop, is the module's "
          "answer to the write"),
         ("enable", ENABLE in output.quantities,
-         "its output is not switched off: a stop commands 0 A, and any offset of the amplifier continues to flow"),
+         "the output is not switched off: a stop commands 0 A, and any offset current of the amplifier continues to "
+         "flow"),
         ("coil-temperature", False,
-         "the coil's temperature is not measured: its limit is not monitored, temperature windows are refused"),
+         "the coil's temperature is not measured: its limit is not monitored, and temperature windows are refused"),
         ("faults", bool(output.faults.quantities), "its own faults are not detected"),
         ("identity", bool(output.expected) or "serial_number" in output.quantities,
          "the module's identity cannot be checked against the bench file"),

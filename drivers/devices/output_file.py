@@ -38,7 +38,7 @@ def read_output(given: Mapping[str, Any], name: str) -> tuple[SupplyDescription 
     faults = read_bits(top.table("faults"), SourceFault, quantities.get(FAULT_BITS), FAULT_BITS, quantities)
     for one in quantities.values():
         if one.values > 1:
-            top.table("quantities").add(one.name, "must be one value. Fix: remove count")
+            top.table("quantities").add(one.name, "must be a single value. Fix: remove count")
     output = AnalogueOutput(
         quantities, modbus.rules, _identity(top.table("identity"), quantities), faults,
         _written(top, "prepare", quantities),
@@ -76,7 +76,8 @@ def _written(table: Table, key: str, quantities: Quantities, names: tuple[str, .
     values = read_values(table, key, quantities, names)
     for quantity in values:
         if quantity.name in {CURRENT, ENABLE}:
-            table.add(key, f"writes {quantity.name}, which is reserved for the matrix and for stops. Fix: remove it")
+            table.add(key, f"writes {quantity.name}, which is reserved for the matrix and for stops. Fix: remove "
+                f"this write")
     return (Write(values),)
 
 
@@ -106,9 +107,10 @@ def _needs(top: Table, output: AnalogueOutput, current_A: tuple[float, float]) -
         table.add(ENABLE, f"must be a {COIL} or a whole register without scale: 1 (on) or 0 (off) is written")
     faults = quantities.get(FAULT_BITS)
     if faults is not None and (not faults.read or not faults.whole or faults.type in {*FLOATS, "string"}):
-        table.add(FAULT_BITS, "must contain bits: a readable whole number without scale")
+        table.add(FAULT_BITS, "must contain bits: a readable integer without a scale")
     if not any(one.read for one in quantities.values()):
-        table.add(None, "no readable quantity: its presence could not be detected. Fix: give one that can be read")
+        table.add(None, "there is no readable quantity, so the module's presence could not be detected. Fix: add a "
+            "quantity that can be read")
     if current.space == HOLDING and current.type != "string":
         _zero(top, current, current_A, switched=enable is not None)
 
@@ -129,6 +131,6 @@ def _zero(top: Table, current: Quantity, current_A: tuple[float, float], *, swit
     off_A = abs(float(current.decode(current.encode(0.0)))) if reaches else 0.0
     if off_A > ZERO_A:
         table.add(
-            CURRENT, f"its number nearest to 0 A is {off_A:.3g} A; allowed {ZERO_A:g} A: the coil could not be "
+            CURRENT, f"the value nearest to 0 A is {off_A:.3g} A; allowed {ZERO_A:g} A: the coil could not be "
                 "switched off. Fix: check scale and offset"
         )

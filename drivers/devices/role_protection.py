@@ -121,7 +121,7 @@ def _e2e(reading: Reading, message: DbcMessage, given: Mapping[str, Any], profil
         return profile_5(data_id, counter, checksum)
     nibble = None
     if mode == "nibble":
-        nibble = _named(reading, message, given, "nibble", Signal("the data id's nibble", at + 12, 4))
+        nibble = _named(reading, message, given, "nibble", Signal("the nibble of the data ID", at + 12, 4))
         if nibble is None:
             return None
     return (profile_1 if profile == "e2e-1" else profile_11)(data_id, counter, checksum, mode, nibble)

@@ -85,12 +85,12 @@ class Reading:
         """Note the keys that are not messages of the DBC."""
         for key in given:
             if key not in self.messages:
-                self.wrong((*place, key), f"the DBC has no such message; {meant(key, self.messages)}")
+                self.wrong((*place, key), f"the DBC file has no such message; {meant(key, self.messages)}")
 
     def find(self, name: str, place: Place) -> Found | None:
         """The signal of a "Message.signal"."""
         if name.count(".") != 1:
-            self.wrong(place, 'must be a text of the form "Message.signal", with the names of the DBC')
+            self.wrong(place, 'must be a string of the form "Message.signal", with the names in the DBC file')
             return None
         first, _, second = name.partition(".")
         message = self.messages.get(first)
@@ -98,7 +98,7 @@ class Reading:
             near = near_names(first, self.messages, 3, 0.5)
             having = [item.name for item in self.messages.values() if second in item.signals]
             nearest = list(dict.fromkeys([*having, *near])) or list(self.messages)[:8]
-            self.wrong(place, f"the DBC has no message {first!r}; nearest: {', '.join(nearest)}")
+            self.wrong(place, f"the DBC file has no message {first!r}; nearest: {', '.join(nearest)}")
             return None
         return self.signal(message, second, place)
 
@@ -129,12 +129,12 @@ class Reading:
                 return matching[0]
             near = near_names(value, names.values(), 2, 0.5) or list(names.values())[:8]
             known = f"nearest: {', '.join(near)}" if names else (
-                "the DBC defines no value names for it. Fix: give the number"
+                "the DBC file defines no value names for this signal. Fix: enter the number"
             )
             self.wrong(place, f"{signal.name} has no value named {value!r}; {known}")
             return None
         if not isinstance(value, int):
-            said = f"must be a raw whole number, or the name of a value of {signal.name} in quotes"
+            said = f"must be a raw integer, or the name of a value of {signal.name} in quotes"
             self.wrong(place, said)
             return None
         if not signal.low <= value <= signal.high:
@@ -161,7 +161,8 @@ class Reading:
         base, per_si = _BASE[dimension]
         if dimension == "current" and unit in SHARES:
             if "full_scale" not in table:
-                self.wrong((*place, "full_scale"), 'is given in %. Fix: write the current at 100 %, full_scale = "3 A"')
+                self.wrong((*place, "full_scale"), 'is defined in %. Fix: write the current at 100 %, full_scale = '
+                    '"3 A"')
                 return None
             factor, offset = quantity(table["full_scale"])[0] / 100.0, 0.0
         elif unit in units:
@@ -170,7 +171,7 @@ class Reading:
         elif unit == "" and dimension in {"temperature", "voltage"}:
             factor, offset = 1.0, 0.0
         else:
-            said = f"is in {unit!r}" if unit else "has no unit in the DBC"
+            said = f"is in {unit!r}" if unit else "has no unit in the DBC file"
             known_units = ", ".join((*units, *(SHARES[:1] if dimension == "current" else ())))
             self.wrong(place, f'{signal.name} {said}; allowed: {known_units}. Write {{signal = "...", unit = "..."}}')
             return None
@@ -191,7 +192,7 @@ def _unusable(given: DbcSignal, message: DbcMessage) -> str:
     if not math.isfinite(signal.offset):
         return f"its offset is {signal.offset:g}"
     if signal.is_float and signal.length not in {16, 32, 64}:
-        return f"a float has 16, 32 or 64 bits, this one {signal.length}"
+        return f"a float has 16, 32 or 64 bits, but this signal has {signal.length}"
     if not 1 <= signal.length <= 64:
         return f"it has {signal.length} bits; allowed: 1 to 64"
     bits = signal.bits(message.size)

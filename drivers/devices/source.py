@@ -39,7 +39,7 @@ def current_source(given: Given, roles: Mapping[str, Any] | None = None) -> EcuD
     if isinstance(given, str):
         return _preset(given)
     if roles is None:
-        raise LocalProtocolError(f"{given.name}: no roles are given, which state the meaning of its signals")
+        raise LocalProtocolError(f"{given.name}: no roles are specified, which would state the meaning of the signals")
     return _described(given, json.dumps(roles, default=str))
 
 

@@ -168,30 +168,35 @@ def identity_of(answer: str) -> SourceIdentity:
 
 def supply_lacks(described: SupplyDescription) -> tuple[tuple[str, str], ...]:
     """What a supply cannot do, and what is left without it: a name, and words for people."""
-    untried = f"its description is {described.tried}: written from the manufacturer's manual, not tested on a supply"
+    untried = (
+        f"the supply's description is {described.tried}: it was written from the manufacturer's manual and has "
+        f"not been tested on a supply"
+    )
     if described.output is not None:
         own = (*output_lacks(described.output), ("trial", not described.tried, untried))
         return tuple((name, text) for name, has, text in own if not has)
     without = {
         "timeout": (
             described.watchdog is not None,
-            "the supply has no communication time-out: if this host or the link fails, it keeps its current until it "
-            "is switched off manually; the actuator's own watchdog still stops the motion",
+            "the supply has no communication time-out: if this host or the link fails, the supply maintains its "
+            "current "
+            "until it is switched off manually; the actuator's own watchdog still stops the motion",
         ),
         "coil-temperature": (
-            False, "the coil's temperature is not measured: its limit is not monitored, temperature windows are refused"
+            False, "the coil's temperature is not measured: its limit is not monitored, and temperature windows are "
+                "refused"
         ),
         "voltage-limit": (
             described.voltage_V is not None,
-            "its voltage limit cannot be set from this host: set it manually; an open coil is detected only by its "
-            "current",
+            "the supply's voltage limit cannot be set from this host: set the limit manually; an open coil is detected "
+            "only by the absence of current",
         ),
-        "error-queue": (bool(described.commands.error_queue), "it does not report rejected commands"),
-        "faults": (bool(described.faults), "its own protection (overheating, mains) is detected only by its output "
-            "or its current"),
+        "error-queue": (bool(described.commands.error_queue), "the supply does not report rejected commands"),
+        "faults": (bool(described.faults), "a trip of the supply's own protection (overheating, mains) is detected "
+            "only by its output state or its current"),
         "output-state": (
             bool(described.commands.read_output or not described.commands.output_on),
-            "an output that it switches off on its own is detected only by its current",
+            "if the supply switches its output off itself, this is detected only by the absence of current",
         ),
         "trial": (not described.tried, untried),
     }

@@ -110,7 +110,7 @@ def _unfit(name: str, sent: Commands) -> Iterator[str]:
         unit = "current_A" if wanted == "current" else "voltage_V"
         yield f'does not contain the {wanted}; write for example "... {{{unit}:.3f}}"'
     if extra := carried - {wanted}:
-        yield f"contains {' and '.join(sorted(extra))}, which is unknown here"
+        yield f"contains {' and '.join(sorted(extra))}, which is not allowed here"
     if name in _QUERIES and len(sent) != 1:
         yield "must be a single command, because its answer is read"
     if name not in _QUERIES and any(command.is_query for command in sent):
@@ -123,7 +123,7 @@ def _watchdog(given: Mapping[str, Any], problems: list[Problem]) -> SupplyWatchd
     }
     for name, commands in sent.items():
         if any(command.quantities - {"time"} for command in commands):
-            problems.append((("watchdog", name), "may contain {time_s} or {time_ms} only"))
+            problems.append((("watchdog", name), "may contain only {time_s} or {time_ms}"))
     return SupplyWatchdog(float(given["time_s"]), **sent)
 
 
@@ -172,7 +172,7 @@ def _lacking(
     """What nothing can be run without."""
     if bool(commands.output_on) != bool(commands.output_off):
         absent = "output_off" if commands.output_on else "output_on"
-        yield ("commands", absent), "is missing; a supply needs both or neither of the two"
+        yield ("commands", absent), "is missing; a supply requires both or neither of the two"
     if not (current_A[0] <= 0.0 <= current_A[1] or commands.output_off):
         yield ("range", "current_A"), (
             "does not include 0 A, and there is no output_off: the coil could not be switched off. Refused"

@@ -95,7 +95,7 @@ def read_indirect(table: Table, quantities: Mapping[str, Quantity], first: Mappi
     result = Indirect(space, pointers, data, tuple(listed), width, table.get("pointer_offset", 0))
     count = len(result.addresses)
     if result.pointers + count * width > LAST_ADDRESS + 1 or result.data + count > LAST_ADDRESS + 1:
-        table.add(None, f"its {count} registers extend beyond the last one, 65535")
+        table.add(None, f"its {count} registers extend beyond the last register, 65535")
     if width == 1 and not all(0 <= entry <= LAST_ADDRESS for entry in result.addresses):
         table.add("pointer_offset", "an entry is not a 16-bit number")
     return result

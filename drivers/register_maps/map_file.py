@@ -55,9 +55,10 @@ def read_map(given: Mapping[str, Any]) -> tuple[ControllerMap | None, list[Probl
         return None, kept.problems
     top = Table(kept, (), given)
     if not given.keys() & set(TABLES):
-        return None, [((), "not a register map: it has [quantities], [state], [commands]; see rig schema register-map")]
-    for table, why in (("quantities", "it states the registers of the "
-        "device's values"), ("state", "it states the meaning of the device's states")):
+        return None, [((), "this is not a register map: a register map contains [quantities], [state] and "
+            "[commands]; see rig schema register-map")]
+    for table, why in (("quantities", "this table states the registers "
+        "of the device's values"), ("state", "this table states the meaning of the device's states")):
         if table not in top:
             top.add(None, f"[{table}] is missing; {why}")
     modbus = read_modbus(top.table("modbus"))
@@ -84,7 +85,7 @@ def _over_base(kept: Kept, given: Mapping[str, Any]) -> Mapping[str, Any]:
     name, leaves = given.get("base"), given.get("without", ())
     if name is None:
         if leaves:
-            kept.add(("without",), "requires base, the map whose entries are removed")
+            kept.add(("without",), "requires `base`, the map whose entries are to be removed")
         return given
     if name not in controller_names():
         kept.add(("base",), f"unknown map {name!r:.40}; {meant(name, controller_names())}")

@@ -44,11 +44,14 @@ def map_origins(controller: ControllerMap) -> Origins:
         text = "value = smoothed difference of the controller's positions over the host's time"
         origins[Channel.VELOCITY] = ChannelOrigin("station", text, "Velocity computed from the controller's position")
     if Channel.CYCLES_DONE not in origins and not controller.capabilities.streamed_setpoints:
-        text = "value = whole cycles by the program's frequency and the host's time since it was seen to run"
+        text = (
+            "value = whole cycles, calculated from the program's frequency and the host time since the program "
+            "started"
+        )
         origins[Channel.CYCLES_DONE] = ChannelOrigin("station", text)
     return origins
 
 
 def _meaning(quantities: Iterable[Quantity]) -> str:
     places = sorted(quantity.on_wire for quantity in quantities)
-    return f"value = meaning, by the register map, of {'; '.join(places)}"
+    return f"value = meaning, according to the register map, of {'; '.join(places)}"

@@ -77,14 +77,15 @@ def check(source: Kept, quantities: Quantities, words: Words, recipes: Recipes, 
     _motions(source, words, recipes)
     _stops(source, commands)
     if not {Command.FADE_STOP, Command.HALT} & commands.keys() and Command.START in commands:
-        source.add(("commands",), "fade-stop or halt is missing: nothing could stop a motion")
+        source.add(("commands",), "fade-stop or halt is missing: without it, nothing could stop a motion")
     if watchdog is not WatchdogKind.NONE and not words.faults.members & FaultBit.WATCHDOG:
         source.add(
-            ("faults",), "watchdog is missing: it states how the device shows that its watchdog has tripped, which "
-                'is tested before any motion. Fix: add it, or write [watchdog] kind = "none"'
+            ("faults",), "watchdog is missing: this entry states how the device shows that its watchdog has tripped, "
+                "which "
+                'is tested before any motion. Fix: add the entry, or write [watchdog] kind = "none"'
         )
     if (watchdog is not WatchdogKind.NONE or words.faults.members) and Command.RESET not in commands:
-        source.add(("commands",), "reset is missing: a trip that the device latches could not be cleared")
+        source.add(("commands",), "reset is missing: without it, a trip latched by the device could not be cleared")
     _pressure(source, words, commands)
     _numbers(source, quantities, words)
 
@@ -99,7 +100,7 @@ def _stops(source: Kept, commands: Mapping[Command, Recipe]) -> None:
             source.add(("commands", word(stop)), "a stop must start with a write; pauses and waits follow it")
         for other in BEGINNINGS:
             if commands.get(other) == recipe:
-                source.add(("commands", word(stop)), f"is the same as {word(other)}: it would stop nothing")
+                source.add(("commands", word(stop)), f"is identical to {word(other)}, so it would not stop anything")
 
 
 def _motions(source: Kept, words: Words, recipes: Recipes) -> None:
@@ -107,15 +108,18 @@ def _motions(source: Kept, words: Words, recipes: Recipes) -> None:
     generator = Command.START in commands
     if not generator and not recipes.setpoint:
         source.add(
-            ("commands",), "start is missing, and there is no [setpoint]. Fix: add one of them: start the device's "
-                "function generator, or stream set-points"
+            ("commands",), "start is missing, and there is no [setpoint]. Fix: add one of the two, to start the "
+                "device's function generator or to stream set-points"
         )
     if generator and Command.MOVE_TO not in commands:
-        source.add(("commands",), "move-to is missing: it moves the rod to the centre of a program before the start")
+        source.add(("commands",), "move-to is missing: this command moves the rod to the centre of a program before "
+            "the start")
     if generator and not MOVING & words.states.known:
-        source.add(("state",), "running (or moving) is missing: it states how the device shows that a program runs")
+        source.add(("state",), "running (or moving) is missing: this entry states how the device shows that a "
+            "program is running")
     if recipes.setpoint and generator:
-        source.add(("setpoint",), "a device with a generator needs no set-points. Fix: remove [setpoint] or start")
+        source.add(("setpoint",), "a device with a function generator does not need set-points. Fix: remove "
+            "[setpoint] or start")
     if generator:
         _program(source, commands[Command.START], words)
     if Command.MOVE_TO in commands and not _asks_for(commands[Command.MOVE_TO], "$target"):
@@ -149,20 +153,22 @@ def _pressure(source: Kept, words: Words, commands: Mapping[Command, Recipe]) ->
     on, off = Command.HYDRAULICS_ON in commands, Command.HYDRAULICS_OFF in commands
     if on is not off:
         missing = "hydraulics-off" if on else "hydraulics-on"
-        source.add(("commands",), f"{missing} is missing: give commands to switch pressure (or power) on and off, or "
-            "neither")
+        source.add(("commands",), f"{missing} is missing: specify commands to switch the pressure (or power) both on "
+            "and off, or neither")
     stated = words.pressure.rules
     seen = State.OFF in words.states.known or bool(words.inputs.members & Input.HYDRAULICS_ON) or bool(stated)
     if on and off and not seen:
         source.add(
-            ("state",), "off is missing: it states how the device shows that its pressure (or power) is off. Fix: "
-                "add it, or write [pressure] off, or [inputs] hydraulics-on"
+            ("state",), "off is missing: this entry states how the device shows that its pressure (or power) is off. "
+                "Fix: "
+                "add the entry, or write [pressure] off, or [inputs] hydraulics-on"
         )
     if Command.HYDRAULICS_LOW in commands and not (
         State.LOW in words.states.known or words.inputs.members & Input.HYDRAULICS_LOW or Pressure.LOW in stated
     ):
-        source.add(("state",), "low is missing: it states how the device shows low pressure. Fix: add it, or remove "
-            "hydraulics-low")
+        source.add(("state",), "low is missing: this entry states how the device shows low pressure. Fix: add the "
+            "entry, or "
+            "remove hydraulics-low")
     _pressure_codes(source, words)
 
 
@@ -174,8 +180,8 @@ def _pressure_codes(source: Kept, words: Words) -> None:
             state = State(held.get(code, State.TRIPPED))
             if pressure is not Pressure.ON and state not in {State.TRIPPED, State.OFF, State.LOW}:
                 source.add(
-                    ("pressure", word(pressure)), f"code {code} is {word(state)} in [state]: it does not show that "
-                        "the pressure (or power) is off"
+                    ("pressure", word(pressure)), f"code {code} is {word(state)} in [state]: this code does not show "
+                        "that the pressure (or power) is off"
                 )
 
 
@@ -187,10 +193,11 @@ def _numbers(source: Kept, quantities: Quantities, words: Words) -> None:
         "watchdog_actions"),
     ):
         if name in quantities and not codes.codes:
-            source.add(("quantities", name), f"[{table}] is missing, which states the meaning of its codes. Fix: add "
-                f"it, or remove {name}")
+            source.add(("quantities", name), f"[{table}] is missing; this table states the meaning of the codes. Fix: "
+                f"add the table, or remove {name}")
     if "result" in quantities and words.results.codes and int(Result.DONE) not in words.results.codes:
-        source.add(("results",), "done is missing: it states the code by which the device acknowledges a command")
+        source.add(("results",), "done is missing: this entry states the code with which the device acknowledges a "
+            "command")
 
 
 def check_identity(source: Kept, expected: Mapping[str, Value], quantities: Quantities) -> None:
@@ -203,9 +210,9 @@ def check_identity(source: Kept, expected: Mapping[str, Value], quantities: Quan
         elif not quantity.read:
             source.add(place, "it cannot be read")
         elif name in ROLES:
-            source.add(place, "it is part of the status, which changes, and cannot identify the device")
+            source.add(place, "this quantity is part of the status, which changes, so it cannot identify the device")
         elif isinstance(value, str) and not (value.isascii() and value == value.rstrip() and "\0" not in value):
-            source.add(place, f"{value!r} is impossible: a text is ASCII without trailing blanks")
+            source.add(place, f"{value!r} is impossible: a string must be ASCII without trailing blanks")
         elif isinstance(value, str) and len(value) > 2 * quantity.length:
             source.add(place, f"{value!r} is impossible: {quantity.length} registers hold "
                 f"{2 * quantity.length} characters")  # fmt: skip

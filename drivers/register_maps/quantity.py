@@ -150,7 +150,7 @@ class Quantity:
             LocalProtocolError: it does not fit.
         """
         if isinstance(value, str):
-            raise self._unfit(value, "got a text, expected a number")
+            raise self._unfit(value, "got a string, expected a number")
         if not math.isfinite(value):
             raise self._unfit(value, "not a finite number")
         if self.type == "bit":
@@ -187,7 +187,7 @@ class Quantity:
         if self.holds(value):
             return value
         if self.type == "string":
-            raise self._unfit(value, "got a number, expected a text")
+            raise self._unfit(value, "got a number, expected a string")
         number = (value / self.factor - self.offset) / self.scale
         if self.type in FLOATS:
             raw: float = math.copysign(LARGEST_FLOATS[self.type], number)

@@ -41,9 +41,9 @@ def _test(table: Table, quantities: Quantities, names: Collection[str]) -> Test 
     if not quantity.read:
         table.add(None, f"{name!r} cannot be read: its access is \"w\"")
     if quantity.type == "string":
-        table.add(None, f"{name!r} is a text; a condition needs a number")
+        table.add(None, f"{name!r} is a string; a condition requires a number")
     if quantity.values > 1:
-        table.add(None, f"{name!r} has {quantity.values} values; a condition needs a single number")
+        table.add(None, f"{name!r} has {quantity.values} values; a condition requires a single number")
     bit = table.get("bit")
     if bit is not None and bit >= 16 * quantity.length:
         table.add("bit", f"{name!r} has the bits 0 to {16 * quantity.length - 1}")
@@ -66,7 +66,7 @@ def number_of(table: Table, key: str, given: Value, quantity: Quantity | None, n
             table.add(key, f'{given!r:.40} must be a number, true, false or a name such as "$target"')
             return 0
         if given[1:] not in names:
-            table.add(key, f"{given} is unknown here; {meant(given, [f'${name}' for name in names])}")
+            table.add(key, f"{given} is not known here; {meant(given, [f'${name}' for name in names])}")
             return 0
         return given
     if isinstance(given, bool):
@@ -85,7 +85,7 @@ def _codes(table: Table, name: str, owners: dict[int, str]) -> tuple[int, ...]:
     codes = listed(table.get(name))
     for code in codes:
         if owners.setdefault(code, name) != name:
-            table.add(name, f"{owners[code]} and {name} both have code {code}; a code has one meaning")
+            table.add(name, f"{owners[code]} and {name} both have code {code}; a code can have only one meaning")
     return tuple(codes)
 
 
@@ -106,10 +106,11 @@ def read_states(table: Table, quantities: Quantities) -> States:
             codes[member] = own
             rules.append(StateRule(member, own))
             if "state" not in quantities:
-                table.add(name, "refers to a code of `state`, which is not in [quantities]. Fix: add it, or write a "
+                table.add(name, "refers to a code of `state`, which is not in [quantities]. Fix: add `state`, or "
+                    "write a "
                     "condition")
     if "hold" not in table:
-        table.add(None, "hold is missing: it states the code or condition that shows that the device holds its "
+        table.add(None, "hold is missing: this entry states the code or condition that shows that the device holds its "
             "position")
     return States(tuple(rules), Codes(State, codes))
 
@@ -126,7 +127,8 @@ def read_pressure(table: Table, quantities: Quantities) -> PressureRules:
         else:
             rules[member] = StateRule(member, _codes(table, name, owners))
             if "state" not in quantities:
-                table.add(name, "refers to a code of `state`, which is not in [quantities]. Fix: add it, or write a "
+                table.add(name, "refers to a code of `state`, which is not in [quantities]. Fix: add `state`, or "
+                    "write a "
                     "condition")
     if rules and Pressure.OFF not in rules:
         table.add(None, "off is missing: it states the code or condition that shows that the device has no pressure "
@@ -163,12 +165,12 @@ def read_bits(table: Table, meaning: type[IntFlag], quantity: Quantity | None, n
             table.add(name, f"{given!r:.40} must be a bit of {named} (a whole number of 0 to {most}) or a condition")
             continue
         if quantity is None:
-            table.add(name, f"refers to a bit of the quantity `{named}`, which is not in [quantities]. Fix: add it, "
-                "or write a condition")
+            table.add(name, f"refers to a bit of the quantity `{named}`, which is not in [quantities]. Fix: add the "
+                "quantity, or write a condition")
         for bit in bits:
             if bit in places:
                 other = next(other for other, one in members.items() if int(one) == places[bit])
-                table.add(name, f"{other} and {name} both use bit {bit}; a bit has one meaning")
+                table.add(name, f"{other} and {name} both use bit {bit}; a bit can have only one meaning")
             places[bit] = member
     taken = sum(int(member) for member in meaning)
     return Bits(quantity if places or quantity is not None else None, places, tuple(conditions), taken)

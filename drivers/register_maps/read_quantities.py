@@ -99,7 +99,7 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
     bit = entry.get("bit")
     kind = entry.get("type", "bit" if bits else "u16")
     if bits and kind != "bit":
-        entry.add("type", f"{kind!r}: a {space} has one bit. Fix: remove type")
+        entry.add("type", f"{kind!r}: a {space} has only one bit. Fix: remove type")
         return None
     if not 0 <= address <= LAST_ADDRESS:
         first = modbus.first_address[space]
@@ -107,7 +107,7 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
         return None
     if kind == "bit" and not bits:
         if bit is None:
-            entry.add("type", "type 'bit' is for a coil or a discrete input. Fix: for a bit of a register write bit "
+            entry.add("type", "type 'bit' is for a coil or a discrete input. Fix: for a bit of a register, write bit "
                 "= 0 to 15")
             return None
         kind = "u16"
@@ -118,7 +118,7 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
     if kind == "string" and "length" not in entry:
         entry.add(None, "length is missing. Fix: write length, a whole number from 1 to 120")
     elif "length" in entry and kind != "string":
-        entry.add("length", "for strings only; a table of values has count")
+        entry.add("length", "only for strings; a table of values has count")
     length = entry.get("length", 1) if kind == "string" else max(1, TYPES[kind][1])
     return Quantity(
         name, space, address, kind, length, entry.get("count", 1), _scale(entry), float(entry.get("offset", 0.0)),
@@ -131,7 +131,7 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
 def _scale(entry: Table) -> float:
     scale = float(entry.get("scale", 1.0))
     if scale == 0.0:
-        entry.add("scale", "0 would make every value 0. Fix: write the value of one count, such as 0.001")
+        entry.add("scale", "a scale of 0 would make every value 0. Fix: enter the value of one count, such as 0.001")
         return 1.0
     return scale
 
@@ -151,14 +151,14 @@ def _check(quantity: Quantity, entry: Table) -> None:
     if quantity.written and quantity.bit is not None:
         entry.add("access", "a single bit of a register cannot be written. Fix: describe the whole register")
     if quantity.type == "string" and (quantity.scale, quantity.offset, quantity.factor) != (1.0, 0.0, 1.0):
-        entry.add("type", "a string has neither scale nor offset nor unit")
+        entry.add("type", "a string cannot have a scale, an offset or a unit")
     _check_type(quantity, entry)
     name = quantity.name
     wanted = ROLES.get(name) or LIMITS.get(name) or ""
     given = measures(entry)
     if wanted and given and given != wanted:
         known = [name for name, unit in UNITS.items() if unit.dimension == wanted]
-        entry.add("unit", f"{name} is a {wanted}; its unit is one of {', '.join(known)}")
+        entry.add("unit", f"{name} is a {wanted}; its unit must be one of {', '.join(known)}")
     if name in ROLES and not quantity.read:
         entry.add("access", f"{name} is part of the status and must be readable")
     if name in LIMITS and not (quantity.read and quantity.written):
@@ -173,7 +173,7 @@ def _check_type(quantity: Quantity, entry: Table) -> None:
     if name in _WHOLE and (quantity.type in FLOATS or quantity.type == "string" or not quantity.whole):
         entry.add("type", f"{name} must be a whole number without scale, offset and unit (code, count or bits)")
     if quantity.type == "string" and (ROLES.get(name) or LIMITS.get(name) or name in NUMBERED):
-        entry.add("type", f"{name} must be a number, not a text")
+        entry.add("type", f"{name} must be a number, not a string")
     if name in NUMBERED and quantity.type in FLOATS:
         entry.add("type", f"{name} must be a whole number, which {quantity.type} is not")
     if quantity.step < LEAST_STEP and quantity.type not in {*FLOATS, "string"}:

@@ -83,13 +83,13 @@ class Recipes:
             step.add(None, f"recipe {name!r} is not in [recipes]; {meant(name, self._named)}")
             return ()
         if name in under:
-            step.add(None, f"the recipe calls itself: {' -> '.join((*under, name))}; it would never end")
+            step.add(None, f"the recipe calls itself ({' -> '.join((*under, name))}) and would never end")
             return ()
         self._used.add(name)
         self._calls += 1
         if self._calls == MOST_CALLS:
-            step.add(None, f"recipes call recipes more than {MOST_CALLS} times in this file. Fix: write their steps "
-                "out")
+            step.add(None, f"recipes call recipes more than {MOST_CALLS} times in this file. Fix: write out the "
+                "steps")
         if self._calls >= MOST_CALLS:
             return ()
         return self.read(self._named, name, names, (*under, name))
@@ -106,7 +106,8 @@ class Recipes:
         given = step.get("span")
         inside = [self._quantities[name] for name in step.table("write") if name in self._quantities]
         if not all(name in self._quantities for name in given):
-            step.add("span", "must be two quantities, [first, last]: all registers from one to the other are written")
+            step.add("span", "must be two quantities, [first, last]: all registers from the first to the last are "
+                "written")
             return None
         first, last = (self._quantities[name] for name in given)
         span = (first.address, last.end - 1)
@@ -114,8 +115,9 @@ class Recipes:
         holding = all(one.space == HOLDING and one.write_function == 16 for one in (first, last, *inside))
         if not (holding and fits and 0 < span[1] - span[0] + 1 <= LONGEST_SPAN):
             step.add(
-                "span", f"must be at most {LONGEST_SPAN} holding registers, written by function 16, with all that this "
-                "step writes inside"
+                "span", f"must be at most {LONGEST_SPAN} holding registers, written by function 16, that include "
+                    f"everything "
+                "that this step writes"
             )
             return None
         return span
@@ -136,7 +138,7 @@ def read_values(step: Table, key: str, quantities: Quantities, names: Collection
         if isinstance(value, str):
             _check_name(written, name, value[1:], quantity)
         elif quantity.values > 1:
-            written.add(name, f"has {quantity.values} values; only a [table] can write them")
+            written.add(name, f"has {quantity.values} values; only a [table] can write these values")
         elif quantity.type == "string" or not quantity.holds(value):
             written.add(name, f"{written.given[name]!r} does not fit {quantity.type} with scale {quantity.scale:g}")
         result[quantity] = value
@@ -156,7 +158,7 @@ def _check_name(written: Table, key: str, name: str, quantity: Quantity) -> None
                     f"numbers. Fix: write it to a u16 without scale{fix}"
             )
     if quantity.values > 1 and name != "values":
-        written.add(key, f"{quantity.name} has {quantity.values} values; only a [table] can write them")
+        written.add(key, f"{quantity.name} has {quantity.values} values; only a [table] can write these values")
 
 
 def read_commands(table: Table, recipes: Recipes) -> dict[Command, Recipe]:
@@ -166,7 +168,7 @@ def read_commands(table: Table, recipes: Recipes) -> dict[Command, Recipe]:
     }
     for key in table:
         if not any(isinstance(step, Write) for step in result[COMMANDS[key]]):
-            table.add(key, "writes nothing, so the device would not receive it")
+            table.add(key, "does not write anything, so the device would not receive the command")
     return result
 
 
@@ -195,9 +197,10 @@ def read_watchdog(table: Table, recipes: Recipes, streams: bool) -> tuple[Watchd
         given = {key: table.given[key] for key in ("write", "span") if key in table}
         steps = recipes.read(Table(table.source, (), {"watchdog": given}), "watchdog", WATCHDOG)
     if kind in {"counter", "keep-alive"} and not steps:
-        table.add(None, f'kind = "{kind}" needs write, which refreshes it, such as write = {{alive = "$counter"}}')
+        table.add(None, f'kind = "{kind}" requires write, which refreshes the watchdog, such as write = '
+            f'{{alive = "$counter"}}')
     if kind in {"setpoints", "none"} and steps:
-        table.add("write", f'kind = "{kind}" needs no refresh of its own. Fix: remove write')
+        table.add("write", f'kind = "{kind}" does not require a refresh. Fix: remove write')
     if kind == "setpoints" and not streams:
         table.add("kind", "set-points are not sent to this device: [setpoint] is missing")
     kinds = {"counter": WatchdogKind.COUNTER, "none": WatchdogKind.NONE}
@@ -214,6 +217,6 @@ def read_table(table: Table, recipes: Recipes) -> tuple[Recipe, int]:
         if value == "$values"
     ]
     if len(held) != 1:
-        table.add(None, 'needs one quantity of several values (count = ...) for "$values"')
+        table.add(None, 'requires a quantity with several values (count = ...) for "$values"')
         return (), 0
     return steps, held[0].values

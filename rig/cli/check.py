@@ -117,10 +117,11 @@ def _check_usage(bench: Path | None, simulator_args: tuple[str, ...], *, simulat
         UsageError: with what to write instead.
     """
     if bench is None and not simulate:
-        raise click.UsageError("no bench given. Fix: rig check BENCH, or rig check --simulate, or rig check --listen "
+        raise click.UsageError("no bench specified. Fix: rig check BENCH, or rig check --simulate, or rig check "
+            "--listen "
             "PORT")
     if simulator_args and not simulate:
-        raise click.UsageError("arguments after -- are for the simulated rig. Fix: with BENCH give them to `rig "
+        raise click.UsageError("arguments after -- are for the simulated rig. Fix: with BENCH, pass them to `rig "
             "simulate`")
 
 

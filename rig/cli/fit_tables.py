@@ -109,7 +109,7 @@ def _reasons(parameters: Mapping[str, Estimate]) -> list[str]:
     named: dict[str, list[str]] = {}
     for name, entry in parameters.items():
         if not entry.identifiable:
-            reason = entry.reason or "the data do not determine it"
+            reason = entry.reason or "the data do not determine this parameter"
             rest = reason.removeprefix(f"{name} ")
             named.setdefault(rest if rest != reason else f"not identifiable: {reason}", []).append(name)
     return [f"{', '.join(names)} {reason}" for reason, names in named.items()]

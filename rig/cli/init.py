@@ -165,7 +165,7 @@ def write_files(folder: Path, answers: Mapping[str, str]) -> list[Path]:
         texts[name] = json.dumps(schema, indent=1) + "\n"
     there = [name for name in texts if (folder / name).exists()]
     if there:
-        raise FileProblem(str(folder), [f"{name} already exists. Fix: give another folder" for name in there])
+        raise FileProblem(str(folder), [f"{name} already exists. Fix: specify another folder" for name in there])
     paths: list[Path] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -74,9 +74,9 @@ def listen(source: str | None, options: Mapping[str, Any], *, as_json: bool) -> 
     options = {**options, **{name: value for name, value in DEFAULTS.items() if options[name] is None}}
     captured = options["captured"]
     if source is None and captured is None:
-        raise click.UsageError("no source given. Fix: rig check --listen PORT, or a file of captured bytes")
+        raise click.UsageError("no source specified. Fix: rig check --listen PORT, or a file of captured bytes")
     if source is not None and captured is not None:
-        raise click.UsageError(f"give either a port or a file of captured bytes, not both {source} and {captured}")
+        raise click.UsageError(f"specify either a port or a file of captured bytes, not both {source} and {captured}")
     if captured is None and source is not None and Path(source).is_file():
         captured, source = Path(source), None
     options["captured"] = captured
@@ -104,8 +104,8 @@ def _refuse_bench(captured: Path) -> None:
     if any(isinstance(table, dict) for table in tables.values()):
         raise FileProblem(str(captured), [
             f"--listen: got a TOML file ({', '.join(f'[{name}]' for name in list(tables)[:3])} ...), expected a serial "
-            "port, socket://HOST:PORT, a CAN bus as INTERFACE:CHANNEL, or a file of captured bytes. Fix: of a bench "
-            f"file, `rig check {captured}` checks its devices; --listen takes the port of one of them",
+            "port, socket://HOST:PORT, a CAN bus as INTERFACE:CHANNEL, or a file of captured bytes. Fix: to check "
+            f"the devices in a bench file, use `rig check {captured}`; --listen requires the port of one device",
         ])  # fmt: skip
 
 
@@ -272,10 +272,10 @@ def _words(answer: Mapping[str, Any]) -> list[str]:
         lines.append("rates tried: " + ", ".join(str(one["baudrate"]) for one in answer["tried_rates"]))
     if not answer["bytes"]:
         return [*lines, "nothing received. Fix: check the port and that the device is on. A device that "
-            "answers to requests only is silent, because nothing is sent; its format needs a request"]  # fmt: skip
+            "only answers requests is silent because no requests are sent; its format requires a request"]  # fmt: skip
     if "format" not in answer:
         return [*lines, f"no format matches; the data start with {answer['start']}",
-                "Fix: use --baud and --parity as set at the device, listen longer (--seconds 5), or "
+                "Fix: use --baud and --parity as set on the device, listen longer (--seconds 5), or "
                 "write a format, see docs/how-to/add-a-sensor-format.md"]  # fmt: skip
     verdict = "" if answer["found"] else "  (too few to be certain)"
     rate = f", {answer['rate_Hz']:.4g} a second" if answer["rate_Hz"] else ""

@@ -284,11 +284,12 @@ def foreign_packages(search: list[str] | None = None) -> str | None:
     for name in PACKAGES:
         spec = PathFinder.find_spec(name, search)
         if spec is None or spec.origin is None:
-            return f"the package {name} is missing in {home / 'rig'}. Fix: reinstall mr-damper-rig"
+            return f"the package {name} is missing from {home / 'rig'}. Fix: reinstall mr-damper-rig"
         if Path(spec.origin).resolve().parents[1] != home:
             return (
-                f"the package {name} at {Path(spec.origin).parent} belongs to another project of that name and hides "
-                f"the one in {home}. Fix: install mr-damper-rig into a separate environment (python3 dev.py install)"
+                f"the package {name} at {Path(spec.origin).parent} belongs to another project with that name and hides "
+                f"the package in {home}. Fix: install mr-damper-rig into a separate environment (python3 dev.py "
+                f"install)"
             )
     return None
 

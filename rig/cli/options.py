@@ -72,7 +72,7 @@ class RunPath(click.ParamType[Path]):
         matches = [name for name in names if text in name]
         if len(matches) > 1:
             listed = ", ".join(matches[-5:])
-            self.fail(f"{text!r} matches {len(matches)} runs in {LOGS}/: {listed}. Fix: give a longer "
+            self.fail(f"{text!r} matches {len(matches)} runs in {LOGS}/: {listed}. Fix: specify a longer "
                 "part of the name", param, ctx)
         return LOGS / matches[0] if matches else path
 

@@ -196,6 +196,6 @@ def _campaign(run: Path) -> Path:
         FileProblem: it does not.
     """
     if not CampaignFolder(run).journal.is_file():
-        raise FileProblem(str(run), ["contains no campaign. Fix: give the directory that `rig run` printed (see "
+        raise FileProblem(str(run), ["contains no campaign. Fix: specify the folder that `rig run` printed (see "
             "`rig runs`)"])
     return run.resolve()

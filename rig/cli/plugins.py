@@ -89,7 +89,7 @@ def _entry(plug_in: PlugIn, kind: Kind) -> dict[str, str]:
     state, problem = OK, ""
     if plug_in.name in kind.own:
         state = SHADOWED
-        problem = f"the built-in {kind.kind} {plug_in.name!r} is used instead. Fix: give the plug-in another name"
+        problem = f"the built-in {kind.kind} {plug_in.name!r} is used instead. Fix: rename the plug-in"
     else:
         try:
             plug_in_of(plug_in.group, plug_in.name)

@@ -212,7 +212,8 @@ def _requalified(text: str | None, resume: Path | None) -> str:
     if resume is None:
         raise click.UsageError("--requalified requires --resume RUN")
     if not words or len(words) > LONGEST_TEXT:
-        raise click.UsageError(f"--requalified: state in 1 to {LONGEST_TEXT} characters what was checked or replaced")
+        raise click.UsageError(f"--requalified: describe in 1 to {LONGEST_TEXT} characters what was checked or "
+            f"replaced")
     return words
 
 
@@ -225,7 +226,7 @@ def _matrix_path(matrix: Path | None, resume: Path | None) -> Path:
     if matrix is not None:
         return matrix
     if resume is None:
-        raise click.UsageError("no matrix given. Fix: rig run MATRIX --bench FILE, or rig run --resume RUN")
+        raise click.UsageError("no matrix specified. Fix: rig run MATRIX --bench FILE, or rig run --resume RUN")
     from rig.campaign.setup import described
 
     described(resume)
@@ -259,7 +260,7 @@ def _check_usage(
         UsageError: with what to write instead.
     """
     if bench is None and not simulate and resume is None:
-        raise click.UsageError("give --bench FILE, or --simulate, or both: simulated with that bench's devices")
+        raise click.UsageError("specify --bench FILE, --simulate, or both (to simulate the devices of that bench)")
     if resume is not None and simulate and bench is not None:
         raise click.UsageError("a resumed campaign keeps its simulated rig. Fix: remove --bench")
     if resume is not None and seed is not None:
@@ -267,14 +268,14 @@ def _check_usage(
     if speed is not None and not math.isfinite(speed):
         raise click.UsageError("--speed: expected a number from 0.01 to 1000")
     if simulator_args and not simulator_args[0].startswith("-"):
-        raise click.UsageError(f"give one matrix only: unexpected argument {simulator_args[0]}")
+        raise click.UsageError(f"specify only one matrix: unexpected argument {simulator_args[0]}")
     given = {
         "--speed": speed is not None, "--seed": seed is not None, "--real-time": real_time,
         "arguments after --": bool(simulator_args),
     }
     for name, present in given.items():
         if present and not simulate and (resume is None or bench is not None):
-            raise click.UsageError(f"{name} are for the simulated rig. Fix: with --bench give them to `rig simulate`")
+            raise click.UsageError(f"{name} are for the simulated rig. Fix: with --bench, pass them to `rig simulate`")
 
 
 def show_result(result: JobResult, shown: Console) -> None:

@@ -86,8 +86,8 @@ def _resumable(folder: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as stop:
-        raise KeyboardInterrupt(f"finished results are kept in {folder}; the same command continues the "
-            "study") from stop
+        raise KeyboardInterrupt(f"finished results are kept in {folder}; run the same command again to "
+            "continue the study") from stop
 
 
 def _benchmark(file: Path, folder: Path, processes: int | None, as_json: bool) -> int:

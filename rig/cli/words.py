@@ -24,7 +24,7 @@ def ending(result: CampaignResult) -> list[tuple[str, str]]:
         lines.append(("bold red", UNKNOWN.format(not_proved=" and ".join(unproved) or "standstill or 0 A")))
     if result.refused:
         lines.append(("red", f"Refused before anything moved: {result.stopped_by}: {result.detail}"))
-        lines.append(("", f"After removing the cause, continue with: {resume_command(result.campaign)}"))
+        lines.append(("", f"Once the cause has been eliminated, continue with: {resume_command(result.campaign)}"))
     elif stop is not None:
         again = resume_command(result.campaign, stop.resume)
         text = f"{stopped_by(stop, result.detail)}: {stop.stands}. {left(stop, result)} Continue with: {again}"

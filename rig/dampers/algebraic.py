@@ -34,7 +34,7 @@ OFFSET = shape_parameter(
     "delta", "1", 0.5, -20.0, 20.0, "half width of the yield loop, as an argument of tanh", term="yield"
 )
 OFFSET_SPEED = shape_parameter(
-    "lambda", "m/s", 0.01, -2.0, 2.0, "half width of the yield loop, in terms of speed", term="yield"
+    "lambda", "m/s", 0.01, -2.0, 2.0, "half width of the yield loop, expressed as a speed", term="yield"
 )
 
 
@@ -340,7 +340,7 @@ class KwokModel(TanhModel):
     equation: ClassVar[str] = (
         "F = c v + k u + alpha z + f0, z = tanh(beta v + delta sgn u) (Kwok 2006); c, k, alpha affine in I"
     )
-    energy: ClassVar[str] = "see asymmetric, without inertia"
+    energy: ClassVar[str] = "as for `asymmetric`, without inertia"
     fixed_names: ClassVar[tuple[str, ...]] = ("c", "c_b", "k", "k_b", "f0")
     yield_names: ClassVar[tuple[str, str]] = ("alpha", "alpha_b")
     general: ClassVar[Mapping[str, tuple[str, ...]]] = {

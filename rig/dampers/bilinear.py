@@ -55,7 +55,7 @@ class HystereticBiviscousModel(HystereticModel):
             "speed relative to v0 at which the force yields, at zero current"
         )),
         shape_parameter("vy_b", "m/(s A)", 0.0, 0.0, 10.0, "the same per ampere", at_zero="vy"),
-        shape_parameter("v0", "m/s", 0.01, 1e-6, 10.0, "half width of the loop in terms of speed"),
+        shape_parameter("v0", "m/s", 0.01, 1e-6, 10.0, "half width of the loop, expressed as a speed"),
     )
 
     def kernel(self) -> Kernel:

@@ -28,7 +28,7 @@ from rig.dampers.thixotropic_bouc_wen import ThixotropicBoucWenModel
 from rig.errors import RigError
 from rig.plugins import DAMPER_MODELS, Catalogue
 
-SIMULATED = "plausible values for the simulated rig; not a published fit"
+SIMULATED = "plausible values for the simulated rig; these are not a published fit"
 
 CATALOGUE: tuple[DamperModel, ...] = (
     AsymmetricModel(),

@@ -56,7 +56,7 @@ def _not_kept() -> None:
     """Warns, once."""
     text = (
         "compiled models cannot be cached: neither the package's folder nor the user's cache folder is writable, so "
-        "every start compiles them again (up to a minute). Fix: set NUMBA_CACHE_DIR to a writable folder"
+        "the models are compiled again at every start (up to a minute). Fix: set NUMBA_CACHE_DIR to a writable folder"
     )
     warnings.warn(text, RuntimeWarning, stacklevel=2)
 

@@ -82,7 +82,10 @@ class Covered:
         if not self.only_at_A:
             return ranges
         currents = ", ".join(f"{current_A:.4g}" for current_A in self.only_at_A)
-        return f"{ranges}, only near the currents {currents} A (too few for the model to interpolate between them)"
+        return (
+            f"{ranges}, only near the currents {currents} A (too few currents for the model to interpolate "
+            f"between them)"
+        )
 
 
 def in_words(names: Iterable[str]) -> str:

@@ -88,7 +88,7 @@ class CurrentLawModel(DamperModel):
             NotImplementedError: always; a fit searches the law about fits of the base model.
         """
         raise NotImplementedError(
-            f"{self.name}: its current law is searched; {self.base.name} is fitted for each candidate law"
+            f"{self.name}: the current law is determined by a search; {self.base.name} is fitted for each candidate law"
         )
 
     def initial_state(self, u_m: float = 0.0) -> FloatArray:

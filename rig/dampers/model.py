@@ -43,7 +43,7 @@ class DamperModel(ABC):
         apart_at_one_current: parameters of power 1 that one current tells from their value at 0 A.
         speeds_tell_yield: whether a single speed tells yield force from viscous force.
         non_negative: linear parameters that no damper has below 0; a fit that finds one there holds it at 0.
-        demonstration: plausible values of a damper for the simulated rig, complete; not a published fit.
+        demonstration: plausible values of a damper for the simulated rig, complete; these are not a published fit.
     """
 
     name: ClassVar[str]

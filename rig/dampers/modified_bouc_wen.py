@@ -38,7 +38,7 @@ class ModifiedBoucWenModel(HystereticModel):
         "z' = -gamma |u' - y'| z |z|^(n-1) - beta (u' - y') |z|^n + A (u' - y') (Spencer 1997)"
     )
     energy: ClassVar[str] = (
-        "its dampers c0, c1 dissipate energy; hysteresis as bouc_wen; the springs k0, k1 return energy"
+        "its dampers c0, c1 dissipate energy; hysteresis as in bouc_wen; the springs k0, k1 return energy"
     )
     redundant: ClassVar[Mapping[str, tuple[str, ...]]] = {"A": ("alpha_a", "alpha_b", "gamma", "beta")}
     speeds_tell_yield: ClassVar[bool] = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rig.dampers.parameter import ParameterSet
 
 CFOA = "automotive MR damper, c-FOA paper"
-SPENCER = "Spencer, Dyke, Sain, Carlson 1997, converted from N and cm; its input is the driver's voltage (V)"
+SPENCER = "Spencer, Dyke, Sain, Carlson 1997, converted from N and cm; the input is the driver's voltage (V)"
 CFOA_KEYS = (
     "m",
     "F0",
@@ -51,7 +51,10 @@ def _cfoa_sets() -> list[ParameterSet]:
         values = dict(zip(CFOA_KEYS, numbers, strict=True))
         sets.append(ParameterSet(name, "asymmetric", values, f"{CFOA}, {table}; its lambda read as delta (no unit)"))
         printed = {("lambda" if key == "delta" else key): value for key, value in values.items()}
-        source = f"{CFOA}, {table}, as printed: with lambda larger than every speed the yield force only follows sgn(u)"
+        source = (
+            f"{CFOA}, {table}, as printed: because lambda is larger than every speed, the yield force depends "
+            f"only on sgn(u)"
+        )
         sets.append(ParameterSet(f"{name}-printed", "asymmetric", printed, source, hysteresis="printed"))
     return sets
 

@@ -70,7 +70,7 @@ class SprungBoucWenModel(HystereticModel):
         shape_parameter("rho", "1/m", 1000.0, 1e-2, 1e6, "inverse of the travel over which the yield force reverses"),
         shape_parameter("vt", "m/s", 0.005, 1e-6, 10.0, "speed at which the logarithmic viscous force begins"),
         shape_parameter("k", "N/m", 1e6, 1e3, 1e10, "stiffness of the spring in series"),
-        linear_parameter("m", "kg", 0.0, "mass moving with the rod", term="inertia"),
+        linear_parameter("m", "kg", 0.0, "mass that moves with the rod", term="inertia"),
     )
 
     def kernel(self) -> Kernel:

@@ -44,7 +44,7 @@ class Source:
         if self.path.suffix == ".json":
             raise FileProblem(
                 str(self.path),
-                ["got a fit, expected a run: this format exports recordings. Fix: give a campaign's directory"],
+                ["got a fit, expected a run: this format exports recordings. Fix: specify a campaign folder"],
             )
         return Run.open(self.path)
 
@@ -57,7 +57,7 @@ class Source:
         """
         file = self.fit_file
         if not file.is_file():
-            raise FileProblem(str(file), ["no fit found. Fix: create one with `rig identify`"])
+            raise FileProblem(str(file), ["no fit found. Fix: create a fit with `rig identify`"])
         return FitRecord.load(file)
 
     @property
@@ -155,7 +155,7 @@ def _write_table(source: Source, out: Path) -> list[Path]:
 
 
 OWN = (
-    Exporter("csv", "run", "one CSV file per point, and one of all points", lambda source, out: write_points(
+    Exporter("csv", "run", "one CSV file per point, and one CSV file with all points", lambda source, out: write_points(
         source.run, out)),
     Exporter("mat", "run", "one MATLAB file per point", lambda source, out: write_mat(source.run, out)),
     Exporter("netcdf", "run", "one NetCDF file per point", lambda source, out: write_netcdf(source.run, out)),
@@ -172,8 +172,8 @@ OWN = (
     Exporter("modelica", "fit", "the model as a Modelica block (most models)", _write_modelica),
     Exporter("octave", "fit", "the model as a function for Octave and MATLAB", _write_octave),
     Exporter("python", "fit", "the model as a self-contained Python module", _write_python),
-    Exporter("table", "fit", "force over speed and current as CSV, within the tested range", _write_table),
-    Exporter("inverse", "fit", "current over speed and force as one CSV table", lambda
+    Exporter("table", "fit", "force as a function of speed and current as CSV, within the tested range", _write_table),
+    Exporter("inverse", "fit", "current as a function of speed and force as one CSV table", lambda
              source, out: [write_inverse(source.path, out / f"{source.name}-inverse.csv")]),
 )  # fmt: skip
 """This program's formats. A new one is a line here."""

@@ -28,7 +28,7 @@ def write_table(fitted: FittedModel, folder: Path, file: str) -> list[Path]:
     """
     tested = fitted.tested
     if not tested:
-        raise FileProblem(file, ["the fit does not state its tested range (`tested`). Fix: identify again"])
+        raise FileProblem(file, ["the fit does not state its tested range (`tested`). Fix: run `rig identify` again"])
     low, high = tested["velocity_m_s"]
     speeds = np.linspace(low, high, SPEEDS)
     least, most = tested["current_A"]

@@ -207,8 +207,8 @@ def write_modelica(fitted: FittedModel, folder: Path) -> list[Path]:
     unproved = "internal states" if hidden else "a table in its equation" if library.arrays else ""
     if unproved:
         raise NotTranslatable(
-            f"{model.name} has {unproved}: its Modelica code could not be verified with a tool, so it is not offered. "
-            "Fix: use --to fmi, an FMU that Modelica tools import"
+            f"{model.name} has {unproved}: its Modelica code could not be verified with a tool, so this export is not "
+            "offered. Fix: use --to fmi, which writes an FMU that Modelica tools can import"
         )
     called = library.functions[-1].name
     name = source_name(fitted)

@@ -44,7 +44,7 @@ class Recordings(Section):
     title: str
     source: str
     licence: str
-    prepare: str = Field(default="", description="how to prepare the named files from the download")
+    prepare: str = Field(default="", description="how to prepare these files from the download")
     folder: str = Field(description="folder of the files, relative to the folder of this file")
     variable: str = Field(default="", description="environment variable that overrides the folder")
     files: dict[str, Sha256] = Field(min_length=1)
@@ -64,7 +64,7 @@ class Recordings(Section):
         if self.split != PAIRS and share is None:
             yield (), f'split: got "{self.split}", expected "{PAIRS}" or "last 30 %"'
         elif (share is None) == (self.waveform == "random"):
-            yield (), f'split: "{PAIRS}" needs motion with cycles, "last 30 %" needs waveform = "random"'
+            yield (), f'split: "{PAIRS}" requires motion with cycles, "last 30 %" requires waveform = "random"'
 
 
 class Benchmark(Section):
@@ -73,7 +73,7 @@ class Benchmark(Section):
     models: Literal["all"] | tuple[str, ...] = "all"
     methods: Literal["all"] | tuple[str, ...] = "all"
     searched: tuple[str, ...] = Field(
-        default=("asymmetric",), description="models that are fitted by methods other than separable"
+        default=("asymmetric",), description="models fitted with methods other than separable"
     )
     budget: int = Field(default=4000, ge=10, le=100_000_000)
     population: int = Field(default=50, ge=4, le=100_000)

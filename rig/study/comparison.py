@@ -89,7 +89,7 @@ def run_study(
         total = len(searches(cells, ()))
         tell = report or (lambda progress: None)
         if study.parallel is not None:
-            tell(StudyProgress(total, total, None, "", "timing serial and parallel computing"))
+            tell(StudyProgress(total, total, None, "", "timing serial and parallel computation"))
             time_parallel(study.parallel, bench, results)
         lines = dict(results.lines)
     facts = {

@@ -96,7 +96,7 @@ def _signs(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> Ite
         yield Claim(
             "printed-c-foa", HOLDS if works else FAILS,
             "Paper 1 states that c-FOA identifies the model without knowledge of its range. As printed (Fig. 6) and "
-            f"started at ones, the best of all its searches ends at {ratio:.3g} times the lowest objective.{why}",
+            f"started at ones, the best of all its searches reaches {ratio:.3g} times the lowest objective.{why}",
         )  # fmt: skip
     if "foa" in best:
         ratio = best["foa"] / lowest
@@ -107,8 +107,8 @@ def _signs(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> Ite
         )
         yield Claim(
             "foa-fails", HOLDS if fails else FAILS,
-            "The original FOA fails in the paper (2.00e17, standard deviation 3.40e10). Here the best "
-            f"of all its searches ends at {best['foa']:.3g}, {ratio:.3g} times the lowest objective.{why}",
+            "The original FOA fails in the paper (2.00e17, standard deviation 3.40e10). In this study "
+            f"the best of all its searches reaches {best['foa']:.3g}, {ratio:.3g} times the lowest objective.{why}",
         )  # fmt: skip
 
 
@@ -127,12 +127,12 @@ def _search_error(study: StudyFile, results: Lines, minima: Mapping[str, float])
     )  # fmt: skip
     yield Claim(
         "search-error", HOLDS if reached else FAILS,
-        "The paper takes the end point of an algorithm for the optimum of the model (Tables 4 and 5, and the ride). "
+        "The paper takes the end point of an algorithm to be the optimum of the model (Tables 4 and 5, and the ride). "
         "The model is linear except for beta and delta, and separable least squares, without a start or bounds, "
         f"reaches {lowest:.4g}. The method with the lowest mean in this study, {TITLES[method]} (N = {population}, "
-        f"{budget} evaluations), ends at {summary.mean / lowest:.3g} times this value on average and at "
-        f"{summary.best / lowest:.3g} times at best; the best of all searches, by {TITLES[closest]}, ends at "
-        f"{float(every[closest]['value']) / lowest:.3g} times: {end}.",
+        f"{budget} evaluations), reaches {summary.mean / lowest:.3g} times this value on average and "
+        f"{summary.best / lowest:.3g} times in its best run; the best single search of all, by {TITLES[closest]}, "
+        f"reaches {float(every[closest]['value']) / lowest:.3g} times: {end}.",
     )  # fmt: skip
 
 
@@ -232,9 +232,10 @@ def _of_resolution(groups: Mapping[int, list[float]]) -> tuple[str, str] | None:
     worse = np.mean(groups[coarse]) > np.mean(groups[middle])
     verdict = OPEN if of_coarse >= SIGNIFICANT else HOLDS if worse else FAILS
     return verdict, (
-        "The paper states that a very small resolution is significantly worse and a very large one slightly worse. "
+        "The paper states that a very small resolution is significantly worse and a very large resolution slightly "
+        "worse. "
         f"Rank test of {coarse} compared with {middle}: p = {of_coarse:.2g}; of {fine} compared with {middle}: p = "
-        f"{of_fine:.2g}. The verdict is that of the first."
+        f"{of_fine:.2g}. The verdict is based on the first test."
     )
 
 

@@ -81,21 +81,21 @@ def written(cell: Cell) -> str:
 
 FIGURE_TITLES = {
     "figure-03": "Figure 3: position and velocity of a triangle",
-    "figure-04": "Figure 4: force over velocity for a triangular displacement, without noise",
+    "figure-04": "Figure 4: force vs. velocity for a triangular displacement, without noise",
     "figure-05": "Figure 5: the recordings at the lowest frequency",
     "figure-08": "Figure 8: box plots of every setting",
     "figure-08-pair": "Figure 8 as printed: best-tuned PSO and c-FOA",
     "figure-09": "Figure 9: convergence, each method at its best setting (right: its second half, near the lowest)",
-    "figure-10": "Figure 10: recorded and fitted force over velocity",
-    "figure-11": "Figure 11: recorded and fitted force over extension",
-    "figure-12": "Figure 12: force over velocity of the fits of c-FOA, GA and PSO, printed (Table 5) and this study's",
-    "figure-13": "Figure 13: response of a car with the fits of c-FOA, GA and PSO, printed (Table 5) and this study's",
+    "figure-10": "Figure 10: recorded and fitted force vs. velocity",
+    "figure-11": "Figure 11: recorded and fitted force vs. extension",
+    "figure-12": "Figure 12: force vs. velocity of the c-FOA, GA and PSO fits, printed (Table 5) and from this study",
+    "figure-13": "Figure 13: response of a car with the c-FOA, GA and PSO fits, printed (Table 5) and from this study",
     "paper2-figure-08": "Paper 2, Figure 8: the recordings",
-    "paper2-figure-10": "Paper 2, Figure 10: minimum error, and its running average, against generations",
+    "paper2-figure-10": "Paper 2, Figure 10: minimum error and its running average vs. generations",
     "paper2-figure-11": "Paper 2, Figure 11: distribution of the minimum error, and an exponential distribution",
     "paper2-figure-12": "Paper 2, Figure 12: recorded and reconstructed hysteresis",
     "paper2-figure-13-bars": "Paper 2, Figure 13: errors and generations of each method",
-    "paper2-figure-relations": "Paper 2, Table 1 as a figure: parameters over current, and their relations to it",
+    "paper2-figure-relations": "Paper 2, Table 1 as a figure: parameters vs. current, and the fitted relations",
 }
 COMPARED = (
     "The statements of the papers, checked on these recordings. The papers' own recordings are not public: orders and "
@@ -107,7 +107,7 @@ SYNTHETIC = (
     "there, and these results do not show how well a model fits a real damper."
 )
 NOT_DRAWN = (
-    "Not included: photographs, schemes and flow charts (Figures 1, 2, 6 and 7; paper 2, Figures 1 to 7 and 9), which "
+    "Not included: photographs, diagrams and flow charts (Figures 1, 2, 6 and 7; paper 2, Figures 1 to 7 and 9), which "
     "contain no computed results."
 )
 HYPOTHESIS = (
@@ -279,7 +279,7 @@ def _made(facts: Mapping[str, Any]) -> Blocks:
         "software": f"{made['software']}; Python {made['python']}; {libraries}",
         "searched with": ", ".join(made["searched_with"]),
         "plug-ins": "; ".join(made.get("plug_ins", ())),
-        "machine that wrote this page": made["machine"],
+        "computer that wrote this page": made["machine"],
         "time": f"{made['searched_s']:,.0f} s of searches, all sessions and workers together; {facts['wall_s']:,.0f} "
         "s in the session that wrote this page",
         "seed": str(made["seed"]),

@@ -190,7 +190,7 @@ def parameter_tables(study: StudyFile, results: Lines, units: Mapping[str, str])
         columns = ("No.", "parameter", "unit", *(TITLES[method] for method in methods))
         columns += ("truth",) if truth else ()
         columns += tuple(f"{TITLES[method]} printed" for method in printed_fits)
-        note = "eta (9) is not identified: this not possible with constant current." if "eta" in units else ""
+        note = "eta (9) is not identified: this is not possible with constant current." if "eta" in units else ""
         note += f" The best of all settings. {MIRRORED} {LAMBDA} {NOT_PUBLIC}"
         note += " Truth: the values that generated the synthetic recordings, which also contain noise." if truth else ""
         title = f"Optimised model parameter values using {titles}"
@@ -259,11 +259,12 @@ def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
     printed_s = [printed_values.PARALLEL_S.get(count) for count in counts]
     rows.append(("as printed (asymmetric, MATLAB)", "time / s", *printed_s))
     title = (
-        f"Computational cost of the data fit problem using {TITLES[wanted.method]}: serial implementation and parallel "
+        f"Computational cost of the fitting problem using {TITLES[wanted.method]}: serial implementation and parallel "
         f"ones (N = {wanted.population}, fun_evals = {wanted.evaluations})"
     )
     note = (
-        f"Measured on {processors} processors: more processes than processors bring no gain. Time of the search only, "
+        f"Measured on {processors} processors: using more processes than processors brings no gain. Time of the "
+        f"search only, "
         "with the workers already started and the recordings loaded. Each was timed once, so other load on the "
         "computer affects the result."
     )

@@ -67,7 +67,7 @@ def _improvement(novel: ByCurrent, outcomes: Mapping[str, ByCurrent]) -> Claim:
         f"standard GA. In this study it is {abs(gain):.3g} % {'below' if gain >= 0.0 else 'above'}, and lower at "
         f'{wins} of {len(shared)} currents. Mean absolute errors: {ordered}. The paper set its search box "after two '
         'or three trails" for its own damper; it does not state whether the other methods used the same box. In this '
-        "study all genetic algorithms use the same one.",
+        "study all genetic algorithms use the same search box.",
     )  # fmt: skip
 
 
@@ -90,7 +90,7 @@ def _generations(novel: ByCurrent, outcomes: Mapping[str, ByCurrent]) -> Claim:
         "novel-ga-speed", verdict,
         "Paper 2: the novel GA converges in the fewest generations. Mean generations in this study, and searches that "
         f"the statistical criterion ended before the budget: {told}; novel compared with standard: rank test p = "
-        f"{p:.2g}. An end by this criterion means that little improvement is expected, not that the minimum was "
+        f"{p:.2g}. Termination by this criterion means that little improvement is expected, not that the minimum was "
         f"found.{cut}",
     )  # fmt: skip
 
@@ -99,7 +99,7 @@ def _three_steps(novel: ByCurrent, three: ByCurrent) -> Claim:
     shared, wins = _better(novel, three)
     if not shared:
         return Claim("three-steps", OPEN, (
-            "The three-step method, with which paper 2 compares, failed at every current in this study."
+            "The three-step method, which paper 2 uses for comparison, failed at every current in this study."
         ))
     ours, theirs = _mean(novel, "mae_N", shared), _mean(three, "mae_N", shared)
     verdict = FAILS if ours >= theirs else HOLDS if wins >= MOST * len(shared) else OPEN
@@ -107,8 +107,8 @@ def _three_steps(novel: ByCurrent, three: ByCurrent) -> Claim:
         "three-steps", verdict,
         "Paper 2 finds the normalised Bouc-Wen model, identified in three steps, less accurate than the novel GA. "
         f"Mean absolute errors in this study, over the {len(shared)} currents available for both: three steps "
-        f"{theirs:.3g} N, novel GA {ours:.3g} N, which is lower at {wins}. The three-step method needs no start, no "
-        "search box and no generations.",
+        f"{theirs:.3g} N, novel GA {ours:.3g} N, which is lower at {wins}. The three-step method requires neither a "
+        "starting point nor a search box nor generations.",
     )  # fmt: skip
 
 
@@ -130,8 +130,8 @@ def _linear(study: StudyFile, novel: ByCurrent) -> Claim:
     )
     return Claim(
         "linear-in-current", HOLDS if len(straight) == len(fitted) else FAILS,
-        "Paper 2 finds that all parameters are linearly related to the current, and then interpolates them by a "
-        "Lagrange polynomial, which needs no such relation. Of the novel GA's best fits in this study, "
+        "Paper 2 finds that all parameters are linearly related to the current, and then interpolates them with "
+        "a Lagrange polynomial, which does not require such a relation. Of the novel GA's best fits in this study, "
         f"{len(straight)} of {len(fitted)} parameters are on a straight line within {100.0 * LINE_SHARE:g} % of their "
         f"spread{' (' + ', '.join(straight) + ')' if straight else ''}.{synthetic}",
     )  # fmt: skip

@@ -76,7 +76,8 @@ def error_table(outcomes: Mapping[str, Mapping[float, list[Mapping[str, Any]]]],
         ))  # fmt: skip
     columns = ("method", "MAE / N", "SD / N", "generations", "evaluations", "converged")
     note = (
-        "Means over currents and repeats. The three-step method has no generations. Not converged: ended by the budget."
+        "Means over currents and repeats. The three-step method has no generations. Not converged: the search used "
+        "up its budget."
     )
     title = "Errors and generations to convergence"
     return Table("paper2-figure-13", "Paper 2, Figure 13", title, columns, tuple(rows), f"{note} {failures}".strip())

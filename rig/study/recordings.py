@@ -125,7 +125,7 @@ def one_a_current(tests: Sequence[Measurement], currents_A: Sequence[float]) -> 
         elif there:
             names = ", ".join(f"{test.id} ({test.amplitude_m:g} m, {test.frequency_Hz:.4g} Hz)" for test in there)
             problems.append(
-                f"{current_A:g} A: {len(there)} tests ({names}), expected one. Fix: choose it by select in "
+                f"{current_A:g} A: {len(there)} tests ({names}), expected one. Fix: choose a test with select in "
                 '[per_current.data], such as select = "frequency_Hz=1"'
             )
         else:
@@ -170,7 +170,7 @@ def _recorded(data: Data) -> tuple[list[Measurement], list[str]]:
                                             f"{', '.join(data.runs)}"])  # fmt: skip
     loops = [point for point in fitting if point.kind == LOOP]
     if not loops:
-        raise FileProblem("[data] runs", [f"none of the {len(fitting)} points is a loop, expected at least one"])
+        raise FileProblem("[data] runs", [f"none of the {len(fitting)} points contains loops; expected at least one"])
     left_out = [line for run in runs for line in run.unreadable]
     left_out += [
         f"{point.id} not used: {point.verdict} ({'; '.join(point.reasons)})"

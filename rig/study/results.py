@@ -215,7 +215,8 @@ class ResultsFile:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             raise FileProblem(
-                str(self.path), ["another `rig study` uses this folder. Fix: wait for it, or give another --out"]
+                str(self.path), ["another `rig study` is using this folder. Fix: wait until it has finished, or "
+                    "specify another folder with --out"]
             ) from error
 
     def _write(self, line: dict[str, Any]) -> None:
@@ -248,13 +249,14 @@ class ResultsFile:
         if header.get("format") != FORMAT:
             raise FileProblem(
                 str(self.path),
-                [f"line 1: format: got {header.get('format')!r}, expected {FORMAT}. Fix: give another --out"],
+                [f"line 1: format: got {header.get('format')!r}, expected {FORMAT}. Fix: specify another folder with "
+                    f"--out"],
             )
         if header.get("fingerprint") != self.fingerprint:
             raise FileProblem(
                 str(self.path),
                 [
                     f"line 1: fingerprint: got {header.get('fingerprint')!r}, expected {self.fingerprint}: the results "
-                    "belong to other recordings or settings. Fix: give another --out"
+                    "belong to other recordings or settings. Fix: specify another folder with --out"
                 ],
             )

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 LEAST_DRAWS = 20
 REMARK = (
-    "model error exceeds the measurement noise of the tests; the interval is that of {count} bootstrap fits to its "
-    "{tests} tests"
+    "model error exceeds the measurement noise of the tests; the interval is derived from {count} bootstrap fits to "
+    "the {tests} tests"
 )
 
 

@@ -72,7 +72,7 @@ def rides(study: StudyFile, results: Lines) -> Rides | None:
     ours = _own_fits(study, results)
     first = ride_study(car, road, named, [control])
     if len(ours) < 2:
-        return Rides(first, None, "fewer than two of c-FOA, GA and PSO were searched with the asymmetric model")
+        return Rides(first, None, "fewer than two of c-FOA, GA and PSO were run with the asymmetric model")
     try:
         return Rides(first, ride_study(car, road, ours, [control]))
     except NotComparable as error:
@@ -112,7 +112,7 @@ def ride_table(driven: Rides) -> Table:
         f"{driven.printed.variants[0].control.current_A:g} A. 0-18 Hz: from 0.5 Hz; the paper states 12 dB for "
         f"\"higher frequencies\". `rig ride {' '.join(PRINTED.values())}` shows more. {driven.reason}"
     ).strip()
-    title = "Largest difference of the car's response between any two of the fits of c-FOA, GA and PSO"
+    title = "Largest difference in the car's response between any two of the c-FOA, GA and PSO fits"
     return Table("table-x-ride", "Section 4.2", title, (*columns, "paper, up to / dB"), tuple(rows), note)
 
 

@@ -67,7 +67,7 @@ class Data(Section):
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
         if (self.simulate is None) == (not self.runs):
-            yield (), 'data: expected one of simulate = "table1" and runs = ["logs/..."]'
+            yield (), 'data: expected either simulate = "table1" and runs = ["logs/..."]'
 
 
 class Comparison(Section):
@@ -213,7 +213,8 @@ def load_study(path: Path) -> StudyFile:
     if not problems and study.comparison.start == "ones" and study.comparison.bounds == "model":
         problems = [
             problem_at(
-                source, ("comparison", "bounds"), f"{outside}, so no search can start at ones. Fix: set start = "
+                source, ("comparison", "bounds"), f"{outside}, so no search can start with all parameters equal to "
+                    f"1. Fix: set start = "
                                                   '"none", or bounds = "none" or "wide"',
             )
             for outside in _ones_outside(study)

@@ -69,7 +69,7 @@ def extrapolations(study: RideStudy) -> list[str]:
                 f"tested: {covered.told()}"
             )
         elif covered is None and variant.fit.adequate is not None:
-            lines.append(f"{variant.name}: this fit does not state its tested range. Fix: identify again")
+            lines.append(f"{variant.name}: this fit does not contain its tested range. Fix: run `rig identify` again")
     return lines
 
 

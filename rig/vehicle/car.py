@@ -77,7 +77,7 @@ class Car(Section):
     name: str = Field(min_length=1, max_length=120)
     kind: Kind
     source: str = Field(min_length=1, max_length=2000, description="source of the parameters")
-    estimate: bool = Field(default=False, description="true: the parameters were not measured on one car")
+    estimate: bool = Field(default=False, description="true if the parameters were not measured on a single car")
     body: Body
     front: Axle = Field(description="front axle; the only axle of a quarter car")
     rear: Axle | None = None
@@ -113,7 +113,7 @@ class Car(Section):
     def _missing(self) -> Iterator[Problem]:
         for place, wanted in self._wanted().items():
             if wanted and not self._given(place):
-                yield place, f"is missing; a {self.kind} car needs it"
+                yield place, f"is missing; a {self.kind} car requires this entry"
 
     def _beside(self) -> Iterator[Problem]:
         def needs(entry: str) -> str:

@@ -51,7 +51,7 @@ def fitted_damper(given: str, members: int, seed: int = 0) -> FittedDamper:
     if given in dampers.PARAMETER_SETS:
         values = dampers.parameter_set(given)
         damper = CornerDamper(dampers.model(values.model, values.hysteresis), dict(values.values))
-        beside = f"; for the file or folder of this name write ./{given}" if path.exists() else ""
+        beside = f"; for the file or folder with this name, write ./{given}" if path.exists() else ""
         return FittedDamper(given, damper, remark=f"a parameter set: no interval{beside}")
     if not path.exists():
         raise FileProblem(

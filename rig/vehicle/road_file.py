@@ -114,7 +114,7 @@ class RoadFile(Section):
         elif given == ["drive"] and self.speed_m_s is not None:
             yield ("speed",), "got a speed with [drive], which moves the wheels by time. Fix: remove the speed"
         elif given != ["drive"] and self.speed_m_s is None:
-            yield ("speed",), f'is missing; [{given[0]}] needs the speed of the car, such as "25 m/s"'
+            yield ("speed",), f'is missing; [{given[0]}] requires the speed of the car, such as "25 m/s"'
 
     def road(self, folder: Path) -> Road:
         """The road; CSV files are looked for in `folder`.

@@ -26,5 +26,5 @@ def found(given: str | Path, folder: Path, what: str) -> Path:
     name, known = str(given), names_in(folder)
     path = folder / f"{name}.toml" if name in known else Path(given)
     if not path.exists():
-        raise FileProblem(name, [f"got no file and no {what} of this name; known: {', '.join(known)}"])
+        raise FileProblem(name, [f"there is no file and no {what} with this name; known: {', '.join(known)}"])
     return path

@@ -76,7 +76,7 @@ def _check_usage(seeds: range, ways: dict[str, Any]) -> None:
         UsageError: with what to write instead.
     """
     if ways["trace"] is not None and len(seeds) > 1:
-        raise click.UsageError(f"--trace writes one scenario only. Fix: --seeds {seeds[0]}")
+        raise click.UsageError(f"--trace writes only one scenario. Fix: --seeds {seeds[0]}")
     if ways["shrink"] and (ways["until"] is not None or ways["trace"] is not None):
         raise click.UsageError("--shrink needs a complete scenario and cannot be combined with --until or --trace")
 
@@ -89,7 +89,7 @@ def _check_trace(path: Path | None, asked: ScenarioRequest) -> None:
     """
     for given in (asked.files.matrix, asked.files.bench):
         if path is not None and given is not None and path.exists() and path.samefile(given):
-            words = f"{path} is the file of --matrix or --bench. Fix: name another file"
+            words = f"{path} is the file of --matrix or --bench. Fix: specify another file"
             raise click.BadParameter(words, param_hint="--trace")
 
 

@@ -92,7 +92,7 @@ def rest_is_reached(view: View) -> Findings:
     last = view.session.truth.arrays[-1:]
     for _, speed, current, _, _, pressure, _ in last:
         if abs(speed) > STILL_M_S:
-            yield f"the rod still moves, {speed:.3g} m/s", view.session.rest_ns
+            yield f"the rod is still moving at {speed:.3g} m/s", view.session.rest_ns
         if abs(current) > NO_CURRENT_A and not view.faults() & STUCK_CURRENT:
             yield f"the coil still has {current:.2f} A", view.session.rest_ns
         if pressure > 0 and (_without_pressure(view) or not _excused_pressure(view)):

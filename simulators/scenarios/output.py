@@ -120,7 +120,7 @@ class ProgressOutput:
         line = Text(f"{worlds}, {duration(self.rig_s)} of rig time in {duration(self.wall_s)}: ")
         seeds = self.failed_seeds
         if not seeds and (not self.worlds or self._asked.until_s is not None):
-            return line.append("no checks were made", style=LOOK)
+            return line.append("no checks were performed", style=LOOK)
         if self.not_happened:
             count = len({entry["seed"] for entry in self.not_happened})
             late = f"{count} ended before all events occurred, "
@@ -130,7 +130,7 @@ class ProgressOutput:
         kinds = Counter(entry["invariant"] for entry in self.failed)
         named = ", ".join(f"{invariant} {count}" for invariant, count in kinds.most_common())
         line.append(f"{len(seeds)} failed ({named})", style=BAD)
-        return line.append(f". To reduce the first one: {self._asked.again(seeds[0])} --shrink")
+        return line.append(f". To reduce the first scenario: {self._asked.again(seeds[0])} --shrink")
 
     def answer(self) -> dict[str, Any]:
         """The object of `--json`."""

@@ -136,7 +136,7 @@ def request_for(files: Files, happenings: Iterable[str], until_s: float | None, 
     wanted = () if words == (NOTHING,) else tuple(map(_happening, words))
     given, stood_in = _given(files)
     if actuator and given.actuator not in {"", actuator}:
-        raise click.BadParameter("this bench is connected to the controller by "
+        raise click.BadParameter("this bench is connected to the controller over "
             f"{given.actuator}", param_hint="--actuator")
     given = replace(given, actuator=given.actuator or actuator)
     _check_happenings(wanted, given)
@@ -189,15 +189,15 @@ def _check_happenings(wanted: tuple[FaultEvent, ...], given: Given) -> None:
             problem = f"requires a controller connected by {needed}; {has}"
         elif given.supply and not happens_to_supply(happening.what):
             problem = (
-                "does not occur with a power supply as current source: there is no bus, and its current continues "
-                "without the host"
+                "does not occur with a power supply as current source: there is no bus, and the supply's current "
+                "continues without the host"
             )
         elif happening.what in ONLY_BY_SUPPLY and not given.supply:
-            problem = "requires a power supply as current source. Fix: give a --bench that has one"
+            problem = "requires a power supply as current source. Fix: specify a bench with --bench that has one"
         elif given.untold and not happens_untold(happening.what):
             problem = "does not occur if the current is not measured"
         elif happening.what in NEEDS_AUXILIARY and not given.auxiliary:
-            problem = "requires an auxiliary channel. Fix: give a --bench that has one"
+            problem = "requires an auxiliary channel. Fix: specify a bench with --bench that has one"
         if problem:
             raise click.BadParameter(f"{happening.what!r}: {problem}", param_hint="--event")
 
@@ -240,8 +240,8 @@ def _drawn_matrices(path: Path, text: str) -> tuple[Given, tuple[str, ...]]:
     try:
         accepted(matrix, bench)
     except Refused as error:
-        raise Refused(error.slug, f"{path}: drawn matrices do not fit this bench. Fix: give "
-            f"your own with --matrix FILE\n{error}") from error  # fmt: skip
+        raise Refused(error.slug, f"{path}: randomly drawn matrices do not fit this bench. "
+            f"Fix: specify a matrix with --matrix FILE\n{error}") from error  # fmt: skip
     return _on_bench(Given(), text, user), user.stood_in
 
 
@@ -302,7 +302,8 @@ def _forecast(matrix: Matrix, bench: Bench, text: str) -> Given:
             accepted(matrix.model_copy(update={"specimen": stated}), bench)
         except Refused as error:
             raise Refused(error.slug, "the damper of the simulated rig (set demo) is too "
-                f"strong for this bench. Fix: name a weaker one with specimen.prior\n{error}") from error  # fmt: skip
+                f"strong for this bench. Fix: specify a weaker damper with "
+                f"specimen.prior\n{error}") from error  # fmt: skip
     motion_s = math.fsum(item.duration_s for item in plan.points)
     lasts_s = longest_s(plan.duration_s, motion_s, matrix.campaign.retries)
     return Given(matrix=text, motion_s=motion_s, lasts_s=lasts_s)

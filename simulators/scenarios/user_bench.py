@@ -163,7 +163,7 @@ def _unlike(bench: Bench) -> Iterator[str]:
     actuator, ecu = bench.actuator, bench.ecu
     if ActuatorAddress.parse(actuator.url).kind not in LINKS:
         yield (
-            f"actuator.url = \"{actuator.url}\": there is no simulated controller for a manufacturer's protocol; "
+            f"actuator.url = \"{actuator.url}\": a manufacturer's own protocol cannot be simulated; "
             "allowed in a scenario: modbus-tcp:// and modbus-rtu:. Fix: use a copy of this file with such a "
             "controller"
         )  # fmt: skip
@@ -180,7 +180,10 @@ def _unlike(bench: Bench) -> Iterator[str]:
             )
     if bench.clock.device_rate != 1.0:
         rate = bench.clock.device_rate
-        yield f"clock.device_rate = {rate:g}: devices of a scenario run in real time; allowed: 1. Fix: remove it"
+        yield (
+            f"clock.device_rate = {rate:g}: devices in a scenario run in real time; allowed: 1. Fix: remove this "
+            f"entry"
+        )
     for place, sensor in _sensors(bench).items():
         if sensor.rate_Hz > HIGHEST_RATE_Hz:
             yield (
@@ -190,7 +193,7 @@ def _unlike(bench: Bench) -> Iterator[str]:
         try:
             _format(sensor)
         except LocalProtocolError as problem:
-            yield f"{place}.format: a simulated sensor cannot write it: {problem}"
+            yield f"{place}.format: a simulated sensor cannot write this format: {problem}"
 
 
 def _emulated_ecu(bench: Bench) -> EmulatedEcuFiles:

@@ -41,7 +41,7 @@ PRESSING = frozenset({"load-train:jammed"})
 """Faults that press on the rod where it stands, or let go of it."""
 SLIPPING = frozenset({"actuator-frozen:slips"})
 """Faults by which a controller drives a rod that it holds out of its place, and says that it is at rest."""
-STARTING = ("centring", "checking sensors by a slow move")
+STARTING = ("centring", "checking the sensors with a slow move")
 
 
 @functools.lru_cache(maxsize=32)

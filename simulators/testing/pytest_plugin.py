@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 CONFORMANCE = "rig.conformance"
 CONFORMANCE_OPTIONS = {
-    "driver": ("NAME", "driver to test: a name of `register_map`, `dbc` or `format`, or ROLE:NAME"),
+    "driver": ("NAME", "driver to test: a name as in `register_map`, `dbc` or `format`, or ROLE:NAME"),
     "model": ("NAME", "damper model to test"),
     "method": ("NAME", "identification method to test"),
-    "peer": ("URL", "address of the driver's real device, which will move"),
+    "peer": ("URL", "address of the driver's physical device, which will move"),
 }
 BENCH, MATRIX = "rig_bench", "rig_matrix"
 QUICK = """format = 1
@@ -101,7 +101,8 @@ def bench(bench_path: Path | None) -> Bench:
     from rig.bench.model import Bench
 
     if bench_path is None:
-        pytest.fail(f"the fixture `bench` needs your bench file. Fix: name it in pytest's ini file, {BENCH} = FILE")
+        pytest.fail(f"the fixture `bench` requires your bench file. Fix: specify the file in pytest's ini file, "
+            f"{BENCH} = FILE")
     return Bench.load(bench_path)
 
 

@@ -48,7 +48,7 @@ def refused_format(table: dict[str, Any]) -> str:
         ({"columns": {"value": 1}, "separator": "é"}, "one ASCII character"),
         ({"pattern": VALUE, "template": "X{value:.1f}"}, "writes 'X0.0', which does not match the pattern"),
         ({"pattern": rf"(?P<sign>-?){VALUE}", "sign": "separate", "number": "hexadecimal-signed"}, "in its digits"),
-        ({"pattern": r"(?P<value>[0-9A-F]+-?)", "sign": "trailing", "number": "hexadecimal"}, "has no trailing sign"),
+        ({"pattern": r"(?P<value>[0-9A-F]+-?)", "sign": "trailing", "number": "hexadecimal"}, "cannot have a trailing sign"),
     ],
 )  # fmt: skip
 def test_a_format_that_nothing_can_be_made_of_is_refused(table: dict[str, Any], says: str) -> None:
@@ -70,7 +70,7 @@ def test_a_line_is_ascii_text(table: dict[str, Any]) -> None:
 def test_a_packed_field_has_64_bits_and_a_packed_frame_256_bytes() -> None:
     fields: dict[str, Any] = {"value": {}}
     wide = {"packed": ["1vvvvvvv"] + ["0vvvvvvv"] * 199, "fields": fields}
-    assert "has 1400 bits v, a field has at most 64" in refused_format(wide)
+    assert "has 1400 bits v; a field can have at most 64" in refused_format(wide)
     long = {"packed": ["1vvvvvvv"] + ["0xxxxxxx"] * 19_999, "fields": fields}
     assert "20000 bytes" in refused_format(long)
 
@@ -139,14 +139,15 @@ FED = (
         ({"quantities": 'boot_count = {address = 40, type = "f32"}'}, "boot_count must be a whole number"),
         ({"quantities": 'clock = {address = 40, scale = 5e-324, unit = "us"}'}, "is implausible"),
         ({"quantities": f'velocity = {{address = 40, scale = {HUGE}, unit = "mm/s"}}'}, "more than 64 bits"),
-        ({"quantities": "many = {address = 40, count = 3}", "halt": "many = 3"}, "only a [table] can write them"),
+        ({"quantities": "many = {address = 40, count = 3}", "halt": "many = 3"}, "only a [table] can write these "
+            "values"),
         ({"quantities": "many = {address = 40, count = 3}", "tables": "[identity]\nmany = 3"}, "it has 3 values"),
         ({"quantities": 'many = {address = 40, count = 3}', "tables": '[faults]\nsensor = {quantity = "many"}'},
-         "a condition needs a single number"),
+         "a condition requires a single number"),
         ({"quantities": 'model = {address = 40, type = "string", length = 1}', "tables": '[identity]\nmodel = "ABCD"'},
          "is impossible: 1 registers hold 2 characters"),
         ({"quantities": 'model = {address = 40, type = "string", length = 4}', "tables": '[identity]\nmodel = "µC"'},
-         "a text is ASCII"),
+         "a string must be ASCII"),
         ({"tables": "[identity]\nstate = 1"}, "cannot identify the device"),
         ({"quantities": 'speed_max = {address = 40, access = "r"}'}, "which is written and read back"),
         ({"quantities": 'speed_max = {address = 40, access = "w"}'}, "which is written and read back"),
@@ -296,7 +297,7 @@ def test_sizes_and_numbers_of_a_dbc_are_refused_before_they_cost_anything(old: s
 def test_an_outputs_quantity_is_one_value_and_a_supplys_fault_a_whole_bit() -> None:
     current = {"address": 0, "scale": 0.001, "unit": "A"}
     output = {"quantities": {"current": current, "enable": {"address": 5, "count": 3}}, "range": {"current_A": [0, 2]}}
-    assert "must be one value. Fix: remove count" in [text for _, text in problems_of("supply", output)]
+    assert "must be a single value. Fix: remove count" in [text for _, text in problems_of("supply", output)]
     supply = {
         "commands": {"set_current": "CURR {current_A}", "measure_current": "MEAS?", "read_faults": "F?"},
         "range": {"current_A": [0, 5]}, "faults": {"short": 1.5},

@@ -109,14 +109,14 @@ def test_the_smallest_roles_file_says_what_is_left_without_the_rest() -> None:
 def test_a_share_of_full_scale_and_units_of_ones_own() -> None:
     percent = DBC.replace('Target : 23|16@0- (0.25,0) [-5000|5000] "mA"', 'Target : 23|16@0+ (0.1,0) [0|100] "%"')
     said = refused(ROLES, percent)
-    assert 'command.full_scale: is given in %. Fix: write the current at 100 %, full_scale = "3 A"' in said
+    assert 'command.full_scale: is defined in %. Fix: write the current at 100 %, full_scale = "3 A"' in said
     with_scale = ROLES.replace('"DriverCommand.Target"', '{signal = "DriverCommand.Target", full_scale = "4 A"}')
     assert problems_of("ecu-roles", tomllib.loads(with_scale)) == []
     made = described(with_scale, percent)
     assert (made.low_A, made.high_A) == (0.0, 4.0)
     assert command(made, 1.0, True, 0)[6:11] == "00 FA", "25 % are 250 steps"
     unitless = DBC.replace('[-8000|8000] "mA"', '[-8000|8000] ""')
-    assert "Actual has no unit in the DBC; allowed: A, mA" in refused(ROLES, unitless)
+    assert "Actual has no unit in the DBC file; allowed: A, mA" in refused(ROLES, unitless)
     own = ROLES.replace('"DriverStatus.Actual"', '{signal = "DriverStatus.Actual", unit = "mA"}')
     assert described(own, unitless).heard[STATUS | 1 << 31].reader.read(bytes(8))["measured_current"] == 0.0
 
@@ -170,7 +170,7 @@ SIG_VALTYPE_ 17 Amps : 1;
         ('"DriverCommand.SlewRate" = 100', '"DriverCommand.Target" = 1', "is also the signal of command"),
         ('"DriverCommand.SlewRate" = 100', '"DriverStatus.Stage" = 1', "'DriverStatus' is both sent and received"),
         ('counter = "Alive"\ncrc = "Checksum"\n\n', "offset = 2\n\n", "Target and the checksum of [protection."),
-        ("command_timeout", 'sending = "on-change"\ncommand_timeout', "Fix: send cyclic"),
+        ("command_timeout", 'sending = "on-change"\ncommand_timeout', "Fix: use cyclic transmission"),
     ],
 )
 def test_a_roles_file_that_cannot_be_used_is_refused_by_place(old: str, new: str, said: str) -> None:

@@ -129,7 +129,7 @@ EXCEPTION_2 = b"\x83\x02"
         ({105}, b"\x83\x04", "40103 to 40107, the registers between them", "largest_gap = 0"),
         ({105}, None, "40103 to 40107, the registers between them", "unreadable = [[40103, 40107]]"),
         ({107}, EXCEPTION_2, "force (holding register 40108) cannot be read", "remove them"),
-        (set(range(200)), EXCEPTION_2, "none of its quantities can be read", "first_address"),
+        (set(range(200)), EXCEPTION_2, "none of the device's quantities can be read", "first_address"),
     ],
 )
 def test_a_hole_in_the_status_block_is_the_map_and_not_the_cable(

@@ -298,7 +298,7 @@ def test_without_a_measurement_the_value_read_back_is_told_and_all_that_is_missi
         ('{address = 0x64,', '{address = 0x64, access = "r",', "quantities.current", "holding register"),
         ("{guard = 500}", "{current = 0}", "watchdog.start", "reserved for the matrix and for stops"),
         ("{guard = 500}", "{guarded = 500}", "watchdog.start.guarded", "did you mean guard"),
-        ('"$toggle"', '"$current"', "watchdog.feed.alive", "is unknown here"),
+        ('"$toggle"', '"$current"', "watchdog.feed.alive", "is not known here"),
         ("time_s = 0.5", "time_s = 0", "watchdog.time_s", "allowed: 0.1 to 60"),
         ("kind = 0x00020001", "kid = 1", "identity.kid", "did you mean kind"),
         ("address = 20,", "address = 65535,", "quantities.measured_current.address", "beyond the last one"),

@@ -77,9 +77,9 @@ def test_a_phase_is_the_meaning_of_its_codes_and_inputs_of_the_state_that_shows_
 @pytest.mark.parametrize(("given", "stated"), [
     ("laumas-fast", "laumas-fast"),
     ({"base": "laumas-fast", "decimals": 1},
-     "described in the bench file, read as (number / 10 where it has no decimal mark)"),
+     "described in the bench file, read as (number / 10 if it has no decimal separator)"),
     ({"pattern": r"(?P<value>[+-]?\d+)(?P<unit>k?N)", "scale": 0.5, "offset": 2.0, "units": {"kN": 1000.0}},
-     "described in the bench file, read as (0.5 * number +2) * factor of the unit behind it (N 1, kN 1000)"),
+     "described in the bench file, read as (0.5 * number +2) * factor of the unit that follows (N 1, kN 1000)"),
     ({"sync": [1], "length": 4, "fields": {"value": {"at": 1, "type": "u16", "scale": 0.001}}},
      "described in the bench file, read as 0.001 * number"),
     ("a-plug-in", "a-plug-in"),
@@ -96,4 +96,4 @@ def test_a_set_point_in_milliamperes_and_a_state_that_no_device_reports_are_stat
     source = ScpiSupply(SupplyConnection("socket://127.0.0.1:1", supply(table)))
     stated = source.origins[Channel.COMMANDED_CURRENT].from_wire
     assert stated == "value = 0.001 * number sent in 'ISET {current_mA:.0f}'"
-    assert "no device reports it" in ManualCurrentSource().origins[Channel.ECU_STATE].from_wire
+    assert "not reported by any device" in ManualCurrentSource().origins[Channel.ECU_STATE].from_wire

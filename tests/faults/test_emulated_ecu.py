@@ -80,7 +80,7 @@ def test_a_wrong_data_id_is_named_and_nothing_moves(run: Run, tmp_path: Path) ->
     assert ending.exit_code == 3, ending.said
     assert ending.answer["stopped_by"] == "e2e-data-id"
     assert "DriverStatus" in ending.said
-    assert "E2E data id differs" in ending.said
+    assert "E2E data ID differs" in ending.said
     assert_never_moved(ending.truth, 1e-6)
 
 

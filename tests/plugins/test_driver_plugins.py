@@ -127,5 +127,5 @@ def test_a_driver_that_says_what_it_works_with_is_believed(my_lab: Path, install
     assert said["template"] == "@{value:+08.1f}*{checksum}"
     assert plugins.simulated_as(plugins.SENSORS, "frame16") is None
     install("vague-lab", {"mr_rig.sensors": {"vague": "vague_lab:make"}}, "def make(c): ...\nmake.simulated_as = 7")
-    with pytest.raises(BrokenPlugIn, match="simulated_as: got 7, expected a name or the description of a line"):
+    with pytest.raises(BrokenPlugIn, match="simulated_as: got 7, expected a name or a line description"):
         plugins.simulated_as(plugins.SENSORS, "vague")

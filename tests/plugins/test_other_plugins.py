@@ -199,7 +199,7 @@ def test_an_export_of_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.C
     assert answer["error"] == f"export: got 'xls', expected one of {', '.join(EXPORTERS)}"
     code, answer = told(capsys, "export", str(fit), "--to", "csv", *asked)
     assert code == 2
-    assert "give a campaign's directory" in answer["error"]
+    assert "specify a campaign folder" in answer["error"]
     code, answer = told(capsys, "export", str(tmp_path), "--to", "csv", *asked)
     assert code == 2
     fit.write_text("{}", encoding="utf-8")

@@ -35,9 +35,9 @@ def test_zero_has_no_sign() -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("CURR {current}", "{current} is unknown here; allowed: {current_A}"),
-        ("CURR {current_A.__class__}", "is unknown here"),
-        ("CURR {current_A:>{width}}", "is unknown here"),
+        ("CURR {current}", "{current} is not allowed here; allowed: {current_A}"),
+        ("CURR {current_A.__class__}", "is not allowed here"),
+        ("CURR {current_A:>{width}}", "is not allowed here"),
         ("CURR {current_A:999999999f}", "such as {current_A:.3f}"),
         ("CURR {current_A", "unmatched brace"),
         ("CURR 1\nOUTP ON", "on one line"),

@@ -175,7 +175,7 @@ def test_a_line_format_may_be_described_in_the_bench_file(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("new", "expected"),
     [
-        (LINE.replace("<value>", "<force>"), "pattern needs a group (?P<value>...)"),
+        (LINE.replace("<value>", "<force>"), "pattern requires a group (?P<value>...)"),
         (LINE.replace("terminator", "terminal"), "unknown key; did you mean terminator?"),
         (LINE.replace('"kN"', "3"), "load_cell.format.unit = 3: must be a string in quotes"),
         (LINE.replace("kN)", "kN"), "missing )"),

@@ -111,13 +111,13 @@ over-temperature = 4
     for line, says in {
         4: 'commands.set_current = "CURR 1": does not contain the current; write for example "... {current_A:.3f}"',
         5: 'commands.measure_current = ["MEAS:CURR?", "MEAS?"]: must be a single command',
-        6: 'commands.output_on = "OUTP {current_A} ON": contains current, which is unknown here',
+        6: 'commands.output_on = "OUTP {current_A} ON": contains current, which is not allowed here',
         7: 'commands.clear = "*CLS?": is a query (?)',
-        8: 'commands.local = "SYST:LOC {time}": {time} is unknown here',
+        8: 'commands.local = "SYST:LOC {time}": {time} is not allowed here',
         9: "faults: defines bits of an answer. Fix: write the query as read_faults",
     }.items():
         assert any(text.startswith(f"line {line}: {says}") for text in problems), (line, problems)
-    assert any("commands.output_off: is missing; a supply needs both" in text for text in problems)
+    assert any("commands.output_off: is missing; a supply requires both" in text for text in problems)
 
 
 @pytest.mark.parametrize(

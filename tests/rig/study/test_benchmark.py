@@ -120,7 +120,7 @@ def test_a_wrong_benchmark_file_is_refused_with_every_wrong_entry(benchmark_file
         load_benchmark(benchmark_file)
     assert len(error.value.problems) == 3
     benchmark_file.write_text(text.replace("leave-one-pair-out", "last 30 %"))
-    with pytest.raises(FileProblem, match="needs motion with cycles"):
+    with pytest.raises(FileProblem, match="requires motion with cycles"):
         load_benchmark(benchmark_file)
 
 

@@ -63,7 +63,7 @@ def test_friction_tests_are_no_loops_and_enter_no_objective(
     friction_point(run_folder, "p006")
     bench = Workbench(load_study(study_of(run_folder)))
     assert [test.id for test in bench.tests] == ["p001", "p002", "p003", "p004"]
-    with pytest.raises(FileProblem, match="none of the 1 points is a loop, expected at least one"):
+    with pytest.raises(FileProblem, match="none of the 1 points contains loops; expected at least one"):
         Workbench(load_study(study_of(run_folder, 'select = "frequency_Hz=0.5"')))
 
 
@@ -97,7 +97,7 @@ def test_a_current_without_a_test_is_refused_and_not_replaced_by_the_nearest(run
 
 
 def test_two_tests_at_a_current_are_refused_with_how_to_choose(run_folder: Path) -> None:
-    with pytest.raises(FileProblem, match=r"0 A: 2 tests \(p001 .*, p002 .*\), expected one. Fix: choose it by select"):
+    with pytest.raises(FileProblem, match=r"0 A: 2 tests \(p001 .*, p002 .*\), expected one. Fix: choose a test with select"):
         Workbench(load_study(study_of(run_folder, currents='"0 A", "1 A"')))
 
 

@@ -92,7 +92,7 @@ def test_ctrl_c_ends_a_study_with_one_line_and_keeps_what_is_finished(small_stud
 def test_a_second_session_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     with (
         ResultsFile(tmp_path / "results.jsonl", "a"),
-        pytest.raises(FileProblem, match="another `rig study` uses this folder"),
+        pytest.raises(FileProblem, match="another `rig study` is using this folder"),
     ):
         ResultsFile(tmp_path / "results.jsonl", "a")
 

@@ -143,7 +143,7 @@ def test_the_name_of_a_parameter_set_is_the_set_and_a_folder_called_so_is_named(
     (tmp_path / PAPER[0]).mkdir()
     a_fit(tmp_path / PAPER[0] / "fit.json", 0.02)
     named = fitted_damper(PAPER[0], 0)
-    assert named.remark == f"a parameter set: no interval; for the file or folder of this name write ./{PAPER[0]}"
+    assert named.remark == f"a parameter set: no interval; for the file or folder with this name, write ./{PAPER[0]}"
     assert named.damper.values["Ca_plus"] != 900.0
     assert fitted_damper(f"./{PAPER[0]}", 0).damper.values["Ca_plus"] == 900.0
 
@@ -209,10 +209,10 @@ def test_fits_for_each_current_are_refused_with_the_way_out(tmp_path: Path) -> N
 def test_currents_beyond_any_coil_and_empty_fits_are_refused(tmp_path: Path) -> None:
     assert ride("cfoa-table5-fit1", "--current", "50 A").exit_code == 2
     (tmp_path / "fit.json").write_text('{"model": "asymmetric", "parameters": {"m": {"value": null}}}')
-    with pytest.raises(Exception, match=r"no value for m, F0(.|\n)*Fix: identify again"):
+    with pytest.raises(Exception, match=r"no value for m, F0(.|\n)*Fix: run `rig identify` again"):
         ride(str(tmp_path))
     (tmp_path / "fit.json").write_text('{"model": "asymmetric", "parameters": {"sigma_0": {"value": 1.0}}}')
-    with pytest.raises(Exception, match=r"got sigma_0, which(.|\n)*another model(.|\n)*Fix: identify again"):
+    with pytest.raises(Exception, match=r"got sigma_0, which(.|\n)*another model(.|\n)*Fix: run `rig identify` again"):
         ride(str(tmp_path))
     with pytest.raises(Exception, match="this run has no fit"):
         ride(str(tmp_path.parent))

@@ -150,7 +150,7 @@ def test_a_car_without_what_its_kind_needs_or_with_an_inertia_it_cannot_have_is_
     lines = shipped.read_text().splitlines()
     path.write_text("\n".join(line for line in lines if "roll_inertia" not in line and "track" not in line))
     text = problems_of(path, "car")
-    assert text.count("is missing; a full car needs it") == 3, text
+    assert text.count("is missing; a full car requires this entry") == 3, text
     path.write_text(shipped.read_text().replace('"900 kg m^2"', '"90000 kg m^2"'))
     assert "got more than" in problems_of(path, "car")
     path.write_text(shipped.read_text().replace('kind = "full"', 'kind = "half"'))

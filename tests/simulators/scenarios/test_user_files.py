@@ -148,7 +148,7 @@ def test_drawn_matrices_run_on_a_user_s_bench_that_can_do_them(tmp_path: Path) -
     asked = request_for(Files(bench=tmp_path / "bench.toml"), (), None)
     assert len({asked.plan(seed).matrix for seed in range(5)}) > 1
     (tmp_path / "bench.toml").write_text(own({'speed = "0.8 m/s"': 'speed = "0.1 m/s"'}), encoding="utf-8")
-    with pytest.raises(Refused, match="give your own with --matrix"):
+    with pytest.raises(Refused, match="specify a matrix with --matrix"):
         request_for(Files(bench=tmp_path / "bench.toml"), (), None)
 
 

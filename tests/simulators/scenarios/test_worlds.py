@@ -225,7 +225,7 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
         (["--seeds", "1", "--event", "disk-full@3+2"], "has no duration. Fix: write disk-full@3"),
         (["--seeds", "1", "--event", "rtu-crc@1", "--actuator", "tcp"], "this bench is connected by tcp"),
         (["--seeds", "1", "--until", "nan"], "expected a number of seconds above 0"),
-        (["--seeds", "0:2", "--trace", "steps"], "--trace writes one"),
+        (["--seeds", "0:2", "--trace", "steps"], "--trace writes only one"),
         (["--seeds", "1", "--shrink", "--until", "3"], "--shrink needs"),
         (["--matrix", "nowhere.toml"], "nowhere.toml: there is no such file"),
         (["--bench", "nowhere.toml"], "nowhere.toml: there is no such file"),
@@ -264,7 +264,7 @@ def test_a_world_that_fails_is_told_with_the_command_that_runs_it_again(
     assert [(entry["seed"], entry["invariant"], entry["at_s"]) for entry in answer["failed"]] == [(17, "points", 12.5)]
     assert answer["failed"][0]["again"] == again
     assert answer["rig_hours"] == 0.02
-    assert err.rstrip().endswith(f"1 failed (points 1). To reduce the first one: {again} --shrink")
+    assert err.rstrip().endswith(f"1 failed (points 1). To reduce the first scenario: {again} --shrink")
 
 
 def test_a_world_that_breaks_the_simulation_is_a_failure_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -280,7 +280,7 @@ def test_a_trace_is_never_written_over_a_file_that_is_read(tmp_path: Path, capfd
     (tmp_path / "link").symlink_to(matrix)
     arguments = ["--seeds", "1", "--until", "0.1", "--matrix", str(matrix), "--trace", str(tmp_path / "link"), "--json"]
     assert answered(command, arguments, "rig scenarios") == 2
-    assert "name another file" in json.loads(capfd.readouterr().out)["error"]
+    assert "specify another file" in json.loads(capfd.readouterr().out)["error"]
     assert matrix.read_text(encoding="utf-8") == MATRIX
 
 
@@ -291,7 +291,7 @@ def test_a_traced_world_is_answered_as_any_other(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["worlds"] == 1
     assert json.loads(done.stdout)["judged"] is False
     assert "connecting" in done.stderr
-    assert "no checks were made" in done.stderr
+    assert "no checks were performed" in done.stderr
     assert (tmp_path / "steps").read_text(encoding="utf-8").count("application") > 10
 
 
