@@ -67,7 +67,7 @@ class Data(Section):
     def problems(self) -> Iterator[Problem]:
         """See `Section.problems`."""
         if (self.simulate is None) == (not self.runs):
-            yield (), 'data: expected either simulate = "table1" and runs = ["logs/..."]'
+            yield (), 'data: expected either simulate = "table1" or runs = ["logs/..."]'
 
 
 class Comparison(Section):

@@ -48,7 +48,8 @@ def refused_format(table: dict[str, Any]) -> str:
         ({"columns": {"value": 1}, "separator": "é"}, "one ASCII character"),
         ({"pattern": VALUE, "template": "X{value:.1f}"}, "writes 'X0.0', which does not match the pattern"),
         ({"pattern": rf"(?P<sign>-?){VALUE}", "sign": "separate", "number": "hexadecimal-signed"}, "in its digits"),
-        ({"pattern": r"(?P<value>[0-9A-F]+-?)", "sign": "trailing", "number": "hexadecimal"}, "cannot have a trailing sign"),
+        ({"pattern": r"(?P<value>[0-9A-F]+-?)", "sign": "trailing", "number": "hexadecimal"},
+         "cannot have a trailing sign"),
     ],
 )  # fmt: skip
 def test_a_format_that_nothing_can_be_made_of_is_refused(table: dict[str, Any], says: str) -> None:

@@ -85,7 +85,7 @@ def test_these_are_right_before_one_thing_is_changed(table: dict[str, Any]) -> N
         (FRAME | {"escape": 0x7D}, "escape", 'requires stuffing = "escape"'),
         (PACKED | {"sync": [1]}, "sync", "cannot be combined with packed"),
         (PACKED | {"packed": ["1vvv", "0vvvvvvv"]}, "packed.0", "expected eight of 0, 1, x"),
-        (PACKED | {"packed": ["1vvvvvvv", "1vvvvvvv"]}, "packed", "when shifted by 1 bytes, the fixed bits are identical"),
+        (PACKED | {"packed": ["1vvvvvvv", "1vvvvvvv"]}, "packed", "shifted by 1 bytes, the fixed bits are identical"),
         (PACKED | {"packed": ["1vvvvvvv"]}, "packed", "requires at least two bytes"),
         (PACKED | {"packed": ["1vvvvvvs", "0vvvvvvv"]}, "fields", "packed has bits s, which require a field status"),
         (PACKED | {"fields": {"value": {}, "sequence": {}}}, "fields.sequence", "has no bits n in packed"),

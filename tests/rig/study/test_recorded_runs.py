@@ -97,7 +97,7 @@ def test_a_current_without_a_test_is_refused_and_not_replaced_by_the_nearest(run
 
 
 def test_two_tests_at_a_current_are_refused_with_how_to_choose(run_folder: Path) -> None:
-    with pytest.raises(FileProblem, match=r"0 A: 2 tests \(p001 .*, p002 .*\), expected one. Fix: choose a test with select"):
+    with pytest.raises(FileProblem, match=r"0 A: 2 tests \(p001 .*, p002 .*\), expected one. Fix: choose a test with"):
         Workbench(load_study(study_of(run_folder, currents='"0 A", "1 A"')))
 
 

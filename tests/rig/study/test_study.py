@@ -246,7 +246,7 @@ def test_paper_2s_fitness_at_the_truth_is_the_noise_over_the_forces_variance(sma
         ('"de", "pso"', '"de", "psso"', r"comparison\.methods\[2\]"),
         ("populations = [8, 12]\nbudgets", "populations = [2]\nbudgets", r"comparison\.populations\[1\]"),
         ('noise = "5 N"', "noise = 5", "noise"),
-        ('simulate = "table1"\n', "", 'expected either simulate = "table1" and runs'),
+        ('simulate = "table1"\n', "", 'expected either simulate = "table1" or runs'),
         ("[symmetry]", '[comparision]\nx = 1\n[symmetry]', "comparision"),
         ('simulate = "table1"\n', 'simulate = "table1"\ntruth = "dem"\n', "expected one of .*demo"),
         ("[comparison]\n", '[comparison]\nmodels = ["asymetric"]\n', "expected one of .*asymmetric"),
