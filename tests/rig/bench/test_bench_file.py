@@ -87,7 +87,7 @@ def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
         ('speed = "0.8 m/s"', 'speed = "0 m/s"', "too small (allowed: more than 0 m/s to 5 m/s)"),
         ('speed = "0.8 m/s"', "speed_m_s = nan", "limits.speed_m_s = nan: not a number with a unit"),
         ('speed = "0.8 m/s"', "speed_m_s = true", "takes a plain number"),
-        ('speed = "0.8 m/s"', 'speed = "0.8 m/s"\nspeed_mm_s = 800', "speed is given twice"),
+        ('speed = "0.8 m/s"', 'speed = "0.8 m/s"\nspeed_mm_s = 800', "speed is specified twice"),
         ('force = "5 kN"', 'force = "4 MN"', "allowed: more than 0 N to 200 kN"),
         ('current = "3 A"', 'current = "-3 A"', "limits.current"),
         ('["-85 mm", "85 mm"]', '["85 mm", "-85 mm"]', "the first must be below the second"),

@@ -91,7 +91,7 @@ def test_matrices_that_nobody_can_follow_are_refused(tmp_path: Path, added: str,
 def test_without_somebody_at_a_terminal_it_is_refused(tmp_path: Path) -> None:
     given = bench(tmp_path)
     check_manual_current(given, attended=True)
-    with pytest.raises(Refused, match="run at a terminal") as caught:
+    with pytest.raises(Refused, match="run the command in a terminal") as caught:
         check_manual_current(given, attended=False)
     assert caught.value.slug == "by-hand-unattended"
     check_manual_current(bench(tmp_path, 'rehearsal = "tcp://127.0.0.1:5025"'), attended=False)

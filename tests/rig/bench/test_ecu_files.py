@@ -61,10 +61,10 @@ def test_roles_may_stand_in_the_bench_file_itself(folder: Path) -> None:
     ("ecu", "said"),
     [
         ('dbc = "coil-driver.dbc"', 'a DBC file requires roles.*write roles = "ecu-roles.toml"'),
-        ('dbc = "demo"\nroles = "coil-driver-roles.toml"', 'the signals of a DBC file; "demo" includes it'),
+        ('dbc = "demo"\nroles = "coil-driver-roles.toml"', 'the signals in a DBC file; "demo" already includes this'),
         ('dbc = "none.dbc"\nroles = "coil-driver-roles.toml"', "none.dbc: there is no such file"),
         ('dbc = "coil-driver.dbc"\nroles = "none.toml"', "none.toml: there is no such file"),
-        (f'{BY_FILE}\ninterface_options = {{channel = "x"}}', r"is an entry of \[ecu\]\. Fix"),
+        (f'{BY_FILE}\ninterface_options = {{channel = "x"}}', r"is an entry in \[ecu\]\. Fix"),
     ],
 )
 def test_what_does_not_go_together_is_refused_by_line(folder: Path, ecu: str, said: str) -> None:

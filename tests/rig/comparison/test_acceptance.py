@@ -184,7 +184,7 @@ def test_a_run_and_itself_or_its_copy_have_no_change_that_could_pass(made_run: M
         (result,) = judged(compared).results
         assert str(result.state) == "missing"
         assert result.why == "this is the first run itself: identical data cannot show a change"
-        assert any("given more than once" in remark for remark in compared.remarks)
+        assert any("specified more than once" in remark for remark in compared.remarks)
 
 
 def test_every_wrong_entry_of_a_bands_file_is_told_at_once_with_its_line(bands: Make) -> None:

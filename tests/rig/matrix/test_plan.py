@@ -86,7 +86,7 @@ def test_table_1_is_feasible_on_the_demo_bench() -> None:
         (one("30 mm", "1 Hz", current="5 A"), "current 5 A is above the bench's limit, 3 A", None),
         (one("30 mm", "1 Hz", current="2.5 A", specimen='max_current = "2 A"'), "the specimen's limit, 2 A", None),
         (one("30 mm", "1 Hz", specimen='max_force = "6 kN"'), "force 6000 N is above the bench's limit, 5000 N", None),
-        (one("30 mm", "1 Hz", specimen='max_force = "4.8 kN"'), "5000 N less 5 % headroom", None),
+        (one("30 mm", "1 Hz", specimen='max_force = "4.8 kN"'), "5000 N minus 5 % headroom", None),
         (one("84.5 mm", "0.1 Hz"), "a margin of 1 mm is required at each end", 0.084),
         (one("1 mm", "12 Hz"), "20.8 samples per cycle at 250 Hz; a loop requires 25", None),
         (one("60 mm", "0.1 Hz", specimen='mid_stroke = "40 mm"'), "-20 mm to 100 mm exceeds", 0.044),
@@ -286,7 +286,7 @@ def test_a_triangle_whose_fade_would_exceed_the_speed_limit_is_refused_with_what
     """0.52 m/s of 0.8: a controller's own fade over one cycle makes 0.65, and its corner 0.83."""
     feasible, reasons, fits_m = only(plan(one("50 mm", "2.6 Hz", waveform="triangle"), DEMO))
     assert (feasible, fits_m) == (False, pytest.approx(0.04915, abs=1e-9))
-    assert "fade-out" in reasons
+    assert "ramp-down" in reasons
 
 
 def test_a_streamed_sine_leaves_its_ripple_below_the_speed_limit() -> None:
@@ -294,7 +294,7 @@ def test_a_streamed_sine_leaves_its_ripple_below_the_speed_limit() -> None:
     assert plan(fast, DEMO).feasible
     (item,) = plan(fast, STREAMED).points
     assert [cause.slug for cause in item.causes] == ["speed"]
-    assert "0.779 m/s of the motion itself" in item.reasons[0]
+    assert "0.779 m/s for the motion itself" in item.reasons[0]
     (fitted,) = plan(one(f"{item.would_fit_m} m", "4 Hz"), STREAMED).points
     assert fitted.feasible
     assert fitted.to_json()["peak_speed_m_s"] == pytest.approx(0.8, abs=1e-3)
@@ -375,7 +375,7 @@ def test_a_window_that_the_warm_up_cannot_reach_is_refused_with_the_temperature_
     held_degC = 23.0 + 4.0 * 0.04 * 3000.0 * 1.5 / 10.0
     assert not result.feasible
     assert result.warm_up is not None
-    assert f"warm-up reaches only {held_degC:.3g} degC, the temperature window starts at 200 degC" in (
+    assert f"warm-up reaches only {held_degC:.3g} degC, but the temperature window starts at 200 degC" in (
         result.warm_up.reasons
     )[0]
     entry = result.to_json()

@@ -192,7 +192,7 @@ def test_a_road_whose_record_is_missing_or_a_pipe_is_refused_at_its_line(tmp_pat
 
 def test_an_obstacle_that_is_passed_in_the_ramp_is_no_motion(tmp_path: Path) -> None:
     # It begins at 10 m: after 0.1 s at 100 m/s.
-    with pytest.raises(FileProblem, match=r"road\[1\].*no motion between the ramps.* in a ramp of 1 s"):
+    with pytest.raises(FileProblem, match=r"road\[1\].*no motion between the ramps.* within a ramp of 1 s"):
         load(tmp_path, matrix_of("road") + ROAD.replace(', "paper-sweep"', "") + 'speed = "100 m/s"\n')
 
 
@@ -228,11 +228,11 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         (matrix_of("sweep"), r"matrix.waveform.* requires a table \[matrix.sweep\]"),
         (matrix_of("sine") + SWEEP, "matrix.sweep: the table is not used"),
         (matrix_of("sweep", more="") + SWEEP, "matrix.current: is missing"),
-        (matrix_of("sweep", more='current = ["0 A"]\nfrequency = ["1 Hz"]\n') + SWEEP, "matrix.frequency.*applies to"),
+        (matrix_of("sweep", more='current = ["0 A"]\nfrequency = ["1 Hz"]\n') + SWEEP, "matrix.frequency.*applies only to"),
         (matrix_of("sweep") + SWEEP.replace('"4 Hz"', '"1 Hz"'), "matrix.sweep.last_frequency"),
         (matrix_of("sweep") + SWEEP.replace('"10 s"', '"2 s"'), "matrix.sweep.duration.*2 s long"),
         (matrix_of("road") + ROAD.replace("bump", "bumpp"), r"matrix.road.road\[1\].*known: bump"),
-        (matrix_of("road") + ROAD.replace('"bump"', '"paper-sweep"'), "paper-sweep is given twice"),
+        (matrix_of("road") + ROAD.replace('"bump"', '"paper-sweep"'), "paper-sweep is specified twice"),
         (matrix_of("sweeps"), "did you mean sweep"),
     ],
 )  # fmt: skip
