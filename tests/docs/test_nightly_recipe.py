@@ -14,7 +14,7 @@ from simulators.scenarios.__main__ import command
 from simulators.scenarios.plan import AROUND
 from simulators.scenarios.request import seeds_of
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs/how-to/try-your-matrix-in-worlds.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parents[2] / "docs/how-to/try-your-matrix-in-scenarios.md").read_text(encoding="utf-8")
 LINES = re.findall(r"^ *(?:- run: )?(rig scenarios --.*?)(?:   .*)?$", PAGE, re.MULTILINE)
 
 
