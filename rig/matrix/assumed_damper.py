@@ -59,6 +59,11 @@ class AssumedDamper:
             ways.append((none_N, most_N - none_N))
         return min(ways, key=lambda pair: pair[1])
 
+    @property
+    def eta_1_s(self) -> float | None:
+        """Rate of the coil's lag (1/s); None where neither the parameter set nor the fit determines it."""
+        return self.values.get("eta") if self.fit is None else self.fit.corrections.coil_eta_1_s
+
     def hints(self, points: Iterable[TestPoint]) -> tuple[str, ...]:
         """What a reader of a forecast has to know of a fit: that it is rough, or used beyond its tests."""
         if self.fit is None:

@@ -31,6 +31,10 @@ HEADROOM_M = 1e-3
 FORCE_HEADROOM = 0.05
 """Share of the force limit that a predicted force leaves, for the prediction's error and the load cell's noise."""
 
+SETTLING_LAGS = 6.0
+"""Shortest hold of a current step in time constants of the coil: with fewer the recorded current, with its noise, does
+not determine to which level it settles (3 mA at 6, 16 mA at 5, 30 mA at 4 for 4 mA of noise)."""
+
 AMPLITUDE_STEP_M = 1e-5
 """Amplitudes that would fit are rounded down to this."""
 
@@ -40,7 +44,8 @@ class Reason:
     """Why a point cannot be run.
 
     `slug` is one of `speed`, `acceleration`, `position`, `stroke`, `stopping-distance`, `force`, `heat`, `current`,
-    `specimen-current`, `sampling`, `warm-up`, `waveform`, `hybrid`, `hybrid-unstable`; `text` has the numbers.
+    `specimen-current`, `current-settling`, `sampling`, `warm-up`, `waveform`, `hybrid`, `hybrid-unstable`;
+    `text` has the numbers.
     """
 
     slug: str
@@ -153,6 +158,8 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     assumed = matrix.specimen.assumed
     if point.kind == HYBRID and matrix.hybrid is not None and assumed is not None:
         yield from (Reason(*given) for given in matrix.hybrid.reasons(point, assumed, bench))
+    if point.at_rest and assumed is not None and assumed.eta_1_s is not None:
+        yield from _of_steps(point, assumed.eta_1_s)
     if point.record_samples is not None:
         yield from _of_record(point, point.record_samples, bench)
     if not point.cyclic:
@@ -177,6 +184,18 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
         if bench.clock.device_rate > 1.0:
             text += f". Fix: --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
         yield Reason("sampling", text)
+
+
+def _of_steps(point: TestPoint, eta_1_s: float) -> Iterator[Reason]:
+    """Whether the coil's current can settle in each hold."""
+    hold_s, needed_s = 1.0 / point.frequency_Hz, SETTLING_LAGS / eta_1_s
+    if _beyond(needed_s, hold_s):
+        text = (
+            f"hold {show(hold_s, 'ms', 3)} is too short for the current to settle, because the time constant of the "
+            f"prior's coil is {show(1.0 / eta_1_s, 'ms', 3)}; allowed: from {show(needed_s, 'ms', 3)}. Fix: "
+            f'hold = "{math.ceil(1e3 * needed_s - 1e-6)} ms"'
+        )
+        yield Reason("current-settling", text)
 
 
 def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reason]:

@@ -231,4 +231,11 @@ def _judged_warm_up(
             "degC. Fix: lower the window or specify a stronger [temperature.warm_up]"
         )
         causes.append(Reason("warm-up", text))
+    limit_degC = bench.limits.coil_temperature_degC
+    if thermal.high_degC > limit_degC:
+        text = (
+            f"[temperature] window ends at {thermal.high_degC:.3g} degC; allowed by the bench's [limits] "
+            f"coil_temperature: up to {limit_degC:.3g} degC. Fix: lower the window"
+        )
+        causes.append(Reason("warm-up", text))
     return replace(judged, causes=tuple(causes), would_fit_m=fits_m)

@@ -13,10 +13,14 @@ from rig.signals.arrays import FloatArray
 QUARTERS = 4
 SHORT_S, FEWEST_SHORT = 0.15, 5
 """Half of such a stretch is the shortest deviation that counts: shorter ones are the coil's answer to the motion."""
-SETTLING = (0.3, 0.5, 0.7, 0.9)
-"""Shares of a hold between which its current is looked at; behind the last the next step may have begun."""
-STILL_SETTLING = 0.7
-"""A change that shrinks at least so much from one stretch to the next is a current on its way to a level."""
+SETTLING = 0.3
+"""Share of a hold from which its current is looked at: commands take some time to take effect."""
+FEWEST_SETTLING = 3
+"""Samples of a hold that two numbers are fitted to."""
+LAGS_A_HOLD, LAGS_TRIED = (1.5, 200.0), 50
+"""Holds of so many time constants of the coil; shorter ones do not determine the level."""
+SETTLED = 1e-6
+"""Of the level: a remainder of the lag that is smaller is none."""
 SHORTEST_HOLD = 0.25
 """Of the wanted one: a rig that outruns its host is given its steps unevenly."""
 
@@ -96,26 +100,36 @@ def steps_error_A(
     bounds = _holds(time_s, current_A, levels_A, SHORTEST_HOLD * hold_s)
     if bounds is None:
         return None
-    errors_A = []
-    for level_A, (first, last) in zip(levels_A, pairwise(bounds), strict=True):
-        settled_A = _settled_A(time_s[first:last], current_A[first:last])
-        if settled_A is None:
-            return None
-        errors_A.append(abs(settled_A - level_A))
-    return max(errors_A)
-
-
-def _settled_A(time_s: FloatArray, current_A: FloatArray) -> float | None:
-    """Where a hold's current (n,) is at its end, or would settle had it been held on (Aitken); None: not measured."""
-    shares = (time_s - time_s[0]) / (time_s[-1] - time_s[0])
-    cuts = np.searchsorted(shares, SETTLING)
-    levels_A = list(_medians(current_A[first:last] for first, last in pairwise(cuts)))
-    if len(levels_A) < len(SETTLING) - 1:
+    settled_A = _settled_A(time_s, current_A, bounds)
+    if settled_A is None:
         return None
-    before_A, change_A = levels_A[1] - levels_A[0], levels_A[2] - levels_A[1]
-    if not 0.0 < change_A * before_A < STILL_SETTLING * before_A**2:
-        return levels_A[2]
-    return levels_A[2] + change_A**2 / (before_A - change_A)
+    return max(abs(settled - level) for settled, level in zip(settled_A, levels_A, strict=True))
+
+
+def _settled_A(time_s: FloatArray, current_A: FloatArray, bounds: Sequence[int]) -> list[float] | None:
+    """Where the current is at the end of each hold, or would settle had it been held on; None: not measured.
+
+    A coil follows all steps with one lag: I = L + B exp(-eta t) in each hold, with eta common to all of them. The
+    division into holds lies where the current is half-way, ln 2 / eta after a step; a hold's level is fitted up to the
+    step itself, since what follows is already on its way to the next level.
+    """
+    ends_s = np.append(time_s, time_s[-1])[np.asarray(bounds)]
+    best: tuple[float, list[float]] | None = None
+    for eta_1_s in np.geomspace(*LAGS_A_HOLD, LAGS_TRIED) / float(np.median(np.diff(ends_s))):
+        steps_s = ends_s - np.log(2.0) / eta_1_s
+        steps_s[[0, -1]] = ends_s[[0, -1]]
+        levels_A, spent = [], 0.0
+        for begin_s, end_s in pairwise(steps_s):
+            first, last = np.searchsorted(time_s, (begin_s + SETTLING * (end_s - begin_s), end_s))
+            if last - first < FEWEST_SETTLING:
+                break
+            columns = np.column_stack((np.ones(last - first), np.exp(-eta_1_s * (time_s[first:last] - begin_s))))
+            fitted, *_ = np.linalg.lstsq(columns, current_A[first:last], rcond=SETTLED)
+            spent += float(np.mean((current_A[first:last] - columns @ fitted) ** 2))
+            levels_A.append(float(fitted[0]))
+        if len(levels_A) == len(bounds) - 1 and (best is None or spent < best[0]):
+            best = spent, levels_A
+    return None if best is None else best[1]
 
 
 def _holds(

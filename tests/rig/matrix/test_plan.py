@@ -362,11 +362,11 @@ def test_a_triangle_is_slower_than_the_sine_of_the_same_amplitude_and_rounds_its
     assert corner_s == pytest.approx(0.05)
 
 
-def windowed(low: str, high: str, specimen: str = "", more: str = "") -> Plan:
+def windowed(low: str, high: str, specimen: str = "", more: str = "", bench: Bench = DEMO) -> Plan:
     """The plan of a 40 mm, 2 Hz sine at 1 A in a temperature window; ambient 23 degC, 5 W/K lost."""
     motion = 'waveform = "sine"\namplitude = "40 mm"\nfrequency = "1.5 Hz"\ncurrent = "1 A"'
     tail = f'[temperature]\nwindow = ["{low}", "{high}"]\n{more}'
-    return plan(matrix(motion, specimen, tail), DEMO)
+    return plan(matrix(motion, specimen, tail), bench)
 
 
 def test_a_window_that_the_warm_up_cannot_reach_is_refused_with_the_temperature_it_reaches() -> None:
@@ -413,6 +413,28 @@ def test_a_point_that_ends_too_hot_even_from_ambient_is_refused() -> None:
     assert item.reasons == (f"the test would warm the damper by {rise_K:.3g} K; the temperature window is 3 K wide "
                             "above ambient",)
     assert windowed("15 degC", "27 degC", bound).feasible
+
+
+def test_a_window_above_the_limit_of_the_coil_temperature_is_refused() -> None:
+    """The limit would stop the rig while it warms up."""
+    limits = replace(DEMO.limits, coil_temperature_degC=44.0)
+    assert windowed("25 degC", "44 degC").feasible
+    result = windowed("25 degC", "45 degC", bench=DEMO.model_copy(update={"limits": limits}))
+    assert result.warm_up is not None
+    assert not result.feasible
+    assert [cause.slug for cause in result.warm_up.causes] == ["warm-up"]
+    assert "45 degC; allowed by the bench's [limits] coil_temperature: up to 44 degC" in result.warm_up.reasons[0]
+
+
+@pytest.mark.parametrize(("hold", "allowed"), [("60 ms", False), ("239 ms", False), ("240 ms", True)])
+def test_a_current_step_shorter_than_the_coil_settles_is_refused(hold: str, allowed: bool) -> None:
+    """The coil of `demo` has a time constant of 40 ms; without a prior it is not known."""
+    motion = 'amplitude = "5 mm"\nfrequency = "1 Hz"\ncurrent = "0 A"'
+    step = f'[[current_step]]\ncurrent = ["0 A", "1 A", "0.2 A"]\nhold = "{hold}"'
+    _, item = plan(matrix(motion, 'prior = "demo"', step), DEMO).points
+    assert (item.feasible, [cause.slug for cause in item.causes]) == (allowed, [] if allowed else ["current-settling"])
+    assert allowed or 'Fix: hold = "240 ms"' in item.reasons[0]
+    assert plan(matrix(motion, "", step), DEMO).feasible
 
 
 def test_a_plan_asks_once_how_the_controller_is_given_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -97,6 +97,20 @@ def test_a_hold_cut_short_is_judged_by_the_level_its_current_was_on_its_way_to()
         assert low_A <= error_A < high_A, "0.16 s of 0.6 s, settling with 20 ms"
 
 
+@pytest.mark.parametrize("hold_s", [0.2, 0.3, 0.5])
+@pytest.mark.parametrize("wrong_A", [0.0, 0.06])
+def test_the_begin_of_the_next_step_is_no_part_of_a_slow_coils_level(hold_s: float, wrong_A: float) -> None:
+    """A coil of 40 ms crosses half of a step 28 ms after it; samples every 10 ms with 3 mA of noise."""
+    time_s, current_A = staircase((0.0, 1.0, 0.2, 0.9), lag_s=0.04 * HOLD_S / hold_s)
+    time_s = time_s * hold_s / HOLD_S
+    sampled_s = np.arange(0.0, time_s[-1], 0.01)
+    noise_A = 0.003 * np.random.default_rng(1).standard_normal(len(sampled_s))
+    seen_s = np.arange(0.0, sampled_s[-1], 0.004)
+    seen_A = np.interp(seen_s, sampled_s, np.interp(sampled_s, time_s, current_A) + noise_A)
+    error_A = steps_error_A(seen_s, seen_A, (0.0, 1.0, 0.2 + wrong_A, 0.9), hold_s)
+    assert error_A == pytest.approx(wrong_A, abs=0.016)
+
+
 def test_a_hold_whose_current_was_not_measured_is_no_statement() -> None:
     time_s, current_A = staircase(LEVELS_A)
     assert steps_error_A(time_s, np.full(len(time_s), np.nan), LEVELS_A, HOLD_S) is None
