@@ -301,6 +301,12 @@ def _damper(usual: DamperOptions, specimen: Specimen) -> DamperOptions:
     return replace(usual, model=fitted.name, hysteresis=fitted.hysteresis, values=dict(assumed.values))
 
 
+def _start_position_m(specimen: Specimen, usual_m: float) -> float:
+    """Where the rod is at first: as usual, or at mid-stroke if the damper cannot be installed there."""
+    reached = abs(usual_m - specimen.mid_stroke_m) < 0.5 * specimen.stroke_m
+    return usual_m if reached else specimen.mid_stroke_m
+
+
 def _options(bench: Bench, matrix: Matrix) -> RigOptions:
     """The rig of a bench file, with the matrix's specimen in it."""
     usual, limits, specimen = RigOptions(), bench.limits, matrix.specimen
@@ -314,6 +320,7 @@ def _options(bench: Bench, matrix: Matrix) -> RigOptions:
         servo=replace(
             servo, half_stroke_m=max(servo.half_stroke_m, reach_m), piston_area_m2=area_m2,
             rated_speed_m_s=max(servo.rated_speed_m_s, 1.5 * limits.speed_m_s),
+            start_position_m=_start_position_m(specimen, servo.start_position_m),
         ),
         controller=_controller(controller, bench, reach_m),
         position_input=_input(usual.position_input, bench.actuator),

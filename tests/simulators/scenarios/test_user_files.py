@@ -18,6 +18,7 @@ from rig.recording.recorded_point import RecordedPoint
 from simulators.scenarios.plan import Given, drawn
 from simulators.scenarios.request import LARGEST_DRAWN, Files, request_for
 from simulators.scenarios.runs import live
+from simulators.scenarios.user_bench import UserBench
 
 ROOT = Path(__file__).resolve().parents[3]
 DEMO = (ROOT / "examples/demo-bench.toml").read_text(encoding="utf-8")
@@ -214,3 +215,16 @@ def test_nobody_turns_the_knobs_of_a_program_where_set_points_are_streamed(tmp_p
     with pytest.raises(click.BadParameter, match="this bench streams set-points"):
         request_for(given, ("second-master:span@1",), None)
     assert request_for(given, ("setpoints-lost@1",), None).plan(0).happenings
+
+
+def test_a_specimen_that_is_installed_away_from_the_middle_is_not_at_its_end_stop(tmp_path: Path) -> None:
+    """17 mm about -55.5 mm of a damper of 40 mm: at 0 mm it would carry 12 kN before anything moves."""
+    matrix = MATRIX.replace('"120 mm"', '"40 mm"').replace('"10 mm"', '"-55.5 mm"')
+    given = files(tmp_path, DEMO, matrix)
+    assert given.matrix is not None
+    assert given.bench is not None
+    options = UserBench.load(given.bench, load_matrix(given.matrix)).options
+    assert options.servo.start_position_m == -0.0555
+    given = files(tmp_path, DEMO)
+    assert given.bench is not None
+    assert UserBench.load(given.bench, load_matrix(tmp_path / "my-matrix.toml")).options.servo.start_position_m == 0.0
