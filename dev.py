@@ -301,6 +301,7 @@ def main(arguments: list[str]) -> int:
     if sys.version_info < (3, 11):  # noqa: UP036 - this file is what tells an older Python so
         sys.exit(f"dev.py: needs Python 3.11 or newer, this is {sys.version.split()[0]}")
     command, rest = (arguments[0], arguments[1:]) if arguments else ("help", [])
+    command = "scenarios" if command == "worlds" else command  # its name until 2.0
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # each process would compile all modules again: 8 s for the tests'
     if command == "clean":
         shutil.rmtree(VENV, ignore_errors=True)

@@ -57,7 +57,7 @@ def pattern_of(values: Mapping[str, Any], problems: list[Problem]) -> str | None
         groups = Pattern(pattern).groups
         parts(pattern)  # an example line is made from the standard library's reading of it
     except (PatternError, re.error, LocalProtocolError) as error:
-        problems.append((("pattern",), f"pattern {pattern!r:.200}: {error}"))
+        problems.append((("pattern",), f"not a valid regular expression: {error}"))
         return None
     if "value" not in groups:
         problems.append((("pattern",), "pattern requires a group (?P<value>...)"))

@@ -136,11 +136,12 @@ _PROTECTIONS: Any = None
 for _name in PROFILES:
     _one: Any = Annotated[_protection(_name), Tag(f"[Protection {_name}]")]
     _PROTECTIONS = _one if _PROTECTIONS is None else _PROTECTIONS | _one
+_NO_PROFILE: Any = {"problems": [(("profile",), f"must be one of {', '.join(PROFILES)}")]}
 Protected = Annotated[
     _PROTECTIONS,
     Discriminator(
-        _profile, custom_error_type="no_profile",
-        custom_error_message=f"its profile must be one of {', '.join(PROFILES)}",
+        _profile, custom_error_type="no_profile", custom_error_message="unknown profile",
+        custom_error_context=_NO_PROFILE,
     ),
 ]
 Constants = Annotated[

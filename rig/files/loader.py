@@ -220,13 +220,18 @@ def _missing(field: FieldInfo | None, place: Place) -> str:
     if isinstance(key, int):
         return f"missing; the list needs {len(get_args(field.annotation))} entries"
     table = section_in(field.annotation)
-    if table is not None:
-        needed = [key_of(table, name) for name, inner in fields_of(table).items() if inner.is_required()]
+    if table is not None and not field.examples:  # an example shows the simpler form of what may also be a table
         # Where one of several kinds of device may stand, no key is needed by all: the first kind's are shown.
         heading = key if any(isinstance(part, int) for part in place) else dotted(place)
-        return f"missing; write a table [{heading}] with {', '.join(needed or keys_of(table)[:2])}"
+        return f"missing; write a table [{heading}] with {_needed(table)}"
     example = _example(field)
     return "missing" + (f"; write for example {key} = {example}" if example else "")
+
+
+def _needed(table: Table) -> str:
+    """The keys that a table must have; its first two where it needs none."""
+    needed = [key_of(table, name) for name, inner in fields_of(table).items() if inner.is_required()]
+    return ", ".join(needed or keys_of(table)[:2])
 
 
 def _message(detail: ErrorDetails, field: FieldInfo | None) -> str:
@@ -235,7 +240,8 @@ def _message(detail: ErrorDetails, field: FieldInfo | None) -> str:
     if kind == "tuple_type" and field is not None and section_in(field.annotation) is not None:
         return f"each entry needs its own heading in double brackets: [[{detail['loc'][-1]}]]"
     if kind in _KINDS:
-        return f"must be {_KINDS[kind]}{_allowed(limits)}"
+        table = section_in(field.annotation) if field is not None and _KINDS[kind] == "a table" else None
+        return f"must be {_KINDS[kind]}{_allowed(limits)}" + (f" with {_needed(table)}" if table is not None else "")
     if kind in _BEYOND:
         return f"{_BEYOND[kind]}{_allowed(limits)}"
     if kind in _TEXTS:

@@ -68,7 +68,9 @@ Step = Annotated[
     Annotated[WriteStep, Tag("[WriteStep]")] | Annotated[WaitStep, Tag("[WaitStep]")]
     | Annotated[PauseStep, Tag("[PauseStep]")] | Annotated[RecipeStep, Tag("[RecipeStep]")],
     Discriminator(
-        _step, custom_error_type="no_step", custom_error_message=f"a step must have one of {', '.join(STEPS)}"
+        _step, custom_error_type="no_step",
+        custom_error_message="must be a step such as {write = {command = 3}}, or a list of steps; each has one of "
+                             f"{', '.join(STEPS)}",
     ),
 ]
 Recipe = Annotated[tuple[Step, ...], Field(min_length=1), OneOrMore()]

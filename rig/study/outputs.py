@@ -8,7 +8,7 @@ import io
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,7 @@ class Table:
         columns: Headings, with units.
         rows: As many cells each as there are columns.
         note: What the reader must know; empty when nothing.
+        earlier_names: Of renamed columns: name -> deprecated name until 2.0; files have both columns, the page one.
     """
 
     name: str
@@ -56,6 +57,13 @@ class Table:
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
+    earlier_names: Mapping[str, str] = field(default_factory=dict)
+
+    def in_files(self) -> tuple[list[str], list[list[Cell]]]:
+        """Headings and rows for CSV and JSON: renamed columns again at the end, by their deprecated names."""
+        again = [self.columns.index(name) for name in self.earlier_names]
+        rows = [[*row, *(row[place] for place in again)] for row in self.rows]
+        return [*self.columns, *self.earlier_names.values()], rows
 
 
 def known(number: float) -> float | None:
@@ -143,7 +151,8 @@ def write_outputs(
     written, drawn = inner_folder(folder, "tables"), inner_folder(folder, "figures")
     for part in tables:
         text = io.StringIO(newline="")
-        csv.writer(text).writerows([part.columns, *part.rows])
+        columns, rows = part.in_files()
+        csv.writer(text).writerows([columns, *rows])
         write_text_durably(written / f"{part.name}.csv", text.getvalue())
     for name, figure in figures.items():
         write_text_durably(drawn / f"{name}.svg", standalone(drawing_of(figure)))
@@ -169,18 +178,16 @@ def as_json(
     return {
         "study": dict(facts),
         "kruskal_wallis": {name: None if test is None else _test_as_json(test) for name, test in tests.items()},
-        "tables": [
-            {
-                "name": part.name,
-                "heading": part.heading,
-                "title": part.title,
-                "columns": list(part.columns),
-                "rows": [[_plain(cell) for cell in row] for row in part.rows],
-                "note": part.note,
-            }
-            for part in tables
-        ],
+        "tables": [_table_as_json(part) for part in tables],
     }
+
+
+def _table_as_json(part: Table) -> dict[str, object]:
+    columns, rows = part.in_files()
+    return {
+        "name": part.name, "heading": part.heading, "title": part.title, "columns": columns,
+        "rows": [[_plain(cell) for cell in row] for row in rows], "note": part.note,
+    }  # fmt: skip
 
 
 def _test_as_json(test: KruskalWallis) -> dict[str, object]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from rig.errors import FileProblem
+from rig.files.descriptions import table_of
 from rig.matrix.model import load_matrix
 
 MATRIX = """format = 1
@@ -56,3 +57,31 @@ def test_a_misspelt_key_is_not_also_called_missing(tmp_path: Path) -> None:
     assert [line.partition(":")[2] for line in lines] == [
         ' matrix.frequenzy_Hz = ["1 Hz"]: unknown key; did you mean frequency_Hz?',
     ]
+
+
+ROLES = """measured_current = "Status.Actual"
+[protection.Command]
+counter = "Alive"
+profile = "e2e-9"
+"""
+
+
+def test_roles_that_are_missing_or_wrong_are_reported_at_their_place_with_what_to_write(tmp_path: Path) -> None:
+    path = tmp_path / "roles.toml"
+    path.write_text(ROLES)
+    with pytest.raises(FileProblem) as caught:
+        table_of("ecu-roles", path)
+    profile, command = caught.value.problems
+    assert profile.startswith('line 4: protection.Command.profile = "e2e-9": ')
+    assert command.endswith('command = "Message.signal"')
+
+
+def test_what_should_be_a_table_is_reported_with_the_keys_that_it_needs(tmp_path: Path) -> None:
+    path = tmp_path / "map.toml"
+    path.write_text('format = 1\n[quantities]\nposition = 3\n[commands]\nreset = "now"\n[state]\nhold = 1\n')
+    with pytest.raises(FileProblem) as caught:
+        table_of("register-map", path)
+    position, reset = caught.value.problems
+    assert position == "line 3: quantities.position = 3: must be a table with address"
+    assert reset.startswith('line 5: commands.reset = "now": ')
+    assert "{write = {command = 3}}" in reset

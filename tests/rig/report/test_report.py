@@ -24,6 +24,7 @@ from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.run import Run
 from rig.report import write_report
 from rig.report.document import views_of
+from rig.report.pdf import write_pdf
 
 TRUE = rig.dampers.parameter_set("demo").values
 LARGEST_BYTES = 1_500_000
@@ -302,3 +303,10 @@ def test_a_campaign_without_a_finished_point_counts_its_planned_points_and_names
     text = re.sub(r"<[^>]+>", " ", write_report(tmp_path).read_text(encoding="utf-8"))
     assert re.search(r"0 of 2\s+points valid", text)
     assert "simulated rig" in text
+
+
+def test_the_pdf_is_written_by_its_earlier_name(run: Path) -> None:
+    pytest.importorskip("reportlab")
+    paper = write_pdf(write_report(run))
+    assert paper == run / "report.pdf"
+    assert paper.read_bytes().startswith(b"%PDF")

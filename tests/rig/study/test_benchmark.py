@@ -93,6 +93,11 @@ def test_every_entry_is_scored_on_pairs_it_has_not_seen(benchmark_file: Path, tm
         row = rows[key]  # of three pairs the fastest lies beyond the others
         assert float(row["without extrapolated tests / % of peak"]) != float(row["validation NRMSE / % of peak"])
         assert ("(extrapolated: velocity)" in row["note"]) == row["note"].startswith("worst: 2Hz")
+    deprecated = {  # until 2.0
+        "unseen NRMSE / % of peak": score, "unseen variance explained / %": "validation variance explained / %",
+        "without those beyond the data / % of peak": "without extrapolated tests / % of peak",
+    }  # fmt: skip
+    assert all(row[name] == row[present] for row in rows.values() for name, present in deprecated.items())
     order = [float(row[3]) for row in outcome.table.rows if isinstance(row[3], float)]
     assert order == sorted(order)
     assert "https://example.org/sines" in (tmp_path / "out/study.json").read_text()
