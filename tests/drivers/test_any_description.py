@@ -271,7 +271,7 @@ def test_a_clock_of_64_bits_may_show_anything() -> None:
     ("roles", "says"),
     [
         ('command = {signal = "Cmd.Set", unit = "%", full_scale = "3.4.5 A"}\nmeasured_current = "Stat.Cur"', "unit"),
-        ('command = {signal = "Cmd.Set", unit = ["A"]}\nmeasured_current = "Stat.Cur"', "must be a text"),
+        ('command = {signal = "Cmd.Set", unit = ["A"]}\nmeasured_current = "Stat.Cur"', "must be a string"),
     ],
 )
 def test_roles_that_cannot_be_used_are_refused(roles: str, says: str) -> None:

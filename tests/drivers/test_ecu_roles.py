@@ -102,7 +102,7 @@ def test_the_smallest_roles_file_says_what_is_left_without_the_rest() -> None:
     })  # fmt: skip
     lacking = dict(made.lacking)
     assert {"timeout", "faults", "enable", "counter", "checksum", "coil-temperature", "identity"} <= lacking.keys()
-    assert "continues until its supply is switched off" in lacking["timeout"]
+    assert "continues to flow until the supply is switched off" in lacking["timeout"]
     assert made.timing == (0.005, 0.0, 0.0)
 
 

@@ -56,7 +56,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
     [
         ("noise", "expected table.key=value"), ("load_cell.noise=loud", "must be a number"),
         ("load_cell=3", "must be a table"), ("damper.values=3", "must be a table"),
-        ("damper.set=3", "must be a text"),
+        ("damper.set=3", "must be a string"),
         ("plant_rate_Hz=100.0", "too small .allowed: 4000"), ("coil.ohm=nan", "finite"),
         ("load_cell.unit=kp", "must be 'N', 'mm' or"), ("lvdt.format=ascii", "expected one of frame16"),
     ],

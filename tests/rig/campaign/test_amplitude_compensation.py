@@ -99,7 +99,7 @@ def test_a_speed_limit_takes_nothing_from_the_room_for_the_centre() -> None:
 
 def test_a_centre_too_far_off_is_named() -> None:
     drive, programs = adapt(POINT, lambda command_m, centre_m: MeasuredMotion(command_m, centre_m + 0.008))
-    assert "the centre would have to be moved by -8 mm; -5 mm are allowed" in drive.cannot
+    assert "the centre would have to be moved by -8 mm; -5 mm is allowed" in drive.cannot
     assert programs == 2
 
 

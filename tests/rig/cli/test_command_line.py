@@ -154,7 +154,7 @@ def test_the_plan_accepts_table_1_on_the_demo_bench_and_gives_the_documented_key
         (("plan", DEMO, "--bench", DEMO), "this is a bench file, expected a matrix file"),
         (("rum",), "No such command 'rum'"),
         (("run", TABLE1), "specify --bench FILE, --simulate, or both"),
-        (("check",), "no bench given"),
+        (("check",), "no bench specified"),
         (("check", DEMO, "--", "--fault", "sigint"), "arguments after --"),
         (("run", TABLE1, "--bench", DEMO, "--speed", "2"), "--speed are for the simulated rig"),
         (("run", TABLE1, "--bench", DEMO, "--", "--fault", "sigint"), "arguments after --"),

@@ -92,7 +92,7 @@ def test_a_law_is_part_of_a_models_name_and_of_its_equation() -> None:
     assert with_law(lawed, "saturating") is model("kwok+saturating")  # another law takes the place of the first
     assert lawed.initial_state(0.2).tolist() == model("kwok").initial_state(0.2).tolist()
     assert lawed.separation(MotionScale(0.02, 0.2, 1.0, 0.0, 2.0, 0.002)) is None
-    with pytest.raises(NotImplementedError, match="its current law is searched"):
+    with pytest.raises(NotImplementedError, match="the current law is determined by a search"):
         lawed.search()
     assert set(lawed.demonstration) == set(lawed.names)
 

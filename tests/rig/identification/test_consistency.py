@@ -39,7 +39,7 @@ def test_two_dampers_without_a_common_test_are_told_by_fits_apart(make_synthetic
     other = of_run("B", make_synthetic(OTHER, (0.5, 1.5), (1.5, 2.0), seed=4))
     fit = identify([*one, *other])
     assert not fit.adequate
-    assert any(re.match(r"the 2 runs fit to [45]\.\d+ N", text) for text in fit.warnings)
+    assert any(re.match(r"separate fits to the 2 runs leave an error of [45]\.\d+ N", text) for text in fit.warnings)
 
 
 def test_two_runs_of_one_damper_are_not_accused(make_synthetic: Make) -> None:

@@ -104,7 +104,7 @@ def test_only_the_loops_of_a_held_out_run_are_scored(demo_points: list[RecordedP
     fit = identify(demo_points, holdout=[loop, *special])
     assert fit.holdout is not None
     assert [test.id for test in fit.holdout.per_test] == [loop.id]
-    with pytest.raises(IdentificationFailed, match="none of the 2 points is a loop"):
+    with pytest.raises(IdentificationFailed, match="none of the 2 points contains loops"):
         identify(demo_points, holdout=special)
 
 

@@ -96,7 +96,7 @@ def test_a_file_of_another_damper_is_named_though_nothing_makes_it_fit() -> None
     rough_N = np.interp(np.arange(tests[ODD].u_m.size), np.linspace(0.0, tests[ODD].u_m.size, 40), noisy)
     fit = identify([*tests[:ODD], replace(tests[ODD], force_N=tests[ODD].force_N + rough_N), *tests[ODD + 1 :]])
     assert list(odd_in(fit)) == ["p007"]
-    assert "no gain of its force" in fit.diagnosis[0].text
+    assert "neither a gain of its force" in fit.diagnosis[0].text
 
 
 def test_a_law_of_the_current_that_the_model_lacks_makes_no_test_odd() -> None:

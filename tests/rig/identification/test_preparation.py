@@ -90,7 +90,7 @@ def test_a_missing_current_falls_back_on_the_commanded_one(demo_points: list[Rec
     point = changed(demo_points[4], current=np.full(demo_points[4].samples, np.nan))
     measurement = prepare(point)
     assert np.all(measurement.current_A == 1.0)
-    assert any("no measured current" in text for text in measurement.warnings)
+    assert any("no current was measured" in text for text in measurement.warnings)
 
 
 def test_a_motion_that_fades_is_differentiated_locally(demo_points: list[RecordedPoint]) -> None:

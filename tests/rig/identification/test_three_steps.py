@@ -36,7 +36,7 @@ def test_one_current_gives_the_sums_alone(make_synthetic: Make) -> None:
 def test_steps_that_work_at_one_current_of_two_do_not_split_a_number_in_two(make_synthetic: Make) -> None:
     tests = make_synthetic(TRUE, (1.0, 2.0), (1.0,), name="normalized_bouc_wen", noise_N=0.5, cycles=4)
     turned = replace(tests[1], force_N=800.0 * tests[1].v_m_s - 100.0 * np.sign(tests[1].v_m_s))
-    with pytest.raises(IdentificationFailed, match=r"succeeds at 1\.00 A only, .* \(p002: .* is not positive"):
+    with pytest.raises(IdentificationFailed, match=r"succeeds only at 1\.00 A, .* \(p002: .* is not positive"):
         identify([tests[0], turned], model="normalized_bouc_wen", method=METHOD)
 
 

@@ -317,7 +317,7 @@ def test_a_fit_of_an_earlier_version_knows_no_range_and_says_so(fit: Fit, tmp_pa
     told = old.predict({"displacement_m": 0.0, "velocity_m_s": 0.1, "current_A": 1.0})
     assert told["extrapolates"].all()
     assert told["low_N"].isna().all()
-    with pytest.raises(IdentificationFailed, match="its tested currents"):
+    with pytest.raises(IdentificationFailed, match="the tested currents"):
         old.inverse(100.0, 0.1)
 
 

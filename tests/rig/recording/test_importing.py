@@ -99,7 +99,7 @@ def test_a_word_among_the_numbers_is_named_with_line_column_and_value(tmp_path: 
 def test_time_that_does_not_increase_is_named_with_its_line(tmp_path: Path) -> None:
     message = refused(tmp_path, changed(sine_file(tmp_path), 42, "0.1,12.0,0.1"))
     assert "line 42: time" in message
-    assert "does not come after" in message
+    assert "is not after" in message
 
 
 @pytest.mark.parametrize(("columns", "message"), [

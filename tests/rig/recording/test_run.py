@@ -147,5 +147,5 @@ def test_a_table_that_is_no_test_says_why() -> None:
     table.attrs["units"] = {"displacement": "m", "force": "N"}
     with pytest.raises(FileProblem, match="no column 'force'; it has \\['displacement', 'F'\\]"):
         RecordedPoint.from_pandas(table, id="mine", current_A=0.5)
-    with pytest.raises(FileProblem, match="does not come after"):
+    with pytest.raises(FileProblem, match="is not after"):
         RecordedPoint.from_pandas(table.rename(columns={"F": "force"})[::-1], id="mine", current_A=0.5)

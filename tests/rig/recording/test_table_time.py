@@ -184,7 +184,7 @@ def test_equal_stamps_of_few_digits_are_the_rate_behind_them_as_in_files() -> No
     assert point.verdict == "valid"
     assert np.mean(np.diff(point.time_s)) == pytest.approx(1.0 / 1024.0, rel=1e-5)
     backwards = made.assign(time_s=made["time_s"].where(made.index != 1000, 0.1))
-    with pytest.raises(FileProblem, match=r"time .* s does not come after"):
+    with pytest.raises(FileProblem, match=r"time .* s is not after"):
         RecordedPoint.from_pandas(backwards, id="back", current_A=0.0)
 
 

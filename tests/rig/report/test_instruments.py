@@ -135,6 +135,6 @@ def test_a_fit_to_points_whose_calibration_is_in_doubt_says_so_first(folder: Pat
     for number in range(1, 5):
         record(folder, number, gain=1.05)
     fit = identify_run([folder], suspect=True)
-    assert "calibration in doubt" in fit.warnings[0]
+    assert "doubtful calibration" in fit.warnings[0]
     assert "load cell" in fit.warnings[0]
-    assert sum("calibration in doubt" in warning for warning in fit.warnings) == 1
+    assert sum("doubtful calibration" in warning for warning in fit.warnings) == 1

@@ -84,7 +84,7 @@ def test_ctrl_c_ends_a_study_with_one_line_and_keeps_what_is_finished(small_stud
         os.kill(process.pid, signal.SIGINT)
         _, errors = process.communicate(timeout=60)
     assert process.returncode == 4
-    assert f"stopped by operator: finished results are kept in {out}; the same command continues" in errors
+    assert f"stopped by operator: finished results are kept in {out}; run the same command again to continue" in errors
     assert "Traceback" not in errors
     assert len(keys(out)) >= 1
 

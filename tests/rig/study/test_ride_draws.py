@@ -47,7 +47,7 @@ def test_the_draws_of_an_inadequate_fit_are_those_of_its_tests(run: Path) -> Non
     again = drawn_again(fitted, 8, seed=1)
     assert len(again.draws) == 20, "fewer say nothing of an interval"
     assert again.damper == fitted.damper
-    assert "fits to its 6 tests" in again.remark
+    assert "fits to the 6 tests" in again.remark
     spread = np.std([draw.values["c0"] for draw in again.draws])
     told = np.std([draw.values["c0"] for draw in fitted_damper(str(run), 200).draws])
     assert spread > 0.5 * told
@@ -59,7 +59,7 @@ def test_the_draws_of_an_inadequate_fit_are_those_of_its_tests(run: Path) -> Non
 def test_held_out_tests_are_not_drawn(run: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(run, tmp_path / "run")
     identify_run([copy], model="bingham", holdout="frequency_Hz=2")
-    assert "fits to its 4 tests" in drawn_again(fitted_damper(str(copy), 8), 8, seed=1).remark
+    assert "fits to the 4 tests" in drawn_again(fitted_damper(str(copy), 8), 8, seed=1).remark
 
 
 def test_whatever_has_no_tests_beside_it_is_left_as_it_is(run: Path, tmp_path: Path) -> None:

@@ -115,7 +115,7 @@ def test_a_ride_beyond_the_fitted_tests_says_in_what_and_for_how_long(tmp_path: 
     page = out.read_text(encoding="utf-8")
     assert f"{narrow}: outside the tested range (velocity " in page
     assert "current 1e+02 %" not in page
-    assert f"{path}: this fit does not state its tested range" in page
+    assert f"{path}: this fit does not contain its tested range" in page
     assert f"{quiet}: " not in page
 
 
