@@ -138,7 +138,8 @@ def walk_campaign(folder: Path) -> tuple[Walk, Path]:
         ended.set()
         keeper.join()
     if result.exit_code != 0:
-        raise SystemExit(f"the campaign ended with exit code {result.exit_code}: nothing to walk")
+        why = [reason for point in result.points for reason in point.reasons]
+        raise SystemExit(f"the campaign ended with exit code {result.exit_code} ({result.detail}; {why})")
     return walk, kept
 
 
