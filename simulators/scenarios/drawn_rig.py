@@ -292,10 +292,11 @@ def _hybrid(chance: random.Random) -> Motion:
     """A hybrid test or two, with any compensator and law that the plan accepts together."""
     names = chance.sample(("model", "ats", "inverse", "polynomial"), chance.choice((1, 1, 2)))
     law = chance.choice(("passive", "passive", "skyhook", "groundhook", "hybrid", "inverse"))
-    if law != "passive":  # the plan refuses this pair unless a larger energy error is allowed
+    current = chance.choice((0, 0.3))
+    if law != "passive" or current:  # the plan refuses this pair unless a larger energy error is allowed
         names = list(dict.fromkeys("model" if name == "polynomial" else name for name in names))
     lines = (
-        "[hybrid]", f'current = "{chance.choice((0, 0.3))} A"', 'largest_delay = "20 ms"', 'probe_frequency = "10 Hz"',
+        "[hybrid]", f'current = "{current} A"', 'largest_delay = "20 ms"', 'probe_frequency = "10 Hz"',
         f"compensation = {json.dumps(names)}", f'law = ["{law}"]',
         "[hybrid.car]", 'source = "drawn"', "[hybrid.car.body]", 'mass = "600 kg"', "[hybrid.car.front]",
         'unsprung_mass = "90 kg"', 'wheel_rate = "40 kN/m"', 'tyre_stiffness = "220 kN/m"',

@@ -140,13 +140,17 @@ def test_a_delay_beyond_the_margin_is_refused_with_the_numbers(tmp_path: Path) -
         assert "60 ms" in item.reasons[0]
 
 
-def test_polynomial_behind_a_switching_law_needs_a_larger_energy_error(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("law", "current", "end"), [("skyhook", "0 A", "-skyhook"), ("passive", "0.3 A", "")])
+def test_polynomial_needs_a_larger_energy_error_with_current_in_the_coil(
+    tmp_path: Path, law: str, current: str, end: str
+) -> None:
     text = EXAMPLE.replace('["model", "none"]', '["model", "polynomial"]')
-    text = text.replace("[hybrid]\n", '[hybrid]\nlaw = ["skyhook"]\n')
+    text = text.replace('current = "0 A"', f'current = "{current}"')
+    text = text.replace("[hybrid]\n", f'[hybrid]\nlaw = ["{law}"]\n')
     found = reasons(tmp_path, text)
-    assert (found["hybrid-model-skyhook"], found["hybrid-polynomial-skyhook"]) == (set(), {"hybrid-unstable"})
+    assert (found[f"hybrid-model{end}"], found[f"hybrid-polynomial{end}"]) == (set(), {"hybrid-unstable"})
     wider = text.replace("[hybrid]\n", '[hybrid]\nlargest_energy_error = "30 %"\n')
-    assert reasons(tmp_path, wider)["hybrid-polynomial-skyhook"] == set()
+    assert reasons(tmp_path, wider)[f"hybrid-polynomial{end}"] == set()
 
 
 def test_a_rig_that_cannot_follow_fast_enough_or_far_enough_is_refused(tmp_path: Path) -> None:
