@@ -237,8 +237,7 @@ class HybridTable(Section):
         if point.compensator == "polynomial" and energised and self.largest_energy_error < POLYNOMIAL_ERROR:
             against.append(("hybrid-unstable", (
                 "the compensation polynomial extrapolates previous targets, which is inaccurate with current in the "
-                "coil: 
-                "it causes energy errors of 20 to 24 % on healthy rigs, allowed "
+                "coil: it causes energy errors of 20 to 24 % on healthy rigs, allowed "
                 f"{100 * self.largest_energy_error:g} %. Fix: "
                 f"compensation model, ats or inverse, or largest_energy_error of {100 * POLYNOMIAL_ERROR:g} %"
             )))
