@@ -27,7 +27,7 @@ def check_blocks(report: CheckReport) -> Blocks:
             blocks += [Note(SEVERITIES.get(severity, PLAIN), text), Paragraph(f"    -> {finding.fix}")]
     watchdog_ms = next((d.numbers["watchdog_ms"] for d in report.devices if "watchdog_ms" in d.numbers), None)
     if isinstance(watchdog_ms, float):
-        blocks.append(Paragraph(f"watchdog test passed: it tripped after {watchdog_ms:.0f} ms"))
+        blocks.append(Paragraph(f"watchdog test passed: the watchdog tripped after {watchdog_ms:.0f} ms"))
     if report.passed:
         done = "checked, with motion" if report.proved else "checked, without motion"
         return [*blocks, Note(GOOD, f"{report.bench}: {done}")]

@@ -45,12 +45,13 @@ def _judged(judgement: AcceptanceResult, several: bool, *, everything: bool) -> 
         kinds = [f"{count} {state}" for state in (State.FAILED, State.UNSURE, State.MISSING)
                  if (count := sum(result.state == state for result in bad))]  # fmt: skip
         verdict = Note(
-            POOR, f"FAIL against {judgement.bands.name}: {len(bad)} of {total} values not passed ({', '.join(kinds)})",
+            POOR,
+            f"FAIL against {judgement.bands.name}: {len(bad)} of {total} values did not pass ({', '.join(kinds)})",
         )  # fmt: skip
     shown = judgement.results if everything else bad
     blocks: Blocks = [verdict, *(Note(SEVERITIES[result.state], _result(result, several)) for result in shown)]
     if not everything and len(bad) < total:
-        blocks.append(Paragraph(f"{total - len(bad)} passed; --all shows them"))
+        blocks.append(Paragraph(f"{total - len(bad)} passed; use --all to show them"))
     return [*blocks, Paragraph("")]
 
 

@@ -64,7 +64,7 @@ def _show_beside_truth(fit_path: Path, truth_path: Path, shown: Console) -> None
     held, counted = judged.count(True), sum(item is not None for item in judged)
     text = (
         f"{held} of {counted} identifiable parameters: true value within the 95 % interval (1 in 20 is expected "
-        "outside)"
+        "to lie outside)"
     )
     shown.print(Text(text, style="green" if held == counted else "yellow"))
 

@@ -26,9 +26,10 @@ PLANTS, PLANTS_ON_WIRES = 20, 1
 CASES = (1, 2, 3, 4)
 SEED = 2020
 DESCRIPTION = (
-    "J1: delay of the specimen behind its target, ms. RMS in %: J2 tracking; J4, J6, J7 floors 1, 2, 3.",
+    "J1: delay of the specimen relative to the target, in ms. RMS in %: J2 tracking; J4, J6, J7 floors 1, 2, 3.",
     "Peak in %: J3 tracking; J5, J8, J9 floors 1, 2, 3. The floors are compared with those of the complete building.",
-    "Means over the plants. Published: Silva et al. 2020, Table 3, El Centro x 0.4, nominal plant.",
+    "The values are means over all plants. Published values: Silva et al. 2020, Table 3, El Centro x 0.4, nominal "
+    "plant.",
 )
 
 
@@ -141,7 +142,7 @@ def _on_wires(asked: BenchmarkOptions, motion: Earthquake, seed: int, as_json: b
         UsageError: another rate or latency than that of the wires.
     """
     if set(asked.rates) - {"250"} or asked.latency_steps:
-        raise click.UsageError("--wires: runs 250 steps a second and measures the latency. Fix: omit --rate and "
+        raise click.UsageError("--wires runs 250 steps per second and measures the latency. Fix: omit --rate and "
                                "--latency-steps")  # fmt: skip
     from rig.campaign.wired_benchmark import LATENCY_STEPS, Wires
     from rig.station.process import real_time_priority
@@ -187,7 +188,7 @@ def _show(results: list[Result], earthquake: str) -> None:
     delays = {result.case: f"{result.critical_delay_ms:.1f} ms (case {result.case})" for result in results}
     blocks: list[Block] = [
         table(head, rows, title=f"Earthquake: {earthquake}"),
-        Paragraph(f"The test is unstable if the specimen's force is late by {', '.join(delays.values())}."),
+        Paragraph(f"The test is unstable if the specimen's force is delayed by {', '.join(delays.values())}."),
         *(Paragraph(line) for line in DESCRIPTION),
     ]
     show(blocks, console())

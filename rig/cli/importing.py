@@ -122,7 +122,7 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 @click.option("--units-line", type=click.IntRange(0, 2000), help="CSV: number of the line with the units; 0: none.")
 @click.option(
     "--accept", multiple=True, metavar="SLUG",
-    help="Accept implausible magnitudes: units-time, units-displacement, units-force, sample-rate.",
+    help="Accept implausible magnitudes with this code: units-time, units-displacement, units-force, sample-rate.",
 )
 @click.option("--dry-run", is_flag=True, help="Read, check and show the data, but write no files.")
 @click.option("--current", type=QuantityOption("current"), help="Coil current for all files, such as '0.5 A'.")

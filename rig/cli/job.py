@@ -166,6 +166,7 @@ def run_job(
             answer = analyst.analyse(result.campaign, identify if usable else None)
     if answer["report_error"] is not None:
         with contextlib.suppress(OSError):
-            console.print(f"warning: no report: {answer['report_error']}", style="yellow", markup=False)
+            text = f"warning: the report could not be written: {answer['report_error']}"
+            console.print(text, style="yellow", markup=False)
     paths = {key: None if answer[key] is None else Path(answer[key]) for key in ("fit", "report")}
     return JobResult(result, paths["fit"], paths["report"], answer["error"], answer["report_error"])

@@ -105,8 +105,8 @@ def write_pdf(document: Document, page: Path) -> Path:
         from rig.document.pdf import pdf
     except ImportError as error:
         raise RigError(
-            f"{page} was written, but not the PDF: {error.name or 'reportlab'} is not installed. Fix: "
-            f"{how_to_install('pdf')}, or print the page with a browser (it has an A4 style)"
+            f"{page} was written, but the PDF was not: {error.name or 'reportlab'} is not installed. Fix: "
+            f"{how_to_install('pdf')}, or print the page from a browser (the page has an A4 print style)"
         ) from error
     from rig.recording.atomic_write import write_durably
 

@@ -58,9 +58,9 @@ def page_settings(
         if any(option is not None for option in (address, cert, key)):
             raise click.UsageError("--page-address, --page-cert and --page-key require --page")
         if hold:
-            raise click.UsageError("--hold waits for Start on the page and requires --page")
+            raise click.UsageError("--hold requires --page")
         if stay:
-            raise click.UsageError("--stay keeps the page open at the end and requires --page")
+            raise click.UsageError("--stay requires --page")
         return None
     from rig.page.settings import PageSettings
 
@@ -99,7 +99,7 @@ class RunLink:
         with contextlib.suppress(KeyboardInterrupt):
             self.link.close()
             with contextlib.suppress(OSError):
-                say("The page remains open; end it with 'Close the page' there or Ctrl-C here.", err=True)
+                say("The page remains open; to close it, use 'Close the page' there or press Ctrl-C here.", err=True)
             self._page.wait()
 
     def refused(self, error: RigError) -> None:
@@ -167,9 +167,9 @@ def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[
 def command(
     run: Path, page_address: str | None, page_cert: Path | None, page_key: Path | None, as_json: bool
 ) -> int:
-    """Serve the operator's page of RUN, running or finished, until Ctrl-C or Close on the page.
+    """Serve the operator's page for RUN, running or finished, until Ctrl-C or Close the page is pressed.
 
-    Prints the address as `page: URL`. The page does not affect the campaign.
+    The command prints the address as `page: URL`. Serving the page does not affect the campaign.
     """
     import asyncio
     from dataclasses import replace

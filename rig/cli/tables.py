@@ -102,7 +102,7 @@ def _verdict(plan: Plan) -> Blocks:
 def _rig_time(plan: Plan) -> str:
     if plan.duration_s is not None:
         return f"{duration(plan.duration_s)} of rig time"
-    return f"{duration(plan.recorded_s)} of motion; the time for warm-up and cooling is unknown"
+    return f"{duration(plan.recorded_s)} of motion; the time for warm-up and cooling is not known"
 
 
 def _groups(items: Sequence[PlannedPoint], plan: Plan) -> Blocks:
