@@ -215,7 +215,7 @@ def _with_diagnosis(state: FitState) -> FitState:
 def _diagnosis(state: FitState) -> tuple[Cause, ...]:
     """What probably explains the misfit of the fit."""
     from rig.identification.diagnosis.ranking import diagnose  # loads the search of each cause
-    from rig.identification.diagnosis.trials import Fitted
+    from rig.identification.diagnosis.statement import Fitted
 
     fit, best, diagnosed = state.so_far, state.chosen, state.options.diagnose
     if best is None:

@@ -199,7 +199,7 @@ def _outside(fitted: Sequence[Measurement], held_out: Sequence[Measurement]) -> 
 def _diagnosed(model: DamperModel, levels: Sequence[Level], options: FitOptions) -> tuple[Cause, ...]:
     """What probably explains the misfit at the current where it is largest; units and signs of all tests."""
     from rig.identification.diagnosis.ranking import diagnose
-    from rig.identification.diagnosis.trials import Fitted
+    from rig.identification.diagnosis.statement import Fitted
 
     worst = max(levels, key=lambda level: level.fit.error.nrmse_percent_of_peak)
     misfit = any(level.fit.adequate is False for level in levels) if options.diagnose is None else options.diagnose

@@ -2,7 +2,7 @@
 
 A `Saying` carries its slug and numbers; code decides by those. Its text is made here and nowhere else, so that it can
 be changed without changing what is done. Errors of wrong use (an unknown name, an option that does not fit) stand where
-they are raised.
+they are raised, statements of the diagnosis with the functions that find them (`diagnosis.statement`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ class Saying(str):
     """A sentence for people: plain text that knows what it says.
 
     Attributes:
-        slug: key of `SENTENCES`.
+        slug: key of `SENTENCES`, or of a statement of the diagnosis.
         numbers: what the sentence was made from, by name.
     """
 
@@ -23,7 +23,7 @@ class Saying(str):
     numbers: Mapping[str, object]
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _said, (self.slug, dict(self.numbers))
+        return _known, (str(self), self.slug, dict(self.numbers))
 
 
 def say(slug: str, **numbers: object) -> Saying:
@@ -32,11 +32,20 @@ def say(slug: str, **numbers: object) -> Saying:
     Raises:
         KeyError: no such slug, or one of its numbers is missing.
     """
-    return _said(slug, numbers)
+    return filled(slug, SENTENCES[slug], numbers)
 
 
-def _said(slug: str, numbers: Mapping[str, object]) -> Saying:
-    saying = Saying(SENTENCES[slug].format(**numbers))
+def filled(slug: str, template: str, numbers: Mapping[str, object]) -> Saying:
+    """A sentence that is declared elsewhere, as those of the diagnosis, from its numbers.
+
+    Raises:
+        KeyError: one of its numbers is missing.
+    """
+    return _known(template.format(**numbers), slug, numbers)
+
+
+def _known(text: str, slug: str, numbers: Mapping[str, object]) -> Saying:
+    saying = Saying(text)
     saying.slug, saying.numbers = slug, numbers
     return saying
 
@@ -242,165 +251,6 @@ WARNINGS = {
 }
 """What the reader of a fit should know before using its numbers."""
 
-CAUSES = {
-    "units-force": (
-        "the largest force is {value:.3g} {unit}, implausible for a damper test: the values are probably in {likely}"
-    ),
-    "units-time": "a cycle lasts {value:.3g} {unit}, implausible for a damper test: the time is probably in {likely}",
-    "units-displacement": (
-        "the displacement spans {value:.3g} {unit}, implausible for a damper test: the values are probably in {likely}"
-    ),
-    "units-current": "the largest current is {value:.3g} {unit}, implausible for a coil: the values are probably in "
-    "{likely}",
-    "units-of-some": "in {tests} only: {what}",
-    "odd-test": (
-        "{test} is inconsistent with the other tests: a fit to those misses {percent_missed:.0f} % of its force; "
-        "{corrections}"
-    ),
-    "odd-test-corrected": "it would be consistent with {corrections}",
-    "odd-test-apart": "neither a gain of its force nor a different current or motion explains this",
-    "correction-force": "its force multiplied by {factor:.3g}",
-    "correction-current": "a current of {likely_A:.2f} A, not {stated_A:.2f} A",
-    "correction-motion": "its motion multiplied by {factor:.3g}",
-    "units-velocity": (
-        "the rate of the displacement is {ratio:.3g} times the given velocity: one of the two, or the sampling "
-        "interval, "
-        "is in the wrong unit"
-    ),
-    "signs-reversed": (
-        "the mean force at low speed is {offset_N:+.3g} N, towards extension, but gas force pushes the rod out: force "
-        "and displacement probably both have the wrong sign, unless the zero of the load cell is wrong by that amount"
-    ),
-    "force-offset": (
-        "the mean force at low speed is {offset_N:+.3g} N, towards extension: a preload, or a wrong zero of the load "
-        "cell; the model's offset includes it. A gas damper with both signs reversed gives the same result if it does "
-        "not resist rebound more than compression"
-    ),
-    "skew": (
-        "a delay of {skew_ms:+.3g} ms between the displacement and the force explains {percent_explained:.0f} % of the "
-        "misfit"
-    ),
-    "force-drift": (
-        "a drift of the force channel over time, {percent:+.3g} % in gain and {zero_N:+.3g} N in zero from end to end, "
-        "explains {percent_explained:.0f} % of the misfit"
-    ),
-    "force-drift-some": (
-        "a drift of the force channel within single tests ({tests}; largest {percent:+.3g} % in gain from start to "
-        "end) explains {percent_explained:.0f} % of the misfit"
-    ),
-    "temperature": (
-        "the recorded temperature, {percent:+.3g} % of force and {zero_N:+.3g} N from the lowest to the highest "
-        "temperature, explains "
-        "{percent_explained:.0f} % of the misfit"
-    ),
-    "temperature-rates": (
-        "the recorded temperature, which reduces viscous forces by {viscous_percent_K:.2g} % and yield forces by "
-        "{yield_percent_K:.2g} % per kelvin, explains {percent_explained:.0f} % of the misfit"
-    ),
-    "outliers": (
-        "outliers in the measured force ({count} sample(s), {percent:.2g} %) explain {percent_explained:.0f} % of the "
-        "misfit"
-    ),
-    "clipping": (
-        "clipping of the force channel at {low_N:.4g} and {high_N:.4g} N explains {percent_explained:.0f} % of the "
-        "misfit"
-    ),
-    "clipping-one-end": (
-        "clipping of the force channel at {end_N:.4g} N explains {percent_explained:.0f} % of the misfit"
-    ),
-    "clipping-left-out": "the force is clipped in {tests}; these samples are excluded from the fit",
-    "series-compliance": (
-        "a spring of {stiffness_N_m:.3g} N/m in series, such as compliant mounts, explains {percent_explained:.0f} % "
-        "of the misfit"
-    ),
-    "current-law": (
-        "a current law other than the model's, over {currents} A, explains {percent_explained:.0f} % of the misfit: "
-        "the force probably saturates"
-    ),
-    "current-law-two": (
-        "the current law is determined only by the tests at {low_A:.3g} and {top_A:.3g} A and predicts {zero_N:.3g} "
-        "N at 0 A, "
-        "{percent:.0f} % of the yield force at {top_A:.3g} A, but 0 A was not measured: the force probably saturates"
-    ),
-    "current-sign": (
-        "currents of both signs: the force follows the magnitude of the current, which explains "
-        "{percent_explained:.0f} % of the misfit"
-    ),
-    "missing-hysteresis": (
-        "a force that depends on the travel after each reversal, which the model does not include, explains "
-        "{percent_explained:.0f} % of the misfit; {percent:.0f} % of the misfit is within 1 mm after a reversal"
-    ),
-    "mixed-specimens": (
-        "two dampers instead of one explain {percent_explained:.0f} % of the misfit; tests of the second damper: "
-        "{tests}"
-    ),
-    "speed-shape": (
-        "a force-velocity shape other than the model's explains {percent_explained:.0f} % of the misfit"
-    ),
-    "stroke-shape": (
-        "a force-displacement shape other than the model's, such as end stops or progressive gas stiffness, explains "
-        "{percent_explained:.0f} % of the misfit"
-    ),
-    "unexplained": (
-        "none of the causes searched explains {least:.0f} % of the misfit; {near:.0f} % of it is within 1 mm after a "
-        "reversal, {slow:.0f} % below a tenth of the largest speed, {of_worst:.0f} % in {worst}, one of {count} tests"
-    ),
-}
-"""What may explain a misfit, or is implausible."""
-
-NEXT = {
-    "next-units-force": "multiply the force by {factor:g}, or specify its unit on import (--column force=NAME:kN)",
-    "next-units-time": "multiply the time by {factor:g}, or specify its unit on import (--column time=NAME:ms)",
-    "next-units-displacement": (
-        "multiply the displacement by {factor:g}, or specify its unit on import (--column displacement=NAME:mm)"
-    ),
-    "next-units-current": "multiply the current by {factor:g}, or specify its unit on import (--column "
-    "current=NAME:mA)",
-    "next-odd-test": (
-        "check the current, the units and ranges of both channels and the damper of that test, or identify without "
-        "that test"
-    ),
-    "next-units-velocity": "provide displacement in m, velocity in m/s, acceleration in m/s^2 and the interval in s",
-    "next-signs-reversed": (
-        "check the signs with a slow manual extension, in which displacement must increase and force must be "
-        "positive; if both signs are "
-        "reversed, multiply both signals by -1; if neither is, check the zero of the load cell"
-    ),
-    "next-force-offset": (
-        "read the load cell with the rod free, and check the signs with a slow manual extension, in which "
-        "displacement must increase and force must be positive"
-    ),
-    "next-skew": (
-        "measure the delay between the two channels with one sharp motion, or shift the force by this delay before "
-        "the fit"
-    ),
-    "next-force-drift": (
-        "check the zero and gain of the load cell before and after the tests; warm up amplifier and damper, and repeat "
-        "the first test at the end"
-    ),
-    "next-temperature": "fit with --temperature-law both, or keep the damper within a temperature window",
-    "next-outliers": "fit with --loss huber; check the force channel for interference or lost bits",
-    "next-clipping": "use a larger range of the force channel, or reduce speed and current",
-    "next-series-compliance": "fit with --series-spring; measure the displacement at the damper itself",
-    "next-current-law": "fit with --current-law saturating, or compare the laws with --current-law all",
-    "next-current-law-two": "run tests at 0 A and at an intermediate current",
-    "next-current-sign": (
-        "enter all currents as positive values: the direction of the magnetic field does not affect the yield force"
-    ),
-    "next-missing-hysteresis": (
-        "{untried}run slow triangle tests with several amplitudes, which show the force after a reversal"
-    ),
-    "next-mixed-specimens": "check which damper was mounted, and identify the tests of each damper separately",
-    "next-speed-shape": "{untried}run sine tests at the same frequency with more amplitudes",
-    "next-unexplained": (
-        "{untried}repeat {worst}, the first test, and the tests with the currents in another order: a model cannot "
-        "describe "
-        "differences between repeats"
-    ),
-    "next-stroke-shape": "run tests with smaller amplitudes at more positions along the stroke",
-}
-"""What to measure or correct next; `untried` is `UNTRIED` where not every model was compared, else empty."""
-
 UNTRIED = "fit with --model all; "
 
-SENTENCES = {**PARAMETERS, **WARNINGS, **CAUSES, **NEXT}
+SENTENCES = {**PARAMETERS, **WARNINGS}

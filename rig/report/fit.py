@@ -53,8 +53,6 @@ SMALLEST_WHITE_P = 0.001
 DARKEST_PERCENT = 25.0
 MARK = "*"
 MOST_PAIRS = 8
-SEEN = frozenset({"signs-reversed", "force-offset"})
-"""Causes that are visible in the tests themselves and that no fit was made with."""
 METHODS = {"separable": "separable least squares"}
 """Names of fitting methods in words."""
 
@@ -180,6 +178,8 @@ def _half_percent(entry: Estimate) -> Words:
 def _diagnosis(fit: FitRecord) -> Blocks:
     if not fit.diagnosis:
         return []
+    from rig.identification.diagnosis.ranking import SEEN  # loads the search of each cause
+
     rows = [
         [cause.slug, cause.text, NOTHING if cause.slug in SEEN else number(100.0 * cause.explains, 3), cause.next]
         for cause in fit.diagnosis

@@ -20,7 +20,7 @@ from drivers.devices.supply import Command, SupplyCommands, SupplyDescription, S
 from drivers.devices.supply_file import supply
 from rig.explanations.explanation import explained, texts
 from rig.faults.matrix import MATRIX, REACTIONS
-from rig.identification.words import SENTENCES
+from rig.identification.diagnosis.ranking import STATEMENTS
 from rig.recording.foreign_tests import DOUBTS
 from rig.recording.quality.instrument_checks import SLUGS, ZERO_RETURN
 from rig.recording.quality.quality_checks import VERDICT_REMARKS
@@ -28,8 +28,8 @@ from rig.study.printed_values import SENSITIVITY as PRINTED_SENSITIVITY
 from simulators.injection import LASTING_VARIANTS, PASSING_VARIANTS
 from simulators.scenarios.plan import AROUND
 
-CAUSES = [slug for slug in SENTENCES if f"next-{slug}" in SENTENCES and slug != "current-law-two"]
-"""Of a misfit, as report and `rig identify --json` show them: each has its own advice."""
+CAUSES = [statement.slug for statement in STATEMENTS]
+"""Of a misfit, as report and `rig identify --json` show them."""
 ROOT = Path(__file__).resolve().parents[2]
 SLUG = re.compile(r"[A-Za-z][a-z0-9]*(-[a-z0-9]+)*|INTERRUPTED")
 SAID_BY = {
@@ -122,7 +122,7 @@ def known() -> dict[str, str]:
     lacking = {name for one in (nothing, echoless) for name, _ in one.lacking()}
     return {
         **in_code(),
-        **dict.fromkeys(CAUSES, "rig/identification/words.py"),
+        **dict.fromkeys(CAUSES, "rig/identification/diagnosis"),
         **dict.fromkeys((*MATRIX, *REACTIONS), "rig/faults"),
         **dict.fromkeys(DOUBTS, "rig/recording/foreign_tests.py"),
         **dict.fromkeys((*SLUGS, ZERO_RETURN, *VERDICT_REMARKS), "rig/recording/quality"),
@@ -149,6 +149,12 @@ def test_every_text_explains_a_slug_of_the_product() -> None:
     named = known().keys()
     sources = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "rig").rglob("*.py"))
     assert [slug for slug in texts() if slug not in named and f'"{slug}"' not in sources] == []
+
+
+def test_every_statement_of_the_diagnosis_is_in_its_table() -> None:
+    part = (ROOT / "docs/json.md").read_text(encoding="utf-8").split("**`diagnosis`**")[1].split("\n## ")[0]
+    rows = [line.split("|")[1] for line in part.splitlines() if line.startswith("| `")]
+    assert {slug for row in rows for slug in re.findall("`([^`]+)`", row)} == set(CAUSES)
 
 
 @pytest.mark.parametrize("slug", texts())

@@ -19,10 +19,11 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.identification.diagnosis.descent import Damper, explain
 from rig.identification.diagnosis.distortions import Distortion
+from rig.identification.diagnosis.statement import Statement
 from rig.identification.diagnosis.stretches import MEDIAN_OF_NORMAL, Stretch
 from rig.identification.models.measurement import Measurement, set_of
 from rig.identification.models.model_slope import modelled_force
-from rig.identification.words import Saying, say
+from rig.identification.words import Saying
 
 FEWEST_TESTS = 6
 MOST_OUTLIERS, MOST_OUTLIER_TESTS = 0.25, 5  # of the tests; more are no mistakes with single files
@@ -41,6 +42,25 @@ APART = 0.5  # of the force: an error that is reported although no correction re
 OTHER_CURRENT = 0.05  # of the tested span of currents, by which a current differs from the one that was reported
 POWER_OF_TEN = 0.06  # of a decade
 CURRENTS, SPEEDS = 41, np.geomspace(1e-3, 1e3, 61)
+
+ODD_TEST = Statement(
+    "odd-test",
+    text=(
+        "{test} is inconsistent with the other tests: a fit to those misses {percent_missed:.0f} % of its force; "
+        "{corrections}"
+    ),
+    next=(
+        "check the current, the units and ranges of both channels and the damper of that test, or identify without "
+        "that test"
+    ),
+    parts={
+        "corrected": "it would be consistent with {corrections}",
+        "apart": "neither a gain of its force nor a different current or motion explains this",
+        "force": "its force multiplied by {factor:.3g}",
+        "current": "a current of {likely_A:.2f} A, not {stated_A:.2f} A",
+        "motion": "its motion multiplied by {factor:.3g}",
+    },
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -158,7 +178,7 @@ def _corrections(
     same = level is not None and level in groups.currents.of_test[1:]
     alone = not same or motion not in groups.motions.of_test[1:]
     if gain > 0.0 and abs(math.log(gain)) > math.log(LEAST_GAIN_ALONE if alone else LEAST_GAIN):
-        then, said = replace(here, predicted_N=gain * here.predicted_N), say("correction-force", factor=1.0 / gain)
+        then, said = replace(here, predicted_N=gain * here.predicted_N), ODD_TEST.say("force", factor=1.0 / gain)
         yield _Correction(then, _is_power_of_ten(gain), said)
     stated_A, tested = _current_A(test), [_current_A(other) for other in good]
     if same:
@@ -169,12 +189,12 @@ def _corrections(
         if tried:
             then, likely_A = min(tried, key=_error)
             usual = min(abs(likely_A - x) for x in tested) <= max(0.5 * least_A, groups.currents.resolution_A[1])
-            yield _Correction(then, usual, say("correction-current", likely_A=likely_A, stated_A=stated_A))
+            yield _Correction(then, usual, ODD_TEST.say("current", likely_A=likely_A, stated_A=stated_A))
     speeds = [x for x in SPEEDS.tolist() if max(x, 1.0 / x) > LEAST_SPEED]
     then, times = min(
         ((fitting([replace(part, test=_slower(part.test, x)) for part in own]), x) for x in speeds), key=_error
     )
-    yield _Correction(then, _is_power_of_ten(times), say("correction-motion", factor=1.0 / times))
+    yield _Correction(then, _is_power_of_ten(times), ODD_TEST.say("motion", factor=1.0 / times))
 
 
 def _error(tried: tuple[_Prediction, float]) -> float:

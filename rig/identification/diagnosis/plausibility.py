@@ -1,21 +1,24 @@
-"""Tests as a whole: are sizes and signs those of a damper, and is the current law one that two currents can show?"""
+"""Tests as a whole: are sizes and signs those of a damper, and is the current law one that two currents can show?
+
+A new statement of this kind is a function and its `FromTests` in `FROM_TESTS`, at the end.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig.dampers.model import DamperModel
 from rig.fits.entries import Cause
+from rig.identification.diagnosis.statement import Fitted, Statement
+from rig.identification.diagnosis.trials import CLIPPING, CURRENT_LAW
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.undetermined import levels_of
 from rig.identification.uncertainty.covariance import quantile
-from rig.identification.words import say, some
+from rig.identification.words import filled, some
 from rig.signals.plausibility import SMALLEST_CURRENT_A, Doubt, TestSize, doubts
 
-SIGNS, OFFSET = "signs-reversed", "force-offset"
 CHANNEL = {
     "units-time": "cycle_s", "units-displacement": "span_m", "units-force": "force_N", "units-current": "current_A",
 }  # fmt: skip
@@ -33,6 +36,66 @@ ZERO_CURRENT_ERRORS = 10.0  # standard errors, up to which the small currents of
 AT_ZERO = 0.25  # of the yield force at the top current: more at 0 A is seldom friction alone
 CURRENTS_OF_A_LINE = 2
 LOWEST_OF_TOP = 0.1  # least current over the greatest, below which zero current was as good as tested
+
+UNITS = {
+    one.slug: one for one in (
+        Statement(
+            "units-time",
+            text="a cycle lasts {value:.3g} {unit}, implausible for a damper test: the time is probably in {likely}",
+            next="multiply the time by {factor:g}, or specify its unit on import (--column time=NAME:ms)",
+        ),
+        Statement(
+            "units-displacement",
+            text=(
+                "the displacement spans {value:.3g} {unit}, implausible for a damper test: the values are probably in "
+                "{likely}"
+            ),
+            next=(
+                "multiply the displacement by {factor:g}, or specify its unit on import (--column displacement=NAME:mm)"
+            ),
+        ),
+        Statement(
+            "units-force",
+            text=(
+                "the largest force is {value:.3g} {unit}, implausible for a damper test: the values are probably in "
+                "{likely}"
+            ),
+            next="multiply the force by {factor:g}, or specify its unit on import (--column force=NAME:kN)",
+        ),
+        Statement(
+            "units-current",
+            text=(
+                "the largest current is {value:.3g} {unit}, implausible for a coil: the values are probably in {likely}"
+            ),
+            next="multiply the current by {factor:g}, or specify its unit on import (--column current=NAME:mA)",
+        ),
+    )
+}  # fmt: skip
+OF_SOME = "in {tests} only: {what}"
+VELOCITY = Statement(
+    "units-velocity",
+    text=(
+        "the rate of the displacement is {ratio:.3g} times the given velocity: one of the two, or the sampling "
+        "interval, is in the wrong unit"
+    ),
+    next="provide displacement in m, velocity in m/s, acceleration in m/s^2 and the interval in s",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FromTests(Statement):
+    """A statement about sizes, signs and currents, without a fit with its cause.
+
+    Attributes:
+        find: its causes, given the fit without the tests that are inconsistent with the others, and all tests; none
+            for good tests.
+        of_misfit: whether it is only looked for where the model does not fit.
+        last: whether it is listed behind the causes that explain a misfit, not before them.
+    """
+
+    find: Callable[[Fitted, Sequence[Measurement]], Iterator[Cause]]
+    of_misfit: bool = False
+    last: bool = False
 
 
 def units(tests: Sequence[Measurement], likelier: Callable[[Doubt, Sequence[str]], bool]) -> list[Cause]:
@@ -107,14 +170,8 @@ def corrected(test: Measurement, doubt: Doubt) -> Measurement:
 def _wrong_unit(doubt: Doubt, ids: Sequence[str]) -> Cause:
     """Of all tests, or of those with these ids."""
     numbers = {"value": doubt.value, "unit": doubt.taken_as, "likely": doubt.likely, "factor": doubt.factor}
-    if not ids:
-        return _certain(doubt.slug, **numbers)
-    text = say("units-of-some", what=say(doubt.slug, **numbers), tests=some(ids))
-    return Cause(doubt.slug, text, 1.0, say(f"next-{doubt.slug}", **numbers))
-
-
-def _certain(slug: str, **numbers: object) -> Cause:
-    return Cause(slug, say(slug, **numbers), 1.0, say(f"next-{slug}", **numbers))
+    cause = UNITS[doubt.slug].cause(1.0, "", **numbers)
+    return replace(cause, text=filled(doubt.slug, OF_SOME, {"what": cause.text, "tests": some(ids)})) if ids else cause
 
 
 def _rates(tests: Sequence[Measurement]) -> list[Cause]:
@@ -124,32 +181,48 @@ def _rates(tests: Sequence[Measurement]) -> list[Cause]:
         given = float(np.std(test.v_m_s))
         ratios.append(float(np.std(np.gradient(test.u_m, test.dt_s))) / given if given > 0.0 else np.nan)
     ratio = float(np.nanmedian(ratios)) if np.any(np.isfinite(ratios)) else 1.0
-    return [] if SAME_RATE[0] < ratio < SAME_RATE[1] else [_certain("units-velocity", ratio=ratio)]
+    return [] if SAME_RATE[0] < ratio < SAME_RATE[1] else [VELOCITY.cause(1.0, ratio=ratio)]
 
 
-def middle(tests: Sequence[Measurement]) -> list[Cause]:
-    """Is the force's middle where gas puts it? Gas pushes a rod out, so the middle is negative.
+def _middle(fitted: Fitted) -> tuple[Statement, float] | None:
+    """Is the force's middle where gas puts it? Gas pushes a rod out, so the middle is negative; else what it is (N).
 
     Where it is positive, both signs are reversed or not. Dampers resist rebound more than jounce: where rebound is the
     weaker one too, the signs are reversed. Else it is an offset, a preload or a load cell's zero, unless it is larger
     than those are beside a powered damper's force; without current friction is all there is to compare. Both must be
     clear beyond what the tests differ by.
     """
-    measured = _middle_N(tests)
+    tests, measured = fitted.tests, _middle_N(fitted.tests)
     if measured is None:
-        return []
+        return None
     offset_N, growth_N, offset_doubt_N, growth_doubt_N = measured
     peaks_N = [test.peak_force_N for test in tests]
     peak_N, top_N = float(np.median(peaks_N)), max(peaks_N)
     least_N = ZERO_ERRORS * max(test.force_zero_std_N for test in tests)
     clear = CLEAR_OF_PEAK if growth_N > 0.0 else OFFSET_OF_PEAK
     if offset_N <= max(clear * peak_N, least_N):
-        return []
+        return None
     levels = levels_of(tests)
     powered = len(levels) > 1 or levels.zero is None
     weaker = growth_N < -max(WEAKER_REBOUND * peak_N, growth_doubt_N)
-    slug = SIGNS if weaker or (powered and offset_N - offset_doubt_N > LARGEST_ZERO * top_N) else OFFSET
-    return [Cause(slug, say(slug, offset_N=offset_N), 0.0, say(f"next-{slug}"))]
+    reversed_ = weaker or (powered and offset_N - offset_doubt_N > LARGEST_ZERO * top_N)
+    return (SIGNS if reversed_ else OFFSET), offset_N
+
+
+def reversed_signs(fitted: Fitted, all_tests: Sequence[Measurement]) -> Iterator[Cause]:
+    """The force's middle is where gas does not put it, and rebound the weaker direction, or the middle far off."""
+    del all_tests
+    found = _middle(fitted)
+    if found is not None and found[0] is SIGNS:
+        yield SIGNS.cause(0.0, offset_N=found[1])
+
+
+def offset(fitted: Fitted, all_tests: Sequence[Measurement]) -> Iterator[Cause]:
+    """The force's middle is where gas does not put it, and nothing else speaks for reversed signs."""
+    del all_tests
+    found = _middle(fitted)
+    if found is not None and found[0] is OFFSET:
+        yield OFFSET.cause(0.0, offset_N=found[1])
 
 
 def _middle_N(tests: Sequence[Measurement]) -> tuple[float, float, float, float] | None:
@@ -177,13 +250,21 @@ def _middle_N(tests: Sequence[Measurement]) -> tuple[float, float, float, float]
     return offset_N, growth_N, doubt_N * float(np.sqrt(told[0, 0])), growth_doubt_N
 
 
-def law_from_two_currents(
-    model: DamperModel, values: Mapping[str, float], tests: Sequence[Measurement]
-) -> list[Cause]:
+def saturated(fitted: Fitted, all_tests: Sequence[Measurement]) -> Iterator[Cause]:
+    """What the preparation took out already, of any test."""
+    del fitted
+    ids = [test.id for test in all_tests if any(warning.slug == "saturated-force" for warning in test.warnings)]
+    if ids:
+        yield SATURATED.cause(1.0, tests=some(ids))
+
+
+def law_from_two_currents(fitted: Fitted, all_tests: Sequence[Measurement]) -> Iterator[Cause]:
     """A law drawn through two currents that leaves much of the force at zero current, where nothing was measured."""
+    del all_tests
+    model, values, tests = fitted.model, fitted.values, fitted.tests
     levels = levels_of(tests)
     if len(levels) != CURRENTS_OF_A_LINE or levels.values_A[0] < LOWEST_OF_TOP * levels.values_A[1]:
-        return []
+        return
     low_A, top_A = levels.values_A
     top_speed = max(float(np.max(np.abs(test.v_m_s))) for test in tests)
     complete = {**values, "eta": 1.0} if "eta" in model.names else dict(values)
@@ -193,7 +274,47 @@ def law_from_two_currents(
         for at_A in (0.0, top_A)
     ]
     zero_N, top_N = (float(2.0 * halves[k + 2] - halves[k]) for k in (0, 1))
-    if top_N <= 0.0 or zero_N < AT_ZERO * top_N:
-        return []
-    numbers = {"low_A": low_A, "top_A": top_A, "zero_N": zero_N, "percent": 100.0 * zero_N / top_N}
-    return [Cause("current-law", say("current-law-two", **numbers), 0.0, say("next-current-law-two", **numbers))]
+    if top_N > 0.0 and zero_N >= AT_ZERO * top_N:
+        yield LAW_OF_TWO.cause(0.0, low_A=low_A, top_A=top_A, zero_N=zero_N, percent=100.0 * zero_N / top_N)
+
+
+SIGNS = FromTests(
+    "signs-reversed", seen=True, find=reversed_signs,
+    text=(
+        "the mean force at low speed is {offset_N:+.3g} N, towards extension, but gas force pushes the rod out: force "
+        "and displacement probably both have the wrong sign, unless the zero of the load cell is wrong by that amount"
+    ),
+    next=(
+        "check the signs with a slow manual extension, in which displacement must increase and force must be positive; "
+        "if both signs are reversed, multiply both signals by -1; if neither is, check the zero of the load cell"
+    ),
+)  # fmt: skip
+SATURATED = FromTests(
+    CLIPPING.slug, find=saturated,
+    text="the force is clipped in {tests}; these samples are excluded from the fit",
+    next=CLIPPING.next,
+)  # fmt: skip
+LAW_OF_TWO = FromTests(
+    CURRENT_LAW.slug, find=law_from_two_currents, last=True,
+    text=(
+        "the current law is determined only by the tests at {low_A:.3g} and {top_A:.3g} A and predicts {zero_N:.3g} N "
+        "at 0 A, {percent:.0f} % of the yield force at {top_A:.3g} A, but 0 A was not measured: the force probably "
+        "saturates"
+    ),
+    next="run tests at 0 A and at an intermediate current",
+)  # fmt: skip
+OFFSET = FromTests(
+    "force-offset", seen=True, find=offset, last=True,
+    text=(
+        "the mean force at low speed is {offset_N:+.3g} N, towards extension: a preload, or a wrong zero of the load "
+        "cell; the model's offset includes it. A gas damper with both signs reversed gives the same result if it does "
+        "not resist rebound more than compression"
+    ),
+    next=(
+        "read the load cell with the rod free, and check the signs with a slow manual extension, in which displacement "
+        "must increase and force must be positive"
+    ),
+)  # fmt: skip
+
+FROM_TESTS = (SIGNS, SATURATED, LAW_OF_TWO, OFFSET)
+"""In the order in which they are listed, the `last` ones behind the causes of a misfit."""

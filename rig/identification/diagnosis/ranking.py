@@ -18,14 +18,17 @@ from rig.fits.entries import Cause
 from rig.identification.diagnosis import distortions as of
 from rig.identification.diagnosis.descent import Damper, explain, first_step, residual_N
 from rig.identification.diagnosis.force_channel import outliers
-from rig.identification.diagnosis.outlier_tests import OutlierTest, outlier_tests
-from rig.identification.diagnosis.plausibility import OFFSET, SIGNS, corrected, law_from_two_currents, middle, units
+from rig.identification.diagnosis.outlier_tests import ODD_TEST, OutlierTest, outlier_tests
+from rig.identification.diagnosis.plausibility import FROM_TESTS, UNITS, VELOCITY, corrected, units
+from rig.identification.diagnosis.statement import Fitted, Statement
 from rig.identification.diagnosis.stretches import Stretch, stretches
 from rig.identification.diagnosis.trials import (
+    FROM_FITS,
     MIXED,
+    SKEW,
     SMALLEST_DRIFT,
     WORTH_PARTING,
-    Fitted,
+    Start,
     Trial,
     left_N,
     near_reversals,
@@ -33,8 +36,6 @@ from rig.identification.diagnosis.trials import (
     trends,
     trials,
 )
-from rig.identification.models.measurement import Measurement
-from rig.identification.words import say, some
 from rig.signals.plausibility import Doubt
 
 AN_AMOUNT = 0.02  # of the logarithm of what is left, that each amount of a cause must be worth
@@ -44,8 +45,33 @@ SMALLEST_SKEW_S, SKEW_ERRORS = 2e-4, 3.0  # a delay that is worth a word: so lon
 BEYOND_DOUBT = 10.0  # standard errors of white noise; noise of a filtered channel has a few times those
 CORRECTED = 0.25  # of the squares that are missed, below which a unit is likelier than the one that was given
 SLOW = 0.1  # of the greatest speed
-UNEXPLAINED = "unexplained"
 OUTLIER_AMOUNTS = 2  # of a test that does not fit the others: which one, and by how much
+
+OUTLIERS = Statement(
+    "outliers",
+    text=(
+        "outliers in the measured force ({count} sample(s), {percent:.2g} %) explain {percent_explained:.0f} % of the "
+        "misfit"
+    ),
+    next="fit with --loss huber; check the force channel for interference or lost bits",
+)  # fmt: skip
+UNEXPLAINED = Statement(
+    "unexplained",
+    text=(
+        "none of the causes searched explains {least:.0f} % of the misfit; {near:.0f} % of it is within 1 mm after a "
+        "reversal, {slow:.0f} % below a tenth of the largest speed, {of_worst:.0f} % in {worst}, one of {count} tests"
+    ),
+    next=(
+        "{untried}repeat {worst}, the first test, and the tests with the currents in another order: a model cannot "
+        "describe differences between repeats"
+    ),
+)  # fmt: skip
+STATEMENTS: tuple[Statement, ...] = (
+    *UNITS.values(), VELOCITY, ODD_TEST, *FROM_TESTS, OUTLIERS, *FROM_FITS, UNEXPLAINED,
+)  # fmt: skip
+"""All that a diagnosis can say."""
+SEEN = frozenset(statement.slug for statement in STATEMENTS if statement.seen)
+"""Slugs of what is visible in the tests themselves: the report shows no share of the misfit."""
 
 
 def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
@@ -62,16 +88,17 @@ def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
     wrong = units(fitted.tests, partial(_likelier_corrected, fitted))
     if wrong:
         return tuple(wrong)
-    saturated = _saturated(fitted.tests)
-    outliers: list[Cause] = []
+    outliers, rest = list[Cause](), fitted
     if misfit:
-        outliers, explained, fitted = _without_outliers(fitted)
+        outliers, explained, rest = _without_outliers(fitted)
     else:
         explained = _hidden(fitted)
-    wrong = middle(fitted.tests)
-    causes = [*outliers, *(cause for cause in wrong if cause.slug == SIGNS), *saturated, *explained]
-    causes += law_from_two_currents(fitted.model, fitted.values, fitted.tests)
-    return (*causes, *(cause for cause in wrong if cause.slug == OFFSET))
+    asked = [statement for statement in FROM_TESTS if misfit or not statement.of_misfit]
+    first, last = (
+        [cause for statement in asked if statement.last is late for cause in statement.find(rest, fitted.tests)]
+        for late in (False, True)
+    )
+    return (*outliers, *first, *explained, *last)
 
 
 def _likelier_corrected(fitted: Fitted, doubt: Doubt, ids: Sequence[str]) -> bool:
@@ -93,12 +120,6 @@ def _likelier_corrected(fitted: Fitted, doubt: Doubt, ids: Sequence[str]) -> boo
     return float(np.median(changed)) < CORRECTED * float(np.median(as_they_are))
 
 
-def _saturated(tests: Sequence[Measurement]) -> list[Cause]:
-    """What the preparation took out already."""
-    ids = [test.id for test in tests if any(warning.slug == "saturated-force" for warning in test.warnings)]
-    return [Cause("clipping", say("clipping-left-out", tests=some(ids)), 1.0, say("next-clipping"))] if ids else []
-
-
 def _hidden(fitted: Fitted) -> list[Cause]:
     """A delay or a drift that the tests show beyond doubt though what it leaves is within their scatter.
 
@@ -110,26 +131,21 @@ def _hidden(fitted: Fitted) -> list[Cause]:
     left = sum(float(np.sum((part.weights * left_N(fitted, part)) ** 2)) for part in parts)
     count = sum(int(np.count_nonzero(part.weights)) for part in parts)
     least_s = max(SMALLEST_SKEW_S, SKEW_ERRORS * max(test.skew_std_s for test in tests))
-    looked_for: list[tuple[str, of.Distortion, float]] = [("skew", of.Skew(), least_s)]
-    looked_for += [(slug, of.Trend(trend), SMALLEST_DRIFT) for slug, trend in trends(tests)]
+    looked_for: list[tuple[Statement, of.Distortion, float]] = [(SKEW, of.Skew(), least_s)]
+    looked_for += [(statement, of.Trend(trend), SMALLEST_DRIFT) for statement, trend in trends(tests)]
     trials = []
-    for slug, distortion, least in looked_for:
+    for statement, distortion, least in looked_for:
         step = first_step(damper, parts, distortion)
         if floor > 0.0 and abs(step.amounts[0]) >= least and step.gain * count >= BEYOND_DOUBT**2 * max(floor, left):
             reached = explain(damper, parts, distortion)
-            trials.append(Trial(slug, reached.squares, len(distortion.start), numbers_of(slug, reached)))
+            trials.append(Trial(statement, reached.squares, len(distortion.start), numbers_of(statement, reached)))
     if not trials:
         return []
     base = explain(damper, parts, of.Distortion())
     best = min(trials, key=lambda trial: _score(trial.squares, trial.amounts, floor))
     gain = base.squares - best.squares
     share = min(1.0, gain / max(base.squares - floor, gain)) if gain > 0.0 else 0.0
-    return [_cause(best, share)] if share >= WORTH_NAMING else []
-
-
-def _cause(trial: Trial, share: float) -> Cause:
-    text = say(trial.sentence or trial.slug, **trial.numbers, percent_explained=100.0 * share)
-    return Cause(trial.slug, text, share, say(f"next-{trial.slug}", **trial.numbers))
+    return [best.cause(share)] if share >= WORTH_NAMING else []
 
 
 @dataclass(frozen=True)
@@ -172,11 +188,10 @@ def _without_outliers(fitted: Fitted) -> tuple[list[Cause], list[Cause], Fitted]
 
 
 def _outlier(test: OutlierTest, name: str, share: float) -> Cause:
-    corrections = say("odd-test-apart")
+    corrections = ODD_TEST.say("apart")
     if test.corrections:
-        corrections = say("odd-test-corrected", corrections=" or ".join(test.corrections))
-    numbers = {"test": name, "percent_missed": 100.0 * test.error, "corrections": corrections}
-    return _cause(Trial("odd-test", 0.0, 1, numbers), share)
+        corrections = ODD_TEST.say("corrected", corrections=" or ".join(test.corrections))
+    return ODD_TEST.cause(share, test=name, percent_missed=100.0 * test.error, corrections=corrections)
 
 
 def _of_misfit(fitted: Fitted, of_all: float | None = None) -> _Misfit:
@@ -195,16 +210,16 @@ def _of_misfit(fitted: Fitted, of_all: float | None = None) -> _Misfit:
         return _Misfit(0.0, [], whole.squares, 0)
     far = whole.squares - base.squares  # of samples that lie alone, which only their own cause explains
     damper = Damper(model, base.values, fitted.names)
-    tried = [replace(trial, squares=trial.squares + far) for trial in trials(fitted, parts, damper, base)]
+    tried = [replace(trial, squares=trial.squares + far) for trial in trials(Start(fitted, parts, damper, base))]
     if count:
         percent = 100.0 * count / sum(test.u_m.size for test in tests)
-        tried.append(Trial("outliers", base.squares, 1, {"count": count, "percent": percent}))
+        tried.append(Trial(OUTLIERS, base.squares, 1, {"count": count, "percent": percent}))
     tried.sort(key=lambda trial: _score(trial.squares, trial.amounts, floor))
     causes: list[Cause] = []
     for trial in tried:
         share = min(1.0, max(0.0, (whole.squares - trial.squares) / (excess if of_all is None else of_all)))
-        if share >= _least_share(trial) and trial.slug not in {cause.slug for cause in causes}:
-            causes.append(_cause(trial, share))
+        if share >= _least_share(trial) and trial.statement.slug not in {cause.slug for cause in causes}:
+            causes.append(trial.cause(share))
     if not causes and excess > floor:
         causes = [_unexplained(fitted, everything)]
     return _Misfit(excess, causes, tried[0].squares, tried[0].amounts)
@@ -222,8 +237,7 @@ def _unexplained(fitted: Fitted, parts: Sequence[Stretch]) -> Cause:
     numbers: dict[str, object] = {"near": near_reversals(fitted, parts), "slow": 100.0 * slow / whole}
     numbers |= {"of_worst": 100.0 * float(by_test[worst]) / whole}
     numbers |= {"worst": fitted.tests[worst].id, "count": by_test.size, "least": 100.0 * WORTH_NAMING}
-    numbers |= {"untried": fitted.untried}
-    return Cause(UNEXPLAINED, say(UNEXPLAINED, **numbers), 0.0, say(f"next-{UNEXPLAINED}", **numbers))
+    return UNEXPLAINED.cause(0.0, "", **numbers, untried=fitted.untried)
 
 
 def _least_share(trial: Trial) -> float:
@@ -231,7 +245,7 @@ def _least_share(trial: Trial) -> float:
     share = max(WORTH_NAMING, 1.0 - math.exp(-AN_AMOUNT * trial.amounts))
     if trial.at_limit:
         return max(WORTH_PARTING, share)
-    return min(WORTH_PARTING, share) if trial.slug == MIXED else share
+    return min(WORTH_PARTING, share) if trial.statement is MIXED else share
 
 
 def _score(squares: float, amounts: int, floor: float) -> float:

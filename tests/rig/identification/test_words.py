@@ -10,6 +10,7 @@ import pytest
 
 from rig.dampers import parameter_set
 from rig.identification import Measurement, identify, words
+from rig.identification.diagnosis.statement import Statement
 from rig.identification.words import Saying, say, some
 
 Make = Callable[..., list[Measurement]]
@@ -35,6 +36,8 @@ def test_with_every_sentence_scrambled_a_fit_is_the_same(make_synthetic: Make, m
     assert {plain["reasons"]["eta"], plain["reasons"]["Fyb"]} == {"no-current-step", "held"}
     for slug, sentence in words.SENTENCES.items():
         monkeypatch.setitem(words.SENTENCES, slug, sentence[::-1].replace("{", "(").replace("}", ")"))
+    straight = Statement.say
+    monkeypatch.setattr(Statement, "say", lambda self, part="", **numbers: straight(self, part, **numbers)[::-1])
     scrambled = outcome(tests)
     assert scrambled.pop("values") == pytest.approx(plain.pop("values"), rel=1e-9)
     assert scrambled == plain
