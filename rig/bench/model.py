@@ -110,6 +110,9 @@ class Bench(Section):
     def digest(self) -> str:
         """SHA-256 (hex) of physics, limits, calibration and identities; addresses and time limits do not count.
 
+        A new key counts unless it is in the list below or in `not_physics` of its table: runs with different digests
+        are not taken for runs on the same rig, so leave out only what no measured value and no limit depends on.
+
         A device's description in a file of its own counts by its content, not by its path.
         """
         text = self.model_dump_json(

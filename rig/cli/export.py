@@ -11,8 +11,21 @@ from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE
 
 
+class ExportCommand(Command):
+    """`rig export`; its help lists the formats of the exporters, which only this help loads."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The options, and the formats."""
+        from rig.export.exporter import OWN
+
+        super().format_options(ctx, formatter)
+        for takes in ("run", "fit"):
+            with formatter.section(f"Formats of a {takes}"):
+                formatter.write_dl([(one.name, one.line) for one in OWN if one.takes == takes])
+
+
 @click.command(
-    name="export", cls=Command,
+    name="export", cls=ExportCommand,
     examples=(
         "rig export logs/20260102T030405Z-MR-001-ab12cd --to csv --out tables",
         "rig export logs/20260102T030405Z-MR-001-ab12cd/fit.json --to json --out values",
@@ -22,8 +35,7 @@ from rig.errors import EXIT_DONE
 @click.argument("source", type=RunPath())
 @click.option(
     "--to", "name", required=True, metavar="NAME",
-    help="Format: csv, parquet, mat, mf4, netcdf, svg, png (of a run); json, c, fmi, modelica, octave, python, table, "
-         "inverse (of a fit); or a format provided by a plug-in.",
+    help="Format: one of those listed below, or one of a plug-in.",
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), required=True,

@@ -196,6 +196,9 @@ def _problems(detail: ErrorDetails, model: Table, data: object) -> list[Problem]
 def _unknown_key(model: Table, section: Table, key: str) -> str:
     """Where an unknown key belongs, else which key was meant, else which there are."""
     homes = [f"[{name}]" for name, table in _tables(model) if table is not section and key in keys_of(table)]
+    for name, field in fields_of(model).items() if section is not model else ():
+        if key_of(model, name) == key and section_in(field.annotation) is None:
+            homes.append("the top of the file, before the first table")
     if homes:
         return f"this key is not allowed here. Fix: move it to {' or '.join(homes)}"
     known = keys_of(section)

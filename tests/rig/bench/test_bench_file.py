@@ -93,6 +93,8 @@ def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
         ('["-85 mm", "85 mm"]', '["85 mm", "-85 mm"]', "the first must be below the second"),
         ('["-85 mm", "85 mm"]', '["-85 mm"]', "limits.position"),
         ('["-85 mm", "85 mm"]', '"85 mm"', "must be a list in [ ]"),
+        ('speed = "0.8 m/s"', 'speed = "0.8 m/s"\nrequire_valid_calibration = true',
+            "top of the file, before the first table"),
         ("poll =", "pol =", 'actuator.pol = "10 ms": unknown key; did you mean poll?'),
         ("register_map = \"demo\"", "register_map = \"delta\"", "actuator.register_map"),
         ("modbus-tcp://192.168.0.10:502", "192.168.0.10", "actuator.url"),
