@@ -176,7 +176,7 @@ WRONG = [
     (("{write = {command = 3}}", '{recipe = "a"}\n[recipes]\na = {recipe = "b"}\nb = {recipe = "a"}'), "a -> b -> a"),
     (("{write = {command = 3}}", "{write = {command = 70000}}"), "70000 does not fit"),
     (("halt = {write = {command = 3}}", "halt = [{pause = \"9 s\"}, {write = {command = 3}}]"), "a stop must start"),
-    (("hydraulics-off = {write = {pump = 0}}", "hydraulics-off = {write = {pump = 1}}"), "hydraulics-off: .*hydraulics-on"),
+    (("hydraulics-off = {write = {pump = 0}}", "hydraulics-off = {write = {pump = 1}}"), "off: .*hydraulics-on"),
     (("[faults]", "[watchdog]\nkind = \"counter\"\n[faults]"), "requires write"),
     (("[faults]", "[watchdog]\nkind = \"dog\"\n[faults]"), "must be 'counter'"),
     (("[faults]", "[setpoint]\nwrite = {target = \"$position\"}\n[faults]"), "a device with a function generator"),
