@@ -154,6 +154,11 @@ def key_suffixes(dimension: str) -> dict[str, str]:
     return {name.translate(short): name for name in own}
 
 
+def si_suffix(dimension: str) -> str:
+    """Ending of a key that holds a value of this dimension in SI, such as "N" or "m_s"."""
+    return next((end for end, unit in key_suffixes(dimension).items() if unit == DIMENSIONS[dimension].si), "1")
+
+
 def pattern(dimension: str) -> str:
     """Regular expression (JSON schema dialect) that a quantity of this dimension matches."""
     names = "|".join(re.escape(name).replace(r"\-", "-") for name in units_of(dimension))

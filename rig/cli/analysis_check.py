@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from rig.test_point import TestPoint
 
 SEVERAL = ("all", "few")
-NO_LAW, SEPARABLE = "none", "separable"
+SEPARABLE = "separable"
+TEMPERATURE, SPRING = "temperature_law", "series_spring"
 AFFINE = "affine"
 THREE_STEPS = "zhu_three_step"
 MODEL_OF_THREE_STEPS = "normalized_bouc_wen"
@@ -117,17 +118,24 @@ def _combination(wanted: Identify) -> list[str]:
             f'"{MODEL_OF_THREE_STEPS}"'
         )
     bent = wanted.current_law != AFFINE or "+" in wanted.model
-    if wanted.current != AFFINE and (wanted.model in SEVERAL or wanted.series_spring or bent):
+    corrections = wanted.corrections
+    several = [f'model = "{wanted.model}"'] if wanted.model in SEVERAL else []
+    conflicts = [*several, *corrections, *(["a current law"] if bent else [])]
+    if wanted.current != AFFINE and conflicts:
         problems.append(
-            f'current = "{wanted.current}": requires a single model, without series_spring and without a current law'
+            f'current = "{wanted.current}": cannot be combined with {", ".join(conflicts)}. Fix: omit one of them; it '
+            "requires a single model"
         )
-    if wanted.temperature_law != NO_LAW and (
-        wanted.model in SEVERAL or wanted.current != AFFINE or wanted.series_spring or wanted.method != SEPARABLE
-    ):
+    conflicts = [
+        *several, *([f'current = "{wanted.current}"'] if wanted.current != AFFINE else []),
+        *(name for name in corrections if name != TEMPERATURE),
+        *([f'method = "{wanted.method}"'] if wanted.method != SEPARABLE else []),
+    ]  # fmt: skip
+    if TEMPERATURE in corrections and conflicts:
         problems.append(
-            f'temperature_law = "{wanted.temperature_law}": requires a single named model, method = "{SEPARABLE}", '
-            "without a fit for each current and without series_spring"
+            f'{TEMPERATURE} = "{corrections[TEMPERATURE]}": cannot be combined with {", ".join(conflicts)}. Fix: omit one '
+            f'of them; it requires a single named model and method = "{SEPARABLE}"'
         )
-    if wanted.series_spring and wanted.model in SEVERAL:
+    if SPRING in corrections and wanted.model in SEVERAL:
         problems.append('series_spring: requires a single model. Fix: name it, such as model = "asymmetric"')
     return problems

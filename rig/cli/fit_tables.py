@@ -12,7 +12,7 @@ from rig.fits.entries import ErrorSummary, Estimate
 from rig.fits.fit_file import INTERVAL
 from rig.fits.fit_record import FitRecord
 from rig.matrix.methods import FEW_MODELS
-from rig.report.fit import cross_validation, extrapolated_words, outside, selection
+from rig.report.fit import corrections, cross_validation, extrapolated_words, outside, selection
 
 INADEQUATE = (
     "Model error exceeds the repeatability of the tests: the values are a best fit; the intervals do not include "
@@ -43,7 +43,7 @@ def fit_tables(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Bloc
     equation: Blocks = [Paragraph(fit.equation)] if fit.form else []
     parameters = table(head, rows, title=f"Fit: {fit.model} by {fit.method}")
     return [
-        *selection(fit), parameters, *equation, *_held_out(fit), *cross_validation(fit), *_remarks(fit), *_to_try(fit),
+        *selection(fit), parameters, *equation, *corrections(fit), *_held_out(fit), *cross_validation(fit), *_remarks(fit), *_to_try(fit),
     ]  # fmt: skip
 
 

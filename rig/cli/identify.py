@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rig.cli.options import Command, MethodName, RunPath, json_option, scheduler_option
+from rig.cli.options import Command, MethodName, QuantityOption, RunPath, json_option, scheduler_option
 from rig.cli.output import console, show, write_json
 from rig.errors import EXIT_DONE
-from rig.identification.corrections import CORRECTIONS
+from rig.matrix.corrections import CORRECTIONS
 from rig.matrix.methods import DEPENDENCES, LAWS, METHODS
 
 if TYPE_CHECKING:
@@ -23,13 +23,17 @@ if TYPE_CHECKING:
 SELDOM = 200_000  # new objects between two looks for circles of them: a twentieth of the time otherwise, for nothing
 SETTINGS = ("weight", "loss", "budget", "population", "seed", "bounds")
 """Options that are the method's; what `command` does not name otherwise is one of `FitOptions` as it is."""
+FLAGS = ", ".join(one.flag for one in CORRECTIONS if one.requestable)
 
 
 def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
     """An option of the command for each correction that can be requested."""
-    for one in reversed([one for one in CORRECTIONS if one.choices]):
-        flag = f"--{one.name.replace('_', '-')}"
-        if one.choices == (False, True):
+    for one in reversed([one for one in CORRECTIONS if one.requestable]):
+        flag = one.flag
+        if one.quantity is not None:
+            about = f"{one.about}  [{one.quantity.allowed}]" if one.quantity.allowed else one.about
+            function = click.option(flag, type=QuantityOption(one.quantity), help=about)(function)
+        elif one.switch:
             function = click.option(flag, is_flag=True, help=one.about)(function)
         else:
             choice = click.Choice([str(name) for name in one.choices])
@@ -56,8 +60,8 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 @click.option(
     "--model",
     help="Damper model; `few` compares five models, `all` compares all models.  [default: few; asymmetric if an option "
-         "that applies to a single model is given: a search method, --current, --series-spring, --temperature-law, "
-         "--profile-of, --hysteresis printed]",
+         f"that applies to a single model is given: a search method, --current, {FLAGS}, --profile-of, "
+         "--hysteresis printed]",
 )
 @click.option(
     "--method", type=MethodName(), metavar="NAME", default="separable", show_default=True,

@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rig.matrix.methods import METHODS, check_method, method_names
+
+if TYPE_CHECKING:
+    from rig.files.quantity import Quantity
 
 WORD = re.compile(r"(?:--?[\w-]+ (?!-))?(?:[^\s']|'[^']*')+")
 """Of a command; an option and its value are one."""
@@ -21,20 +24,21 @@ FROM_END = re.compile(r"-[1-9]\d{0,5}")
 
 
 class QuantityOption(click.ParamType[float]):
-    """A quantity with its unit on the command line, such as 0.5 A."""
+    """A quantity with its unit on the command line, such as 0.5 A: of a dimension, or also with a range."""
 
     name = "quantity"
 
-    def __init__(self, dimension: str) -> None:
-        self.dimension = dimension
+    def __init__(self, wanted: str | Quantity) -> None:
+        self.wanted = wanted
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Text to SI; what does not fit is a usage error."""
-        from rig.units import UnitProblem, parse
+        from rig.files.quantity import Quantity
 
+        wanted = Quantity(self.wanted) if isinstance(self.wanted, str) else self.wanted
         try:
-            return parse(value, self.dimension)
-        except UnitProblem as problem:
+            return wanted.convert(value)
+        except ValueError as problem:
             self.fail(str(problem), param, ctx)
 
 

@@ -5,14 +5,17 @@ these definitions. `kernel` and `loop_curve` need numba and are imported only by
 """
 
 from rig.dampers.catalogue import MODELS, PARAMETER_SETS, UnknownName, model, parameter_set
-from rig.dampers.model import DamperModel
+from rig.dampers.model import AlgebraicModel, DamperModel, HystereticModel, ModelProblem
 from rig.dampers.parameter import Hysteresis, Parameter, ParameterSet
 
 __all__ = [
     "MODELS",
     "PARAMETER_SETS",
+    "AlgebraicModel",
     "DamperModel",
     "Hysteresis",
+    "HystereticModel",
+    "ModelProblem",
     "Parameter",
     "ParameterSet",
     "UnknownName",

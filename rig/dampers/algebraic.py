@@ -1,4 +1,4 @@
-"""Models without internal states, and the three tanh models among them: asymmetric, symmetric, kwok.
+"""Models whose linear fit has columns in closed form, and the three tanh models: asymmetric, symmetric, kwok.
 
 Given the shape parameters of the yield term, each force is linear in the rest. Its regressors are the one definition:
 the identifier solves for their coefficients, `force` sums them; the kernel is the same for one instant.
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rig.dampers.arrays import FloatArray
-from rig.dampers.model import DamperModel, Jump
+from rig.dampers.model import AlgebraicModel, Jump
 from rig.dampers.parameter import LAG, Hysteresis, Parameter, linear_parameter, shape_parameter
 from rig.dampers.separation import OwnNames
 
@@ -68,9 +68,18 @@ STIFFNESS = (
 )
 
 
-class AlgebraicModel(DamperModel):
-    """A model whose force follows from the motion and the current of the same instant.
+def needs_kernel_only(name: str) -> str:
+    """The message for the author of a `ColumnModel` with shape parameters of its own."""
+    return (
+        f"{name}: got a ColumnModel with shape parameters, expected none, or those of TanhModel. Fix: derive it from "
+        "rig.dampers.AlgebraicModel, which needs only parameters and kernel"
+    )
 
+
+class ColumnModel(AlgebraicModel):
+    """An algebraic model that also supplies the columns of its linear fit as arrays: faster than by its kernel.
+
+    It has no shape parameters, or those of `TanhModel`; a model with others is an `AlgebraicModel`.
     F = fixed_columns @ fixed values + (gain + gain_b I) * y, where only the yield shape y has shape parameters.
 
     Attributes:
@@ -81,12 +90,16 @@ class AlgebraicModel(DamperModel):
         steepness_s_m: beta of that form for a model that has none.
     """
 
-    states: ClassVar[int] = 0
     fixed_names: ClassVar[tuple[str, ...]]
     yield_names: ClassVar[tuple[str, str]]
     shape_names: tuple[str, ...]
     general: ClassVar[Mapping[str, tuple[str, ...]]]
     steepness_s_m: ClassVar[float] = 0.0
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if cls.__dict__.get("shape_names"):
+            raise TypeError(needs_kernel_only(cls.__name__))
 
     @abstractmethod
     def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
@@ -135,10 +148,6 @@ class AlgebraicModel(DamperModel):
         force: FloatArray = self.fixed_columns(u_m, v_m_s, a_m_s2, current_A) @ fixed + yielding
         return force
 
-    def _sliding_force(self, parameters: Mapping[str, float], v_m_s: float, current_A: float) -> float:
-        sides = np.array([-1e-12, 1e-12])
-        return float(np.mean(self.force(parameters, sides, np.full(2, v_m_s), np.zeros(2), current_A, 1e-3)))
-
     def separation(self, scale: MotionScale) -> Separation:
         """See `DamperModel.separation`."""
         del scale
@@ -149,7 +158,7 @@ GENERAL = ("m", "F0", "beta", "delta", "Fya", "Fyb", "Ca_plus", "Ca_minus", "Cb_
 """F = m a + F0 + (Fya + Fyb I) tanh(beta v + delta sgn u) + (Ca + Cb I) v + (Ka + Kb I) u, plus for v > 0."""
 
 
-def general_coefficients(model: AlgebraicModel, names: Sequence[str], candidates: FloatArray) -> FloatArray:
+def general_coefficients(model: ColumnModel, names: Sequence[str], candidates: FloatArray) -> FloatArray:
     """Candidates (N, p) of the parameters `names` in the coefficients `GENERAL`, shape (N, 12)."""
     general = np.zeros((candidates.shape[0], len(GENERAL)))
     general[:, 2] = model.steepness_s_m
@@ -168,7 +177,7 @@ class AlgebraicSeparation(OwnNames):
     powers: tuple[int, ...] = (2,)
     starts: Sequence[FloatArray] = ()
 
-    def __init__(self, model: AlgebraicModel) -> None:
+    def __init__(self, model: ColumnModel) -> None:
         self.model = model
         self.fixed_names: tuple[str, ...] = model.fixed_names
         self.yield_names: tuple[str, ...] = model.yield_names
@@ -196,7 +205,7 @@ class AlgebraicSeparation(OwnNames):
         return np.array([values[name] for name in self.shape_names])
 
 
-class TanhModel(AlgebraicModel):
+class TanhModel(ColumnModel):
     """Common part of the tanh models: the argument of the yield shape, in either published form.
 
     kwok:    tanh(beta v + delta sgn(u))        (Kwok et al. 2006)
@@ -210,7 +219,7 @@ class TanhModel(AlgebraicModel):
         self.shape_names = ("beta", "delta" if hysteresis == "kwok" else "lambda")
 
     def yield_shape(self, shape: Mapping[str, float], u: FloatArray, v: FloatArray) -> FloatArray:
-        """See `AlgebraicModel.yield_shape`.
+        """See `ColumnModel.yield_shape`.
 
         Raises:
             KeyError: a shape parameter is missing.
@@ -221,7 +230,7 @@ class TanhModel(AlgebraicModel):
         return yielding
 
     def argument_slopes(self, shape: Mapping[str, float], u: FloatArray, v: FloatArray) -> tuple[FloatArray, ...]:
-        """See `AlgebraicModel.argument_slopes`.
+        """See `ColumnModel.argument_slopes`.
 
         Raises:
             KeyError: a shape parameter is missing.
@@ -264,7 +273,7 @@ class AsymmetricModel(TanhModel):
         self.parameters = (MASS, PRELOAD, SLOPE, loop, *YIELD, *VISCOUS_ASYMMETRIC, *STIFFNESS, LAG)
 
     def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
-        """See `AlgebraicModel.fixed_columns`."""
+        """See `ColumnModel.fixed_columns`."""
         rebound, jounce = np.maximum(v, 0.0), np.minimum(v, 0.0)
         one = np.ones_like(u)
         return np.array((a, one, rebound, jounce, rebound * current, jounce * current, u, u * current)).T
@@ -314,7 +323,7 @@ class SymmetricModel(TanhModel):
         self.parameters = (MASS, PRELOAD, SLOPE, loop, *YIELD, *VISCOUS_SYMMETRIC, *STIFFNESS, LAG)
 
     def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
-        """See `AlgebraicModel.fixed_columns`."""
+        """See `ColumnModel.fixed_columns`."""
         return np.array((a, np.ones_like(u), v, v * current, u, u * current)).T
 
     def kernel(self) -> Kernel:
@@ -367,7 +376,7 @@ class KwokModel(TanhModel):
         )
 
     def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
-        """See `AlgebraicModel.fixed_columns`."""
+        """See `ColumnModel.fixed_columns`."""
         del a
         return np.array((v, v * current, u, u * current, np.ones_like(u))).T
 

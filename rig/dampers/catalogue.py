@@ -23,6 +23,7 @@ from rig.dampers.modified_bouc_wen import ModifiedBoucWenModel
 from rig.dampers.parameter import Hysteresis, ParameterSet
 from rig.dampers.plastic import BinghamModel, ViscoelasticPlasticModel
 from rig.dampers.published import PARAMETER_SETS as PUBLISHED
+from rig.dampers.separation import MotionScale
 from rig.dampers.sprung_bouc_wen import SprungBoucWenModel
 from rig.dampers.thixotropic_bouc_wen import ThixotropicBoucWenModel
 from rig.errors import RigError
@@ -55,11 +56,16 @@ CATALOGUE: tuple[DamperModel, ...] = (
 """Every model in every form; a place here is the model's `kind`, which files of simulated runs hold: append."""
 
 
+ORDINARY = MotionScale(0.02, 0.5, 1.0, 0.0, 2.0, 1e-3)
+"""Motion with which a plug-in's separation is checked when it is loaded."""
+
+
 def model_of_plug_in(name: str, brought: object) -> DamperModel:
     """A plug-in's model: an object or a class of `DamperModel`, called as its entry point is.
 
     Raises:
         ValueError: it is something else.
+        ModelProblem: its definition is inconsistent.
     """
     made = brought() if isinstance(brought, type) else brought
     if not isinstance(made, DamperModel):
@@ -67,6 +73,7 @@ def model_of_plug_in(name: str, brought: object) -> DamperModel:
     if made.name != name:
         raise ValueError(f"got a model named {made.name!r}, expected the name of its entry point")
     made.vector(made.demonstration)
+    made.separation(ORDINARY)
     return made
 
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.parameter import Hysteresis, Parameter, Term
+from rig.errors import RigError
 
 if TYPE_CHECKING:  # it loads numba
     from rig.dampers.kernel import Compiled, Kernel
@@ -192,8 +193,12 @@ class DamperModel(ABC):
         return float(self.force(parameters, u, v, np.zeros(steps + 1), current_A, dt_s)[-1])
 
 
-class HystereticModel(DamperModel):
-    """A model whose force depends on what happened before; integrated by the compiled kernels."""
+class ModelProblem(RigError):
+    """The definition of a damper model is incomplete or inconsistent; the message is for its author."""
+
+
+class KernelModel(DamperModel):
+    """A model whose force along a motion is its compiled kernel, sample after sample."""
 
     def force(
         self,
@@ -224,7 +229,7 @@ class HystereticModel(DamperModel):
         return force
 
     def separation(self, scale: MotionScale) -> Separation | None:
-        """See `DamperModel.separation`: None, unless the model says how it splits."""
+        """See `DamperModel.separation`: None, unless the model states how it splits."""
         del scale
         return None
 
@@ -235,3 +240,31 @@ class HystereticModel(DamperModel):
         return Search(self)
 
 
+class HystereticModel(KernelModel):
+    """A model whose force depends on earlier motion, through internal states."""
+
+
+class AlgebraicModel(KernelModel):
+    """A model without internal states: its force follows from the motion and the current of the same instant.
+
+    Its parameters and its kernel are sufficient: a fit splits it by `Parameter.linear`.
+    """
+
+    states: ClassVar[int] = 0
+
+    def separation(self, scale: MotionScale) -> Separation | None:
+        """See `DamperModel.separation`: all linear parameters, and the others as its shape.
+
+        None where that cannot be done: too many shape parameters for a grid, or linear ones that must not be negative.
+
+        Raises:
+            ModelProblem: the parameters are inconsistent.
+        """
+        del scale
+        from rig.dampers.unit_columns import separation_by_kernel
+
+        return separation_by_kernel(self, self.non_negative)
+
+    def _sliding_force(self, parameters: Mapping[str, float], v_m_s: float, current_A: float) -> float:
+        sides = np.array([-1e-12, 1e-12])
+        return float(np.mean(self.force(parameters, sides, np.full(2, v_m_s), np.zeros(2), current_A, 1e-3)))

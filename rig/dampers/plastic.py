@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from rig.dampers.algebraic import AlgebraicModel, viscous, yield_force
+from rig.dampers.algebraic import ColumnModel, viscous, yield_force
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import HystereticModel, Jump
 from rig.dampers.parameter import linear_parameter, shape_parameter
@@ -26,7 +26,7 @@ RIGID = 5.0  # dashpots of a start at least, in k2 over the fastest rate: nearer
 LEAST_YIELD = 0.2  # of the yield force at the mean current, at 0 A: at 0 a search could go one way only
 
 
-class BinghamModel(AlgebraicModel):
+class BinghamModel(ColumnModel):
     """Bingham plastic model, its fc and c0 affine in the current."""
 
     name: ClassVar[str] = "bingham"
@@ -52,12 +52,12 @@ class BinghamModel(AlgebraicModel):
     )
 
     def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
-        """See `AlgebraicModel.fixed_columns`."""
+        """See `ColumnModel.fixed_columns`."""
         del u, a
         return np.array((v, v * current, np.ones_like(v))).T
 
     def yield_shape(self, shape: Mapping[str, float], u: FloatArray, v: FloatArray) -> FloatArray:
-        """See `AlgebraicModel.yield_shape`; the sign of the velocity, without shape parameters."""
+        """See `ColumnModel.yield_shape`; the sign of the velocity, without shape parameters."""
         del shape, u
         sign: FloatArray = np.sign(v)
         return sign

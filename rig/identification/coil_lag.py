@@ -25,8 +25,8 @@ def prepare(state: FitState) -> FitState:
     if not needs_lag(state.fitted):
         return state
     eta_1_s = _found_lag(state)
-    fitted, held_out = ([with_lag(test, eta_1_s) for test in tests] for tests in (state.fitted, state.held_out))
-    return replace(state, fitted=fitted, held_out=held_out, held={**state.held, ETA: eta_1_s})
+    state = state.corrected(lambda tests: [with_lag(test, eta_1_s) for test in tests])
+    return replace(state, held={**state.held, ETA: eta_1_s})
 
 
 def complete(state: FitState) -> FitState:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any, Protocol, Self, cast
 
 from rig.dampers.model import DamperModel
-from rig.identification.corrections import Correction
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.solving import Candidate
 from rig.identification.options import FitOptions
 from rig.identification.points.inputs import FitInputs
 from rig.identification.uncertainty.fit import Fit
+from rig.matrix.corrections import Correction
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,9 @@ class FitState:
         found: what the first stage of a correction found for its second one, by its name.
         chosen: the recommended model with its solution; None before it is fitted, or with a fit for each current.
         fit: the fit; None before.
-        described: tests to fit and held-out ones that the completed fit describes; None: those that it was fitted to.
+        described: tests to fit and held-out ones as measured, set by `complete` of a correction whose effect is part of
+            the completed fit's force (a temperature law): errors, tested range and bootstrap then refer to them. None,
+            where the fit describes the damper without the effect: they refer to the corrected tests.
         started_s: `time.perf_counter()` at the start (s).
     """
 
@@ -65,6 +67,14 @@ class FitState:
                 "the stage after the fit"
             )
         return self.fit
+
+    def corrected(self, correct: Callable[[Sequence[Measurement]], Sequence[Measurement]]) -> Self:
+        """The state with a correction applied to the tests to fit and to the held-out ones.
+
+        Args:
+            correct: from tests to the same tests, corrected, in the same order.
+        """
+        return replace(self, fitted=list(correct(self.fitted)), held_out=list(correct(self.held_out)))
 
     def with_found(self, correction: str, found: object) -> Self:
         """The state with what a correction's first stage found."""
@@ -102,7 +112,7 @@ class Stages(Protocol):
         """
 
     def prepare(self, state: FitState) -> FitState:
-        """Before the model is fitted: the tests as they are corrected for the model, and what was found for it."""
+        """Before the model is fitted: tests corrected by `FitState.corrected`, and what was found for the model."""
 
     def complete(self, state: FitState) -> FitState:
         """After the model is fitted: the fit with what was found."""

@@ -10,13 +10,14 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import rig.dampers
 from rig.dampers.current_law import AFFINE
 from rig.dampers.current_law_model import PLUS, with_law
 from rig.dampers.model import DamperModel
-from rig.errors import IdentificationFailed, evaluating
+from rig.errors import IdentificationFailed, RigError, evaluating
 from rig.fits.entries import Cause, ErrorSummary
 from rig.identification.application.tested_range import tested_range
 from rig.identification.cross_validation import cross_validated, refuse_one_pair
@@ -38,7 +39,9 @@ from rig.identification.uncertainty.assessment import judged
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.uncertainty.scoring import score, with_extrapolations
 from rig.identification.words import UNTRIED, say, some
+from rig.matrix.corrections import Correction
 from rig.matrix.methods import FEW_MODELS
+from rig.units import DIMENSIONS, si_suffix
 
 if TYPE_CHECKING:
     from rig.identification.points.inputs import Tests
@@ -65,9 +68,9 @@ def identify(tests: Tests, options: FitOptions | None = None, **changes: Any) ->
     state = _started(tests, FitOptions.of(options, changes))
     if state.options.current != AFFINE:
         return _with_tested_range(fit_per_current(state)).so_far
-    corrections = [stages_of(one) for one in state.options.applied]
+    corrections = state.options.applied
     stages = (
-        *(one.prepare for one in corrections), _fit_models, *(one.complete for one in corrections),
+        *(partial(_prepared, one) for one in corrections), _fit_models, *(partial(_completed, one) for one in corrections),
         _with_tested_range, _with_diagnosis, _with_bootstrap, _with_cross_validation, _with_next_tests,
     )  # fmt: skip
     for stage in stages:
@@ -90,6 +93,7 @@ def _started(tests: Tests, options: FitOptions) -> FitState:
     known = replace(known, fitted=resisting, warnings=(*known.warnings, *reversed_tests))
     _refuse_unseen(options, known.fitted)
     laws = laws_over(known.fitted, options.current_law)
+    _refuse_outside(options)
     for one in options.applied:
         stages_of(one).refuse(options)
     if options.current != AFFINE:
@@ -103,6 +107,56 @@ def _started(tests: Tests, options: FitOptions) -> FitState:
     )
 
 
+def _prepared(correction: Correction, state: FitState) -> FitState:
+    """The first stage of a correction.
+
+    Raises:
+        RigError: it changed tests to fit and left all held-out ones as they were: an error of its author.
+    """
+    after = stages_of(correction).prepare(state)
+    pairs = ((state.fitted, after.fitted), (state.held_out, after.held_out))
+    fitted, held_out = (any(old is not new for old, new in zip(*pair, strict=True)) for pair in pairs)
+    if fitted and state.held_out and not held_out:
+        raise RigError(
+            f"correction {correction.name}: its stage `prepare` changed the fitted tests only, expected the held-out "
+            "tests, too. Fix: use `state.corrected(...)` in its module"
+        )
+    return after
+
+
+def _completed(correction: Correction, state: FitState) -> FitState:
+    """The last stage of a correction; one that stores nothing is stored with the number that was requested."""
+    before, after = state.so_far.corrections, stages_of(correction).complete(state)
+    if not correction.requestable or after.so_far.corrections != before:
+        return after
+    numbers = {}
+    if correction.quantity is not None:
+        numbers = {f"requested_{si_suffix(correction.quantity.dimension)}": float(state.options.setting(correction.name))}
+    return after.with_parts(corrections={"others": {**before.others, correction.name: numbers}})
+
+
+def _refuse_outside(options: FitOptions) -> None:
+    """Refuse a requested number outside the range of its correction.
+
+    Raises:
+        IdentificationFailed: it is, or it is no number.
+    """
+    for one in options.applied:
+        if one.quantity is None:
+            continue
+        value = options.setting(one.name)
+        try:
+            finite = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+            one.quantity.check(float(value) if finite else math.inf)
+        except ValueError as error:
+            unit = DIMENSIONS[one.quantity.dimension].si
+            raise IdentificationFailed(
+                f"{one.name}: got {value!r}, expected a number in {unit}; {one.quantity.allowed}"
+            ) from error
+        if not finite:
+            raise IdentificationFailed(f"{one.name}: got {value!r}, expected a finite number")
+
+
 def _refuse_unseen(options: FitOptions, tests: Sequence[Measurement]) -> None:
     """Refuse an unknown split, options that it does not go with, and tests of which no motion can be left out.
 
@@ -113,9 +167,13 @@ def _refuse_unseen(options: FitOptions, tests: Sequence[Measurement]) -> None:
         return
     if options.unseen != "pairs":
         raise IdentificationFailed(f"unseen: got {options.unseen!r}, expected 'pairs'")
-    if options.current != AFFINE or options.setting("series_spring"):
+    conflicts = [
+        *(["one fit per current"] if options.current != AFFINE else []),
+        *(["series_spring"] if options.setting("series_spring") else []),
+    ]
+    if conflicts:
         raise IdentificationFailed(
-            "unseen: 'pairs' cannot be combined with a series spring or with one fit per current"
+            f"unseen: 'pairs' cannot be combined with {', '.join(conflicts)}. Fix: omit one of them"
         )
     refuse_one_pair(tests)
 

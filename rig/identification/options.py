@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from rig.dampers import Hysteresis
 from rig.dampers.current_law import AFFINE
-from rig.identification.corrections import CORRECTIONS, SETTINGS, Correction
 from rig.identification.models.solving import SEPARABLE, Method
+from rig.matrix.corrections import CORRECTIONS, SETTINGS, Correction
 from rig.test_point import TestPoint
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class FitOptions:
         bootstrap: number of bootstrap draws, for intervals that include misfit (`rig.identification.bootstrap`).
         unseen: "pairs": leave-one-motion-out cross-validation of the model.
         on_progress: called with a line of text before each model is fitted and each comparison.
-        corrections: setting of each correction that is requested (`rig.identification.corrections`). As keywords:
+        corrections: setting of each correction that is requested (`rig.matrix.corrections`). As keywords:
             `series_spring=True` looks for a spring in series with the damper, and fits the damper behind it;
             `temperature_law=` fits how warm oil weakens the damper, where a temperature was recorded: rates of the
             "viscous" parameters, the "yield" parameters, one "common" rate, or "both".
@@ -127,14 +127,14 @@ class FitOptions:
         """The method with its settings."""
         return self.method if isinstance(self.method, Method) else Method(self.method)
 
-    def setting(self, correction: str) -> Any:  # noqa: ANN401 - a switch, or one of the correction's choices
+    def setting(self, correction: str) -> Any:  # noqa: ANN401 - a switch, one of the choices, or a number in SI
         """What is requested of a correction."""
         return self.corrections.get(correction, SETTINGS[correction])
 
     @property
     def applied(self) -> tuple[Correction, ...]:
         """The corrections that are made."""
-        return tuple(one for one in CORRECTIONS if not one.choices or one.name in self.corrections)
+        return tuple(one for one in CORRECTIONS if not one.requestable or one.name in self.corrections)
 
     @property
     def several(self) -> bool:

@@ -52,11 +52,17 @@ def refuse(options: FitOptions) -> None:
     Raises:
         IdentificationFailed: one of these.
     """
-    if options.several or options.profile or options.corrections or options.bootstrap or PLUS in options.model or (
-        options.current_law != AFFINE
-    ):
+    conflicts = [
+        *(["several models"] if options.several else []),
+        *(["profiles"] if options.profile else []),
+        *options.corrections,
+        *(["bootstrap"] if options.bootstrap else []),
+        *(["a current law"] if PLUS in options.model or options.current_law != AFFINE else []),
+    ]
+    if conflicts:
         raise IdentificationFailed(
-            f"current: {options.current!r} needs one model, without profiles, series spring, bootstrap or current law"
+            f"current: {options.current!r} cannot be combined with {', '.join(conflicts)}. Fix: omit one of them; it "
+            "needs one named model"
         )
     if options.current not in PER_CURRENT:
         raise IdentificationFailed(f"current: got {options.current!r}, expected one of {', '.join(DEPENDENCES)}")

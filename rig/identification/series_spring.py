@@ -57,8 +57,7 @@ def prepare(state: FitState) -> FitState:
     if spring.stiffness_N_m is None:
         return state
     compliance_m_N = 1.0 / spring.stiffness_N_m
-    fitted, held_out = (ComplianceCorrection(tests).by(compliance_m_N) for tests in (state.fitted, state.held_out))
-    return replace(state, fitted=fitted, held_out=held_out)
+    return state.corrected(lambda tests: ComplianceCorrection(tests).by(compliance_m_N))
 
 
 def complete(state: FitState) -> FitState:

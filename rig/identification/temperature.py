@@ -81,11 +81,17 @@ def refuse(options: FitOptions) -> None:
     law = options.setting(TEMPERATURE)
     if law not in RATES:
         raise IdentificationFailed(f"temperature law: got {law!r}, expected one of {', '.join(RATES)}")
-    others = options.current != AFFINE or options.profile or options.bootstrap or len(options.corrections) > 1
-    if others or options.how.name != SEPARABLE:
+    conflicts = [
+        *(["one fit per current"] if options.current != AFFINE else []),
+        *(["profiles"] if options.profile else []),
+        *(["bootstrap"] if options.bootstrap else []),
+        *(name for name in options.corrections if name != TEMPERATURE),
+        *([f"method {options.how.name}"] if options.how.name != SEPARABLE else []),
+    ]
+    if conflicts:
         raise IdentificationFailed(
-            "temperature law: needs --method separable, without one fit per current, series spring, profiles or "
-            "bootstrap"
+            f"temperature law: cannot be combined with {', '.join(conflicts)}. Fix: omit one of them; the method must "
+            f"be {SEPARABLE}"
         )
     if options.several:
         raise IdentificationFailed("temperature law: needs one model. Fix: name it, such as `asymmetric`")
@@ -100,9 +106,8 @@ def prepare(state: FitState) -> FitState:
     refuse_without(state.held_out)
     model, options = state.models[0], state.options
     softening = find_temperature_law(model, state.fitted, options.how, options.setting(TEMPERATURE))
-    fitted, held_out = (softening.corrected(model, tests) for tests in (state.fitted, state.held_out))
     measured = (softening, state.fitted, state.held_out)
-    return replace(state.with_found(TEMPERATURE, measured), fitted=fitted, held_out=held_out)
+    return state.with_found(TEMPERATURE, measured).corrected(lambda tests: softening.corrected(model, tests))
 
 
 def refuse_without(tests: Sequence[Measurement]) -> list[FloatArray]:

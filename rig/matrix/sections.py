@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
-from pydantic import Field, PrivateAttr, field_validator
+from pydantic import Field, PrivateAttr, create_model, field_validator
 
 from protocols.descriptions import Problem
 from protocols.near_miss import near_names
@@ -16,7 +16,8 @@ from rig.errors import FileProblem
 from rig.files.quantity import Quantity, Wording
 from rig.files.section import Section
 from rig.matrix.assumed_damper import ENDING, AssumedDamper, is_fit_file, of_fit, of_set
-from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, TEMPERATURE_LAWS, check_method, method_names
+from rig.matrix.corrections import CORRECTIONS, SETTINGS, Correction
+from rig.matrix.methods import DEPENDENCES, LAWS, METHODS, check_method, method_names
 from rig.matrix.signal_tables import FileTable, RoadTable, SignalTable, SweepTable
 from rig.plugins import PlugInProblem
 from rig.signals.waveform import SIGNAL_NAMES, SINE, WAVEFORM_NAMES
@@ -258,17 +259,21 @@ def _methods_of_schema(schema: dict[str, Any]) -> None:
     schema["enum"] = list(method_names())
 
 
-class Identify(Section):
+class FitTable(Section):
     """What is fitted when the last point is recorded."""
 
     enabled: bool = True
     model: str = "auto"
     method: str = Field(default="separable", json_schema_extra=_methods_of_schema)
     holdout: str | None = Field(default=None, examples=["waveform=triangle", "frequency_Hz=2"])
-    series_spring: bool = False
     current: Literal[DEPENDENCES] = "affine"  # type: ignore[valid-type]  # one list serves the schema and the message
     current_law: Literal[LAWS] = "affine"  # type: ignore[valid-type]  # the same
-    temperature_law: Literal[TEMPERATURE_LAWS] = "none"  # type: ignore[valid-type]  # the same
+
+    @property
+    def corrections(self) -> dict[str, Any]:
+        """The corrections that are requested, by name."""
+        settings = {name: (getattr(self, name), nothing) for name, nothing in SETTINGS.items()}
+        return {name: value for name, (value, nothing) in settings.items() if value != nothing}
 
     @field_validator("model")
     @classmethod
@@ -298,6 +303,24 @@ class Identify(Section):
                 raise ValueError(_unknown("method", value, list(method_names())))
             _usable(check_method, value)
         return value
+
+
+def _entry(correction: Correction) -> tuple[Any, Any]:
+    """Type and default of the key of a correction."""
+    if correction.quantity is not None:
+        return Annotated[float, correction.quantity] | None, None
+    return bool if correction.switch else Literal[correction.choices], correction.nothing
+
+
+def entries_of(corrections: Iterable[Correction]) -> dict[str, Any]:
+    """Fields of a table with the keys of the corrections that can be requested."""
+    return {one.name: _entry(one) for one in corrections if one.requestable}
+
+
+if TYPE_CHECKING:
+    Identify = FitTable
+else:
+    Identify = create_model("Identify", __base__=FitTable, __doc__=FitTable.__doc__, **entries_of(CORRECTIONS))
 
 
 class Campaign(Section):

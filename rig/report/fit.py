@@ -68,6 +68,20 @@ def validation_words(beyond: Sequence[str] | None) -> str:
     return f"validation, outside the fitted data: {quantities}" if quantities else "validation"
 
 
+def corrections(fit: FitRecord) -> Blocks:
+    """What was taken into account besides the model, with its numbers, in one line; empty for nothing."""
+    stated = [
+        ", ".join((name, *(f"{key} = {value:.5g}" for key, value in numbers.items())))
+        for name, numbers in fit.corrections.others.items()
+    ]
+    if fit.series is not None:
+        found = fit.series.stiffness_N_m
+        stated.append(f"series_spring, {'none found' if found is None else f'stiffness_N_m = {found:.5g}'}")
+    if fit.temperature is not None:
+        stated.append(f"temperature_law {fit.temperature.law}, reference_degC = {fit.temperature.reference_degC:.4g}")
+    return [Paragraph(f"corrections: {'; '.join(stated)}")] if stated else []
+
+
 def parameters(fit: FitRecord) -> Blocks:
     """Fitted parameters with their intervals, then those that the data do not determine, and why."""
     meanings = _meanings(fit.model)
@@ -83,7 +97,7 @@ def parameters(fit: FitRecord) -> Blocks:
             reason = entry.reason or "not determined by the data"
             unknown.append([name, number(entry.value, 5), entry.unit, meaning, reason])
     head: list[Head] = ["Parameter", "Value", "95 % interval", Column(PLUS_MINUS, "%", True), *again, "Unit", "Meaning"]
-    parts: Blocks = [Heading("Fitted parameters"), *_equation(fit), table(head, known, (1, 2))]
+    parts: Blocks = [Heading("Fitted parameters"), *_equation(fit), *corrections(fit), table(head, known, (1, 2))]
     if unknown:
         parts.append(Heading("Not identifiable from these data", 3))
         rows = [Row(tuple(cells), faded=True) for cells in unknown]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rig.dampers import model as damper_model
-from rig.dampers.algebraic import AlgebraicModel
+from rig.dampers.algebraic import ColumnModel
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement, thinned
@@ -146,7 +146,7 @@ class Workbench:
             recordings are too few for it.
         """
         problem = self.problem(model)
-        if not isinstance(problem.model, AlgebraicModel):
+        if not isinstance(problem.model, ColumnModel):
             return None
         try:
             solution = solve_separable(self.tests, problem.model, Weighting(problem.weight), non_negative=frozenset())

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig.dampers.algebraic import AlgebraicModel
+from rig.dampers.algebraic import ColumnModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.current_law_model import CurrentLawModel
 from rig.dampers.model import DamperModel
@@ -78,7 +78,7 @@ def parameter_slopes(
     Raises:
         KeyError: a parameter is missing.
     """
-    if isinstance(model, AlgebraicModel):
+    if isinstance(model, ColumnModel):
         return _algebraic_slopes(model, values, names, test)
     if isinstance(model, CurrentLawModel):
         return _current_law_slopes(model, values, names, test)
@@ -115,7 +115,7 @@ def force_and_slopes(
 
 
 def _algebraic_slopes(
-    model: AlgebraicModel, values: Mapping[str, float], names: Sequence[str], test: Measurement
+    model: ColumnModel, values: Mapping[str, float], names: Sequence[str], test: Measurement
 ) -> FloatArray:
     fixed = model.fixed_columns(test.u_m, test.v_m_s, test.a_m_s2, test.current_A)
     columns = dict(zip(model.fixed_names, fixed.T, strict=True))

@@ -14,7 +14,7 @@ import numpy as np
 
 from rig.dampers import MODELS, Hysteresis
 from rig.dampers import model as damper_model
-from rig.dampers.algebraic import AlgebraicModel, general_coefficients
+from rig.dampers.algebraic import ColumnModel, general_coefficients
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.identification.models.coil import coil_current
@@ -61,7 +61,7 @@ class Problem:
         self.weight = weight
         self.lag = lag
         self.names = tuple(name for name in self.model.names if lag or name != "eta")
-        self._joined = self._join() if isinstance(self.model, AlgebraicModel) else None
+        self._joined = self._join() if isinstance(self.model, ColumnModel) else None
         self._weights = [self._weight_squared(test) for test in self.measurements]
 
     @property
@@ -182,7 +182,7 @@ class Problem:
         Raises:
             TypeError: the model has internal states.
         """
-        if not isinstance(self.model, AlgebraicModel):
+        if not isinstance(self.model, ColumnModel):
             raise TypeError(f"{self.model.name} has internal states and no closed form")
         return general_coefficients(self.model, self.names, candidates)
 

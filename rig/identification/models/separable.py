@@ -15,9 +15,9 @@ from typing import Protocol
 
 import numpy as np
 
-from rig.dampers.algebraic import AlgebraicModel, AlgebraicSeparation, TanhModel
+from rig.dampers.algebraic import AlgebraicSeparation, ColumnModel, TanhModel, needs_kernel_only
 from rig.dampers.arrays import FloatArray
-from rig.dampers.model import DamperModel
+from rig.dampers.model import DamperModel, ModelProblem
 from rig.dampers.separation import MotionScale, Separation
 from rig.dampers.unit_columns import UnitSeparation
 from rig.errors import IdentificationFailed
@@ -81,18 +81,18 @@ def motion_scale(measurements: Sequence[Measurement]) -> MotionScale:
 
 def solve_separable(
     measurements: Sequence[Measurement],
-    model: AlgebraicModel,
+    model: ColumnModel,
     weighting: Weighting | None = None,
     *,
     held: frozenset[str] = frozenset(),
     non_negative: frozenset[str] = frozenset({"m"}),
     start: FloatArray | None = None,
 ) -> Solution:
-    """Fit an algebraic model.
+    """Fit an algebraic model whose columns are known in closed form.
 
     Args:
         measurements: the tests.
-        model: an algebraic damper model.
+        model: the damper model.
         weighting: which samples count, and how much; all alike by default.
         held: linear parameters left out, held at zero.
         non_negative: parameters that must not be negative; one that would be is held at zero.
@@ -100,9 +100,14 @@ def solve_separable(
 
     Returns:
         The best solution found; `values` in SI by name.
+
+    Raises:
+        ModelProblem: the model has shape parameters and is not a tanh model.
     """
     weighting = weighting or Weighting()
     if not isinstance(model, TanhModel):
+        if model.shape_names:
+            raise ModelProblem(needs_kernel_only(model.name))
         return _without_shape(measurements, model, weighting, held, non_negative)
     full, cost = TanhProjection(model, measurements, weighting, without=held), 0.0
     starts = [] if start is None else [start]
@@ -127,7 +132,7 @@ def solve_separable(
 
 def _without_shape(
     measurements: Sequence[Measurement],
-    model: AlgebraicModel,
+    model: ColumnModel,
     weighting: Weighting,
     held: frozenset[str],
     non_negative: frozenset[str],
@@ -151,7 +156,7 @@ def solve_loop(
     held: frozenset[str],
     near: Mapping[str, float] | None = None,
 ) -> Solution:
-    """Fit a model with internal states that splits: given its loop's shape, the force is linear in the rest.
+    """Fit any model that splits: given its shape, the force is linear in the rest.
 
     Args:
         measurements: the tests.

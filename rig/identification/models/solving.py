@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from rig.dampers import MODELS
-from rig.dampers.algebraic import AlgebraicModel
+from rig.dampers.algebraic import ColumnModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.current_law_model import CurrentLawModel, base_of
 from rig.dampers.model import DamperModel
@@ -184,7 +184,7 @@ class Refit:
 def splits(model: DamperModel, measurements: Sequence[Measurement]) -> bool:
     """Whether a model is linear but for a few shape parameters, so that weighted fits of it are quick and exact."""
     model = base_of(model)
-    return isinstance(model, AlgebraicModel) or model.separation(motion_scale(measurements)) is not None
+    return isinstance(model, ColumnModel) or model.separation(motion_scale(measurements)) is not None
 
 
 def solve_weighted(
@@ -217,7 +217,7 @@ def solve_weighted(
             return solve_weighted(base, tests, weighting, own, start, rival_N)
 
         return solve_with_current_law(model, measurements, weighting, held, near, inner)
-    if isinstance(model, AlgebraicModel):
+    if isinstance(model, ColumnModel):
         shape = None if near is None else np.array([near[name] for name in model.shape_names])
         return solve_separable(measurements, model, weighting, held=held, start=shape)
     form = model.separation(motion_scale(measurements))

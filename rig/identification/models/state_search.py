@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from rig.dampers import model as damper_model
-from rig.dampers.algebraic import AlgebraicModel
+from rig.dampers.algebraic import ColumnModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.kernel import Compiled, force_series
 from rig.dampers.model import DamperModel
@@ -249,7 +249,7 @@ def _simpler_values(
     simpler = damper_model(search.simpler)
     without = frozenset(search.simpler_names[name] for name in held if name in search.simpler_names)
     without |= examine(simpler, single).held
-    if isinstance(simpler, AlgebraicModel):
+    if isinstance(simpler, ColumnModel):
         return solve_separable(single, simpler, weighting, held=without).values
     form = simpler.separation(motion_scale(single))
     if form is None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rig.dampers import MODELS, Hysteresis, model
-from rig.dampers.algebraic import AlgebraicModel, TanhModel, general_coefficients
+from rig.dampers.algebraic import ColumnModel, TanhModel, general_coefficients
 from rig.dampers.bouc_wen import LOWEST_EXPONENT
 from rig.dampers.catalogue import KINDS
 from rig.dampers.kernel import advance_of, travel
@@ -238,7 +238,7 @@ def test_a_loop_travels_both_ways() -> None:
 @pytest.mark.parametrize(("name", "form"), [("asymmetric", "kwok"), ("asymmetric", "printed"), ("kwok", "kwok")])
 def test_the_general_coefficients_are_the_models_force(name: str, form: Hysteresis, sine: Sine) -> None:
     damper = model(name, form)
-    assert isinstance(damper, AlgebraicModel)
+    assert isinstance(damper, ColumnModel)
     values = {key: 0.02 if key == "lambda" else 1.0 + k for k, key in enumerate(damper.names)}
     candidates = damper.vector(values)[None, :]
     m, f0, beta, delta, fya, fyb, *viscous, ka, kb = general_coefficients(damper, damper.names, candidates)[0]

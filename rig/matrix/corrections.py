@@ -1,13 +1,14 @@
 """The corrections that a fit may take into account besides its model, as data: a new one is a module and a line here.
 
-A correction is a module with the functions of `rig.identification.fit_state.Stages`. Nothing is loaded of one before it
-is made; `rig identify --help` reads its options from here.
+A correction is a module with the functions of `rig.identification.fit_state.Stages`, which is loaded when it is made.
+The options of `rig identify`, the keys of `[identify]` in a matrix file and the keywords of `identify` come from here.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rig.files.quantity import Quantity
 from rig.matrix.methods import TEMPERATURE_LAWS
 
 
@@ -20,12 +21,35 @@ class Correction:
         home: module of its stages.
         about: help of the option.
         choices: what may be requested, first what requests nothing; (False, True) for a switch; empty: always made.
+        quantity: of a correction requested by a number: dimension, lowest and highest value. It is held in SI, and None
+            requests nothing; `choices` does not matter then.
     """
 
     name: str
     home: str
     about: str = ""
     choices: tuple[str | bool, ...] = (False, True)
+    quantity: Quantity | None = None
+
+    @property
+    def requestable(self) -> bool:
+        """Whether it is made only on request."""
+        return self.quantity is not None or bool(self.choices)
+
+    @property
+    def switch(self) -> bool:
+        """Whether it is requested by true."""
+        return self.quantity is None and self.choices == (False, True)
+
+    @property
+    def nothing(self) -> str | bool | None:
+        """The setting that requests nothing."""
+        return None if self.quantity is not None else self.choices[0]
+
+    @property
+    def flag(self) -> str:
+        """Its option of `rig identify`."""
+        return f"--{self.name.replace('_', '-')}"
 
 
 CORRECTIONS = (
@@ -40,5 +64,5 @@ CORRECTIONS = (
     ),
 )  # fmt: skip
 """In the order in which tests are corrected, and fits completed."""
-SETTINGS = {one.name: one.choices[0] for one in CORRECTIONS if one.choices}
+SETTINGS = {one.name: one.nothing for one in CORRECTIONS if one.requestable}
 """Corrections that can be requested, and the setting that requests nothing."""
