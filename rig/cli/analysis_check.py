@@ -133,8 +133,8 @@ def _combination(wanted: Identify) -> list[str]:
     ]  # fmt: skip
     if TEMPERATURE in corrections and conflicts:
         problems.append(
-            f'{TEMPERATURE} = "{corrections[TEMPERATURE]}": cannot be combined with {", ".join(conflicts)}. Fix: omit one '
-            f'of them; it requires a single named model and method = "{SEPARABLE}"'
+            f'{TEMPERATURE} = "{corrections[TEMPERATURE]}": cannot be combined with {", ".join(conflicts)}. Fix: omit '
+            f'one of them; it requires a single named model and method = "{SEPARABLE}"'
         )
     if SPRING in corrections and wanted.model in SEVERAL:
         problems.append('series_spring: requires a single model. Fix: name it, such as model = "asymmetric"')

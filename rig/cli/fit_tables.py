@@ -43,7 +43,8 @@ def fit_tables(fit: FitRecord, truth: Mapping[str, float] | None = None) -> Bloc
     equation: Blocks = [Paragraph(fit.equation)] if fit.form else []
     parameters = table(head, rows, title=f"Fit: {fit.model} by {fit.method}")
     return [
-        *selection(fit), parameters, *equation, *corrections(fit), *_held_out(fit), *cross_validation(fit), *_remarks(fit), *_to_try(fit),
+        *selection(fit), parameters, *equation, *corrections(fit), *_held_out(fit), *cross_validation(fit),
+        *_remarks(fit), *_to_try(fit),
     ]  # fmt: skip
 
 

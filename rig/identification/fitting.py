@@ -70,7 +70,8 @@ def identify(tests: Tests, options: FitOptions | None = None, **changes: Any) ->
         return _with_tested_range(fit_per_current(state)).so_far
     corrections = state.options.applied
     stages = (
-        *(partial(_prepared, one) for one in corrections), _fit_models, *(partial(_completed, one) for one in corrections),
+        *(partial(_prepared, one) for one in corrections), _fit_models,
+        *(partial(_completed, one) for one in corrections),
         _with_tested_range, _with_diagnosis, _with_bootstrap, _with_cross_validation, _with_next_tests,
     )  # fmt: skip
     for stage in stages:
@@ -131,7 +132,8 @@ def _completed(correction: Correction, state: FitState) -> FitState:
         return after
     numbers = {}
     if correction.quantity is not None:
-        numbers = {f"requested_{si_suffix(correction.quantity.dimension)}": float(state.options.setting(correction.name))}
+        unit = si_suffix(correction.quantity.dimension)
+        numbers = {f"requested_{unit}": float(state.options.setting(correction.name))}
     return after.with_parts(corrections={"others": {**before.others, correction.name: numbers}})
 
 
