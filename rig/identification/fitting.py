@@ -69,7 +69,7 @@ def identify(tests: Tests, options: FitOptions | None = None, **changes: Any) ->
     if state.options.current != AFFINE:
         return _with_tested_range(fit_per_current(state)).so_far
     corrections = state.options.applied
-    stages = (
+    stages: tuple[Callable[[FitState], FitState], ...] = (
         *(partial(_prepared, one) for one in corrections), _fit_models,
         *(partial(_completed, one) for one in corrections),
         _with_tested_range, _with_diagnosis, _with_bootstrap, _with_cross_validation, _with_next_tests,
