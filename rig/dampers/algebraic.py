@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rig.dampers.arrays import FloatArray
-from rig.dampers.model import AlgebraicModel, Jump
+from rig.dampers.model import AlgebraicModel, DamperModel, Jump
 from rig.dampers.parameter import LAG, Hysteresis, Parameter, linear_parameter, shape_parameter
 from rig.dampers.separation import OwnNames
 
 if TYPE_CHECKING:
     from rig.dampers.kernel import Kernel
-    from rig.dampers.separation import Motion, MotionScale, Separation
+    from rig.dampers.separation import Motion, MotionScale, Search, Separation
 
 BETA_LIMITS = (1e-3, 1e9)  # s/m: from a straight line to a sign function
 STEEPNESS = np.geomspace(1.5, 1500.0, 11)  # starts: beta times the greatest speed
@@ -152,6 +152,14 @@ class ColumnModel(AlgebraicModel):
         """See `DamperModel.separation`."""
         del scale
         return AlgebraicSeparation(self)
+
+    def search(self) -> Search:
+        """See `DamperModel.search`.
+
+        Raises:
+            NotImplementedError: always: the model splits.
+        """
+        return DamperModel.search(self)
 
 
 GENERAL = ("m", "F0", "beta", "delta", "Fya", "Fyb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus", "Ka", "Kb")
