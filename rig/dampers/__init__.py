@@ -5,8 +5,8 @@ these definitions. `kernel` and `loop_curve` need numba and are imported only by
 """
 
 from rig.dampers.catalogue import MODELS, PARAMETER_SETS, UnknownName, model, parameter_set
-from rig.dampers.model import AlgebraicModel, DamperModel, HystereticModel, ModelProblem
-from rig.dampers.parameter import Hysteresis, Parameter, ParameterSet
+from rig.dampers.model import AlgebraicModel, DamperModel, HystereticModel
+from rig.dampers.parameter import Hysteresis, ModelProblem, Parameter, ParameterSet
 
 __all__ = [
     "MODELS",

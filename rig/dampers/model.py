@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.parameter import Hysteresis, Parameter, Term
-from rig.errors import RigError
 
 if TYPE_CHECKING:  # it loads numba
     from rig.dampers.kernel import Compiled, Kernel
@@ -191,10 +190,6 @@ class DamperModel(ABC):
         u = np.sign(v_m_s) * np.linspace(-travel_m, 0.0, steps + 1)
         v = np.full(steps + 1, v_m_s)
         return float(self.force(parameters, u, v, np.zeros(steps + 1), current_A, dt_s)[-1])
-
-
-class ModelProblem(RigError):
-    """The definition of a damper model is incomplete or inconsistent; the message is for its author."""
 
 
 class KernelModel(DamperModel):

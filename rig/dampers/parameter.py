@@ -6,8 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from rig.errors import RigError
+
 Hysteresis = Literal["kwok", "printed"]
 Term = Literal["inertia", "stiffness", "viscous", "yield", "shape", ""]
+
+
+class ModelProblem(RigError):
+    """The definition of a damper model is incomplete or inconsistent; the message is for its author."""
 
 
 @dataclass(frozen=True)

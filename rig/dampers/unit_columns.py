@@ -14,8 +14,7 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.integrable import Integrable
-from rig.dampers.model import ModelProblem
-from rig.dampers.parameter import LAG, Parameter
+from rig.dampers.parameter import LAG, ModelProblem, Parameter
 from rig.dampers.separation import Motion, OwnNames
 
 DIFFERENCE = 1e-4  # share of a shape parameter by which it is moved for its slope
@@ -174,5 +173,5 @@ def _starts(parameter: Parameter, count: int) -> list[float]:
     if low > 0.0:
         factor = 10.0**DECADES
         return [float(at) for at in np.geomspace(max(low, start / factor), min(high, start * factor), count)]
-    found = {float(np.clip(share * start, low, high)) for share in (-1.0, 0.0, 1.0)}
-    return sorted(found) if start else [float(at) for at in np.linspace(low, high, count + 2)[1:-1]]
+    both = {float(np.clip(share * start, low, high)) for share in (-1.0, 0.0, 1.0)}
+    return sorted(both) if start else [float(at) for at in np.linspace(low, high, count + 2)[1:-1]]

@@ -75,8 +75,8 @@ def corrections(fit: FitRecord) -> Blocks:
         for name, numbers in fit.corrections.others.items()
     ]
     if fit.series is not None:
-        found = fit.series.stiffness_N_m
-        stated.append(f"series_spring, {'none found' if found is None else f'stiffness_N_m = {found:.5g}'}")
+        stiffness = fit.series.stiffness_N_m
+        stated.append(f"series_spring, {'none found' if stiffness is None else f'stiffness_N_m = {stiffness:.5g}'}")
     if fit.temperature is not None:
         stated.append(f"temperature_law {fit.temperature.law}, reference_degC = {fit.temperature.reference_degC:.4g}")
     return [Paragraph(f"corrections: {'; '.join(stated)}")] if stated else []

@@ -17,7 +17,8 @@ import numpy as np
 
 from rig.dampers.algebraic import AlgebraicSeparation, ColumnModel, TanhModel, needs_kernel_only
 from rig.dampers.arrays import FloatArray
-from rig.dampers.model import DamperModel, ModelProblem
+from rig.dampers.model import DamperModel
+from rig.dampers.parameter import ModelProblem
 from rig.dampers.separation import MotionScale, Separation
 from rig.dampers.unit_columns import UnitSeparation
 from rig.errors import IdentificationFailed
