@@ -212,17 +212,17 @@ def _middle(fitted: Fitted) -> tuple[Statement, float] | None:
 def reversed_signs(fitted: Fitted, all_tests: Sequence[Measurement]) -> Iterator[Cause]:
     """The force's middle is where gas does not put it, and rebound the weaker direction, or the middle far off."""
     del all_tests
-    found = _middle(fitted)
-    if found is not None and found[0] is SIGNS:
-        yield SIGNS.cause(0.0, offset_N=found[1])
+    doubt = _middle(fitted)
+    if doubt is not None and doubt[0] is SIGNS:
+        yield SIGNS.cause(0.0, offset_N=doubt[1])
 
 
 def offset(fitted: Fitted, all_tests: Sequence[Measurement]) -> Iterator[Cause]:
     """The force's middle is where gas does not put it, and nothing else speaks for reversed signs."""
     del all_tests
-    found = _middle(fitted)
-    if found is not None and found[0] is OFFSET:
-        yield OFFSET.cause(0.0, offset_N=found[1])
+    doubt = _middle(fitted)
+    if doubt is not None and doubt[0] is OFFSET:
+        yield OFFSET.cause(0.0, offset_N=doubt[1])
 
 
 def _middle_N(tests: Sequence[Measurement]) -> tuple[float, float, float, float] | None:
