@@ -167,7 +167,8 @@ def _group_problems(made: LineFormat, values: Mapping[str, Any]) -> Iterator[Pro
         yield ("sign",), "a hexadecimal number cannot have a trailing sign"
     if made.number == "hexadecimal-signed" and made.sign == "separate":
         yield ("sign",), (
-            'hexadecimal-signed contains the sign in its digits. Fix: for a separate sign, write number = "hexadecimal"'
+            'hexadecimal-signed contains the sign in its digits. Fix: '
+            'if the sign is sent as a separate character, set number = "hexadecimal"'
         )
     if made.sign == "separate" and not made.negative_tokens:
         yield ("negative_tokens",), "must not be empty"

@@ -274,7 +274,7 @@ def drawn(values: dict[str, Any], wiring: Wiring) -> tuple[ScheduledFault, ...]:
         return ()
     within_s = float(values["fault_within"])
     if not math.isfinite(within_s):
-        raise FileProblem("--fault-within", [f"{within_s}: expected a number of seconds from 0"])
+        raise FileProblem("--fault-within", [f"{within_s}: expected a number of seconds, 0 or greater"])
     return drawn_faults(values["fault_seed"], wiring.kinds, within_s, supply=bool(values["supply"]))
 
 

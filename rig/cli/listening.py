@@ -288,7 +288,7 @@ def _words(answer: Mapping[str, Any]) -> list[str]:
     lines.append(f"readings: {shown}")
     if answer["missed"]:
         places = ", ".join(f"{one['bytes']} at {one['offset']}" for one in answer["missed"][:SHOWN])
-        lines.append(f"bytes outside any reading: {places}")
+        lines.append(f"bytes that do not belong to any reading: {places}")
     if "toml" in answer:
         lines += ["", "for a bench file:", "", answer["toml"]]
     return lines

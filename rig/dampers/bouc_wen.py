@@ -44,7 +44,7 @@ class BoucWenModel(HystereticModel):
         "F = c0 v + k0 (u - x0) + alpha z, z' = -gamma |v| z |z|^(n-1) - beta v |z|^n + A v (Spencer 1997)"
     )
     energy: ClassVar[str] = (
-        "dissipative over a closed loop for gamma + beta > 0 and gamma >= beta; the rest is elastic and is returned"
+        "dissipative over a closed loop for gamma + beta > 0 and gamma >= beta; the rest is elastic and recovered"
     )
     redundant: ClassVar[Mapping[str, tuple[str, ...]]] = {"A": ("alpha", "alpha_b", "gamma", "beta")}
     demonstration: ClassVar[Mapping[str, float]] = {
@@ -115,7 +115,7 @@ class NormalizedBoucWenModel(HystereticModel):
     equation: ClassVar[str] = (
         "F = kx u + kv v + kw w + f0, w' = rho [v - sigma |v| |w|^(n-1) w + (sigma - 1) v |w|^n] (Ikhouane-Rodellar)"
     )
-    energy: ClassVar[str] = "dissipative over a closed loop for sigma >= 1/2; the rest is elastic and is returned"
+    energy: ClassVar[str] = "dissipative over a closed loop for sigma >= 1/2; the rest is elastic and recovered"
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 700.0, "kv_b": 110.0, "kw": 80.0, "kw_b": 250.0, "f0": -150.0, "rho": 1500.0, "sigma": 0.6,

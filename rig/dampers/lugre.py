@@ -41,7 +41,7 @@ class LuGreModel(HystereticModel):
         "(Canudas, Olsson, Astrom and Lischinsky 1995); kv, kw, kd affine in I"
     )
     energy: ClassVar[str] = (
-        "dissipates rho |v| w^2 kw / g + kv v^2 + kd w' v / rho; the rest is elastic and is returned"
+        "dissipates rho |v| w^2 kw / g + kv v^2 + kd w' v / rho; the rest is elastic and recovered"
     )
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {

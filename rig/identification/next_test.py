@@ -90,7 +90,7 @@ def bench_of(folder: Path) -> Allowance | None:
         acceleration_m_s2=bench.limits.acceleration_m_s2,
         force_N=bench.limits.force_N,
         current_A=bench.limits.current_A if own_A is None else min(own_A, bench.limits.current_A),
-        source=f"inside the limits of {bench.name}",
+        source=f"within the limits of {bench.name}",
         feasible=feasible,
     )
 
@@ -221,7 +221,7 @@ def _proposal(point: TestPoint, name: str, fit: Fit, ratio: float, allowance: Al
     else:
         after = ratio * estimate.standard_error
         gain = (
-            f"would narrow the interval of {name}, which is the widest, to {100.0 * ratio:.0f} % of its current "
+            f"would narrow the interval of {name}, which is the widest, to {100.0 * ratio:.0f} % of its present "
             f"width"
         )
     toml = (

@@ -267,7 +267,7 @@ class Preparation:
                 )
             self._commands.command(Command.RESET)
             self._commands.await_status(
-                lambda status: status.fault_bits == 0, "controller-trip", "the watchdog's trip cannot be reset"
+                lambda status: status.fault_bits == 0, "controller-trip", "the watchdog trip cannot be reset"
             )
         finally:
             supervisor.starve(proving=False, feeding=True)
