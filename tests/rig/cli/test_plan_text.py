@@ -148,7 +148,7 @@ def test_too_few_samples_for_identification_are_a_warning_with_the_limit(
     for warning, sensor in zip(result.warnings, ("load cell", "LVDT"), strict=False):
         fewest = 250 / float(frequency.split()[0])
         assert warning.startswith(f"p001: only {fewest:.3g} samples per cycle from the {sensor}")
-        assert f"needs {needed}, that is" in warning
+        assert f" {needed}, which means {needed * float(frequency.split()[0]):.3g} Hz" in warning
 
 
 def test_the_limit_of_fifty_samples_is_where_the_recorded_velocity_loses_three_percent() -> None:

@@ -93,7 +93,7 @@ def test_a_header_holds_what_was_stated_of_a_point_by_name_and_nothing_else() ->
 @pytest.mark.parametrize("point", [{}, [], {"id": "p001"}, {"id": "p001", "colour": "red"}], ids=str)
 def test_a_header_whose_point_is_of_another_shape_is_refused(point: object) -> None:
     header = json.loads(SyntheticRig().context().to_json())
-    with pytest.raises(ValueError, match="not a point's context"):
+    with pytest.raises(ValueError, match="does not describe a point"):
         PointContext.from_json(json.dumps({**header, "point": point}))
 
 

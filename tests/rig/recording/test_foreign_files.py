@@ -183,7 +183,7 @@ def test_a_small_stroke_is_one_where_it_is_quick_and_a_slow_motion_where_it_is_l
 def test_a_rate_stands_for_a_time_that_no_column_has(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("n;x_mm;F_kN\n" + rows(";", "."))
     check(read(tmp_path / "a.csv", rate_Hz=250.0, displacement="x_mm", force="F_kN"))
-    with pytest.raises(FileProblem, match=r"time: no column given\. Fix: write --column time=NAME, or --rate"):
+    with pytest.raises(FileProblem, match=r"time: .*Fix: write --column time=NAME, or --rate"):
         read(tmp_path / "a.csv", displacement="x_mm", force="F_kN")
 
 
@@ -337,7 +337,7 @@ def test_numbers_that_mean_no_value_are_taken_out_and_counted(
     columns = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
     (test,) = read_tests([tmp_path / "a.csv"], WantedTests(columns, 0.5, no_value=given))
     assert np.count_nonzero(np.isnan(test.force_N)) == 3 * missing
-    assert ("force: 3 x" in test.read_as) == missing
+    assert ("force: 3 values of " in test.read_as) == missing
 
 
 def test_a_force_that_reaches_such_a_number_has_a_value_there(tmp_path: Path) -> None:

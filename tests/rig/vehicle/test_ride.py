@@ -209,10 +209,10 @@ def test_fits_for_each_current_are_refused_with_the_way_out(tmp_path: Path) -> N
 def test_currents_beyond_any_coil_and_empty_fits_are_refused(tmp_path: Path) -> None:
     assert ride("cfoa-table5-fit1", "--current", "50 A").exit_code == 2
     (tmp_path / "fit.json").write_text('{"model": "asymmetric", "parameters": {"m": {"value": null}}}')
-    with pytest.raises(Exception, match=r"no value for m, F0(.|\n)*Fix: run `rig identify` again"):
+    with pytest.raises(Exception, match=r"no value for m, F0(.|\n)*Fix: .*`rig identify"):
         ride(str(tmp_path))
     (tmp_path / "fit.json").write_text('{"model": "asymmetric", "parameters": {"sigma_0": {"value": 1.0}}}')
-    with pytest.raises(Exception, match=r"got sigma_0, which(.|\n)*another model(.|\n)*Fix: run `rig identify` again"):
+    with pytest.raises(Exception, match=r"got sigma_0, which(.|\n)*another model(.|\n)*Fix: .*`rig identify"):
         ride(str(tmp_path))
     with pytest.raises(Exception, match="this run has no fit"):
         ride(str(tmp_path.parent))

@@ -129,7 +129,7 @@ def test_a_device_of_another_description_is_refused(tmp_path: Path, monkeypatch:
 
 
 def test_a_simulated_rig_at_another_speed_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileProblem, match=r"clock.device_rate = 10: .*remove it"):
+    with pytest.raises(FileProblem, match=r"clock.device_rate = 10: .*Fix: remove"):
         request_for(files(tmp_path, DEMO + "[clock]\ndevice_rate = 10\n"), (), None)
 
 

@@ -249,7 +249,7 @@ def test_a_matrix_that_the_rig_cannot_do_is_refused(tmp_path: Path, capfd: pytes
     told = json.loads(capfd.readouterr().out)
     assert (told["slug"], told["exit_code"]) == ("matrix-infeasible", 3)
     assert "above the bench's limit, 0.8 m/s" in told["error"]
-    assert "an amplitude of" in told["error"]
+    assert "31.43 mm" in told["error"], "the amplitude that fits"
 
 
 def test_a_world_that_fails_is_told_with_the_command_that_runs_it_again(
