@@ -101,14 +101,15 @@ def install(*extras: str) -> None:
 def pip(*packages: str) -> int:
     """Run `pip install` with a line of progress; pip's exit code. What pip wrote is shown if it failed."""
     command = [program("python"), "-m", "pip", "install", "--disable-pip-version-check", "--progress-bar=off"]
-    started, shown_s, collected, written = time.monotonic(), 0.0, 0, []
+    started, shown_s, collected, installs, written = time.monotonic(), 0.0, 0, False, []
     with subprocess.Popen([*command, *packages], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                           errors="replace") as running:
         for line in running.stdout or ():
             written.append(line)
             collected += line.startswith("Collecting ")
-            elapsed_s, installs = time.monotonic() - started, line.startswith("Installing collected packages")
-            if installs or elapsed_s - shown_s >= (0.2 if sys.stdout.isatty() else 15.0):
+            elapsed_s, begins = time.monotonic() - started, line.startswith("Installing collected packages")
+            installs |= begins
+            if begins or elapsed_s - shown_s >= (0.2 if sys.stdout.isatty() else 15.0):
                 progress(f"{'installing' if installs else 'found'} {collected} packages, {elapsed_s:.0f} s")
                 shown_s = elapsed_s
     code = running.returncode
