@@ -161,7 +161,7 @@ SIG_VALTYPE_ 17 Amps : 1;
         ("value = 3", "value = 300", "FrameVersion has a raw range of 0 to 255"),
         ("data_id = 0x2A1", "", "protection.DriverCommand.data_id: missing"),
         ("data_id = 0x2A1", "data_id = 0x12A1F", "must be a whole number of 0 to 65535 (0xFFFF)"),
-        ('"e2e-1"\ndata_id = 0x2A2', '"e2e-3"\ndata_id = 0x2A2', "none, counter, counter+"),
+        ('"e2e-1"\ndata_id = 0x2A2', '"e2e-3"\ndata_id = 0x2A2', "must be one of none, counter, counter+"),
         ('counter = "Alive"', 'counter = "Mode"', "e2e-1 counts in 4 bits; Mode has 3"),
         ('crc = "Checksum"', 'crc = "Alive"', "e2e-1 has a checksum of 8 bits in whole bytes"),
         ("[protection.DriverStatus]", "[protection.DriverStatu]", "did you mean DriverStatus?"),

@@ -53,7 +53,7 @@ def test_a_setting_takes_its_unit_or_a_bare_number_in_the_unit_of_its_help(
         ("actuator_force_delay", "2 N", "a time is written as"), ("actuator_force_delay", "1 min", "0 to 100 ms"),
         ("load_cell_gain", "5 %", "a plain number"), ("load_cell_gain", "0", "allowed 0.1 to 10"),
         ("load_cell_gain", "nan", "a plain number"), ("hum", "1e999", "allowed"), ("hum", "", "not a number"),
-        ("coil_sensor_offset", "-12 degC", "a temperature difference"), ("lvdt_zero", "1,5 mm", "a point"),
+        ("coil_sensor_offset", "-12 degC", "a temperature difference"), ("lvdt_zero", "1,5 mm", "must be a point"),
         ("ecu_current_offset", "3 A", "-2000 to 2000 mA"),
     ],
 )

@@ -172,7 +172,7 @@ def test_a_file_whose_values_are_not_what_was_written_is_run_again_and_told(tmp_
     stock = take_stock(tmp_path, (POINT,))
     assert ([point.id for point in stock.remaining], stock.results, stock.attempts) == (["p001"], (), {"p001": 1})
     (told,) = stock.problems
-    assert told.startswith("points/p001.h5: /entry/data/force: ")
+    assert told.startswith("points/p001.h5: /entry/data/force: the data are damaged")
     assert told.endswith("the point is repeated")
 
 

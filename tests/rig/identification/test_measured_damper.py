@@ -138,7 +138,7 @@ def test_one_wrong_gain_among_twenty_is_named_with_its_test(
     altered = [replace(test, force_N=gain * test.force_N) if test.id == id_ else test for test in measured]
     first = identify(altered, model="lost_motion").diagnosis[0]
     assert first.slug == "odd-test"
-    assert first.text.startswith(f"{id_} ")
+    assert first.text.startswith(f"{id_} is inconsistent")
 
 
 @pytest.mark.nightly

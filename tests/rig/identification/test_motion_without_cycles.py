@@ -99,7 +99,7 @@ def test_the_end_of_a_test_with_cycles_says_nothing_new_and_is_refused() -> None
         id="sine", time_s=time_s, displacement_m=u_m, force_N=500.0 * np.gradient(u_m, time_s), waveform="sine",
         amplitude_m=0.02, frequency_Hz=1.0, current_A=0.5,
     )  # fmt: skip
-    with pytest.raises(IdentificationFailed, match="sine repeats"):
+    with pytest.raises(IdentificationFailed, match="sine repeats its beginning"):
         identify([cyclic], holdout="last 30 %")
 
 

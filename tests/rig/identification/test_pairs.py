@@ -56,7 +56,7 @@ def test_what_cannot_be_left_out_is_refused_with_what_can(tests: list[Measuremen
         identify(one, unseen="pairs")
     with pytest.raises(IdentificationFailed, match="expected 'pairs'"):
         identify(tests, unseen="tests")
-    with pytest.raises(IdentificationFailed, match=r"series.spring"):
+    with pytest.raises(IdentificationFailed, match="cannot be combined with series_spring"):
         identify(tests, unseen="pairs", series_spring=True)
     free = [replace(tests[0], waveform="random"), *tests[1:]]
     with pytest.raises(IdentificationFailed, match="last 30 %"):

@@ -181,11 +181,11 @@ def test_what_the_recordings_do_not_tell_is_refused_with_the_way_out(tests: list
     unrecorded = [replace(tests[0], temperature_degC=None), *tests[1:]]
     with pytest.raises(IdentificationFailed, match=r"1 of 18 tests have no recorded temperature \(20 degC, 0 A"):
         identify(unrecorded, temperature_law="both")
-    with pytest.raises(IdentificationFailed, match=r"19\.5 to 21\.5 degC, .*3 K"):
+    with pytest.raises(IdentificationFailed, match=r"19\.5 to 21\.5 degC, expected a span of at least 3 K"):
         identify(run_at((20.0, 21.0)), temperature_law="both")
     with pytest.raises(IdentificationFailed, match="name it"):
         identify(tests, model="few", temperature_law="both")
-    with pytest.raises(IdentificationFailed, match=r"temperature law: .*series.spring"):
+    with pytest.raises(IdentificationFailed, match="temperature law: cannot be combined with series_spring"):
         identify(tests, temperature_law="both", series_spring=True)
     with pytest.raises(IdentificationFailed, match="expected one of none, viscous, yield, common, both"):
         identify(tests, temperature_law="arrhenius")

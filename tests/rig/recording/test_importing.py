@@ -232,7 +232,7 @@ def test_a_force_of_the_wrong_sign_is_not_valid_and_is_not_fitted_as_suspect(tmp
     folder = import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)
     (point,) = Run.open(folder).points
     assert point.verdict == "invalid"
-    assert point.reasons[0].startswith("reversed-sign: ")
+    assert point.reasons[0].startswith("reversed-sign: the measured force acts with the motion")
     with pytest.raises(IdentificationFailed, match=r"no point is valid: .*reversed-sign.*\)$"):
         identify_run([folder])
 

@@ -272,5 +272,5 @@ def test_the_recording_states_how_its_current_came_about(manual: bool, unmeasure
     file, _ = build(content, rig.context(current_by_hand=manual, current_unmeasured=unmeasured))
     methods = {channel.name: str(channel.attributes["method"]) for channel in file.channels}
     assert states in methods["current"]
-    assert ("a measured value" in methods["current"] or "not measured" in methods["current"]) is (manual or unmeasured)
+    assert ("not measured" in methods["current"]) is (manual or unmeasured)
     assert methods["velocity"] == METHOD

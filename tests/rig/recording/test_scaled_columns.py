@@ -61,7 +61,7 @@ def test_units_factors_and_sensitivities_of_any_column(
     ({"force": "500 N/V"}, ("x_m", "F_N"), "expected V"),
     ({"force": "500 N/V"}, ("x_m", "F:kN"), "expected V"),
     ({"force": "0.25 N/count"}, ("x_m", "F_N"), "expected counts"),
-    ({"temperature": "2"}, ("x_m", "F_N"), "no temperature column"),
+    ({"temperature": "2"}, ("x_m", "F_N"), "no temperature column is specified"),
 ])
 def test_scales_that_do_not_fit_are_refused(
     scales: dict[str, str | float], columns: tuple[str, str], says: str, tmp_path: Path

@@ -190,7 +190,7 @@ def test_a_table_of_several_motions_is_no_point_and_their_rows_are_named() -> No
         r"point"):
         RecordedPoint.from_pandas(table, id="a", current_A=0.5)
     assert RecordedPoint.from_pandas(table.iloc[:1950], id="a", current_A=0.5).frequency_Hz == pytest.approx(1.0, 0.02)
-    with pytest.raises(FileProblem, match="force: none of 4000 rows"):
+    with pytest.raises(FileProblem, match="force: none of 4000 rows contains a number"):
         RecordedPoint.from_pandas(table.assign(force_N=np.nan), id="a", current_A=0.5)
 
 

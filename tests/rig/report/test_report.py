@@ -306,7 +306,7 @@ def test_a_campaign_without_a_finished_point_counts_its_planned_points_and_names
 
 
 def test_the_pdf_is_written_by_its_earlier_name(run: Path) -> None:
-    pytest.importorskip("reportlab")
+    pytest.importorskip("reportlab", reason="reportlab (extra pdf) is not installed")
     paper = write_pdf(write_report(run))
     assert paper == run / "report.pdf"
     assert paper.read_bytes().startswith(b"%PDF")

@@ -28,6 +28,7 @@ def test_each_point_says_whether_its_delays_were_checked(checked: bool, word: st
 
 def test_a_sensor_whose_delay_nobody_stated_is_named() -> None:
     page = fragment(time_base([a_point(checked=False, displacement_declared_delay_s=0.0)]))
-    assert "<code>delay</code> for force" in page
+    missing = "<code>delay</code> for force"
+    assert missing in page
     stated = a_point(checked=False, displacement_declared_delay_s=0.0, force_declared_delay_s=0.0002)
-    assert "states no" not in fragment(time_base([stated]))
+    assert missing not in fragment(time_base([stated]))
