@@ -55,9 +55,10 @@ LEAST_COVERAGE = 95
 UNSWEPT_MYPY = "import gc, mypy.__main__ as mypy; gc.disable(); gc.enable = gc.disable; mypy.console_entry()"
 """mypy without the garbage collector, which it switches on again: 13 of 47 s of processor time, for 0.8 GB more."""
 COMMANDS = ("demo", "test", "nightly", "faults", "scenarios", "coverage", "rig", "install", "docs", "pictures")
-EXTRAS = {"demo": (), "rig": ("files", "pdf"), "scenarios": ("files", "pdf"), "test": ("test", "peers"),
-          "nightly": ("test", "peers")}
-"""Command -> extras of pyproject.toml that it needs; the others need `test`."""
+OPTIONAL = ("files", "pdf")
+TESTED = (*OPTIONAL, "test")
+EXTRAS = {"demo": (), "rig": OPTIONAL, "scenarios": OPTIONAL, "test": (*TESTED, "peers"), "nightly": (*TESTED, "peers")}
+"""Command -> extras of pyproject.toml that it needs; the others need `TESTED`."""
 SIDE_BY_SIDE = 2
 """Processes among which the tests without real processes and wires are divided."""
 
@@ -84,7 +85,7 @@ def install(*extras: str) -> None:
     of, *present = stamp.read_text().split() if stamp.exists() else [""]
     if of != declared:
         present = []
-    if of == declared and set(extras) <= {*present, *("files", "pdf")[: 2 * ("test" in present)]}:
+    elif set(extras) <= set(present):
         return
     if not (VENV / "pyvenv.cfg").exists():
         print("dev.py: making .venv", flush=True)
@@ -310,7 +311,7 @@ def main(arguments: list[str]) -> int:
     if command not in COMMANDS:
         print(__doc__)
         return 0 if command in {"help", "-h", "--help"} else 2
-    install(*EXTRAS.get(command, ("test",)))
+    install(*EXTRAS.get(command, TESTED))
     if command == "demo":
         return run(program("rig"), "demo", *rest)
     if command in {"docs", "pictures"}:

@@ -79,7 +79,7 @@ class SharedClock:
                 raise ClockRefused(f"{path}: this file is not the clock of a simulated rig")
             if not _locked(handle):
                 raise ClockRefused(f"{path}: the simulated rig that owns this clock has ended. Fix: start the "
-                    f"simulated rig again")
+                    "simulated rig again")
             self._map = mmap.mmap(handle, SIZE)
         finally:
             os.close(handle)

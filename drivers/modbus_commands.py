@@ -126,7 +126,7 @@ class ModbusCommands:
         return self._numbers.as_asked(status) if self._numbered else status
 
     def _recipe(self, command: Command) -> Recipe:
-        """The steps of a command; none where the host makes its motion, or shows low pressure by itself.
+        """The steps of a command; none where the host makes its motion, or low pressure needs no command.
 
         Raises:
             LocalProtocolError: the controller knows no such command.
@@ -197,7 +197,7 @@ class ModbusCommands:
         return self._numbers.following()
 
     def _hold_where_it_is(self) -> None:
-        """A device that follows set-points is told where the rod is before it can move it.
+        """A device that follows set-points gets the position of the rod before it can move the rod.
 
         Raises:
             DriverError: it cannot be read or written.

@@ -60,7 +60,7 @@ def pattern_of(values: Mapping[str, Any], problems: list[Problem]) -> str | None
         problems.append((("pattern",), f"not a valid regular expression: {error}"))
         return None
     if "value" not in groups:
-        problems.append((("pattern",), "pattern requires a group (?P<value>...)"))
+        problems.append((("pattern",), _missing("value", "pattern")))
         return None
     return pattern
 
@@ -141,6 +141,11 @@ def line_problems(made: LineFormat, values: Mapping[str, Any]) -> list[Problem]:
     return problems
 
 
+def _missing(group: str, column: str) -> str:
+    """What a line's description lacks; `column` is the entry that describes the line: "columns" or "pattern"."""
+    return f"requires a column {group}" if column == "columns" else f"pattern requires a group (?P<{group}>...)"
+
+
 def _group_problems(made: LineFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
     groups = made.groups
     column = "columns" if "columns" in values else "pattern"
@@ -149,14 +154,13 @@ def _group_problems(made: LineFormat, values: Mapping[str, Any]) -> Iterator[Pro
         ("status", "status", bool(made.status)),
     ):  # fmt: skip
         if given and group not in groups:
-            needed = f"pattern requires a group (?P<{group}>...)" if column == "pattern" else f"needs a column {group}"
-            yield (key,), needed
+            yield (key,), _missing(group, column)
         elif group in groups and not given:
             what = {"checksum": "a checksum, such as checksum = \"xor-hex\"", "sign": 'sign = "separate"',
                     "status": 'status, such as status = { ST = "ok", OL = "overload" }'}[group]  # fmt: skip
             yield (column,), f"has a group {group}, which requires {what}"
     if made.units and "unit" not in groups:
-        yield ("units",), f"{column} needs a group (?P<unit>...)"
+        yield ("units",), _missing("unit", column)
     if made.checksum_over is not None and (made.checksum_from or made.checksum_to):
         yield ("checksum_over",), "cannot be combined with checksum_from or checksum_to. Fix: keep only one of the two"
     if made.checksum == "none":

@@ -37,7 +37,7 @@ SHORTEST_S = 1e-3
 """Two set-points that come closer together are taken as if they did not."""
 USUAL_SHARE = 0.1
 """Of each time between two set-points, in the usual one: a late one and the next, which comes early, make no jump."""
-NOBODY = 1
+NO_LEASE = 1
 """Owner of a device without leases."""
 PRESSURES = (Pressure.OFF, Pressure.LOW, Pressure.ON)
 CLOCKS = frozenset({"clock", "pulse_clock"})
@@ -118,10 +118,10 @@ class RegisterBank:
         return runs
 
     def tick(self) -> None:
-        """What the device does by itself: nobody owns it where there are no leases, and its watchdog has a time."""
+        """Initial values: without leases the device has no owner, and its watchdog has a time."""
         actuator = self.actuator
         if not self._map.capabilities.lease and actuator.owner == 0:
-            actuator.owner = NOBODY
+            actuator.owner = NO_LEASE
         watched = self._map.capabilities.watchdog is not WatchdogKind.NONE
         if watched and actuator.limits.watchdog_ms == 0 and "watchdog_time" not in self._map.quantities:
             time_ms = round(1e3 * self._map.recipes.watchdog_s) or WATCHDOG_MS
@@ -252,7 +252,7 @@ class RegisterBank:
                         given[value[1:]] = value_of(quantity, self._raw(quantity))
         self._count = self._count % 0xFFFF + 1
         sequence = whole(given.get("sequence", self._count))
-        owner = whole(given.get("owner", NOBODY)) if self._map.capabilities.lease else NOBODY
+        owner = whole(given.get("owner", NO_LEASE)) if self._map.capabilities.lease else NO_LEASE
         one_pressure = Command.HYDRAULICS_LOW not in self._map.recipes.commands
         if seen.command is Command.HYDRAULICS_ON and one_pressure and self.actuator.motion_state is State.OFF:
             first = {"sequence": sequence % 0xFFFF + 1, "command": int(Command.HYDRAULICS_LOW), "owner_id": owner}

@@ -232,7 +232,7 @@ class _Roles:
                 (COMMAND,),
                 f"{signal.name} (line {given.line} of the DBC) holds {low_A:g} A to {high_A:g} A in steps of "
                 f"{abs(signal.scale):g} A: it cannot represent 0 A, so the coil could not be switched off. Fix: "
-                f"specify "
+                "specify "
                 "a set-point that can represent 0 A",
             )
         return low_A, high_A

@@ -77,7 +77,7 @@ def _written(table: Table, key: str, quantities: Quantities, names: tuple[str, .
     for quantity in values:
         if quantity.name in {CURRENT, ENABLE}:
             table.add(key, f"writes {quantity.name}, which is reserved for the matrix and for stops. Fix: remove "
-                f"this write")
+                "this write")
     return (Write(values),)
 
 

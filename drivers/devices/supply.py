@@ -170,7 +170,7 @@ def supply_lacks(described: SupplyDescription) -> tuple[tuple[str, str], ...]:
     """What a supply cannot do, and what is left without it: a name, and words for people."""
     untried = (
         f"the supply's description is {described.tried}: it was written from the manufacturer's manual and has "
-        f"not been tested on a supply"
+        "not been tested on a supply"
     )
     if described.output is not None:
         own = (*output_lacks(described.output), ("trial", not described.tried, untried))

@@ -116,7 +116,7 @@ class Recipes:
         if not (holding and fits and 0 < span[1] - span[0] + 1 <= LONGEST_SPAN):
             step.add(
                 "span", f"must be at most {LONGEST_SPAN} holding registers, written by function 16, that include "
-                    f"everything "
+                    "everything "
                 "that this step writes"
             )
             return None

@@ -135,7 +135,7 @@ def ecu_problems(dbc: str | DbcText, roles: str | Mapping[str, Any] | None) -> I
         if roles is not None and (dbc in own_names(CURRENT_SOURCES) or not isinstance(roles, Mapping)):
             yield ("roles",), (
                 f'states the meaning of the signals in a DBC file; "{dbc}" already includes this. Fix: remove this '
-                f'entry'
+                'entry'
             )
     elif roles is None:
         yield ("dbc",), (

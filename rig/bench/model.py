@@ -163,7 +163,7 @@ class Bench(Section):
         for place, sensor in self._sensors().items():
             if (owner := owners.get(sensor.url)) is not None:
                 problems.append(((*place, "url"), f"is already the port of {owner}; every sensor requires its own "
-                    f"port"))
+                    "port"))
             owners.setdefault(sensor.url, str(place[0]))
         if self.ecu.url is not None and self.ecu.url.startswith("modbus-rtu:") and self.ecu.url == self.actuator.url:
             text = "is the serial line of [actuator], which cannot be shared. Fix: use a separate serial line"

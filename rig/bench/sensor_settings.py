@@ -167,7 +167,7 @@ def _known_format(value: str) -> str:
         near = near_names(value, known)
         raise ValueError(
             f"unknown format; {f'did you mean {near[0]}? ' if near else ''}known: {', '.join(known)}, the name of a "
-            f"file that ends in .toml, or a table that describes the format"
+            "file that ends in .toml, or a table that describes the format"
         )
     try:
         check_sensor_format(value)
@@ -276,7 +276,7 @@ class SensorConfig(Settings):
                 if wire_unit(value or 0) not in {"", unit}:
                     yield (name,), (
                         f"the format's unit is {unit}. Fix: write these values in this unit, or without a "
-                        f"unit"
+                        "unit"
                     )
                     break
         # A table stands beside its calibration; the numbers of a file are not known here.
@@ -288,7 +288,7 @@ class SensorConfig(Settings):
             else:
                 told = (
                     f"the format's unit is {unit}, which is not a unit of {self.dimension}. Fix: specify a "
-                    f"sensitivity"
+                    "sensitivity"
                 )
                 yield ("sensitivity",), told
 

@@ -163,7 +163,7 @@ def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
     for item in judged.judged:
         if not item.feasible:
             fit = "" if item.would_fit_m is None else (
-                f"; the largest amplitude that fits is "
+                "; the largest amplitude that fits is "
                 f"{1e3 * item.would_fit_m:g} mm"
             )
             lines.append(f"{item.point.id}: {'; '.join(item.reasons)}{fit}")

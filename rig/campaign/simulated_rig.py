@@ -293,7 +293,7 @@ def rig_in_use(
         told_s = SLOW_START_S * (waited_s // SLOW_START_S)
         if told_s > 0.0:
             display.phase(f"starting the simulated rig ({told_s:.0f} s; the first start on a computer includes "
-                f"compilation)")
+                "compilation)")
 
     simulated = SimulatedRig.start(folder, options, specimen, waiting)
     rig = RigInUse(simulated.bench_path)

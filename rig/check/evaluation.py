@@ -223,7 +223,7 @@ def _polls(stream: Stream, config: StationConfig) -> Iterator[CheckFinding]:
     if math.isfinite(stream.rate_Hz) and stream.rate_Hz < SLOW_POLLS * wanted_Hz:
         text = (
             f"{stream.rate_Hz:.3g} statuses per second, expected {wanted_Hz:.3g}: it does not answer within one "
-            f"poll period"
+            "poll period"
         )
         poll_ms = 1e3 / stream.rate_Hz / config.device_rate
         fix = f'write poll = "{poll_ms:.0f} ms" in [actuator], or reduce its response time'
@@ -253,7 +253,7 @@ def _sensor(stream: Stream, sensor: SensorConfig) -> Iterator[CheckFinding]:
     if math.isnan(stream.step) and stream.count:
         text = (
             f"all {stream.count} values are identical: either the resolution is coarser than the noise, or the "
-            f"sensor is stuck"
+            "sensor is stuck"
         )
         yield note("sensor-resolution", text, "move or load the sensor manually and check again: its value must change")
 

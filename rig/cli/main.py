@@ -289,7 +289,7 @@ def foreign_packages(search: list[str] | None = None) -> str | None:
             return (
                 f"the package {name} at {Path(spec.origin).parent} belongs to another project with that name and hides "
                 f"the package in {home}. Fix: install mr-damper-rig into a separate environment (python3 dev.py "
-                f"install)"
+                "install)"
             )
     return None
 

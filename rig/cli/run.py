@@ -213,7 +213,7 @@ def _requalified(text: str | None, resume: Path | None) -> str:
         raise click.UsageError("--requalified requires --resume RUN")
     if not words or len(words) > LONGEST_TEXT:
         raise click.UsageError(f"--requalified: describe in 1 to {LONGEST_TEXT} characters what was checked or "
-            f"replaced")
+            "replaced")
     return words
 
 

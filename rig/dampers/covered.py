@@ -84,7 +84,7 @@ class Covered:
         currents = ", ".join(f"{current_A:.4g}" for current_A in self.only_at_A)
         return (
             f"{ranges}, only near the currents {currents} A (too few currents for the model to interpolate "
-            f"between them)"
+            "between them)"
         )
 
 

@@ -53,7 +53,7 @@ def _cfoa_sets() -> list[ParameterSet]:
         printed = {("lambda" if key == "delta" else key): value for key, value in values.items()}
         source = (
             f"{CFOA}, {table}, as printed: because lambda is larger than every speed, the yield force depends "
-            f"only on sgn(u)"
+            "only on sgn(u)"
         )
         sets.append(ParameterSet(f"{name}-printed", "asymmetric", printed, source, hysteresis="printed"))
     return sets

@@ -181,7 +181,7 @@ def folded(table: Table, data: object) -> object:
         key, unit = suffixed[written]
         if key in values:
             raise PydanticCustomError("written_twice", f"{key} is specified twice (also as {written}); keep one of "
-                f"them")
+                "them")
         values[key] = _with_unit(data[written], unit, written)
     return values
 

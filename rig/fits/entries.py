@@ -20,7 +20,7 @@ class Estimate:
     Attributes:
         value: estimate in `unit`; None where nothing can be said.
         unit: SI unit.
-        low: lower end of the 95 % interval of this parameter by itself, the one that is shown; None when not
+        low: lower end of the 95 % interval of this parameter alone, the one that is shown; None when not
             identifiable.
         high: upper end; a parameter held at its lower limit has this end alone.
         simultaneous_low: lower end of the interval that holds for all identifiable parameters together with 95 %.

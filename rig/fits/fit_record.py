@@ -166,7 +166,7 @@ class FitRecord:
     @property
     def hysteresis_form(self) -> Hysteresis:
         """The form of the tanh argument, as models take it; an unknown one is refused there."""
-        return self.hysteresis  # type: ignore[return-value]
+        return self.hysteresis  # type: ignore[return-value]  # a text of the file, checked where it is used
 
     @property
     def temperature_law(self) -> TemperatureLaw | None:

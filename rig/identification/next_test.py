@@ -222,7 +222,7 @@ def _proposal(point: TestPoint, name: str, fit: Fit, ratio: float, allowance: Al
         after = ratio * estimate.standard_error
         gain = (
             f"would narrow the interval of {name}, which is the widest, to {100.0 * ratio:.0f} % of its present "
-            f"width"
+            "width"
         )
     toml = (
         f'[[point]]\nwaveform = "sine"\namplitude = "{mm:g} mm"\nfrequency = "{point.frequency_Hz:g} Hz"\n'

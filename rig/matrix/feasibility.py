@@ -348,7 +348,7 @@ def _rate(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Itera
             yield (
                 f"{some(coarse)}: only {fewest:.3g} samples per cycle from the {name} at {sensor.rate_Hz:.4g} Hz; "
                 f"identification from a {waveform} requires {needed:g}, which means {show(need_Hz, 'Hz')} here, "
-                f"because the "
+                "because the "
                 "force reverses within a few samples"
             )
 
@@ -358,7 +358,7 @@ def _bandwidth(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> 
         yield (
             f"{name}: declared bandwidth {show(sensor.bandwidth_Hz, 'Hz')} is above half its rate, "
             f"{show(0.5 * sensor.rate_Hz, 'Hz')} (Nyquist): noise and hum above that frequency appear at lower "
-            f"frequencies"
+            "frequencies"
         )
     band_Hz, source = sensor.bandwidth_Hz, "declared bandwidth"
     if band_Hz is None and sensor.delay_s:

@@ -248,14 +248,14 @@ class HybridTable(Section):
                 "hybrid-unstable", f"unstable with a force {1e3 * critical_s:.1f} ms late; {1e3 * acting_s:.1f} ms "
                     f"may occur ({100 * share:g} % of largest_delay {1e3 * self.largest_delay_s:g} ms), and "
                     f"the test must be stable with {DELAY_MARGIN:g} times that delay. Fix: use a smaller "
-                    f"largest_delay, if the actuator achieves it, or a heavier wheel",
+                    "largest_delay, if the actuator achieves it, or a heavier wheel",
             ))
         hop_Hz = car.highest_mode_Hz()
         if hop_Hz * poll_s * FEWEST_STEPS > 1.0:
             against.append((
                 "sampling", f"{1.0 / (hop_Hz * poll_s):.3g} steps in a period of the wheel ({hop_Hz:.3g} Hz) at a "
                     f"poll of {1e3 * poll_s:g} ms; {FEWEST_STEPS} are required. Fix: use a shorter poll period or a "
-                    f"softer tyre",
+                    "softer tyre",
             ))
         return against + _of_road(self, prior, law_named(point.law), poll_s)
 
@@ -310,7 +310,7 @@ def _of_road(table: HybridTable, prior: AssumedDamper, law: Law, poll_s: float) 
         return [(
             "sampling", f"steps of {1e3 * poll_s:g} ms lose {100 * lost:.3g} % of the road's force, RMS; allowed: "
                 f"{100 * ROAD_LOST:g} %. Fix: use a longer bump or edge, a lower speed or last frequency, or a "
-                f"shorter poll period",
+                "shorter poll period",
         )]
     return []
 

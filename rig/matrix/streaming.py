@@ -79,7 +79,7 @@ def peaks(point: TestPoint, bench: Bench) -> Peaks:
 
 
 def gap_warnings(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]:
-    """One line where a drive that stops by itself when set-points are lost brakes harder than the bench allows.
+    """A warning if the drive's own stop on lost set-points brakes harder than the bench allows.
 
     Its speed goes to 0 at once, half of a triangle's corner: 0.46 w0 v. No plan can forbid it, the drive is alone then.
 

@@ -151,7 +151,7 @@ def _unsteady(motion: MeasuredMotion | None) -> list[Reason]:
         return [invalid(
             "unsteady-motion", f"cycles {what} {least:.3g} to {most:.3g} {unit}: this is not a single motion. Fix: "
                 f"import a sweep with the waveform `random`; import each motion of {FEWEST_CYCLES} or more cycles as "
-                f"a separate test",
+                "a separate test",
             least=least, most=most,
         )]
     return []
@@ -198,7 +198,7 @@ def _current_off(test: TestSamples, motion: MeasuredMotion | None) -> list[Reaso
     return [invalid(
         "current-tracking", f"the current is off by {1e3 * off_A:.3g} mA from {test.nominal_current_A:.3g} A in "
             f"some of the cycles (limit {1e3 * limit_A:.3g} mA): this is not a single test. Fix: exclude these "
-            f"cycles; if the "
+            "cycles; if the "
             "current varies intentionally, import it with the waveform `random`",
         off_A=off_A, limit_A=limit_A,
     )]

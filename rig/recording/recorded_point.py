@@ -172,7 +172,7 @@ class RecordedPoint(TestPoint):
         for name in ("displacement", "force"):
             if not np.any(np.isfinite(arrays[name])):
                 raise FileProblem(id, [f"{name}: none of {len(time_s)} rows contains a number. Fix: name another "
-                    f"column"])
+                    "column"])
         if "amplitude_m" not in description:
             check_one_motion(id, time_s, displacement_m, arrays["current"] if measured else None, waveform)
         assessment = assess(TestSamples(

@@ -65,7 +65,7 @@ def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
     name, separator, value = (piece.strip() for piece in part.partition("="))
     if not separator or not value:
         raise ValueError(f"{part.strip()!r} is not a condition; expected, for example, waveform=triangle or "
-            f"current_A=1")
+            "current_A=1")
     if name in TEXTS:
         return name, tuple(item.strip() for item in value.split("|"))
     if name not in NUMBERS:

@@ -287,7 +287,7 @@ def _of_stamps(source: Any, where: str) -> FloatArray:  # noqa: ANN401 - an inde
     except (ValueError, OverflowError) as error:
         problem = (
             f"the time in {source.name!r}: {error}. Fix: repair the row, or write all time stamps in the same "
-            f"format"
+            "format"
         )
         raise FileProblem(where, [problem]) from error
 
@@ -315,7 +315,7 @@ def _seconds(source: Any, where: str, known: TableUnits) -> FloatArray:  # noqa:
         if unit is None or ("_" in name and unit[1].scale != scale):
             problem = (
                 f"the time in {source.name!r}: {stated!r} is not a unit of time or contradicts the unit in its "
-                f"name"
+                "name"
             )
             raise FileProblem(where, [problem])
         scale = unit[1].scale

@@ -331,7 +331,7 @@ def difference(cycle: Cycle, usual: Cycle) -> str | None:
     if cycle.quiet - usual.quiet > QUIET_SHARE + QUIET_SAMPLES * cycle.sample + few:
         return (
             f"the share of force near zero changed from {100 * usual.quiet:.2g} % to {100 * cycle.quiet:.2g} % of "
-            f"a cycle"
+            "a cycle"
         )
     allowed_m = SERVO_FLOOR_M + SERVO_SHARE * usual.servo_error_m
     if abs(cycle.servo_error_m - usual.servo_error_m) > allowed_m:

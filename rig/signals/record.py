@@ -233,7 +233,7 @@ def _faded(
     if not moved >= LEAST_MOTION:
         raise NoRecord(
             f"no motion between the ramps, where the motion is evaluated and fitted: {100 * moved:.2g} % of the "
-            f"largest distance "
+            "largest distance "
             f"from the centre, at least {100 * LEAST_MOTION:g} %; the movement may lie within a ramp of {ramp_s:g} s"
         )
     shape = np.asarray(faded / largest_m, np.float64)

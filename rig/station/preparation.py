@@ -229,7 +229,7 @@ class Preparation:
             raise StationRefused(
                 "ecu-command",
                 f"arm: ECU {coil.describe()}: {asked_A:g} A was commanded at rest, but the measured current does not "
-                f"follow "
+                "follow "
                 f"({measured_A:.3f} A): it rejects the commands, or its output stage has no power; check the "
                 "protection of the command message (profile, E2E data ID, counter) and the DBC file",
             )

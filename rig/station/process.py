@@ -69,7 +69,7 @@ class Station:
             try:
                 self._stop_socket = StopSocket(Path(self.config.stop_socket), self._asked_to_stop)
             except OSError as error:
-                self.supervisor.tell("station-link", f"the rig can be stopped by the application only, not from the "
+                self.supervisor.tell("station-link", "the rig can be stopped by the application only, not from the "
                     f"page: {error}")
         self.link.emit(
             {

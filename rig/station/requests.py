@@ -360,7 +360,7 @@ class Requests:
         if actuator.wait_status(lambda _: actuator.rests(monotonic_ns()), patience_s) is None:
             raise StationRefused(
                 "not-at-rest", f"{do}: the actuator is moving or does not report standstill. Fix: stop the actuator "
-                    f"first"
+                    "first"
             )
 
     def _await_quiet(self) -> None:

@@ -264,7 +264,7 @@ def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
     )
     note = (
         f"Measured on {processors} processors: using more processes than processors brings no gain. Time of the "
-        f"search only, "
+        "search only, "
         "with the workers already started and the recordings loaded. Each was timed once, so other load on the "
         "computer affects the result."
     )

@@ -250,7 +250,7 @@ class ResultsFile:
             raise FileProblem(
                 str(self.path),
                 [f"line 1: format: got {header.get('format')!r}, expected {FORMAT}. Fix: specify another folder with "
-                    f"--out"],
+                    "--out"],
             )
         if header.get("fingerprint") != self.fingerprint:
             raise FileProblem(

@@ -214,7 +214,7 @@ def load_study(path: Path) -> StudyFile:
         problems = [
             problem_at(
                 source, ("comparison", "bounds"), f"{outside}, so no search can start with all parameters equal to "
-                    f"1. Fix: set start = "
+                    "1. Fix: set start = "
                                                   '"none", or bounds = "none" or "wide"',
             )
             for outside in _ones_outside(study)

@@ -68,7 +68,7 @@ class ScenarioLoop(asyncio.BaseEventLoop):
         if self._task is not None and (self._until_ns is None or due_ns < self._until_ns):
             self._kernel.wake(self._task, due_ns)
 
-    async def create_server(self, protocol_factory: Callable[[], Any], *_: object, **__: object) -> Any:  # noqa: ANN401
+    async def create_server(self, protocol_factory: Callable[[], Any], *_: object, **__: object) -> Any:  # noqa: ANN401 - asyncio
         """Accept connections of the world's processes."""
 
         def accept(end: End) -> None:
@@ -111,7 +111,7 @@ class Server:
 class Transport(asyncio.Transport):
     """One connection of the devices."""
 
-    def __init__(self, loop: ScenarioLoop, end: End, protocol: Any) -> None:  # noqa: ANN401
+    def __init__(self, loop: ScenarioLoop, end: End, protocol: Any) -> None:  # noqa: ANN401 - as asyncio has it
         super().__init__()
         self._loop = loop
         self._end = end
@@ -130,15 +130,15 @@ class Transport(asyncio.Transport):
         self._protocol.connection_made(self)
         self._look()
 
-    def set_protocol(self, protocol: Any) -> None:  # noqa: ANN401
+    def set_protocol(self, protocol: Any) -> None:  # noqa: ANN401 - as asyncio has it
         """Who takes the bytes."""
         self._protocol = protocol
 
-    def get_protocol(self) -> Any:  # noqa: ANN401
+    def get_protocol(self) -> Any:  # noqa: ANN401 - as asyncio has it
         """Who takes the bytes."""
         return self._protocol
 
-    def get_extra_info(self, name: str, default: Any = None) -> Any:  # noqa: ANN401
+    def get_extra_info(self, name: str, default: Any = None) -> Any:  # noqa: ANN401 - as asyncio has it
         """Addresses; `socket` is the stream of what the host has not read."""
         return {"peername": ("127.0.0.1", 1), "sockname": ("127.0.0.1", 2), "socket": self._out}.get(name, default)
 
@@ -159,7 +159,7 @@ class Transport(asyncio.Transport):
         self._paused = False
         self._look()
 
-    def write(self, data: Any) -> None:  # noqa: ANN401
+    def write(self, data: Any) -> None:  # noqa: ANN401 - as asyncio has it
         """Send."""
         if self._closing:
             return

@@ -213,7 +213,7 @@ class Given:
         actuator: "tcp" or "rtu", as the bench says; empty: drawn.
         auxiliary: the bench has an auxiliary channel.
         supply: a supply drives the coil.
-        untold: the coil's current is not measured: manual, or an output without measurement.
+        unmeasured: the coil's current is not measured: manual, or an output without measurement.
         streamed: the controller has no function generator and follows set-points.
         motion_s: forecast of the campaign (s), over which things happen.
         lasts_s: how long it lasts at most (s).
@@ -227,7 +227,7 @@ class Given:
     actuator: str = ""
     auxiliary: bool = False
     supply: bool = False
-    untold: bool = False
+    unmeasured: bool = False
     streamed: bool = False
     motion_s: float = 0.0
     lasts_s: float = 0.0
@@ -249,8 +249,8 @@ class Given:
         if (self.streamed and what in AT_THE_PANEL) or (what in NEEDS_AUXILIARY and not self.auxiliary):
             return False
         if what in ONLY_BY_SUPPLY:
-            return self.supply and not self.untold
-        return (happens_to_supply(what) or not self.supply) and (happens_untold(what) or not self.untold)
+            return self.supply and not self.unmeasured
+        return (happens_to_supply(what) or not self.supply) and (happens_unmeasured(what) or not self.unmeasured)
 
 
 def drawn(seed: int, given: Given = Given()) -> ScenarioPlan:
@@ -291,7 +291,7 @@ def given_for(seed: int, given: Given) -> Given:
     tick_s = STREAMED_TICK_S if rig.streamed else BENCH_TICK_S if rig.bench else given.tick_s
     return replace(
         given, kind=rig.kind, bench=rig.bench, matrix=rig.matrix, record=rig.record, motion_s=rig.motion_s,
-        actuator=rig.actuator or given.actuator, supply=rig.supply, untold=rig.unmeasured, streamed=rig.streamed,
+        actuator=rig.actuator or given.actuator, supply=rig.supply, unmeasured=rig.unmeasured, streamed=rig.streamed,
         tick_s=tick_s, usual=True,
     )  # fmt: skip
 
@@ -315,7 +315,7 @@ def happens_to_supply(what: str) -> bool:
     return what not in ONLY_BY_ECU and what not in {"station-killed", "power-cut"}
 
 
-def happens_untold(what: str) -> bool:
+def happens_unmeasured(what: str) -> bool:
     """It can happen where the current is not measured: nothing reports the coil, and who asks and answers lives."""
     row = MATRIX.get(what.partition(":")[0])
     return happens_to_supply(what) and what != "application-killed" and (row is None or row.place not in {"can", "ecu"})

@@ -1,4 +1,4 @@
-"""What must hold of a stop's proof: there is one, it is true, and what comes after it is told."""
+"""Checks of a stop's proof: there is one, it is true, and later changes are reported."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def what_is_proved_is_true(view: View) -> Findings:
         if len(later):
             yield f"standstill was confirmed before the rod moved again at {np.max(np.abs(later[:, 1])):.3g} m/s", t_ns
         heard = np.abs(view.between(t_ns - _heard_ns(view), t_ns)[:, 2])
-        # A current that has begun since the last status was measured is not in the proof: it comes back, and is told.
+        # A current that has begun since the last status was measured is not in the proof; it is reported later.
         if safe.get("current_zero") and np.min(heard) > ZERO_A:
             yield f"0 A was confirmed at {heard[-1]:.2f} A", t_ns
         if safe.get("current_left_A") is not None:
@@ -130,7 +130,7 @@ def source_is_hidden(view: View) -> bool:
 
 
 def a_current_that_comes_back_is_told(view: View) -> Findings:
-    """A current that flows after a proof of 0 A does not stay untold, nor what hides it."""
+    """A current that flows after a proof of 0 A is reported, and so is what hides it."""
     if view.session.answer is None or view.by_hand:
         return
     if source_is_hidden(view) or CURRENT_FLOWS & _told(view):

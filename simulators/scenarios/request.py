@@ -31,7 +31,7 @@ from simulators.scenarios.plan import (
     drawn,
     given_for,
     happens_to_supply,
-    happens_untold,
+    happens_unmeasured,
 )
 from simulators.scenarios.user_bench import LARGEST_BENCH, UserBench, longest_s
 from simulators.schedule import BY_ID, ONLY_BY_SUPPLY, ONLY_ON, STREAMED
@@ -194,7 +194,7 @@ def _check_happenings(wanted: tuple[FaultEvent, ...], given: Given) -> None:
             )
         elif happening.what in ONLY_BY_SUPPLY and not given.supply:
             problem = "requires a power supply as current source. Fix: specify a bench with --bench that has one"
-        elif given.untold and not happens_untold(happening.what):
+        elif given.unmeasured and not happens_unmeasured(happening.what):
             problem = "does not occur if the current is not measured"
         elif happening.what in NEEDS_AUXILIARY and not given.auxiliary:
             problem = "requires an auxiliary channel. Fix: specify a bench with --bench that has one"
@@ -251,7 +251,7 @@ def _on_bench(given: Given, text: str, user: UserBench) -> Given:
     return replace(
         given, bench=user.portable(text), actuator=user.actuator, auxiliary=auxiliary,
         tick_s=min(user.tick_s, STREAMED_TICK_S if user.streamed else user.tick_s),
-        supply=bool(user.supply), untold=user.unmeasured, streamed=user.streamed,
+        supply=bool(user.supply), unmeasured=user.unmeasured, streamed=user.streamed,
     )
 
 
@@ -302,7 +302,7 @@ def _forecast(matrix: Matrix, bench: Bench, text: str) -> Given:
             accepted(matrix.model_copy(update={"specimen": stated}), bench)
         except Refused as error:
             raise Refused(error.slug, "the damper of the simulated rig (set demo) is too "
-                f"strong for this bench. Fix: specify a weaker damper with "
+                "strong for this bench. Fix: specify a weaker damper with "
                 f"specimen.prior\n{error}") from error  # fmt: skip
     motion_s = math.fsum(item.duration_s for item in plan.points)
     lasts_s = longest_s(plan.duration_s, motion_s, matrix.campaign.retries)

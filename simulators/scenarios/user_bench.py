@@ -182,7 +182,7 @@ def _unlike(bench: Bench) -> Iterator[str]:
         rate = bench.clock.device_rate
         yield (
             f"clock.device_rate = {rate:g}: devices in a scenario run in real time; allowed: 1. Fix: remove this "
-            f"entry"
+            "entry"
         )
     for place, sensor in _sensors(bench).items():
         if sensor.rate_Hz > HIGHEST_RATE_Hz:

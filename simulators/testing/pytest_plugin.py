@@ -101,7 +101,7 @@ def bench(bench_path: Path | None) -> Bench:
     from rig.bench.model import Bench
 
     if bench_path is None:
-        pytest.fail(f"the fixture `bench` requires your bench file. Fix: specify the file in pytest's ini file, "
+        pytest.fail("the fixture `bench` requires your bench file. Fix: specify the file in pytest's ini file, "
             f"{BENCH} = FILE")
     return Bench.load(bench_path)
 

@@ -53,9 +53,9 @@ PROGRESS_NS = 100_000_000
 STALE_HEARTBEATS = 2.0
 STATION_ENDS_S = 30.0
 MOST_FAILURES = 10
+"""So many failed turns of the loop after the first one, and the rig is left to its station."""
 WITHOUT_HYDRAULICS = "actuator-without-hydraulics"
 """What the station reports at connect where there is no pressure that it could take away."""
-"""So many failed turns of the loop after the first one, and the rig is left to its station."""
 LINK_ENDED = "sigkill"
 """What the station calls the end of its link; to the program that ended it that is no news."""
 SETPOINTS_LATE = "setpoints-late"

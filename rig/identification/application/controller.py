@@ -103,7 +103,7 @@ class Controller:
         for name, value in {**asked, "acceleration_m_s2": acceleration_m_s2}.items():
             if not math.isfinite(value):
                 raise ValueError(f"controller: {name} = {value:g}, expected a number. Fix: hold or discard the last "
-                    f"command")
+                    "command")
         self.coil_A = self._stays * self.coil_A + (1.0 - self._stays) * self._command_A
         now = (displacement_m - self._mid_stroke_m, velocity_m_s, acceleration_m_s2)
         state = self._advanced(now)

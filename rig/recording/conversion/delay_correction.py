@@ -96,7 +96,7 @@ def _change(point: RecordedPoint, skew: PointSkew | BehindArrivals, instruments:
         if stated_s > max(CERTAIN * skew.std_s, MATTERS_S) or after != before:
             why = f"all points combined determine the delay between force and displacement to {1e3 * skew.std_s:.2g} ms"
             return Change(f"{why}; the point's own signals determine the delay to {1e3 * stated_s:.2g} "
-                f"ms", skew, reasons)
+                "ms", skew, reasons)
         return None
     off = abs(skew.shift_s) > max(CERTAIN * min(skew.std_s, stated_s), MATTERS_S)
     if off or skew.std_s > max(CERTAIN * stated_s, MATTERS_S):

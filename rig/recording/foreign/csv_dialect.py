@@ -356,7 +356,7 @@ def signs_of(file: Path, rows: Sequence[Sequence[str]], said: Dialect) -> tuple[
         whole = re.sub("[.,]", "", unclear[0])
         raise FileProblem(str(file), [
             f"{unclear[0]!r} may be {whole} or a number with three decimals, like every other number with that "
-            f"separator: "
+            "separator: "
             f"{way_out}",
         ])  # fmt: skip
     decimal = decimal or ("," if commas else ".")

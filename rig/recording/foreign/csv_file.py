@@ -206,7 +206,7 @@ class CsvFile:
         if events > max(FEW_EVENTS, MOST_EVENTS * np.count_nonzero(good)):
             raise FileProblem(str(self._file), [
                 *self._wrong_values(places), f"{events} of {len(lines)} rows do not contain numbers: too many to be "
-                    f"events",
+                    "events",
             ])  # fmt: skip
         self._lines = np.flatnonzero(good) + first
         return "\n".join(line for line, row in zip(lines, good, strict=True) if row) + "\n" * self._text.endswith("\n")

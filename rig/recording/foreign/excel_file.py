@@ -65,7 +65,7 @@ def open_workbook(file: Path, data: bytes, said: Dialect) -> list[tuple[str, She
                     "one test per sheet"
                 ])  # fmt: skip
             if not wanted:
-                raise FileProblem(str(file), [f"Excel workbook without rows of numbers; it has the sheets: "
+                raise FileProblem(str(file), ["Excel workbook without rows of numbers; it has the sheets: "
                     f"{_quoted(sheets)}"])
             return [(name, SheetFile(file, sheets[name], said)) for name in wanted if name is not None]
     except FileProblem:
@@ -122,7 +122,7 @@ def _check_parts(file: Path, data: bytes) -> None:
                     head = content.read(4096)
                 if any(mark in head for mark in HIDDEN_MARKUP):
                     raise FileProblem(str(file), [f"{part.filename[:80]!r} defines XML entities, which Excel does "
-                        f"not write"])
+                        "not write"])
 
 
 def _has_table(file: Path, sheet: Any, said: Dialect) -> bool:  # noqa: ANN401 - of a half annotated library

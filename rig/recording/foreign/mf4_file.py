@@ -150,7 +150,7 @@ class Mf4File(NoLines):
         values = np.asarray(signal.samples)
         if values.dtype.kind not in "fiub" or values.ndim != 1:
             raise FileProblem(str(self._file), [f"channel {self.columns[place].name!r} does not contain a series of "
-                f"numbers"])
+                "numbers"])
         numbers = values.astype(np.float64)
         if signal.invalidation_bits is not None:
             numbers[np.asarray(signal.invalidation_bits, bool)] = np.nan

@@ -53,7 +53,7 @@ class Rpc3File(NoLines):
             raise FileProblem(str(file), [
                 f"RPC III file of FORMAT {form[:40]!r}, DATA_TYPE {kind[:40]!r}, FILE_TYPE {history[:40]!r}; expected "
                 f"a TIME_HISTORY in {', '.join(ORDERS)} of {', '.join(TYPES)}. Fix: export the file in one of these "
-                f"forms, or as CSV"
+                "forms, or as CSV"
             ])  # fmt: skip
         if not (0 < channels <= 4096 and 0 < frame <= group and frames > 0 and blocks > 0 and self._step_s > 0.0
                 and math.isfinite(self._step_s)):  # fmt: skip

@@ -192,7 +192,7 @@ def _row(
     shown = f"{difference.signed} {unit}"
     if not limit.exceeded and PROVES * difference.std > limit.tolerance:
         return CrossCheck(instrument, what, f"{reference}: the value is too uncertain for a "
-            f"conclusion", shown, limit.text)
+            "conclusion", shown, limit.text)
     state = CheckState.DISAGREES if limit.exceeded else CheckState.AGREES
     return CrossCheck(instrument, what, reference, shown, limit.text, state)
 

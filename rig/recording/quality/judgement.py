@@ -200,7 +200,7 @@ def _bandwidth(name: str, counts: SensorCounts, frequency_Hz: float) -> list[Rea
         reasons.append(suspect(
             "bandwidth",
             f"{name} at {counts.rate_Hz:g} Hz gives {a_cycle:.3g} samples per cycle at {frequency_Hz:g} Hz, which "
-            f"covers "
+            "covers "
             f"harmonics only up to order {0.5 * a_cycle:.3g} ({SAMPLES_A_CYCLE} samples are required)",
             rate_Hz=counts.rate_Hz, frequency_Hz=frequency_Hz,
         ))

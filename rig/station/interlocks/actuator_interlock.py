@@ -332,7 +332,7 @@ class CommandWatch:
             return []
         detail = (
             f"the controller's last command is {_name(acknowledged[1])}, number {acknowledged[0]}, which this host "
-            f"did not send"
+            "did not send"
         )
         if status.acked_command == Command.ACQUIRE and status.result == Result.REFUSED_OWNER:
             # Another host asks whether the rig is free, and has been told that it is not: said once.
