@@ -114,6 +114,6 @@ def evaluating(what: str) -> Iterator[None]:
         yield
     except NUMERICAL_ERRORS as error:
         raise IdentificationFailed(
-            f"{what} cannot be evaluated: {type(error).__name__}: {error}. Its data violate an assumption made by "
-            "the software. Fix: check its displacement, force and time, or exclude the point"
+            f"{what} cannot be evaluated: {type(error).__name__}: {error}. The data of this point violate "
+            "an assumption made by the software. Fix: check its displacement, force and time, or exclude the point"
         ) from error

@@ -31,16 +31,16 @@ LOOK_AT = {
     "ecu": "the current ECU, its power supply, and the coil with its cable",
     "sensor": "the sensor, its cable, plug and adapter",
     "specimen": "the damper, its joints and its mounting",
-    "signal": "the rig: it is at rest, nothing is loose, and the guard area is clear",
+    "signal": "the rig: it must be at rest with nothing loose, and the guard area must be clear",
     "disk": "the disk: free space and permissions",
-    "silence": "the computer: the reason why programs were not running",
-    "starvation": "the computer: the reason why programs were not running",
-    "clock": "the computer: the reason why it was suspended or its clock jumped",
-    "process": "the computer: the logs of the programs that stopped",
+    "silence": "the computer: find out why its programs were not running",
+    "starvation": "the computer: find out why its programs were not running",
+    "clock": "the computer: find out why it was suspended or its clock jumped",
+    "process": "the computer: read the logs of the programs that stopped",
 }
 """By the place of the fault matrix's row."""
 DAMAGED = "journal-damaged"
-LOOK_AT_THE_RIG = "the rig and station.log: the cause named in the stop message"
+LOOK_AT_THE_RIG = "the rig and station.log, in which the stop message names the cause"
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def open_stops(folder: Path) -> tuple[EarlierStop, ...]:
     campaign = CampaignFolder(folder)
     lines = read_lines(folder) if campaign.journal.is_file() else []
     if any(campaign.points.glob("*")) and not {"connected", "requalified"} & {line["event"] for line in lines}:
-        return (_damaged(f"{CampaignFolder.journal} is missing or cut off"),)
+        return (_damaged(f"{CampaignFolder.journal} is missing or truncated"),)
     return unconfirmed(lines)
 
 
@@ -115,7 +115,7 @@ def unconfirmed(lines: Iterable[Mapping[str, Any]]) -> tuple[EarlierStop, ...]:
 
 
 def _damaged(what: str) -> EarlierStop:
-    detail = f"{what}; the missing part may contain an e-stop or another serious fault"
+    detail = f"{what}; the missing part may record an e-stop or another serious fault"
     return EarlierStop(DAMAGED, "unknown", "unknown", detail, LOOK_AT_THE_RIG, REQUALIFY)
 
 
@@ -139,8 +139,8 @@ def confirm(stops: Iterable[EarlierStop], requalified: str) -> None:
         named = "\n".join(stop.text for stop in grave)
         raise Refused(
             "requalify",
-            f"the specimen must be requalified after the stop in this campaign:\n{named}\nNothing was connected. Fix: "
-            'check the specimen, then state what was checked or replaced: --requalified "TEXT"',
+            f"the specimen must be requalified because this campaign was stopped:\n{named}\nNothing was connected. "
+            'Fix: check the specimen, then state what was checked or replaced: --requalified "TEXT"',
         )
 
 

@@ -164,7 +164,7 @@ class LiveLink:
         confirmed = {str(slug) for slug in named} if isinstance(named, list) else set()
         missing = [stop["slug"] for stop in self.confirm if stop["slug"] not in confirmed]
         if missing:
-            self.display.message("warning", "not started: first confirm that the following were checked: "
+            self.display.message("warning", "not started; first confirm that you have checked the following: "
                 f"{', '.join(missing)}")
             return None
         self.held = False

@@ -129,7 +129,7 @@ def _lock(device: str, address: str) -> int:
     try:
         descriptor = _open(path)
     except OSError as error:
-        reason = f"{address}: its lock {path} cannot be opened ({error}). Fix: check that file and remove it"
+        reason = f"{address}: the lock file {path} cannot be opened ({error}). Fix: check the lock file and delete it"
         raise Refused("two-instances", reason) from error
     deadline_ns = monotonic_ns() + int(STATION_STOPS_S * 1e9)
     while True:
@@ -178,7 +178,7 @@ def _open(path: Path) -> int:
     status = os.fstat(descriptor)
     if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
         os.close(descriptor)
-        raise OSError("not a regular file with a single name")
+        raise OSError("expected a regular file without further hard links")
     return descriptor
 
 

@@ -202,7 +202,7 @@ class StopReport:
             return "coil at 0 A"
         if self.current_timeout_s is None:
             return "coil current not confirmed"
-        passed = f"the time-out of the current source, {self.current_timeout_s:.3g} s has passed"
+        passed = f"the current source's time-out of {self.current_timeout_s:.3g} s has passed"
         return f"coil current not measured ({passed})"
 
     @property
@@ -211,10 +211,9 @@ class StopReport:
             return "hydraulics off"
         others = {
             "none": "actuator holds (no hydraulics to switch off)",
-            "unknown": "HYDRAULICS NOT CONFIRMED OFF (in this state, for example after its own trip, the controller "
-            "does not show whether it has pressure. Fix: inspect and reset the controller, or define [pressure] in "
-            "its register "
-            "map)",
+            "unknown": "HYDRAULICS NOT CONFIRMED OFF (in this state, for example after a trip, the controller does not "
+            "report whether it has pressure. Fix: inspect and reset the controller, or define [pressure] in its "
+            "register map)",
         }
         return others.get(self.pressure, "HYDRAULICS STILL ON")
 

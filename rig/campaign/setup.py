@@ -201,8 +201,8 @@ def check_room(folder: Path, plan: Plan, bench: Bench, matrix: Matrix) -> None:
     if free < needed:
         raise Refused(
             "disk-full",
-            f"{folder}: {free / 1e6:.0f} MB free, about {needed / 1e6:.0f} MB needed. Fix: free disk space or specify "
-            "another folder with --out",
+            f"{folder}: {free / 1e6:.0f} MB free, but about {needed / 1e6:.0f} MB needed. Fix: free disk space or "
+            "specify another folder with --out",
         )
 
 
@@ -380,8 +380,8 @@ def _check_by_hand(matrix: Matrix) -> None:
     if matrix.current_step:
         raise Refused(
             "by-hand-without-steps",
-            "the matrix has a [[current_step]], but a manually set current cannot be timed; nothing was moved. Fix: "
-            "remove this table",
+            "the matrix has a [[current_step]], but an operator cannot set currents at exact times; nothing was "
+            "moved. Fix: remove this table",
         )
     if matrix.campaign.demagnetise or any(point.current_A < 0.0 for point in matrix.points()):
         raise Refused(
@@ -400,7 +400,7 @@ def check_clocks(bench: Bench) -> None:
     formats = {"load_cell": bench.load_cell.format, "lvdt": bench.lvdt.format}
     clocked = clocked_format_names()
     without = [
-        f"[{name}] format = {value if isinstance(value, str) else 'a described line'!r} carries neither a clock nor "
+        f"[{name}] format = {value if isinstance(value, str) else 'a described line'!r} has neither a clock nor "
         "sync edges"
         for name, value in formats.items() if value not in clocked
     ]

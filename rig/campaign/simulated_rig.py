@@ -49,8 +49,8 @@ def wearing(path: Path) -> tuple[str, ...]:
     """
     bench = Bench.load(path)
     problems = [
-        f"{place}: described within the bench file. Fix: write the description to a separate file and enter its "
-        "name; a simulated rig can then emulate the device"
+        f"{place}: the device is described in the bench file itself. Fix: write the description to a separate file "
+        "and enter the file's name; a simulated rig can then emulate the device"
         for place, given in (
             ("ecu.roles", bench.ecu.roles), ("ecu.supply", bench.ecu.supply),
             ("load_cell.format", bench.load_cell.format), ("lvdt.format", bench.lvdt.format),
@@ -302,5 +302,5 @@ def rig_in_use(
     finally:
         if not simulated.stop(rig.settle_s, disk_refuses=rig.disk_refuses):
             full = rig.disk_refuses or simulated.lacks_room
-            why = ": it will complete truth.h5 when disk space is available" if full else ""
+            why = ": it will complete truth.h5 as soon as disk space is available" if full else ""
             display.message("warning", say("rig-goes-on", process=simulated.process.pid, why=why))

@@ -172,7 +172,7 @@ def run_at(url: str, test: StepwiseTest, count: WireCount) -> None:
     """
     driver = make_actuator("demo-streamed", ActuatorConnection(url, timeout_s=PATIENCE_S, owner_id=OWNER))
     if not isinstance(driver, StreamedActuator):
-        raise Refused("controller-refused", "the controller generates its motion itself")
+        raise Refused("controller-refused", "the controller generates the motion itself and does not accept set-points")
     driver.open()
     try:
         hold_under_pressure(driver)
@@ -218,7 +218,7 @@ class Wires:
             try:
                 run_at(Bench.load(simulated.bench_path).actuator.url, test, self.count)
             except DriverError as error:
-                raise Refused("no-answer", f"the simulated rig, {test.steps} steps into the test: {error}") from error
+                raise Refused("no-answer", f"the simulated rig failed after {test.steps} steps: {error}") from error
             finally:
                 simulated.stop()
         return test.result(test.steps)

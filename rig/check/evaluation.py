@@ -82,8 +82,8 @@ class Reports:
 
     def _controller(self, seen: Seen) -> Iterator[CheckFinding]:
         if seen["e_stop_open"]:
-            yield failed("estop", "the e-stop chain is open", "close the chain at the rig; the software cannot close "
-                "it")
+            yield failed("estop", "the e-stop chain is open", "close the e-stop chain at the rig; the software "
+                "cannot close it")
         if seen["faults"] and not seen["e_stop_open"]:
             yield warning("controller-trip", f"the controller reports {seen['faults']} (state {seen['state']})")
         slow_ms = 1e3 * SLOW_ANSWER_SHARE * self._config.actuator.timeout_s
@@ -103,7 +103,7 @@ class Reports:
             number = self.of[name].identity.get("serial_number")
             if given is None and number and self.of[name].verdict != "failed":
                 shown = f'"{number}"' if isinstance(number, str) else str(number)
-                text = f"serial number {number}: the bench file does not state the expected number"
+                text = f"serial number {number}; the bench file does not state the expected serial number"
                 self.add(name, note("identity-unstated", text, f"write {entry} = {shown} in [{name}]"))
 
     def warned(self, events: Iterable[Mapping[str, Any]]) -> None:
@@ -185,7 +185,7 @@ class Reports:
         for sensor in self._config.sensors:
             due = sensor.calibration.due
             if sensor.label in overdue:
-                self.add(sensor.label, say("calibration-overdue", f"calibration was due on {due}"))
+                self.add(sensor.label, say("calibration-overdue", f"the calibration was due on {due}"))
             elif due is None:
                 self.add(sensor.label, note("calibration-unknown", "the bench file does not state the due date of "
                     "its calibration"))
@@ -200,9 +200,9 @@ class Reports:
                 "real_time)"))
         self.of[HOST].numbers["late_ms"] = 1e3 * worst_s
         if worst_s > self._config.late_limit_s:
-            text = f"this computer is too busy: monitoring paused {late_loops} times, for up to {1e3 * worst_s:.0f} ms"
-            self.add(HOST, warning("host-late", f"{text}; a campaign is stopped at "
-                f"{1e3 * self._config.late_limit_s:g} ms"))
+            text = f"this computer is too busy (pauses in monitoring: {late_loops}, longest: {1e3 * worst_s:.0f} ms)"
+            self.add(HOST, warning("host-late", f"{text}; a pause of more than "
+                f"{1e3 * self._config.late_limit_s:g} ms stops a campaign"))
 
 
 def _fix(seen: Seen) -> str:
@@ -222,14 +222,14 @@ def _polls(stream: Stream, config: StationConfig) -> Iterator[CheckFinding]:
     wanted_Hz = 1.0 / config.actuator.poll_s / config.device_rate
     if math.isfinite(stream.rate_Hz) and stream.rate_Hz < SLOW_POLLS * wanted_Hz:
         text = (
-            f"{stream.rate_Hz:.3g} statuses per second, expected {wanted_Hz:.3g}: it does not answer within one "
-            "poll period"
+            f"{stream.rate_Hz:.3g} status messages per second, expected {wanted_Hz:.3g}: the controller does not "
+            "answer within one poll period"
         )
         poll_ms = 1e3 / stream.rate_Hz / config.device_rate
-        fix = f'write poll = "{poll_ms:.0f} ms" in [actuator], or reduce its response time'
+        fix = f'write poll = "{poll_ms:.0f} ms" in [actuator], or reduce the controller\'s response time'
         yield warning("actuator-slow", text, fix)
     if stream.not_numbers:
-        yield failed("feedback-lost", f"{stream.not_numbers} of {stream.count} positions are not numbers")
+        yield failed("feedback-lost", f"{stream.not_numbers} of {stream.count} position values are not numbers")
 
 
 def _numbers(stream: Stream, sensor: SensorConfig) -> dict[str, object]:

@@ -7,54 +7,57 @@ from rig.faults.row import FaultRow, StopKind
 ROWS = (
     FaultRow(
         slug="stroke-limit", end=StopKind.FADE_OUT, halt=True, code=1,
-        detector="LVDT sample beyond the stroke limit, or the controller's own bit",
+        detector="an LVDT sample is beyond the stroke limit, or the controller reports this fault",
     ),
     FaultRow(
         slug="force-limit", end=StopKind.FADE_OUT, halt=True, code=2,
-        detector="load-cell sample beyond its limit, or the controller's own bit",
+        detector="a load-cell sample is beyond the force limit, or the controller reports this fault",
     ),
     FaultRow(
         slug="speed-limit", end=StopKind.FADE_OUT, code=3,
-        detector="LVDT slew over a window, three times in a row, or the controller's own bit",
+        detector="the LVDT's speed over a time window is beyond the limit three times in a row, or the controller "
+            "reports this fault",
     ),
     FaultRow(
-        slug="overcurrent", end=StopKind.FADE_OUT, code=4, detector="measured coil current beyond the limit",
+        slug="overcurrent", end=StopKind.FADE_OUT, code=4, detector="the measured coil current is beyond the limit",
     ),
     FaultRow(
-        slug="coil-temperature", end=StopKind.FADE_OUT, code=5, detector="coil temperature beyond the limit",
+        slug="coil-temperature", end=StopKind.FADE_OUT, code=5, detector="the coil temperature is beyond the limit",
     ),
     FaultRow(
         slug="auxiliary-pulled", end=StopKind.FADE_OUT, code=12,
-        detector="an auxiliary sensor's port ended, or no value within its stale-after",
+        detector="an auxiliary sensor's port closed, or no value arrived within stale_after",
     ),
     FaultRow(
         slug="sensor-fault", end=StopKind.FADE_OUT, code=15,
-        detector="three samples in a row flagged by the sensor itself",
+        detector="the sensor flagged three samples in a row as faulty",
     ),
     FaultRow(
         slug="current-unmeasured", end=StopKind.FADE_OUT, resume="a",
-        code=69, detector="three answers of the current source in a row without a measured number",
+        code=69, detector="three answers of the current source in a row contained no measured value",
     ),
     FaultRow(
         slug="ecu-command", end=StopKind.FADE_OUT, code=25,
         detector="the ECU reports late or wrong command frames",
     ),
     FaultRow(
-        slug="can-lost", end=StopKind.FADE_OUT, code=27, detector="CAN port ended or refuses to send",
+        slug="can-lost", end=StopKind.FADE_OUT, code=27, detector="the CAN port closed or cannot send",
     ),
     FaultRow(
-        slug="position-disagreement", end=StopKind.HALT, code=35, detector="controller position and LVDT disagree",
+        slug="position-disagreement", end=StopKind.HALT, code=35,
+        detector="the controller's position and the LVDT disagree",
     ),
     FaultRow(
         slug="feedback-lost", end=StopKind.HALT, code=61,
-        detector="controller's sensor bit, or no finite position, velocity or force from it",
+        detector="the controller reports a sensor fault, or a position, velocity or force that is not finite",
     ),
     FaultRow(
         slug="controller-trip", end=StopKind.FADE_OUT, code=38,
-        detector="controller tripped by itself, not at a limit above",
+        detector="the controller tripped for another reason",
     ),
     FaultRow(
-        slug="supply-pressure", end=StopKind.PRESSURE_OFF, code=41, detector="controller's supply-pressure bit",
+        slug="supply-pressure", end=StopKind.PRESSURE_OFF, code=41,
+        detector="the controller reports a supply-pressure fault",
     ),
     FaultRow(
         slug="recorder-unwell", end=StopKind.FADE_OUT, code=52,
@@ -62,6 +65,6 @@ ROWS = (
     ),
     FaultRow(
         slug="operator", end=StopKind.FADE_OUT, code=60,
-        detector="stop requested by the application; its reason is in the detail",
+        detector="the application requested a stop; the detail states the reason",
     ),
 )

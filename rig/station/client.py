@@ -99,7 +99,7 @@ class StationClient:
                 client._events.extendleft(reversed([event for event in early if event not in ready]))
                 return client
         client.close(timeout_s=1.0)
-        raise StationLost(f"the station did not start; the end of {log_path}:\n{_tail(log_path)}")
+        raise StationLost(f"the station did not start; last lines of {log_path}:\n{_tail(log_path)}")
 
     @property
     def alive(self) -> bool:

@@ -88,7 +88,7 @@ class CommandChannel:
         if status.result != Result.DONE:
             name = Result(status.result).name if status.result in set(Result) else str(status.result)
             slug = "second-master" if status.result == Result.REFUSED_OWNER else "controller-refused"
-            raise StationRefused(slug, f"the controller refused {command.name}: {name} in state {status.state}")
+            raise StationRefused(slug, f"the controller rejected {command.name} in state {status.state}: {name}")
         return status
 
     def await_status(

@@ -75,9 +75,9 @@ def step_event(stop: SafeStop, inputs: StopInputs, evidence: Event, now_ns: int)
 
 
 PRESSURE_SEEN = {
-    "on": "the controller shows pressure (or power)", "low": "the controller shows low pressure",
-    "unknown": "the controller does not show whether it has pressure (or power) while its state is {state}: reset "
-    "the controller, or define in [pressure] of its register map how it shows this",
+    "on": "the controller reports pressure (or power)", "low": "the controller reports low pressure",
+    "unknown": "the controller does not report whether it has pressure (or power) in state {state}: reset the "
+    "controller, or define in [pressure] of its register map how it reports the pressure",
 }
 
 CURRENT_ON = (

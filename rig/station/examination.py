@@ -20,7 +20,8 @@ from rig.station.threads.devices import Device, Devices, slug_of
 from rig.station.threads.sensor_thread import SensorThread
 
 NOTHING_STOPS_IT = (
-    "the actuator has no watchdog and its pressure cannot be switched off: nothing would stop it if this host failed"
+    "the actuator has no watchdog and its pressure cannot be switched off: nothing would stop the actuator if this "
+    "host failed"
 )
 ASKED = 100
 """So many times the controller is asked for its status one after the other, for the time that an answer takes."""

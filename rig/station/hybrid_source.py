@@ -177,9 +177,9 @@ def hybrid_order(given: object, config: StationConfig) -> HybridOrder:
         Extent("speed", "m/s", bounds.speed_m_s, limits.speed_m_s),
         Extent("acceleration", "m/s^2", bounds.acceleration_m_s2, limits.acceleration_m_s2),
         Extent(
-            "deceleration of a halt", "m/s^2", bounds.halt_deceleration_m_s2, config.actuator.halt_deceleration_m_s2
+            "halt deceleration", "m/s^2", bounds.halt_deceleration_m_s2, config.actuator.halt_deceleration_m_s2
         ),
         Extent("current", "A", order.control.range_A[1], limits.current_A),
     )
-    refuse_beyond(extents, "the bounds of a hybrid test are", ROUNDING)
+    refuse_beyond(extents, "the bounds of a hybrid test exceed", ROUNDING)
     return order

@@ -72,7 +72,7 @@ def read_order(given: object, what: str, from_json: Callable[[Mapping[str, Any]]
         StationRefused: it is none.
     """
     if not isinstance(given, dict):
-        raise StationRefused("bad-request", f"start: expected {what}, got no table of numbers")
+        raise StationRefused("bad-request", f"start: expected {what}, got a value that is not a table")
     try:
         return from_json(given)
     except (KeyError, TypeError, ValueError) as error:
@@ -96,14 +96,14 @@ def refuse_beyond(extents: Sequence[Extent], what: str, rounding: float) -> None
         if not extent.value <= extent.limit * (1.0 + rounding)
     ]
     if wide:
-        raise StationRefused("matrix-infeasible", f"start: {what} beyond the machine's limits: {'; '.join(wide)}")
+        raise StationRefused("matrix-infeasible", f"start: {what} the machine's limits: {'; '.join(wide)}")
 
 
 def travel_extents(reached: Reach, limits: Limits) -> tuple[Extent, Extent]:
     """Both ends of what a motion and its halts reach (m, rig's coordinate), against the position limits."""
     return (
-        Extent("travel (halts included) to", "m", reached.high_m, limits.position_max_m),
-        Extent("travel (halts included) to minus", "m", -reached.low_m, -limits.position_min_m),
+        Extent("travel above zero (including halts)", "m", reached.high_m, limits.position_max_m),
+        Extent("travel below zero (including halts)", "m", -reached.low_m, -limits.position_min_m),
     )
 
 
@@ -167,7 +167,7 @@ def _program(arguments: Arguments, devices: Devices) -> Program:
     """
     name = str(arguments.get("waveform")).upper()
     if name not in Waveform.__members__:
-        raise StationRefused("bad-request", f"start: waveform {arguments.get('waveform')!r} is unknown")
+        raise StationRefused("bad-request", f"start: unknown waveform {arguments.get('waveform')!r}")
     waveform, limits = Waveform[name], devices.config.limits
     if waveform is Waveform.TRIANGLE and not devices.actuator.capabilities.triangle:
         raise StationRefused("matrix-infeasible", "start: this actuator generates only sine waveforms")
@@ -205,7 +205,7 @@ def refuse_without_travel(program: Program, table_m: Sequence[float], config: St
     )  # fmt: skip
     reached, centre_m = reach(cycles.path(), config.actuator.halt_deceleration_m_s2), program.centre_m
     whole = Reach(centre_m + reached.low_m, centre_m + reached.high_m)
-    refuse_beyond(travel_extents(whole, config.limits), "the motion is", ROUNDING)
+    refuse_beyond(travel_extents(whole, config.limits), "the motion exceeds", ROUNDING)
 
 
 def _unit_cycle(waveform: Waveform, table_m: Sequence[float]) -> list[tuple[float, float]]:

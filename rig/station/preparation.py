@@ -72,7 +72,7 @@ class Preparation:
         if config.actuator.serial_number not in {None, identity.serial_number}:
             expected = config.actuator.serial_number
             raise StationRefused(
-                "wrong-identity", f"actuator: serial number {identity.serial_number!r}, the bench expects {expected!r}"
+                "wrong-identity", f"actuator: got serial number {identity.serial_number!r}, expected {expected!r}"
             )
         return asdict(identity)
 
@@ -83,7 +83,7 @@ class Preparation:
             raise StationRefused("wrong-identity", f"ecu: {devices.coil.identity_problem}")
         if config.ecu.serial_number is not None and (ecu is None or config.ecu.serial_number != ecu.serial_number):
             expected_number, own = config.ecu.serial_number, "none" if ecu is None else ecu.serial_number
-            raise StationRefused("wrong-identity", f"ecu: serial number {own}, the bench expects {expected_number}")
+            raise StationRefused("wrong-identity", f"ecu: got serial number {own}, expected {expected_number}")
         return {} if ecu is None else ecu._asdict()
 
     @staticmethod
@@ -148,7 +148,8 @@ class Preparation:
         for name, value in asdict(wanted).items():
             if not math.isclose(getattr(held, name), value, rel_tol=READ_BACK_SHARE):
                 raise StationRefused(
-                    "modbus-write-lost", f"arm: wrote {name} = {value}, the controller has {getattr(held, name)}"
+                    "modbus-write-lost", f"arm: wrote {name} = {value}, but the controller returned "
+                        f"{getattr(held, name)}"
                 )
         actuator.expect_settings(actuator.capabilities.settings_hash)
         return held
@@ -179,7 +180,8 @@ class Preparation:
                 self._devices.actuator.wait_status(lambda status: status.owner == 0, 0.1)
         owner = self._devices.owner_id
         self._commands.await_status(
-            lambda status: status.owner == owner, "second-master", f"the controller does not report the owner {owner}"
+            lambda status: status.owner == owner, "second-master", f"the controller does not report {owner} (this "
+                "host) as the owner"
         )
         judge.leased = True
 
@@ -199,15 +201,15 @@ class Preparation:
         coil = self._devices.coil
         coil.begin()
         if not coil.wait_clear(ACK_TIMEOUT_S):
-            raise StationRefused("coil-not-ready", f"arm: ECU {coil.describe()}")
+            raise StationRefused("coil-not-ready", f"arm: the ECU {coil.describe()}")
         if not coil.wait_taken(ACK_TIMEOUT_S):
             if coil.faults & SourceFault.COMMAND_CHECK:
                 raise StationRefused(
                     "ecu-command",
-                    f"arm: ECU {coil.describe()}: it rejects the commands; check their protection (profile, E2E data "
-                    "ID, counter) and the DBC file",
+                    f"arm: the ECU {coil.describe()} and rejects the commands; check their protection (profile, E2E "
+                    "data ID, counter) and the DBC file",
                 )
-            raise StationRefused("coil-not-ready", f"arm: ECU {coil.describe()}")
+            raise StationRefused("coil-not-ready", f"arm: the ECU {coil.describe()}")
         current_A = coil.fresh_current_A
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
             slug = "current-stuck" if self._devices.config.ecu.url is None else "supply-not-zero"
@@ -228,10 +230,9 @@ class Preparation:
         if measured_A <= 0.5 * asked_A:
             raise StationRefused(
                 "ecu-command",
-                f"arm: ECU {coil.describe()}: {asked_A:g} A was commanded at rest, but the measured current does not "
-                "follow "
-                f"({measured_A:.3f} A): it rejects the commands, or its output stage has no power; check the "
-                "protection of the command message (profile, E2E data ID, counter) and the DBC file",
+                f"arm: the ECU {coil.describe()}: {asked_A:g} A was commanded at rest, but the measured current does "
+                f"not follow ({measured_A:.3f} A). The ECU rejects the commands, or its output stage has no power; "
+                "check the protection of the command message (profile, E2E data ID, counter) and the DBC file",
             )
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
             raise StationRefused("current-stuck", f"arm: measured current {current_A} A after {asked_A:g} A was "
@@ -263,11 +264,13 @@ class Preparation:
             supervisor.starve(proving=True, feeding=True)
             if tripped is None:
                 raise StationRefused(
-                    "watchdog-absent", f"the controller did not trip within {allowed_s:g} s without watchdog refresh"
+                    "watchdog-absent", f"the controller did not trip within {allowed_s:g} s after the watchdog refresh "
+                        "had stopped"
                 )
             self._commands.command(Command.RESET)
             self._commands.await_status(
-                lambda status: status.fault_bits == 0, "controller-trip", "the watchdog trip cannot be reset"
+                lambda status: status.fault_bits == 0, "controller-trip", "the trip caused by the watchdog test cannot "
+                    "be reset"
             )
         finally:
             supervisor.starve(proving=False, feeding=True)
@@ -306,5 +309,5 @@ class Preparation:
             return
         self._commands.command(Command.RESET)
         self._commands.await_status(
-            lambda status: not status.tripped, "controller-trip", "the watchdog's trip at the end cannot be reset"
+            lambda status: not status.tripped, "controller-trip", "the final trip of the watchdog cannot be reset"
         )

@@ -69,8 +69,8 @@ class Station:
             try:
                 self._stop_socket = StopSocket(Path(self.config.stop_socket), self._asked_to_stop)
             except OSError as error:
-                self.supervisor.tell("station-link", "the rig can be stopped by the application only, not from the "
-                    f"page: {error}")
+                self.supervisor.tell("station-link", "only the application can stop the rig; the page cannot: "
+                    f"{error}")
         self.link.emit(
             {
                 "event": "ready",
@@ -97,7 +97,7 @@ class Station:
     def _asked_to_stop(self, by: str) -> None:
         """A stop that did not come from the application; before the ports are open there is nothing to stop."""
         if self.requests.connected:
-            self.supervisor.ask_stop(StopKind.FADE_OUT, "operator", f"Stop on the page, {by}")
+            self.supervisor.ask_stop(StopKind.FADE_OUT, "operator", f"Stop requested on the page by {by}")
 
     def _answer(self, message: dict[str, object], do: str) -> None:
         number = message.get("id")
@@ -164,7 +164,7 @@ def real_time_priority(wanted: bool) -> str | None:
     if not wanted:
         return None
     if not hasattr(os, "sched_setscheduler"):
-        return "this system has no SCHED_FIFO"
+        return "this system does not support SCHED_FIFO"
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
     except OSError as error:
@@ -210,7 +210,7 @@ def main(arguments: list[str]) -> int:
         ring = RingWriter(Path(config.ring_path), config.ring_capacity)
     except OSError as error:
         folder, needed = Path(config.ring_path).parent, ring_bytes(config.ring_capacity)
-        sys.stderr.write(f"the ring of samples, {needed / 1e6:.0f} MB, cannot be created in {folder}: {error}\n")
+        sys.stderr.write(f"the sample ring ({needed / 1e6:.0f} MB) cannot be created in {folder}: {error}\n")
         return EXIT_REFUSED
     # Threads inherit the priority, so it comes before the first one.
     refused = real_time_priority(config.real_time)
@@ -293,7 +293,8 @@ class Link:
             for line in lines:
                 self._take_line(line, take)
             if len(rest) > LONGEST_LINE:
-                self.emit({"event": "warning", "slug": "station-link", "detail": "line too long: it was discarded"})
+                detail = "the line is too long and was discarded"
+                self.emit({"event": "warning", "slug": "station-link", "detail": detail})
                 rest = b""
 
     def end(self, timeout_s: float = 1.0) -> None:
@@ -316,7 +317,8 @@ class Link:
         if isinstance(message, dict):
             take(message)
         elif line.strip():
-            self.emit({"event": "warning", "slug": "station-link", "detail": f"not a JSON object: {line[:80]!r}"})
+            detail = f"expected a JSON object, got {line[:80]!r}"
+            self.emit({"event": "warning", "slug": "station-link", "detail": detail})
 
     def _write(self) -> None:
         while True:

@@ -128,7 +128,7 @@ class Requests:
             slug = link_slug(error, self._devices.actuator.link_kind) if in_operation else slug_of(error)
             raise StationRefused(slug, str(error)) from error
         except TimeoutError as error:
-            raise StationRefused("modbus-halfopen", f"{do}: the controller's thread did not answer in time") from error
+            raise StationRefused("modbus-halfopen", f"{do}: the controller thread did not answer in time") from error
 
     # Before motion
 
@@ -227,7 +227,7 @@ class Requests:
         speed_m_s = number(arguments, "speed_m_s", 0.0, limits.speed_m_s)
         deceleration = self._config.actuator.halt_deceleration_m_s2
         ends_m = [halted_m(target_m, way * speed_m_s, deceleration) for way in (-1.0, 1.0)]
-        refuse_beyond(travel_extents(Reach(min(ends_m), max(ends_m)), limits), "a halt of the move is", ROUNDING)
+        refuse_beyond(travel_extents(Reach(min(ends_m), max(ends_m)), limits), "a halt of the move exceeds", ROUNDING)
         self._supervisor.movement = Movement(fade_s=speed_m_s / deceleration + SPEED_WINDOW_S)
         status = self._commands.command(Command.MOVE_TO, Move(target_m, speed_m_s))
         return {"state": state_name(status.state)}
@@ -281,7 +281,7 @@ class Requests:
         now_ns = monotonic_ns()
         still_s = devices.lvdt.still_s(now_ns)
         if still_s is None or still_s < STILL_S or not devices.actuator.rests(now_ns):
-            raise StationRefused("not-at-rest", "reset: standstill is not confirmed by LVDT and controller")
+            raise StationRefused("not-at-rest", "reset: the LVDT and the controller do not both confirm standstill")
         try:
             self._preparation.prepare_coil()
         except BaseException:

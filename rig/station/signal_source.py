@@ -79,7 +79,7 @@ class SignalOrder:
         if sys.byteorder == "big":
             numbers.byteswap()
         if not (math.isfinite(centre_m) and all(map(math.isfinite, numbers))):
-            raise ValueError("not all numbers are finite")
+            raise ValueError("some samples or the centre are not finite numbers")
         return cls(step_s, numbers[:count], numbers[count:], centre_m)
 
     def at(self, elapsed_s: float) -> Setpoint:
@@ -170,5 +170,5 @@ def signal_order(given: object, limits: Limits, halt_deceleration_m_s2: float) -
         Extent("distance from the centre at start or end", "m", max(abs(positions[0]), abs(positions[-1])), REST_M),
         Extent("speed at start or end", "m/s", max(abs(speeds[0]), abs(speeds[-1])), REST_M_S),
     )
-    refuse_beyond(extents, "a signal is", ROUNDING)
+    refuse_beyond(extents, "a signal exceeds", ROUNDING)
     return order

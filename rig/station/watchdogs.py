@@ -156,8 +156,8 @@ class HostWatch:
         again_ns = GRACE_NS if overdue else min(stale_ns, LOOK_AGAIN_NS)
         if age_ns - blind_ns <= stale_ns or since_woken_ns <= again_ns:
             return None
-        meanwhile = f"; for {blind_ns / 1e6:.0f} ms of this time the station itself was not running" if blind_ns else ""
-        detail = f"{name}: no value for {age_ns / 1e6:.0f} ms{meanwhile}, allowed {stale_ns / 1e6:.0f} ms"
+        meanwhile = f"; the station itself was not running for {blind_ns / 1e6:.0f} ms of this time" if blind_ns else ""
+        detail = f"{name}: no value for {age_ns / 1e6:.0f} ms, allowed {stale_ns / 1e6:.0f} ms{meanwhile}"
         return Finding(slug, detail, now_ns, age_ns / 1e9, stale_ns / 1e9)
 
     def take(self) -> BlindTime | None:
@@ -298,7 +298,7 @@ class Watchdogs:
         """Threads that ended, devices not heard within their time."""
         for source in self.watched:
             if not source.alive:
-                yield Finding("task-dies", f"the thread for {source.name} ended", now_ns)
+                yield Finding("task-dies", f"the station's thread for {source.name} ended", now_ns)
                 continue
             age_ns, stale_ns = source.silent_ns(now_ns)
             finding = self._host.missed(source.name, source.slug, now_ns - age_ns, stale_ns, now_ns)

@@ -59,5 +59,5 @@ def test_a_campaign_refused_for_want_of_room_is_over_at_once(small_disk: Path, t
     assert done.returncode == EXIT_REFUSED
     assert "about" in answer["error"]
     assert "MB needed" in answer["error"]
-    assert "it will complete truth.h5 when disk space is available" in done.stderr
+    assert "it will complete truth.h5 as soon as disk space is available" in done.stderr
     assert (monotonic_ns() - began_ns) / 1e9 < STOP_TIMEOUT_S

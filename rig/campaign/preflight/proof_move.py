@@ -359,8 +359,8 @@ def read_baseline(folder: Path, *, points_kept: bool) -> Baseline:
     baseline = Baseline(folder)
     if baseline.signature is None:
         text = (
-            "is missing or empty, but the campaign contains points: it cannot be verified that they were measured "
-            "with this damper and these devices; "
+            "is missing or empty, so the program cannot verify that the campaign's points were measured with this "
+            "damper and these devices; "
         )
         raise FileProblem(str(CampaignFolder(folder).baseline), [text + "restore the file, or start a new campaign"])
     try:

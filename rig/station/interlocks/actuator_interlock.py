@@ -174,7 +174,7 @@ class ActuatorInterlock:
             return
         forward_us = (status.clock_us - before.clock_us) % CLOCK_MODULUS
         if forward_us >= CLOCK_MODULUS // 2:
-            detail = f"the controller's clock went back from {before.clock_us} to {status.clock_us} us"
+            detail = f"the controller's clock ran backwards, from {before.clock_us} to {status.clock_us} us"
             findings.append(Finding("actuator-reboot", detail, status.received_ns))
             self._anchor_m = math.nan
         else:

@@ -142,7 +142,7 @@ class ChannelInterlock:
         host_ns, device_us, value, sequence, channel, flags = record
         limits = self.limits
         if flags & Quality.GAP_BEFORE:
-            findings.append(Finding("sample-gap", f"{self.name}: samples lost before sequence {sequence}", host_ns))
+            findings.append(Finding("sample-gap", f"{self.name}: samples lost before sample {sequence}", host_ns))
         self._follow_flags(record, findings)
         if flags & Quality.NOT_A_NUMBER or math.isnan(value):
             findings.append(Finding("sensor-nan", f"{self.name}: sample {sequence} is not a number", host_ns))
@@ -175,8 +175,8 @@ class ChannelInterlock:
         elif not math.isnan(value):
             self._saturated = 0
         if self._saturated >= CONSECUTIVE:
-            findings.append(Finding("sensor-saturated", f"{self.name}: at the limit "
-                "of its range", host_ns, value, self.limits.span))
+            findings.append(Finding("sensor-saturated", f"{self.name}: the value is at "
+                "the limit of the range", host_ns, value, self.limits.span))
 
     def _check_limits(self, host_ns: int, value: float, findings: list[Finding]) -> None:
         low, high, unit = self.limits.low, self.limits.high, self.limits.unit

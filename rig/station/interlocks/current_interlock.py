@@ -122,8 +122,8 @@ class BusInterlock:
         findings = [*self._frames(counted, t_ns), *self._load(counted, t_ns)]
         if counted.foreign_commands > self._foreign:
             detail = (
-                f"{counted.foreign_commands - self._foreign} frames with this host's command identifier from "
-                "another sender"
+                "frames with this host's command identifier received from another sender: "
+                f"{counted.foreign_commands - self._foreign}"
             )
             findings.append(Finding("can-foreign", detail, t_ns))
         return findings
@@ -138,7 +138,7 @@ class BusInterlock:
             findings.append(Finding(slug, detail, t_ns, counted.bad_in_a_row, CONSECUTIVE, warns=few))
         self._bad = bad
         if counted.gaps_in_a_row >= CONSECUTIVE:
-            detail = f"{counted.gaps_in_a_row} consecutive ECU status frames after gaps in the counter"
+            detail = f"{counted.gaps_in_a_row} consecutive ECU status frames with a gap in the counter"
             findings.append(Finding("ecu-crc", detail, t_ns, counted.gaps_in_a_row, CONSECUTIVE))
         repeated, lost = counted.duplicates - self._duplicates, counted.lost - self._lost
         if repeated or lost:

@@ -59,7 +59,7 @@ class LawInterlock:
         if self._off != CONSECUTIVE:
             return []
         detail = (
-            f"mean of {self._statuses} statuses: measured {measured_A:.3f} A, commanded {asked_A:.3f} A, allowed "
-            f"difference {allowed_A:.3f} A"
+            f"mean of {self._statuses} status messages: measured {measured_A:.3f} A, commanded {asked_A:.3f} A, "
+            f"allowed difference {allowed_A:.3f} A"
         )
         return [Finding("current-tracking", detail, t_ns, measured_A, asked_A)]

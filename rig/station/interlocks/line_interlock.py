@@ -97,7 +97,7 @@ def drift(name: str, ppm: float, reference_ppm: float, t_ns: int) -> list[Findin
     apart_ppm = ppm - reference_ppm
     if not abs(apart_ppm) > DRIFT_PPM:
         return []
-    detail = f"{name}: its clock runs {apart_ppm:+.0f} ppm away from the controller's, allowed: {DRIFT_PPM:.0f} ppm"
+    detail = f"{name}: clock differs by {apart_ppm:+.0f} ppm from the controller's clock, allowed: {DRIFT_PPM:.0f} ppm"
     return [Finding("clock-drift", detail, t_ns, apart_ppm, DRIFT_PPM)]
 
 

@@ -61,7 +61,8 @@ class LinkFaults:
         self._busy = self._wrong = 0
         findings = [*self._stale(t_ns)]
         if self._link.busy > self._seen_busy:
-            detail = f"the controller was busy {self._link.busy - self._seen_busy} times before answering"
+            count = self._link.busy - self._seen_busy
+            detail = f"busy answers from the controller before it accepted the request: {count}"
             findings.append(Finding("modbus-busy", detail, t_ns, warns=True))
         self._seen_busy = self._link.busy
         return findings
@@ -99,7 +100,7 @@ class LinkFaults:
         if count == 0:
             return []
         slug = "rtu-stale" if self._kind is LinkKind.MODBUS_RTU else "modbus-wrong-tid"
-        return [Finding(slug, f"{count} answers to other requests were discarded", t_ns, warns=True)]
+        return [Finding(slug, f"number of answers to other requests discarded: {count}", t_ns, warns=True)]
 
 
 @dataclass
@@ -127,5 +128,5 @@ class EchoWatch:
         self._missing = self._missing + 1 if status.watchdog_echo != counter else 0
         if self._missing < CONSECUTIVE:
             return []
-        detail = f"wrote watchdog counter {counter}, the controller still returns {status.watchdog_echo}"
+        detail = f"wrote watchdog counter {counter}, but the controller still returns {status.watchdog_echo}"
         return [Finding("modbus-write-lost", detail, status.received_ns, status.watchdog_echo, counter)]

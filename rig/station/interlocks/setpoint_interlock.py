@@ -53,8 +53,8 @@ def unfollowable(program: Program, limits: Limits, poll_s: float) -> list[str]:
     problems = []
     if frequency_Hz > most_Hz * (1.0 + LIMIT_SLACK):
         problems.append(
-            f"{frequency_Hz:g} Hz has fewer than {FEWEST_SETPOINTS} set-points per cycle. Fix: use at most {most_Hz:g} "
-            "Hz, or shorten the poll interval"
+            f"a motion at {frequency_Hz:g} Hz has fewer than {FEWEST_SETPOINTS} set-points per cycle. Fix: use at most "
+            f"{most_Hz:g} Hz, or shorten the poll interval"
         )
     if speed_m_s > limits.speed_m_s * (1.0 + LIMIT_SLACK):
         problems.append(f"speed {speed_m_s:g} m/s, allowed {limits.speed_m_s:g} m/s")
@@ -173,8 +173,8 @@ class SetpointInterlock:
 
     def _late(self, late_s: float, t_ns: int) -> Finding:
         detail = (
-            f"set-points were sent {1e3 * self._late_s:g} ms late or more {CONSECUTIVE} times in a row or "
-            f"{MOST_LATE} times out of {WINDOW_STEPS}; the last one {1e3 * late_s:.1f} ms late"
+            f"{CONSECUTIVE} set-points in a row, or {MOST_LATE} of the last {WINDOW_STEPS}, were sent more than "
+            f"{1e3 * self._late_s:g} ms late; the last one was {1e3 * late_s:.1f} ms late"
         )
         return Finding(LATE, detail, t_ns, late_s, self._late_s)
 

@@ -413,7 +413,7 @@ class ActuatorThread(DeviceThread):
         if taken:
             return
         last = f"{status.acked_command} as {status.acked_sequence}"
-        detail = f"{command.name} was written with number {sent.sequence}, the controller's last command is {last}"
+        detail = f"{command.name} was written with number {sent.sequence}, but the controller's last command is {last}"
         slug = "second-master" if swallowed else "modbus-write-lost"
         self._supervisor.report([Finding(slug, detail, status.received_ns)])
         if not self._supervisor.settled:

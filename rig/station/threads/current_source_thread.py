@@ -310,11 +310,11 @@ class CurrentSourceThread(ReadingThread):
         """State and faults in words."""
         status = self._driver.status
         if status is None:
-            return "sends no status"
+            return "does not send a status"
         if status.state == UNKNOWN_STATE:
-            return f"in an unknown state, with faults {SourceFault(status.faults)!r}"
+            return f"is in an unknown state with faults {SourceFault(status.faults)!r}"
         state = SourceState(status.state).name if status.state in set(SourceState) else str(status.state)
-        return f"in state {state}, faults {SourceFault(status.faults)!r}"
+        return f"is in state {state} with faults {SourceFault(status.faults)!r}"
 
     def counters(self, now_ns: int) -> dict[str, object]:
         """Age of the last status and what was counted."""
@@ -396,8 +396,8 @@ class CurrentSourceThread(ReadingThread):
             self._stamps_told = True
             self._supervisor.tell(
                 "ecu-time-stamps",
-                "its frames have time stamps from the CAN interface, converted to this host's clock to within "
-                f"{uncertainty_ns / 1e3:.0f} us plus the shortest read time",
+                "the CAN interface time-stamps the frames; the time stamps are converted to this host's clock to "
+                f"within {uncertainty_ns / 1e3:.0f} us plus the shortest read time",
             )
 
     def _tell_not_numbers(self) -> None:
@@ -406,7 +406,7 @@ class CurrentSourceThread(ReadingThread):
             self._not_numbers_told.add(channel)
             self._supervisor.tell(
                 "ecu-value-missing",
-                f"its {channel.name.lower().replace('_', ' ')} is not a finite number in some frames: this value is "
+                f"the {channel.name.lower().replace('_', ' ')} in some frames is not a finite number: this value is "
                 "discarded, and the rest of the frame is used",
             )
 

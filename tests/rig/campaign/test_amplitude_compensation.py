@@ -83,7 +83,7 @@ def test_a_shift_known_from_other_motions_never_leads_beyond_the_position_limits
         assert program.centre_m - program.amplitude_m >= limits.low_m - 1e-12
         drive = learned(drive, large, sensor_zero_3_mm_off(program.amplitude_m, program.centre_m), 0.005, limits)
         programs += 1
-    assert "about -3 mm would be needed, beyond the positions allowed" in drive.cannot
+    assert "about a centre of -3 mm would be needed, beyond the positions allowed" in drive.cannot
     assert programs <= 2
 
 
@@ -99,7 +99,7 @@ def test_a_speed_limit_takes_nothing_from_the_room_for_the_centre() -> None:
 
 def test_a_centre_too_far_off_is_named() -> None:
     drive, programs = adapt(POINT, lambda command_m, centre_m: MeasuredMotion(command_m, centre_m + 0.008))
-    assert "the centre would have to be moved by -8 mm; -5 mm is allowed" in drive.cannot
+    assert "the centre would have to be moved by -8 mm, but only -5 mm is allowed" in drive.cannot
     assert programs == 2
 
 

@@ -92,7 +92,7 @@ def test_a_journal_that_is_gone_may_have_told_of_an_estop(tmp_path: Path) -> Non
     for left in (None, "", json.dumps({"event": "phase", "phase": "connecting"}) + "\n"):
         if left is not None:
             (tmp_path / "journal.jsonl").write_text(left, encoding="utf-8")
-        with pytest.raises(Refused, match=r"journal\.jsonl is missing or cut off"):
+        with pytest.raises(Refused, match=r"journal\.jsonl is missing or truncated"):
             confirm(open_stops(tmp_path), "")
     (tmp_path / "journal.jsonl").write_text(json.dumps({"event": "connected"}) + "\n", encoding="utf-8")
     assert open_stops(tmp_path) == ()

@@ -63,7 +63,7 @@ def test_a_stop_before_the_rig_is_connected_ends_the_campaign_there(link: LiveLi
     say(link, do="pause", by="Ada")
     signals.check()
     say(link, do="stop", by="Ada")
-    with pytest.raises(Stopped, match="Stop on the page, Ada"):
+    with pytest.raises(Stopped, match="Stop requested on the page by Ada"):
         signals.check()
     assert [type(event) for event in signals.take()] == [ev.PauseAsked]
 

@@ -43,7 +43,7 @@ def test_sensors_that_follow_the_actuator_are_proved() -> None:
         (replace(UP, lvdt_m=0.0124), replace(DOWN, lvdt_m=0.0076), "4.8 mm"),
         (UP, replace(DOWN, position_m=0.012), "controller moved 0 mm"),
         (way(0.012, 0.012, -80.0, 80.0), way(0.008, 0.008, 70.0, -70.0), "showed 149 N less"),
-        (way(0.012, 0.012, 800.0, 80.0), way(0.008, 0.008, -700.0, -70.0), "the controller 1"),
+        (way(0.012, 0.012, 800.0, 80.0), way(0.008, 0.008, -700.0, -70.0), "the controller showed 1"),
     ],
     ids=["sign", "still", "scale", "controller", "force-sign", "force-scale"],
 )

@@ -105,7 +105,7 @@ def test_a_device_of_another_serial_number_is_named_a_reboot_is_not(tmp_path: Pa
         (12.9, (), "warm the room"),
         (44.0, (23.0, 35.0), None),
         (45.1, (23.0, 35.0), "23.0 to 35.0 degC"),
-        (math.nan, (), "reports no coil temperature"),
+        (math.nan, (), "does not report a coil temperature"),
         (33.1, (math.nan,), "33.1"),
     ],
 )
@@ -131,7 +131,7 @@ def test_kept_points_want_the_first_session_s_damper_and_devices(tmp_path: Path,
     if content is not None:
         (tmp_path / "baseline.json").write_text(content, encoding="utf-8")
     assert read_baseline(tmp_path, points_kept=False).signature is None, "nothing was measured yet"
-    with pytest.raises(FileProblem, match=r"baseline\.json: is missing or empty, but .*points.*start a new"):
+    with pytest.raises(FileProblem, match=r"baseline\.json: is missing or empty, so .*points.*start a new"):
         read_baseline(tmp_path, points_kept=True)
 
 

@@ -48,7 +48,7 @@ def test_devices_rates_and_limits_are_those_of_the_file(tmp_path: Path) -> None:
 
 def test_what_is_described_inside_of_the_bench_file_is_refused_with_what_to_do(tmp_path: Path) -> None:
     path = bench(tmp_path, ('format = "frame16"', "format = {pattern = '(?P<value>[+-]\\d{5})'}"))
-    with pytest.raises(FileProblem, match=r"load_cell\.format: described within the bench file.* separate file"):
+    with pytest.raises(FileProblem, match=r"load_cell\.format: .*in the bench file itself.* separate file"):
         wearing(path)
 
 

@@ -160,7 +160,7 @@ def test_a_reversed_lvdt_at_its_zero_shows_only_when_the_rod_is_moved(tmp_path: 
     assert checked(tmp_path / "still", *wrong).passed
     moved = checked(tmp_path / "moved", *wrong, prove=True)
     seen = finding(moved, "lvdt", "sensors-swapped")
-    assert re.search(r"the LVDT showed -(4|3\.9\d) mm, the controller moved (4|3\.9\d) mm", seen.text)
+    assert re.search(r"the LVDT showed -(4|3\.9\d) mm, but the controller moved (4|3\.9\d) mm", seen.text)
     assert 'polarity = "reversed" in [lvdt.calibration]' in seen.fix
     assert moved.proved
 

@@ -163,7 +163,7 @@ def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
         ({"halted": True}, "motion halted"),
         ({"faded": False}, "rod at rest, coil at 0 A"),
         ({"current_zero": False}, "coil current not confirmed"),
-        ({"current_zero": False, "current_timeout_s": 1.0}, "not measured (the time-out of the current source, 1 s"),
+        ({"current_zero": False, "current_timeout_s": 1.0}, "not measured (the current source's time-out of 1 s"),
         ({"current_zero": False, "current_left_A": 1.5}, "COIL CURRENT STILL ON (1.5 A measured"),
         ({"moved": False, "current_left_A": 0.3}, "no motion had started, COIL CURRENT STILL ON (0.3 A"),
         ({"pressure_off": False}, "HYDRAULICS STILL ON"),

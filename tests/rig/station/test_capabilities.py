@@ -141,7 +141,7 @@ def wait_for(true: Callable[[], bool]) -> bool:
 
 
 def test_an_actuator_that_nothing_would_stop_is_refused(rig: Callable[..., Rig]) -> None:
-    with pytest.raises(StationRefused, match="nothing would stop it") as refused:
+    with pytest.raises(StationRefused, match="nothing would stop the actuator") as refused:
         rig(hydraulics=False).requests.handle("connect", {})
     assert refused.value.slug == "watchdog-absent"
 

@@ -182,7 +182,7 @@ def test_no_room_for_the_samples_is_said_in_one_line(tmp_path: Path) -> None:
     assert (code, messages) == (3, [])
     (line,) = error.splitlines()
     place = re.escape(str(tmp_path))
-    assert re.match(rf"the ring of samples, \d+ MB, cannot be created in {place}: .*File too large", line)
+    assert re.match(rf"the sample ring \(\d+ MB\) cannot be created in {place}: .*File too large", line)
     assert [path.name for path in tmp_path.iterdir()] == ["station.json"]
 
 

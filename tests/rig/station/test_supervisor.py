@@ -50,7 +50,7 @@ def test_what_is_found_again_and_again_is_told_once_a_second_before_arming_and_o
     assert [event["event"] for event in told] == ["warning"]
     supervisor.arm()
     supervisor.report(repeated)
-    supervisor.report([Finding("sensor-saturated", "load_cell: at the end of its range", 0)] * 1000)
+    supervisor.report([Finding("sensor-saturated", "load_cell: the value is at the limit of the range", 0)] * 1000)
     assert [event["event"] for event in told] == ["warning", "trip", "also"]
     trips = [record for record in ring if record[4] == Channel.TRIP]
     assert [record[2] for record in trips] == [REACTIONS["sensor-fault"].code, REACTIONS["sensor-saturated"].code]
@@ -247,7 +247,7 @@ def test_each_stop_command_begins_the_proof_of_standstill_anew(supervisor: Super
     supervisor.arm()
     supervisor.report([FAULT])
     assert rod.restarts == 2, "LVDT and controller"
-    supervisor.report([Finding("sensor-saturated", "load_cell: at the end of its range", 0)])
+    supervisor.report([Finding("sensor-saturated", "load_cell: the value is at the limit of the range", 0)])
     assert rod.restarts == 2, "nothing new is asked of the controller"
     supervisor.report([LATER])
     assert rod.restarts == 4
