@@ -13,23 +13,21 @@ from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, FaultRow, StopKind
 
 DONE = {
-    StopKind.FADE_OUT: "Stopped (S2): the coil went to 0 A immediately, the controller ramped the motion down and "
-        "holds "
-    "the position.",
-    StopKind.HALT: "Stopped (SO), because the position is no longer trusted: the coil went to 0 A immediately, the "
+    StopKind.FADE_OUT: "Stopped (S2): the coil went to 0 A immediately, and the controller ramped the motion down and "
+    "holds the position.",
+    StopKind.HALT: "Stopped (SO), because the position is no longer trusted: the coil went to 0 A immediately, and the "
     "controller halted without using its position.",
     StopKind.PRESSURE_OFF: "Stopped (S1): the coil went to 0 A immediately, the controller ramped the motion down, "
-        "then "
-    "the pressure was switched off.",
+    "and the pressure was then switched off.",
     Ending.WARN: "Flagged and recorded; the campaign continues.",
     Ending.INVALID: "The current point is invalid; the campaign continues and repeats the point if [campaign] "
         "retries allows it.",
     Ending.REFUSE: "The request was refused; nothing moved.",
 }
 """What follows from how a fault ends."""
-HALTED = "Stopped (S2): the coil went to 0 A immediately, the controller's halt ramp ended the motion."
+HALTED = "Stopped (S2): the coil went to 0 A immediately, and the controller's halt ramp ended the motion."
 """... where a hard limit was hit."""
-STAYS = "A single occurrence is only flagged. If it persists: "
+STAYS = "A single occurrence is only flagged. If the fault persists: "
 KEPT = " Data recorded until then are kept; the current point is invalid."
 
 RESUME = {
