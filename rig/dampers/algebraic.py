@@ -31,10 +31,10 @@ MASS = Parameter("m", "m", "kg", 1.0, 0.0, 100.0, True, "inertia of the moving r
 PRELOAD = linear_parameter("F0", "N", 0.0, "gas preload", limit=5e3)
 SLOPE = shape_parameter("beta", "s/m", 40.0, 0.1, 1e4, "steepness of the yield branch", term="yield")
 OFFSET = shape_parameter(
-    "delta", "1", 0.5, -20.0, 20.0, "half width of the yield loop, as an argument of tanh", term="yield"
+    "delta", "1", 0.5, -20.0, 20.0, "half-width of the yield loop, expressed as an argument of tanh", term="yield"
 )
 OFFSET_SPEED = shape_parameter(
-    "lambda", "m/s", 0.01, -2.0, 2.0, "half width of the yield loop, expressed as a speed", term="yield"
+    "lambda", "m/s", 0.01, -2.0, 2.0, "half-width of the yield loop, expressed as a speed", term="yield"
 )
 
 
@@ -71,8 +71,8 @@ STIFFNESS = (
 def needs_kernel_only(name: str) -> str:
     """The message for the author of a `ColumnModel` with shape parameters of its own."""
     return (
-        f"{name}: got a ColumnModel with shape parameters, expected none, or those of TanhModel. Fix: derive it from "
-        "rig.dampers.AlgebraicModel, which needs only parameters and kernel"
+        f"{name}: got a ColumnModel with shape parameters, expected no shape parameters or those of TanhModel. Fix: "
+        "derive the model from rig.dampers.AlgebraicModel, which requires only parameters and kernel"
     )
 
 
@@ -259,12 +259,12 @@ class AsymmetricModel(TanhModel):
 
     name: ClassVar[str] = "asymmetric"
     equation: ClassVar[str] = (
-        "F = m a + C(I, sgn v) v + K(I) u + Fy(I) tanh(y) + F0, C = Ca + Cb I (plus for v >= 0), Fy = Fya + Fyb I, "
-        "K = Ka + Kb I (c-FOA paper, equations 3-11)"
+        "F = m a + C(I, sgn v) v + K(I) u + Fy(I) tanh(y) + F0, C = Ca + Cb I (Ca_plus, Cb_plus for v >= 0), Fy = Fya "
+        "+ Fyb I, K = Ka + Kb I (c-FOA paper, equations 3-11)"
     )
     energy: ClassVar[str] = (
-        "viscous and yield terms dissipate energy where they have the sign of the speed; tanh with delta returns "
-        "energy between mid-stroke and -delta/beta; K and m are conservative"
+        "the viscous and yield terms dissipate energy when they have the sign of the velocity; the tanh term with "
+        "delta returns energy between mid-stroke and -delta/beta; K and m are conservative"
     )
     forms: ClassVar[tuple[Hysteresis, ...]] = ("kwok", "printed")
     fixed_names: ClassVar[tuple[str, ...]] = ("m", "F0", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus", "Ka", "Kb")
@@ -357,7 +357,7 @@ class KwokModel(TanhModel):
     equation: ClassVar[str] = (
         "F = c v + k u + alpha z + f0, z = tanh(beta v + delta sgn u) (Kwok 2006); c, k, alpha affine in I"
     )
-    energy: ClassVar[str] = "as for `asymmetric`, without inertia"
+    energy: ClassVar[str] = "as for `asymmetric`, but without inertia"
     fixed_names: ClassVar[tuple[str, ...]] = ("c", "c_b", "k", "k_b", "f0")
     yield_names: ClassVar[tuple[str, str]] = ("alpha", "alpha_b")
     general: ClassVar[Mapping[str, tuple[str, ...]]] = {

@@ -63,14 +63,24 @@ class AsymmetricBoucWenModel(HystereticModel):
     parameters: tuple[Parameter, ...] = (
         *BACKGROUND,
         linear_parameter(
-            "kva", "N s/m", 0.0, "half the difference of viscous damping, rebound minus compression", softens=True
+            "kva", "N s/m", 0.0, (
+                "half the difference in viscous damping (rebound minus compression) at zero current"
+            ), softens=True
         ),
-        linear_parameter("kva_b", "N s/(m A)", 0.0, "the same per ampere", at_zero="kva", softens=True),
+        linear_parameter(
+            "kva_b", "N s/(m A)", 0.0, "half the difference in viscous damping (rebound minus compression) per ampere",
+            at_zero="kva", softens=True,
+        ),
         *YIELD,
         linear_parameter(
-            "kwa", "N", 0.0, "half the difference of yield force, rebound minus compression", softens=True
+            "kwa", "N", 0.0, (
+                "half the difference in yield force (rebound minus compression) at zero current"
+            ), softens=True
         ),
-        linear_parameter("kwa_b", "N/A", 0.0, "the same per ampere", at_zero="kwa", softens=True),
+        linear_parameter(
+            "kwa_b", "N/A", 0.0, "half the difference in yield force (rebound minus compression) per ampere",
+            at_zero="kwa", softens=True,
+        ),
         *LOOP,
     )
 

@@ -39,10 +39,12 @@ class HystereticBiviscousModel(HystereticModel):
     name: ClassVar[str] = "hysteretic_biviscous"
     states: ClassVar[int] = 1
     equation: ClassVar[str] = (
-        "F = kx u + kv v + ky max(-1, min(1, q/vy)) + f0, q = v -+ v0 while v rises, falls "
-        "(Wereley 1998); kv, ky, vy affine in I"
+        "F = kx u + kv v + ky max(-1, min(1, q/vy)) + f0, q = v - v0 while v rises, v + v0 while v falls (Wereley "
+        "1998); kv, ky, vy affine in I"
     )
-    energy: ClassVar[str] = "dissipative over a loop faster than v0 + vy; returns energy within 2 v0 of a reversal"
+    energy: ClassVar[str] = (
+        "dissipative over a loop whose peak speed exceeds v0 + vy; returns energy within 2 v0 of a reversal"
+    )
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 700.0, "kv_b": 110.0, "f0": -150.0, "ky": 60.0, "ky_b": 240.0, "vy": 0.03, "vy_b": 0.01,
         "v0": 0.015,
@@ -54,8 +56,11 @@ class HystereticBiviscousModel(HystereticModel):
         shape_parameter("vy", "m/s", 0.02, 1e-5, 10.0, (
             "speed relative to v0 at which the force yields, at zero current"
         )),
-        shape_parameter("vy_b", "m/(s A)", 0.0, 0.0, 10.0, "the same per ampere", at_zero="vy"),
-        shape_parameter("v0", "m/s", 0.01, 1e-6, 10.0, "half width of the loop, expressed as a speed"),
+        shape_parameter(
+            "vy_b", "m/(s A)", 0.0, 0.0, 10.0, "speed relative to v0 at which the force yields, per ampere",
+            at_zero="vy",
+        ),
+        shape_parameter("v0", "m/s", 0.01, 1e-6, 10.0, "half-width of the loop, expressed as a speed"),
     )
 
     def kernel(self) -> Kernel:
@@ -93,7 +98,7 @@ def _piece(name: str, where: str) -> tuple[Parameter, Parameter]:
     return (
         linear_parameter(name, "N s/m", 500.0, f"damping {where} at zero current", term="viscous", softens=True),
         linear_parameter(
-            f"{name}_b", "N s/(m A)", 0.0, "the same per ampere", term="viscous", at_zero=name, softens=True
+            f"{name}_b", "N s/(m A)", 0.0, f"damping {where} per ampere", term="viscous", at_zero=name, softens=True
         ),
     )
 
@@ -104,8 +109,8 @@ class DigressiveBilinearModel(HystereticModel):
     name: ClassVar[str] = "digressive_bilinear"
     states: ClassVar[int] = 0
     equation: ClassVar[str] = (
-        "F = kx u + f0 + cl v + (ch - cl) (v - vk) beyond vk, with separate values in rebound and compression (Dixon "
-        "2007); cl, ch affine in I"
+        "F = kx u + f0 + cl v + (ch - cl) (v - vk) for |v| > vk, with separate values for rebound and compression "
+        "(Dixon 2007); cl, ch affine in I"
     )
     energy: ClassVar[str] = "dissipative at every instant if no slope is negative"
     knees: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -125,8 +130,8 @@ class DigressiveBilinearModel(HystereticModel):
         *_piece("ch_plus", "in fast rebound"),
         *_piece("cl_minus", "in slow compression"),
         *_piece("ch_minus", "in fast compression"),
-        shape_parameter("vk_plus", "m/s", 0.05, 1e-5, 10.0, "speed of the knee in rebound"),
-        shape_parameter("vk_minus", "m/s", 0.05, 1e-5, 10.0, "speed of the knee in compression"),
+        shape_parameter("vk_plus", "m/s", 0.05, 1e-5, 10.0, "speed at the knee in rebound"),
+        shape_parameter("vk_minus", "m/s", 0.05, 1e-5, 10.0, "speed at the knee in compression"),
     )
 
     def kernel(self) -> Kernel:

@@ -44,7 +44,8 @@ class BoucWenModel(HystereticModel):
         "F = c0 v + k0 (u - x0) + alpha z, z' = -gamma |v| z |z|^(n-1) - beta v |z|^n + A v (Spencer 1997)"
     )
     energy: ClassVar[str] = (
-        "dissipative over a closed loop for gamma + beta > 0 and gamma >= beta; the rest is elastic and recovered"
+        "dissipative over a closed loop for gamma + beta > 0 and gamma >= beta; the remaining energy is elastic and is "
+        "recovered"
     )
     redundant: ClassVar[Mapping[str, tuple[str, ...]]] = {"A": ("alpha", "alpha_b", "gamma", "beta")}
     demonstration: ClassVar[Mapping[str, float]] = {
@@ -65,9 +66,10 @@ class BoucWenModel(HystereticModel):
             softens=True,
         ),
         linear_parameter(
-            "alpha_b", "N/(m A)", 0.0, "the same per ampere", term="yield", at_zero="alpha", softens=True
+            "alpha_b", "N/(m A)", 0.0, "hysteretic force per hysteretic displacement and ampere",
+            term="yield", at_zero="alpha", softens=True,
         ),
-        shape_parameter("gamma", "m^-n", 1e6, 0.0, 1e9, "shape of the loop, with the sign of the speed"),
+        shape_parameter("gamma", "m^-n", 1e6, 0.0, 1e9, "shape of the loop (factor of the term with |v|)"),
         shape_parameter("beta", "m^-n", 1e6, -1e9, 1e9, "shape of the loop"),
         shape_parameter("A", "1", 1.0, 1e-6, 1e6, "initial slope of z; redundant with alpha"),
         EXPONENT,
@@ -115,7 +117,9 @@ class NormalizedBoucWenModel(HystereticModel):
     equation: ClassVar[str] = (
         "F = kx u + kv v + kw w + f0, w' = rho [v - sigma |v| |w|^(n-1) w + (sigma - 1) v |w|^n] (Ikhouane-Rodellar)"
     )
-    energy: ClassVar[str] = "dissipative over a closed loop for sigma >= 1/2; the rest is elastic and recovered"
+    energy: ClassVar[str] = (
+        "dissipative over a closed loop for sigma >= 1/2; the remaining energy is elastic and is recovered"
+    )
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 700.0, "kv_b": 110.0, "kw": 80.0, "kw_b": 250.0, "f0": -150.0, "rho": 1500.0, "sigma": 0.6,
@@ -187,9 +191,9 @@ class ThinningBoucWenModel(NormalizedBoucWenModel):
         linear_parameter("kw_c", "N/A^2", 0.0, "yield force per ampere squared", at_zero="kw", power=2),
         linear_parameter("kw_d", "N/A^3", 0.0, "yield force per ampere cubed", at_zero="kw", power=3),
         linear_parameter("kt", "N", 20.0, "saturating viscous force at zero current"),
-        linear_parameter("kt_b", "N/A", 50.0, "the same per ampere", at_zero="kt"),
-        linear_parameter("kt_c", "N/A^2", 0.0, "the same per ampere squared", at_zero="kt", power=2),
-        linear_parameter("kt_d", "N/A^3", 0.0, "the same per ampere cubed", at_zero="kt", power=3),
+        linear_parameter("kt_b", "N/A", 50.0, "saturating viscous force per ampere", at_zero="kt"),
+        linear_parameter("kt_c", "N/A^2", 0.0, "saturating viscous force per ampere squared", at_zero="kt", power=2),
+        linear_parameter("kt_d", "N/A^3", 0.0, "saturating viscous force per ampere cubed", at_zero="kt", power=3),
         shape_parameter("vt", "m/s", 0.02, 1e-4, 10.0, "speed at which the viscous force saturates"),
     )
 

@@ -29,7 +29,7 @@ from rig.dampers.thixotropic_bouc_wen import ThixotropicBoucWenModel
 from rig.errors import RigError
 from rig.plugins import DAMPER_MODELS, Catalogue
 
-SIMULATED = "plausible values for the simulated rig; these are not a published fit"
+SIMULATED = "plausible values for the simulated rig, not a published fit"
 
 CATALOGUE: tuple[DamperModel, ...] = (
     AsymmetricModel(),
@@ -69,9 +69,9 @@ def model_of_plug_in(name: str, brought: object) -> DamperModel:
     """
     made = brought() if isinstance(brought, type) else brought
     if not isinstance(made, DamperModel):
-        raise ValueError(f"got {type(made).__name__}, expected a rig.dampers.DamperModel, class or object")
+        raise ValueError(f"got {type(made).__name__}, expected a rig.dampers.DamperModel (class or object)")
     if made.name != name:
-        raise ValueError(f"got a model named {made.name!r}, expected the name of its entry point")
+        raise ValueError(f"got a model named {made.name!r}, expected the same name as its entry point")
     made.vector(made.demonstration)
     made.separation(ORDINARY)
     return made
@@ -155,7 +155,10 @@ def model(name: str, hysteresis: Hysteresis = "kwok") -> DamperModel:
     if hysteresis != "printed":
         raise UnknownName(f"unknown hysteresis form {hysteresis!r}; expected kwok or printed")
     if name not in PRINTED:
-        raise UnknownName(f"{name}: no printed form of the hysteresis argument; models with one: {', '.join(PRINTED)}")
+        raise UnknownName(
+            f"{name}: this model has no printed form of the hysteresis argument; models that have one: "
+            f"{', '.join(PRINTED)}"
+        )
     return PRINTED[name]
 
 

@@ -165,7 +165,7 @@ class TableLaw(CurrentLaw):
         if self.levels_A.size < FEWEST_LEVELS or not rising:
             told = ", ".join(f"{level:g}" for level in levels_A) or "none"
             raise UnknownLaw(
-                f"{PER_CURRENT}: got currents {told} A, expected {FEWEST_LEVELS} or more, increasing, such as "
+                f"{PER_CURRENT}: got currents {told} A, expected at least {FEWEST_LEVELS} in increasing order, such as "
                 f"{PER_CURRENT}{AT}0,1,2"
             )
         inner = self.levels_A[1:-1].tolist()
@@ -235,6 +235,6 @@ def current_law(text: str) -> CurrentLaw | None:
         except ValueError:
             pass
     raise UnknownLaw(
-        f"current law: got {text!r}; known: {AFFINE}, {SATURATING}, {POLYNOMIAL}, {PER_CURRENT}{AT}I1,I2,... (three "
-        f"or more currents in A, increasing, such as {PER_CURRENT}{AT}0,1,2)"
+        f"current law: got {text!r}; known: {AFFINE}, {SATURATING}, {POLYNOMIAL}, {PER_CURRENT}{AT}I1,I2,... (three or "
+        f"more currents in A in increasing order, such as {PER_CURRENT}{AT}0,1,2)"
     )

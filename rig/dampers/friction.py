@@ -49,7 +49,9 @@ class DahlModel(HystereticModel):
     name: ClassVar[str] = "dahl"
     states: ClassVar[int] = 1
     equation: ClassVar[str] = "F = kx u + kv v + kw w + f0, w' = rho (v - |v| w) (Dahl 1968); kv, kw affine in I"
-    energy: ClassVar[str] = "dissipates rho |v| w^2 kw + kv v^2 at every instant; the rest is elastic and recovered"
+    energy: ClassVar[str] = (
+        "dissipates rho |v| w^2 kw + kv v^2 at every instant; the remaining energy is elastic and is recovered"
+    )
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 700.0, "kv_b": 110.0, "f0": -150.0, "kw": 80.0, "kw_b": 250.0, "rho": 800.0,

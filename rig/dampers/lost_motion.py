@@ -72,20 +72,22 @@ class LostMotionModel(HystereticModel):
         _viscous("kv_b", "N s/(m A)", 0.0, "viscous damping per ampere", "kv"),
         linear_parameter("f0", "N", 0.0, "force offset"),
         _yield("ky", "N", 50.0, "yield force at zero current, once engaged"),
-        _yield("ky_b", "N/A", 200.0, "the same per ampere", "ky"),
-        _yield("ky_c", "N/A^2", 0.0, "the same per ampere squared", "ky", 2),
-        _yield("ky_d", "N/A^3", 0.0, "the same per ampere cubed", "ky", 3),
-        _yield("ku", "N/m", 0.0, "change of the yield force along the stroke at zero current"),
-        _yield("ku_b", "N/(m A)", 0.0, "the same per ampere", "ku"),
+        _yield("ky_b", "N/A", 200.0, "yield force per ampere, once engaged", "ky"),
+        _yield("ky_c", "N/A^2", 0.0, "yield force per ampere squared, once engaged", "ky", 2),
+        _yield("ky_d", "N/A^3", 0.0, "yield force per ampere cubed, once engaged", "ky", 3),
+        _yield("ku", "N/m", 0.0, "change in the yield force along the stroke at zero current"),
+        _yield("ku_b", "N/(m A)", 0.0, "change in the yield force along the stroke, per ampere", "ku"),
         _viscous("kg", "N s/m", 1000.0, "additional viscous damping within the lost motion at zero current"),
-        _viscous("kg_b", "N s/(m A)", 0.0, "the same per ampere", "kg"),
-        _viscous("kg_c", "N s/(m A^2)", 0.0, "the same per ampere squared", "kg", 2),
+        _viscous("kg_b", "N s/(m A)", 0.0, "additional viscous damping within the lost motion, per ampere", "kg"),
+        _viscous(
+            "kg_c", "N s/(m A^2)", 0.0, "additional viscous damping within the lost motion, per ampere squared", "kg", 2
+        ),
         _yield("kt", "N", 20.0, "amplitude of the logarithmic viscous force at zero current"),
-        _yield("kt_b", "N/A", 50.0, "the same per ampere", "kt"),
-        _yield("kt_c", "N/A^2", 0.0, "the same per ampere squared", "kt", 2),
-        _yield("kt_d", "N/A^3", 0.0, "the same per ampere cubed", "kt", 3),
+        _yield("kt_b", "N/A", 50.0, "amplitude of the logarithmic viscous force per ampere", "kt"),
+        _yield("kt_c", "N/A^2", 0.0, "amplitude of the logarithmic viscous force per ampere squared", "kt", 2),
+        _yield("kt_d", "N/A^3", 0.0, "amplitude of the logarithmic viscous force per ampere cubed", "kt", 3),
         shape_parameter("rho", "1/m", 1000.0, 1e-2, 1e6, "twice the inverse of the lost motion"),
-        shape_parameter("vt", "m/s", 0.005, 1e-6, 10.0, "speed at which the logarithmic viscous force begins"),
+        shape_parameter("vt", "m/s", 0.005, 1e-6, 10.0, "speed above which the viscous force becomes logarithmic"),
     )
 
     def kernel(self) -> Kernel:

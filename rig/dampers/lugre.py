@@ -41,7 +41,7 @@ class LuGreModel(HystereticModel):
         "(Canudas, Olsson, Astrom and Lischinsky 1995); kv, kw, kd affine in I"
     )
     energy: ClassVar[str] = (
-        "dissipates rho |v| w^2 kw / g + kv v^2 + kd w' v / rho; the rest is elastic and recovered"
+        "dissipates rho |v| w^2 kw / g + kv v^2 + kd w' v / rho; the remaining energy is elastic and is recovered"
     )
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
@@ -52,7 +52,7 @@ class LuGreModel(HystereticModel):
         *BACKGROUND,
         *FRICTION,
         linear_parameter("kd", "N s/m", 0.0, "damping of the bristles at zero current", softens=True),
-        linear_parameter("kd_b", "N s/(m A)", 0.0, "the same per ampere", at_zero="kd", softens=True),
+        linear_parameter("kd_b", "N s/(m A)", 0.0, "damping of the bristles per ampere", at_zero="kd", softens=True),
         BRISTLE,
         shape_parameter("s", "1", 0.3, 1e-3, 10.0, "ratio of static to sliding friction, minus 1"),
         shape_parameter(

@@ -38,7 +38,7 @@ class ModifiedBoucWenModel(HystereticModel):
         "z' = -gamma |u' - y'| z |z|^(n-1) - beta (u' - y') |z|^n + A (u' - y') (Spencer 1997)"
     )
     energy: ClassVar[str] = (
-        "its dampers c0, c1 dissipate energy; hysteresis as in bouc_wen; the springs k0, k1 return energy"
+        "the dashpots c0 and c1 dissipate energy; the hysteresis is as in bouc_wen; the springs k0 and k1 return energy"
     )
     redundant: ClassVar[Mapping[str, tuple[str, ...]]] = {"A": ("alpha_a", "alpha_b", "gamma", "beta")}
     speeds_tell_yield: ClassVar[bool] = True
@@ -50,15 +50,22 @@ class ModifiedBoucWenModel(HystereticModel):
         linear_parameter(
             "alpha_a", "N/m", 1e4, "hysteretic force per hysteretic displacement at zero current", softens=True
         ),
-        linear_parameter("alpha_b", "N/(m A)", 5e4, "the same per ampere", at_zero="alpha_a", softens=True),
-        linear_parameter("c0a", "N s/m", 1e3, "viscous damping at large speeds, zero current", softens=True),
-        linear_parameter("c0b", "N s/(m A)", 1e2, "the same per ampere", at_zero="c0a", softens=True),
-        linear_parameter("c1a", "N s/m", 2e4, "dashpot of the roll-off at small speeds, zero current", softens=True),
-        linear_parameter("c1b", "N s/(m A)", 1e2, "the same per ampere", at_zero="c1a", softens=True),
-        linear_parameter("k0", "N/m", 0.0, "stiffness at large speeds"),
+        linear_parameter(
+            "alpha_b", "N/(m A)", 5e4, "hysteretic force per hysteretic displacement and ampere",
+            at_zero="alpha_a", softens=True,
+        ),
+        linear_parameter("c0a", "N s/m", 1e3, "viscous damping at high speeds and zero current", softens=True),
+        linear_parameter(
+            "c0b", "N s/(m A)", 1e2, "viscous damping at high speeds per ampere", at_zero="c0a", softens=True
+        ),
+        linear_parameter("c1a", "N s/m", 2e4, "dashpot for the roll-off at low speeds and zero current", softens=True),
+        linear_parameter(
+            "c1b", "N s/(m A)", 1e2, "dashpot for the roll-off at low speeds, per ampere", at_zero="c1a", softens=True
+        ),
+        linear_parameter("k0", "N/m", 0.0, "stiffness at high speeds"),
         linear_parameter("k1", "N/m", 0.0, "accumulator stiffness"),
         shape_parameter("x0", "m", 0.0, -1.0, 1.0, "extension at which the force of the accumulator spring is zero"),
-        shape_parameter("gamma", "m^-n", 1e6, 0.0, 1e9, "shape of the loop, with the sign of the speed"),
+        shape_parameter("gamma", "m^-n", 1e6, 0.0, 1e9, "shape of the loop (factor of the term with |u' - y'|)"),
         shape_parameter("beta", "m^-n", 1e6, -1e9, 1e9, "shape of the loop"),
         shape_parameter("A", "1", 100.0, 1e-6, 1e6, "initial slope of z; redundant with alpha, beta and gamma"),
         EXPONENT,

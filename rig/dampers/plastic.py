@@ -84,7 +84,9 @@ class ViscoelasticPlasticModel(HystereticModel):
         "yielded (|F - f0| > fc): F = k1 (x2 - x1) + c1 (v2 - v1) + f0 = c0 v1 + fc sgn(v1) + f0 = k2 (x3 - x2) + f0; "
         "else v1 = 0; x3 = u (Gamota and Filisko 1991, as in Spencer 1997)"
     )
-    energy: ClassVar[str] = "its dampers c0, c1 and the friction fc dissipate energy; its springs k1, k2 return energy"
+    energy: ClassVar[str] = (
+        "the dashpots c0 and c1 and the friction fc dissipate energy; the springs k1 and k2 return energy"
+    )
     demonstration: ClassVar[Mapping[str, float]] = {
         "k1": 1.5e5, "c1": 1500.0, "k2": 3e5, "c0": 700.0, "fc": 60.0, "fc_b": 238.0, "c0_b": 110.0, "f0": -270.0,
     }  # fmt: skip

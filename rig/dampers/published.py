@@ -49,7 +49,9 @@ def _cfoa_sets() -> list[ParameterSet]:
     sets = []
     for name, table, numbers in CFOA_FITS:
         values = dict(zip(CFOA_KEYS, numbers, strict=True))
-        sets.append(ParameterSet(name, "asymmetric", values, f"{CFOA}, {table}; its lambda read as delta (no unit)"))
+        sets.append(ParameterSet(name, "asymmetric", values, (
+            f"{CFOA}, {table}; the paper's lambda is interpreted as delta (dimensionless)"
+        )))
         printed = {("lambda" if key == "delta" else key): value for key, value in values.items()}
         source = (
             f"{CFOA}, {table}, as printed: because lambda is larger than every speed, the yield force depends "

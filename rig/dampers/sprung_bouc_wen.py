@@ -50,13 +50,13 @@ class SprungBoucWenModel(HystereticModel):
     name: ClassVar[str] = "sprung_bouc_wen"
     states: ClassVar[int] = 2
     equation: ClassVar[str] = (
-        "F = f0 + k x + m a, k x = kx u_p + kv v_p + (ky + ku u_p) w + kt asinh(v_p/vt), u_p = u - x, v_p = v - x', "
-        "w' = rho (v_p - |v_p| |w| w / 2 - v_p w^2 / 2); kv, ku affine, ky quadratic, kt cubic in I, kv, kt no less "
-        "than 0 (Wen 1976; Eyring 1936)"
+        "F = f0 + k x + m a, k x = kx u_p + kv v_p + (ky + ku u_p) w + kt asinh(v_p/vt), u_p = u - x, v_p = v - x', w' "
+        "= rho (v_p - |v_p| |w| w / 2 - v_p w^2 / 2); kv, ku affine, ky quadratic, kt cubic in I, kv, kt not negative "
+        "(Wen 1976; Eyring 1936)"
     )
     energy: ClassVar[str] = (
         "kv and kt are dissipative at every instant; the yield force is dissipative over a closed loop and returns "
-        "energy while it unloads; the springs k, kx and the mass return energy"
+        "energy while it unloads; the springs k and kx and the mass return energy"
     )
     speeds_tell_yield: ClassVar[bool] = True
     non_negative: ClassVar[tuple[str, ...]] = ("kv",)
@@ -68,8 +68,8 @@ class SprungBoucWenModel(HystereticModel):
     parameters: tuple[Parameter, ...] = (
         *(LostMotionModel().parameter(name) for name in TAKEN),
         shape_parameter("rho", "1/m", 1000.0, 1e-2, 1e6, "inverse of the travel over which the yield force reverses"),
-        shape_parameter("vt", "m/s", 0.005, 1e-6, 10.0, "speed at which the logarithmic viscous force begins"),
-        shape_parameter("k", "N/m", 1e6, 1e3, 1e10, "stiffness of the spring in series"),
+        shape_parameter("vt", "m/s", 0.005, 1e-6, 10.0, "speed above which the viscous force becomes logarithmic"),
+        shape_parameter("k", "N/m", 1e6, 1e3, 1e10, "stiffness of the series spring"),
         linear_parameter("m", "kg", 0.0, "mass that moves with the rod", term="inertia"),
     )
 

@@ -40,20 +40,20 @@ class ThixotropicBoucWenModel(SprungBoucWenModel):
     memories: ClassVar[int] = 1
     apart_at_one_current: ClassVar[tuple[str, ...]] = ("kv_b", "ky_b")
     equation: ClassVar[str] = (
-        "F = f0 + k x + m a, k x = (kx + kxx u_p) u_p + kv v_p + (ky + ku u_p) w + kt asinh(v_p/vt), u_p = u - x, "
-        "v_p = v - x', w' = rho (v_p - |v_p| |w| w / 2 - v_p w^2 / 2); kv, ku affine, ky quadratic, kt cubic in I, kv, "
-        "kt no less than 0; kv and ky at 0 A times vh / (vh + s), s' = (|v| - s) / (0.1 s), vh = 0.1 m/s (Wen 1976; "
-        "Eyring 1936; Barnes 1997)"
+        "F = f0 + k x + m a, k x = (kx + kxx u_p) u_p + kv v_p + (ky + ku u_p) w + kt asinh(v_p/vt), u_p = u - x, v_p "
+        "= v - x', w' = rho (v_p - |v_p| |w| w / 2 - v_p w^2 / 2); kv, ku affine, ky quadratic, kt cubic in I, kv, kt "
+        "not negative; kv and ky at 0 A times vh / (vh + s), s' = (|v| - s) / (0.1 s), vh = 0.1 m/s (Wen 1976; Eyring "
+        "1936; Barnes 1997)"
     )
     energy: ClassVar[str] = (
         "kv and kt are dissipative at every instant; the yield force is dissipative over a closed loop and returns "
-        "energy while it unloads; the springs k, kx, kxx and the mass return energy; while the fluid rebuilds its "
-        "structure at rest, the stored energy of the loop's flank increases"
+        "energy while it unloads; the springs k, kx and kxx and the mass return energy; while the fluid rebuilds its "
+        "structure at rest, the energy stored on the flank of the loop increases"
     )
     demonstration: ClassVar[Mapping[str, float]] = {**SprungBoucWenModel.demonstration, "ky": 120.0, "kxx": 4e3}
     parameters: tuple[Parameter, ...] = (
         *SprungBoucWenModel.parameters,
-        linear_parameter("kxx", "N/m^2", 0.0, "change of the stiffness kx along the stroke", term="stiffness"),
+        linear_parameter("kxx", "N/m^2", 0.0, "change in the stiffness kx along the stroke", term="stiffness"),
     )
 
     def search(self) -> Search:

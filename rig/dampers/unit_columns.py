@@ -123,20 +123,22 @@ def _check(model: Integrable, terms: Sequence[Sequence[str]], shapes: Sequence[s
     """
     linear = {one.name: one for one in model.parameters if one.linear}
     if wrong := [name for group in terms for name in group if name not in linear]:
-        raise ModelProblem(f"{model.name}: got linear terms {', '.join(wrong)}, expected some of {', '.join(linear)}")
+        raise ModelProblem(
+            f"{model.name}: got linear terms {', '.join(wrong)}, expected names from {', '.join(linear)}"
+        )
     bent = {one.name for one in _bending(model)}
     if bent != set(shapes):
         raise ModelProblem(
             f"{model.name}: got shape parameters {', '.join(shapes) or 'none'}, expected "
-            f"{', '.join(sorted(bent)) or 'none'} (every parameter that is not linear, except eta). Fix: correct its "
-            "separation, or leave it out"
+            f"{', '.join(sorted(bent)) or 'none'} (every parameter that is not linear, except eta). Fix: correct the "
+            "model's separation, or omit it"
         )
     for group in terms:
         powers = [linear[name].power for name in group]
         if powers != list(range(len(group))):
             raise ModelProblem(
-                f"{model.name}: {', '.join(group)} have the powers {powers} of the current, expected "
-                f"{list(range(len(group)))}. Fix: set at_zero and power, or mark them as not linear"
+                f"{model.name}: terms {', '.join(group)} have the powers {powers} of the current, expected "
+                f"{list(range(len(group)))}. Fix: set at_zero and power of these parameters, or mark them as not linear"
             )
 
 

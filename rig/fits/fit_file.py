@@ -23,7 +23,7 @@ from rig.text_file import JSON_LIMIT_BYTES, json_of, read_bytes
 
 INTERVAL = "95 % interval (each parameter separately)"
 MOST_PROBLEMS = 12
-FIX = "Fix: identify again (`rig identify RUN`), or restore the file from a backup"
+FIX = "Fix: identify the run again (`rig identify RUN`), or restore the file from a backup"
 FORMS = ("kwok", "printed")
 KEYS = {
     "form": "equation", "drawn": "bootstrap", "series": "series_spring", "others": "corrections",
@@ -93,16 +93,16 @@ def _without_counterpart(
         ("correlation", uncertainty.correlation), ("profiles", profiles), ("bootstrap.draws", draws),
     ):  # fmt: skip
         yield from (
-            f"{key}.{name}: got a name that is missing in `parameters`" for name in names if name not in parameters
+            f"{key}.{name}: got a name that is missing from `parameters`" for name in names if name not in parameters
         )
     rates = () if corrections.temperature is None else RATES.get(corrections.temperature.law, ())
     for name in (*rates, *profiles):
         if (parameters.get(name) or {}).get("value") is None:
-            yield f"parameters.{name}.value: is missing; the parameter's profile or the temperature law requires it"
+            yield f"parameters.{name}.value: missing; the parameter's profile or the temperature law requires it"
     if related is not None:
         yield from ["current.currents_A: is missing"] * bool(related.relations and not related.currents_A)
         for name in sorted(related.relations.keys() ^ related.ranges.keys()):
-            yield f"current: {name}: expected in both relations and ranges, got one"
+            yield f"current: {name}: expected in both `relations` and `ranges`, but it is in only one of them"
     for key, lists in (
         *((f"profiles.{name}", [one.values, one.deviance]) for name, one in profiles.items()),
         ("bootstrap.draws", list(draws.values())),

@@ -192,7 +192,7 @@ class FitRecord:
         if self.current is not None:
             raise FileProblem(file, [
                 f"got one fit per current ({self.current.dependence}), expected one fit over all currents. Fix: "
-                "identify again with --current affine"
+                "identify the run again with --current affine"
             ])  # fmt: skip
         if missing:
             raise FileProblem(file, [_without_values(model, missing, reasons, self.parameters), FIX])

@@ -19,7 +19,7 @@ def formula(form: str, values: Mapping[str, tuple[float | None, str]], current: 
     """
     if current is not None:
         parts = [f"{name} = {relation}" for name, relation in current.relations.items()]
-        return f"{form}; here {', '.join(parts)} (SI, I in A, without higher terms in I)" if parts else form
+        return f"{form}; here {', '.join(parts)} (SI units, I in A, without higher-order terms in I)" if parts else form
     known = [_assigned(name, value, unit) for name, (value, unit) in values.items() if value is not None]
     unknown = [name for name, (value, _) in values.items() if value is None]
     text = f"{form}; with {', '.join(known)}" if known else form

@@ -89,7 +89,9 @@ def relations(current_A: FloatArray, values: FloatArray, degree: int = 2) -> lis
         ValueError: Fewer than two currents, or two that are equal.
     """
     if len(current_A) < 2 or len(np.unique(current_A)) < len(current_A):
-        raise ValueError(f"relation to current: got currents {list(current_A)}, expected two or more different ones")
+        raise ValueError(
+            f"relation to current: got currents {list(current_A)}, expected at least two different currents"
+        )
     highest = len(current_A) - 1
     kinds = {"affine": 1, "polynomial": min(degree, highest), "lagrange": highest}
     return [_relation(kind, current_A, values, power) for kind, power in kinds.items()]

@@ -115,19 +115,21 @@ def _number(text: str) -> float | None:
 
 def _implausible(table: FloatArray, intensity: float) -> list[str]:
     if len(table) < 2:
-        return [f"{len(table)} lines of numbers; a record needs at least 2"]
+        return [f"got {len(table)} lines of numbers, expected at least 2"]
     steps = np.diff(table[:, 0])
     step_s = float((table[-1, 0] - table[0, 0]) / (len(table) - 1))
     problems = []
     uneven = np.flatnonzero(~(np.abs(steps - step_s) <= 0.01 * step_s))
     if step_s <= 0.0 or len(uneven):
         at = table[uneven[0], 0] if len(uneven) else table[0, 0]
-        problems.append(f"time steps are not equal: {step_s:g} s on average, different after {at:g} s. Fix: resample "
-            "the record")
+        problems.append(
+            f"the time steps are not equal: {step_s:g} s on average; a different step begins at {at:g} s. Fix: "
+            "resample the record"
+        )
     elif step_s * (len(table) - 1) < 1.0:
-        problems.append(f"lasts {step_s * (len(table) - 1):g} s; at least 1 s")
+        problems.append(f"got a record of {step_s * (len(table) - 1):g} s, expected at least 1 s")
     peak = float(np.max(np.abs(table[:, 1]))) * intensity
     if not 0.0 < peak <= LARGEST_m_s2:
-        at = f"at intensity {intensity:g}; expected above 0 and up to {LARGEST_m_s2:g} m/s^2"
+        at = f"at intensity {intensity:g}; expected more than 0 and at most {LARGEST_m_s2:g} m/s^2"
         problems.append(f"peak acceleration {peak:g} m/s^2 {at}")
     return problems

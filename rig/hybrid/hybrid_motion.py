@@ -213,7 +213,7 @@ class HybridMotion:
         self.delay_s, most_s = delay_s, self._order.bounds.delay_s
         if not LEAST_DELAY_S <= delay_s <= most_s:
             text = (
-                f"the rod is {1e3 * delay_s:.1f} ms behind the set-points; allowed: {1e3 * LEAST_DELAY_S:g} to "
+                f"the rod lags the set-points by {1e3 * delay_s:.1f} ms; allowed: {1e3 * LEAST_DELAY_S:g} to "
                 f"{1e3 * most_s:.1f} ms"
             )
             self.problem = Problem(text, delay_s, most_s)

@@ -124,8 +124,8 @@ class Watch:
         if not abs(lost_J) <= bounds.energy_share * self._reference_J:
             share = lost_J / self._reference_J
             text = (
-                f"energy error from following the target: got {lost_J:.3g} J in {self._reference_J:.3g} J of work, "
-                f"{100 * share:.1f} %; allowed +-{100 * bounds.energy_share:g} %"
+                f"energy error of the rod relative to its target: {lost_J:.3g} J for {self._reference_J:.3g} J of work "
+                f"({100 * share:.1f} %); allowed: +-{100 * bounds.energy_share:g} %"
             )
             return Problem(text, share, bounds.energy_share)
         return None
@@ -136,7 +136,7 @@ class Watch:
         return _beyond((
             ("set-point", "mm", 1e3, sent.position_m, bounds.extension_m),
             ("speed of the set-point", "m/s", 1.0, sent.velocity_m_s, bounds.speed_m_s),
-            ("end of a halt from the set-point", "mm", 1e3, halted_m(*sent, bounds.halt_deceleration_m_s2),
+            ("position after a halt from the set-point", "mm", 1e3, halted_m(*sent, bounds.halt_deceleration_m_s2),
              bounds.travel_m),
         ))  # fmt: skip
 
@@ -145,6 +145,6 @@ def _beyond(judged: tuple[tuple[str, str, float, float, float], ...]) -> Problem
     """The first value that is beyond its limit, or no number: name, unit, units of it in SI, value, limit."""
     for name, unit, scale, value, limit in judged:
         if not abs(value) <= limit:
-            text = f"{name} {scale * value:.4g} {unit}, allowed +-{scale * limit:.4g} {unit}"
+            text = f"{name} {scale * value:.4g} {unit}; allowed: +-{scale * limit:.4g} {unit}"
             return Problem(text, value, limit)
     return None

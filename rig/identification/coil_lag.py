@@ -60,5 +60,8 @@ def _of_steps(state: FitState) -> FitState:
         simultaneous_high=lag.eta_1_s + together,
         standard_error=lag.std_1_s,
     )
-    note = f"eta: from {lag.steps} current steps, commanded vs. measured current, independent of the force model"
+    note = (
+        f"eta: identified from {lag.steps} current steps (commanded vs. measured current), independently of the force "
+        "model"
+    )
     return state.with_parts(parameters={**fit.parameters, ETA: eta}, uncertainty={"notes": (*fit.notes, note)})

@@ -39,13 +39,13 @@ def refuse_one_pair(tests: Sequence[Measurement]) -> None:
     ]
     if free:
         raise IdentificationFailed(
-            f"unseen {PAIRS!r}: {', '.join(free[:3])} has no amplitude and frequency. Fix: hold out the end of the "
-            "time instead: holdout 'last 30 %'"
+            f"unseen {PAIRS!r}: no amplitude and frequency for {', '.join(free[:3])}. Fix: hold out the end of the "
+            "record instead, with holdout 'last 30 %'"
         )
     if len(pairs_of(tests)) < 2:
         raise IdentificationFailed(
             f"unseen {PAIRS!r}: all {len(tests)} tests have the same amplitude and frequency, so no test remains to "
-            "fit. Fix: hold out a current instead, such as holdout 'current_A=1'"
+            "fit. Fix: hold out a current instead, for example with holdout 'current_A=1'"
         )
 
 

@@ -119,8 +119,8 @@ def _prepared(correction: Correction, state: FitState) -> FitState:
     fitted, held_out = (any(old is not new for old, new in zip(*pair, strict=True)) for pair in pairs)
     if fitted and state.held_out and not held_out:
         raise RigError(
-            f"correction {correction.name}: its stage `prepare` changed the fitted tests only, expected the held-out "
-            "tests, too. Fix: use `state.corrected(...)` in its module"
+            f"correction {correction.name}: its stage `prepare` changed only the fitted tests, expected a change to "
+            "the held-out tests, too. Fix: use `state.corrected(...)` in its module"
         )
     return after
 

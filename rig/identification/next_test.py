@@ -221,8 +221,7 @@ def _proposal(point: TestPoint, name: str, fit: Fit, ratio: float, allowance: Al
     else:
         after = ratio * estimate.standard_error
         gain = (
-            f"would narrow the interval of {name}, which is the widest, to {100.0 * ratio:.0f} % of its present "
-            "width"
+            f"would narrow the widest interval, that of {name}, to {100.0 * ratio:.0f} % of its present width"
         )
     toml = (
         f'[[point]]\nwaveform = "sine"\namplitude = "{mm:g} mm"\nfrequency = "{point.frequency_Hz:g} Hz"\n'

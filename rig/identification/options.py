@@ -116,7 +116,7 @@ class FitOptions:
         unknown = [name for name in changes if name not in own and name not in SETTINGS]
         if unknown:
             known = ", ".join(sorted(own | SETTINGS.keys()))
-            raise TypeError(f"options of a fit: got {', '.join(unknown)}, expected {known}")
+            raise TypeError(f"fit options: got {', '.join(unknown)}, expected {known}")
         requested |= {name: value for name, value in changes.items() if name in SETTINGS}
         given = {name: value for name, value in changes.items() if name in own}
         requested = {name: value for name, value in requested.items() if value != SETTINGS[name]}

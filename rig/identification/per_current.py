@@ -32,7 +32,7 @@ from rig.identification.words import say
 from rig.matrix.methods import DEPENDENCES
 from rig.signals.test_set import rounded_levels
 
-EACH_ALONE = "each current fitted separately, then the parameters fitted as functions of current"
+EACH_ALONE = "each current is fitted separately; the parameters are then fitted as functions of the current"
 PER_CURRENT = {name: name.removeprefix("per-current-") for name in DEPENDENCES if name != AFFINE}
 
 
@@ -61,8 +61,8 @@ def refuse(options: FitOptions) -> None:
     ]
     if conflicts:
         raise IdentificationFailed(
-            f"current: {options.current!r} cannot be combined with {', '.join(conflicts)}. Fix: omit one of them; it "
-            "needs one named model"
+            f"current: {options.current!r} cannot be combined with {', '.join(conflicts)} and needs one named model. "
+            "Fix: omit one of the options"
         )
     if options.current not in PER_CURRENT:
         raise IdentificationFailed(f"current: got {options.current!r}, expected one of {', '.join(DEPENDENCES)}")
@@ -83,8 +83,8 @@ def fit_per_current(state: FitState) -> FitState:
         levels.append(Level(current_A, name_A, tuple(tests), _fit_level(model, name_A, tests, options)))
     if len(levels) < 2:
         raise IdentificationFailed(
-            f"{options.current} needs tests at two or more currents, but all ran at {levels[0].name_A:g} A. Fix: add "
-            "tests at another current, or fit without this option"
+            f"current: {options.current} needs tests at two or more currents, but all tests ran at "
+            f"{levels[0].name_A:g} A. Fix: add tests at another current, or fit without this option"
         )
     related = _relations(model, levels, PER_CURRENT[options.current])
     return state.fitted_as(_joined(model, levels, related, state))

@@ -180,11 +180,13 @@ def _task(fit: Fit, measurements: tuple[Measurement, ...], seed: int) -> _Task:
     if len(measurements) < FEWEST_TESTS:
         problems.append(f"got {len(measurements)} tests, expected {FEWEST_TESTS} or more")
     if fit.current is not None:
-        problems.append("the parameters are relations to the current. Fix: fit with current='affine'")
+        problems.append("the parameters are functions of the current. Fix: fit with current='affine'")
     if fit.series is not None and fit.series.stiffness_N_m is not None:
-        problems.append("the fit has a series spring. Fix: fit without it")
+        problems.append("the fit has a series spring. Fix: fit without the series spring")
     if not splits(model, measurements):
-        problems.append(f"all parameters of {model.name} are searched at once, which takes too long for many fits")
+        problems.append(
+            f"all parameters of {model.name} are searched simultaneously, which takes too long for many fits"
+        )
     if problems:
         raise IdentificationFailed(f"no bootstrap: {'; '.join(problems)}")
     weight = None if fit.weight == "1" else fit.weight

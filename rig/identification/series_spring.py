@@ -43,7 +43,7 @@ def refuse(options: FitOptions) -> None:
         IdentificationFailed: several models are requested.
     """
     if options.several:
-        raise IdentificationFailed("series spring: needs one model. Fix: name it, such as `asymmetric`")
+        raise IdentificationFailed("series spring: needs one model. Fix: name one model, such as `asymmetric`")
 
 
 def prepare(state: FitState) -> FitState:

@@ -94,7 +94,7 @@ def refuse(options: FitOptions) -> None:
             f"be {SEPARABLE}"
         )
     if options.several:
-        raise IdentificationFailed("temperature law: needs one model. Fix: name it, such as `asymmetric`")
+        raise IdentificationFailed("temperature law: needs one model. Fix: name one model, such as `asymmetric`")
 
 
 def prepare(state: FitState) -> FitState:
@@ -170,7 +170,9 @@ def find_temperature_law(
     search = _Search(model, tests, method, examine(model, tests))
     law = TemperatureLaw(reference, dict.fromkeys(RATES[kind], 0.0))
     if len(law.formula(model).split("; ")) < len(law.rates) or not law.formula(model):
-        raise IdentificationFailed(f"temperature law {kind!r}: {model.name} has no parameter with such a rate")
+        raise IdentificationFailed(
+            f"temperature law {kind!r}: {model.name} has no parameter that depends on temperature in this way"
+        )
     refit = Refit(model, method, search.findings)
     solution = refit(tests)
     for _ in range(ROUNDS):

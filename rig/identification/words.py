@@ -76,7 +76,8 @@ PARAMETERS = {
         "{name} not separable from {base}: every test ran at {mean_A:.2f} A. Fix: add tests at another current"
     ),
     "sum-at-one-current": (
-        "only {base} + {name} I is identified, at I = {mean_A:.2f} A, the current of every test; the value is the sum"
+        "only the sum {base} + {name} I is identified because every test ran at I = {mean_A:.2f} A; the value is this "
+        "sum"
     ),
     "one-frequency": (
         "m is not separable from {stiffness}: every test ran at one frequency, where inertia and stiffness are "
@@ -89,32 +90,31 @@ PARAMETERS = {
         "{stiffness} is correct)"
     ),
     "difference-at-one-frequency": (
-        "only {stiffness} - m (2 pi f)^2 is identified: every test ran at one frequency; the value is the "
-        "difference. Fix: add a test at another frequency"
+        "only the difference {stiffness} - m (2 pi f)^2 is identified because every test ran at one frequency; the "
+        "value is this difference. Fix: add a test at another frequency"
     ),
     "one-speed": (
-        "{name} not identifiable: every test ran at one speed, where viscous and yield force are not separable. Fix: "
+        "{name} not identifiable: every test ran at one speed, so the viscous and yield forces are not separable. Fix: "
         "add a test at another speed or a sine test"
     ),
     "held": "{reason}; its value is set to 0",
     "no-effect": "{name} not identifiable: the parameter has no effect on the force in these tests",
     "inseparable": "{name} not separable from {partners} in these tests",
     "degenerate-yield": (
-        "{name} not identifiable: the hysteresis is degenerate, {offset} exceeds the speed term everywhere, so that "
-        "the tanh follows sgn(u) and the yield force dissipates no energy; only its height is identified"
+        "{name} not identifiable: the hysteresis is degenerate because {offset} exceeds the speed term everywhere; the "
+        "tanh follows sgn(u), the yield force dissipates no energy, and only its height is identified"
     ),
     "straight-tanh": (
-        "{name} not identifiable: the tanh is linear in these tests (its argument is at most {largest:.2g}), so that "
-        "yield and viscous force "
-        "are not separable. Fix: add faster tests"
+        "{name} not identifiable: the tanh is linear in these tests (its argument is at most {largest:.2g}), so the "
+        "yield and viscous forces are not separable. Fix: add faster tests"
     ),
     "bent-or-steep": (
-        "{name} not identifiable: at these speeds a steep and a rounded tanh, with different yield and viscous "
-        "forces, fit equally well. Fix: add tests at other speeds or a sine test"
+        "{name} not identifiable: at these speeds, a steep tanh and a rounded tanh with different yield and viscous "
+        "forces fit equally well. Fix: add tests at other speeds or a sine test"
     ),
     "saturated-tanh": (
-        "{name} not identifiable: the tanh is saturated at nearly all samples, on both sides of mid-stroke, so the "
-        "parameter hardly affects the force; there the yield force is effectively a sign function"
+        "{name} not identifiable: the tanh is saturated at nearly all samples on both sides of mid-stroke, so the "
+        "yield force is effectively a sign function, and the parameter hardly affects the force"
     ),
     "would-be-negative": (
         "{name} is not identifiable: the unconstrained estimate is negative, so the parameter is set to its lower "
@@ -127,13 +127,13 @@ PARAMETERS = {
     ),
     "too-wide": (
         "{name} is not identifiable: the interval {value:.3g} +- {half:.3g} (95 %) is wider than the value, although "
-        "the parameter's term is {percent:.0f} % of the force: other parameters compensate for it"
+        "the parameter's term is {percent:.0f} % of the force; other parameters compensate for this term"
     ),
 }
 """Why a parameter is not identified."""
 
 WARNINGS = {
-    "few-cycles": "only {cycles} full cycle(s), so no cycle was discarded, and transients at the ends may remain",
+    "few-cycles": "number of full cycles: {cycles}; no cycle was discarded, so transients at the ends may remain",
     "no-repeat": (
         "the motion does not repeat from cycle to cycle: the velocity is derived from a local polynomial, whose "
         "errors are not "
@@ -145,18 +145,17 @@ WARNINGS = {
         "is derived from a local polynomial, whose errors are not included in the intervals"
     ),
     "whole-record": (
-        "the motion has no cycles: the whole record is used, {used}; errors in its velocity are not included in the "
-        "intervals"
+        "the motion has no cycles, so the whole record is used ({used}); errors in its velocity are not included in "
+        "the intervals"
     ),
     "command-steps": "no current was measured: eta is identified from the commanded current",
-    "command-steady": "no current was measured: the commanded {current_A:g} A is used",
+    "command-steady": "no current was measured: the commanded current ({current_A:g} A) is used",
     "saturated-force": (
-        "the force remains at its {end} value, {extreme_N:.1f} N, {times} times: the force channel is probably "
-        "saturated; "
-        "these samples are excluded, so the fit does not cover the largest forces"
+        "the force remains at its {end} value ({extreme_N:.1f} N) {times} times: the force channel is probably "
+        "saturated; these samples are excluded, so the fit does not cover the largest forces"
     ),
     "left-out": "{test} not used: {reason}",
-    "no-diagnosis": "causes of the misfit were not searched: {reason}",
+    "no-diagnosis": "the causes of the misfit were not investigated: {reason}",
     "time-errors": (
         "each sample time is uncertain by {std_ms:.3g} ms (rounded or jittering time stamps); this is included in "
         "the uncertainties of the force noise and the delay"
@@ -166,36 +165,37 @@ WARNINGS = {
         "wrong column). Fix: measure again, or select another column"
     ),
     "contradiction": (
-        "tests of the same motion and current have different forces ({pairs}): two specimens, two temperatures, or a "
-        "change to the rig between the tests; a fit describes one damper in one condition"
+        "tests with the same motion and current have different forces ({pairs}), possibly because of two specimens, "
+        "two temperatures, or a change to the rig between the tests; a fit describes one damper in one condition"
     ),
     "current-contradicts": (
         "the measured current differs from the requested one: {tests}; these tests are grouped by measured current. "
         "Fix: check the current source and the requested values"
     ),
     "currents-merged": (
-        "currents {levels} are each grouped as one level, although their outermost tests differ by more than the "
-        "resolution of the measured current ({resolution_mA:.2g} mA): adjacent tests cannot be separated. Fix: record "
-        "the requested currents, or measure the current with less noise"
+        "the tests at the currents {levels} are each grouped as one level, although the outermost tests of a group "
+        "differ by more than the resolution of the measured current ({resolution_mA:.2g} mA): adjacent tests cannot be "
+        "separated. Fix: record the requested currents, or measure the current with less noise"
     ),
     "runs-apart": (
-        "separate fits to the {count} runs leave an error of {apart_N:.3g} N, a joint fit leaves {together_N:.3g} N: "
-        "probably "
-        "different dampers, or one damper in different conditions. Fix: identify the runs separately"
+        "separate fits to the {count} runs leave an error of {apart_N:.3g} N, but a joint fit leaves {together_N:.3g} "
+        "N: the runs probably contain different dampers, or one damper in different conditions. Fix: identify the runs "
+        "separately"
     ),
     "degenerate-hysteresis": (
-        "degenerate hysteresis: {offset} = {value:.3g} exceeds beta v at every tested speed, so that the yield force "
-        "follows the position, sgn(u), instead of the motion, and dissipates no energy. Fix: check the mid-stroke "
+        "degenerate hysteresis: {offset} = {value:.3g} exceeds beta v at every tested speed, so the yield force "
+        "follows the position, sgn(u), instead of the motion and dissipates no energy. Fix: check the mid-stroke "
         "position, or fit another model"
     ),
     "not-passive": (
-        "the fitted model is not passive: at {percent:.0f} % of the tested speeds and currents the model's force "
-        "(without "
-        "gas force) drives the rod instead of damping its motion ({worst}); a simulation with it can gain energy"
+        "the fitted model is not passive: at {percent:.0f} % of the tested speeds and currents, the model's force "
+        "(without gas force) drives the rod instead of damping its motion ({worst}); a simulation with this model can "
+        "gain energy"
     ),
     "energy-unknown": "the energy per cycle is unknown because part of every cycle has no force samples: {tests}",
-    "energy-differs": "the energy per cycle of the model differs from the measured energy by more than {percent:g} "
-    "%: {tests}",
+    "energy-differs": (
+        "the model's energy per cycle differs from the measured energy by more than {percent:g} %: {tests}"
+    ),
     "misses-held-out": (
         "the model fits its tests, but the errors of the validation tests exceed their measurement noise: the model "
         "does not generalise"
@@ -217,32 +217,35 @@ WARNINGS = {
         "every validation test is outside the fitted range ({quantities}): the models are ranked by extrapolation error"
     ),
     "described-first": (
-        "{model} is first because it fits all tests within measurement noise; {other} predicts held-out tests better "
-        "({other_error:.3g} % of peak, {model} {error:.3g} %), but its error on the fitted tests is {times:.3g} times "
-        "as large. Fix: measure more motions"
+        "{model} is ranked first because it fits all tests within measurement noise; {other} predicts held-out tests "
+        "better ({other_error:.3g} % of peak, {model} {error:.3g} %), but its error on the fitted tests is {times:.3g} "
+        "times as large. Fix: measure more motions"
     ),
     "ranked-by-those-beyond": (
-        "{model} is first by validation tests outside the fitted range ({tests}: {quantities}); by the tests inside "
-        "it {other} is first: {other_error:.3g} % of peak, {model} {error:.3g} %"
+        "{model} is ranked first by the validation tests outside the fitted range ({tests}: {quantities}), but {other} "
+        "is first by those inside the range: {other_error:.3g} % of peak, {model} {error:.3g} %"
     ),
     "relative-weights": (
-        "the residual of the best model is {ratio:.1f} times the measurement noise and is therefore model error: every "
+        "the residual of the best model is {ratio:.1f} times the measurement noise and is therefore model error; every "
         "test has equal weight (error in % of its peak); weight 1 gives all samples equal weight"
     ),
-    "weight-v": "weight v (equation 12) suppresses the reversals; compare the result with that of weight 1",
+    "weight-v": "weight v (equation 12) suppresses the reversals; compare the result with that for weight 1",
     "sharp-reversals": (
-        "every test reverses more sharply than its displacement samples resolve (velocity there uncertain by up to "
-        "{worst_mm_s:.1f} mm/s); the intervals include this. Fix: add sine tests to narrow the intervals"
+        "every test reverses more sharply than its displacement samples resolve, so the velocity at the reversals is "
+        "uncertain by up to {worst_mm_s:.1f} mm/s; the intervals include this uncertainty. Fix: add sine tests to "
+        "narrow the intervals"
     ),
     "unfinished": (
         "{method} stopped before the least-squares solution: {names} differ from it by more than {errors:g} standard "
-        "errors, so the intervals, which are those of the solution, do not apply. Fix: increase the budget, or use "
+        "errors, so the intervals, which apply to that solution, are not valid. Fix: increase the budget, or use "
         "separable"
     ),
     "systematic-residuals": (
         "{count} of {tests} residuals are systematic{worst}; the intervals are widened by a factor of {widening:.1f}"
     ),
-    "relations-beyond": ("validation tests outside the fitted currents, where the relations are not valid: {tests}"),
+    "relations-beyond": (
+        "validation tests outside the range of the fitted currents, where the relations are not valid: {tests}"
+    ),
     "given-up": (
         "{model}: stopped after {evaluations} evaluations on one cycle of each test: the error of this model, "
         "{reached_N:.3g} N, is "

@@ -116,5 +116,5 @@ class Evaluation:
         self.shipped += 1
         told = self.executor.submit(evaluate_chunk, self._token, part, self._payload).result()
         if told is None:
-            raise RuntimeError(f"a worker received the objective {self._token} and still does not have it")
+            raise RuntimeError(f"a worker received the objective {self._token} but still does not have it")
         return told

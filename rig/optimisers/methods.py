@@ -87,7 +87,9 @@ class Hybrid:
         require("hybrid", "share", self.share, 1e-6, 1.0)
         require("hybrid", "tolerance", self.tolerance, 1e-15, 0.1)
         if self.first == "hybrid":
-            raise SearchError("hybrid: first: got 'hybrid', which cannot start itself. Fix: specify another method")
+            raise SearchError(
+                "hybrid: first: got 'hybrid', expected another method, because hybrid cannot start itself"
+            )
 
     def run(self, search: Search) -> str:
         """Search globally, then refine.
@@ -167,7 +169,10 @@ def method_of_plug_in(name: str, brought: object) -> type[Algorithm]:
         raise ValueError(f"got {brought!r}, expected a dataclass with a method run(search) -> str")
     for setting in fields(brought):
         if setting.default is MISSING and setting.default_factory is MISSING:
-            raise ValueError(f"setting {setting.name!r}: no default, expected one, because `--method {name}` sets none")
+            raise ValueError(
+                f"setting {setting.name!r}: has no default, expected one, because `--method {name}` does not specify "
+                "settings"
+            )
     return cast("type[Algorithm]", brought)
 
 

@@ -302,7 +302,8 @@ def make_search(
         wrong = np.flatnonzero(~(low < high))
         if wrong.size:
             raise SearchError(
-                f"bounds[{wrong[0]}]: got ({low[wrong[0]]:g}, {high[wrong[0]]:g}), expected the first below the second"
+                f"bounds[{wrong[0]}]: got ({low[wrong[0]]:g}, {high[wrong[0]]:g}), expected the first value to be less "
+                "than the second"
             )
     first = None if start is None else _checked_start(np.asarray(start, dtype=np.float64), low, high)
     rng = np.random.default_rng(seed)

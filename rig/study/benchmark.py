@@ -53,11 +53,11 @@ EARLIER_NAMES = {
     "without extrapolated tests / % of peak": "without those beyond the data / % of peak",
 }
 SCORER = (
-    "NRMSE of a test: 100 x RMSE / max|F - mean F|; mean over all validation tests. Models are simulated in open "
-    "loop: the inputs are motion and current, never a measured force. Methods other than separable are fitted to one "
-    "cycle of each test, or to every n-th sample of a record without cycles, and are evaluated on all samples. "
-    "Extrapolated: validation tests with a displacement, velocity, current or temperature outside the range of the "
-    "fitted tests of the split."
+    "NRMSE of a test: 100 x RMSE / max|F - mean F|; the tables show the mean over all validation tests. Models are "
+    "simulated in open loop: the inputs are motion and current, never a measured force. Methods other than separable "
+    "are fitted to one cycle of each test, or to every n-th sample of a record without cycles, and are evaluated on "
+    "all samples. Extrapolated: validation tests with a displacement, velocity, current or temperature outside the "
+    "range of the fitted tests of the split."
 )
 
 

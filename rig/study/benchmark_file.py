@@ -32,7 +32,7 @@ class Published(Section):
         default=None, gt=0.0, lt=100.0, description=("NRMSE of validation tests, % of peak")
     )
     variance_percent: float | None = Field(
-        default=None, gt=0.0, le=100.0, description=("variance of the force explained in validation tests")
+        default=None, gt=0.0, le=100.0, description=("explained variance of the force in validation tests, %")
     )
     note: str = ""
 
@@ -45,7 +45,7 @@ class Recordings(Section):
     source: str
     licence: str
     prepare: str = Field(default="", description="how to prepare these files from the download")
-    folder: str = Field(description="folder of the files, relative to the folder of this file")
+    folder: str = Field(description="folder that contains the files, relative to the folder of this file")
     variable: str = Field(default="", description="environment variable that overrides the folder")
     files: dict[str, Sha256] = Field(min_length=1)
     columns: dict[str, str]

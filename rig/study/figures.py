@@ -93,7 +93,7 @@ def _convergence(study: StudyFile, results: Lines) -> Panels:
         name = f"{TITLES[method]}, N={population}"
         traces += [area(grid, low, high, colour), Trace(grid, middle, name=name, colour=colour)]
     evaluations, unit = "Objective evaluations", objective_unit(study)
-    best = Axis("Best f(s): median, middle half", unit, log=True)
+    best = Axis("Best f(s): median and quartiles", unit, log=True)
     detail = Axis("Best f(s), enlarged", unit, (0.8 * lowest, DETAIL * lowest), log=True)
     return Panels((
         Figure(Axis(evaluations), best, traces, HALF, 340, legend=True),
@@ -158,7 +158,7 @@ def _error_distribution(outcomes: Outcomes) -> Panels | None:
         Figure(error, Axis("Density"), [steps, Trace(grid, np.exp(-grid / mean) / mean, colour=FITTED)], HALF, 280),
         Figure(error, Axis("Cumulative share"), [
             Trace(np.repeat(ordered, 2)[1:], np.repeat(share, 2)[:-1], name=TITLES[method]),
-            Trace(grid, 1.0 - np.exp(-grid / mean), name="exponential of equal mean", colour=FITTED),
+            Trace(grid, 1.0 - np.exp(-grid / mean), name="exponential distribution, same mean", colour=FITTED),
         ], HALF, 280, legend=True),
     ), title=f"{searched}: {errors.size} values from {line['generations']} generations")  # fmt: skip
 
@@ -187,7 +187,7 @@ def _at(history: np.ndarray, evaluations: np.ndarray) -> np.ndarray:
 
 def _against_current(study: StudyFile, results: Lines) -> Panels:
     if study.current is None:
-        raise ValueError("this study has no [per_current] to draw")
+        raise ValueError("this study has no [per_current] section to plot")
     outcomes = current_results(study, results)
     method = "ga_novel" if "ga_novel" in outcomes else next(iter(outcomes))
     currents = sorted(outcomes[method])
@@ -198,7 +198,7 @@ def _against_current(study: StudyFile, results: Lines) -> Panels:
     made = []
     for name in names:
         values = np.array([line["parameters"][name] for line in best])
-        traces = [Trace(np.array(currents), values, Style.POINTS, "best of each current", "#111111")]
+        traces = [Trace(np.array(currents), values, Style.POINTS, "best at each current", "#111111")]
         traces += [
             Trace(grid, relation.at(grid), name=relation.kind, colour=category_colour(place))
             for place, relation in enumerate(lines.get(name, []))

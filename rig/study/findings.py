@@ -71,9 +71,9 @@ def _best_methods(study: StudyFile, results: Lines) -> Iterator[Claim]:
     beside = [f"{TITLES[method]} {mean:.3g}" for method, mean in every.items() if method not in BEST]
     yield Claim(
         "best-methods", verdict,
-        'Paper 1 concludes that "PSO and c-FOA achieve the best performance". Its own Table 2 gives the order of mean '
-        f"values {_order(theirs)}: the mean of the genetic algorithm is between those of c-FOA and PSO. The order in "
-        f"this study is {_order(ours)} (mean of each method's best setting, "
+        'Paper 1 concludes that "PSO and c-FOA achieve the best performance". In its own Table 2, the order of the '
+        f"mean values is {_order(theirs)}: the mean of the genetic algorithm is between those of c-FOA and PSO. The "
+        f"order in this study is {_order(ours)} (mean of each method's best setting, "
         f"{', '.join(f'{best[method]:.3g}' for method in ours)})."
         f"{' Other variants of these methods: ' + ', '.join(beside) + '.' if beside else ''}",
     )  # fmt: skip
@@ -88,27 +88,29 @@ def _signs(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> Ite
         ratio = best["c_foa printed"] / lowest
         works = ratio < FAR
         why = (
-            "" if works else " With M < 1 no coordinate of (13) can change its sign, so a start at ones cannot reach "
-                             "a negative preload F0. The paper's own fit has F0 = -270 N: either its program differs "
-                             "from the printed algorithm, or its start had that sign, which uses knowledge of the "
-                             "range. `c_foa` in this software draws the signs of the first swarm at random."
+            "" if works else " With M < 1, no coordinate in equation (13) can change its sign, so a search that starts "
+                             "at ones cannot reach a negative preload F0. The paper's own fit has F0 = -270 N: either "
+                             "its program differs from the printed algorithm, or its starting point had that sign, "
+                             "which requires knowledge of the range. In this software, `c_foa` draws the signs of the "
+                             "first swarm at random."
         )  # fmt: skip
         yield Claim(
             "printed-c-foa", HOLDS if works else FAILS,
-            "Paper 1 states that c-FOA identifies the model without knowledge of its range. As printed (Fig. 6) and "
-            f"started at ones, the best of all its searches reaches {ratio:.3g} times the lowest objective.{why}",
+            "Paper 1 states that c-FOA identifies the model without knowledge of its range. The best of all searches "
+            f"with the algorithm as printed (Fig. 6), started at ones, reaches {ratio:.3g} times the lowest "
+            f"objective.{why}",
         )  # fmt: skip
     if "foa" in best:
         ratio = best["foa"] / lowest
         fails = ratio > FAR
         why = (
-            " S = 1/D is never negative, and large values need a position within their inverse of the origin: the "
-            "cause is the coordinates, not the budget." if fails else ""
+            " S = 1/D is never negative, and a large S requires a position within 1/S of the origin: the cause is the "
+            "choice of coordinates, not the budget." if fails else ""
         )
         yield Claim(
             "foa-fails", HOLDS if fails else FAILS,
-            "The original FOA fails in the paper (2.00e17, standard deviation 3.40e10). In this study "
-            f"the best of all its searches reaches {best['foa']:.3g}, {ratio:.3g} times the lowest objective.{why}",
+            "The original FOA fails in the paper (2.00e17, standard deviation 3.40e10). In this study, the best of all "
+            f"FOA searches reaches {best['foa']:.3g}, {ratio:.3g} times the lowest objective.{why}",
         )  # fmt: skip
 
 
@@ -122,17 +124,17 @@ def _search_error(study: StudyFile, results: Lines, minima: Mapping[str, float])
     reached = summary.mean <= (1.0 + ALIKE) * lowest
     every = best_lines(study, results)
     closest = min(every, key=lambda one: float(every[one]["value"]))
-    end = "so this search finds the parameters of the model" if reached else (
-        "the algorithms differ in how close a search gets to the optimum of the model, not in what the model can fit"
+    end = ", so this search finds the parameters of the model" if reached else (
+        ": the algorithms differ in how close a search gets to the optimum of the model, not in what the model can fit"
     )  # fmt: skip
     yield Claim(
         "search-error", HOLDS if reached else FAILS,
-        "The paper takes the end point of an algorithm to be the optimum of the model (Tables 4 and 5, and the ride). "
-        "The model is linear except for beta and delta, and separable least squares, without a start or bounds, "
-        f"reaches {lowest:.4g}. The method with the lowest mean in this study, {TITLES[method]} (N = {population}, "
-        f"{budget} evaluations), reaches {summary.mean / lowest:.3g} times this value on average and "
-        f"{summary.best / lowest:.3g} times in its best run; the best single search of all, by {TITLES[closest]}, "
-        f"reaches {float(every[closest]['value']) / lowest:.3g} times: {end}.",
+        "The paper takes the end point of an algorithm to be the optimum of the model (Tables 4 and 5, and the ride "
+        "simulation). The model is linear except for beta and delta, and separable least squares, which needs no "
+        f"starting point and no bounds, reaches {lowest:.4g}. The method with the lowest mean in this study, "
+        f"{TITLES[method]} (N = {population}, {budget} evaluations), reaches {summary.mean / lowest:.3g} times this "
+        f"value on average and {summary.best / lowest:.3g} times in its best run; the best single search, by "
+        f"{TITLES[closest]}, reaches {float(every[closest]['value']) / lowest:.3g} times this value{end}.",
     )  # fmt: skip
 
 
@@ -148,9 +150,9 @@ def _significance(study: StudyFile, results: Lines, tests: Mapping[str, KruskalW
     yield Claim(
         "pso-against-c-foa", HOLDS if clear and pair.first == TITLES["c_foa"] else FAILS if clear else OPEN,
         f"The paper's p = {KRUSKAL_WALLIS_P} between PSO and c-FOA (c-FOA has the lower mean) compares two settings "
-        "that were chosen as the best on the same values, without correction. In this study, with the same choice, "
-        f"{pair.first} has the lower ranks: p = {alone:.2g} for the two methods alone, as the paper tests, p = "
-        f"{pair.p_holm:.2g} among all {len(tuned.pairs)} pairs (Dunn, Holm).",
+        "that were chosen as the best on the same values, without correction for this choice. In this study, with the "
+        f"same choice, {pair.first} has the lower ranks: p = {alone:.2g} for the two methods alone, as in the paper's "
+        f"test, and p = {pair.p_holm:.2g} among all {len(tuned.pairs)} pairs (Dunn, Holm).",
     )  # fmt: skip
 
 
@@ -173,8 +175,8 @@ def _symmetry(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> 
         "asymmetric-model", verdict,
         f"The mean objective of the symmetric model is {ratio:.3g} times that of the asymmetric one (paper: "
         f"{printed:.3g}); rank test p = {p:.2g}.{own} The symmetric model is a special case of the asymmetric one, "
-        "whose minimum is therefore never higher. This alone is no evidence; validation tests are (`rig identify "
-        "--model all --holdout`).",
+        "whose minimum is therefore never higher. The lower objective alone is no evidence for the "
+        "asymmetric model; validation tests are required (`rig identify --model all --holdout`).",
     )  # fmt: skip
 
 
@@ -195,7 +197,8 @@ def _sensitivity(study: StudyFile, results: Lines) -> Iterator[Claim]:
         verdict, text = verdict_and_text
         yield Claim(
             f"sensitivity-{parameter}", verdict,
-            f"Effect of {parameter} on c-FOA: {text} Means in this study: {ours}; printed: {theirs or 'none'}.",
+            f"Effect of {parameter} on c-FOA: {text} Means in this study: {ours}; printed in the paper: "
+            f"{theirs or 'none'}.",
         )  # fmt: skip
 
 
@@ -207,8 +210,8 @@ def _of_population(groups: Mapping[int, list[float]]) -> tuple[str, str] | None:
     verdict = OPEN if p >= SIGNIFICANT else HOLDS if np.mean(high) < np.mean(low) else FAILS
     return verdict, (
         "The paper states that more flies hardly improve the best value but improve the mean; more flies for the same "
-        f"number of generations also mean more evaluations. {min(groups)} compared with {max(groups)}: rank test p = "
-        f"{p:.2g}."
+        f"number of generations also mean more evaluations. Rank test of {min(groups)} flies compared with "
+        f"{max(groups)} flies: p = {p:.2g}."
     )
 
 
@@ -218,9 +221,9 @@ def _of_generations(groups: Mapping[int, list[float]]) -> tuple[str, str] | None
     gain = float(np.mean(groups[min(groups)]) / np.mean(groups[max(groups)]))
     return FAILS if gain > 1.0 + ALIKE else HOLDS, (
         'The paper states that more generations give "no clear benefit", although its own means decrease. In this '
-        "study the longer searches continue the shorter ones, so they cannot be worse: the mean decreases by a factor "
-        f"of {gain:.3g}. (The conclusions of the paper name K = 200 and N = 250 as the best; none of its tables has N "
-        "= 250.)"
+        "study, the longer searches continue the shorter ones, so they cannot be worse: the mean decreases by a factor "
+        f"of {gain:.3g}. (The conclusions of the paper name K = 200 and N = 250 as the best values; none of its tables "
+        "contains N = 250.)"
     )
 
 
@@ -233,9 +236,8 @@ def _of_resolution(groups: Mapping[int, list[float]]) -> tuple[str, str] | None:
     verdict = OPEN if of_coarse >= SIGNIFICANT else HOLDS if worse else FAILS
     return verdict, (
         "The paper states that a very small resolution is significantly worse and a very large resolution slightly "
-        "worse. "
-        f"Rank test of {coarse} compared with {middle}: p = {of_coarse:.2g}; of {fine} compared with {middle}: p = "
-        f"{of_fine:.2g}. The verdict is based on the first test."
+        f"worse. Rank test of resolution {coarse} compared with {middle}: p = {of_coarse:.2g}; of resolution {fine} "
+        f"compared with {middle}: p = {of_fine:.2g}. The verdict is based on the first test."
     )
 
 
@@ -263,14 +265,14 @@ def _parallel(study: StudyFile, results: Lines) -> Iterator[Claim]:
     busy = [model for model in losers if model not in small]
     why = f" For {' and '.join(small)}, sending candidates takes longer than evaluating them." if small else ""
     why += (
-        f" For {' and '.join(busy)}, evaluating candidates takes longer than sending them, so the missing speed-up is "
-        "due to this computer: other load, or fewer free processors than processes." if busy else ""
+        f" For {' and '.join(busy)}, evaluating candidates takes longer than sending them, so the lack of speed-up is "
+        "due to this computer (other load, or fewer free processors than processes)." if busy else ""
     )
     yield Claim(
         "parallel", HOLDS if gains[first] > 1.0 + ALIKE else FAILS if gains[first] < 1.0 - ALIKE else OPEN,
         f"The text of the paper claims 42 and 62.5 % less time on 2 and 4 processes; its Table 6 gives {saved[2]:.0f} "
-        f"and {saved[4]:.0f} %. This study, {wanted.evaluations} evaluations: {times} processes. An evaluation of the "
-        f"{first} model, 0.2 s in the paper, takes {each_us:,.0f} microseconds on one process.{why}",
+        f"and {saved[4]:.0f} %. Times for {wanted.evaluations} evaluations in this study: {times} processes. An "
+        f"evaluation of the {first} model, 0.2 s in the paper, takes {each_us:,.0f} microseconds on one process.{why}",
     )  # fmt: skip
 
 
@@ -288,17 +290,17 @@ def _ride(driven: Rides | None) -> Iterator[Claim]:
     own = ""
     if driven.ours is not None:
         own = (
-            " The fits of these methods in this study, all to the same recordings, differ by up to "
-            f"{most(driven.ours, '4-8 Hz')[0]:.2g} and {most(driven.ours, '0-18 Hz')[0]:.2g} dB: this is the effect "
-            "of the searches, not of the damper."
+            " In this study, the fits by these methods to the same recordings differ by up to "
+            f"{most(driven.ours, '4-8 Hz')[0]:.2g} and {most(driven.ours, '0-18 Hz')[0]:.2g} dB: this difference is "
+            "due to the searches, not to the damper."
         )
     yield Claim(
         "ride-of-fits", HOLDS if size else FAILS,
-        f"Paper 1, 4.2: cars with the three fits differ by up to {limit_low:g} dB in 4-8 Hz and {limit_high:g} dB "
-        f"above. With the printed fits in the car of this study, the difference is {low:.2g} dB in 4-8 Hz and "
-        f"{high:.2g} dB up to 18 Hz (in {where}). The verdict is for 4-8 Hz, within a factor of {RIGHT_SIZE:g}; "
-        "above, small differences near a null of the response appear large, and the current of the damper would "
-        f"change both (docs/how-to/ride-comfort.md).{own}",
+        f"Paper 1, 4.2: cars with the three fits differ by up to {limit_low:g} dB at 4-8 Hz and by up to "
+        f"{limit_high:g} dB above. With the printed fits in the car of this study, the difference is {low:.2g} dB at "
+        f"4-8 Hz and {high:.2g} dB up to 18 Hz (in {where}). The verdict applies to 4-8 Hz, within a factor of "
+        f"{RIGHT_SIZE:g}; above 8 Hz, small differences near a null of the response appear large, and a different "
+        f"damper current would change both values (docs/how-to/ride-comfort.md).{own}",
     )  # fmt: skip
 
 

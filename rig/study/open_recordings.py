@@ -50,11 +50,11 @@ class Found:
         if self.missing:
             parts.append(f"{len(self.missing)} of {len(one.files)} files missing ({_some(self.missing)})")
         if self.changed:
-            parts.append(f"SHA-256 differs from the benchmark's in {_some(self.changed)}")
-        variable = f", or set {one.variable} to their folder" if one.variable else ""
+            parts.append(f"SHA-256 differs from the benchmark's for {_some(self.changed)}")
+        variable = f", or set {one.variable} to the folder that contains them" if one.variable else ""
         prepare = f" {one.prepare}" if one.prepare else ""
         return (
-            f"{one.name}: {' and '.join(parts)} in {self.folder}. The recordings are not included; download them from "
+            f"{one.name} in {self.folder}: {' and '.join(parts)}. The recordings are not included; download them from "
             f"{one.source} (licence: {one.licence}).{prepare} Copy them to that folder{variable}"
         )
 

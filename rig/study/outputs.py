@@ -88,12 +88,14 @@ def written(cell: Cell) -> str:
 
 
 FIGURE_TITLES = {
-    "figure-03": "Figure 3: position and velocity of a triangle",
+    "figure-03": "Figure 3: position and velocity of a triangular motion",
     "figure-04": "Figure 4: force vs. velocity for a triangular displacement, without noise",
     "figure-05": "Figure 5: the recordings at the lowest frequency",
-    "figure-08": "Figure 8: box plots of every setting",
+    "figure-08": "Figure 8: box plot of each setting",
     "figure-08-pair": "Figure 8 as printed: best-tuned PSO and c-FOA",
-    "figure-09": "Figure 9: convergence, each method at its best setting (right: its second half, near the lowest)",
+    "figure-09": (
+        "Figure 9: convergence, each method at its best setting (right: the second half, near the lowest value)"
+    ),
     "figure-10": "Figure 10: recorded and fitted force vs. velocity",
     "figure-11": "Figure 11: recorded and fitted force vs. extension",
     "figure-12": "Figure 12: force vs. velocity of the c-FOA, GA and PSO fits, printed (Table 5) and from this study",
@@ -106,21 +108,22 @@ FIGURE_TITLES = {
     "paper2-figure-relations": "Paper 2, Table 1 as a figure: parameters vs. current, and the fitted relations",
 }
 COMPARED = (
-    "The statements of the papers, checked on these recordings. The papers' own recordings are not public: orders and "
+    "Statements in the papers, checked with these recordings. The papers' own recordings are not public, so orders and "
     "ratios are compared, not magnitudes."
 )
 SYNTHETIC = (
-    "The recordings are synthetic: simulated dampers with known parameters (truth) and white noise. The models can "
-    "fit them to within the noise, which no model does for a real damper: the findings on algorithms may not apply "
-    "there, and these results do not show how well a model fits a real damper."
+    "The recordings are synthetic: simulated dampers with known parameters (truth) and white noise. The models can fit "
+    "these recordings to within the noise, which no model achieves for a real damper. The findings on algorithms may "
+    "not apply to real dampers, and these results do not show how well a model fits a real damper."
 )
 NOT_DRAWN = (
     "Not included: photographs, diagrams and flow charts (Figures 1, 2, 6 and 7; paper 2, Figures 1 to 7 and 9), which "
     "contain no computed results."
 )
 HYPOTHESIS = (
-    "Null hypothesis: all settings have the same distribution. The test is unbiased over all settings; over best-tuned "
-    "settings only (as in the paper) it is biased, because the settings were chosen on the same values."
+    "Null hypothesis: all settings have the same distribution. The test is unbiased if it includes all settings. If it "
+    "includes only the best-tuned settings, as in the paper, it is biased because these settings were chosen on the "
+    "same values."
 )
 SIGNIFICANT = 0.05
 SEVERAL = {"Paper 2, Table 1", "Paper 2, relations"}
@@ -251,13 +254,13 @@ def _summary(facts: Mapping[str, Any]) -> str:
         return str(facts["summary"])
     return (
         f"{facts['tests']} tests ({facts['recordings']}), {facts['samples']:,} samples; {facts['searches']} searches, "
-        f"{facts['repeats']} repeats of each setting of the comparison."
+        f"{facts['repeats']} repeats of each setting in the comparison."
     )
 
 
 def _test(name: str, test: KruskalWallis | None) -> Blocks:
     if test is None:
-        return [Paragraph(f"{name}: not possible (too few values, or all equal).")]
+        return [Paragraph(f"{name}: test not possible (too few values, or all values are equal).")]
     ranked = sorted(test.mean_ranks.items(), key=lambda entry: entry[1])
     ranks = table(["setting", "mean rank"], [[setting, f"{rank:.1f}"] for setting, rank in ranked], (1,))
     stated = Paragraph(f"{name}: H = {test.statistic:.3f}, p = {test.p:.3g}. {test.note}")
@@ -287,14 +290,14 @@ def _made(facts: Mapping[str, Any]) -> Blocks:
         "searched with": ", ".join(made["searched_with"]),
         "plug-ins": "; ".join(made.get("plug_ins", ())),
         "computer that wrote this page": made["machine"],
-        "time": f"{made['searched_s']:,.0f} s of searches, all sessions and workers together; {facts['wall_s']:,.0f} "
+        "time": f"{made['searched_s']:,.0f} s of searches in all sessions and workers together; {facts['wall_s']:,.0f} "
         "s in the session that wrote this page",
         "seed": str(made["seed"]),
         "fingerprint": f"{made['fingerprint']} (settings of the study and its recordings)",
     }
     again = (
-        "To repeat the study with the file below (finished searches in the folder are reused; with the same versions, "
-        "seed and type of processor every search returns the same value, only the times differ):"
+        "Finished searches in the folder are reused. With the same versions, seed and type of processor, every search "
+        "returns the same value; only the times differ. To repeat the study with the file below:"
     )
     return [
         Heading("Provenance", name="made", listed="Provenance"), Properties(pairs), Paragraph(again),
@@ -314,7 +317,7 @@ def _cite(facts: Mapping[str, Any]) -> Blocks:
         for one in facts["recordings"] if of_benchmark and one["complete"]
     ]  # fmt: skip
     cited = Items((CITE_SOFTWARE, *(sources if of_benchmark else CITE_PAPERS)))
-    models = Paragraph(("Each damper model's source: ", Code("rig models NAME"), "."), small=True)
+    models = Paragraph(("Source of each damper model: ", Code("rig models NAME"), "."), small=True)
     head: Blocks = [Heading("How to cite", name="cite", listed="How to cite"), cited, models]
     if of_benchmark:
         return head

@@ -28,7 +28,7 @@ TABLE_NUMBERS = {"ga": 10, "de": 11, "pso": 12, "i_abc": 13, "c_foa": 14}
 VALUE_COLUMNS = ("BV", "MV", "SD", "repeats")
 PRINTED_COLUMNS = ("BV printed", "MV printed", "SD printed")
 NOT_PUBLIC = (
-    "Printed: the values of the paper, for its own recordings, which are not public; compare orders, not magnitudes."
+    "Printed: values from the paper for its own recordings, which are not public; compare orders, not magnitudes."
 )
 SYMMETRY_TITLES = {
     "asymmetric": "Asymmetric model: Ca_minus \N{NOT EQUAL TO} Ca_plus, Cb_minus \N{NOT EQUAL TO} Cb_plus",
@@ -36,8 +36,8 @@ SYMMETRY_TITLES = {
 }
 LAMBDA = "The printed lambda, for which the paper gives no unit, is interpreted as delta."
 MIRRORED = (
-    "beta is positive by convention: if beta, delta, Fya and Fyb all change sign, the force is the same (tanh is "
-    "odd), and a search may end at either solution."
+    "beta is positive by convention: if beta, delta, Fya and Fyb all change sign, the force does not change (tanh is "
+    "odd), so a search may end at either solution."
 )
 
 
@@ -92,8 +92,9 @@ def comparison_tables(study: StudyFile, results: Lines, minima: Mapping[str, flo
         for name, (N, budget, summary) in best.items()
     )
     note = (
-        f"{_objective(study)} {_lowest(minima, study.comparison.models[:1])} The setting with the lowest mean of each "
-        f"method, chosen on the same values. {NOT_PUBLIC} The printed values are those of the paper's best settings."
+        f"{_objective(study)} {_lowest(minima, study.comparison.models[:1])} Each method is shown at its setting with "
+        f"the lowest mean, chosen on the same values. {NOT_PUBLIC} The printed values are those of the paper's best "
+        "settings."
     )
     columns = ("method", "N", "fun_evals", *VALUE_COLUMNS, *PRINTED_COLUMNS)
     title = _statistics(study, ", ".join(TITLES[method] for method in best))
@@ -190,8 +191,10 @@ def parameter_tables(study: StudyFile, results: Lines, units: Mapping[str, str])
         columns = ("No.", "parameter", "unit", *(TITLES[method] for method in methods))
         columns += ("truth",) if truth else ()
         columns += tuple(f"{TITLES[method]} printed" for method in printed_fits)
-        note = "eta (9) is not identified: this is not possible with constant current." if "eta" in units else ""
-        note += f" The best of all settings. {MIRRORED} {LAMBDA} {NOT_PUBLIC}"
+        note = (
+            "eta (equation 9) is not identified because this is not possible at constant current."
+        ) if "eta" in units else ""
+        note += f" The values are from the best of all settings. {MIRRORED} {LAMBDA} {NOT_PUBLIC}"
         note += " Truth: the values that generated the synthetic recordings, which also contain noise." if truth else ""
         title = f"Optimised model parameter values using {titles}"
         tables.append(Table(f"table-{number:02d}", f"Table {number}", title, columns, tuple(rows), note))
@@ -259,14 +262,13 @@ def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
     printed_s = [printed_values.PARALLEL_S.get(count) for count in counts]
     rows.append(("as printed (asymmetric, MATLAB)", "time / s", *printed_s))
     title = (
-        f"Computational cost of the fitting problem using {TITLES[wanted.method]}: serial implementation and parallel "
-        f"ones (N = {wanted.population}, fun_evals = {wanted.evaluations})"
+        f"Computational cost of the fitting problem with {TITLES[wanted.method]}, serial and parallel (N = "
+        f"{wanted.population}, fun_evals = {wanted.evaluations})"
     )
     note = (
-        f"Measured on {processors} processors: using more processes than processors brings no gain. Time of the "
-        "search only, "
-        "with the workers already started and the recordings loaded. Each was timed once, so other load on the "
-        "computer affects the result."
+        f"Measured on {processors} processors: using more processes than processors brings no gain. The times are for "
+        "the search only, with the workers already started and the recordings loaded. Each run was timed once, so "
+        "other load on the computer affects the result."
     )
     parallel = (f"parallel computing with {count} processes" if count > 1 else "serial computing" for count in counts)
     return [Table("table-06", "Table 6", title, ("model", "computational burden", *parallel), tuple(rows), note)]
@@ -311,6 +313,6 @@ def _known(truth: Mapping[str, float], name: str) -> tuple[Cell, ...]:
 
 def _statistics(study: StudyFile, what: str) -> str:
     return (
-        f"Statistical analysis of the optimisation results obtained by applying {study.comparison.repeats} independent "
-        f"times {what}. BV: best value, MV: mean value, SD: standard deviation"
+        f"Statistical analysis of the results of {study.comparison.repeats} independent optimisations with {what}. BV: "
+        "best value, MV: mean value, SD: standard deviation"
     )

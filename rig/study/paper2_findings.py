@@ -64,10 +64,10 @@ def _improvement(novel: ByCurrent, outcomes: Mapping[str, ByCurrent]) -> Claim:
     return Claim(
         "novel-ga", verdict,
         f"Paper 2: the mean absolute error of the novel GA is {NOVEL_GA_IMPROVEMENT_PERCENT} % below that of the "
-        f"standard GA. In this study it is {abs(gain):.3g} % {'below' if gain >= 0.0 else 'above'}, and lower at "
-        f'{wins} of {len(shared)} currents. Mean absolute errors: {ordered}. The paper set its search box "after two '
-        'or three trails" for its own damper; it does not state whether the other methods used the same box. In this '
-        "study all genetic algorithms use the same search box.",
+        f"standard GA. In this study, it is {abs(gain):.3g} % {'below' if gain >= 0.0 else 'above'}, and it is lower "
+        f'at {wins} of {len(shared)} currents. Mean absolute errors: {ordered}. The paper set its search box "after '
+        'two or three trails" for its own damper; it does not state whether the other methods used the same box. In '
+        "this study, all genetic algorithms use the same search box.",
     )  # fmt: skip
 
 
@@ -88,10 +88,10 @@ def _generations(novel: ByCurrent, outcomes: Mapping[str, ByCurrent]) -> Claim:
     told = ", ".join(f"{TITLES[m]} {means[m]:.3g} ({stopped[m]} of {counts[m]})" for m in means)
     return Claim(
         "novel-ga-speed", verdict,
-        "Paper 2: the novel GA converges in the fewest generations. Mean generations in this study, and searches that "
-        f"the statistical criterion ended before the budget: {told}; novel compared with standard: rank test p = "
-        f"{p:.2g}. Termination by this criterion means that little improvement is expected, not that the minimum was "
-        f"found.{cut}",
+        "Paper 2: the novel GA converges in the fewest generations. Mean number of generations in this study, with the "
+        f"number of searches that the statistical criterion ended before the budget was used up: {told}; novel "
+        f"compared with standard: rank test p = {p:.2g}. Termination by this criterion means that little improvement "
+        f"is expected, not that the minimum was found.{cut}",
     )  # fmt: skip
 
 
@@ -105,16 +105,16 @@ def _three_steps(novel: ByCurrent, three: ByCurrent) -> Claim:
     verdict = FAILS if ours >= theirs else HOLDS if wins >= MOST * len(shared) else OPEN
     return Claim(
         "three-steps", verdict,
-        "Paper 2 finds the normalised Bouc-Wen model, identified in three steps, less accurate than the novel GA. "
-        f"Mean absolute errors in this study, over the {len(shared)} currents available for both: three steps "
-        f"{theirs:.3g} N, novel GA {ours:.3g} N, which is lower at {wins}. The three-step method requires neither a "
-        "starting point nor a search box nor generations.",
+        "Paper 2 finds the normalised Bouc-Wen model, identified in three steps, less accurate than the novel GA. Mean "
+        f"absolute errors in this study over the {len(shared)} currents available for both: {theirs:.3g} N for the "
+        f"three steps and {ours:.3g} N for the novel GA, which is lower at {wins} of these currents. The three-step "
+        "method requires no starting point, no search box and no generations.",
     )  # fmt: skip
 
 
 def _linear(study: StudyFile, novel: ByCurrent) -> Claim:
     if study.current is None:
-        raise ValueError("this study has no [per_current]")
+        raise ValueError("this study has no [per_current] section")
     currents = sorted(novel)
     best = [min(novel[current], key=lambda line: float(line["value"])) for current in currents]
     fitted = parameter_relations(np.array(currents), best, study.current.degree)
@@ -125,8 +125,8 @@ def _linear(study: StudyFile, novel: ByCurrent) -> Claim:
         if affine.rms <= LINE_SHARE * float(np.ptp(values)):
             straight.append(name)
     synthetic = (
-        " c0 and alpha of the synthetic damper are linear in the current by construction and the others are constant, "
-        "so the deviation is scatter of the searches." if study.current.data.simulate == "bouc_wen" else ""
+        " c0 and alpha of the synthetic damper are linear in the current by construction, and the others are constant, "
+        "so the deviation is due to the scatter of the searches." if study.current.data.simulate == "bouc_wen" else ""
     )
     return Claim(
         "linear-in-current", HOLDS if len(straight) == len(fitted) else FAILS,

@@ -126,7 +126,7 @@ def parameter_tables(study: StudyFile, outcomes: Mapping[str, Mapping[float, lis
         units = parameter_units(study.current, method)
         rows = [(name, units[name], *(line["parameters"][name] for line in best)) for name in names]
         columns = ("parameter", "unit", *(f"I = {current:g} A" for current in currents))
-        title = f"Parameter values relative to input current, {TITLES[method]} (best of the repeats)"
+        title = f"Parameter values at each input current, {TITLES[method]} (best of the repeats)"
         note = "" if method == "zhu_three_step" else _edges(study.current.boxes, dict(zip(currents, best, strict=True)))
         tables.append(Table(f"paper2-table-01-{method}", "Paper 2, Table 1", title, columns, tuple(rows), note))
         if len(currents) >= 2:
@@ -144,8 +144,11 @@ def _true_parameters(wanted: CurrentStudy) -> list[Table]:
         for name in wanted.boxes
     ]
     columns = ("parameter", "unit", *(f"I = {current_A:g} A" for current_A in wanted.current_A))
-    title = "Parameter values relative to input current, truth of the synthetic recordings"
-    note = f"Affine in the current by construction. A = {truth['A']:g} is fixed: alpha, beta and gamma depend on it."
+    title = "Parameter values at each input current, true values of the synthetic recordings"
+    note = (
+        f"The parameters are affine in the current by construction. A = {truth['A']:g} is fixed: alpha, beta and gamma "
+        "depend on it."
+    )
     return [Table("paper2-table-01-truth", "Paper 2, Table 1", title, columns, tuple(rows), note)]
 
 
@@ -186,7 +189,7 @@ def _relation_table(method: str, current_A: np.ndarray, best: list[Mapping[str, 
         "SI units. The Lagrange polynomial passes through every point; the rms at an omitted current shows its "
         "predictive value."
     )
-    title = f"Relations of the parameters to the current, {TITLES[method]}"
+    title = f"Relations between the parameters and the current, {TITLES[method]}"
     return Table(f"paper2-relations-{method}", "Paper 2, relations", title, columns, tuple(rows), note)
 
 
@@ -198,7 +201,9 @@ def _edges(boxes: Mapping[str, tuple[float, float]], best: Mapping[float, Mappin
         for name, value in line["parameters"].items()
         if min(value - boxes[name][0], boxes[name][1] - value) < AT_THE_EDGE * (boxes[name][1] - boxes[name][0])
     ]
-    return f"At the edge of the search box, so the optimum may be outside: {', '.join(held)}." if held else ""
+    return (
+        f"Parameters at the edge of the search box, so the optimum may be outside it: {', '.join(held)}."
+    ) if held else ""
 
 
 def _failures(study: StudyFile, results: Lines) -> str:

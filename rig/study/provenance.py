@@ -27,14 +27,14 @@ CITE_PAPERS = (
     "Advances in Mechanical Engineering, 2020, doi 10.1177/1687814020950546",
 )
 METHODS = {
-    "c_foa": "as intended by paper 1: the signs of the first swarm are drawn at random, decisions are made every "
+    "c_foa": "as intended by paper 1: the signs of the first swarm are drawn at random, and decisions are made every "
              "kappa generations; `c-FOA as printed` follows its Fig. 6 exactly",
     "foa": "Pan 2012",
-    "ga": "MATLAB's ga as described in paper 1, with Gaussian mutation; feasible directions: with the mutation that "
-          "matches the paper's description better",
+    "ga": "MATLAB's ga as described in paper 1, with Gaussian mutation; the variant `feasible directions` uses the "
+          "mutation that better matches the paper's description",
     "de": "Price, Storn, Lampinen 2005, rand/1 with dither (Storn's deopt)",
     "pso": "MATLAB's particleswarm, equations (20) to (22) of paper 1",
-    "i_abc": "Li, Niu, Xiao 2012, reconstructed: paper 1 names it and gives one constant",
+    "i_abc": "Li, Niu, Xiao 2012, reconstructed, because paper 1 only names the method and gives one constant",
     "ga_standard": "as described in paper 2 for its comparison",
     "ga_kwok": "Kwok et al. 2007, as described in paper 2",
     "ga_novel": "paper 2",

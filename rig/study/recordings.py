@@ -125,7 +125,7 @@ def one_a_current(tests: Sequence[Measurement], currents_A: Sequence[float]) -> 
         elif there:
             names = ", ".join(f"{test.id} ({test.amplitude_m:g} m, {test.frequency_Hz:.4g} Hz)" for test in there)
             problems.append(
-                f"{current_A:g} A: {len(there)} tests ({names}), expected one. Fix: choose a test with select in "
+                f"{current_A:g} A: {len(there)} tests ({names}), expected one. Fix: choose a test with `select` in "
                 '[per_current.data], such as select = "frequency_Hz=1"'
             )
         else:

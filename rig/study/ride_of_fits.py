@@ -107,10 +107,10 @@ def ride_table(driven: Rides) -> Table:
     for name, _ in driven.named:
         columns += (f"{name} / dB", "between")
     note = (
-        f"Car {driven.printed.car.name}, an estimate; road {driven.printed.road.name}: the paper states neither the "
-        "parameters of the car nor the duration and phase of the sweep, nor the current; here "
-        f"{driven.printed.variants[0].control.current_A:g} A. 0-18 Hz: from 0.5 Hz; the paper states 12 dB for "
-        f"\"higher frequencies\". `rig ride {' '.join(PRINTED.values())}` shows more. {driven.reason}"
+        f"Car: {driven.printed.car.name} (an estimate); road: {driven.printed.road.name}. The paper does not state the "
+        "parameters of the car, the duration and phase of the sweep, or the current; the current here is "
+        f"{driven.printed.variants[0].control.current_A:g} A. The 0-18 Hz band starts at 0.5 Hz; the paper states 12 "
+        f"dB for \"higher frequencies\". `rig ride {' '.join(PRINTED.values())}` shows more. {driven.reason}"
     ).strip()
     title = "Largest difference in the car's response between any two of the c-FOA, GA and PSO fits"
     return Table("table-x-ride", "Section 4.2", title, (*columns, "paper, up to / dB"), tuple(rows), note)

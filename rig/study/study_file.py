@@ -61,7 +61,7 @@ class Data(Section):
     runs: tuple[str, ...] = ()
     select: str | None = Field(default=None, examples=["waveform=sine"])
     keep_every: int = Field(
-        default=1, ge=1, le=1000, description=("interval of the samples used in the objective: every n-th")
+        default=1, ge=1, le=1000, description=("use only every n-th sample in the objective")
     )
 
     def problems(self) -> Iterator[Problem]:
@@ -120,9 +120,9 @@ class CurrentStudy(Section):
     population: Population = 50
     budget: Budget = 10_000
     repeats: int = Field(default=3, ge=1, le=10_000)
-    degree: int = Field(default=2, ge=1, le=10, description="degree of the polynomial in current")
+    degree: int = Field(default=2, ge=1, le=10, description="degree of the polynomial in the current")
     bounds: dict[str, tuple[float, float]] = Field(
-        default={}, description=("search boxes (SI) that replace the default ones")
+        default={}, description=("search boxes (SI units) that replace the defaults")
     )
 
     def problems(self) -> Iterator[Problem]:
@@ -131,7 +131,7 @@ class CurrentStudy(Section):
             if name not in CURRENT_BOXES[self.model]:
                 yield (), f"bounds: got {name!r}, expected one of {', '.join(CURRENT_BOXES[self.model])}"
             if not low < high:
-                yield (), f"bounds: {name} = [{low:g}, {high:g}]: expected the first below the second"
+                yield (), f"bounds: {name} = [{low:g}, {high:g}]: expected the first value to be less than the second"
 
     @property
     def boxes(self) -> dict[str, tuple[float, float]]:
@@ -142,7 +142,7 @@ class CurrentStudy(Section):
 class RideOfFits(Section):
     """A car with the fits of c-FOA, GA and PSO: Figures 12 and 13 of paper 1."""
 
-    current_A: Ampere = Field(default=0.0, alias="current", description="constant current of the dampers")
+    current_A: Ampere = Field(default=0.0, alias="current", description="constant current in the dampers")
 
 
 class StudyFile(Section):

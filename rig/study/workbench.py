@@ -224,14 +224,14 @@ class Workbench:
             ValueError: The study has no per-current part.
         """
         if self.study.current is None:
-            raise ValueError("this study has no [per_current]")
+            raise ValueError("this study has no [per_current] section")
         name = "normalized_bouc_wen" if method == "zhu_three_step" else self.study.current.model
         return modelled_force(damper_model(name), {**CURRENT_FIXED[name], **line["parameters"]}, test)
 
     def _run_current(self, cell: SearchCell, callback: Callback | None) -> dict[str, Any]:
         wanted = self.study.current
         if wanted is None:
-            raise ValueError(f"{cell.key}: the study has no [per_current]")
+            raise ValueError(f"{cell.key}: the study has no [per_current] section")
         test = self.current_tests[cell.current_A]
         if cell.method == "zhu_three_step":
             return three_steps(cell, test)

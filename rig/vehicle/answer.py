@@ -65,7 +65,7 @@ def extrapolations(study: RideStudy) -> list[str]:
         if beyond and covered is not None:
             parts = (f"{name.partition('_')[0]} {100.0 * share:.3g} % of the time" for name, share in beyond.items())
             lines.append(
-                f"{variant.name}: outside the tested range ({', '.join(parts)}), where its force is an extrapolation; "
+                f"{variant.name}: outside the tested range ({', '.join(parts)}), where the force is extrapolated; "
                 f"tested: {covered.told()}"
             )
         elif covered is None and variant.fit.adequate is not None:

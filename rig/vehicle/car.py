@@ -31,10 +31,12 @@ class Body(Section):
 
     mass_kg: Mass = Field(alias="mass")
     pitch_inertia_kg_m2: Inertia | None = Field(
-        default=None, alias="pitch_inertia", description="about the centre of gravity; half and full car"
+        default=None, alias="pitch_inertia", description=(
+            "pitch inertia about the centre of gravity; only for half and full cars"
+        )
     )
     roll_inertia_kg_m2: Inertia | None = Field(
-        default=None, alias="roll_inertia", description="about the centre of gravity; full car"
+        default=None, alias="roll_inertia", description="roll inertia about the centre of gravity; only for full cars"
     )
 
 
@@ -46,15 +48,19 @@ class Axle(Section):
     tyre_stiffness_N_m: Rate = Field(alias="tyre_stiffness")
     tyre_damping_N_s_m: Damping = Field(default=0.0, alias="tyre_damping")
     damping_N_s_m: Damping = Field(
-        default=0.0, alias="damping", description="at the wheel, in addition to the damper: bushings and friction"
+        default=0.0, alias="damping", description=(
+            "damping at the wheel in addition to the damper, from bushings and friction"
+        )
     )
     motion_ratio: float = Field(
         default=1.0, ge=0.1, le=2.0, description="damper travel divided by wheel travel"
     )
     distance_m: Distance | None = Field(
-        default=None, alias="distance", description="distance of the axle from the centre of gravity; half and full car"
+        default=None, alias="distance", description=(
+            "distance from the axle to the centre of gravity; only for half and full cars"
+        )
     )
-    track_m: Distance | None = Field(default=None, alias="track", description="only for a full car")
+    track_m: Distance | None = Field(default=None, alias="track", description="track width; only for full cars")
     anti_roll_N_m: Annotated[float, Quantity("stiffness", "0 N/m", "10 kN/mm")] = Field(
         default=0.0, alias="anti_roll",
         description="anti-roll bar: force at each wheel per metre of difference between left and right wheel travel",
@@ -66,7 +72,7 @@ class Axle(Section):
         default=0.08, alias="rebound_travel", description="wheel travel to the rebound stop"
     )
     stop_stiffness_N_m: Rate = Field(default=2e5, alias="stop_stiffness", description=(
-        "stiffness of both stops, at the wheel"
+        "stiffness of each of the two stops, at the wheel"
     ))
 
 
@@ -140,7 +146,7 @@ class Car(Section):
             if inertia is not None and inertia > most:
                 problems.append((
                     ("body", place),
-                    f"got more than {most:.4g} kg m^2, the largest value for {self.body.mass_kg:g} kg within "
+                    f"got more than {most:.4g} kg m^2, the largest value possible for {self.body.mass_kg:g} kg within "
                     f"{reach_m:.3g} m",
                 ))
         return problems

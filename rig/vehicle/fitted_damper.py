@@ -52,10 +52,13 @@ def fitted_damper(given: str, members: int, seed: int = 0) -> FittedDamper:
         values = dampers.parameter_set(given)
         damper = CornerDamper(dampers.model(values.model, values.hysteresis), dict(values.values))
         beside = f"; for the file or folder with this name, write ./{given}" if path.exists() else ""
-        return FittedDamper(given, damper, remark=f"a parameter set: no interval{beside}")
+        return FittedDamper(given, damper, remark=f"parameter set, so there is no interval{beside}")
     if not path.exists():
         raise FileProblem(
-            given, [f"no fit.json, run or parameter set of this name; sets: {', '.join(dampers.PARAMETER_SETS)}"]
+            given, [(
+                "no fit.json, run or parameter set with this name; known parameter sets: "
+                f"{', '.join(dampers.PARAMETER_SETS)}"
+            )]
         )
     return _of_file(given, path, members, seed)
 

@@ -69,7 +69,7 @@ class Road:
             ValueError: it is no sweep.
         """
         if self.sweep is None:
-            raise ValueError(f"{self.name} has no phase between its sides; only a sweep has one")
+            raise ValueError(f"{self.name} has no phase difference between its sides; only a sweep has one")
         return sweep_road(replace(self.sweep, phase_deg=phase_deg), self.name, self.speed_m_s)
 
 

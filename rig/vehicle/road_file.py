@@ -43,8 +43,8 @@ class SweepTable(Section):
     duration_s: Duration = Field(default=60.0, alias="duration")
     first_Hz: Hertz = Field(default=0.0, alias="first_frequency")
     last_Hz: Hertz = Field(default=18.0, alias="last_frequency")
-    first_m: Height = Field(default=4e-3, alias="first_height", description="peak to peak, at the start")
-    last_m: Height = Field(default=1e-3, alias="last_height", description="peak to peak, at the end")
+    first_m: Height = Field(default=4e-3, alias="first_height", description="peak-to-peak height at the start")
+    last_m: Height = Field(default=1e-3, alias="last_height", description="peak-to-peak height at the end")
     phase_deg: float = Field(default=90.0, ge=-360.0, le=360.0, description="phase lag of the right side")
 
     def problems(self) -> Iterator[Problem]:
@@ -68,7 +68,7 @@ class ObstacleTable(Section):
 
     height_m: Height = Field(alias="height", description="height of the bump or depth of the pothole")
     length_m: Length = Field(alias="length", description="length along the road")
-    edge_m: Length = Field(default=0.1, alias="edge", description="of a pothole: length of each edge")
+    edge_m: Length = Field(default=0.1, alias="edge", description="length of each edge of a pothole")
     start_m: Annotated[float, Quantity("length", "0 m", "10000 m")] = Field(default=10.0, alias="start")
     sides: Literal["both", "left", "right"] = "both"
     duration_s: Duration = Field(default=10.0, alias="duration")
@@ -112,9 +112,11 @@ class RoadFile(Section):
             what = f"got {len(given)} ({', '.join(given)})" if given else "got none"
             yield (given[1],) if given else (), f"{what}, expected exactly one of {shown}"
         elif given == ["drive"] and self.speed_m_s is not None:
-            yield ("speed",), "got a speed with [drive], which moves the wheels by time. Fix: remove the speed"
+            yield ("speed",), (
+                "got a speed with [drive], which specifies wheel motion against time. Fix: remove the speed"
+            )
         elif given != ["drive"] and self.speed_m_s is None:
-            yield ("speed",), f'is missing; [{given[0]}] requires the speed of the car, such as "25 m/s"'
+            yield ("speed",), f'missing; [{given[0]}] requires the speed of the car, such as "25 m/s"'
 
     def road(self, folder: Path) -> Road:
         """The road; CSV files are looked for in `folder`.
@@ -177,7 +179,7 @@ def read_heights(path: Path, first: str) -> tuple[FloatArray, FloatArray]:
     if not np.all(np.isfinite(table)) or np.any(np.diff(table[:, 0]) <= 0.0):
         row = int(np.argmax(~(np.diff(table[:, 0]) > 0.0))) + 3
         raise FileProblem(str(path), [(
-            f"line {row}: got {first} that does not increase, or a value that is not a finite number"
+            f"line {row}: {first} does not increase, or a value is not a finite number"
         )])
     return table[:, 0], table[:, 1:]
 

@@ -93,7 +93,7 @@ def test_an_actuator_later_than_allowed_ends_the_test_before_its_road(tmp_path: 
         assert ending.exit_code == 4, ending.said
         assert ending.trips() == [("hybrid-unstable", "S2")]
         (trip,) = (line for line in ending.log if line.get("what") == "trip")
-        assert "ms behind the set-points; allowed 0.2 to 6.0 ms" in trip["detail"]
+        assert "ms; allowed: 0.2 to 6.0 ms" in trip["detail"]
         told = [line["phase"] for line in ending.log if line.get("what") == "hybrid"]
         assert "test" not in told
         assert ending.answer["rig_state"] == "safe"

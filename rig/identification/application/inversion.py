@@ -159,8 +159,8 @@ def _start(law: Law, motion: Motion, state: FloatArray | None) -> FloatArray:
         return np.ascontiguousarray(np.broadcast_to(rows, (motion.u_m.size, count)))
     if count and motion.time_s is None:
         raise FileProblem("state", [
-            f"{law.model.name} has internal states. Fix: give `state`, as returned by `fit.simulate`, or `time_s`, to "
-            "integrate the states from rest"
+            f"{law.model.name} has internal states. Fix: specify `state`, as returned by `fit.simulate`, or specify "
+            "`time_s` to integrate the states from rest"
         ])  # fmt: skip
     return law.model.initial_state(float(motion.u_m[0]))[None, :]
 

@@ -79,7 +79,7 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "", also: 
         index_s = np.asarray(frame.index, dtype=float)
         if time_s is not None and not np.array_equal(time_s, index_s):
             problems.append(
-                "time: got an index and a column with different values, expected one of them. Fix: remove one"
+                "time: the index and the column have different values, expected only one of them. Fix: remove one"
             )
         time_s = index_s if time_s is None else time_s
     dt_s = _interval_s(time_s, problems)
@@ -90,7 +90,8 @@ def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "", also: 
         problems.append(f"column `time_s` (s): missing, and {needs_time}")
     elif time_s is None and not _named(frame, "velocity_m_s"):
         problems.append(
-            "column `velocity_m_s`: missing. Fix: add it, or add `time_s` to differentiate the displacement"
+            "column `velocity_m_s`: missing. Fix: add this column, or add `time_s` so that the displacement can be "
+            "differentiated"
         )
     if len(frame) == 0:
         problems.append("no rows")
@@ -153,8 +154,8 @@ def _numbers(frame: pd.DataFrame, column: str, problems: list[str], *, empty: bo
     broken = np.flatnonzero(~np.isfinite(values))
     if broken.size and not empty:
         problems.append(
-            f"column `{column}`, row {broken[0]}: got {values[broken[0]]:g} ({broken.size} such rows), expected "
-            "finite numbers. Fix: remove these rows, or interpolate"
+            f"column `{column}`, row {broken[0]}: got {values[broken[0]]:g} ({broken.size} such rows), expected finite "
+            "numbers. Fix: remove these rows, or interpolate the values"
         )
     return values
 
@@ -171,8 +172,8 @@ def _interval_s(time_s: FloatArray | None, problems: list[str]) -> float:
     worst = int(np.argmax(np.abs(steps - dt_s)))
     if abs(float(steps[worst]) - dt_s) > UNEVEN * dt_s:
         problems.append(
-            f"`time_s`: got {float(steps[worst]):.4g} s before row {worst + 1}, expected even spacing ({dt_s:.4g} s "
-            "on average). Fix: resample the table"
+            f"`time_s`: got a step of {float(steps[worst]):.4g} s before row {worst + 1}, expected even spacing "
+            f"({dt_s:.4g} s on average). Fix: resample the table"
         )
     return dt_s
 

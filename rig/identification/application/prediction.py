@@ -48,7 +48,7 @@ def simulate(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: f
     Raises:
         FileProblem: the table cannot be used, or the lag is wanted and not known.
     """
-    motion = motion_of(table, mid_stroke_m, needs_time="a simulation integrates these states")
+    motion = motion_of(table, mid_stroke_m, needs_time="a simulation integrates over time")
     if lag:
         if law.eta_1_s is None:
             raise FileProblem("the fit", [

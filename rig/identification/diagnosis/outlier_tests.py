@@ -46,19 +46,19 @@ CURRENTS, SPEEDS = 41, np.geomspace(1e-3, 1e3, 61)
 ODD_TEST = Statement(
     "odd-test",
     text=(
-        "{test} is inconsistent with the other tests: a fit to those misses {percent_missed:.0f} % of its force; "
-        "{corrections}"
+        "{test} is inconsistent with the other tests: a fit to the other tests misses {percent_missed:.0f} % of the "
+        "force in this test; {corrections}"
     ),
     next=(
-        "check the current, the units and ranges of both channels and the damper of that test, or identify without "
-        "that test"
+        "for that test, check the current, the units and ranges of both channels, and which damper was mounted, or fit "
+        "without that test"
     ),
     parts={
-        "corrected": "it would be consistent with {corrections}",
-        "apart": "neither a gain of its force nor a different current or motion explains this",
-        "force": "its force multiplied by {factor:.3g}",
-        "current": "a current of {likely_A:.2f} A, not {stated_A:.2f} A",
-        "motion": "its motion multiplied by {factor:.3g}",
+        "corrected": "the test would be consistent if {corrections}",
+        "apart": "neither a gain error in its force nor a different current or motion explains the difference",
+        "force": "its force were multiplied by {factor:.3g}",
+        "current": "its current were {likely_A:.2f} A instead of {stated_A:.2f} A",
+        "motion": "its motion were multiplied by {factor:.3g}",
     },
 )  # fmt: skip
 

@@ -291,7 +291,7 @@ SIGNS = FromTests(
 )  # fmt: skip
 SATURATED = FromTests(
     CLIPPING.slug, find=saturated,
-    text="the force is clipped in {tests}; these samples are excluded from the fit",
+    text="the force is clipped in {tests}; the clipped samples are excluded from the fit",
     next=CLIPPING.next,
 )  # fmt: skip
 LAW_OF_TWO = FromTests(
@@ -306,9 +306,9 @@ LAW_OF_TWO = FromTests(
 OFFSET = FromTests(
     "force-offset", seen=True, find=offset, last=True,
     text=(
-        "the mean force at low speed is {offset_N:+.3g} N, towards extension: a preload, or a wrong zero of the load "
-        "cell; the model's offset includes it. A gas damper with both signs reversed gives the same result if it does "
-        "not resist rebound more than compression"
+        "the mean force at low speed is {offset_N:+.3g} N, towards extension, because of a preload or a wrong zero of "
+        "the load cell; the model's offset includes this force. A gas damper with both signs reversed gives the same "
+        "result if it does not resist rebound more than compression"
     ),
     next=(
         "read the load cell with the rod free, and check the signs with a slow manual extension, in which displacement "

@@ -50,20 +50,21 @@ OUTLIER_AMOUNTS = 2  # of a test that does not fit the others: which one, and by
 OUTLIERS = Statement(
     "outliers",
     text=(
-        "outliers in the measured force ({count} sample(s), {percent:.2g} %) explain {percent_explained:.0f} % of the "
-        "misfit"
+        "outliers in the measured force ({percent:.2g} % of the samples, {count} in all) explain "
+        "{percent_explained:.0f} % of the misfit"
     ),
     next="fit with --loss huber; check the force channel for interference or lost bits",
 )  # fmt: skip
 UNEXPLAINED = Statement(
     "unexplained",
     text=(
-        "none of the causes searched explains {least:.0f} % of the misfit; {near:.0f} % of it is within 1 mm after a "
-        "reversal, {slow:.0f} % below a tenth of the largest speed, {of_worst:.0f} % in {worst}, one of {count} tests"
+        "none of the known causes explains {least:.0f} % of the misfit or more; {near:.0f} % of the misfit is within 1 "
+        "mm after a reversal, {slow:.0f} % is below a tenth of the largest speed, and {of_worst:.0f} % is in {worst}, "
+        "one of {count} tests"
     ),
     next=(
-        "{untried}repeat {worst}, the first test, and the tests with the currents in another order: a model cannot "
-        "describe differences between repeats"
+        "{untried}repeat {worst} and the first test, and repeat all tests with the currents in another order: a model "
+        "cannot describe differences between repeats"
     ),
 )  # fmt: skip
 STATEMENTS: tuple[Statement, ...] = (

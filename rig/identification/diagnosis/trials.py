@@ -328,19 +328,19 @@ SKEW = FromFit(
         "misfit"
     ),
     next=(
-        "measure the delay between the two channels with one sharp motion, or shift the force by this delay before the "
-        "fit"
+        "measure the delay between the two channels with a single sharp motion, or shift the force by this delay "
+        "before the fit"
     ),
 )  # fmt: skip
 FORCE_DRIFT = FromFit(
     "force-drift", find=_drifting,
     text=(
-        "a drift of the force channel over time, {percent:+.3g} % in gain and {zero_N:+.3g} N in zero from end to end, "
-        "explains {percent_explained:.0f} % of the misfit"
+        "a drift of the force channel over time, {percent:+.3g} % in gain and {zero_N:+.3g} N in zero from the start "
+        "to the end of the tests, explains {percent_explained:.0f} % of the misfit"
     ),
     next=(
-        "check the zero and gain of the load cell before and after the tests; warm up amplifier and damper, and repeat "
-        "the first test at the end"
+        "check the zero and gain of the load cell before and after the tests; warm up the amplifier and the damper, "
+        "and repeat the first test at the end"
     ),
     parts={"some": (
         "a drift of the force channel within single tests ({tests}; largest {percent:+.3g} % in gain from start to "
@@ -350,8 +350,8 @@ FORCE_DRIFT = FromFit(
 TEMPERATURE = FromFit(
     "temperature", find=_warmed,
     text=(
-        "the recorded temperature, {percent:+.3g} % of force and {zero_N:+.3g} N from the lowest to the highest "
-        "temperature, explains {percent_explained:.0f} % of the misfit"
+        "the effect of the recorded temperature, {percent:+.3g} % of the force and {zero_N:+.3g} N from the lowest to "
+        "the highest temperature, explains {percent_explained:.0f} % of the misfit"
     ),
     next="fit with --temperature-law both, or keep the damper within a temperature window",
     parts={"rates": (

@@ -126,12 +126,12 @@ class Measurement:
         for name in ("v_m_s", "a_m_s2", "force_N", "current_A"):
             shape = getattr(self, name).shape
             if shape != (n,):
-                raise ValueError(f"{self.id}: {name} has shape {shape}, expected ({n},) as u_m")
+                raise ValueError(f"{self.id}: {name} has shape {shape}, expected ({n},), the shape of u_m")
         if self.usable is not None and self.usable.shape != (n,):
-            raise ValueError(f"{self.id}: usable has shape {self.usable.shape}, expected ({n},) as u_m")
+            raise ValueError(f"{self.id}: usable has shape {self.usable.shape}, expected ({n},), the shape of u_m")
         if self.temperature_degC is not None and self.temperature_degC.shape != (n,):
             shape = self.temperature_degC.shape
-            raise ValueError(f"{self.id}: temperature_degC has shape {shape}, expected ({n},) as u_m")
+            raise ValueError(f"{self.id}: temperature_degC has shape {shape}, expected ({n},), the shape of u_m")
         if not (math.isfinite(self.dt_s) and self.dt_s > 0.0):
             raise ValueError(f"{self.id}: dt_s = {self.dt_s:g}, expected a positive time in seconds")
         if not 0 <= self.samples_per_cycle <= n:
@@ -147,7 +147,7 @@ class Measurement:
             if broken.size:
                 raise ValueError(
                     f"{self.id}: {name}[{broken[0]}] = {values[broken[0]]:g} ({broken.size} such samples), expected "
-                    "finite numbers. Fix: where the force is unknown, set 0 and `usable` False"
+                    "finite numbers. Fix: for samples of unknown force, set the force to 0 and `usable` to False"
                 )
         for name in ARRAYS:  # a model is compiled again for arrays that are not contiguous: seconds for each
             values = getattr(self, name)

@@ -183,7 +183,7 @@ class Problem:
             TypeError: the model has internal states.
         """
         if not isinstance(self.model, ColumnModel):
-            raise TypeError(f"{self.model.name} has internal states and no closed form")
+            raise TypeError(f"{self.model.name} has internal states, so its force has no closed form")
         return general_coefficients(self.model, self.names, candidates)
 
     def _weight_squared(self, test: Measurement) -> FloatArray:

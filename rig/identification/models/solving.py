@@ -86,13 +86,13 @@ class Method:
                 )
         if self.bounds != "model" and self.name in {SEPARABLE, THREE_STEPS}:
             raise IdentificationFailed(
-                f"method: {self.name} needs no search range; bounds {self.bounds!r} apply only to the papers' "
+                f"method: {self.name} does not use a search range; bounds {self.bounds!r} apply only to the papers' "
                 "algorithms, such as 'c_foa'"
             )
         if self.weight == "relative" and self.name != SEPARABLE:
             raise IdentificationFailed(
                 f"method: {self.name} minimises equation (12) of the c-FOA paper, which has weights '1' and 'v'; "
-                f"'relative' is for {SEPARABLE}"
+                f"'relative' is available only for {SEPARABLE}"
             )
 
     def weighting(self, model: DamperModel) -> Weighting:
@@ -138,8 +138,8 @@ def solve(
     if method.loss != SQUARES and not (method.name == SEPARABLE and splits(model, measurements)):
         having = ", ".join(name for name, other in MODELS.items() if splits(other, measurements))
         raise IdentificationFailed(
-            f"loss: got {method.loss!r} with {model.name} by {method.name}, expected {SQUARES!r}; other losses need "
-            f"separable least squares and a model that is linear except for a few shape parameters ({having})"
+            f"loss: got {method.loss!r} for {model.name} with method {method.name}, expected {SQUARES!r}; other losses "
+            f"need separable least squares and a model that is linear except for a few shape parameters ({having})"
         )
     if method.name == SEPARABLE:
         held, weighting = frozenset(findings.held), method.weighting(model)

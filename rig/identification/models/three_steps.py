@@ -285,8 +285,8 @@ def solve_three_steps(
     affine = "kw_b" not in held
     if affine and len(levels_of(fitted)) == 1:
         raise IdentificationFailed(
-            f"zhu_three_step succeeds only at {currents_A[0]:.2f} A, where kw and kw_b, kv and kv_b are not separable "
-            f"({'; '.join(refused)}). Fix: use the tests at other currents for validation, or use separable"
+            f"zhu_three_step succeeds only at {currents_A[0]:.2f} A, where kw is not separable from kw_b, nor kv from "
+            f"kv_b ({'; '.join(refused)}). Fix: use the tests at other currents for validation, or use separable"
         )
     values = {
         "kx": _mean(fits, "kx"),

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 REVERSED = -0.1  # share of the work done without regard to sign, below which a test puts energy in
 CLEARLY_REVERSED = -0.3  # the same of a test whose others resist, where stiffness and a delay may make a little of it
 REVERSED_SIGN = (
-    "the measured force acts with the motion instead of against it: force or displacement has the wrong sign, or "
-    "their columns are swapped (displacement increases with extension, a positive force resists extension)"
+    "the measured force acts with the motion instead of against it: force or displacement has the wrong sign, or their "
+    "columns are swapped (displacement increases with extension; a positive force resists extension)"
 )
 PHASES = 64
 DIFFERENT_OF_PEAK = 0.1  # of two tests alike: more is more than a real damper changes from cycle to cycle
@@ -42,8 +42,8 @@ def refuse_seen(fitted: Sequence[RecordedPoint | Measurement], held_out: Sequenc
     twice = [test.id for test in held_out if _fingerprint(test) in seen]
     if twice:
         raise IdentificationFailed(
-            f"{len(twice)} validation test(s) are also fitted ({some(twice)}), so their errors do not validate the "
-            "fit. Fix: hold out another run, or part of this run, with a filter such as frequency_Hz=2"
+            f"tests used both for the fit and for validation: {len(twice)} ({some(twice)}); their errors do not "
+            "validate the fit. Fix: hold out another run, or part of this run, with a filter such as frequency_Hz=2"
         )
 
 
@@ -64,8 +64,8 @@ def refuse_twice(fitted: Sequence[RecordedPoint | Measurement]) -> None:
         first.setdefault(mark, test.id)
     if twice:
         raise IdentificationFailed(
-            f"{len(twice)} recording(s) are given twice ({some(twice)} contain the same force, sample by sample); a "
-            "second copy narrows every interval without new information. Fix: name each run only once"
+            f"recordings given twice: {len(twice)} ({some(twice)} contain the same force, sample by sample); a second "
+            "copy narrows every interval without adding information. Fix: name each run only once"
         )
 
 

@@ -101,7 +101,7 @@ def last_share(holdout: str) -> float | None:
     percent = float(said[1])
     if not LEAST_PERCENT <= percent <= MOST_PERCENT:
         raise IdentificationFailed(
-            f"holdout: got {holdout!r}, expected the last {LEAST_PERCENT:g} to {MOST_PERCENT:g} % of the time"
+            f"holdout: got {holdout!r}, expected the last {LEAST_PERCENT:g} to {MOST_PERCENT:g} % of the record"
         )
     return percent / 100.0
 
@@ -119,8 +119,8 @@ def cut_in_time(tests: Sequence[Measurement], share: float) -> tuple[list[Measur
     cyclic = [test.id for test in tests if test.waveform in WAVEFORMS]
     if cyclic:
         raise IdentificationFailed(
-            f"the end of {', '.join(cyclic[:3])} repeats its beginning and cannot validate the fit: the last part of "
-            "the time can be held out only of motion without cycles. Fix: hold out whole tests, such as frequency_Hz=2"
+            f"the end of {', '.join(cyclic[:3])} repeats its beginning and cannot validate the fit: the last part of a "
+            "record can be held out only if the motion has no cycles. Fix: hold out whole tests, such as frequency_Hz=2"
         )
     beginnings, ends = [], []
     for test in tests:

@@ -191,7 +191,7 @@ def _correlated(known: Information, fitted: Sequence[Measurement]) -> list[Sayin
         return []
     worst = max(indices, key=lambda k: known.residuals[k].repeating_N)
     repeats = known.residuals[worst].repeating_N
-    where = f" (worst: {repeats:.3g} N repeating every cycle in {fitted[worst].id})" if repeats > 0.0 else ""
+    where = f" (worst: {repeats:.3g} N, repeated in every cycle of {fitted[worst].id})" if repeats > 0.0 else ""
     count = len(indices)
     return [say("systematic-residuals", count=count, tests=len(fitted), worst=where, widening=widening)]
 

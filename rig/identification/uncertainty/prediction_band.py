@@ -65,8 +65,8 @@ def known_draws(fit: FitRecord) -> tuple[tuple[str, ...], FloatArray, float]:
     """
     if fit.current is not None:
         raise IdentificationFailed(
-            "no uncertainty band: the parameters are relations to the current. Fix: fit with --current affine, or "
-            "with a --current-law"
+            "no uncertainty band: the parameters are functions of the current. Fix: fit with --current affine, or with "
+            "a --current-law"
         )
     if fit.drawn is not None:
         names = tuple(fit.drawn.draws)

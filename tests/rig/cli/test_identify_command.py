@@ -97,7 +97,7 @@ def test_the_fit_after_a_run_compares_models_where_the_quick_one_is_not_adequate
 def test_held_out_equal_to_training_or_to_nothing_is_refused(good: Path) -> None:
     same, none = rig("identify", good, "--holdout", good), rig("identify", good, "--holdout", "waveform=triangle")
     assert (same.returncode, none.returncode) == (6, 6)
-    assert "4 validation test(s) are also fitted" in same.stderr
+    assert "tests used both for the fit and for validation: 4" in same.stderr
     assert "holdout: 'waveform=triangle' matches none of the 4 points" in none.stderr
 
 

@@ -109,7 +109,7 @@ def test_the_message_names_file_key_value_and_way_out(
         with pytest.raises(FileProblem) as refused:
             read(tmp_path / "fit.json")
         assert f"fit.json: {said}" in str(refused.value)
-        assert "Fix: identify again" in str(refused.value)
+        assert "Fix: identify the run again" in str(refused.value)
 
 
 def test_every_command_refuses_it_as_bad_input(
@@ -129,7 +129,7 @@ def test_every_command_refuses_it_as_bad_input(
             told = capfd.readouterr().err
             assert "fit.json" in told
             assert said in told, arguments
-            assert "Fix: identify again" in told
+            assert "Fix: identify the run again" in told
     finally:
         (run / "fit.json").write_text(good, encoding="utf-8")
 
@@ -152,7 +152,7 @@ def test_no_json_and_an_unknown_model_name_file_and_way_out(
             assert main(arguments) == 2, arguments
             told = capfd.readouterr().err
             assert f"{folder / 'fit.json'}: {said}" in told
-            assert "Fix: identify again" in told
+            assert "Fix: identify the run again" in told
 
 
 UNSEEN_TEST = {"id": "a", "amplitude_m": 0.01, "frequency_Hz": 1.0, "current_A": 0.0, "nrmse_percent_of_peak": None}

@@ -63,7 +63,7 @@ def test_reversed_signs_are_refused_one_among_others_is_left_out_and_a_spring_is
 def test_a_model_that_misses_the_energy_says_for_which_tests(make_synthetic: Make) -> None:
     tests = make_synthetic(DEMO, (0.0, 2.0), (0.5, 2.0))
     warnings = identify(tests, model="bingham").warnings
-    assert any("energy per cycle of the model differs" in text for text in warnings) or all(
+    assert any("model's energy per cycle differs" in text for text in warnings) or all(
         abs(each.modelled_energy_J / each.energy_J - 1.0) < 0.05
         for each in identify(tests, model="bingham").error.per_test
     )

@@ -140,7 +140,7 @@ def test_a_small_part_in_a_direction_without_information_is_enough_to_be_untold(
 def test_a_bent_tanh_at_two_speeds_is_not_told_from_a_sign_function() -> None:
     fit = identify(triangles(DEMO, (0.2, 0.4), 0))
     assert {"beta", "delta", "Fya", "Fyb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus"} <= unknown(fit)
-    assert "with different yield and viscous forces, fit equally well" in fit.parameters["Fyb"].reason
+    assert "with different yield and viscous forces fit equally well" in fit.parameters["Fyb"].reason
 
 
 def test_a_saturated_tanh_is_called_a_sign_function(make_synthetic: Make) -> None:

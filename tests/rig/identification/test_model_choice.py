@@ -146,4 +146,4 @@ def test_a_model_that_describes_the_tests_comes_before_one_that_foretells_others
     assert fit.model == "asymmetric"
     assert fit.adequate
     assert fit.selection[0].rmse_N < 2.2
-    assert any(text.startswith("asymmetric is first because it fits all tests") for text in fit.warnings)
+    assert any(text.startswith("asymmetric is ranked first because it fits all tests") for text in fit.warnings)

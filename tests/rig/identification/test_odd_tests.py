@@ -65,10 +65,10 @@ def odd_in(fit: Fit) -> dict[str, str]:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (times(10.0), "its force multiplied by 0.1"), (times(0.1), "its force multiplied by 10"),
-        (times(2.0), "its force multiplied by 0.5"), (times(0.5), "its force multiplied by 2"),
-        (times(0.8), "its force multiplied by 1.25"), (told(0.0), "a current of 1.00 A, not 0.00 A"),
-        (told(1.5), "a current of 1.00 A, not 1.50 A"), (moved(0.1), "its motion multiplied by 10"),
+        (times(10.0), "its force were multiplied by 0.1"), (times(0.1), "its force were multiplied by 10"),
+        (times(2.0), "its force were multiplied by 0.5"), (times(0.5), "its force were multiplied by 2"),
+        (times(0.8), "its force were multiplied by 1.25"), (told(0.0), "its current were 1.00 A instead of 0.00 A"),
+        (told(1.5), "its current were 1.00 A instead of 1.50 A"), (moved(0.1), "its motion were multiplied by 10"),
     ],
 )  # fmt: skip
 def test_one_wrong_file_among_good_ones_is_named_first_and_alone(
@@ -96,7 +96,7 @@ def test_a_file_of_another_damper_is_named_though_nothing_makes_it_fit() -> None
     rough_N = np.interp(np.arange(tests[ODD].u_m.size), np.linspace(0.0, tests[ODD].u_m.size, 40), noisy)
     fit = identify([*tests[:ODD], replace(tests[ODD], force_N=tests[ODD].force_N + rough_N), *tests[ODD + 1 :]])
     assert list(odd_in(fit)) == ["p007"]
-    assert "neither a gain of its force" in fit.diagnosis[0].text
+    assert "neither a gain error in its force" in fit.diagnosis[0].text
 
 
 def test_a_law_of_the_current_that_the_model_lacks_makes_no_test_odd() -> None:

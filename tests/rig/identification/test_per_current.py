@@ -62,7 +62,7 @@ def test_shape_parameters_stay_inside_the_range_of_the_fitted_ones(make_syntheti
 
 def test_one_current_all_models_and_currents_that_change_are_refused(make_synthetic: Make) -> None:
     tests = saturating(make_synthetic)
-    with pytest.raises(IdentificationFailed, match=r"two or more currents, but all ran at 0.5 A"):
+    with pytest.raises(IdentificationFailed, match=r"two or more currents, but all tests ran at 0.5 A"):
         identify(split(tests, 0.5)[1], model="kwok", current="per-current-affine")
     with pytest.raises(IdentificationFailed, match="cannot be combined with several models"):
         identify(tests, model="all", current="per-current-affine")

@@ -46,7 +46,7 @@ def test_in_the_papers_unknown_range_a_swarm_starts_from_nothing_known(bounds: s
 
 
 def test_a_method_without_a_search_has_no_bounds() -> None:
-    with pytest.raises(IdentificationFailed, match="needs no search range"):
+    with pytest.raises(IdentificationFailed, match="does not use a search range"):
         Method("separable", bounds="wide")
     with pytest.raises(IdentificationFailed, match="bounds = 'huge'"):
         Method("pso", bounds="huge")

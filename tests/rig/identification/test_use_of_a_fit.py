@@ -68,7 +68,7 @@ def test_a_quantity_that_stands_in_two_columns_is_refused_by_both_names(fit: Fit
     table = pd.DataFrame(row)
     with pytest.raises(FileProblem, match="columns `velocity_m_s` and `velocity_m_s`: both contain"):
         fit.predict(pd.concat([table, table["velocity_m_s"]], axis=1))
-    with pytest.raises(FileProblem, match="got an index and a column with different values"):
+    with pytest.raises(FileProblem, match="the index and the column have different values"):
         fit.predict(table.set_index(pd.Index([5.0, 6.0], name="time")))
     assert len(fit.predict(table.set_index("time_s", drop=False))) == 2  # one time, twice the same
 

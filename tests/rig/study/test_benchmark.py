@@ -112,7 +112,7 @@ def test_missing_recordings_are_named_with_their_source(benchmark_file: Path, tm
     assert isinstance(result.exception, FileProblem)
     (problem,) = result.exception.problems
     assert "1 of 6 files missing (1Hz_0A.csv)" in problem
-    assert "SHA-256 differs from the benchmark's in 2Hz_1A.csv" in problem
+    assert "SHA-256 differs from the benchmark's for 2Hz_1A.csv" in problem
     assert "https://example.org/sines (licence: MIT)" in problem
     assert "SINES_OF_THIS_TEST" in problem
     assert not (tmp_path / "out").exists()

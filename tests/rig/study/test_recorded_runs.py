@@ -135,7 +135,7 @@ def test_the_files_box_is_searched_and_a_parameter_at_its_edge_is_named(run_fold
     ("bounds", "message"),
     [
         ("bounds = { c9 = [0, 1] }", "bounds: got 'c9', expected one of c0, k0, x0, alpha, gamma, beta, n"),
-        ("bounds = { c0 = [2, 1] }", r"c0 = \[2, 1\]: expected the first below"),
+        ("bounds = { c0 = [2, 1] }", r"c0 = \[2, 1\]: expected the first value to be less"),
     ],
 )
 def test_a_wrong_box_is_refused(run_folder: Path, bounds: str, message: str) -> None:

@@ -26,7 +26,7 @@ def test_the_printed_fits_differ_as_the_page_on_rides_says(small_study: Path) ->
     assert "fewer than two of c-FOA, GA and PSO" in table.note
     claim = next(one for one in findings(study, {}, {}, {}, driven) if one.slug == "ride-of-fits")
     assert claim.verdict == "holds"
-    assert "4.1 dB in 4-8 Hz and 27 dB up to 18 Hz (in pitch)" in claim.text
+    assert "4.1 dB at 4-8 Hz and 27 dB up to 18 Hz (in pitch)" in claim.text
     curves, panels = ride_figures(driven).values()
     assert isinstance(curves, Figure)
     assert isinstance(panels, Panels)

@@ -65,7 +65,7 @@ def test_noise_makes_lagrange_look_perfect_and_predict_worst() -> None:
 
 
 def test_a_relation_needs_different_currents() -> None:
-    with pytest.raises(ValueError, match="two or more different ones"):
+    with pytest.raises(ValueError, match="at least two different currents"):
         relations(np.array([1.0, 1.0]), np.array([2.0, 3.0]))
 
 

@@ -139,11 +139,11 @@ def test_the_name_of_a_parameter_set_is_the_set_and_a_folder_called_so_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert fitted_damper(PAPER[0], 0).remark == "a parameter set: no interval"
+    assert fitted_damper(PAPER[0], 0).remark == "parameter set, so there is no interval"
     (tmp_path / PAPER[0]).mkdir()
     a_fit(tmp_path / PAPER[0] / "fit.json", 0.02)
     named = fitted_damper(PAPER[0], 0)
-    assert named.remark == f"a parameter set: no interval; for the file or folder with this name, write ./{PAPER[0]}"
+    assert named.remark == f"parameter set, so there is no interval; for the file or folder with this name, write ./{PAPER[0]}"
     assert named.damper.values["Ca_plus"] != 900.0
     assert fitted_damper(f"./{PAPER[0]}", 0).damper.values["Ca_plus"] == 900.0
 
@@ -202,7 +202,7 @@ def test_a_fit_that_puts_energy_in_is_refused_by_name(tmp_path: Path, road: str)
 def test_fits_for_each_current_are_refused_with_the_way_out(tmp_path: Path) -> None:
     apart = {"model": "kwok", "parameters": {}, "current": {"dependence": "per-current-affine"}}
     (tmp_path / "fit.json").write_text(json.dumps(apart))
-    with pytest.raises(Exception, match="identify again with --current affine"):
+    with pytest.raises(Exception, match="identify the run again with --current affine"):
         ride(str(tmp_path))
 
 
