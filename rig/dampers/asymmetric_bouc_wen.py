@@ -63,9 +63,8 @@ class AsymmetricBoucWenModel(HystereticModel):
     parameters: tuple[Parameter, ...] = (
         *BACKGROUND,
         linear_parameter(
-            "kva", "N s/m", 0.0, (
-                "half the difference in viscous damping (rebound minus compression) at zero current"
-            ), softens=True
+            "kva", "N s/m", 0.0, "half the difference in viscous damping (rebound minus compression) at zero current",
+            softens=True,
         ),
         linear_parameter(
             "kva_b", "N s/(m A)", 0.0, "half the difference in viscous damping (rebound minus compression) per ampere",
@@ -73,9 +72,8 @@ class AsymmetricBoucWenModel(HystereticModel):
         ),
         *YIELD,
         linear_parameter(
-            "kwa", "N", 0.0, (
-                "half the difference in yield force (rebound minus compression) at zero current"
-            ), softens=True
+            "kwa", "N", 0.0, "half the difference in yield force (rebound minus compression) at zero current",
+            softens=True,
         ),
         linear_parameter(
             "kwa_b", "N/A", 0.0, "half the difference in yield force (rebound minus compression) per ampere",

@@ -50,9 +50,9 @@ def test_two_runs_of_one_damper_are_not_accused(make_synthetic: Make) -> None:
 
 def test_held_out_tests_that_are_fitted_are_refused(make_synthetic: Make, demo_points: list[RecordedPoint]) -> None:
     tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0))
-    with pytest.raises(IdentificationFailed, match=r"2 validation test\(s\) are also fitted \(p001, p002\)"):
+    with pytest.raises(IdentificationFailed, match=r"for validation: 2 \(p001, p002\)"):
         identify(tests, holdout=tests[:2])
-    with pytest.raises(IdentificationFailed, match="9 validation"):
+    with pytest.raises(IdentificationFailed, match="for validation: 9 "):
         identify(demo_points, holdout=demo_points)
 
 

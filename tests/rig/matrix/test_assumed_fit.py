@@ -154,7 +154,7 @@ def test_the_place_of_a_fit_does_not_count_its_content_does(tmp_path: Path) -> N
         ({"hysteresis": "round"}, "hysteresis: got 'round', expected 'kwok' or 'printed'"),
         ({"model": "asymmetric+bent"}, "bent"),
         ({"model": "lugre"}, "no value for "),
-        ({"current": {"dependence": "per-current-affine"}, "parameters": {}}, "identify the run again with --current affine"),
+        ({"current": {"dependence": "per-current-affine"}, "parameters": {}}, "identify the run again with --current"),
     ],
 )
 def test_what_is_no_damper_is_refused_with_line_and_reason(tmp_path: Path, changes: dict[str, Any], told: str) -> None:

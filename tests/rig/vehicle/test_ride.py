@@ -143,7 +143,8 @@ def test_the_name_of_a_parameter_set_is_the_set_and_a_folder_called_so_is_named(
     (tmp_path / PAPER[0]).mkdir()
     a_fit(tmp_path / PAPER[0] / "fit.json", 0.02)
     named = fitted_damper(PAPER[0], 0)
-    assert named.remark == f"parameter set, so there is no interval; for the file or folder with this name, write ./{PAPER[0]}"
+    note = f"; for the file or folder with this name, write ./{PAPER[0]}"
+    assert named.remark == f"parameter set, so there is no interval{note}"
     assert named.damper.values["Ca_plus"] != 900.0
     assert fitted_damper(f"./{PAPER[0]}", 0).damper.values["Ca_plus"] == 900.0
 
