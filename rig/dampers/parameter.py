@@ -69,7 +69,7 @@ class ParameterSet:
 
 
 #: The coil current's first-order lag (equation 9), which belongs to the coil and not to the force.
-LAG = Parameter("eta", "eta", "1/s", 25.0, 0.1, 1e4, False, "rate of the coil current's first-order lag")
+LAG = Parameter("eta", "eta", "1/s", 25.0, 0.1, 1e4, False, "rate of the first-order lag of the coil current")
 
 
 def linear_parameter(

@@ -44,8 +44,8 @@ def refuse_one_pair(tests: Sequence[Measurement]) -> None:
         )
     if len(pairs_of(tests)) < 2:
         raise IdentificationFailed(
-            f"unseen {PAIRS!r}: all {len(tests)} tests have the same amplitude and frequency, so no test remains to "
-            "fit. Fix: hold out a current instead, for example with holdout 'current_A=1'"
+            f"unseen {PAIRS!r}: all {len(tests)} tests have the same amplitude and frequency, so no test remains for "
+            "the fit. Fix: hold out a current instead, for example with holdout 'current_A=1'"
         )
 
 

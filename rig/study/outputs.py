@@ -98,8 +98,12 @@ FIGURE_TITLES = {
     ),
     "figure-10": "Figure 10: recorded and fitted force vs. velocity",
     "figure-11": "Figure 11: recorded and fitted force vs. extension",
-    "figure-12": "Figure 12: force vs. velocity of the c-FOA, GA and PSO fits, printed (Table 5) and from this study",
-    "figure-13": "Figure 13: response of a car with the c-FOA, GA and PSO fits, printed (Table 5) and from this study",
+    "figure-12": (
+        "Figure 12: force vs. velocity for the c-FOA, GA and PSO fits, as printed (Table 5) and from this study"
+    ),
+    "figure-13": (
+        "Figure 13: response of a car with the c-FOA, GA and PSO fits, as printed (Table 5) and from this study"
+    ),
     "paper2-figure-08": "Paper 2, Figure 8: the recordings",
     "paper2-figure-10": "Paper 2, Figure 10: minimum error and its running average vs. generations",
     "paper2-figure-11": "Paper 2, Figure 11: distribution of the minimum error, and an exponential distribution",
@@ -289,9 +293,9 @@ def _made(facts: Mapping[str, Any]) -> Blocks:
         "software": f"{made['software']}; Python {made['python']}; {libraries}",
         "searched with": ", ".join(made["searched_with"]),
         "plug-ins": "; ".join(made.get("plug_ins", ())),
-        "computer that wrote this page": made["machine"],
+        "computer that generated this page": made["machine"],
         "time": f"{made['searched_s']:,.0f} s of searches in all sessions and workers together; {facts['wall_s']:,.0f} "
-        "s in the session that wrote this page",
+        "s in the session that generated this page",
         "seed": str(made["seed"]),
         "fingerprint": f"{made['fingerprint']} (settings of the study and its recordings)",
     }

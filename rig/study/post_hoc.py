@@ -49,7 +49,7 @@ def dunn(groups: Mapping[str, Sequence[float]]) -> tuple[Pair, ...]:
     from scipy.stats import rankdata  # only studies need SciPy's statistics
 
     if len(groups) < 2 or min(len(group) for group in groups.values()) < 1:
-        raise ValueError("Dunn's test compares at least two groups with values")
+        raise ValueError("Dunn's test requires at least two groups with values")
     sizes = np.array([len(group) for group in groups.values()])
     pooled = np.concatenate([np.asarray(group, dtype=np.float64) for group in groups.values()])
     count = pooled.size

@@ -55,7 +55,7 @@ class Law:
         if missing:
             raise IdentificationFailed(
                 f"this fit of {model.name} has no value for {', '.join(missing)}, so the force cannot be computed. "
-                "Fix: `reason` in the fit states which tests to add"
+                "Fix: add the tests that `reason` in the fit recommends"
             )
         values = {name: float(value) for name in model.names if (value := found.get(name)) is not None}
         if "eta" in model.names:

@@ -153,7 +153,7 @@ def _told(flagged: dict[str, np.ndarray[tuple[int], np.dtype[np.bool_]]], count:
         return ""
     rows = {name: int(np.count_nonzero(where)) for name, where in flagged.items()}
     parts = ", ".join(f"{name} in {many} of {count} rows" for name, many in rows.items())
-    unrecorded = " (no fitted test recorded a temperature)" if tested.temperature_degC is None else ""
+    unrecorded = " (no temperature was recorded in the fitted tests)" if tested.temperature_degC is None else ""
     return (
         f"outside the tested range: {parts}; tested: {tested.told()}{unrecorded if 'temperature_degC' in rows else ''}"
     )

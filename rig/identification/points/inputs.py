@@ -115,7 +115,7 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
         if not kept_out:
             raise IdentificationFailed(f"holdout: {holdout!r} matches none of the {len(points)} points")
         if not points:
-            raise IdentificationFailed(f"holdout: {holdout!r} matches every point; no test remains to fit")
+            raise IdentificationFailed(f"holdout: {holdout!r} matches every point, so no test remains for the fit")
     elif holdout is not None:
         others = holdout
         kept_out = [point for point in points_of(others) if point.kind in FITTED]

@@ -127,7 +127,7 @@ def _profiles(
     for name in asked:
         if name in for_a_choice:
             raise IdentificationFailed(
-                f"no profile of {name!r}: it is identified only for the chosen {for_a_choice[name]}"
+                f"no profile of {name!r}: this parameter is identified only for the chosen {for_a_choice[name]}"
             )
     nonlinear = [name for name in known.names if not best.model.parameter(name).linear and name not in for_a_choice]
     names = list(

@@ -60,7 +60,7 @@ def profiles(
     for name in names:
         if name not in known.names:
             raise IdentificationFailed(
-                f"no profile of {name!r}: it was not fitted; fitted parameters: {', '.join(known.names)}"
+                f"no profile of {name!r}: this parameter was not fitted; fitted parameters: {', '.join(known.names)}"
             )
     free = tuple(name for name in known.names if name not in floors)
     walker = _Walker(fitted.model, dict(fitted.values), known, free, measurements, weighting)

@@ -77,7 +77,7 @@ def test_a_parameter_without_any_effect_has_an_open_profile(make_synthetic: Make
 
 def test_what_was_not_fitted_has_no_profile(make_synthetic: Make) -> None:
     tests = make_synthetic(DEMO, (1.0,), (1.0, 2.0))
-    with pytest.raises(IdentificationFailed, match="no profile of 'Fyb': it was not fitted; fitted parameters: m, F0"):
+    with pytest.raises(IdentificationFailed, match="'Fyb': this parameter was not fitted; fitted parameters: m, F0"):
         identify(tests, profile=["Fyb"])
     with pytest.raises(IdentificationFailed, match="expected least squares"):
         identify(tests, method=Method(loss="huber"), profile=True)
@@ -120,7 +120,7 @@ def test_redundant_parameters_have_no_profile_and_do_not_count_as_fitted(
     assert set(fit.profiles) == {"x0", "n"}
     assert fit.selection[0].parameters == 9  # of the ten, A is a choice
     assert fit.values["A"] == 1.0
-    with pytest.raises(IdentificationFailed, match="no profile of 'gamma': it is identified only for the chosen A"):
+    with pytest.raises(IdentificationFailed, match="'gamma': this parameter is identified only for the chosen A"):
         identify(tests, model="bouc_wen", profile=["gamma"])
 
 
