@@ -98,7 +98,7 @@ def _without_counterpart(
     rates = () if corrections.temperature is None else RATES.get(corrections.temperature.law, ())
     for name in (*rates, *profiles):
         if (parameters.get(name) or {}).get("value") is None:
-            yield f"parameters.{name}.value: missing; the parameter's profile or the temperature law requires it"
+            yield f"parameters.{name}.value: is missing; the parameter's profile or the temperature law requires it"
     if related is not None:
         yield from ["current.currents_A: is missing"] * bool(related.relations and not related.currents_A)
         for name in sorted(related.relations.keys() ^ related.ranges.keys()):

@@ -105,7 +105,7 @@ class PlainReader:
             else:
                 return kind(entry)
         elif not isinstance(entry, kind):
-            self._wrong(at, entry, {bool: "true or false", str: "a text"}.get(kind, kind.__name__))
+            self._wrong(at, entry, {bool: "true or false", str: "a string"}.get(kind, kind.__name__))
         return entry
 
     def _inner(self, kind: Any, entry: object, at: str) -> Any:  # noqa: ANN401 - as `value`

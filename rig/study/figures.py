@@ -131,7 +131,7 @@ def _error_against_generations(outcomes: Outcomes) -> Figure:
             Trace(grid, average, Style.FITTED, f"{TITLES[method]}: running average", colour),
         ]
     error = Axis("mean(((Fsim - Fexp) / SD(Fexp))^2)", log=True)
-    return Figure(Axis("Generation"), error, traces, WHOLE, 340, "Error against generations", legend=True)
+    return Figure(Axis("Generation"), error, traces, WHOLE, 340, "Error vs. generations", legend=True)
 
 
 def _error_distribution(outcomes: Outcomes) -> Panels | None:
@@ -205,4 +205,4 @@ def _against_current(study: StudyFile, results: Lines) -> Panels:
         ]
         unit = "" if units[name] == "1" else units[name]
         made.append(Figure(Axis("I", "A"), Axis(name, unit), traces, WHOLE // 3, 200, legend=name == names[0]))
-    return Panels(tuple(made), 3, f"{TITLES[method]}: parameters against current")
+    return Panels(tuple(made), 3, f"{TITLES[method]}: parameters vs. current")

@@ -43,7 +43,9 @@ MIRRORED = (
 
 def _objective(study: StudyFile) -> str:
     weight = "v" if study.comparison.weight == "v" else "1"
-    return f"Objective f(s) = sum(((Fexp - F) w)^2), (12), w = {weight}; BV, MV and SD in {objective_unit(study)}."
+    return (
+        f"Objective f(s) = sum(((Fexp - F) w)^2) (equation 12), w = {weight}; BV, MV and SD in {objective_unit(study)}."
+    )
 
 
 def tests_table(tests: Sequence[Measurement]) -> Table:

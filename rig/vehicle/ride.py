@@ -216,7 +216,7 @@ def _driving(damper: CornerDamper, control: Control) -> str:
         driving = np.flatnonzero(halves < 0.0)
         if driving.size and (worst is None or SPEEDS_m_s[driving[0]] < worst[0]):
             worst = float(SPEEDS_m_s[driving[0]]), current_A
-    return "" if worst is None else f" (its force drives the rod at {worst[0]:.2g} m/s and {worst[1]:g} A)"
+    return "" if worst is None else f" (the damper force drives the rod at {worst[0]:.2g} m/s and {worst[1]:g} A)"
 
 
 def _sorted(

@@ -113,10 +113,10 @@ class RoadFile(Section):
             yield (given[1],) if given else (), f"{what}, expected exactly one of {shown}"
         elif given == ["drive"] and self.speed_m_s is not None:
             yield ("speed",), (
-                "got a speed with [drive], which specifies wheel motion against time. Fix: remove the speed"
+                "got a speed with [drive], which specifies wheel motion as a function of time. Fix: remove the speed"
             )
         elif given != ["drive"] and self.speed_m_s is None:
-            yield ("speed",), f'missing; [{given[0]}] requires the speed of the car, such as "25 m/s"'
+            yield ("speed",), f'is missing; [{given[0]}] requires the speed of the car, such as "25 m/s"'
 
     def road(self, folder: Path) -> Road:
         """The road; CSV files are looked for in `folder`.

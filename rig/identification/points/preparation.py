@@ -105,7 +105,7 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
         NotDifferentiable: gaps too long for a velocity.
     """
     if point.verdict == "invalid":
-        raise IdentificationFailed(f"its recording is invalid ({'; '.join(point.reasons)})")
+        raise IdentificationFailed(f"the recording is invalid ({'; '.join(point.reasons)})")
     with evaluating("it"):
         test = _prepared(point, skew) if has_cycles(point) else prepare_whole(point, skew)
         return _with_time_errors(test, point)

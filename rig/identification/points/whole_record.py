@@ -67,7 +67,7 @@ def prepare_whole(point: RecordedPoint, skew: PointSkew | None = None) -> Measur
     grid_s, force_N, usable = grid_s[rows], force_N[rows], usable[rows]
     motion = free_motion(point.time_s, point.displacement_m, grid_s)
     test = measured(point, skew, motion, float(np.mean(motion.u_m)), force_N, usable)
-    warnings = (say("whole-record", used="every sample" if every == 1 else f"every {every}th sample"), *test.warnings)
+    warnings = (say("whole-record", used="every sample" if every == 1 else f"one in {every} samples"), *test.warnings)
     return replace(test, dt_s=dt_s * every, force_step_N=step_N, noise_N=noise_N, warnings=warnings)
 
 

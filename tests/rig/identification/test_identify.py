@@ -133,7 +133,7 @@ def test_a_recording_given_twice_is_refused(demo_points: list[RecordedPoint]) ->
 def test_unusable_points_are_left_out_with_a_warning(demo_points: list[RecordedPoint]) -> None:
     broken = replace(demo_points[0], verdict="invalid", reasons=("tripped",))
     fit = identify([broken, *demo_points[1:]])
-    assert fit.warnings == (f"{broken.id} not used: its recording is invalid (tripped)",)
+    assert fit.warnings == (f"{broken.id} not used: the recording is invalid (tripped)",)
 
 
 def test_unknown_methods_are_refused(demo_points: list[RecordedPoint]) -> None:

@@ -124,7 +124,7 @@ def test_one_bad_point_does_not_keep_the_others_from_being_used(demo_points: lis
         [demo_points[1], replace(demo_points[2], verdict="invalid", reasons=("tripped",))]
     )
     assert len(measurements) == 1
-    assert warnings == [f"{demo_points[2].id} not used: its recording is invalid (tripped)"]
+    assert warnings == [f"{demo_points[2].id} not used: the recording is invalid (tripped)"]
 
 
 def test_two_cycles_are_used_whole_with_a_warning(

@@ -196,7 +196,7 @@ def test_a_fit_that_puts_energy_in_is_refused_by_name(tmp_path: Path, road: str)
     with pytest.raises(Exception, match="grows without bound") as caught:
         ride(str(tmp_path), "--road", road)
     assert getattr(caught.value, "slug", None) == "ride"
-    assert "this damper adds energy (its force drives the rod at " in str(caught.value)
+    assert "this damper adds energy (the damper force drives the rod at " in str(caught.value)
     assert "m/s and 0 A). Fix: use tests at" in str(caught.value)
 
 
