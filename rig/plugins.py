@@ -39,7 +39,7 @@ def made_of(plug_in: PlugIn, make: Make[T]) -> T:
     try:
         return make(plug_in.name, brought)
     except Exception as error:  # whatever foreign code raises is told as its own failure
-        raise plug_in.broken(f"it does not match the group {plug_in.group}: {error}") from error
+        raise plug_in.broken(f"the plug-in does not match the group {plug_in.group}: {error}") from error
 
 
 class Catalogue(Mapping[str, T]):

@@ -144,7 +144,7 @@ def read_bytes(path: Path, limit_bytes: int) -> bytes:
         raise FileProblem(str(path), [f"cannot be read: {why}"]) from error
     if len(raw) > limit_bytes:
         size = f"{limit_bytes // 1024} KiB" if limit_bytes < 1_000_000 else f"{limit_bytes / 1e6:g} MB"
-        raise FileProblem(str(path), [f"larger than {size}: too large for a file read by this program"])
+        raise FileProblem(str(path), [f"larger than {size}, the maximum for a file of this kind"])
     return raw
 
 

@@ -49,11 +49,13 @@ def analysis_problems(wanted: Identify, points: Iterable[TestPoint]) -> list[str
     """The same as lines of text; none when the identification can begin."""
     loops = [point for point in points if point.kind in {LOOP, SIGNAL}]
     if not loops:
-        return ["enabled: the matrix has no loop for a fit. Fix: add points, or set enabled = false"]
+        return ["enabled: the matrix contains no points that can be fitted. Fix: add such points, or set "
+            "enabled = false"]
     problems, fitted = _holdout(wanted.holdout, loops)
     problems += _combination(wanted)
     if wanted.current != AFFINE and _currents(fitted) == 1:
-        problems.append(f'current = "{wanted.current}": got fitted tests at one current, expected two or more currents')
+        problems.append(f'current = "{wanted.current}": all fitted tests have the same current; '
+            "expected at least two currents")
     return problems
 
 
@@ -74,7 +76,7 @@ def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[
     if Path(text).exists():
         if CampaignFolder(Path(text)).points.is_dir():
             return [], loops
-        return [f"holdout = \"{text}\": exists, but is not a run (a campaign's directory)"], loops
+        return [f"holdout = \"{text}\": exists, but is not a run (a campaign folder)"], loops
     from rig.recording.run import Selection
 
     try:
@@ -104,8 +106,8 @@ def _end_of_time(text: str, loops: list[TestPoint]) -> list[str] | None:
     if share is None or not cyclic:
         return None if share is None else []
     return [
-        f'holdout = "{text}": only signals can be split in time; the end of {", ".join(cyclic[:3])} repeats its '
-        "start. Fix: hold out whole points, such as waveform=road"
+        f'holdout = "{text}": only signals can be split in time, not cyclic points ({", ".join(cyclic[:3])}). '
+        "Fix: hold out whole points, such as waveform=road"
     ]
 
 
@@ -114,7 +116,7 @@ def _combination(wanted: Identify) -> list[str]:
     problems = []
     if wanted.method == THREE_STEPS and wanted.model != MODEL_OF_THREE_STEPS:
         problems.append(
-            f'method = "{THREE_STEPS}": got another model, expected {MODEL_OF_THREE_STEPS}. Fix: set model = '
+            f'method = "{THREE_STEPS}": this method requires the model {MODEL_OF_THREE_STEPS}. Fix: set model = '
             f'"{MODEL_OF_THREE_STEPS}"'
         )
     bent = wanted.current_law != AFFINE or "+" in wanted.model
@@ -123,8 +125,8 @@ def _combination(wanted: Identify) -> list[str]:
     conflicts = [*several, *corrections, *(["a current law"] if bent else [])]
     if wanted.current != AFFINE and conflicts:
         problems.append(
-            f'current = "{wanted.current}": cannot be combined with {", ".join(conflicts)}. Fix: omit one of them; it '
-            "requires a single model"
+            f'current = "{wanted.current}": requires a single model, so it cannot be combined with '
+            f'{", ".join(conflicts)}. Fix: remove the conflicting settings'
         )
     conflicts = [
         *several, *([f'current = "{wanted.current}"'] if wanted.current != AFFINE else []),
@@ -133,9 +135,9 @@ def _combination(wanted: Identify) -> list[str]:
     ]  # fmt: skip
     if TEMPERATURE in corrections and conflicts:
         problems.append(
-            f'{TEMPERATURE} = "{corrections[TEMPERATURE]}": cannot be combined with {", ".join(conflicts)}. Fix: omit '
-            f'one of them; it requires a single named model and method = "{SEPARABLE}"'
+            f'{TEMPERATURE} = "{corrections[TEMPERATURE]}": requires a single named model and method = "{SEPARABLE}", '
+            f'so it cannot be combined with {", ".join(conflicts)}. Fix: remove the conflicting settings'
         )
     if SPRING in corrections and wanted.model in SEVERAL:
-        problems.append('series_spring: requires a single model. Fix: name it, such as model = "asymmetric"')
+        problems.append('series_spring: requires a single model. Fix: name one model, such as model = "asymmetric"')
     return problems

@@ -23,7 +23,7 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
     examples=(
         "rig check my-bench.toml",
         "rig check my-bench.toml --prove        (moves the rod by 2 mm)",
-        "rig check my-bench.toml --simulate     (a simulated rig with its devices)",
+        "rig check my-bench.toml --simulate     (on a simulated rig with these devices)",
         "rig check --simulate -- --fault register-layout",
         "rig check --listen /dev/ttyUSB0        (what does this sensor send?)",
         "rig check --listen socketcan:can0 --dbc my-ecu.dbc",
@@ -33,7 +33,8 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 @click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
 @click.option(
     "--prove", is_flag=True,
-    help="Trigger the watchdog deliberately and move the rod by 2 mm at 10 mm/s and 0 A; use only if the rig may move.",
+    help="Trigger the watchdog deliberately and move the rod by 2 mm at 10 mm/s and 0 A; use only if the rod can move "
+         "safely.",
 )
 @click.option("--simulate", is_flag=True, help="Start a simulated rig (with the devices in BENCH) and check it.")
 @listen_options
@@ -80,7 +81,7 @@ def _only_with_listen(options: Mapping[str, object], *, listen: bool) -> None:
     names = {"captured": "from", "given": "format"}
     given = [f"--{names.get(name, name)}" for name, value in options.items() if value is not None]
     if given and not listen:
-        raise click.UsageError(f"{', '.join(given)}: only with --listen")
+        raise click.UsageError(f"{', '.join(given)}: only allowed with --listen")
 
 
 def _check(
@@ -121,8 +122,8 @@ def _check_usage(bench: Path | None, simulator_args: tuple[str, ...], *, simulat
             "--listen "
             "PORT")
     if simulator_args and not simulate:
-        raise click.UsageError("arguments after -- are for the simulated rig. Fix: with BENCH, pass them to `rig "
-            "simulate`")
+        raise click.UsageError("arguments after --: only allowed with a simulated rig. Fix: add --simulate, or pass "
+            "the arguments to `rig simulate`")
 
 
 @contextmanager

@@ -31,7 +31,7 @@ def check_blocks(report: CheckReport) -> Blocks:
     if report.passed:
         done = "checked, with motion" if report.proved else "checked, without motion"
         return [*blocks, Note(GOOD, f"{report.bench}: {done}")]
-    return [*blocks, Note(POOR, f"{report.bench}: `rig run` would refuse this rig")]
+    return [*blocks, Note(POOR, f"{report.bench}: `rig run` would not start on this rig")]
 
 
 def _histograms(report: CheckReport) -> Blocks:

@@ -66,7 +66,7 @@ def _check_page(out: Path | None, *, on_paper: bool) -> None:
         UsageError: it is none.
     """
     if on_paper and (out is None or out.suffix == ".pdf"):
-        raise click.UsageError("--pdf requires an HTML page next to it. Fix: add --out FILE.html")
+        raise click.UsageError("--pdf requires an HTML file. Fix: add --out FILE.html")
 
 
 def _written(compared: Comparison, page: Path, *, on_paper: bool) -> list[str]:

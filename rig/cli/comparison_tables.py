@@ -51,7 +51,7 @@ def _judged(judgement: AcceptanceResult, several: bool, *, everything: bool) -> 
     shown = judgement.results if everything else bad
     blocks: Blocks = [verdict, *(Note(SEVERITIES[result.state], _result(result, several)) for result in shown)]
     if not everything and len(bad) < total:
-        blocks.append(Paragraph(f"{total - len(bad)} passed; use --all to show them"))
+        blocks.append(Paragraph(f"{total - len(bad)} passed; use --all to show every value"))
     return [*blocks, Paragraph("")]
 
 
@@ -132,7 +132,7 @@ def _changes(compared: Comparison, index: int, *, everything: bool) -> Blocks:
         shown.append(table(LISTED, listed))
     elif rows:
         shown.append(Note(GOOD, "no difference exceeds its expanded uncertainty"))
-    return [Heading(f"{compared.runs[index].name} relative to the first", 3), *shown]
+    return [Heading(f"{compared.runs[index].name} relative to the first run", 3), *shown]
 
 
 def _cells(first: float, now: float, changed: Change, unit: str) -> tuple[str, str, str, str]:

@@ -21,7 +21,7 @@ MATRIX = Path(__file__).with_name("demo.toml")
 @click.command(name="demo", cls=Command, examples=("rig demo", "rig demo --speed 10 --seed 7 --out /tmp/runs"))
 @click.option(
     "--speed", type=click.FloatRange(0.1, 100.0), default=25.0, show_default=True,
-    help="Speed of the simulated rig, in simulated seconds per second.",
+    help="Speed of the simulated rig, in simulated seconds per real second.",
 )
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed for the simulated rig.")
 @out_option
@@ -38,7 +38,7 @@ def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
     from rig.matrix.model import load_matrix
 
     shown = console(as_json=as_json)
-    shown.print(f"A simulated rig, {speed:g} times faster than real time, runs {MATRIX.name}:", markup=False)
+    shown.print(f"Running {MATRIX.name} on a simulated rig, {speed:g} times faster than real time:", markup=False)
     options = CampaignOptions(matrix_path=MATRIX, out=out, simulate=True, speed=speed, seed=seed)
     result = run_job(options, load_matrix(MATRIX).identify, shown)
     if result.exit_code == EXIT_DONE and result.fit is not None:

@@ -35,7 +35,7 @@ class ExportCommand(Command):
 @click.argument("source", type=RunPath())
 @click.option(
     "--to", "name", required=True, metavar="NAME",
-    help="Format: one of those listed below, or one of a plug-in.",
+    help="Format: one of those listed below, or one that a plug-in provides.",
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), required=True,

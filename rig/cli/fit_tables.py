@@ -84,7 +84,7 @@ def _remarks(fit: FitRecord) -> Blocks:
         lines.append(Paragraph(f"{fit.test_set.statement}; {len(fit.test_set.motions)} motion(s)"))
     if fit.holdout is not None:
         measures = f"{_measures(fit.holdout)}{extrapolated_words(fit.holdout)}"
-        lines.append(Paragraph(f"error over validation tests: {measures}"))
+        lines.append(Paragraph(f"error on validation tests: {measures}"))
     if fit.adequate is False:
         lines.append(Note(POOR, INADEQUATE))
     for name, profile in fit.profiles.items():

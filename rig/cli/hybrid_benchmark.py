@@ -28,8 +28,8 @@ SEED = 2020
 DESCRIPTION = (
     "J1: delay of the specimen relative to the target, in ms. RMS in %: J2 tracking; J4, J6, J7 floors 1, 2, 3.",
     "Peak in %: J3 tracking; J5, J8, J9 floors 1, 2, 3. The floors are compared with those of the complete building.",
-    "The values are means over all plants. Published values: Silva et al. 2020, Table 3, El Centro x 0.4, nominal "
-    "plant.",
+    "Each value is the mean over all plants. Published values: Silva et al. 2020, Table 3, El Centro x 0.4, "
+    "nominal plant.",
 )
 
 
@@ -66,7 +66,8 @@ DESCRIPTION = (
     "--earthquake",
     type=click.Path(path_type=Path),
     metavar="CSV",
-    help="Your own earthquake record: lines with time (s) and acceleration (m/s^2).  [default: a synthesised record]",
+    help="Your own earthquake record: one line per sample, with time (s) and acceleration (m/s^2).  [default: a "
+    "synthesised record]",
 )
 @click.option(
     "--intensity",
@@ -188,7 +189,7 @@ def _show(results: list[Result], earthquake: str) -> None:
     delays = {result.case: f"{result.critical_delay_ms:.1f} ms (case {result.case})" for result in results}
     blocks: list[Block] = [
         table(head, rows, title=f"Earthquake: {earthquake}"),
-        Paragraph(f"The test is unstable if the specimen's force is delayed by {', '.join(delays.values())}."),
+        Paragraph(f"The test becomes unstable at these delays of the specimen's force: {', '.join(delays.values())}."),
         *(Paragraph(line) for line in DESCRIPTION),
     ]
     show(blocks, console())
@@ -202,6 +203,6 @@ def _cells(values: dict[str, float]) -> list[str]:
 
 def _verdict(result: Result) -> str:
     if result.stopped:
-        return f"unstable: {result.stopped} of {result.plants}, from {result.first_stop_s:.1f} s"
+        return f"unstable in {result.stopped} of {result.plants} plants, first after {result.first_stop_s:.1f} s"
     limits = ", ".join(f"{name} {result.criteria[name]:.1f} of {limit:g} %" for name, limit in result.asked.items())
     return f"{result.verdict}: {limits}" if limits else ""

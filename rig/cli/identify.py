@@ -69,7 +69,7 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 )  # fmt: skip
 @click.option(
     "--holdout",
-    help="Tests held out of the fit for validation: a run, or a filter (waveform=triangle).",
+    help="Tests excluded from the fit and used for validation: a run, or a filter (waveform=triangle).",
 )
 @click.option(
     "--hysteresis", type=click.Choice(["kwok", "printed"]), default="kwok", show_default=True,
@@ -122,8 +122,8 @@ def _correction_options(function: Callable[..., int]) -> Callable[..., int]:
 )  # fmt: skip
 @click.option(
     "--unseen", type=click.Choice(["pairs"]),
-    help="Leave-one-motion-out cross-validation: prediction error at each amplitude and frequency, using a fit to the "
-         "others.",
+    help="Leave-one-motion-out cross-validation: prediction error at each amplitude and frequency after fitting the "
+         "model to all others.",
 )
 @scheduler_option
 @json_option
@@ -188,7 +188,8 @@ def _searching(method: Method, scheduler: str | None) -> Iterator[Method]:
         return
     if method.name not in METHODS:
         raise click.UsageError(
-            f"--scheduler: {method.name} evaluates no populations. Fix: omit it, or choose another --method: "
+            f"--scheduler: {method.name} does not evaluate populations. Fix: omit --scheduler, or choose "
+            f"another --method: "
             f"{', '.join(METHODS)}"
         )
     from rig.identification.cluster import cluster

@@ -35,7 +35,7 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
         if not (quantity and equals and column):
             raise click.BadParameter(f"got {text!r}, expected a form such as displacement=x_m", ctx, param)
         if quantity in pairs:
-            raise click.BadParameter(f"{quantity}: given twice", ctx, param)
+            raise click.BadParameter(f"{quantity}: specified twice", ctx, param)
         pairs[quantity] = column
     return pairs
 
@@ -60,7 +60,7 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
     """
     sign = {"tab": "\t", "\\t": "\t", "space": " "}.get(value or "", value)
     if sign is not None and (len(sign) != 1 or sign in '."\n\r' or sign.isalnum()):
-        raise click.BadParameter(f"{value!r} is not a single character, tab or space", ctx, param)
+        raise click.BadParameter(f"got {value!r}, expected a single character, tab or space", ctx, param)
     return sign
 
 
@@ -111,8 +111,8 @@ def _separator(ctx: click.Context, param: click.Parameter, value: str | None) ->
 )
 @click.option(
     "--event-rows", type=click.Choice(["refuse", "skip", "split"]), default="refuse", show_default=True,
-    help="CSV: how to treat text rows between rows of numbers: refuse the file, skip these rows, or split the file at"
-    " these rows into several tests.",
+    help="CSV: how to treat rows of text between rows of numbers: refuse the file, skip these rows, or split the file "
+    "at these rows into several tests.",
 )
 @click.option("--sheet", metavar="NAME", help="Excel: sheet that contains the test; all: one test for each sheet that "
                                               "contains a table.")

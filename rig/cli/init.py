@@ -94,8 +94,8 @@ def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
     for path in written:
         say(f"written: {path}")
     bench, matrix = (shlex.quote(str(folder / name)) for name in (BENCH, MATRIX))
-    say(f'next: check the entries marked "yours" in {bench}, then\n  rig check {bench}\n  rig plan {matrix} --bench '
-        f"{bench}\n  rig run {matrix} --bench {bench} --simulate --speed 5")
+    say(f'next: check the entries marked "yours" in {bench}, then run:\n  rig check {bench}\n  rig plan {matrix} '
+        f"--bench {bench}\n  rig run {matrix} --bench {bench} --simulate --speed 5")
     return EXIT_DONE
 
 
@@ -134,7 +134,7 @@ def _check_names(answers: Mapping[str, str]) -> None:
         "displacement": sensor_format_names(),
     }
     unknown = [
-        f"--{key}: {answers[key]!r} is unknown; known: {', '.join(names)}, or a file" for key, names in known.items()
+        f"--{key}: got {answers[key]!r}, expected {', '.join(names)}, or a file" for key, names in known.items()
         if answers.get(key) and answers[key] not in names and not answers[key].endswith((".toml", ".dbc"))
     ]
     if unknown:

@@ -104,7 +104,7 @@ class Analyst:
             code = self._process.wait()
             self._log.seek(0)
             tail = self._log.read()[-2000:].strip()
-            return _nothing(f"the identification process ended (exit code {code})\n{tail}", identify)
+            return _nothing(f"the identification process ended unexpectedly (exit code {code})\n{tail}", identify)
         return answer
 
 

@@ -33,8 +33,8 @@ def listen_options(function: Callable[..., int]) -> Callable[..., int]:
     for option in reversed((
         click.option("--listen", is_flag=True,
                      help=(
-                         "Show the data on a port or CAN bus (given instead of BENCH) and the lines to put in a bench "
-                         "file."
+                         "Show the data received from a port or CAN bus (given instead of BENCH), and the lines for a "
+                         "bench file."
                      )),
         click.option("--from", "captured", type=FILE, hidden=True),
         click.option("--format", "given", metavar="FORMAT",
@@ -42,7 +42,7 @@ def listen_options(function: Callable[..., int]) -> Callable[..., int]:
                           "the format."),
         click.option("--dbc", type=FILE, help="With --listen: decode CAN frames with a DBC, KCD, SYM or ARXML file."),
         click.option("--baud", type=click.IntRange(300, 12_000_000),
-                     help="With --listen: baud rate. By default, several are tried."),
+                     help="With --listen: baud rate. By default, several baud rates are tried."),
         click.option("--parity", type=click.Choice(["N", "E", "O"]),
                      help="With --listen and --baud: parity. The default is N."),
         click.option("--bitrate", type=click.IntRange(10_000, 1_000_000),
@@ -146,7 +146,7 @@ def _read(path: Path) -> bytes:
     except OSError as error:
         raise FileProblem(str(path), [f"cannot be read: {error.strerror}"]) from error
     if not data:
-        raise FileProblem(str(path), ["is empty: expected captured bytes"])
+        raise FileProblem(str(path), ["the file is empty, expected captured bytes"])
     return data
 
 
@@ -166,7 +166,7 @@ def _sensor(port: str | None, options: Mapping[str, Any]) -> dict[str, Any]:
         return _answer(str(options["captured"]), rounds, options["given"], None)
     baud = options["baud"]
     if options["parity"] != "N" and baud is None:
-        raise click.UsageError("--parity needs --baud")
+        raise click.UsageError("--parity requires --baud")
     line = None if baud is None else LineSettings(baud, parity=options["parity"])
     try:
         rounds = listened(port, line, options["seconds"])
@@ -221,15 +221,15 @@ def _toml(given: Mapping[str, Any] | str, heard: Heard, url: str | None, rate_Hz
         "[load_cell]                   # or [lvdt]",
         f"url = {json.dumps(url or '/dev/ttyUSB0')}",
         f"baudrate = {heard.baudrate or 115200}" if url is None or "://" not in url else "",
-        f'rate = "{_rounded(rate_Hz):g} Hz"' if rate_Hz else 'rate = "100 Hz"               # as the device is set',
-        'range = "10 kN"               # of the sensor',
+        f'rate = "{_rounded(rate_Hz):g} Hz"' if rate_Hz else 'rate = "100 Hz"               # as set on the device',
+        'range = "10 kN"               # range of the sensor',
     ]
     lines = [line for line in lines if line]
     if isinstance(given, str):
         lines.append(f'format = "{given}"')
     calibration = [
         "[load_cell.calibration]",
-        f"sensitivity = {_per_unit(given)!r}          # N for 1 on the wire; or points, or rated_output and capacity",
+        f"sensitivity = {_per_unit(given)!r}          # N per wire unit; or points, or rated_output and capacity",
         'serial_number = "..."',
     ]
     if isinstance(given, str):
@@ -276,9 +276,9 @@ def _words(answer: Mapping[str, Any]) -> list[str]:
     if "format" not in answer:
         return [*lines, f"no format matches; the data start with {answer['start']}",
                 "Fix: use --baud and --parity as set on the device, listen longer (--seconds 5), or "
-                "write a format, see docs/how-to/add-a-sensor-format.md"]  # fmt: skip
+                "write a format (see docs/how-to/add-a-sensor-format.md)"]  # fmt: skip
     verdict = "" if answer["found"] else "  (too few to be certain)"
-    rate = f", {answer['rate_Hz']:.4g} a second" if answer["rate_Hz"] else ""
+    rate = f", {answer['rate_Hz']:.4g} per second" if answer["rate_Hz"] else ""
     lines.append(
         f"format {answer['format']}: {answer['matched_bytes']} of {answer['bytes']} bytes are {answer['readings']} "
         f"readings{rate}; {answer['damaged']} damaged{verdict}"
@@ -290,7 +290,7 @@ def _words(answer: Mapping[str, Any]) -> list[str]:
         places = ", ".join(f"{one['bytes']} at {one['offset']}" for one in answer["missed"][:SHOWN])
         lines.append(f"bytes that do not belong to any reading: {places}")
     if "toml" in answer:
-        lines += ["", "for a bench file:", "", answer["toml"]]
+        lines += ["", "lines for a bench file:", "", answer["toml"]]
     return lines
 
 
@@ -336,12 +336,12 @@ def _can_words(answer: Mapping[str, Any]) -> list[str]:
             f"{name:>10}  {one['frames']:6}  {one['period_ms']:6.1f} ms  {lengths} bytes, last {one['last']}"
             + (f"   {one['message']}" if "message" in one else "")
         )
-        told = [f"bytes {', '.join(map(str, one['changing']))} change"] if one["changing"] else []
+        told = [f"changing bytes: {', '.join(map(str, one['changing']))}"] if one["changing"] else []
         told += [
-            f"byte {place['byte']} bits {place['lowest_bit']} to {place['lowest_bit'] + place['bits'] - 1} count"
+            f"counter in byte {place['byte']}, bits {place['lowest_bit']} to {place['lowest_bit'] + place['bits'] - 1}"
             for place in one["counters"]
         ]
-        told += [f"byte {at} may be a checksum" for at in one["likely_checksums"]]
+        told += [f"byte {at}: possibly a checksum" for at in one["likely_checksums"]]
         if told:
             lines.append(" " * 12 + "; ".join(told))
         for signal, (low, high) in one.get("signals", {}).items():

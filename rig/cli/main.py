@@ -63,9 +63,9 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Tools": {
         "simulate": ("rig.cli.simulate", "Start only the simulated rig."),
         "scenarios": ("rig.cli.scenarios", "Run a matrix in simulated scenarios with random faults."),
-        "explain": ("rig.cli.explain", "Explain a code: a fault, refusal or finding."),
+        "explain": ("rig.cli.explain", "Explain the code of a fault, refusal or finding."),
         "schema": ("rig.cli.schema", "Print JSON schemas for the files you write, for use in editors."),
-        "plugins": ("rig.cli.plugins", "List plug-ins: drivers, models, methods, sections, exports."),
+        "plugins": ("rig.cli.plugins", "List plug-ins: drivers, models, methods, report sections, export formats."),
     },
 }
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}

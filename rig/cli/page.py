@@ -99,7 +99,7 @@ class RunLink:
         with contextlib.suppress(KeyboardInterrupt):
             self.link.close()
             with contextlib.suppress(OSError):
-                say("The page remains open; to close it, use 'Close the page' there or press Ctrl-C here.", err=True)
+                say("The page remains open; to close it, click 'Close the page' or press Ctrl-C here.", err=True)
             self._page.wait()
 
     def refused(self, error: RigError) -> None:
@@ -167,7 +167,7 @@ def live_link(settings: PageSettings | None, *, held: bool = False) -> Iterator[
 def command(
     run: Path, page_address: str | None, page_cert: Path | None, page_key: Path | None, as_json: bool
 ) -> int:
-    """Serve the operator's page for RUN, running or finished, until Ctrl-C or Close the page is pressed.
+    """Serve the operator's page for RUN, running or finished, until 'Close the page' or Ctrl-C is pressed.
 
     The command prints the address as `page: URL`. Serving the page does not affect the campaign.
     """

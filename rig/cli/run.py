@@ -39,10 +39,10 @@ if TYPE_CHECKING:
 @click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
 @click.option("--bench", type=click.Path(path_type=Path), help="Bench file of the rig.")
 @click.option("--simulate", is_flag=True, help="Start a simulated rig (with the devices in the --bench file) and run "
-                                               "on it.")
+                                               "the matrix on it.")
 @click.option(
-    "--speed", type=click.FloatRange(0.01, 1000.0), help="With --simulate: simulated seconds per second. The default "
-    "is 1."
+    "--speed", type=click.FloatRange(0.01, 1000.0), help="With --simulate: simulated seconds per real second. The "
+    "default is 1."
 )
 @click.option("--seed", type=click.IntRange(0), help="With --simulate: random seed for the simulated rig. The default "
                                                      "is 0.")
@@ -60,8 +60,8 @@ if TYPE_CHECKING:
 @click.option("--page", "page", is_flag=True, help="Serve the operator's page; its address is printed as `page: URL`.")
 @page_options
 @click.option("--hold", is_flag=True, help="With --page: wait until the operator presses Start on the page.")
-@click.option("--stay", is_flag=True, help="With --page: keep serving the page after the campaign ends, until Close "
-                                           "the page or Ctrl-C is pressed.")
+@click.option("--stay", is_flag=True, help="With --page: keep serving the page after the campaign ends, until "
+                                           "'Close the page' or Ctrl-C is pressed.")
 @click.option("--hybrid", "must_be_hybrid", is_flag=True, hidden=True)  # `rig run FILE` of earlier versions
 @click.option("--no-identify", is_flag=True, help="Record only; ignore [identify] in the matrix file.")
 @out_option
@@ -141,7 +141,7 @@ def _refuse_without_hybrid(tests: Matrix, path: Path) -> None:
         FileProblem: it has none.
     """
     if tests.hybrid is None:
-        text = "has no table [hybrid] with the car and the road of a hybrid test; docs/files.md describes it"
+        text = "has no [hybrid] table with the car and the road of a hybrid test; see docs/files.md"
         raise FileProblem(str(path), [text])
 
 
@@ -262,9 +262,9 @@ def _check_usage(
     if bench is None and not simulate and resume is None:
         raise click.UsageError("specify --bench FILE, --simulate, or both (to simulate the devices of that bench)")
     if resume is not None and simulate and bench is not None:
-        raise click.UsageError("a resumed campaign keeps its simulated rig. Fix: remove --bench")
+        raise click.UsageError("a resumed campaign uses its original simulated rig. Fix: remove --bench")
     if resume is not None and seed is not None:
-        raise click.UsageError("a resumed campaign keeps its seed. Fix: remove --seed")
+        raise click.UsageError("a resumed campaign uses its original seed. Fix: remove --seed")
     if speed is not None and not math.isfinite(speed):
         raise click.UsageError("--speed: expected a number from 0.01 to 1000")
     if simulator_args and not simulator_args[0].startswith("-"):
@@ -275,7 +275,8 @@ def _check_usage(
     }
     for name, present in given.items():
         if present and not simulate and (resume is None or bench is not None):
-            raise click.UsageError(f"{name} are for the simulated rig. Fix: with --bench, pass them to `rig simulate`")
+            raise click.UsageError(f"{name}: only allowed with a simulated rig. Fix: add --simulate, or pass {name} to "
+                                   "`rig simulate`")  # fmt: skip
 
 
 def show_result(result: JobResult, shown: Console) -> None:

@@ -63,7 +63,7 @@ def _listed(folder: Path, wanted: RunFilter, last: int | None) -> list[dict[str,
         FileProblem: there is no such folder.
     """
     if not folder.is_dir():
-        raise FileProblem(str(folder), ["no such folder. Runs are written to logs/ or to the folder of --out"])
+        raise FileProblem(str(folder), ["no such folder. Runs are written to logs/ or to the folder given with --out"])
     whole = str(folder.resolve())
     return [{**run, "path": os.path.join(whole, run["id"])} for run in listed(folder, _summary, wanted, last)]
 
@@ -79,7 +79,7 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
     head = [
         Column("run"), *((Column("specimen"), Column("started")) if wide else ()), Column("verdict"),
         Column("valid", "", True), *([Column("recoverable", "", True)] if unfinished else []),
-        Column("fit: error % of peak", "", True),
+        Column("fit and error, % of peak", "", True),
     ]  # fmt: skip
     rows = []
     for run in runs:
@@ -88,9 +88,9 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
         cells += [f"{run['valid']}/{run['points']}", *([str(run["unfinished"])] if unfinished else [])]
         rows.append([*cells, "-" if error is None else f"{run['model']} {error:.3g}"])
     notes = [f"{run['id']}: {run['remark']}" for run in runs if run["remark"]]
-    notes.append("commands accept a name, a part of one, `last` or -1, -2 ...: rig report last")
+    notes.append("Commands accept a run's name, part of the name, `last`, or -1, -2, ... (example: rig report last).")
     if len(runs) == MOST_SHOWN:
-        notes.append(f"the last {MOST_SHOWN} runs; use filters or --json for others")
+        notes.append(f"Only the last {MOST_SHOWN} runs are shown; use filters or --json to list others.")
     show([table(head, rows), *map(Paragraph, notes)], shown)
 
 

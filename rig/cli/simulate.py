@@ -15,7 +15,7 @@ from rig.cli.options import Command
     name="simulate",
     cls=Command,
     context_settings={"ignore_unknown_options": True},
-    examples=("rig simulate --speed 10 --truth truth.h5", "rig simulate -- --help        (its own options)"),
+    examples=("rig simulate --speed 10 --truth truth.h5", "rig simulate -- --help    (options of the simulated rig)"),
 )
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def command(arguments: tuple[str, ...]) -> NoReturn:

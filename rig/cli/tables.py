@@ -102,7 +102,7 @@ def _verdict(plan: Plan) -> Blocks:
 def _rig_time(plan: Plan) -> str:
     if plan.duration_s is not None:
         return f"{duration(plan.duration_s)} of rig time"
-    return f"{duration(plan.recorded_s)} of motion; the time for warm-up and cooling is not known"
+    return f"{duration(plan.recorded_s)} of motion; the time for warm-up and cooling is unknown"
 
 
 def _groups(items: Sequence[PlannedPoint], plan: Plan) -> Blocks:
@@ -119,7 +119,7 @@ def _groups(items: Sequence[PlannedPoint], plan: Plan) -> Blocks:
         shown += len(rows)
         blocks += [Paragraph(""), Note(POOR if slugs else GOOD, f"{verdict}: {count}, {_ranges(members)}")]
         blocks += _rows(rows, plan, left_out=0 if few else len(members) - len(rows))
-    stated = f"{shown} of {len(items)} rows shown; use --all for all rows, --json for data"
+    stated = f"{shown} of {len(items)} rows shown; use --all to show all rows, or --json for the data"
     return [*blocks, Paragraph(""), Paragraph(stated)]
 
 

@@ -23,7 +23,7 @@ def ending(result: CampaignResult) -> list[tuple[str, str]]:
         unproved = stop.not_proved if stop is not None else ("0 A",) if flows else ()
         lines.append(("bold red", UNKNOWN.format(not_proved=" and ".join(unproved) or "standstill or 0 A")))
     if result.refused:
-        lines.append(("red", f"Refused before anything moved: {result.stopped_by}: {result.detail}"))
+        lines.append(("red", f"Refused before motion: {result.stopped_by}: {result.detail}"))
         lines.append(("", f"Once the cause has been eliminated, continue with: {resume_command(result.campaign)}"))
     elif stop is not None:
         again = resume_command(result.campaign, stop.resume)
@@ -49,16 +49,18 @@ def stopped_by(stop: StopReport, detail: str) -> str:
 def left(stop: StopReport, result: CampaignResult) -> str:
     """What is not finished."""
     waiting = sum(point.verdict == NOT_RUN for point in result.points)
-    said = f"{stop.unfinished} not finished" if stop.unfinished else "All points were run"
+    said = [f"{stop.unfinished} not finished"] if stop.unfinished else []
     if stop.unfinished and any(point.id == stop.unfinished and point.verdict == NOT_RUN for point in result.points):
         waiting -= 1
-    return f"{said}, {waiting} not started." if waiting > 0 else f"{said}."
+    if waiting > 0:
+        said.append("1 point not started" if waiting == 1 else f"{waiting} points not started")
+    return f"{', '.join(said) or 'All points were run'}."
 
 
 def verdict_words(result: PointResult) -> str:
     """A point's verdict and its reasons; a point that the operator stopped has no fault."""
     if result.verdict == INVALID and not OPERATOR.isdisjoint(result.slugs):
-        return "not finished: stopped by operator"
+        return "not finished: stopped by the operator"
     return "; ".join((result.verdict, *result.reasons))
 
 

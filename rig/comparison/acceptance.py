@@ -168,7 +168,7 @@ def _values(key: str, band: Band, run: RunReadings) -> Iterator[_Value]:
     unit = QUANTITIES[key].unit
     if not isinstance(band, LoopBand):
         reading = run.singles.get(key)
-        why = "no valid friction test" if reading is None else ""
+        why = "the run contains no valid friction test" if reading is None else ""
         yield _Value(key, unit, "slow triangle at 0 A", reading or NONE, why=why)
         return
     loops = _chosen(key, band, run.loops)
@@ -177,12 +177,12 @@ def _values(key: str, band: Band, run: RunReadings) -> Iterator[_Value]:
         return
     for loop in loops:
         known = loop.values.get(key)
-        why = "not measurable in these points" if known is None else ""
+        why = "these points do not allow this measurement" if known is None else ""
         yield _Value(key, unit, loop.motion.label, known or NONE, loop.ids, why, loop)
     for loop in _chosen(key, band, run.lacking):
         yield _Value(key, unit, loop.motion.label, NONE, loop.ids, "no point with this motion is valid", loop)
     if run.not_recorded and not band.where:
-        why = f"{len(run.not_recorded)} planned point(s) were not recorded: the campaign ended early"
+        why = f"{len(run.not_recorded)} planned point(s) were not recorded because the campaign ended early"
         yield _Value(key, unit, "any loop", NONE, why=why)
 
 
@@ -224,8 +224,8 @@ def _changed(
     """A value's change against the first run's, in percent."""
     most = 100.0 * (band.most_change or 0.0)
     before = _before(band, value, first, key)
-    same = "this is the first run itself: identical data cannot show a change" if run.identity == first.identity else ""
-    why = value.why or same or ("" if before is not None else f"{first.name} has no such value")
+    same = "this is the first run: identical data cannot show a change" if run.identity == first.identity else ""
+    why = value.why or same or ("" if before is not None else f"{first.name} does not contain this value")
     known = None if why or before is None else change(
         before, value.reading, same_gauge=bool(run.load_cell) and run.load_cell == first.load_cell,
         moved=_transfer(key, value, first),
@@ -263,7 +263,7 @@ def _evaluated(result: Result, bands: Bands, *, complete: bool) -> Result:
     if bands.decision == "guarded" and state == State.PASSED:
         if not complete:
             state, why = State.UNSURE, (
-                "its uncertainty is not completely known (scatter, or the calibration of a sensor)"
+                "the uncertainty of this value is not fully known (variation between cycles or sensor calibration)"
             )
         elif result.margin < result.expanded:
             state, why = State.UNSURE, "the margin is smaller than the expanded uncertainty"

@@ -98,7 +98,7 @@ class Comparison:
         lines = []
         models = {run.model for run in self.runs if run.model}
         if len(models) > 1:
-            lines.append(f"different models were fitted ({', '.join(sorted(models))}): parameters are not compared")
+            lines.append(f"different models were fitted ({', '.join(sorted(models))}), so parameters are not compared")
         if len(self.runs) > 1 and not any(all(row.loops) for row in self.rows):
             lines.append("the runs have no cyclic motion in common")
         lines += [*self._corrected(), *self._near()]
@@ -109,7 +109,7 @@ class Comparison:
             )
         given = Counter(run.identity for run in self.runs)
         if max(given.values()) > 1:
-            lines.append("one run is specified more than once; identical data cannot show a change")
+            lines.append("the same run is specified more than once; identical data cannot show a change")
         for run in self.runs:
             if signals := [point.id for point in run.run.points if point.kind == SIGNAL]:
                 lines.append(
@@ -155,7 +155,7 @@ class Comparison:
                 apart, nearest = min(others, key=lambda pair: pair[0], default=(math.inf, loop.motion))
                 if apart < NEARBY:
                     yield (
-                        f"{run.name}: {loop.motion.label} is not compared: the nearest motion of the first run, "
+                        f"{run.name}: {loop.motion.label} is not compared: the nearest motion in the first run, "
                         f"{nearest.label}, differs by {100.0 * apart:.2g} %, more than the largest correction "
                         f"({100.0 * MOTION_SHARE:g} %)"
                     )

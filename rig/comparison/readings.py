@@ -346,7 +346,7 @@ def fitted_of(run: Run) -> tuple[str, dict[str, FittedReading]]:
     if fit is None:
         return "", {}
     poor = "" if fit.adequate is not False else (
-        "the fit does not describe the tests, so its parameters are not properties of the damper"
+        "the model does not fit the tests, so its parameters are not properties of the damper"
     )
     return fit.model, {name: _fitted(entry, poor) for name, entry in fit.parameters.items()}
 

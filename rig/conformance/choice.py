@@ -20,21 +20,21 @@ def wanted_files(config: pytest.Config) -> set[str]:
     if driver is not None:
         kind = kind_of(driver)
         if kind is None:
-            raise pytest.UsageError(f"--driver {driver}: unknown driver; known: {', '.join(known_drivers())}")
+            raise pytest.UsageError(f"--driver {driver}: unknown driver; known drivers: {', '.join(known_drivers())}")
         wanted.add(FILES[kind])
     if model is not None:
         from rig.dampers import MODELS
 
         if model not in MODELS:
-            raise pytest.UsageError(f"--model {model}: unknown model; known: {', '.join(MODELS)}")
+            raise pytest.UsageError(f"--model {model}: unknown model; known models: {', '.join(MODELS)}")
         wanted.add("test_model.py")
     if method is not None:
         from rig.optimisers import METHODS
 
         if method not in METHODS:
-            raise pytest.UsageError(f"--method {method}: unknown method; known: {', '.join(METHODS)}")
+            raise pytest.UsageError(f"--method {method}: unknown method; known methods: {', '.join(METHODS)}")
         wanted.add("test_method.py")
     if not wanted:
-        raise pytest.UsageError("rig.conformance: name the object to test: --driver NAME, --model NAME or --method "
+        raise pytest.UsageError("rig.conformance: specify what to test: --driver NAME, --model NAME or --method "
             "NAME")
     return wanted

@@ -148,8 +148,8 @@ class Peer:
     def _needs_relay(self) -> None:
         if self._listening is None:
             pytest.skip(
-                f"{self._served}: the connection cannot be interrupted without host and port. Fix: test with a "
-                "network connection"
+                f"{self._served}: the test cannot interrupt the connection without a host and port. Fix: test with "
+                "a network connection"
             )
 
     def _pass_on(self) -> None:

@@ -61,19 +61,19 @@ class Driven:
         status = self.poll()
         while not true(status):
             if time.monotonic() > until_s:
-                pytest.fail(f"{what} was not received within {seconds:g} s; the last status is {status}")
+                pytest.fail(f"{what} did not occur within {seconds:g} s; the last status is {status}")
             status = self.poll()
         return status
 
     def do(self, command: Command, order: Move | Program | None = None) -> ActuatorStatus:
         """Send a command and wait until it is acknowledged as done."""
         sequence = self.driver.send(command, order)
-        assert (sequence, int(command)) in list(self.driver.sent), "commands sent are listed"
+        assert (sequence, int(command)) in list(self.driver.sent), "the driver must list the commands sent"
         if not self.driver.capabilities.acknowledge:
             return self.poll()
         status = self.until(
             lambda status: status.acknowledges(command, sequence) and status.result not in {Result.IDLE, Result.BUSY},
-            f"the acknowledgement of {command.name}",
+            f"acknowledgement of {command.name}",
         )
         assert status.result == Result.DONE, f"{command.name}: {status}"
         return status
@@ -135,7 +135,7 @@ def taken(made: Made) -> Iterator[Driven]:
 def test_it_has_what_the_role_has_and_says_what_it_can_do(made: Made) -> None:
     driver = made().driver
     assert [name for name in members_of(Actuator) if not hasattr(driver, name)] == []
-    assert driver.capabilities.can_be_stopped, "neither watchdog nor pressure control: the rig would be refused"
+    assert driver.capabilities.can_be_stopped, "the device needs a watchdog or pressure control"
     assert driver.link_kind in set(LinkKind)
 
 
@@ -172,9 +172,11 @@ def test_its_status_is_fresh_and_in_si(made: Made) -> None:
     driven.driver.open()
     began_ns = time.monotonic_ns()
     first, second = driven.poll(), driven.poll()
-    assert began_ns <= first.received_ns < second.received_ns <= time.monotonic_ns(), "the host's monotonic clock (ns)"
-    assert abs(second.position_m) < 1.0, "metres"
-    assert abs(second.velocity_m_s) < 0.01, "m/s, at rest"
+    assert began_ns <= first.received_ns < second.received_ns <= time.monotonic_ns(), (
+        "arrival times must be on the host's monotonic clock (ns)"
+    )
+    assert abs(second.position_m) < 1.0, "the position must be in metres"
+    assert abs(second.velocity_m_s) < 0.01, "the velocity at rest must be 0 m/s"
     assert math.isnan(second.force_N) == (not driven.driver.capabilities.force_input)
     driven.until(lambda status: status.heartbeat != first.heartbeat, "another heartbeat", 2.0)
 
@@ -182,7 +184,7 @@ def test_its_status_is_fresh_and_in_si(made: Made) -> None:
 def test_limits_are_held_as_they_were_written(made: Made) -> None:
     driven = made()
     if not driven.driver.capabilities.limits_read_back:
-        pytest.skip("no limits: capabilities.limits_read_back")
+        pytest.skip("limits cannot be read back (capabilities.limits_read_back)")
     driven.driver.open()
     driven.do(Command.ACQUIRE)
     driven.driver.write_limits(LIMITS)

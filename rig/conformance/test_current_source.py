@@ -85,8 +85,8 @@ def test_it_says_who_it_is_and_how_it_is(made: Made) -> None:
     until(source, lambda: None not in {source.identity, source.status, source.temperature})
     assert source.identity_problem == ""
     assert source.temperature is not None
-    assert -40.0 < source.temperature.coil_degC < 200.0, "degC"
-    assert abs(measured_A(source)) < 0.1, "A without a command"
+    assert -40.0 < source.temperature.coil_degC < 200.0, "the coil temperature must be in degC"
+    assert abs(measured_A(source)) < 0.1, "without a command the current must be 0 A"
 
 
 def test_it_drives_what_is_commanded_in_ampere_and_stops_when_told(made: Made) -> None:
@@ -101,7 +101,7 @@ def test_it_drives_what_is_commanded_in_ampere_and_stops_when_told(made: Made) -
     records = [record for batch in batches for record in batch.records]
     assert [value for _, _, value, _, channel, _ in records if channel == Channel.COMMANDED_CURRENT and value > 0.0]
     last = [value for _, _, value, _, channel, _ in records if channel == Channel.COIL_CURRENT][-1]
-    assert last == pytest.approx(measured_A(source), abs=1e-9), "the record is the status, in A"
+    assert last == pytest.approx(measured_A(source), abs=1e-9), "the recorded current must equal the status, in A"
     source.command(0.0, enable=False)
     source.send_now()
     assert source.commanded_A == 0.0

@@ -71,7 +71,7 @@ def test_the_same_seed_gives_the_same_result_and_another_seed_another(method_nam
     )
     assert np.array_equal(first.best, again.best)
     assert np.array_equal(first.history, again.history)
-    assert not np.array_equal(first.history, other.history), "it must use the random generator of the search"
+    assert not np.array_equal(first.history, other.history), "the method must use the random generator of the search"
 
 
 def test_the_best_point_it_ever_asked_for_is_the_result_and_history_never_rises(method_name: str) -> None:
@@ -86,7 +86,7 @@ def test_it_improves_on_a_bowl_whose_bottom_is_known(method_name: str) -> None:
     result = minimise(Bowl(), method=method_name, bounds=BOX, budget=5000, seed=4)
     drawn = np.random.default_rng(0).uniform(-10.0, 10.0, (5000, 4))
     by_chance = float(np.min(np.sum((drawn - TARGET) ** 2, axis=1)))
-    assert result.value < 0.5 * by_chance, "must be better than the same number of random points"
+    assert result.value < 0.5 * by_chance, "the result must be better than that of a random search"
 
 
 def test_values_that_are_not_finite_do_no_harm(method_name: str) -> None:

@@ -59,7 +59,7 @@ def split(damper: DamperModel) -> Separation:
     """How it splits; skips the test for one that does not."""
     form = damper.separation(SCALE)
     if form is None:
-        pytest.skip("no separable parameters: all are searched at once")
+        pytest.skip("the model has no separable parameters")
     return form
 
 
@@ -192,9 +192,9 @@ def test_a_fit_finds_the_truth_again(damper: DamperModel) -> None:
             test.force_N[:] = true_N + random.normal(0.0, NOISE_N, true_N.size)
             tests.append(test)
     fit = identify(tests, model=damper.name)
-    assert fit.error.rmse_N < 1.15 * NOISE_N, "fitted within the noise"
+    assert fit.error.rmse_N < 1.15 * NOISE_N, "the residual must be within the noise"
     known = [name for name in fit.identifiable if name in damper.demonstration]
-    assert known, "at least one parameter is identified"
+    assert known, "at least one parameter must be identifiable"
     for name in known:
         estimate, truth = fit.parameters[name], damper.demonstration[name]
         assert estimate.simultaneous_low is not None

@@ -83,11 +83,13 @@ def test_samples_come_at_their_rate_in_order_and_undamaged(made: Made) -> None:
     before_ns = time.monotonic_ns()
     records = read(sensor, 2.0)
     after_ns = time.monotonic_ns()
-    assert len(records) == pytest.approx(2.0 * RATE_HZ, rel=0.2), "two seconds of samples"
+    assert len(records) == pytest.approx(2.0 * RATE_HZ, rel=0.2), "the sensor must deliver two seconds of samples"
     assert sensor.bad_frames == bad
-    assert np.all(np.diff([record[3] for record in records]) >= 1), "sequence numbers increase"
+    assert np.all(np.diff([record[3] for record in records]) >= 1), "sequence numbers must increase"
     times_ns = [record[0] for record in records]
-    assert before_ns <= times_ns[0] <= times_ns[-1] <= after_ns, "arrival on the host's monotonic clock (ns)"
+    assert before_ns <= times_ns[0] <= times_ns[-1] <= after_ns, (
+        "arrival times must be on the host's monotonic clock (ns)"
+    )
     assert np.all(np.diff(times_ns) >= 0)
     assert np.all(np.isfinite([record[2] for record in records]))
 

@@ -13,27 +13,27 @@ from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, FaultRow, StopKind
 
 DONE = {
-    StopKind.FADE_OUT: "Stopped (S2): the coil went to 0 A immediately, and the controller ramped the motion down and "
-    "holds the position.",
-    StopKind.HALT: "Stopped (SO), because the position is no longer trusted: the coil went to 0 A immediately, and the "
-    "controller halted without using its position.",
-    StopKind.PRESSURE_OFF: "Stopped (S1): the coil went to 0 A immediately, the controller ramped the motion down, "
-    "and the pressure was then switched off.",
+    StopKind.FADE_OUT: "Stopped (S2): the coil went to 0 A immediately; the controller ramped the motion down and "
+        "holds the position.",
+    StopKind.HALT: "Stopped (SO), because the position is no longer trusted: the coil went to 0 A immediately; "
+        "the controller halted without using its position.",
+    StopKind.PRESSURE_OFF: "Stopped (S1): the coil went to 0 A immediately; the controller ramped the motion down; "
+        "then the pressure was switched off.",
     Ending.WARN: "Flagged and recorded; the campaign continues.",
     Ending.INVALID: "The current point is invalid; the campaign continues and repeats the point if [campaign] "
         "retries allows it.",
     Ending.REFUSE: "The request was refused; nothing moved.",
 }
 """What follows from how a fault ends."""
-HALTED = "Stopped (S2): the coil went to 0 A immediately, and the controller's halt ramp ended the motion."
+HALTED = "Stopped (S2): the coil went to 0 A immediately; the controller's halt ramp ended the motion."
 """... where a hard limit was hit."""
 STAYS = "A single occurrence is only flagged. If the fault persists: "
 KEPT = " Data recorded until then are kept; the current point is invalid."
 
 RESUME = {
     "a": "Continue with `rig run --resume RUN`; with [campaign] retries the point is repeated automatically.",
-    "c": "Continue with `rig run --resume RUN` once the cause has been eliminated; by running this command you "
-    "confirm that you inspected the rig.",
+    "c": "Continue with `rig run --resume RUN` once the cause has been eliminated; by running this command, you "
+    "confirm that you have inspected the rig.",
     "n": 'Requalify the damper first, then run `rig run --resume RUN --requalified "WHAT WAS CHECKED"`.',
 }
 """How to go on after a stop, by the row's class."""

@@ -172,8 +172,8 @@ OWN = (
     Exporter("modelica", "fit", "the model as a Modelica block (most models)", _write_modelica),
     Exporter("octave", "fit", "the model as a function for Octave and MATLAB", _write_octave),
     Exporter("python", "fit", "the model as a self-contained Python module", _write_python),
-    Exporter("table", "fit", "force as a function of speed and current as CSV, within the tested range", _write_table),
-    Exporter("inverse", "fit", "current as a function of speed and force as one CSV table", lambda
+    Exporter("table", "fit", "force as a function of speed and current (CSV), within the tested range", _write_table),
+    Exporter("inverse", "fit", "current as a function of speed and force (CSV)", lambda
              source, out: [write_inverse(source.path, out / f"{source.name}-inverse.csv")]),
 )  # fmt: skip
 """This program's formats. A new one is a line here."""

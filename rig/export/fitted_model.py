@@ -76,7 +76,8 @@ class FittedModel:
             f"Damper model {self.model.name}, hysteresis form {self.model.hysteresis}, fitted by mr-damper-rig.",
             f"Equation: {self.model.equation}",
             "Extension u (m about mid-stroke), velocity v (m/s, > 0 in rebound), acceleration a (m/s^2),",
-            "current I (A, in the coil, after its lag); force F (N), > 0 resists extension. All values SI.",
+            "current I (A, in the coil, after its lag); force F (N, > 0 if it resists extension).",
+            "All values are in SI units.",
             f"SHA-256 of the fit: {self.sha256}",
             *self._judged(),
             *self._softens(),
@@ -105,7 +106,8 @@ class FittedModel:
         if spring is not None and spring.stiffness_N_m is not None:
             stiffness = f"{spring.stiffness_N_m:.6g} N/m"
             lines.append(
-                f"The fit includes a series spring of {stiffness}; the force here is that of the damper behind it."
+                f"The fit includes a series spring of {stiffness}; the force here is that of the damper without the "
+                "spring."
             )
         return lines
 
@@ -116,8 +118,8 @@ class FittedModel:
             return []
         rates = ", ".join(f"{name} = {rate:.6g} 1/K" for name, rate in law.rates.items())
         return [
-            f"The force here is for {law.reference_degC:.4g} degC, independent of the temperature T. Fitted from "
-            f"{term.lowest_degC:.4g} to {term.highest_degC:.4g} degC; for another T use:",
+            f"The force here is for {law.reference_degC:.4g} degC and does not depend on the temperature T. Fitted "
+            f"from {term.lowest_degC:.4g} to {term.highest_degC:.4g} degC; for another T, use:",
             f"{law.formula(self.model)}; {rates}",
         ]
 

@@ -27,7 +27,7 @@ def write_inverse(fit: Path, path: Path) -> Path:
         f"# {known.model}: {known.equation}",
         f"# tested: {tested}",
         *([f"# {beyond}"] if (beyond := str(table.attrs["extrapolation"])) else []),
-        *([f"# at {warmth.reference_degC:.4g} degC; for another temperature see the equation"] if warmth else []),
+        *([f"# at {warmth.reference_degC:.4g} degC; for other temperatures, see the equation"] if warmth else []),
         "# steady sliding at mid-stroke; SI units; low_A and high_A: 95 % band of current_A",
     )
     content = (

@@ -47,10 +47,10 @@ def write_c(fitted: FittedModel, folder: Path) -> list[Path]:
     write_text_durably(header, f"""/*
 {told}
  *
- * {name}_start returns the force at the first sample; {name}_step returns the force at each next sample, dt > 0 (s)
- * later. Both write d, the state of the damper: use one array per damper.
- * {name}_beyond states whether a force is an extrapolation: {ABOUT};
- * 8: the temperature (degC; NaN if unknown). The force does not depend on the temperature.
+ * {name}_start returns the force at the first sample; {name}_step returns the force at each subsequent sample,
+ * dt > 0 (s) later. Both write d, the state of the damper: use one array per damper.
+ * {name}_beyond states whether a force is an extrapolation. {ABOUT}.
+ * A temperature (degC; NaN if unknown) outside its range adds 8; the force does not depend on the temperature.
  */
 #ifndef {guard}
 #define {guard}
@@ -109,7 +109,7 @@ def write_octave(fitted: FittedModel, folder: Path) -> list[Path]:
 % [F, d] = {name}(u, v, a, current, dt): force (N) at each sample of a motion with sampling interval dt (s).
 % [F, d] = {name}(u, v, a, current, dt, d): continues from the state d that an earlier call returned.
 % u, v, a: vectors of equal length; current: a vector or a scalar.
-% beyond, the third output, states where F is an extrapolation: {ABOUT}.
+% beyond, the third output, states where F is an extrapolation. {ABOUT}.
     p = [{_numbers(fitted)}]; % {", ".join(fitted.model.names)}
     F = zeros(size(u));
     if isscalar(current)
@@ -179,14 +179,14 @@ def step(d, u, v, a, current, dt):
 
 
 def beyond(u, v, current, temperature=None):
-    """Names in `TESTED` whose range a sample is outside of, so that its force is an extrapolation; "" if none.
+    """Names of the quantities outside their range in `TESTED` (the force is then an extrapolation); "" if none.
 
-    The temperature (degC) is only compared with its range; the force does not depend on it.
+    The temperature (degC) is only compared with its range; the force does not depend on the temperature.
     """
 {python_beyond(fitted.covered)}
 
 def force(u, v, a, current, dt):
-    """Force (N) at each sample of a motion with sampling interval dt (s), a list; all but dt are sequences."""
+    """Force (N) at each sample, as a list; u, v, a and current are sequences with sampling interval dt (s)."""
     d = memory()
     samples = list(zip(u, v, a, current))
     return [start(d, *samples[0])] + [step(d, *sample, dt) for sample in samples[1:]]
@@ -207,8 +207,8 @@ def write_modelica(fitted: FittedModel, folder: Path) -> list[Path]:
     unproved = "internal states" if hidden else "a table in its equation" if library.arrays else ""
     if unproved:
         raise NotTranslatable(
-            f"{model.name} has {unproved}: its Modelica code could not be verified with a tool, so this export is not "
-            "offered. Fix: use --to fmi, which writes an FMU that Modelica tools can import"
+            f"{model.name} has {unproved}: its Modelica code could not be verified with a Modelica tool, so this "
+            "export is not available. Fix: use --to fmi; Modelica tools can import the FMU"
         )
     called = library.functions[-1].name
     name = source_name(fitted)

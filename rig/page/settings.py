@@ -87,12 +87,12 @@ class PageSettings:
         elif not is_loopback(host) and not (self.cert and self.key):
             problems.append(
                 f"page address {self.address!r}: other machines can reach this address, but TLS is not configured. "
-                "Fix: give a certificate and its key, or omit the address to serve the page on this machine only"
+                "Fix: specify a certificate and its key, or omit the address to serve the page on this machine only"
             )
         if port and (not port.isascii() or not port.isdigit() or int(port) > MOST_PORT):
             problems.append(f"page address {self.address!r}: got an invalid port, expected 0 to {MOST_PORT}")
         if bool(self.cert) != bool(self.key):
-            problems.append("got only a certificate or only a key, expected both")
+            problems.append("expected both a certificate and a key, got only one of them")
         problems += [f"{path}: file not found" for path in (self.cert, self.key) if path and not Path(path).is_file()]
         return problems
 

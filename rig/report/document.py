@@ -215,7 +215,7 @@ def _errors(fit: FitRecord | None) -> list[Fact]:
         return []
     facts = [
         Fact(fit.model, f"model ({fit_sections.METHODS.get(fit.method, fit.method)})"),
-        Fact(f"{number(fit.error.nrmse_percent_of_peak, 3)} %", "error of peak force, mean of tests"),
+        Fact(f"{number(fit.error.nrmse_percent_of_peak, 3)} %", "error relative to peak force, mean of all tests"),
         Fact(f"{number(fit.error.rmse_N, 3)} N", "RMS error"),
     ]
     if fit.holdout is not None:
@@ -249,7 +249,7 @@ def _lost(run: Run) -> list[Fact]:
         return [Fact(str(lost), "samples lost", _severity(lost == 0))]
     if by <= {"sequence", "rate"}:
         return [Fact(str(lost), "samples lost, estimated from the nominal rate; single losses may go undetected")]
-    return [Fact("unknown", "samples lost; the format of one sensor has no sequence number", FAIR)]
+    return [Fact("unknown", "number of samples lost: a sensor's data format has no sequence number", FAIR)]
 
 
 def _severity(good: bool) -> Severity:

@@ -50,7 +50,7 @@ def events(log: Sequence[Mapping[str, Any]] | None) -> Blocks:
     more = len(happened) - len(rows)
     count = Column("Count", "", True)
     head: list[Head] = ["First, UTC", "Last, UTC", "Event", "Code or name", count, "Latest message or values"]
-    rest: Blocks = [Paragraph(f"For {more} more kinds of event, see journal.jsonl.", small=True)] if more > 0 else []
+    rest: Blocks = [Paragraph(f"Further kinds of event in journal.jsonl: {more}.", small=True)] if more > 0 else []
     return [*title, table(head, rows), *rest]
 
 

@@ -199,8 +199,9 @@ def _diagnosis(fit: FitRecord) -> Blocks:
         for cause in fit.diagnosis
     ]
     note = (
-        "Each cause was fitted separately, together with the damper; the first cause explains most. The shares do not "
-        f"add up to 100 %. {NOTHING}: cause found directly in the tests, with no share of the misfit assigned."
+        "Each cause was fitted separately, together with the damper model; the first cause explains the most. The "
+        f"shares do not add up to 100 %. {NOTHING}: cause found directly in the tests, with no share of the misfit "
+        "assigned."
     )
     head: list[Head] = [Column("Cause"), Column("Finding"), Column("Explains", "%", True), Column("Next step")]
     return [*section("Probable causes of the misfit", note, 3), table(head, rows)]
@@ -256,7 +257,7 @@ def _correlation(fit: FitRecord) -> Blocks:
     )
     strong = [f"{b} and {a} ({number(rows[a][b], 2)})" for size, a, b in pairs if size > STRONG_CORRELATION]
     stated = f"Correlation above {STRONG_CORRELATION:g}: {', '.join(strong[:MOST_PAIRS])}." if strong else (
-        f"No two parameters have a correlation above {STRONG_CORRELATION:g}."
+        f"No pair of parameters has a correlation above {STRONG_CORRELATION:g}."
     )  # fmt: skip
     cells = [[a, *(_heat(rows[a].get(b, math.nan)) for b in names)] for a in names]
     made = table(["", *names], cells, range(1, len(names) + 1))
@@ -327,7 +328,7 @@ def extrapolated_words(summary: ErrorSummary | Unseen) -> str:
     within = summary.within_nrmse_percent_of_peak
     if within is None:
         return ", all outside the fitted data (extrapolated)"
-    return f"; {number(within, 3)} % without the {beyond} of {len(summary.per_test)} outside the fitted data"
+    return f"; {number(within, 3)} % without the {beyond} of {len(summary.per_test)} tests outside the fitted data"
 
 
 def _outside_words(beyond: Mapping[str, Sequence[str]]) -> str:
@@ -349,7 +350,7 @@ def cross_validation(fit: FitRecord) -> Blocks:
         rows.append([name, *cells, number(pair.nrmse_percent_of_peak, 3)])
     head: list[Head] = ["Excluded motion", *(f"{number(current, 3)} A" for current in currents), "Mean"]
     note = (
-        "Each amplitude and frequency is predicted by fitting the same model to the others. Errors are in % of the "
+        "Each amplitude and frequency is predicted by fitting the same model to all others. Errors are in % of the "
         f"peak force. Mean of all tests: {number(unseen.nrmse_percent_of_peak, 3)} %{extrapolated_words(unseen)}."
     )
     made = table(head, rows, range(1, len(head)))

@@ -30,7 +30,7 @@ def parameters_over_current(fit: FitRecord) -> Blocks:
     by_current = fit.current is not None
     keys = (
         Key("relation" if by_current else "fitted", MEASURED),
-        Key("separate fit at each current, 95 %", FITTED) if by_current else Key("95 %", RESIDUAL),
+        Key("separate fit at each current, 95 % interval", FITTED) if by_current else Key("95 % interval", RESIDUAL),
     )
     cards = tuple(Card(Strong(name), (Figures((figure,)),)) for name, figure in drawn.items())
     return [Heading("Parameters vs. current"), Keys(keys), Cards(cards)]

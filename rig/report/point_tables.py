@@ -329,5 +329,5 @@ def _pooled(points: Sequence[RecordedPoint]) -> Blocks:
         "For all points combined, the signals show that the force lags the displacement by ",
         Strong(f"{number(1e3 * low_s, 3)} to {number(1e3 * high_s, 3)} ms"), " in addition to the declared delays.",
         *(stated if isinstance(stated, tuple) else (stated,)),
-        f" Corrected: {signed(corrected.alone)} ms; {PLUS_MINUS} {left_ms} ms remain, including in the fit.",
+        f" Correction: {signed(corrected.alone)} ms; its uncertainty, {PLUS_MINUS} {left_ms} ms, also affects the fit.",
     ))]  # fmt: skip

@@ -92,12 +92,12 @@ def test_a_bad_method_and_a_bad_model_fail_by_name(install: Install) -> None:
 def test_what_is_not_named_or_not_known_is_a_usage_error(tmp_path: Path) -> None:
     code, _, said = tried(tmp_path)
     assert code == 4
-    assert "name the object to test: --driver NAME, --model NAME or --method NAME" in said
+    assert "specify what to test: --driver NAME, --model NAME or --method NAME" in said
     code, _, said = tried(tmp_path, "--driver", "mine")
     assert code == 4
-    assert "--driver mine: unknown driver; known: " in said
+    assert "--driver mine: unknown driver; known drivers: " in said
     assert " actuator:demo, " in said
-    assert {"current source:demo", "frame16"} <= set(said.strip().partition("known: ")[2].split(", "))
+    assert {"current source:demo", "frame16"} <= set(said.strip().partition("known drivers: ")[2].split(", "))
 
 
 @pytest.mark.nightly

@@ -63,7 +63,7 @@ class CPrinter(Printer):
         """
         function = self.called_by(node)
         if function is not None and function.arity:
-            raise self.function.refused(node, "a tuple requires a name, `name = ...`")
+            raise self.function.refused(node, "a tuple must be assigned to a name (`name = ...`)")
         return super().call(node)
 
     def call_name(self, name: str) -> str:

@@ -91,7 +91,7 @@ class Function:
 
     def refused(self, node: ast.AST, what: str) -> NotTranslatable:
         """The error for what cannot be translated."""
-        return NotTranslatable(f"{self.name}, `{ast.unparse(node)}`: {what}; cannot be translated")
+        return NotTranslatable(f"{self.name}, `{ast.unparse(node)}` cannot be translated: {what}")
 
 
 def _python(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -176,9 +176,9 @@ class Library:
             return
         if isinstance(value, np.ndarray):
             if value.ndim > 2 or (value.ndim == 2 and value.shape[1] != COLUMNS):
-                raise function.refused(ast.Name(name), f"an array of the shape {value.shape}")
+                raise function.refused(ast.Name(name), f"an array of shape {value.shape} is not supported")
             self.arrays[name] = value
         elif callable(value):
             self._add(value)
         elif name in function.known and not isinstance(value, int | float | np.integer | np.floating):
-            raise function.refused(ast.Name(name), f"a {type(value).__name__}")
+            raise function.refused(ast.Name(name), f"a value of type {type(value).__name__} is not supported")

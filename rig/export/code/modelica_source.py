@@ -50,10 +50,10 @@ class ModelicaPrinter(Printer):
         """
         function = self.function
         if self.library.changes(function):
-            raise function.refused(ast.Name(function.name), "modifies an array argument")
+            raise function.refused(ast.Name(function.name), "the function modifies an array argument")
         loops = [node for node in ast.walk(function.tree) if isinstance(node, ast.For | ast.While)]
         if any(isinstance(node, ast.Return) for loop in loops for node in ast.walk(loop)):
-            raise function.refused(ast.Name(function.name), "returns inside a loop")
+            raise function.refused(ast.Name(function.name), "the function returns inside a loop")
         self.indent = 1
         self.block(_returning_last(function.body))
         changed = [name for name in function.parameters if name in function.assigned]

@@ -56,7 +56,7 @@ class OctavePrinter(Printer):
             NotTranslatable: it changes an array inside of an expression.
         """
         if self.library.changes(function):
-            raise self.function.refused(ast.Name(function.name), "modifies an array inside an expression")
+            raise self.function.refused(ast.Name(function.name), "the function modifies an array inside an expression")
         return super().called(function, arguments)
 
     def hoisted(self, node: ast.expr) -> str:

@@ -171,7 +171,7 @@ class Printer(ABC):
                 binds, sign = (AND, " && ") if isinstance(node.op, ast.And) else (OR, " || ")
                 return sign.join(self.text(value, COMPARED) for value in node.values), binds
             case _:
-                raise self.function.refused(node, type(node).__name__)
+                raise self.function.refused(node, f"{type(node).__name__} is not supported")
 
     def name(self, node: ast.Name) -> str:
         """A variable, or the value of a constant."""
@@ -181,7 +181,7 @@ class Printer(ABC):
         value = self.function.known.get(node.id)
         if isinstance(value, int | float | np.integer | np.floating):
             return f"({number(float(value))})" if value < 0 else number(float(value))
-        raise self.function.refused(node, "an unknown name")
+        raise self.function.refused(node, "unknown name")
 
     def attribute(self, node: ast.Attribute) -> str:
         """`math.inf`, or how long the state is."""
@@ -189,7 +189,7 @@ class Printer(ABC):
             return self.infinity
         if node.attr == "size" and isinstance(node.value, ast.Name) and node.value.id in self.arrays:
             return str(self.library.states)
-        raise self.function.refused(node, "an unknown attribute")
+        raise self.function.refused(node, "unknown attribute")
 
     def comparison(self, node: ast.Compare) -> tuple[str, int]:
         """One comparison, or a chain of them."""
@@ -197,7 +197,7 @@ class Printer(ABC):
         parts = []
         for left, operator, right in zip(sides, node.ops, sides[1:], strict=False):
             if type(operator) not in COMPARISONS:
-                raise self.function.refused(node, "an unknown comparison")
+                raise self.function.refused(node, "unknown comparison")
             sign = COMPARISONS[type(operator)].replace("!=", self.not_equal)
             parts.append(f"{self.text(left, 5)} {sign} {self.text(right, 5)}")
         return " && ".join(parts), COMPARED if len(parts) == 1 else AND
@@ -211,7 +211,7 @@ class Printer(ABC):
                 return f"{self.call_name(name)}({', '.join(self.text(argument) for argument in node.args)})"
             case ast.Name(id=name) if (function := self.library.function(self.function, name)) is not None:
                 return self.called(function, node.args)
-        raise self.function.refused(node, "an unknown function")
+        raise self.function.refused(node, "unknown function")
 
     # Statements
 
@@ -257,7 +257,7 @@ class Printer(ABC):
             case ast.Expr(value=ast.Constant()) | ast.Pass():
                 return
             case _:
-                raise self.function.refused(node, type(node).__name__)
+                raise self.function.refused(node, f"{type(node).__name__} is not supported")
 
     def condition(self, node: ast.If) -> None:
         """An `if` with all its branches."""
@@ -279,7 +279,7 @@ class Printer(ABC):
         if isinstance(target, ast.Name):
             self.arrays[target.id] = size
         elif not isinstance(target, ast.Tuple) or len(target.elts) != size:
-            raise self.function.refused(target, f"not unpacked into {size} names")
+            raise self.function.refused(target, f"the value must be assigned to one name or unpacked into {size} names")
         for k, part in enumerate(parts):
             place = self.part(self.named(target.id), k) if isinstance(target, ast.Name) else self.text(
                 _read(target.elts[k]))
@@ -302,7 +302,7 @@ class Printer(ABC):
             return [self.part(self.named(value.id), k) for k in range(size)]
         function = self.called_by(value)
         if function is None or not isinstance(value, ast.Call):
-            raise self.function.refused(value, "not a tuple")
+            raise self.function.refused(value, "expected a tuple")
         held = self.several(function, value.args)
         return [self.part(held, k) for k in range(size)]
 

@@ -12,8 +12,8 @@ BITS = dict(zip(QUANTITIES, (1, 2, 4, 8), strict=True))
 UNKNOWN = 16
 VARIABLES = dict(zip(QUANTITIES, ("u", "v", "current", "temperature"), strict=True))
 ABOUT = (
-    "0 inside the tested range; else the sum of 1 (u), 2 (v) and 4 (current) for the quantities outside it; 16: "
-    "unknown"
+    "0: inside the tested range; otherwise the sum of 1 (u), 2 (v) and 4 (current) for the quantities outside their "
+    "range; 16: range unknown"
 )
 
 

@@ -23,20 +23,20 @@ function opinion() {
   if (state.ended) return of_the_end(state.ended, connected() ? "" : " (The page has been closed; this is the final state of the campaign.)");
   if (stop_asked && !stop_asked.taken && !connected()) return ["bad", "✗", "STOP NOT SENT", "There is no connection to the rig. Stop the rig at the rig itself."];
   if (!connected()) return ["bad", "✗", "NO CONNECTION", run ? "The displayed values are out of date. Inspect the rig and, if necessary, stop it there." : "There is no connection to the rig. Inspect the rig and, if necessary, stop it there."];
-  if (!state.running && state.phase === undefined) return ["wait", "…", "WAITING", "for the campaign"];
+  if (!state.running && state.phase === undefined) return ["wait", "…", "WAITING", "waiting for the campaign"];
   if (!state.running) return ["bad", "✗", "NOT OK", "The rig software stopped unexpectedly (process killed or power failure). The station stops the rig. Inspect the rig."];
   if (state.phase === "stopping" || state.stopping || (stop_asked && stop_asked.taken)) return of_a_stop();
   if (stop_asked) return ["bad", "■", "STOP SENT", "not yet confirmed; be ready to stop the rig at the rig itself"];
   const late = devices_late(), invalid = points_that_are("invalid"), suspect = points_that_are("suspect");
   const todo = state.asked ? `; to do: ${question(state.asked)}` : state.held ? "; waiting for Start" : state.phase === "paused" ? "; paused: press Resume to continue" : "";
-  if (late.length) return ["bad", "✗", "NOT OK", `no fresh data from: ${late.join(", ")}${todo}`];
-  if (invalid.length) return ["bad", "✗", "NOT OK", `invalid: ${invalid.join(", ")}${todo}`];
-  const doubt = suspect.length ? `; suspect: ${suspect.join(", ")}` : "";
+  if (late.length) return ["bad", "✗", "NOT OK", `no new data from: ${late.join(", ")}${todo}`];
+  if (invalid.length) return ["bad", "✗", "NOT OK", `invalid points: ${invalid.join(", ")}${todo}`];
+  const doubt = suspect.length ? `; suspect points: ${suspect.join(", ")}` : "";
   if (state.asked) return ["wait", "?", "SET CURRENT", `${question(state.asked)}${doubt}`];
   if (state.held) return ["wait", "Ⅱ", "READY", "waiting for Start"];
   if (state.phase === "paused") return ["wait", "Ⅱ", "PAUSED", `press Resume to continue${doubt}`];
   const what = `${state.phase || ""}${state.paused ? "; the campaign will pause after this point" : ""}`;
-  if (suspect.length) return ["bad", "?", "CHECK", `suspect: ${suspect.join(", ")}; ${what}`];
+  if (suspect.length) return ["bad", "?", "CHECK", `suspect points: ${suspect.join(", ")}; ${what}`];
   return heard_of() ? ["good", "✓", "OK", what] : ["wait", "…", "STARTING", what];
 }
 

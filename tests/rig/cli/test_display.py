@@ -187,7 +187,7 @@ def test_a_point_that_the_operator_stopped_is_nobodys_fault() -> None:
             "off"))
         display.point_done(result("invalid", "ecu-silent: the point was stopped before it was complete"))
     first, second = text.getvalue().splitlines()
-    assert "not finished: stopped by operator" in first
+    assert "not finished: stopped by the operator" in first
     assert "amplitude" not in first
     assert "ecu-silent" in second
 

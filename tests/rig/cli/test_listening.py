@@ -123,7 +123,7 @@ def test_a_log_of_a_bus_is_shown_by_identifiers_and_decoded_by_a_network_file(
     assert temperature["period_ms"] == pytest.approx(100.0)
     code, told = run(capsys, str(path))
     assert "7FF" in told
-    assert "bytes 0 change" in told
+    assert "changing bytes: 0" in told
 
 
 def test_a_port_that_is_not_there_is_said(capsys: pytest.CaptureFixture[str]) -> None:

@@ -81,7 +81,7 @@ def test_a_long_plan_is_shown_by_groups_with_its_hours(width: int, long_plan: Pl
     assert f"within limits: {5000 - bad} points, 2 to 40 mm, 0.1 to 5 Hz, 0 to 2 A" in text
     for group in {item.causes[0].slug for item in long_plan.points if item.causes}:
         assert f"outside limits ({group}" in text
-    assert "rows shown; use --all for all rows, --json for data" in text
+    assert "rows shown; use --all to show all rows, or --json for the data" in text
 
 
 def test_with_all_every_row_and_every_reason_is_shown(long_plan: Plan) -> None:

@@ -183,7 +183,7 @@ def test_a_run_and_itself_or_its_copy_have_no_change_that_could_pass(made_run: M
         compared = compare([first, later], bands('[[energy]]\nmost_change = "15 %"\n'))
         (result,) = judged(compared).results
         assert str(result.state) == "missing"
-        assert result.why == "this is the first run itself: identical data cannot show a change"
+        assert result.why == "this is the first run: identical data cannot show a change"
         assert any("specified more than once" in remark for remark in compared.remarks)
 
 

@@ -105,7 +105,7 @@ def test_a_method_without_populations_has_no_use_for_a_scheduler(
     run_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["identify", str(run_folder), "--scheduler", "tcp://127.0.0.1:1"]) == 2
-    assert "separable evaluates no populations" in capsys.readouterr().err
+    assert "separable does not evaluate populations" in capsys.readouterr().err
 
 
 @pytest.mark.nightly
