@@ -25,7 +25,7 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
         "rig check my-bench.toml --prove        (moves the rod by 2 mm)",
         "rig check my-bench.toml --simulate     (on a simulated rig with these devices)",
         "rig check --simulate -- --fault register-layout",
-        "rig check --listen /dev/ttyUSB0        (what does this sensor send?)",
+        "rig check --listen /dev/ttyUSB0        (show what a sensor sends)",
         "rig check --listen socketcan:can0 --dbc my-ecu.dbc",
     ),
 )
@@ -118,7 +118,7 @@ def _check_usage(bench: Path | None, simulator_args: tuple[str, ...], *, simulat
         UsageError: with what to write instead.
     """
     if bench is None and not simulate:
-        raise click.UsageError("no bench specified. Fix: rig check BENCH, or rig check --simulate, or rig check "
+        raise click.UsageError("no bench specified. Fix: run rig check BENCH, rig check --simulate, or rig check "
             "--listen "
             "PORT")
     if simulator_args and not simulate:

@@ -74,7 +74,7 @@ def listen(source: str | None, options: Mapping[str, Any], *, as_json: bool) -> 
     options = {**options, **{name: value for name, value in DEFAULTS.items() if options[name] is None}}
     captured = options["captured"]
     if source is None and captured is None:
-        raise click.UsageError("no source specified. Fix: rig check --listen PORT, or a file of captured bytes")
+        raise click.UsageError("no source specified. Fix: run rig check --listen with a port or a file of bytes")
     if source is not None and captured is not None:
         raise click.UsageError(f"specify either a port or a file of captured bytes, not both {source} and {captured}")
     if captured is None and source is not None and Path(source).is_file():
@@ -272,12 +272,12 @@ def _words(answer: Mapping[str, Any]) -> list[str]:
         lines.append("rates tried: " + ", ".join(str(one["baudrate"]) for one in answer["tried_rates"]))
     if not answer["bytes"]:
         return [*lines, "nothing received. Fix: check the port and that the device is on. A device that "
-            "only answers requests is silent because no requests are sent; its format requires a request"]  # fmt: skip
+            "must be polled stays silent because no requests are sent; its format must define the request"]  # fmt: skip
     if "format" not in answer:
         return [*lines, f"no format matches; the data start with {answer['start']}",
                 "Fix: use --baud and --parity as set on the device, listen longer (--seconds 5), or "
                 "write a format (see docs/how-to/add-a-sensor-format.md)"]  # fmt: skip
-    verdict = "" if answer["found"] else "  (too few to be certain)"
+    verdict = "" if answer["found"] else "  (too few readings to be certain)"
     rate = f", {answer['rate_Hz']:.4g} per second" if answer["rate_Hz"] else ""
     lines.append(
         f"format {answer['format']}: {answer['matched_bytes']} of {answer['bytes']} bytes are {answer['readings']} "

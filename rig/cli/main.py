@@ -88,7 +88,7 @@ EXIT_CODES = (
     ("5", "finished, but some points are not valid"),
     ("6", "identification failed"),
     ("7", "rig state unknown: inspect the rig before continuing"),
-    ("8", "not within the acceptance bands"),
+    ("8", "acceptance bands not met"),
 )
 
 MOVING = frozenset({"run", "demo", "hybrid"})

@@ -226,7 +226,7 @@ def _matrix_path(matrix: Path | None, resume: Path | None) -> Path:
     if matrix is not None:
         return matrix
     if resume is None:
-        raise click.UsageError("no matrix specified. Fix: rig run MATRIX --bench FILE, or rig run --resume RUN")
+        raise click.UsageError("no matrix specified. Fix: use rig run MATRIX --bench FILE or rig run --resume RUN")
     from rig.campaign.setup import described
 
     described(resume)

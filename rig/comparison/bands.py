@@ -26,7 +26,7 @@ class Band(Section):
     low: float | None = None
     high: float | None = None
     most_change: Change | None = Field(
-        default=None, description="change of every later run relative to the first, in both directions"
+        default=None, description="largest permitted change relative to the first run, in either direction"
     )
     note: str = Field(default="", max_length=200, description="text shown next to the result")
 
@@ -46,7 +46,7 @@ class Band(Section):
 class LoopBand(Band):
     """A band of what loops show; of the keys that choose loops every one that is given must hold."""
 
-    point: str | None = Field(default=None, min_length=1, max_length=80, description="ID of a point")
+    point: str | None = Field(default=None, min_length=1, max_length=80, description="ID of the point")
     waveform: str | None = Field(default=None, min_length=1, max_length=40)
     amplitude_m: Annotated[float, Quantity("length", "0 mm", "1 m", above=True)] | None = Field(
         default=None, alias="amplitude"

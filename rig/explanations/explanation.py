@@ -13,22 +13,22 @@ from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, FaultRow, StopKind
 
 DONE = {
-    StopKind.FADE_OUT: "Stopped (S2): the coil went to 0 A immediately; the controller ramped the motion down and "
-        "holds the position.",
-    StopKind.HALT: "Stopped (SO), because the position is no longer trusted: the coil went to 0 A immediately; "
-        "the controller halted without using its position.",
-    StopKind.PRESSURE_OFF: "Stopped (S1): the coil went to 0 A immediately; the controller ramped the motion down; "
-        "then the pressure was switched off.",
-    Ending.WARN: "Flagged and recorded; the campaign continues.",
+    StopKind.FADE_OUT: "The rig is stopped (S2): the coil goes to 0 A immediately; the controller ramps the motion "
+        "down and holds the position.",
+    StopKind.HALT: "The rig is stopped (SO) because the position is no longer trusted: the coil goes to 0 A "
+        "immediately; the controller halts without using its position.",
+    StopKind.PRESSURE_OFF: "The rig is stopped (S1): the coil goes to 0 A immediately; the controller ramps the motion "
+        "down; then the pressure is switched off.",
+    Ending.WARN: "The event is flagged and recorded; the campaign continues.",
     Ending.INVALID: "The current point is invalid; the campaign continues and repeats the point if [campaign] "
         "retries allows it.",
     Ending.REFUSE: "The request was refused; nothing moved.",
 }
 """What follows from how a fault ends."""
-HALTED = "Stopped (S2): the coil went to 0 A immediately; the controller's halt ramp ended the motion."
+HALTED = "The rig is stopped (S2): the coil goes to 0 A immediately; the controller's halt ramp ends the motion."
 """... where a hard limit was hit."""
-STAYS = "A single occurrence is only flagged. If the fault persists: "
-KEPT = " Data recorded until then are kept; the current point is invalid."
+STAYS = "A single occurrence is only flagged. If the fault persists, "
+KEPT = " Data recorded before the stop are kept; the current point is invalid."
 
 RESUME = {
     "a": "Continue with `rig run --resume RUN`; with [campaign] retries the point is repeated automatically.",

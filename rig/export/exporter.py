@@ -161,11 +161,11 @@ OWN = (
     Exporter("netcdf", "run", "one NetCDF file per point", lambda source, out: write_netcdf(source.run, out)),
     Exporter("parquet", "run", "one Parquet file per point", lambda source, out: write_parquet(source.run, out)),
     Exporter("mf4", "run", "one ASAM MDF 4 file per point", lambda source, out: write_mf4(source.run, out)),
-    Exporter("svg", "run", "the report's figures, one SVG file each", lambda source, out: write_figures(
+    Exporter("svg", "run", "one SVG file per figure of the report", lambda source, out: write_figures(
         source.run, out, ".svg")),
-    Exporter("png", "run", "the report's figures, one PNG file each", lambda source, out: write_figures(
+    Exporter("png", "run", "one PNG file per figure of the report", lambda source, out: write_figures(
         source.run, out, ".png")),
-    Exporter("json", "fit", "the parameters with units and intervals, without the rest of fit.json", lambda
+    Exporter("json", "fit", "only the parameters, with units and intervals", lambda
              source, out: [write_values(source.fit_record, out / f"{source.name}-parameters.json")]),
     Exporter("c", "fit", "the model as C99 source, verified against this software's model", _write_c),
     Exporter("fmi", "fit", "the model as an FMU 2.0 for co-simulation, with sources", _write_fmu),

@@ -82,7 +82,7 @@ class PageSettings:
         if host in WILDCARDS or "/" in self.address or (self.address.count(":") > 1 and not host.startswith("[")):
             problems.append(
                 f"page address {self.address!r}: got a wildcard or no name, expected the name or address that browsers "
-                "open, such as rig-pc.lab.example:8443 or [fd00::2]:8443"
+                "use, such as rig-pc.lab.example:8443 or [fd00::2]:8443"
             )
         elif not is_loopback(host) and not (self.cert and self.key):
             problems.append(

@@ -141,7 +141,7 @@ def _temperature(point: RecordedPoint) -> Iterator[Channel]:
         change_K = UNIFORM * (high_degC - low_degC)
         yield Channel("Coil temperature", "degC", high_degC, (
             Share("calibration", NOT_STATED, "the ECU"),
-            Share("change during the point", change_K, "from lowest to highest"),
+            Share("change during the point", change_K, "highest minus lowest value"),
         ))
 
 

@@ -81,7 +81,7 @@ def _facts(compared: Comparison) -> Facts:
             summary = compared.summary(len(compared.runs) - 1, quantity.key)
             if summary is not None and math.isfinite(summary.median_percent):
                 middle = f"{number(summary.median_percent, 3)} %"
-                facts.append(Fact(middle, f"{quantity.title.lower()}: median change, last run relative to first"))
+                facts.append(Fact(middle, f"{quantity.title.lower()}: median change, last run relative to first run"))
     return Facts(tuple(facts))
 
 

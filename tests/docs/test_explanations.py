@@ -170,7 +170,7 @@ def test_an_explanation_says_what_it_means_what_was_done_and_what_to_look_at(slu
 
 def test_a_stop_of_the_matrix_says_how_the_rig_was_stopped_and_how_to_go_on() -> None:
     broken_coil, frozen = explained("coil-open-short"), explained("actuator-frozen")
-    assert "the coil went to 0 A" in broken_coil.done
+    assert "the coil goes to 0 A" in broken_coil.done
     assert "--requalified" in broken_coil.resume
     assert "without using its position" in frozen.done
     assert (broken_coil.exit_code, explained("not-tared").exit_code, explained("config-absurd").exit_code) == (4, 3, 2)

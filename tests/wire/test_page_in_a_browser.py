@@ -173,7 +173,8 @@ def command_by_keyboard(beside: Beside, page: Page) -> None:
     assert page.evaluate(FOCUS)[0] == "sample-gap", "back to where it was"
     beside.link.ask_current(0.5)
     why = "document.getElementById('why').textContent"
-    page.wait_for_function(f"{why} === 'invalid points: p003; to do: set the supply to 0.50 A, then confirm'", timeout=WAIT_MS)
+    said = "invalid points: p003; to do: set the supply to 0.50 A, then confirm"
+    page.wait_for_function(f"{why} === '{said}'", timeout=WAIT_MS)
     tabbed_to(page, "set", "Shift+Tab")
     page.keyboard.press("Enter")
     end_s = time.monotonic() + 60.0
