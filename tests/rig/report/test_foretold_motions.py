@@ -39,7 +39,7 @@ def test_every_motion_and_current_has_its_error_and_what_lies_beyond_is_marked_a
         ["5 mm 4 Hz", "–", "9*", "9"],
     ]
     assert "5 mm 1 A (velocity)" in html
-    assert "6.17 % without the 1 of 4 outside the fitted data" in html
+    assert "6.17 % without the 1 of 4 tests outside the fitted data" in html
 
 
 def test_a_fit_that_foretold_nothing_says_nothing() -> None:

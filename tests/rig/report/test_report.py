@@ -171,7 +171,7 @@ def test_unseen_tests_beyond_the_fitted_data_are_marked_with_what_lay_beyond(run
         score | {"model": "bingham", "holdout_nrmse_percent_of_peak": 66.6, "within_nrmse_percent_of_peak": 4.32},
     ]
     page = written(run, fit)
-    assert "error on validation tests; 3.21 % without the 1 of 2 outside the fitted data" in page
+    assert "error on validation tests; 3.21 % without the 1 of 2 tests outside the fitted data" in page
     assert "validation, outside the fitted data: current, velocity" in page
     assert "Validation tests outside the fitted data (extrapolated): p002 (current)." in page
     assert "Excluding extrapolated tests" in page
