@@ -118,7 +118,7 @@ def test_a_held_out_test_says_in_what_it_lies_beyond_the_fitted_ones(make_synthe
     entry = fit.to_json()["error"]
     assert [test.get("beyond") for test in entry["holdout"]["per_test"]] == [[], ["current_A"]]
     assert all("beyond" not in test for test in entry["per_test"])
-    assert "% without the 1 of 2 outside the fitted data" in shown(fit)
+    assert "% without the 1 of 2 tests outside the fitted data" in shown(fit)
     written = tmp_path / "fit.json"
     written.write_text(json.dumps(fit.to_json()))
     assert Fit.load(written).holdout == fit.holdout
@@ -147,7 +147,7 @@ def test_each_pair_foretold_says_where_it_lay_beyond_the_others(make_synthetic: 
     assert beyond == {0.5: (), 1.0: (), 2.0: ("velocity_m_s",)}
     within = [test.nrmse_percent_of_peak for test in fit.unseen.per_test if test.frequency_Hz < 2.0]
     assert fit.unseen.within_nrmse_percent_of_peak == pytest.approx(np.mean(within))
-    assert "without the 3 of 9 outside the fitted data" in shown(fit)
+    assert "without the 3 of 9 tests outside the fitted data" in shown(fit)
     written = tmp_path / "fit.json"
     written.write_text(json.dumps(fit.to_json()))
     assert Fit.load(written).unseen == fit.unseen

@@ -117,4 +117,4 @@ def test_a_scheduler_that_does_not_answer_is_named(
         taken.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
         assert main(["study", str(small_study), "--out", str(tmp_path / "out"), "--scheduler", address]) == 2
-    assert f"Dask scheduler {address} within 1 s" in capsys.readouterr().err
+    assert f"Dask scheduler {address}: no answer within 1 s" in capsys.readouterr().err
