@@ -90,7 +90,7 @@ class CampaignFolder:
         if self.points.is_symlink():
             raise FileProblem(str(self.points), ["is a symbolic link; files are written only into a real folder"])
         if not self.points.is_dir():
-            raise FileProblem(str(self.path), ["this is not a campaign folder: it contains no folder points/"])
+            raise FileProblem(str(self.path), ["this is not a campaign folder: it does not contain a points/ folder"])
         return self.points
 
     def session_bench(self, session: int) -> Path:

@@ -178,7 +178,7 @@ def _open(path: Path) -> int:
     status = os.fstat(descriptor)
     if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
         os.close(descriptor)
-        raise OSError("expected a regular file without further hard links")
+        raise OSError("expected a regular file with only one hard link")
     return descriptor
 
 

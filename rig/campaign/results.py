@@ -210,10 +210,10 @@ class StopReport:
         if self.pressure_off:
             return "hydraulics off"
         others = {
-            "none": "actuator holds (no hydraulics to switch off)",
-            "unknown": "HYDRAULICS NOT CONFIRMED OFF (in this state, for example after a trip, the controller does not "
-            "report whether it has pressure. Fix: inspect and reset the controller, or define [pressure] in its "
-            "register map)",
+            "none": "actuator holds its position (no hydraulics to switch off)",
+            "unknown": "HYDRAULICS NOT CONFIRMED OFF: in this state, for example after a trip, the controller does not "
+            "report whether it has pressure; inspect and reset the controller, or define [pressure] in its register "
+            "map",
         }
         return others.get(self.pressure, "HYDRAULICS STILL ON")
 

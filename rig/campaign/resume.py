@@ -30,7 +30,7 @@ SLOWEST, FASTEST = 0.01, 1000.0
 """Speeds of a simulated rig."""
 SET_ASIDE = -1
 """Of files that were set aside: after any other, whatever their verdict."""
-NOT_OURS = "not in the format of campaign files. Fix: repair the file or start a new campaign"
+NOT_OURS = "the entry does not have the format of campaign files. Fix: repair the file or start a new campaign"
 
 
 def as_before(folder: Path, options: CampaignOptions) -> CampaignOptions:
@@ -208,7 +208,7 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
             ends_degC = (recorded.quality.coil_low_degC, recorded.quality.coil_high_degC)
             rank = SET_ASIDE if aside else RANKS.index(recorded.verdict), not recorded.kept_apart, attempt
         except (TypeError, ValueError) as error:
-            problems.append(f"{place.name}/{file.name}: not in the format of campaign files: {error}")
+            problems.append(f"{place.name}/{file.name}: the entry does not have the format of campaign files: {error}")
             continue
         attempts[name] = max(attempts.get(name, 0), attempt)
         if damaged := () if aside or recorded.verdict == INVALID else _damage(file):

@@ -188,7 +188,7 @@ class Reports:
                 self.add(sensor.label, say("calibration-overdue", f"the calibration was due on {due}"))
             elif due is None:
                 self.add(sensor.label, note("calibration-unknown", "the bench file does not state the due date of "
-                    "its calibration"))
+                    "this sensor's calibration"))
 
     def host(self, ready: Mapping[str, Any], late_loops: int, worst_s: float) -> None:
         """Judge this machine: real-time rights, and whether the station was kept from running."""

@@ -21,7 +21,7 @@ ROWS = (
         slug="ecu-late", fault="Status late or duplicated",
         where="wire", place="ecu", detected_by="counter difference, age",
         limit_s=0.03, reaction="W→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
-        code=7, detector="ECU status frames were repeated or sent instead of new ones; a single one causes a warning",
+        code=7, detector="ECU status frames were repeated or outdated; a single one causes a warning",
     ),
     FaultRow(
         slug="ecu-crc", fault="Wrong counter or CRC",

@@ -34,9 +34,9 @@ ROWS = (
     ),
     FaultRow(
         slug="host-late", fault="Computer too busy: monitoring paused",
-        where="process", place="starvation", detected_by="threads that wait too long, no data from any device",
+        where="process", place="starvation", detected_by="threads waiting too long, or no data from any device",
         limit_s=0.05, reaction="W→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
-        code=54, detector="the station did not run, or received no data from any device, for longer than allowed",
+        code=54, detector="the station was paused, or received no data from any device, for longer than allowed",
     ),
     FaultRow(
         slug="host-suspend", fault="Computer suspended",
@@ -78,7 +78,7 @@ ROWS = (
     ),
     FaultRow(
         slug="config-absurd", fault="Implausible limits, wrong units",
-        where="process", place="file", detected_by="units with types, envelope of the rig",
+        where="process", place="file", detected_by="check of units, envelope of the rig",
         occasion="load", reaction="R", end=Ending.REFUSE, disk="N", resume="c",
     ),
     FaultRow(

@@ -181,5 +181,5 @@ def hybrid_order(given: object, config: StationConfig) -> HybridOrder:
         ),
         Extent("current", "A", order.control.range_A[1], limits.current_A),
     )
-    refuse_beyond(extents, "the bounds of a hybrid test exceed", ROUNDING)
+    refuse_beyond(extents, "the bounds of a hybrid test", ROUNDING)
     return order

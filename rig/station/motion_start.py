@@ -96,7 +96,7 @@ def refuse_beyond(extents: Sequence[Extent], what: str, rounding: float) -> None
         if not extent.value <= extent.limit * (1.0 + rounding)
     ]
     if wide:
-        raise StationRefused("matrix-infeasible", f"start: {what} the machine's limits: {'; '.join(wide)}")
+        raise StationRefused("matrix-infeasible", f"start: the machine's limits do not allow {what}: {'; '.join(wide)}")
 
 
 def travel_extents(reached: Reach, limits: Limits) -> tuple[Extent, Extent]:
@@ -205,7 +205,7 @@ def refuse_without_travel(program: Program, table_m: Sequence[float], config: St
     )  # fmt: skip
     reached, centre_m = reach(cycles.path(), config.actuator.halt_deceleration_m_s2), program.centre_m
     whole = Reach(centre_m + reached.low_m, centre_m + reached.high_m)
-    refuse_beyond(travel_extents(whole, config.limits), "the motion exceeds", ROUNDING)
+    refuse_beyond(travel_extents(whole, config.limits), "the motion", ROUNDING)
 
 
 def _unit_cycle(waveform: Waveform, table_m: Sequence[float]) -> list[tuple[float, float]]:

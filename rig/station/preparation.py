@@ -134,7 +134,7 @@ class Preparation:
             if status.fault_bits != FaultBit.WATCHDOG:
                 bits = FaultBit(status.fault_bits).name
                 raise StationRefused("controller-trip", f"arm: the controller is tripped ({bits}); find the cause, "
-                    "then reset it")
+                    "then reset the controller")
             self._commands.command(Command.RESET)
             self._commands.await_status(
                 lambda answer: answer.state != State.TRIPPED, "controller-trip", "the controller remains tripped"
@@ -213,7 +213,7 @@ class Preparation:
         current_A = coil.fresh_current_A
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
             slug = "current-stuck" if self._devices.config.ecu.url is None else "supply-not-zero"
-            raise StationRefused(slug, f"arm: measured current {current_A} A at 0 A commanded")
+            raise StationRefused(slug, f"arm: measured current {current_A} A, commanded 0 A")
         return current_A
 
     def prove_commands(self) -> None:
@@ -235,8 +235,8 @@ class Preparation:
                 "check the protection of the command message (profile, E2E data ID, counter) and the DBC file",
             )
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
-            raise StationRefused("current-stuck", f"arm: measured current {current_A} A after {asked_A:g} A was "
-                "confirmed")
+            raise StationRefused("current-stuck", f"arm: measured current {current_A} A after the test with "
+                f"{asked_A:g} A, expected 0 A")
 
     def starve_watchdog(self) -> float | None:
         """Stop feeding, see the controller trip, reset it: proves that a dead host stops the rig.
@@ -309,5 +309,6 @@ class Preparation:
             return
         self._commands.command(Command.RESET)
         self._commands.await_status(
-            lambda status: not status.tripped, "controller-trip", "the final trip of the watchdog cannot be reset"
+            lambda status: not status.tripped, "controller-trip", "the watchdog trip at the end of the session cannot "
+                "be reset"
         )

@@ -114,7 +114,8 @@ class Requests:
         """
         handler = self._table.get(do)
         if handler is None:
-            raise StationRefused("bad-request", f"unknown request {do!r}; known: {', '.join(self._table)}, shutdown")
+            raise StationRefused("bad-request", f"unknown request {do!r}; known requests: {', '.join(self._table)}, "
+                "shutdown")
         if not self._connected and do not in BEFORE:
             raise StationRefused("not-connected", f"{do}: connect first")
         try:
@@ -191,7 +192,7 @@ class Requests:
             "on": (Command.HYDRAULICS_ON, lambda status: status.state == State.HOLD),
         }
         if level not in choices:
-            raise StationRefused("bad-request", f"hydraulics: level {level!r} is not one of off, low, on")
+            raise StationRefused("bad-request", f"hydraulics: got level {level!r}, expected off, low or on")
         if level != "off":
             self._require_motion("hydraulics")
         self._await_rest("hydraulics")
@@ -227,7 +228,7 @@ class Requests:
         speed_m_s = number(arguments, "speed_m_s", 0.0, limits.speed_m_s)
         deceleration = self._config.actuator.halt_deceleration_m_s2
         ends_m = [halted_m(target_m, way * speed_m_s, deceleration) for way in (-1.0, 1.0)]
-        refuse_beyond(travel_extents(Reach(min(ends_m), max(ends_m)), limits), "a halt of the move exceeds", ROUNDING)
+        refuse_beyond(travel_extents(Reach(min(ends_m), max(ends_m)), limits), "a halt of the move", ROUNDING)
         self._supervisor.movement = Movement(fade_s=speed_m_s / deceleration + SPEED_WINDOW_S)
         status = self._commands.command(Command.MOVE_TO, Move(target_m, speed_m_s))
         return {"state": state_name(status.state)}
@@ -254,7 +255,7 @@ class Requests:
     def _stop(self, arguments: Arguments) -> Answer:
         kind = arguments.get("kind", StopKind.FADE_OUT)
         if kind not in set(StopKind):
-            raise StationRefused("bad-request", f"stop: kind {kind!r} is not one of S2, S1, SO")
+            raise StationRefused("bad-request", f"stop: got kind {kind!r}, expected S2, S1 or SO")
         supervisor = self._supervisor
         reason = str(arguments.get("reason", "operator"))
         supervisor.ask_stop(StopKind(str(kind)), reason, str(arguments.get("detail", "requested by the application")))
@@ -387,4 +388,4 @@ class Requests:
 
 def _not_proved(stop: SafeStop | None) -> str:
     """What a stop that did not end safe could not prove."""
-    return "standstill" if stop is None or not stop.standstill else "0 A or hydraulics off"
+    return "standstill" if stop is None or not stop.standstill else "the state (0 A, hydraulics off)"

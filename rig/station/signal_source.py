@@ -74,12 +74,12 @@ class SignalOrder:
         numbers = array("f")
         count, rest = divmod(len(content), 2 * numbers.itemsize)
         if rest or not (2 <= count <= MOST_SAMPLES and 0.0 < step_s <= LARGEST_STEP_S):
-            raise ValueError(f"{len(content)} bytes of samples every {step_s:g} s")
+            raise ValueError(f"{len(content)} bytes of samples at intervals of {step_s:g} s are not valid")
         numbers.frombytes(content)
         if sys.byteorder == "big":
             numbers.byteswap()
         if not (math.isfinite(centre_m) and all(map(math.isfinite, numbers))):
-            raise ValueError("some samples or the centre are not finite numbers")
+            raise ValueError("the samples or the centre contain values that are not finite")
         return cls(step_s, numbers[:count], numbers[count:], centre_m)
 
     def at(self, elapsed_s: float) -> Setpoint:
@@ -170,5 +170,5 @@ def signal_order(given: object, limits: Limits, halt_deceleration_m_s2: float) -
         Extent("distance from the centre at start or end", "m", max(abs(positions[0]), abs(positions[-1])), REST_M),
         Extent("speed at start or end", "m/s", max(abs(speeds[0]), abs(speeds[-1])), REST_M_S),
     )
-    refuse_beyond(extents, "a signal exceeds", ROUNDING)
+    refuse_beyond(extents, "a signal", ROUNDING)
     return order

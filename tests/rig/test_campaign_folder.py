@@ -35,7 +35,7 @@ def test_files_of_further_sessions_and_earlier_fits_have_names_of_their_own(tmp_
 
 def test_points_are_written_into_a_real_folder_only(tmp_path: Path) -> None:
     folder = CampaignFolder(tmp_path)
-    with pytest.raises(FileProblem, match="contains no folder points/"):
+    with pytest.raises(FileProblem, match="does not contain a points/ folder"):
         _ = folder.written_points
     folder.points.symlink_to(tmp_path)
     with pytest.raises(FileProblem, match="symbolic link"):

@@ -169,7 +169,7 @@ def test_an_operators_stop_is_told_as_one_with_the_way_to_go_on() -> None:
         ({"pressure_off": False}, "HYDRAULICS STILL ON"),
         ({"proved": False}, "standstill is not confirmed, coil at 0 A, hydraulics off"),
         ({"pressure_off": False, "pressure": "unknown"}, "HYDRAULICS NOT CONFIRMED OFF"),
-        ({"pressure_off": False, "pressure": "none"}, "actuator holds (no hydraulics to switch off)"),
+        ({"pressure_off": False, "pressure": "none"}, "actuator holds its position (no hydraulics to switch off)"),
         ({"moved": False, "pressure_off": False, "pressure": "on"}, "no motion had started, HYDRAULICS STILL ON"),
         ({"unfinished": ""}, "All points were run"),
         ({"slug": "estop", "resume": "n"}, '--requalified "WHAT WAS CHECKED"'),

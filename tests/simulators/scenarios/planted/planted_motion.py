@@ -31,7 +31,7 @@ MOTION: dict[str, tuple[Edit, ...]] = {
         ),
         Edit(
             "rig/station/motion_start.py",
-            '    refuse_beyond(travel_extents(whole, config.limits), "the motion exceeds", ROUNDING)\n', "    pass\n",
+            '    refuse_beyond(travel_extents(whole, config.limits), "the motion", ROUNDING)\n', "    pass\n",
         ),
     ),
     # Streamed set-points
