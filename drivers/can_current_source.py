@@ -133,9 +133,9 @@ class CanCurrentSource:
         faults = "; ".join(text for role, text in signals.items() if role.startswith(FAULTS))
         wires = {channel: f"value = {signals[role]}" for role, channel in _CHANNELS.items() if role in signals}
         if STATE in signals:
-            wires[Channel.ECU_STATE] = f"value = meaning, according to the roles file, of {signals[STATE]}"
+            wires[Channel.ECU_STATE] = f"value = meaning of {signals[STATE]} according to the roles file"
         if faults:
-            wires[Channel.ECU_FAULTS] = f"value = meaning, according to the roles file, of {faults}"
+            wires[Channel.ECU_FAULTS] = f"value = meaning of {faults} according to the roles file"
         return {channel: ChannelOrigin("ecu", wire, LONG_NAMES.get(channel, "")) for channel, wire in wires.items()}
 
     @property

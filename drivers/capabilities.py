@@ -77,12 +77,12 @@ class Capabilities:
         without = {
             "watchdog": (
                 self.watchdog is not WatchdogKind.NONE,
-                "the actuator does not detect a failure of the host; only the coil goes to 0 A, after the time-out "
-                "of its current source",
+                "the actuator does not detect a failure of the host; only the coil current is set to 0 A, after "
+                "the time-out of the current source",
             ),
             "hydraulics": (self.hydraulics, "the pressure cannot be switched off from this host; after a stop the "
                 "actuator holds its position"),
-            "lease": (self.lease, "commands from another host are not refused; do not connect a second host"),
+            "lease": (self.lease, "commands from another host are not rejected; do not connect a second host"),
             "acknowledge": (
                 self.acknowledge, "commands are not acknowledged; a stop is confirmed only by standstill"
             ),

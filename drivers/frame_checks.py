@@ -140,12 +140,15 @@ class FrameChecks:
                 return "ecu-crc", f"every frame of {name} has a counter outside its range ({protection.profile})"
             slug = "ecu-crc"
             if len(set(differences)) == 1 and protection.data_id >= 0:
-                wrong = f"wrong by the same bits every time (0x{differences[-1]:02X}): its E2E data ID differs"
+                wrong = f"the same bits are wrong every time (0x{differences[-1]:02X}), so the E2E data ID differs"
                 slug = "e2e-data-id"
                 fitting = self._fitting(key & ~EXTENDED, protection, tuple(self._bad[name]))
-                return slug, f"{said}, {wrong}{fitting}. Fix: write the correct data_id under [protection.{name}]"
-            fix = f"check profile, E2E data ID and signals under [protection.{name}], and that the DBC is this ECU's"
-            return slug, f"{said}, wrong in different bits every time; {fix}"
+                return slug, f"{said}; {wrong}{fitting}. Fix: write the correct data_id under [protection.{name}]"
+            fix = (
+                f"check the profile, the E2E data ID and the signals under [protection.{name}], and that the DBC file "
+                "belongs to this ECU"
+            )
+            return slug, f"{said}; different bits are wrong every time. Fix: {fix}"
         return "", ""
 
     def _fitting(self, identifier: int, protection: Protection, frames: tuple[bytes, ...]) -> str:
@@ -158,12 +161,12 @@ class FrameChecks:
             return ""
         fitting = protection.fitting_ids(frames)
         if not fitting:
-            return "; no data ID matches them"
+            return "; no data ID matches the frames"
         others = [item.protection.data_id for item in self._description.heard.values()]
         others += [item.protection.data_id for item in self._description.sent]
         nearest = sorted(fitting, key=lambda number: abs(number - protection.data_id))
         likely = dict.fromkeys((identifier, int(str(protection.data_id), 16), *others, *nearest))
         named = [f"0x{number:X} ({number})" for number in likely if number in set(fitting)][:MOST_NAMED]
         if len(fitting) == 1:
-            return f"; data ID {named[0]} matches them"
-        return f"; {len(fitting)} of {protection.ids} data IDs match them, most likely first: {', '.join(named)}"
+            return f"; data ID {named[0]} matches the frames"
+        return f"; {len(fitting)} of {protection.ids} data IDs match the frames, most likely first: {', '.join(named)}"

@@ -23,7 +23,7 @@ _LACKING = (
     ("switch", "a stop cannot switch the current off: the motion stops, the pressure is switched off, and the "
         "operator is asked to set 0 A; force, stroke, speed and position are monitored as usual"),
     ("coil-temperature", "the coil's temperature is not measured: its limit is not monitored, and temperature "
-        "windows are refused"),
+        "windows are rejected"),
 )  # fmt: skip
 
 
@@ -56,7 +56,7 @@ class ManualCurrentSource(ToldSource):
         """Nothing is measured: what the operator confirmed."""
         stated = ChannelOrigin(
             "operator", "value confirmed by the operator; not measured",
-            "Coil current set manually, as the operator confirmed it; not measured",
+            "Coil current set manually and confirmed by the operator; not measured",
         )
         derived = ChannelOrigin("station", "value = derived from the operator's confirmation; not reported by any "
             "device")

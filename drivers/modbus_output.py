@@ -292,7 +292,7 @@ class ModbusOutput(PolledSource):
             if not same(values[name], wanted, quantities[name].step)
         ]
         if text not in said:
-            wrong.append(f"identification: got {said!r:.100}, expected a text with {text!r}")
+            wrong.append(f"identification: got {said!r:.100}, expected text that contains {text!r}")
         self._problem = "; ".join(wrong)
         self.identity = SourceIdentity(shown["serial_number"], shown["firmware"], 0)
 

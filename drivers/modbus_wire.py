@@ -87,7 +87,7 @@ class TcpWire:
         try:
             connection = socket.create_connection((host, port), timeout=timeout_s)
         except OSError as error:
-            message = f"refused, or cannot connect within {timeout_s:g} s: {error}"
+            message = f"connection refused, or not established within {timeout_s:g} s: {error}"
             raise PortClosed(self.device, self.url, message) from error
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket = connection
@@ -166,7 +166,8 @@ class TcpWire:
                     raise NoAnswer(self.device, self.url, text)
                 continue
             if unit != self._unit:
-                raise OtherAnswer(self.device, self.url, f"request to unit {self._unit}, answer from unit {unit}")
+                raise OtherAnswer(self.device, self.url, f"the request was sent to unit {self._unit}, but unit "
+                    f"{unit} answered")
             return pdu
         return None
 
@@ -244,12 +245,13 @@ class RtuWire:
             unit, answer = modbus.decode_rtu(frame)
         except PortClosed as error:
             self.close()
-            raise LinkLost(self.device, self.url, f"the port was lost: {error}") from error
+            raise LinkLost(self.device, self.url, f"the connection to the port was lost: {error}") from error
         except RemoteProtocolError as error:
             self.drain()
             raise DamagedAnswer(self.device, self.url, str(error)) from error
         if unit != self._unit:
-            raise OtherAnswer(self.device, self.url, f"request to unit {self._unit}, answer from unit {unit}")
+            raise OtherAnswer(self.device, self.url, f"the request was sent to unit {self._unit}, but unit {unit} "
+                "answered")
         return answer
 
     def drain(self) -> int:

@@ -95,7 +95,7 @@ def plug_in_of(group: str, name: str) -> PlugIn | None:
     brought = [plug_in for plug_in in found(group) if plug_in.name == name]
     if len(brought) > 1:
         others = " and by ".join(plug_in.place for plug_in in brought[1:])
-        raise brought[0].broken(f"the same name is provided by {others}. Fix: uninstall one of them")
+        raise brought[0].broken(f"the same name is also provided by {others}. Fix: uninstall one of them")
     return brought[0] if brought else None
 
 
@@ -111,7 +111,7 @@ def load(plug_in: PlugIn) -> object:
     try:
         return entry.load()
     except (Exception, SystemExit) as error:  # whatever foreign code raises is told as its own failure
-        raise plug_in.broken(f"it cannot be loaded: {type(error).__name__}: {error}") from error
+        raise plug_in.broken(f"the plug-in cannot be loaded: {type(error).__name__}: {error}") from error
 
 
 def simulated_as(group: str, name: str) -> str | Mapping[str, Any] | None:
@@ -172,10 +172,11 @@ def made(group: str, name: str, role: type, *given: object, **further: object) -
     except DriverError:
         raise
     except Exception as error:  # whatever foreign code raises is told as its own failure
-        raise plug_in.broken(f"it cannot create a driver: {type(error).__name__}: {error}") from error
+        raise plug_in.broken(f"the plug-in cannot create a driver: {type(error).__name__}: {error}") from error
     lacking = [member for member in members_of(role) if not hasattr(driver, member)]
     if lacking:
-        raise plug_in.broken(f"missing for a driver of this role: {', '.join(lacking)}")
+        raise plug_in.broken("the driver does not have all members required for its role; missing: "
+            f"{', '.join(lacking)}")
     return driver
 
 

@@ -100,8 +100,8 @@ class Channel(IntEnum):
     INPUTS = 30, "1", "Digital inputs of the actuator controller"
     SERVO_ERROR = 31, "m", "Following error of the servo loop"
     CONTROLLER_FORCE = 32, "N", "Coarse force input of the actuator controller"
-    FORCE_EDGE = 40, "1", "Cycle pulses latched in the load cell's clock"
-    DISPLACEMENT_EDGE = 41, "1", "Cycle pulses latched in the displacement sensor's clock"
+    FORCE_EDGE = 40, "1", "Cycle pulses latched by the load cell's clock"
+    DISPLACEMENT_EDGE = 41, "1", "Cycle pulses latched by the displacement sensor's clock"
     AUXILIARY_1_EDGE = 42, "1", "Cycle pulses latched by auxiliary channel 1"
     AUXILIARY_2_EDGE = 43, "1", "Cycle pulses latched by auxiliary channel 2"
     AUXILIARY_3_EDGE = 44, "1", "Cycle pulses latched by auxiliary channel 3"
@@ -113,11 +113,11 @@ class Channel(IntEnum):
     LOOP_LATE = 51, "s", "Delay of the station's loop"
     HYBRID_TIME = 60, "s", "Hybrid test: simulated time since the start of the road"
     HYBRID_TARGET = 61, "m", "Hybrid test: target position of the specimen relative to its centre"
-    HYBRID_SEEN = 62, "m", "Hybrid test: measured position of the specimen at that step, relative to its centre"
+    HYBRID_SEEN = 62, "m", "Hybrid test: measured position of the specimen at each step, relative to its centre"
     HYBRID_BODY = 63, "m", "Hybrid test: calculated height of the body"
     HYBRID_WHEEL = 64, "m", "Hybrid test: calculated height of the wheel"
     SIGNAL_TIME = 65, "s", "Signal: time of each set-point since the start of the signal"
-    SIGNAL_TARGET = 66, "m", "Signal: target position of the rod at that time, relative to the centre"
+    SIGNAL_TARGET = 66, "m", "Signal: target position of the rod at each set-point, relative to the centre"
 
     @property
     def label(self) -> str:
@@ -152,7 +152,7 @@ def edge_channel(channel: int) -> Channel:
         ValueError: not a sensor channel.
     """
     if not Channel.FORCE <= channel <= Channel.AUXILIARY_7:
-        raise ValueError(f"channel {channel} is not a sensor channel 1..9")
+        raise ValueError(f"channel {channel} is not a sensor channel (1 to 9)")
     return Channel(channel + Channel.FORCE_EDGE - Channel.FORCE)
 
 
@@ -178,7 +178,7 @@ class RingWriter:
 
     def __init__(self, path: Path | str, capacity: int = DEFAULT_CAPACITY) -> None:
         if not 1 <= capacity <= 0xFFFFFFFF:
-            raise ValueError(f"ring capacity {capacity} is outside 1..2^32-1 records")
+            raise ValueError(f"ring capacity {capacity} is outside the range 1 to 2^32-1 records")
         target = Path(path)
         size = ring_bytes(capacity)
         # A new file each time: readers of an older ring keep theirs.

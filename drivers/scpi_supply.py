@@ -88,9 +88,9 @@ class ScpiSupply(PolledSource):
         if not self._told:
             return ""
         if pattern is not None and not pattern.search(self._told):
-            return f"identification: got {self._told!r:.100}, expected a match of {pattern.text!r}"
+            return f"identification: got {self._told!r:.100}, expected a match for {pattern.text!r}"
         return (
-            f"identification: got {self._told!r:.100}, expected a text with {text!r}"
+            f"identification: got {self._told!r:.100}, expected text that contains {text!r}"
         ) if text not in self._told else ""
 
     @property

@@ -66,7 +66,7 @@ def _line_reading(made: LineFormat) -> str:
     if not made.units:
         return reading
     factors = ", ".join(f"{unit} {factor:.9g}" for unit, factor in {made.unit: 1.0, **made.units}.items())
-    return f"({reading}) * factor of the unit that follows ({factors})"
+    return f"({reading}) * factor for the unit in the line ({factors})"
 
 
 def _frame_reading(made: BinaryFormat) -> str:

@@ -105,7 +105,7 @@ class SerialPort:
         try:
             data = self._read_fd(timeout_s) if self._fd >= 0 else self._read_object(timeout_s)
         except (OSError, ValueError) as error:
-            raise PortClosed(self.device, self.url, f"the port was lost: {error}") from error
+            raise PortClosed(self.device, self.url, f"the connection to the port was lost: {error}") from error
         return data, clock.monotonic_ns()
 
     def write(self, data: bytes, timeout_s: float = 0.1) -> None:
@@ -131,7 +131,7 @@ class SerialPort:
                 self.device, self.url, f"sent {len(data) - len(rest)} of {len(data)} bytes within {timeout_s} s"
             ) from error
         except (OSError, ValueError) as error:
-            raise PortClosed(self.device, self.url, f"the port was lost: {error}") from error
+            raise PortClosed(self.device, self.url, f"the connection to the port was lost: {error}") from error
 
     def discard_input(self, limit_s: float = 0.1) -> int:
         """Throw away what has arrived so far.

@@ -152,8 +152,8 @@ class StreamedActuator:
     def origins(self) -> Origins:
         """The device's channels, and what is known of the motion because it is streamed from here."""
         device = origins_of(self._device)
-        motion = ChannelOrigin("station", "value = taken from the motion that this host streams, while the device "
-            "follows it")
+        motion = ChannelOrigin("station", "value = taken from the motion streamed by this host, while the device "
+            "follows this motion")
         own = dict.fromkeys((Channel.PHASE, Channel.CYCLES_DONE), motion)
         own[Channel.STATE] = motion._replace(from_wire="; else ".join(
             [motion.from_wire, *([device[Channel.STATE].from_wire] if Channel.STATE in device else [])]
@@ -322,7 +322,7 @@ class StreamedActuator:
             LocalProtocolError: it is not held there.
         """
         if self._state not in HOLDING or not math.isfinite(self._stands_m):
-            raise LocalProtocolError("set-points sent while the device does not hold its position (state "
+            raise LocalProtocolError("set-points were sent although the device does not hold its position (state "
                 f"{self._state})")
         if not self._following or self._withheld:
             self._source.rest(self._stands_m)

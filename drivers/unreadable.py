@@ -41,24 +41,24 @@ def explained(link: ModbusLink, read: Read, rules: Rules, error: DriverError, *,
     if not readable:
         text, fix = (
             "none of the device's quantities can be read separately"
-        ), "check first_address, function and addresses of the map"
+        ), "check first_address, function and the addresses in the register map"
     elif others:
         missing = [one.name for one in _apart(read.quantities) if _whole(one) in others][:NAMED]
         at = ", ".join(_span(part, read.space, rules) for part in others[:NAMED])
-        text = f"{', '.join(missing)} ({at}) cannot be read; the other quantities can"
-        fix = f"correct the address and function of {' and '.join(missing)} in [quantities], or remove them"
+        text = f"{', '.join(missing)} ({at}) cannot be read; the other quantities can be read"
+        fix = f"correct the address and function of {' and '.join(missing)} in [quantities], or remove these entries"
     elif holes:
         first = rules.first_of(HOLDING)
         pairs = ", ".join(f"[{at + first}, {at + count - 1 + first}]" for at, count in holes)
         at = ", ".join(_span(part, read.space, rules) for part in holes)
         text = (
-            f"each quantity can be read separately, but not {at}, the registers between them, which are not in the "
-            "map"
+            f"each quantity can be read separately, but {at}, the registers between them, cannot be read and are not "
+            "in the map"
         )
         fix = f"write [modbus] unreadable = [{pairs}], or largest_gap = 0, in the register map"
     else:
         longest = max(one.end - one.address for one in read.quantities)
-        text = f"each quantity can be read separately, but not {read.count} at once"
+        text = f"each quantity can be read separately, but {read.count} registers cannot be read at once"
         fix = f"write [modbus] largest_read = {longest} (or more, if the device allows it) in the register map"
     names = ", ".join(one.name for one in read.quantities[:NAMED])
     more = f" and {len(read.quantities) - NAMED} more" if len(read.quantities) > NAMED else ""

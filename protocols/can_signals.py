@@ -92,16 +92,18 @@ class Signal:
         scaled = (value - self.offset) / self.scale
         if self.is_float:
             if not math.isfinite(scaled):
-                raise LocalProtocolError(f"{self.name} {value} is not a finite number")
+                raise LocalProtocolError(f"{self.name}: {value} is not a finite number")
             try:
                 return int.from_bytes(struct.pack(_FLOATS[self.length], scaled), "little")
             except OverflowError as error:
-                raise LocalProtocolError(f"{self.name} {value} exceeds a float of {self.length} bits") from error
+                raise LocalProtocolError(f"{self.name}: {value} exceeds a float of {self.length} bits") from error
         low, high = self.low, self.high
         if not low - 0.5 <= scaled <= high + 0.5:
             unit = f" {self.unit}" if self.unit else ""
             ends = sorted((low * self.scale + self.offset, high * self.scale + self.offset))
-            raise LocalProtocolError(f"{self.name} {value}{unit} is outside {ends[0]:g}..{ends[1]:g}{unit}")
+            raise LocalProtocolError(
+                f"{self.name}: {value}{unit} is outside the range {ends[0]:g} to {ends[1]:g}{unit}"
+            )
         return min(max(round(scaled), int(low)), int(high)) & (1 << self.length) - 1
 
     def value(self, raw: int) -> float:

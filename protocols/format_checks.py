@@ -51,7 +51,7 @@ def pattern_of(values: Mapping[str, Any], problems: list[Problem]) -> str | None
         return None
     pattern = str(values["pattern"]).replace(_MARK, address)
     if (depth := max(accumulate((letter == "(") - (letter == ")") for letter in pattern), default=0)) > MOST_NESTED:
-        problems.append((("pattern",), f"groups are nested {depth} deep, allowed {MOST_NESTED}"))
+        problems.append((("pattern",), f"groups are nested {depth} levels deep; allowed: at most {MOST_NESTED}"))
         return None
     try:
         groups = Pattern(pattern).groups
@@ -79,13 +79,13 @@ def _of_columns(values: Mapping[str, Any], problems: list[Problem]) -> str | Non
     columns, separator = values["columns"], values.get("separator")
     for name, place in columns.items():
         if name not in HOLES:
-            problems.append((("columns", name), f"unknown column; known are {', '.join(HOLES)}"))
+            problems.append((("columns", name), f"unknown column; known: {', '.join(HOLES)}"))
         elif isinstance(place, int) is (separator is None):
             wanted = "the column number, because a separator is specified"
             wanted = "[first, last] character" if separator is None else wanted
             problems.append((("columns", name), f"must be {wanted}"))
     if "value" not in columns:
-        problems.append((("columns",), "requires the column of the value"))
+        problems.append((("columns",), "requires a column for the value"))
     if separator is not None and not (len(separator) == 1 and separator.isascii()):
         problems.append((("separator",), "must be one ASCII character"))
     if problems:
@@ -162,7 +162,9 @@ def _group_problems(made: LineFormat, values: Mapping[str, Any]) -> Iterator[Pro
     if made.units and "unit" not in groups:
         yield ("units",), _missing("unit", column)
     if made.checksum_over is not None and (made.checksum_from or made.checksum_to):
-        yield ("checksum_over",), "cannot be combined with checksum_from or checksum_to. Fix: keep only one of the two"
+        yield ("checksum_over",), (
+            "cannot be combined with checksum_from or checksum_to. Fix: use either checksum_over or the other entries"
+        )
     if made.checksum == "none":
         for key in ("checksum_from", "checksum_to", "checksum_over"):
             if key in values:
@@ -171,7 +173,7 @@ def _group_problems(made: LineFormat, values: Mapping[str, Any]) -> Iterator[Pro
         yield ("sign",), "a hexadecimal number cannot have a trailing sign"
     if made.number == "hexadecimal-signed" and made.sign == "separate":
         yield ("sign",), (
-            'hexadecimal-signed contains the sign in its digits. Fix: '
+            'the digits of a hexadecimal-signed number already contain the sign. Fix: '
             'if the sign is sent as a separate character, set number = "hexadecimal"'
         )
     if made.sign == "separate" and not made.negative_tokens:
@@ -185,12 +187,14 @@ def _template_problem(made: LineFormat) -> str:
             if name is not None and (name not in {"value", "unit", "checksum"} or conversion):
                 return f"{{{name}}} is not a field; allowed: {{value}}, {{unit}} and {{checksum}}"
             if form and not _FORM.fullmatch(form):
-                return f"{{{name}:{form}}}: expected a form such as {{value:+010.1f}}, width and decimals at most 99"
+                return (
+                    f"{{{name}:{form}}}: expected a form such as {{value:+010.1f}} (width and decimals: at most 99)"
+                )
         lines = [_templated(made, number) for number in TRIED]
     except (KeyError, IndexError, ValueError) as error:
         return f"{error}; allowed fields: {{value}}, {{unit}} and {{checksum}}"
     if not any(line.isascii() and made.match(line) for line in lines):
-        return f"writes {lines[0]!r:.200}, which does not match the pattern"
+        return f"produces {lines[0]!r:.200}, which does not match the pattern"
     return ""
 
 
@@ -209,14 +213,14 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
     for key, text in (("pattern", fixed), ("unit", made.unit if "unit" in made.groups else "")):
         if not text.isascii():
             other = next(letter for letter in text if not letter.isascii())
-            yield (key,), f"can never match: {other!r} is not ASCII, a line is ASCII text; use a binary format"
+            yield (key,), f"can never match: {other!r} is not ASCII, but a line is ASCII text; use a binary format"
             return
     if not any(fitting(made, [number]) for number in TRIED):
         written = "".join(part if not part.startswith("\0") else f"<{part[1:].partition(':')[0]}>" for part in
                           parts(made.pattern))  # fmt: skip
         with_unit = f" with the unit {made.unit!r}" if "unit" in made.groups else ""
         digits = f" and a checksum of {checksum_digits(made)} digits" if made.checksum != "none" else ""
-        told = f"no {made.number} number{with_unit}{digits} fits into a line like {written!r}"
+        told = f"no {made.number} number{with_unit}{digits} fits into a line such as {written!r}"
         yield ("pattern",), f"can never match: {told}"
     elif made.terminator.decode("latin-1") in fixed:
         yield ("pattern",), "can never match: the pattern contains the terminator, which ends the line"
@@ -225,7 +229,7 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
 def _exchange_problems(values: Mapping[str, Any]) -> Iterator[Problem]:
     marked = [key for key in ("request", "start_command", "stop_command") if b"{address}" in values.get(key, b"")]
     if "request" in values and not values["request"]:
-        yield ("request",), "must not be empty. Fix: remove this entry for a device that transmits continuously"
+        yield ("request",), "must not be empty. Fix: remove this entry if the device transmits continuously"
     if marked and "address" not in values:
         yield (marked[0],), 'contains {address}, which requires address = "..."'
     if "address" in values and not marked and _MARK not in str(values.get("pattern", "")):
@@ -243,7 +247,8 @@ def frame_problems(made: BinaryFormat, values: Mapping[str, Any]) -> list[Proble
     """
     problems = list(_exchange_problems(values))
     if "value" not in made.fields:
-        problems.append((("fields",), "needs a field value, such as [fields.value] with at and type"))
+        problems.append((("fields",), "the field for the value is missing: write a table [fields.value] with at "
+            "and type"))
     problems += _packed_problems(made, values) if made.packed else _framing_problems(made, values)
     for name, item in made.fields.items():
         problems += ((("fields", name, *place), text) for place, text in _field_problems(name, item, made))
@@ -252,7 +257,7 @@ def frame_problems(made: BinaryFormat, values: Mapping[str, Any]) -> list[Proble
 
 def _framing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
     if "length" not in values:
-        yield (), "key 'length' is missing: the total number of bytes in a frame"
+        yield (), "key 'length' is missing; it states the total number of bytes in a frame"
         return
     if not made.sync and made.checksum == "none" and made.stuffing != "slip":
         yield (), "the start of a frame cannot be detected: sync bytes or a checksum are required"
@@ -265,7 +270,7 @@ def _framing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator
     elif size and not 0 <= first <= last < made.length:
         yield ("checksum_over",), f"lies outside the frame of {made.length} bytes"
     elif size and first <= made.checksum_at + size - 1 and made.checksum_at <= last:
-        yield ("checksum_over",), "can never match: it covers the checksum itself"
+        yield ("checksum_over",), "can never match: this range covers the checksum itself"
     kept = [("sync", 0, len(made.sync)), ("end", made.length - len(made.end), made.length)]
     kept += [("checksum", made.checksum_at, made.checksum_at + size)] if size else []
     if len(made.sync) + len(made.end) + size >= made.length:
@@ -275,7 +280,7 @@ def _framing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator
     for name, item in made.fields.items():
         place: Place = ("fields", name)
         if not item.type or "at" not in values["fields"][name]:
-            yield place, "requires at (the first byte, counted from 0) and type"
+            yield place, "requires the entries at (the first byte, counted from 0) and type"
             continue
         if item.at + item.size > len(taken):
             yield (*place, "at"), f"extends beyond the frame of {made.length} bytes"
@@ -289,15 +294,17 @@ def _framing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator
 
 def _stuffing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
     if made.stuffing == "escape" and not (len(made.sync) == len(made.end) == 1):
-        yield ("stuffing",), "escape requires a sync of one byte and an end of one byte"
+        yield ("stuffing",), "escape requires exactly one sync byte and one end byte"
     elif made.stuffing == "dle" and not (
         len(made.sync) == len(made.end) == 2 and made.sync[0] == made.end[0] == 0x10 and made.sync[1] != made.end[1]
     ):
-        yield ("stuffing",), "dle requires a sync [0x10, ...] and an end [0x10, ...] of two different bytes each"
+        yield ("stuffing",), (
+            "dle requires sync = [0x10, ...] and end = [0x10, ...], each two bytes long, with different second bytes"
+        )
     elif made.stuffing == "slip" and (made.end != b"\xc0" or made.sync not in {b"", b"\xc0"}):
-        yield ("stuffing",), "slip requires end = [0xC0], and either the same bytes or nothing as sync"
+        yield ("stuffing",), "slip requires end = [0xC0], and either sync = [0xC0] or no sync"
     if made.stuffing == "escape" and made.escape in {*made.sync, *made.end}:
-        yield ("escape",), "is equal to sync or end"
+        yield ("escape",), "must not occur in sync or end"
     for key in ("escape", "escape_xor"):
         if key in values and made.stuffing != "escape":
             yield (key,), 'requires stuffing = "escape"'
@@ -310,17 +317,17 @@ def _packed_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[
         if key in values:
             yield (key,), "cannot be combined with packed, whose fixed bits mark the start of a frame"
     if len(made.packed) > LONGEST_FRAME:
-        yield ("packed",), f"has {len(made.packed)} bytes, at most {LONGEST_FRAME} are allowed"
+        yield ("packed",), f"has {len(made.packed)} bytes; allowed: at most {LONGEST_FRAME}"
         return
     for number, byte in enumerate(made.packed):
         if len(byte) != 8 or set(byte) - set("01x") - set(LETTERS):
-            yield ("packed", number), f"{byte!r}: expected eight of 0, 1, x, {', '.join(LETTERS)}"
+            yield ("packed", number), f"{byte!r}: expected eight characters from 0, 1, x, {', '.join(LETTERS)}"
             return
     marks, count = made.marks, len(made.packed)
     for shift in range(1, count):
         pairs = [(marks[at], marks[(at + shift) % count]) for at in range(count)]
         if not any((one[1] ^ other[1]) & one[0] & other[0] for one, other in pairs):
-            told = f"when shifted by {shift} bytes, the fixed bits are identical"
+            told = f"the fixed bits also fit a frame shifted by {shift} byte{'s' * (shift > 1)}"
             yield ("packed",), f"the start of a frame cannot be detected: {told}"
             return
     if count == 1:
@@ -333,14 +340,14 @@ def _packed_fields(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Pr
         bits = sum(byte.count(letter) for byte in made.packed)
         there = bits > 0
         if bits > WIDEST_FIELD:
-            yield ("packed",), f"has {bits} bits {letter}; a field can have at most {WIDEST_FIELD}"
+            yield ("packed",), f"has {bits} bits marked {letter}; a field can have at most {WIDEST_FIELD}"
         if there and name not in made.fields:
-            yield ("fields",), f"packed has bits {letter}, which require a field {name}"
+            yield ("fields",), f"packed has bits marked {letter}, which require a table [fields.{name}]"
         elif not there and name in made.fields:
-            yield ("fields", name), f"has no bits {letter} in packed"
+            yield ("fields", name), f"packed has no bits marked {letter}"
     for name, table in values.get("fields", {}).items():
         for key in sorted({"at", "type", "bits"} & set(table)):
-            yield ("fields", name, key), "cannot be combined with packed, which contains the bits"
+            yield ("fields", name, key), "cannot be combined with packed, which already defines the bits"
 
 
 def _field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Problem]:
@@ -350,11 +357,11 @@ def _field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Prob
             yield ("type",), "must be a whole number (u or i)"
         for key, given in (("bits", item.bits), ("overload_bits", item.overload_bits), ("fault_bits", item.fault_bits)):
             if given:
-                yield (key,), f"apply to whole numbers, not to {item.type}"
+                yield (key,), f"can be used only for whole numbers, not for {item.type}"
     elif item.type and item.bits is not None and item.bits[1] >= 8 * item.size:
-        yield ("bits",), f"extend beyond the {8 * item.size} bits of {item.type}"
+        yield ("bits",), f"extends beyond the {8 * item.size} bits of {item.type}"
     if name == "time" and item.scale > LONGEST_TICK_US:
-        yield ("scale",), f"must be at most {LONGEST_TICK_US:g}: microseconds per tick"
+        yield ("scale",), f"must be at most {LONGEST_TICK_US:g} microseconds per tick"
     if item.scale == 0.0 or (counts and item.scale < 0.0):
         yield ("scale",), "must not be 0" if name == "value" else "must be more than 0"
     if name == "status" and not item.judges:
@@ -379,9 +386,9 @@ def _never(name: str, item: Field, made: BinaryFormat) -> Iterator[Problem]:
     low, high = (-(count // 2), count // 2 - 1) if item.signed else (0, count - 1)
     for key, listed in (("overload_values", item.overload_values), ("fault_values", item.fault_values)):
         if beyond := [number for number in listed if not low <= number <= high]:
-            yield (key,), f"{beyond[0]} is impossible: the field holds {low} to {high}"
+            yield (key,), f"{beyond[0]} is outside the range of the field, {low} to {high}"
     if item.valid is not None and (item.valid[1] < low or item.valid[0] > high):
-        yield ("valid",), f"can never match: the field holds {low} to {high}"
+        yield ("valid",), f"can never match: the range of the field is {low} to {high}"
     for key, mask in (("overload_bits", item.overload_bits), ("fault_bits", item.fault_bits)):
         if mask >= count:
-            yield (key,), f"outside the field's bits, {count - 1:#x}"
+            yield (key,), f"contains bits outside the field, {count - 1:#x}"

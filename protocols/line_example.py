@@ -70,7 +70,7 @@ def _walk(tree: Any, names: dict[int, str], pieces: list[str]) -> None:  # noqa:
         kind = str(operation)
         if kind == "LITERAL":
             if argument == 0:
-                raise LocalProtocolError("a NUL character is not part of a line of text; use a binary format")
+                raise LocalProtocolError("a line of text cannot contain a NUL character; use a binary format")
             pieces.append(chr(argument))
         elif kind in {"NOT_LITERAL", "ANY", "IN"}:
             pieces.append(_letter(kind, argument))

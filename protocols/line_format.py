@@ -133,8 +133,8 @@ class LineFormat:
             RemoteProtocolError: the line is not one of this format.
         """
         if len(line) > self.maximum_length:
-            raise RemoteProtocolError(f"{self.name}: a line of {len(line)} bytes, at most "
-                f"{self.maximum_length} are allowed")
+            raise RemoteProtocolError(f"{self.name}: got a line of {len(line)} bytes, expected at most "
+                f"{self.maximum_length}")
         try:
             text = line.decode("ascii")
         except UnicodeDecodeError as error:
@@ -185,7 +185,7 @@ class LineFormat:
         try:
             return self._statuses[text.strip()]
         except KeyError:
-            raise RemoteProtocolError(f"{self.name}: status {text!r} has no meaning") from None
+            raise RemoteProtocolError(f"{self.name}: the meaning of status {text!r} is not defined") from None
 
     def _value(self, text: str | None, factor: float, *, negative: bool) -> tuple[float, int]:
         """Number or token.
@@ -251,8 +251,8 @@ class LineFormat:
             begin = text.find(self.checksum_from)
             end = text.rfind(self.checksum_to) if self.checksum_to else match.span("checksum")[0]
             if begin < 0 or end < 0:
-                raise RemoteProtocolError(f"{self.name}: {text!r} does not contain the characters that its checksum "
-                    "covers")
+                raise RemoteProtocolError(f"{self.name}: {text!r} does not contain the characters that enclose the "
+                    "part covered by its checksum")
             covered = text[begin + len(self.checksum_from) : end]
         return format(kind.of(covered.encode("ascii")), _HEX_DIGITS[kind.size])
 

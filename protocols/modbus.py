@@ -100,7 +100,8 @@ def decode_bits(request: bytes, answer: bytes, count: int) -> list[int]:
     _check_function(request, answer)
     size = (count + 7) // 8
     if len(answer) != 2 + size or answer[1] != size:
-        raise RemoteProtocolError(f"requested {count} coils in {size} bytes, the answer has {len(answer) - 2}")
+        raise RemoteProtocolError(f"requested {count} coils in {size} bytes, but the answer has {len(answer) - 2} "
+            "bytes")
     return [answer[2 + place // 8] >> place % 8 & 1 for place in range(count)]
 
 
@@ -134,15 +135,16 @@ def check_written(request: bytes, answer: bytes) -> None:
             wrote, named = (_COIL_VALUES.get(one[3:5], one[3:5].hex()) if coil else str(int.from_bytes(one[3:5], "big"))
                             for one in (request, answer))
             at = f"{'coil' if coil else 'register'} {int.from_bytes(request[1:3], 'big')}"
-            raise RemoteProtocolError(f"wrote {wrote} to {at}, the answer states {named}: the value was not accepted")
+            raise RemoteProtocolError(f"wrote {wrote} to {at}, but the answer states {named}: the value was not "
+                "accepted")
         wrote_at, named_at = request[1:5].hex(), answer[1:].hex()
-        raise RemoteProtocolError(f"wrote address and count {wrote_at}, the answer states {named_at or 'nothing'}")
+        raise RemoteProtocolError(f"wrote address and count {wrote_at}, but the answer states {named_at or 'nothing'}")
 
 
 def _check_function(request: bytes, answer: bytes) -> None:
     if not answer or answer[0] != request[0]:
-        got = f"is an answer to function {answer[0]}" if answer else "is empty"
-        raise RemoteProtocolError(f"request of function {request[0]}, the answer {got}")
+        got = f"has function {answer[0]}" if answer else "is empty"
+        raise RemoteProtocolError(f"the request has function {request[0]}, but the answer {got}")
 
 
 def encode_tcp(transaction: int, unit: int, pdu: bytes) -> bytes:
@@ -170,7 +172,7 @@ class TcpFrames:
             return None
         protocol, length = int.from_bytes(self._held[2:4], "big"), int.from_bytes(self._held[4:6], "big")
         if protocol != 0 or not 2 <= length <= LONGEST_PDU + 1:
-            raise RemoteProtocolError(f"no Modbus header: protocol {protocol}, length {length}")
+            raise RemoteProtocolError(f"invalid Modbus header: protocol {protocol}, length {length}")
         end = _TCP_HEADER_SIZE - 1 + length
         if len(self._held) < end:
             return None
@@ -199,7 +201,7 @@ def rtu_answer_size(head: bytes, request: bytes) -> int | None:
     if head[1] == request[0] | EXCEPTION_BIT:
         return ExceptionResponse.rtu_frame_size
     if head[1] != request[0]:
-        raise RemoteProtocolError(f"request of function {request[0]}, answer to function {head[1]}")
+        raise RemoteProtocolError(f"the request has function {request[0]}, but the answer has function {head[1]}")
     if head[1] in WRITES:
         return WriteMultipleRegistersResponse.rtu_frame_size
     return None if len(head) < 3 else 3 + head[2] + _CRC_SIZE
@@ -212,7 +214,7 @@ def decode_rtu(frame: bytes) -> tuple[int, bytes]:
         RemoteProtocolError: too short, or the checksum is wrong.
     """
     if len(frame) < ExceptionResponse.rtu_frame_size:
-        raise RemoteProtocolError(f"a frame of {len(frame)} bytes")
+        raise RemoteProtocolError(f"the frame has only {len(frame)} bytes")
     sent = int.from_bytes(frame[-_CRC_SIZE:], "big")
     if not FramerRTU.check_CRC(frame[:-_CRC_SIZE], sent):
         computed = FramerRTU.compute_CRC(frame[:-_CRC_SIZE])

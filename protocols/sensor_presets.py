@@ -31,13 +31,13 @@ _MSC: dict[str, Any] = {
 
 TABLES: Mapping[str, Mapping[str, Any]] = {
     "signed-decimal": {
-        "description": "the project's own line, +0001234.5 N",
+        "description": "this project's own format, such as +0001234.5 N",
         "pattern": rf"(?P<value>[+-](?:{_NINE_CHARACTERS}))(?: (?P<unit>[^\d\s]\S*))?",
         "template": "{value:+010.1f} {unit}",
         "unit": "N",
     },
     "laumas-fast": {
-        "description": "Laumas W, TLB, LCB: fast continuous transmission, 6 characters of gross weight",
+        "description": "Laumas W, TLB, LCB: fast continuous transmission, gross weight in 6 characters",
         "pattern": rf"(?P<value>{_LAUMAS_NUMBER}|[ -~]{{6}})",
         **_LAUMAS_WORDS,
         "nominal_rate_Hz": 300.0,
@@ -61,7 +61,7 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
         "template": "{value:+08.0f}",
     },
     "flintec": {
-        "description": "Flintec LDU 68, 69, 78: SG, gross value continuously",
+        "description": "Flintec LDU 68, 69, 78: continuous gross value, command SG",
         "pattern": rf"G(?P<value>[+-](?:{_SIX_CHARACTERS}))",
         "start_command": "SG\r",
         "template": "G{value:+07.3f}",
@@ -76,7 +76,7 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
         "nominal_rate_Hz": 100.0,
     },
     "mantracourt": {
-        "description": "Mantracourt DSC, DCell in ASCII: SOUT of station 001, DP and DPB as set in the device",
+        "description": "Mantracourt DSC, DCell in ASCII: SOUT of station 001, with DP and DPB as set in the device",
         "pattern": r"(?P<value>[+-]\d{1,8}\.\d{1,8})",
         "terminator": "\r",
         "request": "!{address}:SOUT?\r",
@@ -99,7 +99,7 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
         },
     },
     "msc7xxx": {
-        "description": "Micro-Epsilon MSC7401, MSC7602, MSC7802 over RS485, 256 kBd 8E1: the unscaled value, V",
+        "description": "Micro-Epsilon MSC7401, MSC7602, MSC7802 over RS485, 256 kBd 8E1: the unscaled value in V",
         **_MSC,
         "fields": {"value": {"at": 7, "type": "f32"}},
     },
@@ -110,14 +110,15 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
         "fields": {"value": {"at": 11, "type": "f32"}},
     },
     "optoncdt": {
-        "description": "Micro-Epsilon optoNCDT 1320, 1420 over RS422: distance alone; 0 to 65520: -1 to 101 % of range",
+        "description": "Micro-Epsilon optoNCDT 1320, 1420 over RS422: distance only; 0 to 65520 is -1 to 101 % of "
+            "range",
         "packed": ["00vvvvvv", "01vvvvvv", "10vvvvvv"],
         "order": "little",
         "fields": {"value": {"valid": [0, 65520]}},
         "nominal_rate_Hz": 4000.0,
     },
     "optoncdt-1402": {
-        "description": "Micro-Epsilon optoNCDT 1401, 1402 over RS422 in binary: 14 bits in two bytes",
+        "description": "Micro-Epsilon optoNCDT 1401, 1402 over RS422: binary, 14 bits in two bytes",
         "packed": ["1vvvvvvv", "0vvvvvvv"],
         "order": "big",
     },
@@ -131,7 +132,7 @@ DOCUMENTS: Mapping[str, str] = {
     "laumas-checksummed": _LAUMAS,
     "hbm-aed": "HBM AD104-R2 manual ba_aed104_8_e, commands MSV and COF",
     "flintec": "Flintec LDU 68.1/68.2 technical manual, rev. 12 January 2010, 8.7.1",
-    "hbm-clipx": "HBM ClipX manual A04643, framing and the question mark; the object's number is from a user's driver",
+    "hbm-clipx": "HBM ClipX manual A04643, framing and the question mark; object number from a user's driver",
     "mantracourt": "Mantracourt DSC user manual, page 50",
     "scaime-scmbus": "Scaime eNod4-F manual NU-Soft-eNod4F-E-0716, 4.4.2 and 9.1.6",
     "msc7xxx": _MSC_DOCUMENT,

@@ -49,7 +49,7 @@ def encode_frame(identifier: int, data: bytes, extended: bool = False, remote: b
     """
     stated = length if remote else len(data)
     if not 0 <= identifier <= (0x1FFFFFFF if extended else 0x7FF) or not 0 <= stated <= 8:
-        raise LocalProtocolError(f"slcan: identifier 0x{identifier:X} with {stated} bytes is not a classic frame")
+        raise LocalProtocolError(f"slcan: identifier 0x{identifier:X} with {stated} bytes is not a classic CAN frame")
     kind = ("R" if remote else "T") if extended else ("r" if remote else "t")
     carried = "" if remote else data.hex().upper()
     return f"{kind}{identifier:0{8 if extended else 3}X}{stated}{carried}\r".encode("ascii")

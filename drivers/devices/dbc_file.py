@@ -95,7 +95,7 @@ def parse_dbc(text: str) -> dict[str, DbcMessage]:
     except Exception as error:  # the library raises its parser's errors, its own, and plain ones of many kinds
         raise LocalProtocolError(f"not a readable DBC file: {error}") from error
     if not database.messages:
-        raise LocalProtocolError("this file contains no message (BO_)")
+        raise LocalProtocolError("this file contains no messages (BO_)")
     lines = _lines(text)
     try:
         return {message.name: _message(message, lines) for message in database.messages}

@@ -18,7 +18,8 @@ from drivers.devices.ecu_description import (
 
 WITHOUT: Mapping[str, str] = {
     "timeout": (
-        "no command time-out is stated (command_timeout): if this host or the bus fails, the current continues to flow "
+        "no command time-out is specified (command_timeout): if this host or the bus fails, the current continues "
+        "to flow "
         "until the supply is switched off manually"
     ),
     "faults": "the ECU's own faults (open coil, short circuit, overheating) are not reported; only the current is "
@@ -28,13 +29,13 @@ WITHOUT: Mapping[str, str] = {
     "checksum": "{status} has no checksum: a corrupted frame is accepted",
     "command-checksum": "commands have no checksum: the current source may accept a corrupted command",
     "coil-temperature": "the coil's temperature is not measured: its limit is not monitored",
-    "supply": "its supply voltage is not recorded",
-    "state": "the state of its output stage is not recorded",
+    "supply": "the ECU's supply voltage is not recorded",
+    "state": "the state of the ECU's output stage is not recorded",
     "restart": "a restart is detected only if it causes a fault or a loss of communication",
-    "clock": "its frames are time-stamped on arrival at this host",
-    "identity": "its identity cannot be checked against the bench file",
+    "clock": "the ECU's frames are time-stamped on arrival at this host",
+    "identity": "the ECU's identity cannot be checked against the bench file",
     "layout": "the frame layout cannot be checked against the DBC file",
-    "periods": "the period of {unwatched} is not stated. Fix: enter the period under [periods]",
+    "periods": "the period of {unwatched} is not specified. Fix: enter the period under [periods]",
 }
 """Name of what can be missing, and what remains without it; the most important first."""
 

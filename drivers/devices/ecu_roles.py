@@ -195,10 +195,10 @@ class _Roles:
         self, bit: int, word: Found | None, meaning: SourceFault, bits: dict[int, SourceFault], place: Place
     ) -> None:
         if word is None:
-            self._reading.wrong(place, "is a bit, but no signal is specified. Fix: write faults.signal = "
-                '"Message.signal" too, or a separate "Message.signal" here')  # fmt: skip
+            self._reading.wrong(place, "is a bit number, but no fault word is specified. Fix: write "
+                'faults.signal = "Message.signal", or a separate "Message.signal" for this fault')  # fmt: skip
         elif not 0 <= bit < word.signal.length:
-            self._reading.wrong(place, f"{word.signal.name} has the bits 0 to {word.signal.length - 1}")
+            self._reading.wrong(place, f"{word.signal.name} has only bits 0 to {word.signal.length - 1}")
         elif 1 << bit in bits:
             self._reading.wrong(place, f"bit {bit} is already used for "
                 f"{str(bits[1 << bit].name).lower().replace('_', '-')}")
@@ -230,10 +230,10 @@ class _Roles:
         if not low_A - ZERO_A <= 0.0 <= high_A + ZERO_A or steps > ZERO_A:
             self._reading.wrong(
                 (COMMAND,),
-                f"{signal.name} (line {given.line} of the DBC) holds {low_A:g} A to {high_A:g} A in steps of "
+                f"{signal.name} (line {given.line} of the DBC file) ranges from {low_A:g} A to {high_A:g} A in "
+                "steps of "
                 f"{abs(signal.scale):g} A: it cannot represent 0 A, so the coil could not be switched off. Fix: "
-                "specify "
-                "a set-point that can represent 0 A",
+                "specify a set-point that can represent 0 A",
             )
         return low_A, high_A
 
@@ -276,8 +276,8 @@ class _Roles:
                 if bits & placed.signal.bits(message.size):
                     self._reading.wrong(
                         tuple(field.split(".")),
-                        f"{placed.signal.name} and {what} of [protection.{message.name}] overlap. Fix: check offset, "
-                        "crc and counter",
+                        f"{placed.signal.name} and {what} of [protection.{message.name}] overlap. Fix: check the "
+                        "entries offset, crc and counter",
                     )
 
     def _check_messages(
@@ -287,7 +287,8 @@ class _Roles:
         used = {named.message.name for role, named in self._found.items() if role not in SENT_ROLES}
         used |= {named.message.name for _, named, _, _ in self._fault_signals}
         for name in sorted(used & sent):
-            self._reading.wrong((COMMAND,), f"message {name!r} is both sent and received; a message has one sender")
+            self._reading.wrong((COMMAND,), f"message {name!r} is both sent and received; a message has only one "
+                "sender")
         for table, names in (("protection", protections), ("periods", periods)):
             for name in names:
                 if name not in used | sent:

@@ -81,7 +81,7 @@ def output_lacks(output: AnalogueOutput) -> tuple[tuple[str, bool, str], ...]:
     """What an output can do: a name, whether it can, and what is left without it, in words."""
     return (
         ("timeout", output.watchdog is not None,
-         "no watchdog of the output is stated ([watchdog]): if this host or the link fails, the output keeps its "
+         "no output watchdog is specified ([watchdog]): if this host or the link fails, the output keeps its "
          "value and the current flows until the amplifier is switched off; the actuator's own watchdog still stops "
          "the motion"),
         ("measurement", output.measures,
@@ -93,11 +93,11 @@ def output_lacks(output: AnalogueOutput) -> tuple[tuple[str, bool, str], ...]:
          "the set-point cannot be read back: the only confirmation, even of 0 A after a stop, is the module's "
          "answer to the write"),
         ("enable", ENABLE in output.quantities,
-         "the output is not switched off: a stop commands 0 A, and any offset current of the amplifier continues to "
-         "flow"),
+         "a stop does not switch the output off: it commands 0 A, and any offset current of the amplifier continues "
+         "to flow"),
         ("coil-temperature", False,
-         "the coil's temperature is not measured: its limit is not monitored, and temperature windows are refused"),
-        ("faults", bool(output.faults.quantities), "its own faults are not detected"),
+         "the coil's temperature is not measured: its limit is not monitored, and temperature windows are rejected"),
+        ("faults", bool(output.faults.quantities), "the module's own faults are not detected"),
         ("identity", bool(output.expected) or "serial_number" in output.quantities,
          "the module's identity cannot be checked against the bench file"),
     )  # fmt: skip

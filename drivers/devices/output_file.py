@@ -61,7 +61,7 @@ def _identity(table: Table, quantities: Quantities) -> dict[str, Value]:
     named = {name: quantities[name] for name in table if name in quantities}
     for name, quantity in named.items():
         if not quantity.read:
-            table.add(name, "cannot be read: its access is \"w\"")
+            table.add(name, "cannot be read because its access is \"w\"")
     return {
         name: table.given[name] if isinstance(table.given[name], str)
         else number_of(table, name, table.given[name], quantity, ())
@@ -76,7 +76,7 @@ def _written(table: Table, key: str, quantities: Quantities, names: tuple[str, .
     values = read_values(table, key, quantities, names)
     for quantity in values:
         if quantity.name in {CURRENT, ENABLE}:
-            table.add(key, f"writes {quantity.name}, which is reserved for the matrix and for stops. Fix: remove "
+            table.add(key, f"writes {quantity.name}, which is reserved for the test matrix and for stops. Fix: remove "
                 "this write")
     return (Write(values),)
 
@@ -104,13 +104,13 @@ def _needs(top: Table, output: AnalogueOutput, current_A: tuple[float, float]) -
         table.add(MEASURED, "must be readable")
     enable = quantities.get(ENABLE)
     if enable is not None and (not enable.written or not enable.whole or enable.type == "string"):
-        table.add(ENABLE, f"must be a {COIL} or a whole register without scale: 1 (on) or 0 (off) is written")
+        table.add(ENABLE, f"must be a {COIL} or a whole register without scale, because 1 (on) or 0 (off) is written")
     faults = quantities.get(FAULT_BITS)
     if faults is not None and (not faults.read or not faults.whole or faults.type in {*FLOATS, "string"}):
-        table.add(FAULT_BITS, "must contain bits: a readable integer without a scale")
+        table.add(FAULT_BITS, "must be a readable integer without a scale, because it contains bits")
     if not any(one.read for one in quantities.values()):
         table.add(None, "there is no readable quantity, so the module's presence could not be detected. Fix: add a "
-            "quantity that can be read")
+            "readable quantity")
     if current.space == HOLDING and current.type != "string":
         _zero(top, current, current_A, switched=enable is not None)
 
@@ -120,17 +120,18 @@ def _zero(top: Table, current: Quantity, current_A: tuple[float, float], *, swit
     table = top.table("quantities")
     for end_A in current_A:
         if not current.holds(end_A):
-            table.add(CURRENT, f"{current.type} with this scale and offset cannot hold {end_A:g} A of [range]")
+            table.add(CURRENT, f"{current.type} with this scale and offset cannot represent {end_A:g} A, a limit "
+                "in [range]")
     reaches = current_A[0] <= 0.0 <= current_A[1] and current.holds(0.0)
     if not reaches and not switched:
         top.table("range").add(
-            "current_A", "the register cannot represent 0 A, and there is no enable to switch the output off: the "
-                "coil could not be switched off. Refused"
+            "current_A", "the register cannot represent 0 A, and there is no quantity `enable` to switch the output "
+                "off, so the coil could not be switched off"
         )
         return
     off_A = abs(float(current.decode(current.encode(0.0)))) if reaches else 0.0
     if off_A > ZERO_A:
         table.add(
-            CURRENT, f"the value nearest to 0 A is {off_A:.3g} A; allowed {ZERO_A:g} A: the coil could not be "
-                "switched off. Fix: check scale and offset"
+            CURRENT, f"the value nearest to 0 A is {off_A:.3g} A (allowed: at most {ZERO_A:g} A), so the coil "
+                "could not be switched off. Fix: check scale and offset"
         )

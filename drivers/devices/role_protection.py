@@ -61,7 +61,7 @@ def _own(reading: Reading, message: DbcMessage, given: Mapping[str, Any], profil
         return None
     bytes_of = _whole_bytes(checksum, message.size)
     if bytes_of is None or checksum.length > _LONGEST_CRC:
-        reading.wrong((*place, "crc"), f"{checksum.name} must occupy whole bytes, 8, 16, 24 or 32 bits")
+        reading.wrong((*place, "crc"), f"{checksum.name} must occupy one to four whole bytes (8, 16, 24 or 32 bits)")
         return None
     crc, covered = _crc(reading, given, checksum.length, place), _covered(reading, given, message.size, place)
     if crc is None or covered is None:
@@ -136,13 +136,13 @@ def _fits(reading: Reading, message: DbcMessage, profile: str, checksum: Signal,
     bytes_of = _whole_bytes(checksum, message.size)
     if checksum.length != bits or bytes_of is None or (wide and checksum.big_endian):
         order = ", low byte first" if wide else ""
-        reading.wrong((*place, "crc"), f"{profile} has a checksum of {bits} bits in whole bytes{order}; "
-                      f"{checksum.name} has {checksum.length} from bit {checksum.start}")  # fmt: skip
+        reading.wrong((*place, "crc"), f"{profile} requires a checksum of {bits} bits in whole bytes{order}; "
+                      f"{checksum.name} has {checksum.length} bits from bit {checksum.start}")  # fmt: skip
     if counter.length != count_bits:
-        said = f"{profile} counts in {count_bits} bits; {counter.name} has {counter.length}"
+        said = f"{profile} requires a counter of {count_bits} bits; {counter.name} has {counter.length} bits"
         reading.wrong((*place, "counter"), said)
     if profile == "e2e-2" and bytes_of != range(1):
-        reading.wrong((*place, "crc"), "e2e-2 has its checksum in byte 0")
+        reading.wrong((*place, "crc"), "e2e-2 requires the checksum in byte 0")
     return len(reading.problems) == before
 
 
@@ -153,7 +153,7 @@ def _named(
     place: Place = ("protection", message.name, key)
     if key not in given:
         if default is None:
-            reading.wrong(place, f"is missing; write the name of a signal of {message.name}")
+            reading.wrong(place, f"is missing; write the name of a signal in {message.name}")
         return default
     named = reading.signal(message, given[key].removeprefix(f"{message.name}."), place)
     return None if named is None else replace(named.signal, signed=False, is_float=False, scale=1.0, offset=0.0)

@@ -108,13 +108,13 @@ class Reading:
         if given is None:
             near = near_names(name, message.signals, 3, 0.4) or list(message.signals)[:8]
             elsewhere = [item.name for item in self.messages.values() if name in item.signals]
-            hint = f"; {', '.join(elsewhere)} has a signal of that name" if elsewhere else ""
-            at = f" (line {message.line} of the DBC)" if message.line else ""
+            hint = f"; a signal of that name exists in {', '.join(elsewhere)}" if elsewhere else ""
+            at = f" (line {message.line} of the DBC file)" if message.line else ""
             self.wrong(place, f"message {message.name!r}{at} has no signal {name!r}; nearest: {', '.join(near)}{hint}")
             return None
         problem = _unusable(given, message)
         if problem:
-            self.wrong(place, f"signal {name!r} (line {given.line} of the DBC): {problem}")
+            self.wrong(place, f"signal {name!r} (line {given.line} of the DBC file): {problem}")
             return None
         return Found(message, given)
 
@@ -138,7 +138,7 @@ class Reading:
             self.wrong(place, said)
             return None
         if not signal.low <= value <= signal.high:
-            self.wrong(place, f"{signal.name} has a raw range of {signal.low:g} to {signal.high:g}")
+            self.wrong(place, f"the raw range of {signal.name} is {signal.low:g} to {signal.high:g}")
             return None
         return value
 
@@ -151,7 +151,7 @@ class Reading:
         """A whole number of a range."""
         if low <= value <= high:
             return value
-        self.wrong(place, f"must be a whole number of {low} to {high} (0x{high:X})")
+        self.wrong(place, f"must be a whole number from {low} to {high} (0x{high:X})")
         return None
 
     def in_unit(self, named: Found, dimension: str, table: Mapping[str, Any], place: Place) -> Found | None:
@@ -161,8 +161,10 @@ class Reading:
         base, per_si = _BASE[dimension]
         if dimension == "current" and unit in SHARES:
             if "full_scale" not in table:
-                self.wrong((*place, "full_scale"), 'is defined in %. Fix: write the current at 100 %, full_scale = '
-                    '"3 A"')
+                self.wrong((*place, "full_scale"), 'is missing; the unit of the signal is %. Fix: write the '
+                    'current at 100 '
+                    '%, such as '
+                    'full_scale = "3 A"')
                 return None
             factor, offset = quantity(table["full_scale"])[0] / 100.0, 0.0
         elif unit in units:
@@ -173,7 +175,8 @@ class Reading:
         else:
             said = f"is in {unit!r}" if unit else "has no unit in the DBC file"
             known_units = ", ".join((*units, *(SHARES[:1] if dimension == "current" else ())))
-            self.wrong(place, f'{signal.name} {said}; allowed: {known_units}. Write {{signal = "...", unit = "..."}}')
+            self.wrong(place, f'{signal.name} {said}; allowed: {known_units}. Fix: write {{signal = "...", unit = '
+                f'"..."}}')
             return None
         converted = replace(signal, scale=signal.scale * factor, offset=signal.offset * factor + offset, unit=base)
         given = replace(
@@ -188,14 +191,14 @@ def _unusable(given: DbcSignal, message: DbcMessage) -> str:
     """What is wrong with a signal by itself; empty where nothing is."""
     signal = given.signal
     if not math.isfinite(signal.scale) or signal.scale == 0.0:
-        return f"its scale is {signal.scale:g}; the scale must not be 0"
+        return f"its scale is {signal.scale:g}; the scale must be finite and not 0"
     if not math.isfinite(signal.offset):
-        return f"its offset is {signal.offset:g}"
+        return f"its offset is {signal.offset:g}; the offset must be finite"
     if signal.is_float and signal.length not in {16, 32, 64}:
         return f"a float has 16, 32 or 64 bits, but this signal has {signal.length}"
     if not 1 <= signal.length <= 64:
-        return f"it has {signal.length} bits; allowed: 1 to 64"
+        return f"the signal has {signal.length} bits; allowed: 1 to 64"
     bits = signal.bits(message.size)
     if min(bits) < 0 or max(bits) >= 8 * message.size:
-        return f"it extends beyond the {message.size} bytes of {message.name}"
+        return f"the signal extends beyond the {message.size} bytes of {message.name}"
     return ""

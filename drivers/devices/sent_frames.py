@@ -40,7 +40,7 @@ def sent_frames(
         given = {item.signal.name: (item, number, place) for item, number, place in fixed if item.message.name == name}
         for role, named in own.items():
             if named.signal.name in given:
-                reading.wrong(given[named.signal.name][2], f"is also the signal of {role} and cannot be constant")
+                reading.wrong(given[named.signal.name][2], f"has the role {role}, so its value cannot be constant")
         protection = protections.get(name, Protection())
         for page in _pages(message, own, {key: number for key, (_, number, _) in given.items()}):
             frame = _frame(reading, message, page, own, given, protection)
@@ -71,7 +71,7 @@ def _constant(reading: Reading, named: Found, value: Any, place: Place) -> int |
     signal = named.signal
     if signal.is_float:
         if isinstance(value, bool | str):
-            reading.wrong(place, f"{signal.name} is a float; must be a number")
+            reading.wrong(place, f"{signal.name} is a float, so its value must be a number")
             return None
         try:
             return signal.raw(value)
@@ -178,5 +178,5 @@ def _overlaps(
         mine = signal.bits(message.size)
         clash = next((taken[bit] for bit in sorted(mine) if bit in taken), "")
         if clash:
-            reading.wrong(place, f"{signal.name} and {clash} overlap. Fix: check offset, crc and counter")
+            reading.wrong(place, f"{signal.name} and {clash} overlap. Fix: check the entries offset, crc and counter")
         taken |= dict.fromkeys(mine, signal.name)

@@ -39,7 +39,7 @@ def current_source(given: Given, roles: Mapping[str, Any] | None = None) -> EcuD
     if isinstance(given, str):
         return _preset(given)
     if roles is None:
-        raise LocalProtocolError(f"{given.name}: no roles are specified, which would state the meaning of the signals")
+        raise LocalProtocolError(f"{given.name}: no roles are specified; roles define the meaning of the signals")
     return _described(given, json.dumps(roles, default=str))
 
 
@@ -88,7 +88,7 @@ def preset(name: str) -> tuple[DbcText, Mapping[str, Any]]:
         LocalProtocolError: there is none of that name.
     """
     if name not in current_source_names():
-        raise LocalProtocolError(f"no current source {name!r}; known: {', '.join(current_source_names())}")
+        raise LocalProtocolError(f"unknown current source {name!r}; known: {', '.join(current_source_names())}")
     dbc, roles = FOLDER / f"{name}_ecu.dbc", FOLDER / f"{name}_ecu.toml"
     return DbcText(dbc.name, dbc.read_text(DBC_ENCODING)), tomllib.loads(roles.read_text(encoding="utf-8"))
 

@@ -184,7 +184,7 @@ def supply_lacks(described: SupplyDescription) -> tuple[tuple[str, str], ...]:
         ),
         "coil-temperature": (
             False, "the coil's temperature is not measured: its limit is not monitored, and temperature windows are "
-                "refused"
+                "rejected"
         ),
         "voltage-limit": (
             described.voltage_V is not None,

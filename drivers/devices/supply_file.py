@@ -55,11 +55,13 @@ def read_supply(given: Mapping[str, Any]) -> tuple[SupplyDescription | None, lis
     watchdog = None if sent is None else _watchdog(sent, problems)
     bits = given.get("faults", {})
     if bits and not commands.read_faults:
-        problems.append((("faults",), "defines bits of an answer. Fix: write the query as read_faults under "
-            "[commands]"))
+        problems.append((("faults",), "defines the bits of an answer, but its query is missing. Fix: write the "
+            "query as "
+            "read_faults under [commands]"))
     if commands.read_faults and not bits:
-        problems.append((("commands", "read_faults"), "the answer contains bits. Fix: define their meaning under "
-            "[faults]"))
+        problems.append((("commands", "read_faults"), "the answer contains bits whose meaning is not defined. Fix: "
+            "define the bits "
+            "under [faults]"))
     problems += _lacking(commands, current_A, voltage_V)
     if problems:
         return None, problems
@@ -108,7 +110,7 @@ def _unfit(name: str, sent: Commands) -> Iterator[str]:
     carried = frozenset[str]().union(*(command.quantities for command in sent))
     if wanted and sent and wanted not in carried:
         unit = "current_A" if wanted == "current" else "voltage_V"
-        yield f'does not contain the {wanted}; write for example "... {{{unit}:.3f}}"'
+        yield f'does not contain the {wanted}; write, for example, "... {{{unit}:.3f}}"'
     if extra := carried - {wanted}:
         yield f"contains {' and '.join(sorted(extra))}, which is not allowed here"
     if name in _QUERIES and len(sent) != 1:
@@ -172,10 +174,10 @@ def _lacking(
     """What nothing can be run without."""
     if bool(commands.output_on) != bool(commands.output_off):
         absent = "output_off" if commands.output_on else "output_on"
-        yield ("commands", absent), "is missing; a supply requires both or neither of the two"
+        yield ("commands", absent), "is missing; specify both output_on and output_off, or neither"
     if not (current_A[0] <= 0.0 <= current_A[1] or commands.output_off):
         yield ("range", "current_A"), (
-            "does not include 0 A, and there is no output_off: the coil could not be switched off. Refused"
+            "does not include 0 A, and there is no output_off, so the coil could not be switched off"
         )
     if math.isclose(max(map(abs, current_A)), 0.0):
         yield ("range", "current_A"), "does not allow any current"

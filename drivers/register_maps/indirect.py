@@ -80,7 +80,7 @@ def read_indirect(table: Table, quantities: Mapping[str, Quantity], first: Mappi
     for key, address in (("pointers", pointers), ("data", data)):
         if not 0 <= address <= LAST_ADDRESS:
             low = first[HOLDING if key == "pointers" else space]
-            table.add(key, f"must be a whole number of {low} to {low + LAST_ADDRESS}")
+            table.add(key, f"must be a whole number from {low} to {low + LAST_ADDRESS}")
             return None
     listed: list[Quantity] = []
     for name in table.get("quantities"):
@@ -95,7 +95,7 @@ def read_indirect(table: Table, quantities: Mapping[str, Quantity], first: Mappi
     result = Indirect(space, pointers, data, tuple(listed), width, table.get("pointer_offset", 0))
     count = len(result.addresses)
     if result.pointers + count * width > LAST_ADDRESS + 1 or result.data + count > LAST_ADDRESS + 1:
-        table.add(None, f"its {count} registers extend beyond the last register, 65535")
+        table.add(None, f"the {count} registers of this table extend beyond the last register, 65535")
     if width == 1 and not all(0 <= entry <= LAST_ADDRESS for entry in result.addresses):
-        table.add("pointer_offset", "an entry is not a 16-bit number")
+        table.add("pointer_offset", "an entry of the pointer table would not be a 16-bit number")
     return result

@@ -57,8 +57,8 @@ def read_map(given: Mapping[str, Any]) -> tuple[ControllerMap | None, list[Probl
     if not given.keys() & set(TABLES):
         return None, [((), "this is not a register map: a register map contains [quantities], [state] and "
             "[commands]; see rig schema register-map")]
-    for table, why in (("quantities", "this table states the registers "
-        "of the device's values"), ("state", "this table states the meaning of the device's states")):
+    for table, why in (("quantities", "this table states which "
+        "registers contain the device's values"), ("state", "this table states how the device shows its states")):
         if table not in top:
             top.add(None, f"[{table}] is missing; {why}")
     modbus = read_modbus(top.table("modbus"))
@@ -85,7 +85,7 @@ def _over_base(kept: Kept, given: Mapping[str, Any]) -> Mapping[str, Any]:
     name, leaves = given.get("base"), given.get("without", ())
     if name is None:
         if leaves:
-            kept.add(("without",), "requires `base`, the map whose entries are to be removed")
+            kept.add(("without",), "requires `base`, the map from which entries are removed")
         return given
     if name not in controller_names():
         kept.add(("base",), f"unknown map {name!r:.40}; {meant(name, controller_names())}")
@@ -95,7 +95,7 @@ def _over_base(kept: Kept, given: Mapping[str, Any]) -> Mapping[str, Any]:
         table, _, key = entry.partition(".")
         held = merged if not key else merged.get(table, {})
         if not isinstance(held, dict) or (key or table) not in held:
-            kept.add(("without",), f"{entry!r:.60} is not an entry of {name}")
+            kept.add(("without",), f"{entry!r:.60} is not an entry in {name}")
             continue
         del held[key or table]
     for table, entries in given.items():

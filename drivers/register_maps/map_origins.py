@@ -41,7 +41,7 @@ def map_origins(controller: ControllerMap) -> Origins:
         meanings[Channel.INPUTS] |= {quantities["state"]}
     origins |= {channel: ChannelOrigin(SOURCE, _meaning(of)) for channel, of in meanings.items() if of}
     if Channel.VELOCITY not in origins:
-        text = "value = smoothed difference of the controller's positions over the host's time"
+        text = "value = smoothed finite difference of the controller's position over the host time"
         origins[Channel.VELOCITY] = ChannelOrigin("station", text, "Velocity computed from the controller's position")
     if Channel.CYCLES_DONE not in origins and not controller.capabilities.streamed_setpoints:
         text = (
@@ -54,4 +54,4 @@ def map_origins(controller: ControllerMap) -> Origins:
 
 def _meaning(quantities: Iterable[Quantity]) -> str:
     places = sorted(quantity.on_wire for quantity in quantities)
-    return f"value = meaning, according to the register map, of {'; '.join(places)}"
+    return f"value = meaning of {'; '.join(places)} according to the register map"

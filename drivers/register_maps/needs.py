@@ -81,8 +81,7 @@ def check(source: Kept, quantities: Quantities, words: Words, recipes: Recipes, 
     if watchdog is not WatchdogKind.NONE and not words.faults.members & FaultBit.WATCHDOG:
         source.add(
             ("faults",), "watchdog is missing: this entry states how the device shows that its watchdog has tripped, "
-                "which "
-                'is tested before any motion. Fix: add the entry, or write [watchdog] kind = "none"'
+                'which is tested before any motion. Fix: add the entry, or write [watchdog] kind = "none"'
         )
     if (watchdog is not WatchdogKind.NONE or words.faults.members) and Command.RESET not in commands:
         source.add(("commands",), "reset is missing: without it, a trip latched by the device could not be cleared")
@@ -97,7 +96,8 @@ def _stops(source: Kept, commands: Mapping[Command, Recipe]) -> None:
         if not recipe:
             continue
         if not isinstance(recipe[0], Write):
-            source.add(("commands", word(stop)), "a stop must start with a write; pauses and waits follow it")
+            source.add(("commands", word(stop)), "a stop must start with a write; pauses and waits must follow the "
+                "write")
         for other in BEGINNINGS:
             if commands.get(other) == recipe:
                 source.add(("commands", word(stop)), f"is identical to {word(other)}, so it would not stop anything")
@@ -108,8 +108,8 @@ def _motions(source: Kept, words: Words, recipes: Recipes) -> None:
     generator = Command.START in commands
     if not generator and not recipes.setpoint:
         source.add(
-            ("commands",), "start is missing, and there is no [setpoint]. Fix: add one of the two, to start the "
-                "device's function generator or to stream set-points"
+            ("commands",), "start is missing, and there is no [setpoint]. Fix: add start to use the device's "
+                "function generator, or [setpoint] to stream set-points"
         )
     if generator and Command.MOVE_TO not in commands:
         source.add(("commands",), "move-to is missing: this command moves the rod to the centre of a program before "
@@ -123,29 +123,29 @@ def _motions(source: Kept, words: Words, recipes: Recipes) -> None:
     if generator:
         _program(source, commands[Command.START], words)
     if Command.MOVE_TO in commands and not _asks_for(commands[Command.MOVE_TO], "$target"):
-        source.add(("commands", "move-to"), "its target is missing: write $target")
+        source.add(("commands", "move-to"), "the target of this command is missing: write $target")
 
 
 def _program(source: Kept, start: Recipe, words: Words) -> None:
     place = ("commands", "start")
     low_and_high = _asks_for(start, "$low") and _asks_for(start, "$high")
     if not (_asks_for(start, "$amplitude") or _asks_for(start, "$peak_to_peak") or low_and_high):
-        source.add(place, "its amplitude is missing: write $amplitude, $peak_to_peak, or $low and $high")
+        source.add(place, "the amplitude of the program is missing: write $amplitude, $peak_to_peak, or $low and $high")
     if _asks_for(start, "$waveform") and int(Waveform.SINE) not in words.waveforms.codes:
-        source.add(("waveforms",), "sine is missing: it states the code that selects a sine at the function generator")
+        source.add(("waveforms",), "sine is missing: this entry states the function generator's code for a sine")
     for quantity in {one for step in start if isinstance(step, Write) for one, value in step.values.items()
                      if value == "$waveform"}:  # fmt: skip
         for waveform, codes in words.waveforms.codes.items():
             if not quantity.holds(codes[0]):
                 source.add(("waveforms", word(Waveform(waveform))), f"{codes[0]} does not fit {quantity.name}")
     if not (_asks_for(start, "$frequency") or _asks_for(start, "$period")):
-        source.add(place, "its frequency is missing: write $frequency or $period")
+        source.add(place, "the frequency of the program is missing: write $frequency or $period")
     ramped = _asks_for(start, "$ramp_in_cycles") or _asks_for(start, "$ramp_out_cycles")
     ramps = ramped and _asks_for(start, "$cycles")
     if not (_asks_for(start, "$all_cycles") or _asks_for(start, "$duration") or ramps):
         source.add(
-            place, "its length is missing: write $all_cycles, $duration, or $cycles with $ramp_in_cycles and "
-                "$ramp_out_cycles"
+            place, "the length of the program is missing: write $all_cycles, $duration, or $cycles with "
+                "$ramp_in_cycles and $ramp_out_cycles"
         )
 
 
@@ -160,15 +160,13 @@ def _pressure(source: Kept, words: Words, commands: Mapping[Command, Recipe]) ->
     if on and off and not seen:
         source.add(
             ("state",), "off is missing: this entry states how the device shows that its pressure (or power) is off. "
-                "Fix: "
-                "add the entry, or write [pressure] off, or [inputs] hydraulics-on"
+                "Fix: add this entry, [pressure] off or [inputs] hydraulics-on"
         )
     if Command.HYDRAULICS_LOW in commands and not (
         State.LOW in words.states.known or words.inputs.members & Input.HYDRAULICS_LOW or Pressure.LOW in stated
     ):
         source.add(("state",), "low is missing: this entry states how the device shows low pressure. Fix: add the "
-            "entry, or "
-            "remove hydraulics-low")
+            "entry, or remove hydraulics-low")
     _pressure_codes(source, words)
 
 
@@ -180,7 +178,7 @@ def _pressure_codes(source: Kept, words: Words) -> None:
             state = State(held.get(code, State.TRIPPED))
             if pressure is not Pressure.ON and state not in {State.TRIPPED, State.OFF, State.LOW}:
                 source.add(
-                    ("pressure", word(pressure)), f"code {code} is {word(state)} in [state]: this code does not show "
+                    ("pressure", word(pressure)), f"code {code} means {word(state)} in [state], which does not show "
                         "that the pressure (or power) is off"
                 )
 
@@ -208,15 +206,15 @@ def check_identity(source: Kept, expected: Mapping[str, Value], quantities: Quan
         if (quantity.type == "string") is not isinstance(value, str):
             source.add(place, f"{value!r} must be a {'text' if quantity.type == 'string' else 'number'}")
         elif not quantity.read:
-            source.add(place, "it cannot be read")
+            source.add(place, "this quantity cannot be read")
         elif name in ROLES:
             source.add(place, "this quantity is part of the status, which changes, so it cannot identify the device")
         elif isinstance(value, str) and not (value.isascii() and value == value.rstrip() and "\0" not in value):
-            source.add(place, f"{value!r} is impossible: a string must be ASCII without trailing blanks")
+            source.add(place, f"{value!r} is invalid: a string must be ASCII without trailing spaces")
         elif isinstance(value, str) and len(value) > 2 * quantity.length:
-            source.add(place, f"{value!r} is impossible: {quantity.length} registers hold "
-                f"{2 * quantity.length} characters")  # fmt: skip
+            source.add(place, f"{value!r} is too long; allowed: at most {2 * quantity.length} characters")
         elif quantity.values > 1:
-            source.add(place, f"it has {quantity.values} values; a single number must identify the device")
+            source.add(place, f"this quantity has {quantity.values} values; a device must be identified by a "
+                "single number")
         elif not isinstance(value, str) and quantity.bit is None and not quantity.holds(value):
             source.add(place, f"{value!r} cannot be represented by {quantity.type} with scale {quantity.scale:g}")

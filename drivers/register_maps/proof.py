@@ -39,7 +39,7 @@ def unproved(
         return "", ""
     fix = next((fix for fix in fixes if fix), "")
     read_right = ", ".join(one for one, how in zip(right, fixes, strict=True) if how == fix)
-    why = f"with {fix} the same words read {read_right}, as expected"
+    why = f"with {fix}, the same words read {read_right}, as expected"
     why = why if fix else "the word order, scale, layout or device is wrong"
     return f"{', '.join(told)}; {why}", f"write {fix} in the register map" if fix else ""
 

@@ -129,7 +129,7 @@ class Quantity:
         try:
             raw = self._words.pack(*ordered)
         except struct.error as error:
-            raise RemoteProtocolError(f"{self.name!r}: a word is not 0..65535: {error}") from error
+            raise RemoteProtocolError(f"{self.name!r}: a word is outside the range 0 to 65535: {error}") from error
         if self.type == "string":
             try:
                 return raw.split(b"\0", 1)[0].decode("ascii").rstrip()

@@ -39,16 +39,16 @@ def _test(table: Table, quantities: Quantities, names: Collection[str]) -> Test 
         table.add(None, f"quantity {name!r} is not in [quantities]; {meant(name, quantities)}")
         return None
     if not quantity.read:
-        table.add(None, f"{name!r} cannot be read: its access is \"w\"")
+        table.add(None, f"{name!r} cannot be read because its access is \"w\"")
     if quantity.type == "string":
         table.add(None, f"{name!r} is a string; a condition requires a number")
     if quantity.values > 1:
         table.add(None, f"{name!r} has {quantity.values} values; a condition requires a single number")
     bit = table.get("bit")
     if bit is not None and bit >= 16 * quantity.length:
-        table.add("bit", f"{name!r} has the bits 0 to {16 * quantity.length - 1}")
+        table.add("bit", f"{name!r} has only bits 0 to {16 * quantity.length - 1}")
     if bit is not None and not quantity.whole:
-        table.add("bit", f"{name!r} is not a whole number without scale and has no bits")
+        table.add("bit", f"{name!r} is not a whole number without scale, so it has no bits")
     given = [comparison for comparison in COMPARISONS if comparison in table]
     if len(given) > 1:
         table.add(None, f"got several comparisons: {', '.join(given)}. Fix: write several conditions as a list")
@@ -66,7 +66,7 @@ def number_of(table: Table, key: str, given: Value, quantity: Quantity | None, n
             table.add(key, f'{given!r:.40} must be a number, true, false or a name such as "$target"')
             return 0
         if given[1:] not in names:
-            table.add(key, f"{given} is not known here; {meant(given, [f'${name}' for name in names])}")
+            table.add(key, f"{given} is not available here; {meant(given, [f'${name}' for name in names])}")
             return 0
         return given
     if isinstance(given, bool):
@@ -106,9 +106,8 @@ def read_states(table: Table, quantities: Quantities) -> States:
             codes[member] = own
             rules.append(StateRule(member, own))
             if "state" not in quantities:
-                table.add(name, "refers to a code of `state`, which is not in [quantities]. Fix: add `state`, or "
-                    "write a "
-                    "condition")
+                table.add(name, "refers to a code of the quantity `state`, which is not in [quantities]. Fix: add "
+                    "`state`, or write a condition")
     if "hold" not in table:
         table.add(None, "hold is missing: this entry states the code or condition that shows that the device holds its "
             "position")
@@ -127,11 +126,11 @@ def read_pressure(table: Table, quantities: Quantities) -> PressureRules:
         else:
             rules[member] = StateRule(member, _codes(table, name, owners))
             if "state" not in quantities:
-                table.add(name, "refers to a code of `state`, which is not in [quantities]. Fix: add `state`, or "
-                    "write a "
-                    "condition")
+                table.add(name, "refers to a code of the quantity `state`, which is not in [quantities]. Fix: add "
+                    "`state`, or write a condition")
     if rules and Pressure.OFF not in rules:
-        table.add(None, "off is missing: it states the code or condition that shows that the device has no pressure "
+        table.add(None, "off is missing: this entry states the code or condition that shows that the device has no "
+            "pressure "
             "(or power)")
     return PressureRules(rules)
 
@@ -162,7 +161,7 @@ def read_bits(table: Table, meaning: type[IntFlag], quantity: Quantity | None, n
         most = 15 if quantity is None else 16 * quantity.length - 1
         bits = listed(given)
         if max(bits) > most:
-            table.add(name, f"{given!r:.40} must be a bit of {named} (a whole number of 0 to {most}) or a condition")
+            table.add(name, f"{given!r:.40} must be a bit of {named} (a whole number from 0 to {most}) or a condition")
             continue
         if quantity is None:
             table.add(name, f"refers to a bit of the quantity `{named}`, which is not in [quantities]. Fix: add the "

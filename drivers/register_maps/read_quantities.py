@@ -82,7 +82,8 @@ def read_quantities(table: Table, modbus: Modbus) -> dict[str, Quantity]:
     result: dict[str, Quantity] = {}
     for name in table:
         if not _NAME.fullmatch(name):
-            table.add(name, "is not a valid name: letters, digits and _, starting with a letter, such as servo_error")
+            table.add(name, "is not a valid name; allowed: letters, digits and _, starting with a letter, such as "
+                "servo_error")
         entry = table.table(name)
         quantity = _quantity(name, entry, modbus)
         if quantity is not None:
@@ -103,11 +104,12 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
         return None
     if not 0 <= address <= LAST_ADDRESS:
         first = modbus.first_address[space]
-        entry.add("address", f"{entry.get('address')} must be a whole number of {first} to {first + LAST_ADDRESS}")
+        entry.add("address", f"{entry.get('address')} must be a whole number from {first} to {first + LAST_ADDRESS}")
         return None
     if kind == "bit" and not bits:
         if bit is None:
-            entry.add("type", "type 'bit' is for a coil or a discrete input. Fix: for a bit of a register, write bit "
+            entry.add("type", "type 'bit' applies only to a coil or a discrete input. Fix: for a bit of a "
+                "register, write bit "
                 "= 0 to 15")
             return None
         kind = "u16"
@@ -118,7 +120,7 @@ def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
     if kind == "string" and "length" not in entry:
         entry.add(None, "length is missing. Fix: write length, a whole number from 1 to 120")
     elif "length" in entry and kind != "string":
-        entry.add("length", "only for strings; a table of values has count")
+        entry.add("length", "applies only to strings; for a table of values, use count")
     length = entry.get("length", 1) if kind == "string" else max(1, TYPES[kind][1])
     return Quantity(
         name, space, address, kind, length, entry.get("count", 1), _scale(entry), float(entry.get("offset", 0.0)),
@@ -145,7 +147,7 @@ def measures(entry: Table) -> str:
 def _check(quantity: Quantity, entry: Table) -> None:
     """A quantity by itself: it ends within the registers, may be accessed as it says, and measures what its name is."""
     if quantity.end > LAST_ADDRESS + 1:
-        entry.add("address", f"its {quantity.end - quantity.address} registers extend beyond the last one, 65535")
+        entry.add("address", f"the {quantity.end - quantity.address} registers extend beyond the last register, 65535")
     if quantity.written and quantity.space in READ_ONLY:
         entry.add("access", f'{quantity.space} registers cannot be written. Fix: access = "r"')
     if quantity.written and quantity.bit is not None:
@@ -162,7 +164,7 @@ def _check(quantity: Quantity, entry: Table) -> None:
     if name in ROLES and not quantity.read:
         entry.add("access", f"{name} is part of the status and must be readable")
     if name in LIMITS and not (quantity.read and quantity.written):
-        entry.add("access", f'{name} is a limit, which is written and read back: access must be "rw"')
+        entry.add("access", f'{name} is a limit, which is written and read back, so its access must be "rw"')
     if quantity.values > 1 and (name in ROLES or name in LIMITS or name in IDENTITY):
         entry.add("count", f"{name} must be a single value")
 
@@ -175,7 +177,7 @@ def _check_type(quantity: Quantity, entry: Table) -> None:
     if quantity.type == "string" and (ROLES.get(name) or LIMITS.get(name) or name in NUMBERED):
         entry.add("type", f"{name} must be a number, not a string")
     if name in NUMBERED and quantity.type in FLOATS:
-        entry.add("type", f"{name} must be a whole number, which {quantity.type} is not")
+        entry.add("type", f"{name} must be a whole number, not {quantity.type}")
     if quantity.step < LEAST_STEP and quantity.type not in {*FLOATS, "string"}:
         entry.add("scale", f"{quantity.scale:g}: a step below {LEAST_STEP:g} is implausible")
 
@@ -190,7 +192,7 @@ def _overlaps(table: Table, result: Mapping[str, Quantity]) -> None:
             both = (quantity.read and other.read) or (quantity.written and other.written)
             if other is not quantity and both and not bits:
                 table.add(
-                    quantity.name, f"overlaps {other.name!r}: both use {quantity.space} {address} (as on the wire); "
-                    f"{other.name!r} lies at {other.address} to {other.end - 1}"
+                    quantity.name, f"overlaps {other.name!r}: both use {quantity.space} {address} (wire address); "
+                    f"{other.name!r} occupies {other.address} to {other.end - 1}"
                 )
                 break

@@ -88,8 +88,8 @@ class Recipes:
         self._used.add(name)
         self._calls += 1
         if self._calls == MOST_CALLS:
-            step.add(None, f"recipes call recipes more than {MOST_CALLS} times in this file. Fix: write out the "
-                "steps")
+            step.add(None, f"the recipes in this file call other recipes more than {MOST_CALLS} times. Fix: write out "
+                "the steps")
         if self._calls >= MOST_CALLS:
             return ()
         return self.read(self._named, name, names, (*under, name))
@@ -106,7 +106,7 @@ class Recipes:
         given = step.get("span")
         inside = [self._quantities[name] for name in step.table("write") if name in self._quantities]
         if not all(name in self._quantities for name in given):
-            step.add("span", "must be two quantities, [first, last]: all registers from the first to the last are "
+            step.add("span", "must be two quantities, [first, last]; all registers from the first to the last are "
                 "written")
             return None
         first, last = (self._quantities[name] for name in given)
@@ -115,9 +115,8 @@ class Recipes:
         holding = all(one.space == HOLDING and one.write_function == 16 for one in (first, last, *inside))
         if not (holding and fits and 0 < span[1] - span[0] + 1 <= LONGEST_SPAN):
             step.add(
-                "span", f"must be at most {LONGEST_SPAN} holding registers, written by function 16, that include "
-                    "everything "
-                "that this step writes"
+                "span", f"must cover at most {LONGEST_SPAN} holding registers, written by function 16, and include "
+                    "everything that this step writes"
             )
             return None
         return span
@@ -133,7 +132,7 @@ def read_values(step: Table, key: str, quantities: Quantities, names: Collection
             written.add(name, f"is not in [quantities]; {meant(name, quantities)}")
             continue
         if not quantity.written:
-            written.add(name, f"cannot be written: its access is \"r\" ({quantity.space})")
+            written.add(name, f"cannot be written because its access is \"r\" ({quantity.space})")
         value = number_of(written, name, written.given[name], quantity, names)
         if isinstance(value, str):
             _check_name(written, name, value[1:], quantity)
@@ -148,14 +147,14 @@ def read_values(step: Table, key: str, quantities: Quantities, names: Collection
 def _check_name(written: Table, key: str, name: str, quantity: Quantity) -> None:
     wanted = MEASURES.get(name, "")
     if wanted and quantity.measures and quantity.measures != wanted:
-        written.add(key, f"${name} is a {wanted}; {quantity.name} is a {quantity.measures} by its unit")
+        written.add(key, f"${name} is a {wanted}, but {quantity.name} is a {quantity.measures} according to its unit")
     if name in COUNTS:
         low, high = COUNTS[name]
         if quantity.type == "string" or not all(map(quantity.holds, (low, low + 1, high))) or quantity.step > 1.0:
             fix = ", or \"$toggle\" (0 and 1)" if name == "counter" else ""
             written.add(
-                key, f"${name} is {low} to {high}: {quantity.name} ({quantity.type}) cannot hold each of these "
-                    f"numbers. Fix: write it to a u16 without scale{fix}"
+                key, f"${name} ranges from {low} to {high}, but {quantity.name} ({quantity.type}) cannot hold all of "
+                    f"these numbers. Fix: write ${name} to a u16 without scale{fix}"
             )
     if quantity.values > 1 and name != "values":
         written.add(key, f"{quantity.name} has {quantity.values} values; only a [table] can write these values")
@@ -202,7 +201,7 @@ def read_watchdog(table: Table, recipes: Recipes, streams: bool) -> tuple[Watchd
     if kind in {"setpoints", "none"} and steps:
         table.add("write", f'kind = "{kind}" does not require a refresh. Fix: remove write')
     if kind == "setpoints" and not streams:
-        table.add("kind", "set-points are not sent to this device: [setpoint] is missing")
+        table.add("kind", "no set-points are sent to this device, because [setpoint] is missing")
     kinds = {"counter": WatchdogKind.COUNTER, "none": WatchdogKind.NONE}
     return kinds.get(kind, WatchdogKind.TIMEOUT), steps, time_s
 

@@ -49,7 +49,7 @@ def serial_url(text: str) -> str:
     if not separator:
         name, colon, rest = text.partition(":")
         if colon and (name in SCHEMES or (rest.isdigit() and "/" not in name)):
-            raise ValueError(f'not a serial port; a serial device server is written "socket://{_address(text)}"')
+            raise ValueError(f'not a serial port; for a serial device server, write "socket://{_address(text)}"')
         return text
     if scheme not in SCHEMES:
         hint = _close(scheme, SCHEMES)
@@ -134,14 +134,13 @@ def ecu_problems(dbc: str | DbcText, roles: str | Mapping[str, Any] | None) -> I
     if not is_dbc(dbc):
         if roles is not None and (dbc in own_names(CURRENT_SOURCES) or not isinstance(roles, Mapping)):
             yield ("roles",), (
-                f'states the meaning of the signals in a DBC file; "{dbc}" already includes this. Fix: remove this '
-                'entry'
+                f'applies only to a DBC file; "{dbc}" already defines the meaning of its signals. Fix: remove this '
+                "entry"
             )
     elif roles is None:
         yield ("dbc",), (
-            'a DBC file requires roles, which state the meaning of its signals. Fix: write roles = "ecu-roles.toml", '
-            'or '
-            "a table [ecu.roles]; docs/how-to/connect-an-ecu-by-dbc.md"
+            'a DBC file requires roles, which define the meaning of its signals. Fix: write roles = "ecu-roles.toml" '
+            "or a table [ecu.roles]; see docs/how-to/connect-an-ecu-by-dbc.md"
         )  # fmt: skip
     else:
         from rig.files.ecu_files import ecu_problems as problems  # loads the validator, which has called this
@@ -159,7 +158,7 @@ def _described(name: str, check: Callable[[str], None]) -> str:
     try:
         check(name)
     except ProtocolError as error:
-        raise ValueError(f"its description cannot be used: {error}") from error
+        raise ValueError(f"the description of {name} cannot be used: {error}") from error
     except BrokenPlugIn as error:
         raise ValueError(str(error)) from error
     return name

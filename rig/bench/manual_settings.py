@@ -40,14 +40,14 @@ def manual_problems_of(config: ManualEntries) -> Iterator[Problem]:
     """Entries of another kind of current source beside `by_hand = true`, and its own without it."""
     if not config.by_hand:
         if config.rehearsal is not None:
-            yield ("rehearsal",), "applies only to by_hand = true on a simulated rig. Fix: remove it"
+            yield ("rehearsal",), "applies only with by_hand = true on a simulated rig. Fix: remove this entry"
         if config.pressure_while_asked != "off":
-            yield ("pressure_while_asked",), "applies only to by_hand = true. Fix: remove it"
+            yield ("pressure_while_asked",), "applies only with by_hand = true. Fix: remove this entry"
         return
     if config.rehearsal is not None and "//127.0.0.1:" not in config.rehearsal:
         yield ("rehearsal",), (
-            "refers to the simulated rig on this computer (127.0.0.1). Fix: remove this entry from the bench file of "
-            "a real rig"
+            "must refer to a simulated rig on this computer (127.0.0.1). Fix: remove this entry from the bench file "
+            "of a real rig"
         )
     for name in _NOT_BESIDE:
         if getattr(config, name) is not None:

@@ -42,11 +42,12 @@ class Checks(Section):
     )
     force_zero_N: Annotated[float, Quantity("force", "0 N", "20 kN", above=True)] | None = Field(
         default=None, alias="force_zero",
-        description="permitted zero difference between the load cell and the force input; default: 0.25 % of the load "
+        description="permitted difference in zero between the load cell and the force input; default: 0.25 % of "
+            "the load "
             "cell's range, less for tests with low forces",
     )
     displacement_zero_m: Annotated[float, Quantity("length", "0 mm", "100 mm", above=True)] = Field(
-        default=0.5e-3, alias="displacement_zero", description="permitted zero difference between the LVDT and the "
+        default=0.5e-3, alias="displacement_zero", description="permitted difference in zero between the LVDT and the "
             "position input"
     )
     time_s: Annotated[float, Quantity("time", "0.01 ms", "100 ms")] = Field(
@@ -94,7 +95,7 @@ class Bench(Section):
     station: Station = Field(default_factory=Station)
     checks: Checks = Field(default_factory=Checks)
     require_valid_calibration: bool = Field(
-        default=False, description="refuse to run with a sensor whose calibration is past its due date"
+        default=False, description="require that no sensor's calibration is overdue"
     )
 
     @classmethod
@@ -162,7 +163,7 @@ class Bench(Section):
         owners: dict[str, str] = {}
         for place, sensor in self._sensors().items():
             if (owner := owners.get(sensor.url)) is not None:
-                problems.append(((*place, "url"), f"is already the port of {owner}; every sensor requires its own "
+                problems.append(((*place, "url"), f"is already used by {owner}; every sensor requires its own "
                     "port"))
             owners.setdefault(sensor.url, str(place[0]))
         if self.ecu.url is not None and self.ecu.url.startswith("modbus-rtu:") and self.ecu.url == self.actuator.url:
@@ -173,7 +174,7 @@ class Bench(Section):
     def _shared_names(self) -> list[Problem]:
         names = [item.name for item in self.auxiliary]
         return [
-            (("auxiliary", index, "name"), "is the name of another auxiliary channel; names must be unique")
+            (("auxiliary", index, "name"), "is already the name of another auxiliary channel; names must be unique")
             for index, name in enumerate(names)
             if name in names[:index]
         ]
@@ -213,9 +214,8 @@ class Bench(Section):
         if self.ecu.pressure_while_asked == "on" or self.actuator.takes_pressure_away:
             return []
         told = (
-            'the controller has no command that switches the pressure off. Fix: write pressure_while_asked = "on" if '
-            'the '
-            "rod cannot be reached from the supply, or use a register map with commands for the hydraulics"
+            'the controller has no command to switch the pressure off. Fix: write pressure_while_asked = "on" if a '
+            "person at the supply cannot reach the rod, or use a register map with commands for the hydraulics"
         )
         return [(("ecu", "pressure_while_asked"), told)]
 
@@ -237,7 +237,7 @@ class Bench(Section):
         """Of a current controller on CAN; those of a supply are its own entries'."""
         told = 2.0 * current_source_period_s(*self.ecu.described_source) / self.clock.device_rate
         asked = 2.0 * self.ecu.command_period_s
-        for shortest, what in ((asked, "status frames"), (told, "periods of the measured current")):
+        for shortest, what in ((asked, "status frames"), (told, "update periods of the measured current")):
             if self.ecu.stale_after_s < shortest:
                 message = f"is shorter than two {what}; allowed: at least {units.show(shortest, 'ms')}"
                 return [(("ecu", "stale_after"), message)]

@@ -58,7 +58,7 @@ def wire_number(value: WireValue) -> float:
         return float(value)
     match = _WIRE.fullmatch(value)
     if match is None:
-        raise units.UnitProblem(f'{value!r} is not a value as sent by the sensor, such as 1234 or "2 mV/V"')
+        raise units.UnitProblem(f'{value!r} is not a valid sensor output, such as 1234 or "2 mV/V"')
     return float(match[1])
 
 
@@ -105,7 +105,7 @@ class Calibration(Settings):
     certificate: str = field(default="", metadata=key(max_length=128))
     uncertainty_percent: float | None = field(
         default=None,
-        metadata=key(ge=0.0, le=20.0, description="standard uncertainty of the sensitivity, % of the reading"),
+        metadata=key(ge=0.0, le=20.0, description="standard uncertainty of the sensitivity, in % of the reading"),
     )
     due: date | None = None
 
@@ -150,10 +150,10 @@ class Calibration(Settings):
             return
         if not 0.0 < slope < math.inf:
             way_out = (
-                'decreases as the value sent increases. Fix: write the loads with the opposite sign, and polarity = '
-                '"reversed"'
+                "the load decreases as the value sent by the sensor increases. Fix: write the loads with the opposite "
+                'sign, and polarity = "reversed"'
             )
-            yield (ways[0] if ways else "sensitivity",), f"the load {way_out}" if slope < 0.0 else (
+            yield (ways[0] if ways else "sensitivity",), way_out if slope < 0.0 else (
                 "the slope between the two points is zero"
             )
 
@@ -167,7 +167,7 @@ def _known_format(value: str) -> str:
         near = near_names(value, known)
         raise ValueError(
             f"unknown format; {f'did you mean {near[0]}? ' if near else ''}known: {', '.join(known)}, the name of a "
-            "file that ends in .toml, or a table that describes the format"
+            ".toml file, or a table that describes the format"
         )
     try:
         check_sensor_format(value)
@@ -190,9 +190,8 @@ class SensorConfig(Settings):
     format: Annotated[str | dict[str, Any], DescribedBy("sensor-format", _known_format)] = field(
         default="frame16",
         metadata=key(
-            description="the name of a format, the name of a file that ends in .toml (relative to the bench file's "
-                "folder), or a "
-            "table (rig schema sensor-format)"
+            description="name of a format, name of a .toml file (relative to the bench file's folder), or a table "
+                "(rig schema sensor-format)"
         ),
     )
     rate_Hz: Annotated[float, Quantity("frequency", "1 Hz", "50 kHz")] = field(metadata=key("rate"))
@@ -201,12 +200,12 @@ class SensorConfig(Settings):
         default=None,
         metadata=key(
             "delay",
-            description="group delay of the conditioner's filter; default: 0; uncertain unless checked",
+            description="group delay of the conditioner's filter (default: 0, with an uncertainty unless checked)",
         ),
     )
     bandwidth_Hz: Annotated[float, Quantity("frequency", "0 Hz", "1000 kHz", above=True)] | None = field(
         default=None,
-        metadata=key("bandwidth", description="-3 dB bandwidth of sensor and conditioner; used by `rig plan`"),
+        metadata=key("bandwidth", description="-3 dB bandwidth of the sensor and conditioner; used by `rig plan`"),
     )
     calibration: Calibration
 
@@ -339,7 +338,7 @@ class Lvdt(SensorConfig):
 
 def _not_reserved(value: str) -> str:
     if value in RESERVED_NAMES:
-        raise ValueError(f"is the name of a channel present in every run ({', '.join(sorted(RESERVED_NAMES))})")
+        raise ValueError(f"is reserved for a standard channel; reserved names: {', '.join(sorted(RESERVED_NAMES))}")
     return value
 
 

@@ -64,7 +64,7 @@ Temperature = Annotated[float, Quantity("temperature", "20 degC", "250 degC")]
 
 def _ordered(value: tuple[float, float]) -> tuple[float, float]:
     if not value[0] < value[1]:
-        raise ValueError("the first must be below the second")
+        raise ValueError("the first value must be less than the second")
     return value
 
 
@@ -246,8 +246,7 @@ class EcuConfig(Settings):
     channel: Name | None = field(default=None, metadata=key(examples=["can0"]))
     bitrate: int = field(default=500_000, metadata=key(ge=10_000, le=1_000_000))
     interface_options: dict[str, str | int | float | bool] = field(
-        default_factory=dict, metadata=key(description="further arguments of the interface, with the names used by "
-            "python-can")
+        default_factory=dict, metadata=key(description="further arguments for the interface, named as in python-can")
     )
     dbc: Annotated[str | DbcText, Check(address.known_current_source, written=str)] = field(
         default="demo", metadata=key(examples=["ecu.dbc"], description="name of a built-in ECU, or a DBC file")
@@ -268,12 +267,12 @@ class EcuConfig(Settings):
         default=None,
         metadata=key(
             examples=["generic-scpi", "my-supply.toml"],
-            description="commands of a supply: a preset, a file in the folder of this file, or a table",
+            description="commands for a supply: a preset, a file in the bench file's folder, or a table",
         ),
     )
     baudrate: int | None = field(
         default=None, metadata=key(ge=300, le=12_000_000, description="only for a supply on a serial line; default: "
-            "the value in its description")
+            "the value in the supply's description")
     )
     poll_s: Annotated[float, Quantity("time", "2 ms", "1 s")] = field(
         default=0.100, metadata=key("poll", description="interval at which the supply's current is read")
@@ -287,8 +286,8 @@ class EcuConfig(Settings):
         default=None, metadata=key(description="text that a supply's identity (*IDN?) must contain")
     )
     device_id: int = field(
-        default=1, metadata=key(ge=0, le=255, description="Modbus unit address of an analogue output (url "
-            "modbus-tcp:, modbus-rtu:)")
+        default=1, metadata=key(ge=0, le=255, description="Modbus unit address of an analogue output (if its url "
+            "is modbus-tcp: or modbus-rtu:)")
     )
     by_hand: bool = field(
         default=False, metadata=key(description="the operator sets the current manually, on request")
@@ -301,7 +300,8 @@ class EcuConfig(Settings):
             "current")
     )
     rehearsal: Annotated[str, Text(256), Check(address.supply_url)] | None = field(
-        default=None, metadata=key(description="address of the supply, written by a simulated rig with manually set "
+        default=None, metadata=key(description="address of the simulated supply; written by a simulated rig with "
+            "manual "
             "current")
     )
 
@@ -381,14 +381,14 @@ class EcuConfig(Settings):
             return
         for name, example in (("interface", "socketcan"), ("channel", "can0")):
             if getattr(self, name) is None:
-                yield (name,), f'missing; write for example {name} = "{example}", a supply\'s url, or by_hand = true'
+                yield (name,), f'missing; write, for example, {name} = "{example}", a supply\'s url, or by_hand = true'
         if self.interface == "slcan" and self.channel is not None:
             try:
                 address.serial_url(self.channel)
             except ValueError as problem:
                 yield ("channel",), str(problem)
         for name in self.interface_options.keys() & {"interface", "channel", "bitrate"}:
-            yield ("interface_options", name), f"is an entry in [ecu]. Fix: write {name} = ... there"
+            yield ("interface_options", name), f"belongs in [ecu]. Fix: write {name} = ... under [ecu]"
         yield from address.ecu_problems(self.dbc, self.roles)
 
 

@@ -76,7 +76,7 @@ def _in_range(value: Any, shape: typing.Mapping[str, Any]) -> Any:  # noqa: ANN4
         if not shape.get("ge", -math.inf) <= (value if "ge" in shape else 0) <= shape.get("le", math.inf):
             raise ValueError(f"allowed: {shape['ge']} to {shape.get('le', 'any')}")
         if "max_length" in shape and len(value) > shape["max_length"]:
-            raise ValueError(f"at most {shape['max_length']} are allowed, got {len(value)}")
+            raise ValueError(f"got a length of {len(value)}, expected at most {shape['max_length']}")
     return value
 
 

@@ -48,7 +48,7 @@ _CAN_ONLY = ("interface", "channel", "roles", "serial_number")
 def supply_problems_of(config: SupplyEntries) -> Iterator[Problem]:
     """What is wrong with an `[ecu]` that is a supply: its description, and what must be stated beside it."""
     if config.url is None:
-        yield ("url",), 'missing; write for example url = "tcp://192.168.0.20:5025" or url = "/dev/ttyUSB2"'
+        yield ("url",), 'missing; write, for example, url = "tcp://192.168.0.20:5025" or url = "/dev/ttyUSB2"'
     if config.supply is None:
         yield ("supply",), 'missing; write supply = "generic-scpi", another preset, or your own file'
     for name in _CAN_ONLY:
@@ -70,8 +70,7 @@ def _link(url: str | None, described: SupplyDescription) -> Iterator[Problem]:
             "a supply with text commands cannot be connected over Modbus. Fix: write tcp://host:port or a serial "
             "port" if modbus else
             "a supply with registers ([quantities]) must be connected over Modbus. Fix: write modbus-tcp://host:port "
-            "or modbus-rtu: "
-            "and a serial port"
+            "or modbus-rtu: followed by a serial port"
         )
 
 
@@ -86,7 +85,9 @@ def _voltage(config: SupplyEntries, described: SupplyDescription) -> Iterator[Pr
         return
     if limit_V is None:
         yield ("voltage_limit",), (
-            'missing. Fix: write the highest voltage allowed at the coil, above resistance x highest current: "12 V"'
+            'missing. Fix: write the highest voltage allowed at the coil (more than resistance x highest current), '
+            'such '
+            'as "12 V"'
         )
     elif described.voltage_V is not None and not described.voltage_V[0] <= limit_V <= described.voltage_V[1]:
         low_V, high_V = described.voltage_V
@@ -102,4 +103,4 @@ def _times(config: SupplyEntries) -> Iterator[Problem]:
             "default for CAN)"
         )
     if config.timeout_s > config.stale_after_s >= shortest_s:
-        yield ("timeout",), "is longer than stale_after: the rig would stop before an answer is counted as lost"
+        yield ("timeout",), "is longer than stale_after: the rig would stop before an answer counts as lost"

@@ -96,4 +96,4 @@ def dbc_text(path: str | Path, largest_bytes: int = LARGEST_DBC_BYTES) -> DbcTex
     for encoding in ("utf-8-sig", DBC_ENCODING):
         with contextlib.suppress(UnicodeDecodeError):
             return DbcText(path.name, data.decode(encoding))
-    raise FileProblem(str(path), ["not text encoded in UTF-8 or Windows-1252"])
+    raise FileProblem(str(path), ["the text is not encoded in UTF-8 or Windows-1252"])

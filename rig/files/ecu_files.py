@@ -27,7 +27,7 @@ def ecu_problems(dbc: str, roles: str | Mapping[str, Any]) -> list[Problem]:
         roles: path of the roles file, or its contents.
     """
     if not isinstance(roles, Mapping) and not is_file(roles):
-        return [(("roles",), 'must be the name of a file that ends in .toml, such as "ecu-roles.toml", or a table')]
+        return [(("roles",), 'must be the name of a .toml file, such as "ecu-roles.toml", or a table')]
     if wrong := entry_problems("ecu-roles", roles):
         return [(("roles", *place), text) for place, text in wrong]
     try:

@@ -19,7 +19,7 @@ LARGEST = 1.7e308
 
 def _signal(name: str) -> str:
     if name.count(".") != 1:
-        raise ValueError('must be a string of the form "Message.signal", with the names of the DBC')
+        raise ValueError('must be a string of the form "Message.signal", with names from the DBC file')
     return name
 
 
@@ -69,12 +69,12 @@ Fault = Annotated[
 ]
 
 ABOUT: Mapping[str, str] = {
-    "command": "set-point of the current",
-    "enable": "output stage on and off",
+    "command": "set-point of the coil current",
+    "enable": "switches the output stage on and off",
     "clear_faults": "command that clears the ECU's latched faults",
     "measured_current": "the current measured by the ECU",
-    "state": "state of the output stage; off, enabled, ...: raw numbers or their names in the DBC",
-    "faults": "fault word (signal); each fault is a bit of this word, a named value of it, or a separate signal",
+    "state": "state of the output stage; off, enabled, ...: raw numbers or value names from the DBC file",
+    "faults": "signal with the fault word; each fault is a bit or a named value of this word, or a separate signal",
     "coil_temperature": "temperature of the coil",
     "ecu_temperature": "temperature of the ECU",
     "supply_voltage": "supply voltage of the output stage",
@@ -82,7 +82,7 @@ ABOUT: Mapping[str, str] = {
     "serial_number": "serial number",
     "firmware": "firmware version",
     "layout": "version of the frame layout; value: the version of this DBC file, checked on connection",
-    "boot_count": "number of starts of the ECU",
+    "boot_count": "number of times the ECU has started",
 }
 
 
@@ -159,16 +159,16 @@ class RolesFile(Roles):  # type: ignore[valid-type,misc]  # a class made of the 
     """What the signals of a DBC file mean: docs/how-to/connect-an-ecu-by-dbc.md."""
 
     constants: dict[str, Constants] | None = Field(
-        None, description='"Message.signal" = number or name: constant signals in the messages sent'
+        None, description='"Message.signal" = number or name: constant signals in the transmitted messages'
     )
-    protection: dict[str, Protected] | None = Field(None, description="counter and checksum, by message")
+    protection: dict[str, Protected] | None = Field(None, description="counter and checksum of each message")
     periods: dict[str, Duration] | None = Field(
-        None, description="period of a message, if the DBC does not state it"
+        None, description="period of a message, if the DBC file does not state it"
     )
     sending: Literal[SENDING] | None = Field(  # type: ignore[valid-type]  # the driver's own list
-        None, description="transmission of commands (default cyclic)"
+        None, description="transmission mode of the commands (default cyclic)"
     )
     command_timeout: Duration | None = Field(
-        None, description="time without commands after which the ECU goes to 0 A; omit this entry if the ECU does "
-            "not do so"
+        None, description="time without commands after which the ECU sets 0 A; omit this entry if the ECU has "
+            "no such time-out"
     )

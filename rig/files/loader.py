@@ -228,7 +228,7 @@ def _missing(field: FieldInfo | None, place: Place) -> str:
         heading = key if any(isinstance(part, int) for part in place) else dotted(place)
         return f"missing; write a table [{heading}] with {_needed(table)}"
     example = _example(field)
-    return "missing" + (f"; write for example {key} = {example}" if example else "")
+    return "missing" + (f"; write, for example, {key} = {example}" if example else "")
 
 
 def _needed(table: Table) -> str:
@@ -252,7 +252,7 @@ def _message(detail: ErrorDetails, field: FieldInfo | None) -> str:
     if kind == "literal_error":
         return _not_among(str(context["expected"]), detail["input"])
     if kind == "too_short":
-        return f"at least {context['min_length']} entries are needed" if context["min_length"] > 1 else "is empty"
+        return f"at least {context['min_length']} entries are required" if context["min_length"] > 1 else "is empty"
     if kind == "too_long":
         return f"at most {context['max_length']} entries are allowed"
     if kind == "value_error":
@@ -263,7 +263,7 @@ def _message(detail: ErrorDetails, field: FieldInfo | None) -> str:
 
 def _not_among(expected: str, value: object) -> str:
     if "'" not in expected:
-        return f"must be {expected}" + (", a number without quotes" if isinstance(value, str) else "")
+        return f"must be {expected}" + ("; write the number without quotes" if isinstance(value, str) else "")
     near = near_names(str(value), re.findall(r"'([^']*)'", expected))
     return f"must be {expected}" + (f"; did you mean {near[0]}?" if near else "")
 

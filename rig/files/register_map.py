@@ -69,7 +69,8 @@ Step = Annotated[
     | Annotated[PauseStep, Tag("[PauseStep]")] | Annotated[RecipeStep, Tag("[RecipeStep]")],
     Discriminator(
         _step, custom_error_type="no_step",
-        custom_error_message="must be a step such as {write = {command = 3}}, or a list of steps; each has one of "
+        custom_error_message="must be a step such as {write = {command = 3}}, or a list of steps; each step "
+            "contains one of "
                              f"{', '.join(STEPS)}",
     ),
 ]
@@ -109,9 +110,9 @@ Faults = table_of_words("Faults", "Bits of fault_bits.", _words(tuple(FaultBit))
 Inputs = table_of_words("Inputs", "Bits of inputs.", _words(tuple(Input)), BitsOrCondition)
 Phases = table_of_words("Phases", "Codes of phase.", _words(tuple(ProgramPhase)), Codes)
 Results = table_of_words("Results", "Codes of result.", _words(tuple(Result)), Codes)
-CommandCodes = table_of_words("CommandCodes", "Codes of commands.", _words(tuple(Command)), Codes)
-Waveforms = table_of_words("Waveforms", "Codes of waveforms.", _words(tuple(Waveform)), Codes)
-Actions = table_of_words("Actions", "Codes of watchdog actions.", _words(tuple(WatchdogAction)), Codes)
+CommandCodes = table_of_words("CommandCodes", "Codes for commands.", _words(tuple(Command)), Codes)
+Waveforms = table_of_words("Waveforms", "Codes for waveforms.", _words(tuple(Waveform)), Codes)
+Actions = table_of_words("Actions", "Codes for watchdog actions.", _words(tuple(WatchdogAction)), Codes)
 Commands = table_of_words("Commands", "Register writes for each command.", COMMANDS, Recipe)
 
 

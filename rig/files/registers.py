@@ -147,5 +147,5 @@ class Written(DescriptionTable):
     """Values that are written together."""
 
     write: Values
-    span: tuple[str, str] | None = Field(None, description="first and last quantity: all registers from the first "
-        "quantity to the last")
+    span: tuple[str, str] | None = Field(None, description="first and last quantity; all registers from the first "
+        "to the last are written")

@@ -260,5 +260,6 @@ def _with_unit(value: object, unit: str, key: str) -> object:
     if isinstance(value, tuple):
         return tuple(_with_unit(item, unit, key) for item in value)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise PydanticCustomError("not_a_number", f"{key} contains the unit in its name and takes a plain number")
+        raise PydanticCustomError("not_a_number", f"the name {key} contains the unit, so the value must be a plain "
+            "number")
     return f"{value!r} {unit}"

@@ -35,7 +35,8 @@ def _bytes(value: object) -> object:
 def _column(value: object) -> object:
     numbers = value if isinstance(value, (list, tuple)) else (value,)
     if not all(type(number) is int and 1 <= number <= LONGEST_LINE for number in numbers) or not numbers:
-        raise ValueError(f"must be a column's number, or [first, last] character; allowed: 1 to {LONGEST_LINE}")
+        raise ValueError("must be a column number, or the first and last character as [first, last]; allowed: 1 "
+            f"to {LONGEST_LINE}")
     return value if type(value) is int else _rising(value)
 
 
@@ -102,8 +103,8 @@ class LineFormatFile(_Format):
     pattern: str | None = Field(None, description="regular expression for the whole line, with a group (?P<value>...)")
     columns: dict[str, Annotated[Place | Span, Check(_column, alone=True)]] | None = Field(
         None, min_length=1,
-        description="instead of a pattern: [first, last] character of value, unit, status, sign, checksum, counted "
-            "from 1; with a separator, the column number",
+        description="instead of a pattern: [first, last] character of the value, unit, status, sign and checksum, "
+            "counted from 1; if a separator is specified, the column number",
     )
     separator: str | None = Field(None, description="separator between columns of variable width")
     length: Place | None = Field(None, description="fixed line length in characters, without start and terminator")
@@ -116,7 +117,7 @@ class LineFormatFile(_Format):
     decimal_mark: Literal[".", ","] | None = Field(None, description="decimal separator: point or comma (default "
         "point)")
     sign: Literal[SIGNS] | None = Field(  # type: ignore[valid-type]  # the format's own list
-        None, description="position of the sign (default leading); separate: in group or column `sign`"
+        None, description="position of the sign (default leading); separate: in the group or column `sign`"
     )
     negative_tokens: tuple[str, ...] | None = Field(
         None, description='strings in a separate sign field that mean a negative number (default ["-"])'
@@ -126,31 +127,34 @@ class LineFormatFile(_Format):
     scale: float | None = Field(None, description="value = number * scale + offset (default 1)")
     offset: float | None = Field(None, description="see scale (default 0)")
     units: dict[str, float] | None = Field(
-        None, min_length=1, description="units that the line may contain, each with its factor to `unit`"
+        None, min_length=1, description="units that the line may contain, each with its conversion factor to `unit`"
     )
     status: dict[str, Status] | None = Field(
-        None, min_length=1, description="strings in group or column `status`; each means ok, overload or fault"
+        None, min_length=1, description="strings in the group or column `status`, with their meanings: ok, "
+            "overload or fault"
     )
     overload_tokens: tuple[str, ...] | None = Field(
-        None, description="strings sent instead of the number: input out of range"
+        None, description="strings sent instead of the number if the input is out of range"
     )
     fault_tokens: tuple[str, ...] | None = Field(
-        None, description="strings sent instead of the number: sensor broken or not connected"
+        None, description="strings sent instead of the number if the sensor is broken or not connected"
     )
     checksum: Literal[LINE_CHECKSUMS] | None = Field(  # type: ignore[valid-type]  # the format's own list
-        None, description="checksum in group or column `checksum` (default none)"
+        None, description="type of the checksum in the group or column `checksum` (default none)"
     )
     checksum_from: str | None = Field(
-        None, description="character before the first one covered (default: the start of the line)"
+        None, description="character before the part covered by the checksum (default: the start of the line)"
     )
     checksum_to: str | None = Field(
-        None, description="character after the last one covered (default: the checksum)"
+        None, description="character after the part covered by the checksum (default: the checksum itself)"
     )
     checksum_over: Span | None = Field(
-        None, description="[first, last] character covered, counted from 1; replaces the two entries above"
+        None, description="[first, last] character covered by the checksum, counted from 1; replaces checksum_from "
+            "and checksum_to"
     )
     template: str | None = Field(
-        None, description="template of a simulated sensor's line, such as \"ST,{value:+08.3f}\"; default: derived from "
+        None, description="template for the lines of a simulated sensor, such as \"ST,{value:+08.3f}\"; default: "
+            "derived from "
             "the pattern",
     )
 
@@ -168,18 +172,20 @@ class FieldEntry(DescriptionTable):
     )
     signed: bool | None = Field(None, description="two's complement, for fields without a type (bits, packed)")
     scale: float | None = Field(
-        None, description="value = number * scale + offset (default 1); for the time: microseconds per tick"
+        None, description="value = number * scale + offset (default 1); for `time`: microseconds per tick"
     )
     offset: float | None = Field(None, description="see scale (default 0)")
     valid: Annotated[tuple[float, float], Check(_limits)] | None = Field(
         None, description="[lowest, highest] valid number; a number outside this range is an overload"
     )
-    overload_values: tuple[int, ...] | None = Field(None, description="numbers that mean an input out of range")
+    overload_values: tuple[int, ...] | None = Field(None, description="numbers that mean that the input is out of "
+        "range")
     fault_values: tuple[int, ...] | None = Field(
-        None, description="numbers that mean a sensor that is broken or not connected"
+        None, description="numbers that mean that the sensor is broken or not connected"
     )
-    overload_bits: Mask | None = Field(None, description="mask of the status bits that mean an input out of range")
-    fault_bits: Mask | None = Field(None, description="mask of the status bits that mean a broken sensor")
+    overload_bits: Mask | None = Field(None, description="mask of the status bits that mean that the input is out "
+        "of range")
+    fault_bits: Mask | None = Field(None, description="mask of the status bits that mean that the sensor is broken")
 
 
 class Fields(DescriptionTable):
@@ -202,25 +208,27 @@ class FrameFormatFile(_Format):
     end: Bytes | None = Field(None, description="bytes at the end of a frame")
     order: Order | None = Field(None, description="byte order of numbers (default little)")
     fields: Fields | None = Field(
-        None, description="table `value` and, optionally, tables `status`, `sequence` and `time`"
+        None, description="table `value` and, optionally, the tables `status`, `sequence` and `time`"
     )
     packed: tuple[str, ...] | None = Field(
         None, min_length=1,
-        description="bits of each byte, highest first, of a stream without sync bytes: 0 and 1 fixed, "
-            f"{', '.join(f'{letter} {name}' for letter, name in LETTERS.items())}, x any",
+        description="for a stream without sync bytes: the bits of each byte, highest first; 0 and 1 are fixed bits, "
+            f"x is any bit, {', '.join(f'{letter} is a {name} bit' for letter, name in LETTERS.items())}",
     )
     stuffing: Literal[STUFFINGS] | None = Field(  # type: ignore[valid-type]  # the format's own list
         None, description="byte stuffing of sync bytes within a frame (default none)"
     )
     escape: Byte | None = Field(None, description="escape byte before a stuffed byte (default 0x10)")
-    escape_xor: Byte | None = Field(None, description="value by which a stuffed byte is XORed (default 0; HDLC 0x20)")
+    escape_xor: Byte | None = Field(None, description="value with which a stuffed byte is XORed (default 0; HDLC: "
+        "0x20)")
     checksum: Literal[FRAME_CHECKSUMS] | None = Field(  # type: ignore[valid-type]  # the format's own list
         None, description="checksum (default none)"
     )
     checksum_at: Byte | None = Field(None, description="first byte of the checksum, counted from 0 (default: "
         "directly before the end)")
     checksum_over: ByteSpan | None = Field(
-        None, description="[first, last] byte covered, counted from 0 (default: all bytes before the checksum)"
+        None, description="[first, last] byte covered by the checksum, counted from 0 (default: all bytes before "
+            "the checksum)"
     )
     checksum_order: Order | None = Field(None, description="byte order (default: that of the frame)")
 

@@ -45,7 +45,7 @@ def _stop_bits(value: float) -> float:
 
 def _ordered(value: tuple[float, float]) -> tuple[float, float]:
     if not value[0] < value[1]:
-        raise ValueError("the first must be below the second")
+        raise ValueError("the first value must be less than the second")
     return value
 
 
@@ -67,7 +67,7 @@ class _Supply(DescriptionTable):
     format: Literal[1] | None = None
     maker: str | None = None
     model: str | None = None
-    tried: str | None = Field(None, description="test status, shown on connection: unverified")
+    tried: str | None = Field(None, description="test status, such as \"unverified\"; shown on connection")
     settling_ms: float | None = Field(
         None, ge=1.0, le=LONGEST_MS,
         description="settling time of the current after a new set-point, with the coil connected (default 300)",
@@ -112,9 +112,11 @@ class Answers(DescriptionTable):
 
     identity: Regex | None = Field(None, description="required form of the answer to `identify`")
     no_error: Regex | None = Field(None, description="answer to `error_queue` if there is no error")
-    current: ValueRegex | None = Field(None, description="regular expression for the current, in the group `value`: "
+    current: ValueRegex | None = Field(None, description="regular expression that captures the current in the group "
+        "`value`, such as "
         "(?P<value>[-+0-9.]+)")
-    voltage: ValueRegex | None = Field(None, description="regular expression for the voltage, in the group `value`")
+    voltage: ValueRegex | None = Field(None, description="regular expression that captures the voltage in the "
+        "group `value`")
     on: Sent | None = Field(None, description="answers to `read_output` that mean that the output is on")
 
 

@@ -33,11 +33,12 @@ def structure_problem(text: str) -> str | None:
         entries += character in "=,["
         depth += (character in "[{") - (character in "]}")
         if dots >= MOST_PARTS or depth > MOST_PARTS:
-            what = "a key has" if dots >= MOST_PARTS else "lists and tables are nested to"
+            parts = f"a key has more than {MOST_PARTS} parts"
+            levels = f"lists and tables are nested more than {MOST_PARTS} levels deep"
             line = text.count("\n", 0, match.start()) + 1
-            return f"line {line}: {what} more than {MOST_PARTS} {'parts' if dots >= MOST_PARTS else 'levels'}"
+            return f"line {line}: {parts if dots >= MOST_PARTS else levels}"
         if entries > MOST_ENTRIES:
-            return f"more than {MOST_ENTRIES} entries: too many for a file read by this program"
+            return f"the file has too many entries; allowed: at most {MOST_ENTRIES}"
     return None
 
 

@@ -21,14 +21,14 @@ _HINTS = (
     ("Cannot overwrite a value", "this key is specified twice; keep one of them"),
     ("Cannot declare", "this table is specified twice; put all its keys under one heading"),
     ("Expected newline or end of document", f"unexpected text after the value; {_QUOTES}"),
-    ("Invalid value", f"this is not a value; {_QUOTES}; true and false must be lower case"),
+    ("Invalid value", f"this is not a valid value; {_QUOTES}; true and false must be lower case"),
     ("Unclosed array", "the closing ] of a list is missing"),
     ("Illegal character '\\n'", "the closing quote is missing"),
     ("Found invalid character '\\n'", "the closing quote is missing"),
-    ("Found invalid character '\\r'", "lines end only with CR. Fix: save the file with LF or CR LF"),
+    ("Found invalid character '\\r'", "the lines end with CR alone. Fix: save the file with LF or CR LF"),
     ("Found invalid character", "control character. Fix: delete it"),
     ("Illegal character", "control character. Fix: delete it"),
-    ("Unescaped", "Fix: double each backslash in double quotes, or use single quotes"),
+    ("Unescaped", "unescaped backslash. Fix: double each backslash in a string in double quotes, or use single quotes"),
     ("Invalid statement", "expected key = value, [table] or # comment"),
     ("Unterminated string", "the closing quote is missing"),
     ("Expected '=' after a key", "expected key = value, or a heading [name]"),
@@ -79,7 +79,7 @@ def parse_toml(path: Path, text: str) -> TomlSource:
     source = TomlSource(path, text, frozen(data), scan_lines(text))
     if (place := _huge_number(source.data)) is not None:
         line = source.line(place)
-        raise FileProblem(str(path), [f"{f'line {line}: ' if line else ''}an integer of more than 64 bits"])
+        raise FileProblem(str(path), [f"{f'line {line}: ' if line else ''}the integer has more than 64 bits"])
     return source
 
 

@@ -43,11 +43,12 @@ def refused_format(table: dict[str, Any]) -> str:
     ("table", "says"),
     [
         ({"kind": [1], "pattern": VALUE}, "kind: must be 'lines' or 'frames'"),
-        ({"pattern": "(" * 480 + VALUE + ")" * 480}, "nested 481 deep"),
+        ({"pattern": "(" * 480 + VALUE + ")" * 480}, "nested 481 levels deep"),
         ({"columns": {"value": 256}, "separator": ";", "maximum_length": 256}, "too many columns"),
         ({"columns": {"value": 1}, "separator": "é"}, "one ASCII character"),
-        ({"pattern": VALUE, "template": "X{value:.1f}"}, "writes 'X0.0', which does not match the pattern"),
-        ({"pattern": rf"(?P<sign>-?){VALUE}", "sign": "separate", "number": "hexadecimal-signed"}, "in its digits"),
+        ({"pattern": VALUE, "template": "X{value:.1f}"}, "produces 'X0.0', which does not match the pattern"),
+        ({"pattern": rf"(?P<sign>-?){VALUE}", "sign": "separate", "number": "hexadecimal-signed"}, "already "
+            "contain the sign"),
         ({"pattern": r"(?P<value>[0-9A-F]+-?)", "sign": "trailing", "number": "hexadecimal"},
          "cannot have a trailing sign"),
     ],
@@ -71,7 +72,7 @@ def test_a_line_is_ascii_text(table: dict[str, Any]) -> None:
 def test_a_packed_field_has_64_bits_and_a_packed_frame_256_bytes() -> None:
     fields: dict[str, Any] = {"value": {}}
     wide = {"packed": ["1vvvvvvv"] + ["0vvvvvvv"] * 199, "fields": fields}
-    assert "has 1400 bits v; a field can have at most 64" in refused_format(wide)
+    assert "has 1400 bits marked v; a field can have at most 64" in refused_format(wide)
     long = {"packed": ["1vvvvvvv"] + ["0xxxxxxx"] * 19_999, "fields": fields}
     assert "20000 bytes" in refused_format(long)
 
@@ -142,25 +143,26 @@ FED = (
         ({"quantities": f'velocity = {{address = 40, scale = {HUGE}, unit = "mm/s"}}'}, "more than 64 bits"),
         ({"quantities": "many = {address = 40, count = 3}", "halt": "many = 3"}, "only a [table] can write these "
             "values"),
-        ({"quantities": "many = {address = 40, count = 3}", "tables": "[identity]\nmany = 3"}, "it has 3 values"),
+        ({"quantities": "many = {address = 40, count = 3}", "tables": "[identity]\nmany = 3"}, "this quantity has "
+            "3 values"),
         ({"quantities": 'many = {address = 40, count = 3}', "tables": '[faults]\nsensor = {quantity = "many"}'},
          "a condition requires a single number"),
         ({"quantities": 'model = {address = 40, type = "string", length = 1}', "tables": '[identity]\nmodel = "ABCD"'},
-         "is impossible: 1 registers hold 2 characters"),
+         "is too long; allowed: at most 2 characters"),
         ({"quantities": 'model = {address = 40, type = "string", length = 4}', "tables": '[identity]\nmodel = "µC"'},
          "a string must be ASCII"),
         ({"tables": "[identity]\nstate = 1"}, "cannot identify the device"),
         ({"quantities": 'speed_max = {address = 40, access = "r"}'}, "which is written and read back"),
         ({"quantities": 'speed_max = {address = 40, access = "w"}'}, "which is written and read back"),
-        ({"top": 'base = "demo"\nwithout = ["name.x"]\n'}, "'name.x' is not an entry of demo"),
-        ({"top": 'base = "demo"\nwithout = ["format.1"]\n'}, "'format.1' is not an entry of demo"),
-        ({"quantities": 'alive = {address = 60, type = "i16"}', "tables": FED}, "$counter is 0 to 65535"),
+        ({"top": 'base = "demo"\nwithout = ["name.x"]\n'}, "'name.x' is not an entry in demo"),
+        ({"top": 'base = "demo"\nwithout = ["format.1"]\n'}, "'format.1' is not an entry in demo"),
+        ({"quantities": 'alive = {address = 60, type = "i16"}', "tables": FED}, "$counter ranges from 0 to 65535"),
         ({"quantities": 'alive = {address = 60, function = "coil"}', "tables": FED}, '"$toggle"'),
-        ({"quantities": "alive = {address = 60, scale = 10}", "tables": FED}, "$counter is 0 to 65535"),
+        ({"quantities": "alive = {address = 60, scale = 10}", "tables": FED}, "$counter ranges from 0 to 65535"),
         ({"quantities": "number = {address = 60, scale = 0.1}", "halt": 'command = 3, number = "$sequence"'},
-         "$sequence is 0 to 65535"),
+         "$sequence ranges from 0 to 65535"),
         ({"quantities": 'number = {address = 60, type = "i16"}', "halt": 'command = 3, number = "$owner"'},
-         "$owner is 1 to 65535"),
+         "$owner ranges from 1 to 65535"),
     ],
 )  # fmt: skip
 def test_a_map_that_could_not_be_driven_is_refused(given: dict[str, str], says: str) -> None:

@@ -109,7 +109,7 @@ def test_the_smallest_roles_file_says_what_is_left_without_the_rest() -> None:
 def test_a_share_of_full_scale_and_units_of_ones_own() -> None:
     percent = DBC.replace('Target : 23|16@0- (0.25,0) [-5000|5000] "mA"', 'Target : 23|16@0+ (0.1,0) [0|100] "%"')
     said = refused(ROLES, percent)
-    assert 'command.full_scale: is defined in %. Fix: write the current at 100 %, full_scale = "3 A"' in said
+    assert 'command.full_scale: is missing; the unit of the signal is %. Fix' in said
     with_scale = ROLES.replace('"DriverCommand.Target"', '{signal = "DriverCommand.Target", full_scale = "4 A"}')
     assert problems_of("ecu-roles", tomllib.loads(with_scale)) == []
     made = described(with_scale, percent)
@@ -155,19 +155,19 @@ SIG_VALTYPE_ 17 Amps : 1;
         ("measured_current", "mesured_current", "unknown key; did you mean measured_current?"),
         ('"CURRENT_CONTROL"', '"CURENT_CONTROL"', "no value named 'CURENT_CONTROL'; nearest: CURRENT_CONTROL"),
         ('off = "STANDBY"', 'off = "CURRENT_CONTROL"', "on and off are both 2"),
-        ("open = 0", "open = 16", "ErrorWord has the bits 0 to 15"),
+        ("open = 0", "open = 16", "ErrorWord has only bits 0 to 15"),
         ("open = 0", "open = 1", "bit 1 is already used for open"),
         ("short = 1", 'short = "DriverStatus.Shorted"', "has no signal 'Shorted'"),
-        ("value = 3", "value = 300", "FrameVersion has a raw range of 0 to 255"),
+        ("value = 3", "value = 300", "the raw range of FrameVersion is 0 to 255"),
         ("data_id = 0x2A1", "", "protection.DriverCommand.data_id: missing"),
-        ("data_id = 0x2A1", "data_id = 0x12A1F", "must be a whole number of 0 to 65535 (0xFFFF)"),
+        ("data_id = 0x2A1", "data_id = 0x12A1F", "must be a whole number from 0 to 65535 (0xFFFF)"),
         ('"e2e-1"\ndata_id = 0x2A2', '"e2e-3"\ndata_id = 0x2A2', "must be one of none, counter, counter+"),
-        ('counter = "Alive"', 'counter = "Mode"', "e2e-1 counts in 4 bits; Mode has 3"),
-        ('crc = "Checksum"', 'crc = "Alive"', "e2e-1 has a checksum of 8 bits in whole bytes"),
+        ('counter = "Alive"', 'counter = "Mode"', "e2e-1 requires a counter of 4 bits; Mode has 3"),
+        ('crc = "Checksum"', 'crc = "Alive"', "e2e-1 requires a checksum of 8 bits in whole bytes"),
         ("[protection.DriverStatus]", "[protection.DriverStatu]", "did you mean DriverStatus?"),
         ('"60 ms"', '"60"', '60 has no unit; a time is written as, for example, "10 ms"'),
-        ('"DriverCommand.SlewRate" = 100', '"DriverCommand.SlewRate" = 256', "SlewRate has a raw range of 0 to 255"),
-        ('"DriverCommand.SlewRate" = 100', '"DriverCommand.Target" = 1', "is also the signal of command"),
+        ('"DriverCommand.SlewRate" = 100', '"DriverCommand.SlewRate" = 256', "the raw range of SlewRate is 0 to 255"),
+        ('"DriverCommand.SlewRate" = 100', '"DriverCommand.Target" = 1', "has the role command, so its value"),
         ('"DriverCommand.SlewRate" = 100', '"DriverStatus.Stage" = 1', "'DriverStatus' is both sent and received"),
         ('counter = "Alive"\ncrc = "Checksum"\n\n', "offset = 2\n\n", "Target and the checksum of [protection."),
         ("command_timeout", 'sending = "on-change"\ncommand_timeout', "Fix: use cyclic transmission"),
@@ -181,7 +181,7 @@ def test_a_roles_file_that_cannot_be_used_is_refused_by_place(old: str, new: str
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("(0.25,0) [-5000|5000]", "(0,0) [-5000|5000]", "its scale is 0; the scale must not be 0"),
+        ("(0.25,0) [-5000|5000]", "(0,0) [-5000|5000]", "its scale is 0; the scale must be finite and not 0"),
         ("@0- (0.25,0) [-5000|5000]", "@0+ (0.25,500) [0|0]", "cannot represent 0 A"),
         ("[-5000|5000]", "[200|5000]", "cannot represent 0 A, so the coil could not be switched off"),
         ("Actual : 23|16", "Actual : 62|16", "extends beyond the 8 bytes of DriverStatus"),
@@ -210,7 +210,7 @@ def test_every_problem_is_told_at_once_with_file_line_and_entry(tmp_path: Path) 
     lines = {number for number, line in enumerate(roles.splitlines(), 1) if any(item in line for item in wrong)}
     text = "\n".join(said for _, said in told)
     assert all(f"roles.toml: line {number}: " in text for number in lines)
-    assert "(line 21 of the DBC): its scale is 0" in text
+    assert "(line 21 of the DBC file): its scale is 0" in text
     assert len(told) == 4
 
 

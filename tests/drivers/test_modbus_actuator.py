@@ -343,13 +343,13 @@ def test_a_connection_whose_numbers_are_wrong_is_left_without_waiting_for_better
 
 def test_an_answer_of_another_unit_is_not_believed(device: ModbusDevice, actuator: ModbusActuator) -> None:
     device.faults = [another_unit, another_unit]
-    with pytest.raises(WrongAnswer, match="request to unit 1, answer from unit 2"):
+    with pytest.raises(WrongAnswer, match="sent to unit 1, but unit 2 answered"):
         actuator.read_status()
 
 
 def test_a_peer_that_does_not_speak_modbus_is_left(device: ModbusDevice, actuator: ModbusActuator) -> None:
     device.faults = [not_modbus]
-    with pytest.raises(WrongAnswer, match="no Modbus header"):
+    with pytest.raises(WrongAnswer, match="invalid Modbus header"):
         actuator.read_status()
     assert not actuator.is_open
 

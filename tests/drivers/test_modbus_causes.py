@@ -128,7 +128,7 @@ EXCEPTION_2 = b"\x83\x02"
         ({103, 104}, EXCEPTION_2, "registers 40101 to 40108", "unreadable = [[40103, 40107]]"),
         ({105}, b"\x83\x04", "40103 to 40107, the registers between them", "largest_gap = 0"),
         ({105}, None, "40103 to 40107, the registers between them", "unreadable = [[40103, 40107]]"),
-        ({107}, EXCEPTION_2, "force (holding register 40108) cannot be read", "remove them"),
+        ({107}, EXCEPTION_2, "force (holding register 40108) cannot be read", "remove these entries"),
         (set(range(200)), EXCEPTION_2, "none of the device's quantities can be read", "first_address"),
     ],
 )
@@ -191,7 +191,8 @@ def test_the_answer_to_a_write_is_no_echo(function: int, words: list[int], peer:
 @pytest.mark.parametrize("rtu", [False, True])
 @pytest.mark.parametrize(
     ("function", "words", "said"),
-    [(5, [1], "wrote 1 to coil 11, the answer states 0"), (6, [7], "wrote 7 to register 11, the answer states 9")],
+    [(5, [1], "wrote 1 to coil 11, but the answer states 0"), (6, [7], "wrote 7 to register 11, but the answer "
+        "states 9")],
 )
 def test_an_answer_with_another_value_is_a_value_that_was_not_taken(
     rtu: bool, function: int, words: list[int], said: str, peer: Callable[..., Peer]

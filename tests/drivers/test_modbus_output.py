@@ -266,7 +266,7 @@ def test_another_module_is_known_by_what_it_shows(module: Module) -> None:
     source = driver(module, identity="XY")
     read_until(source, lambda status: True)
     assert "kind is 327681, expected 131073" in source.identity_problem
-    assert "expected a text with 'XY'" in source.identity_problem
+    assert "expected text that contains 'XY'" in source.identity_problem
     source.close()
 
 
@@ -293,15 +293,15 @@ def test_without_a_measurement_the_value_read_back_is_told_and_all_that_is_missi
         ("current = {", "amperes = {", "quantities", "current is missing"),
         ('scale = 0.001, unit = "A"', 'scale = 0.001, unit = "mm"', "quantities.current", 'unit = "A"'),
         ('scale = 0.001, unit = "A"', 'offset = 0.5, unit = "A"', "quantities.current", "nearest to 0 A"),
-        ("scale = 0.001", "scale = 0.00001", "quantities.current", "cannot hold 2 A"),
-        ("[0, 2]", "[2, 0]", "range.current_A", "the first must be below the second"),
+        ("scale = 0.001", "scale = 0.00001", "quantities.current", "cannot represent 2 A"),
+        ("[0, 2]", "[2, 0]", "range.current_A", "the first value must be less than the second"),
         ('{address = 0x64,', '{address = 0x64, access = "r",', "quantities.current", "holding register"),
-        ("{guard = 500}", "{current = 0}", "watchdog.start", "reserved for the matrix and for stops"),
+        ("{guard = 500}", "{current = 0}", "watchdog.start", "reserved for the test matrix and for stops"),
         ("{guard = 500}", "{guarded = 500}", "watchdog.start.guarded", "did you mean guard"),
-        ('"$toggle"', '"$current"', "watchdog.feed.alive", "is not known here"),
+        ('"$toggle"', '"$current"', "watchdog.feed.alive", "is not available here"),
         ("time_s = 0.5", "time_s = 0", "watchdog.time_s", "allowed: 0.1 to 60"),
         ("kind = 0x00020001", "kid = 1", "identity.kid", "did you mean kind"),
-        ("address = 20,", "address = 65535,", "quantities.measured_current.address", "beyond the last one"),
+        ("address = 20,", "address = 65535,", "quantities.measured_current.address", "beyond the last register"),
         ("[watchdog]", "[watchdg]", "watchdg", "did you mean watchdog"),
     ],
 )

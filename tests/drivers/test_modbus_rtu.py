@@ -167,7 +167,7 @@ def test_a_silent_line_is_told_and_closed_at_the_second_time_out(device: RtuDevi
 
 def test_a_line_that_went_away_is_a_lost_link(device: RtuDevice, link: ModbusLink) -> None:
     device.close()
-    with pytest.raises(LinkLost, match="the port was lost"):
+    with pytest.raises(LinkLost, match="the connection to the port was lost"):
         link.read(100, 2)
     assert not link.is_open
 

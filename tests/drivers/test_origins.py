@@ -79,7 +79,7 @@ def test_a_phase_is_the_meaning_of_its_codes_and_inputs_of_the_state_that_shows_
     ({"base": "laumas-fast", "decimals": 1},
      "described in the bench file, read as (number / 10 if it has no decimal separator)"),
     ({"pattern": r"(?P<value>[+-]?\d+)(?P<unit>k?N)", "scale": 0.5, "offset": 2.0, "units": {"kN": 1000.0}},
-     "described in the bench file, read as (0.5 * number +2) * factor of the unit that follows (N 1, kN 1000)"),
+     "described in the bench file, read as (0.5 * number +2) * factor for the unit in the line (N 1, kN 1000)"),
     ({"sync": [1], "length": 4, "fields": {"value": {"at": 1, "type": "u16", "scale": 0.001}}},
      "described in the bench file, read as 0.001 * number"),
     ("a-plug-in", "a-plug-in"),

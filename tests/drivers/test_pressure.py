@@ -93,7 +93,7 @@ def test_the_simulated_controller_shows_its_pressure_behind_a_trip(name: str, pr
     ("text", "message"),
     [
         ("[pressure]\non = 1", "off is missing"),
-        ("[pressure]\noff = [0, 1]", "code 1 is hold in .state."),
+        ("[pressure]\noff = [0, 1]", "code 1 means hold in .state."),
         ("[pressure]\nof = 0", "did you mean off"),
         ("[pressure]\noff = {quantity = 'alarm'}", "did you mean alarms"),
     ],

@@ -252,7 +252,7 @@ def test_a_device_with_one_pressure_shows_low_while_it_is_off_and_loses_pressure
 def test_swapped_words_are_refused_with_the_order_that_would_be_right(device: Device) -> None:
     device.words["holding"][900:902] = [0x0102, 0x0304]
     actuator = driven(device, HANDSHAKE)
-    with pytest.raises(WrongLayout, match=r'0x03040102\), expected .*with word_order = "big" the same words'):
+    with pytest.raises(WrongLayout, match=r'0x03040102\), expected .*with word_order = "big", the same words'):
         actuator.read_identity()
     device.words["holding"][900:902] = [0x0304, 0x0102]
     actuator.read_identity()

@@ -180,7 +180,7 @@ def test_answers_that_are_no_numbers_are_counted_one_after_the_other(peer: ScpiP
 def test_another_supply_is_named(peer: ScpiPeer) -> None:
     source = driver(peer, identity="SN0043")
     read_until(source, lambda status: True)
-    assert source.identity_problem == f"identification: got {IDENTITY!r}, expected a text with 'SN0043'"
+    assert source.identity_problem == f"identification: got {IDENTITY!r}, expected text that contains 'SN0043'"
     source.close()
 
 

@@ -123,7 +123,7 @@ def test_a_pulled_cable_is_told_at_once_and_not_by_silence(wire: Wire) -> None:
         send(encode(1.0, 0, 0))
         collect(cell, 1)
         pull()
-        with pytest.raises(PortClosed, match="the port was lost"):
+        with pytest.raises(PortClosed, match="the connection to the port was lost"):
             collect(cell, 1)
 
 

@@ -76,7 +76,7 @@ def test_a_broken_driver_is_refused_with_its_package_and_entry_point_when_the_be
         ("import sys\nsys.exit('bye')", "SystemExit: bye"),
         ("make = 3", "expected a function or class that creates a driver, got int"),
         ("def make(connection): raise ValueError('no such port')", "cannot create a driver: ValueError: no such"),
-        ("def make(connection): return object()", "missing for a driver of this role: busy, capabilities, close"),
+        ("def make(connection): return object()", "required for its role; missing: busy, capabilities, close"),
     ],
 )
 def test_whatever_is_wrong_with_a_driver_is_one_kind_of_error(install: Install, source: str, why: str) -> None:

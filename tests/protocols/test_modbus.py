@@ -82,7 +82,7 @@ def test_tcp_frames_are_cut_at_any_split_of_the_stream(transactions: list[int], 
 def test_a_stream_that_is_not_modbus_is_told(header: str) -> None:
     frames = modbus.TcpFrames()
     frames.feed(bytes.fromhex(header))
-    with pytest.raises(RemoteProtocolError, match="no Modbus header"):
+    with pytest.raises(RemoteProtocolError, match="invalid Modbus header"):
         frames.next()
 
 

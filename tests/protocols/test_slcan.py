@@ -76,7 +76,7 @@ def test_any_bytes_never_crash_and_give_only_possible_frames(noise: bytes) -> No
 
 @pytest.mark.parametrize(("identifier", "data"), [(0x800, b""), (-1, b""), (0x123, bytes(9))])
 def test_what_no_frame_can_carry_is_our_own_error(identifier: int, data: bytes) -> None:
-    with pytest.raises(LocalProtocolError, match="not a classic frame"):
+    with pytest.raises(LocalProtocolError, match="not a classic CAN frame"):
         encode_frame(identifier, data)
 
 

@@ -63,8 +63,8 @@ def test_what_pyserial_takes_is_taken(text: str) -> None:
         ("socket://:4001", "requires a host and a port"),
         ("socket://host:0", "requires a host and a port"),
         ("socket://host:70000", "port out of range"),
-        ("host:4001", 'written "socket://host:4001"'),
-        ("socket:host:4001", 'written "socket://host:4001"'),
+        ("host:4001", 'write "socket://host:4001"'),
+        ("socket:host:4001", 'write "socket://host:4001"'),
         ("http://host:1", "unknown kind of port http://"),
     ],
 )

@@ -86,11 +86,11 @@ def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
         ('speed = "0.8 m/s"', 'speed = "80 m/s"', "too large (allowed: more than 0 m/s to 5 m/s)"),
         ('speed = "0.8 m/s"', 'speed = "0 m/s"', "too small (allowed: more than 0 m/s to 5 m/s)"),
         ('speed = "0.8 m/s"', "speed_m_s = nan", "limits.speed_m_s = nan: not a number with a unit"),
-        ('speed = "0.8 m/s"', "speed_m_s = true", "takes a plain number"),
+        ('speed = "0.8 m/s"', "speed_m_s = true", "must be a plain number"),
         ('speed = "0.8 m/s"', 'speed = "0.8 m/s"\nspeed_mm_s = 800', "speed is specified twice"),
         ('force = "5 kN"', 'force = "4 MN"', "allowed: more than 0 N to 200 kN"),
         ('current = "3 A"', 'current = "-3 A"', "limits.current"),
-        ('["-85 mm", "85 mm"]', '["85 mm", "-85 mm"]', "the first must be below the second"),
+        ('["-85 mm", "85 mm"]', '["85 mm", "-85 mm"]', "the first value must be less than the second"),
         ('["-85 mm", "85 mm"]', '["-85 mm"]', "limits.position"),
         ('["-85 mm", "85 mm"]', '"85 mm"', "must be a list in [ ]"),
         ('speed = "0.8 m/s"', 'speed = "0.8 m/s"\nrequire_valid_calibration = true',
@@ -139,7 +139,7 @@ def test_all_wrong_entries_are_reported_at_once_with_their_lines(problems: Edit)
 
 def test_a_missing_key_is_shown_with_an_example_at_its_section(problems: Edit) -> None:
     (found,) = problems(('force = "5 kN"\n', ""))
-    assert found == f'line {line_of("[limits]")}: limits.force: missing; write for example force = "5 kN"'
+    assert found == f'line {line_of("[limits]")}: limits.force: missing; write, for example, force = "5 kN"'
 
 
 def test_a_missing_section_is_named(problems: Edit) -> None:
@@ -219,7 +219,7 @@ def test_an_auxiliary_channel_has_its_own_unit(tmp_path: Path) -> None:
     ("text", "expected"),
     [
         (auxiliary() + auxiliary(port=2), "name of another auxiliary channel"),
-        (auxiliary(name="force"), "the name of a channel present in every run"),
+        (auxiliary(name="force"), "is reserved for a standard channel"),
         (auxiliary(name="Kraft!"), "auxiliary[1].name"),
         (auxiliary() + auxiliary(name="second"), "every sensor requires its own port"),
         (auxiliary(limit="400 N"), "400 N is a force"),

@@ -61,10 +61,10 @@ def test_roles_may_stand_in_the_bench_file_itself(folder: Path) -> None:
     ("ecu", "said"),
     [
         ('dbc = "coil-driver.dbc"', 'a DBC file requires roles.*write roles = "ecu-roles.toml"'),
-        ('dbc = "demo"\nroles = "coil-driver-roles.toml"', 'the signals in a DBC file; "demo" already includes this'),
+        ('dbc = "demo"\nroles = "coil-driver-roles.toml"', 'a DBC file; "demo" already defines the meaning'),
         ('dbc = "none.dbc"\nroles = "coil-driver-roles.toml"', "none.dbc: there is no such file"),
         ('dbc = "coil-driver.dbc"\nroles = "none.toml"', "none.toml: there is no such file"),
-        (f'{BY_FILE}\ninterface_options = {{channel = "x"}}', r"is an entry in \[ecu\]\. Fix"),
+        (f'{BY_FILE}\ninterface_options = {{channel = "x"}}', r"belongs in \[ecu\]\. Fix"),
     ],
 )
 def test_what_does_not_go_together_is_refused_by_line(folder: Path, ecu: str, said: str) -> None:
@@ -87,7 +87,7 @@ def test_a_limit_beyond_the_set_point_and_a_patience_below_two_statuses_are_refu
     slow = 'periods = {DriverStatus = "20 ms"}\n' + ROLES
     (folder / "coil-driver-roles.toml").write_text(slow, encoding="utf-8")
     dbc.write_text((EXAMPLES / "coil-driver.dbc").read_text(), encoding="utf-8")
-    with pytest.raises(FileProblem, match=r"ecu\.stale_after = .*shorter than two periods of the measured current"):
+    with pytest.raises(FileProblem, match=r"ecu\.stale_after = .*two update periods of the measured current"):
         Bench.load(bench(folder))
 
 

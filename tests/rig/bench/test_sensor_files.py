@@ -134,7 +134,7 @@ def test_a_calibration_by_points_or_rated_output(
         ('points = [[100, "0 N"], [2, "10 kN"]]', 'polarity = "reversed"'),
         ('points = [[1, "0 N"], [1, "10 kN"]]', "the slope between the two points is zero"),
         ('points = [[1, "0 mm"], [2, "10 kN"]]', "0 mm is a length"),
-        ('points = [["much", "0 N"], [2, "10 kN"]]', "'much' is not a value as sent by the sensor"),
+        ('points = [["much", "0 N"], [2, "10 kN"]]', "'much' is not a valid sensor output"),
         ('points = [[1, "0 N"], [2, "10 kN"]]\nsensitivity = 2.0', "cannot be combined with points"),
         ('rated_output = "2 mV/V"', "requires capacity"),
         ('rated_output = 0\ncapacity = "10 kN"', "the slope between the two points is zero"),

@@ -90,7 +90,7 @@ def test_a_table_says_the_same_as_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("before", "after", "says"),
     [
-        ('url = "tcp://192.168.0.20:5025"', "", "ecu.url: missing; write for example url ="),
+        ('url = "tcp://192.168.0.20:5025"', "", "ecu.url: missing; write, for example, url ="),
         ('supply = "generic-scpi"', "", "ecu.supply: missing; write supply ="),
         ("generic-scpi", "generic-scip", "unknown 'generic-scip'; known: generic-scpi"),
         ("generic-scpi", "gone.toml", "gone.toml: there is no such file"),

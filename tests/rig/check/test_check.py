@@ -111,7 +111,7 @@ def test_a_wrong_data_id_is_named_with_those_that_fit(tmp_path: Path) -> None:
         change=lambda bench: bench.replace(str(roles), str(wrong)),
     )
     seen = finding(report, "ecu", "e2e-data-id")
-    assert "256 of 65536 data IDs match them" in seen.text
+    assert "256 of 65536 data IDs match the frames" in seen.text
     assert "0x2A2 (674)" in seen.text
     assert "E2E data ID differs" in seen.text
     assert "[protection.DriverStatus]" in seen.text

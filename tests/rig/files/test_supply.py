@@ -84,7 +84,7 @@ time_s = 100
         4: 'link.terminator = ";": must be',
         5: "link.parity = \"X\": must be 'N', 'E' or 'O'",
         6: "link.bautrate = 9600: unknown key; did you mean baudrate?",
-        8: "range.current_A = [5, 0]: the first must be below the second",
+        8: "range.current_A = [5, 0]: the first value must be less than the second",
         9: "range.voltage_V[2]: missing",
         14: 'answers.current = "[0-9": is not a valid regular expression',
         15: 'answers.voltage = "[0-9]+": must capture the number in a group named value',
@@ -109,15 +109,15 @@ local = "SYST:LOC {time}"
 over-temperature = 4
 """)
     for line, says in {
-        4: 'commands.set_current = "CURR 1": does not contain the current; write for example "... {current_A:.3f}"',
+        4: 'commands.set_current = "CURR 1": does not contain the current; write, for example, "... {current_A:.3f}"',
         5: 'commands.measure_current = ["MEAS:CURR?", "MEAS?"]: must be a single command',
         6: 'commands.output_on = "OUTP {current_A} ON": contains current, which is not allowed here',
         7: 'commands.clear = "*CLS?": is a query (?)',
         8: 'commands.local = "SYST:LOC {time}": {time} is not allowed here',
-        9: "faults: defines bits of an answer. Fix: write the query as read_faults",
+        9: "faults: defines the bits of an answer, but its query is missing. Fix: write the query as read_faults",
     }.items():
         assert any(text.startswith(f"line {line}: {says}") for text in problems), (line, problems)
-    assert any("commands.output_off: is missing; a supply requires both" in text for text in problems)
+    assert any("commands.output_off: is missing; specify both" in text for text in problems)
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ over-temperature = 4
     [
         (SMALLEST.replace("[0, 5]", "[0.1, 5]"), "the coil could not be switched off"),
         (SMALLEST.replace('measure_current = "I?"\n', ""), "commands.measure_current: missing"),
-        (SMALLEST.replace("[0, 5]", "[0, 0]"), "the first must be below the second"),
+        (SMALLEST.replace("[0, 5]", "[0, 0]"), "the first value must be less than the second"),
         ("x = [", "not valid TOML"),
         ("a." * 20 + "b = 1", "parts"),
         ("commands = 5", "must be a table"),

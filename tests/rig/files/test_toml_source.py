@@ -72,7 +72,7 @@ def test_what_has_no_line_of_its_own_takes_the_nearest_enclosing_one(tmp_path: P
         (b"a = ", "not valid TOML"),
         (b"a = 1\na = 2", "not valid TOML"),
         (b"\xff\xfe", "UTF-16 text. Fix: save it as UTF-8"),
-        (b"a = " + b"[" * 100_000, "line 1: lists and tables are nested to more than 12 levels"),
+        (b"a = " + b"[" * 100_000, "line 1: lists and tables are nested more than 12 levels deep"),
         (b"a = " + b"1" * 5000, "not valid TOML"),
         (b"#" * (SIZE_LIMIT_BYTES + 1), "larger than 256 KiB"),
     ],

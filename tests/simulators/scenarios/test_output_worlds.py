@@ -69,7 +69,7 @@ def test_a_matrix_runs_by_an_output_that_nobody_measures_and_says_so(tmp_path: P
     said = {line["slug"] for line in world.journal if "-without-" in str(line.get("slug"))}
     assert {"ecu-without-timeout", "ecu-without-measurement", "ecu-without-coil-temperature"} <= said
     shown = fragment(unsupported(read_log(world.folder)))
-    assert "ecu-without-timeout: no watchdog of the output is stated" in shown
+    assert "ecu-without-timeout: no output watchdog is specified" in shown
 
 
 @pytest.mark.few(1)
