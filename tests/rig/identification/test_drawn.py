@@ -98,5 +98,5 @@ def test_a_fit_that_tells_no_covariance_has_no_band(tests: list[Measurement]) ->
     fit = identify(tests, model="bingham")
     with pytest.raises(IdentificationFailed, match="--bootstrap"):
         replace(fit, uncertainty=Uncertainty()).predict(TABLE, band=True)
-    with pytest.raises(IdentificationFailed, match="relations to the current"):
+    with pytest.raises(IdentificationFailed, match="functions of the current"):
         identify(tests, model="bingham", current="per-current-affine").predict(TABLE, band=True)
