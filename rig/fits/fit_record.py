@@ -191,7 +191,7 @@ class FitRecord:
         reasons = {name: self.parameters[name].reason for name in missing if name in self.parameters}
         if self.current is not None:
             raise FileProblem(file, [
-                f"got one fit per current ({self.current.dependence}), expected one fit over all currents. Fix: "
+                f"got one fit per current ({self.current.dependence}), expected one fit for all currents. Fix: "
                 "identify the run again with --current affine"
             ])  # fmt: skip
         if missing:

@@ -52,8 +52,8 @@ def simulate(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: f
     if lag:
         if law.eta_1_s is None:
             raise FileProblem("the fit", [
-                "the time constant of the coil (eta) was not identified in these tests. Fix: provide the actual "
-                "coil current with lag=False, or fit tests with current steps",
+                "the rate of the coil lag (eta) was not identified in these tests. Fix: provide the actual coil "
+                "current with lag=False, or fit tests with current steps",
             ])  # fmt: skip
         motion = replace(motion, current_A=coil_current(motion.current_A, law.eta_1_s, motion.dt_s))
     given, motion = motion, _at_a_temperature(law, motion)

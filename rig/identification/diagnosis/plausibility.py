@@ -41,14 +41,17 @@ UNITS = {
     one.slug: one for one in (
         Statement(
             "units-time",
-            text="a cycle lasts {value:.3g} {unit}, implausible for a damper test: the time is probably in {likely}",
+            text=(
+                "a cycle lasts {value:.3g} {unit}, which is implausible for a damper test: the time is probably in "
+                "{likely}"
+            ),
             next="multiply the time by {factor:g}, or specify its unit on import (--column time=NAME:ms)",
         ),
         Statement(
             "units-displacement",
             text=(
-                "the displacement spans {value:.3g} {unit}, implausible for a damper test: the values are probably in "
-                "{likely}"
+                "the displacement spans {value:.3g} {unit}, which is implausible for a damper test: the values are "
+                "probably in {likely}"
             ),
             next=(
                 "multiply the displacement by {factor:g}, or specify its unit on import (--column displacement=NAME:mm)"
@@ -57,15 +60,16 @@ UNITS = {
         Statement(
             "units-force",
             text=(
-                "the largest force is {value:.3g} {unit}, implausible for a damper test: the values are probably in "
-                "{likely}"
+                "the largest force is {value:.3g} {unit}, which is implausible for a damper test: the values are "
+                "probably in {likely}"
             ),
             next="multiply the force by {factor:g}, or specify its unit on import (--column force=NAME:kN)",
         ),
         Statement(
             "units-current",
             text=(
-                "the largest current is {value:.3g} {unit}, implausible for a coil: the values are probably in {likely}"
+                "the largest current is {value:.3g} {unit}, which is implausible for a coil: the values are probably "
+                "in {likely}"
             ),
             next="multiply the current by {factor:g}, or specify its unit on import (--column current=NAME:mA)",
         ),

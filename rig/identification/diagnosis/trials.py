@@ -373,7 +373,7 @@ CLIPPING = FromFit(
 COMPLIANCE = FromFit(
     "series-compliance", find=_compliant,
     text=(
-        "a spring of {stiffness_N_m:.3g} N/m in series, such as compliant mounts, explains {percent_explained:.0f} % "
+        "a series spring of {stiffness_N_m:.3g} N/m (for example, compliant mounts) explains {percent_explained:.0f} % "
         "of the misfit"
     ),
     next="fit with --series-spring; measure the displacement at the damper itself",
@@ -389,7 +389,7 @@ CURRENT_LAW = FromFit(
 CURRENT_SIGN = FromFit(
     "current-sign", find=_signless,
     text=(
-        "currents of both signs: the force follows the magnitude of the current, which explains "
+        "the currents have both signs, but the force follows the magnitude of the current, which explains "
         "{percent_explained:.0f} % of the misfit"
     ),
     next="enter all currents as positive values: the direction of the magnetic field does not affect the yield force",
