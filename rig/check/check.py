@@ -112,7 +112,7 @@ class _Check:
             if not self.reports.failed:
                 self._prove(move=prove)
             elif self.reports.of[ACTUATOR].verdict != "failed":
-                self._unproved("another part failed")
+                self._unproved("another part of the check failed")
         except StationLost as lost:
             self.reports.add("host", failed("task-dies", str(lost)))
 

@@ -106,4 +106,4 @@ def unknown_reason(stop: SafeStop, inputs: StopInputs, evidence: Event) -> str:
         )
     proof = "it is not confirmed that the hydraulics are off" if stop.standstill else "standstill is not confirmed"
     seen = PRESSURE_SEEN.get(str(evidence.get("pressure")), "").format(state=evidence.get("state"))
-    return f"{proof}{': ' if seen else ''}{seen}; no fresh data from: {', '.join(lost) or 'none lost'}"
+    return f"{proof}{': ' if seen else ''}{seen}; devices without fresh data: {', '.join(lost) or 'none'}"

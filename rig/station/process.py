@@ -168,7 +168,7 @@ def real_time_priority(wanted: bool) -> str | None:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
     except OSError as error:
-        return f"SCHED_FIFO not allowed: {error}"
+        return f"SCHED_FIFO is not permitted: {error}"
     return None
 
 

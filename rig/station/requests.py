@@ -117,7 +117,7 @@ class Requests:
             raise StationRefused("bad-request", f"unknown request {do!r}; known requests: {', '.join(self._table)}, "
                 "shutdown")
         if not self._connected and do not in BEFORE:
-            raise StationRefused("not-connected", f"{do}: connect first")
+            raise StationRefused("not-connected", f"{do}: the devices are not connected")
         try:
             return handler(arguments)
         except RequestRefused as error:
@@ -205,7 +205,7 @@ class Requests:
         if level == "off":
             patience_s -= self._repeat_off(reached)
         status = self._commands.await_status(
-            reached, PRESSURE_STAYS, f"level {level} not reached", patience_s, until_trip=level != "off"
+            reached, PRESSURE_STAYS, f"pressure level {level} not reached", patience_s, until_trip=level != "off"
         )
         return {"state": state_name(status.state), "supply_pressure_Pa": status.supply_pressure_Pa}
 
@@ -383,7 +383,7 @@ class Requests:
         if supervisor.trip is not None:
             raise StationRefused("tripped", f"{do}: {supervisor.trip.slug} is latched; reset the trip first")
         if not supervisor.armed:
-            raise StationRefused("not-armed", f"{do}: arm first")
+            raise StationRefused("not-armed", f"{do}: the rig is not armed")
 
 
 def _not_proved(stop: SafeStop | None) -> str:

@@ -91,5 +91,5 @@ def test_a_pressure_that_is_not_proved_off_is_no_safe_end(
     if code == 7:
         unsaid = name == "float-drive" and around is trips
         assert ("HYDRAULICS NOT CONFIRMED OFF" if unsaid else "HYDRAULICS STILL ON") in stop["stands"]
-        assert "hydraulics off could not be proved" in ending.said
+        assert "hydraulics off could not be confirmed" in ending.said
         assert "Inspect" in ending.said

@@ -194,13 +194,15 @@ class ActuatorInterlock:
         rest = FaultBit(status.fault_bits) if status.fault_bits else _NO_FAULT
         for bits, slug in _FAULT_SLUGS if rest is not _NO_FAULT else ():
             if rest & bits:
-                findings.append(Finding(slug, f"controller fault bit {bits.name}", t_ns, float(status.fault_bits)))
+                detail = f"the controller reports fault bit {bits.name}"
+                findings.append(Finding(slug, detail, t_ns, float(status.fault_bits)))
                 rest &= ~bits
         if status.e_stop_open and not status.fault_bits & FaultBit.E_STOP:
-            findings.append(Finding("estop", "e-stop chain open", t_ns))
+            findings.append(Finding("estop", "the e-stop chain is open", t_ns))
         if rest or (status.state == State.TRIPPED and status.fault_bits == 0):
             names = ", ".join(bit.name or "?" for bit in FaultBit if bit & rest) or "no fault bit was reported"
-            findings.append(Finding("controller-trip", f"controller tripped: {names}", t_ns, float(status.fault_bits)))
+            detail = f"the controller tripped: {names}"
+            findings.append(Finding("controller-trip", detail, t_ns, float(status.fault_bits)))
         if not self.leased or not self._has_lease:
             return
         if status.owner not in {0, self.owner_id}:
@@ -267,7 +269,8 @@ class ActuatorInterlock:
         self._apart = self._apart + 1 if apart_m > allowed_m else 0
         if self._apart >= 2 * CONSECUTIVE:
             detail = (
-                f"controller at {status.position_m:.6g} m, LVDT at {lvdt_m:.6g} m, allowed difference {allowed_m:.4g} m"
+                f"the controller is at {status.position_m:.6g} m, the LVDT at {lvdt_m:.6g} m, allowed difference "
+                f"{allowed_m:.4g} m"
             )
             findings.append(Finding("position-disagreement", detail, t_ns, apart_m, allowed_m))
 

@@ -224,10 +224,10 @@ class EcuInterlock:
         findings: list[Finding] = []
         limit = self.coil_temperature_limit_degC
         if temperature.coil_degC > limit:
-            detail = f"coil at {temperature.coil_degC:.1f} degC, allowed {limit:.1f} degC"
+            detail = f"the coil is at {temperature.coil_degC:.1f} degC, allowed {limit:.1f} degC"
             findings.append(Finding("coil-temperature", detail, t_ns, temperature.coil_degC, limit))
         if self._boot_count is not None and temperature.boot_count != self._boot_count:
-            detail = f"ECU boot count changed from {self._boot_count} to {temperature.boot_count}"
+            detail = f"the ECU's boot count changed from {self._boot_count} to {temperature.boot_count}"
             findings.append(Finding("ecu-restart", detail, t_ns, temperature.boot_count, self._boot_count))
         self._boot_count = temperature.boot_count
         return findings

@@ -31,7 +31,7 @@ def test_a_stuck_lvdt_on_a_line_of_bad_answers_proves_no_standstill_and_the_pres
     assert [line["slug"] for line in told if line["what"] == "trip"] == ["rtu-crc"]
     assert not [line for line in told if line["what"] == "safe"]
     unknown = next(line for line in told if line["what"] == "unknown")
-    assert unknown["reason"] == "standstill is not confirmed; no fresh data from: controller, LVDT"
+    assert unknown["reason"] == "standstill is not confirmed; devices without fresh data: controller, LVDT"
     assert world.sessions[0].exit_code == 7
     assert any(line.code == "HYDRAULICS_OFF" for line in world.sessions[0].truth.log), "whether or not it is answered"
 
