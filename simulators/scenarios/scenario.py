@@ -70,15 +70,22 @@ class ScenarioTruth:
         self._plant = plant
         self._kernel = kernel
         self._every = max(1, round(EVERY_S / plant.dt_s))
-        self._slices: list[tuple[int, NDArray[Any]]] = []
+        self._taken = self._sliced_ns = 0
+        self._slices: list[tuple[NDArray[np.float64], NDArray[Any]]] = []
         self._pressures: list[tuple[int, float]] = [(0, 0.0)]
         """From when on (ns) which pressure level: a slice lasts longer than a stop takes it away."""
 
     def slice(self) -> None:
-        """Take the plant's last slice."""
+        """Take the plant's last slice: one row for each millisecond of the plant, however long the slices are."""
         # The slice ends now; before it the rig's clock may have waited.
-        self._take_pressure(self._slices[-1][0] if self._slices else 0)
-        self._slices.append((self._kernel.now_ns, self._plant.out[:: self._every].copy()))
+        self._take_pressure(self._sliced_ns)
+        self._sliced_ns = self._kernel.now_ns
+        steps = len(self._plant.out)
+        rows = np.arange(-self._taken % self._every, steps, self._every)
+        self._taken += steps
+        if len(rows):
+            times_ns = self._sliced_ns - (steps - 1 - rows) * self._plant.dt_s * 1e9
+            self._slices.append((times_ns, self._plant.out[rows]))
 
     def note(self, code: str, text: str, time_s: float | None = None) -> None:
         """A line of the log."""
@@ -106,10 +113,8 @@ class ScenarioTruth:
         """Host's clock (ns), velocity (m/s), current (A), displacement (m), force (N), pressure level, coil (degC)."""
         if not self._slices:
             return np.empty((0, 7))
-        ends_ns, parts = zip(*self._slices, strict=True)
-        lengths, rows = [len(part) for part in parts], np.concatenate(parts)[:, COLUMNS]
-        left = np.concatenate([np.arange(length)[::-1] for length in lengths])
-        times_ns = np.repeat(np.array(ends_ns), lengths) - left * self._every * self._plant.dt_s * 1e9
+        times_ns, rows = (np.concatenate(parts) for parts in zip(*self._slices, strict=True))
+        rows = rows[:, COLUMNS]
         since_ns, levels = map(np.array, zip(*self._pressures, strict=True))
         pressures = levels[np.searchsorted(since_ns, times_ns, side="right") - 1]
         return np.column_stack((times_ns, rows[:, :4], pressures, rows[:, 4]))

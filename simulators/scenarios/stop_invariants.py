@@ -20,6 +20,7 @@ from simulators.scenarios.scenario import Noted
 from simulators.scenarios.view import (
     KILLING,
     NO_CURRENT_A,
+    PLAIN,
     STUCK_CURRENT,
     WAY,
     Findings,
@@ -255,6 +256,12 @@ def _shows_nothing(view: View, fault: str) -> bool:
     return fault == "second-master" and can is not None and not (can.lease or can.acknowledge)
 
 
+def _repeats_the_counter(view: View) -> bool:
+    """The controller's status repeats the watchdog's counter."""
+    can = capabilities_of(view)
+    return can is None or can.echo
+
+
 def _shows_a_reboot(view: View) -> bool:
     """The controller shows a counter of its starts, a clock of its own, or a lease."""
     can = capabilities_of(view)
@@ -291,6 +298,8 @@ def stops_have_a_cause(view: View) -> Findings:
             causes |= GAPS_IN_SETPOINTS
         if any(_shows_nothing(view, fault) for fault in begun):
             causes.add("hydraulics")  # a controller that obeys another client takes no pressure command
+        if "modbus-write-lost" in begun and not _repeats_the_counter(view):
+            causes.add("host-silent")  # the watchdog, which is no longer fed, is the first to show it
         if "actuator-reboot" in begun and not _shows_a_reboot(view):
             causes.add("second-master")  # a pressure that is gone, which was not ordered here, is all that is seen
         if "estop" in begun and not _sees_the_chain(view):
@@ -357,7 +366,7 @@ def a_fault_ends_the_motion(view: View) -> Findings:
         row = MATRIX.get(fault.partition(":")[0])
         if row is None or not isinstance(row.end, StopKind) or SEEN_LATER & {row.slug, fault}:
             continue
-        if _shows_nothing(view, fault):
+        if _shows_nothing(view, fault) or fault in PLAIN:  # PLAIN: shows only beyond a limit, which `limits` checks
             continue
         rows = view.between(at_ns, min(until_ns, at_ns + 1e9 * view.lasts_s(fault)))
         moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)

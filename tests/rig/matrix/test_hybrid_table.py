@@ -140,8 +140,10 @@ def test_a_delay_beyond_the_margin_is_refused_with_the_numbers(tmp_path: Path) -
         assert "60 ms" in item.reasons[0]
 
 
-@pytest.mark.parametrize(("law", "current", "end"), [("skyhook", "0 A", "-skyhook"), ("passive", "0.3 A", "")])
-def test_polynomial_needs_a_larger_energy_error_with_current_in_the_coil(
+@pytest.mark.parametrize(
+    ("law", "current", "end"), [("skyhook", "0 A", "-skyhook"), ("passive", "0.3 A", ""), ("passive", "0 A", "")]
+)
+def test_polynomial_needs_a_larger_energy_error(
     tmp_path: Path, law: str, current: str, end: str
 ) -> None:
     text = EXAMPLE.replace('["model", "none"]', '["model", "polynomial"]')

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,12 +38,14 @@ class History:
     setpoints: tuple[tuple[float, float, float], ...] = ()
     hidden_way: bool = False
     bench: str = "streamed-bench.toml"
+    drive: str = "demo-streamed"
     slug: str = "modbus-busy"
     stopped_by: str = ""
 
     def view(self, root: Path) -> View:
         """As the checks see it."""
-        shutil.copy(EXAMPLES / self.bench, root / "bench.toml")
+        bench = (EXAMPLES / self.bench).read_text(encoding="utf-8").replace("demo-streamed", self.drive)
+        (root / "bench.toml").write_text(bench, encoding="utf-8")
         matrix = matrix_text("0 A", amplitude=f"{1e3 * AMPLITUDE_M:g} mm", frequency=f"{FREQUENCY_Hz:g} Hz")
         (root / "matrix.toml").write_text(matrix, encoding="utf-8")
         t_s = np.arange(0.0, 4.0, 1e-3)
@@ -149,6 +150,11 @@ def streamed(*between_s: float) -> tuple[tuple[float, float, float], ...]:
         (
             History(thrown, stopped=True, begun=((1.5, "setpoints-lost"),), fault_ends_s=2.0),
             {"slows-down", "speed", "acceleration"},
+        ),
+        (History(thrown, stopped=True, begun=((2.1, "modbus-write-lost"),), fault_ends_s=2.31), {"slows-down", "speed", "acceleration"}),
+        (
+            History(thrown, stopped=True, begun=((2.1, "modbus-write-lost"),), fault_ends_s=2.31, drive="float-drive"),
+            {"slows-down"},
         ),
         (History(resumed, stopped=True, begun=((1.9, "stop-ignored"),)), set()),
         (History(resumed, stopped=True, begun=((3.0, "stop-ignored"),)), {"slows-down"}),
