@@ -102,11 +102,6 @@ class HybridRoad(RoadFile):
                 )
 
 
-POLYNOMIAL_ERROR = 0.3
-"""Energy error that a healthy test led by polynomial extrapolation needs (measured: 0.24 behind a switching law, 0.21 at
-a constant 0.3 A, 0.22 without current): the force changes quickly at each reversal."""
-
-
 class HybridTable(Section):
     """A hybrid test of the specimen in a quarter car."""
 
@@ -233,13 +228,14 @@ class HybridTable(Section):
                 f"the law {point.law} commands the coil at every step, but this bench's current source is not on CAN. "
                 'Fix: law = ["passive"]'
             )))
-        if point.compensator == "polynomial" and self.largest_energy_error < POLYNOMIAL_ERROR:
-            against.append(("hybrid-unstable", (
-                "the compensation polynomial extrapolates previous targets, which is inaccurate where the force "
-                "changes quickly: it causes energy errors of up to 24 % on healthy rigs, allowed "
-                f"{100 * self.largest_energy_error:g} %. Fix: "
-                f"compensation model, ats or inverse, or largest_energy_error of {100 * POLYNOMIAL_ERROR:g} %"
-            )))
+        extrapolated_s = car.critical_extrapolated_s() if point.compensator == "polynomial" else float("inf")
+        if not self.largest_delay_s * DELAY_MARGIN <= extrapolated_s:
+            against.append((
+                "hybrid-unstable", f"polynomial extrapolation over a delay of {1e3 * extrapolated_s:.1f} ms or more is "
+                    f"unstable with this car and damper; largest_delay is {1e3 * self.largest_delay_s:g} ms, and the "
+                    f"test must be stable with {DELAY_MARGIN:g} times that delay. Fix: use the compensation model, ats "
+                    "or inverse, a smaller largest_delay, if the actuator achieves it, or a heavier wheel",
+            ))
         critical_s, share = car.critical_delay_s(), 1.0 if point.compensator == "none" else LEFT_SHARE
         acting_s = share * self.largest_delay_s
         if not acting_s * DELAY_MARGIN <= critical_s:

@@ -59,7 +59,7 @@ OTHER_NAMES = {
     "current-tracking": {"load-train"},
     "current-tracking:over": {"overcurrent", "load-train"},
     "second-master:span": {"speed-limit", "stroke-limit", "load-train"},
-    "second-master:offset": {"stroke-limit", "load-train"},
+    "second-master:offset": {"stroke-limit", "speed-limit", "load-train"},
     "second-master:jumps": {"load-train", "speed-limit"},
     "actuator-frozen:slips": {"position-disagreement", "load-train"},
     "load-train:jammed": {"force-limit"},

@@ -301,14 +301,22 @@ def test_the_way_back_begins_as_a_halt_and_goes_no_further() -> None:
     np.testing.assert_allclose(slopes[1:-1], [speed for _, speed in back[1:-1]], atol=0.01)
 
 
-def steady_after(delay_s: float, damping: float) -> float:
-    """Amplitude of a quarter car with a delayed linear damper: late over early, by Euler's rule in steps of 0.1 ms."""
+LATE = (1.0,)
+EXTRAPOLATED = (4.0, -6.0, 4.0, -1.0)
+
+
+def steady_after(delay_s: float, damping: float, led: tuple[float, ...] = LATE) -> float:
+    """Amplitude of a quarter car with a delayed linear damper: late over early, by Euler's rule in steps of 0.1 ms.
+
+    The damper's rod moves as the sum of the car's speeds one, two ... delays ago, with the weights `led`.
+    """
     h = 1e-4
     late = round(delay_s / h)
     x = np.array([0.0, 1e-3, 0.0, 0.0])
-    speeds, wheel = [0.0] * (late + 1), []
+    speeds, wheel = [0.0] * (len(led) * late + 1), []
     for _ in range(40_000):
-        force = SPRING_N_M * (x[0] - x[1]) + damping * speeds[-1 - late]
+        rod_m_s = sum(weight * speeds[-1 - number * late] for number, weight in enumerate(led, start=1))
+        force = SPRING_N_M * (x[0] - x[1]) + damping * rod_m_s
         rates = np.array([
             x[2], x[3], -force / BODY_KG, (force - TYRE_N_M * x[1] - TYRE_N_S_M * x[3]) / WHEEL_KG,
         ])  # fmt: skip
@@ -323,6 +331,15 @@ def test_the_critical_delay_is_where_a_delayed_damper_turns_unstable() -> None:
     critical_s = quarter_car(linear_damper(DAMPING)).critical_delay_s()
     assert 0.01 < critical_s < 0.05
     assert steady_after(0.93 * critical_s, DAMPING) < 1.0 < steady_after(1.07 * critical_s, DAMPING)
+
+
+@pytest.mark.parametrize("damping", [700.0, 2000.0])
+def test_extrapolation_turns_unstable_at_its_own_critical_delay(damping: float) -> None:
+    car = quarter_car(linear_damper(damping))
+    critical_s = car.critical_extrapolated_s()
+    assert 0.004 < critical_s < 0.7 * car.critical_delay_s()
+    assert steady_after(critical_s - 1e-3, damping, EXTRAPOLATED) < 1.0
+    assert steady_after(critical_s + 1e-3, damping, EXTRAPOLATED) > 1.0
 
 
 def commanded(control: Control, damper: CornerDamper) -> tuple[HybridMotion, list[Moment], list[float]]:

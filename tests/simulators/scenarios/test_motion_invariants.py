@@ -151,7 +151,10 @@ def streamed(*between_s: float) -> tuple[tuple[float, float, float], ...]:
             History(thrown, stopped=True, begun=((1.5, "setpoints-lost"),), fault_ends_s=2.0),
             {"slows-down", "speed", "acceleration"},
         ),
-        (History(thrown, stopped=True, begun=((2.1, "modbus-write-lost"),), fault_ends_s=2.31), {"slows-down", "speed", "acceleration"}),
+        (
+            History(thrown, stopped=True, begun=((2.1, "modbus-write-lost"),), fault_ends_s=2.31),
+            {"slows-down", "speed", "acceleration"},
+        ),
         (
             History(thrown, stopped=True, begun=((2.1, "modbus-write-lost"),), fault_ends_s=2.31, drive="float-drive"),
             {"slows-down"},
