@@ -84,8 +84,8 @@ class ScenarioTruth:
         rows = np.arange(-self._taken % self._every, steps, self._every)
         self._taken += steps
         if len(rows):
-            times_ns: NDArray[np.float64] = self._sliced_ns - (steps - 1 - rows) * self._plant.dt_s * 1e9
-            self._slices.append((times_ns, self._plant.out[rows]))
+            times_ns = self._sliced_ns - (steps - 1 - rows) * self._plant.dt_s * 1e9
+            self._slices.append((np.asarray(times_ns, np.float64), self._plant.out[rows]))
 
     def note(self, code: str, text: str, time_s: float | None = None) -> None:
         """A line of the log."""
