@@ -214,4 +214,4 @@ def test_motions_of_one_run_alone_are_named(made_run: Make, made_point: Make) ->
     assert "1 motion(s) not in the first run" in told[0]
     assert "1.5 A" in told[0]
     assert "1 motion(s) only in the first run" in told[1]
-    assert compare([first, first]).remarks[0].startswith("one run is specified more than once")
+    assert compare([first, first]).remarks[0].startswith("the same run is specified more than once")
