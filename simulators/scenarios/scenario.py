@@ -310,7 +310,7 @@ class Scenario:
         elif what in STALLS:
             for name in STALLS[what]:
                 for process in stage.named(name):
-                    process.stalled_ns = self.kernel.now_ns + lasts_ns
+                    process.stalled_ns = max(process.stalled_ns, self.kernel.now_ns + lasts_ns)
         elif what in DISK or what in {"slow-disk", "log-full"}:
             self._spoil_the_disk(what, lasts_ns)
         elif what == "clock-step":
