@@ -92,7 +92,7 @@ def test_what_cannot_be_drawn_is_refused_with_every_reason(make_synthetic: Make)
     with pytest.raises(IdentificationFailed, match="expected 20 or more"):
         bootstrap(fit, tests, count=5)
     related = identify(tests, model="kwok", current="per-current-affine")
-    with pytest.raises(IdentificationFailed, match=r"2 tests, expected 3 or more.*relations to the current"):
+    with pytest.raises(IdentificationFailed, match=r"2 tests, expected 3 or more.*functions of the current"):
         bootstrap(related, tests[:2])
     with pytest.raises(IdentificationFailed, match="searched simultaneously"):
         bootstrap(replace(fit, model="viscoelastic_plastic"), tests)
