@@ -210,7 +210,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         options = replace(options, controller=replace(options.controller, generator=False))
     for fault in written:
         if fault.name in NEEDS_AUXILIARY and not values["auxiliary"]:
-            raise FileProblem("--fault", [f"{fault.name!r} needs an auxiliary sensor. Fix: add --auxiliary 1"])
+            raise FileProblem("--fault", [f"{fault.name!r} requires an auxiliary sensor. Fix: add --auxiliary 1"])
     run = RunOptions(
         speed=values["speed"],
         seed=values["seed"],
@@ -241,7 +241,7 @@ def _supply(given: str) -> str:
         described("supply", given)
     elif given and given not in supply_names():
         known = ", ".join(supply_names())
-        raise FileProblem("--supply", [f"unknown {given!r}; known: {known}, or a file NAME.toml"])
+        raise FileProblem("--supply", [f"unknown supply {given!r}; expected one of {known}, or a file NAME.toml"])
     return given
 
 
@@ -295,7 +295,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 
 @click.command(epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.option("--speed", type=click.FloatRange(0.01, 1000.0), default=1.0, show_default=True,
-              help="Simulated seconds per second (upper limit).")
+              help="Simulated seconds per real second (upper limit).")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed for noise, clock "
     "offsets "
     "and drifts.")
@@ -312,7 +312,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
               help="Data format of the load cell: a name or a file.  [default: frame16]")
 @click.option("--displacement-format", metavar="FORMAT", help="Data format of the LVDT.  [default: frame16]")
 @click.option("--by-hand", type=click.Choice(["off", "low", "on"]), default=None,
-              help="Rehearse with a manually set current; the pressure has this state while the operator is at the "
+              help="Rehearse with manually set current; state of the pressure while the operator is at the "
                    "supply.")
 @click.option("--register-map", metavar="MAP",
               help="Simulate a controller with this register map: a file, or the name of a built-in map.")
@@ -330,7 +330,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
                    "if "
                   "a fault requires it]")
 @click.option("--actuator", type=click.Choice(["tcp", "rtu", "setpoints"]),
-              help="Controller: Modbus TCP, Modbus RTU (port as in --ports), or streamed set-points on TCP without a "
+              help="Controller: Modbus TCP, Modbus RTU (port as in --ports), or streamed set-points over TCP without a "
                   "function generator.  [default: tcp, unless a fault requires another one]")
 @click.option("--real-time/--no-real-time", default=False, show_default=True,
               help="Run in real time, as hardware does: with real-time priority if permitted and, at speed 1, with the "

@@ -85,8 +85,8 @@ def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> 
     if range_si < least_si:
         raise FileProblem(
             f"{whose} {given}",
-            [f"cannot represent the values of the simulated rig: {low:g} to {high:g} {described.unit}, which is "
-                f"{range_si:g} {SI_UNITS[options.unit]} about zero; required: {least_si:g}"],
+            [f"cannot represent the values of the simulated rig: the format's range, {low:g} to {high:g} "
+                f"{described.unit}, covers +-{range_si:g} {SI_UNITS[options.unit]}; required: +-{least_si:g}"],
         )  # fmt: skip
     ratio = per_si / options.wire_per_si
     rate_Hz, burst_s = options.rate_Hz, options.burst_s

@@ -38,8 +38,8 @@ class FrameWriter:
         least, most = span_of(binary_format)
         if low < least or high > most:
             raise LocalProtocolError(
-                f"{binary_format.name}: {low:g} to {high:g} {binary_format.unit} do not fit: the value can range from "
-                f"{least:g} to {most:g}"
+                f"{binary_format.name}: values from {low:g} to {high:g} {binary_format.unit} do not fit; this format "
+                f"can represent {least:g} to {most:g}"
             )
         self.differ = binary_format.stuffing != "none"
         self._longest = 2 * binary_format.length if self.differ else binary_format.length

@@ -39,8 +39,8 @@ class LineWriter:
         self._style = None if line_format.template else fitting(line_format, numbers)
         if self._style is None and not line_format.template:
             raise LocalProtocolError(
-                f"{line_format.name}: {low:g} to {high:g} {line_format.unit} do not fit: the pattern "
-                f"{line_format.pattern!r} has no room for them"
+                f"{line_format.name}: values from {low:g} to {high:g} {line_format.unit} do not fit the pattern "
+                f"{line_format.pattern!r}"
             )
         self._middle = middle
         words = [self._token(line_format.overload_tokens, "overload"), self._token(line_format.fault_tokens, "fault")]
@@ -119,7 +119,7 @@ class LineWriter:
         wanted = self._format
         match = wanted.match(text)
         if match is None:
-            told = f"{value:g} {wanted.unit} does not fit: {text!r} breaks the pattern"
+            told = f"{value:g} {wanted.unit} does not fit: {text!r} does not match the pattern"
             raise LocalProtocolError(f"{wanted.name}: {told}")
         if wanted.checksum == "none":
             return text

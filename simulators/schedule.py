@@ -83,9 +83,9 @@ def check_source(faults: Iterable[ScheduledFault], *, supply: bool) -> None:
     foreign = ONLY_BY_ECU if supply else ONLY_BY_SUPPLY
     wrong = [fault.name for fault in faults if fault.name in foreign]
     if wrong:
-        told = "requires a power supply as current source. Fix: add --supply generic-scpi, or specify your own file"
+        told = "requires a power supply as the current source. Fix: add --supply generic-scpi, or specify your own file"
         if supply:
-            told = "requires an ECU on CAN as current source, not --supply"
+            told = "requires an ECU on CAN as the current source, not --supply"
         raise FileProblem("--fault", [f"{name!r} {told}" for name in wrong])
 
 
@@ -105,7 +105,7 @@ def parse_fault(text: str) -> ScheduledFault:
     if slug not in INJECTORS:
         raise FileProblem(
             "--fault",
-            [f"{slug!r} cannot be injected into the simulated rig (where = process: it is injected at the processes)"],
+            [f"{slug!r} cannot be injected into the simulated rig (where = process: it affects the processes)"],
         )  # fmt: skip
     if name != slug and name not in VARIANTS:
         known = ", ".join(variant for variant in sorted(VARIANTS) if variant.startswith(f"{slug}:"))

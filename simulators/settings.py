@@ -73,7 +73,7 @@ class Setting:
         if self.unit == "K":
             kelvin = given.strip().removesuffix("K")
             if kelvin == given.strip() or not _BARE.fullmatch(kelvin):
-                raise units.UnitProblem('expected a temperature difference such as "-12 K"')
+                raise units.UnitProblem('expected a temperature difference, such as "-12 K"')
             return float(kelvin)
         return units.parse(given, units.UNITS[self.unit].dimension) / self._si_per_unit
 
@@ -85,7 +85,7 @@ def _input(table: str, quantity: str, unit: str, largest: float) -> tuple[Settin
         Setting(f"{name}-delay", f"{table}.delay_s", "ms", 0.0, 100.0,
                 f"Undeclared additional delay of the {whose}."),
         Setting(f"{name}-bandwidth", f"{table}.bandwidth_Hz", "Hz", 1.0, 2000.0,
-                f"Low-pass filter of the {whose} (delay in the bench file)."),
+                f"Bandwidth of the low-pass filter of the {whose} (its delay is in the bench file)."),
         Setting(f"{name}-gain", f"{table}.gain", "", 0.1, 10.0, f"Gain of the {whose}; 1 is correct."),
         Setting(f"{name}-zero", f"{table}.zero", unit, -largest, largest, f"Zero offset of the {whose}."),
         Setting(f"{name}-noise", f"{table}.noise", unit, 0.0, largest, f"Noise of the {whose} (rms)."),
@@ -118,21 +118,21 @@ SETTINGS = (
     *_input("position_input", "position", "mm", 50.0),
     *_sensor("load-cell", "load_cell", "N", 1.0, 1e4),
     Setting("load-cell-zero-drift", "load_cell.drift_per_s", "N/s", -1e3, 1e3,
-            "Zero drift of the load cell, from the start."),
+            "Zero drift of the load cell from the start of the simulation."),
     Setting("hum", "load_cell.hum", "N", 0.0, 1e4, "Amplitude of 50 Hz interference on the load cell."),
     Setting("crosstalk", "load_cell.crosstalk_per_A", "N/A", -1e3, 1e3,
-            "Crosstalk of the coil current into the load cell."),
+            "Crosstalk from the coil current into the load cell."),
     *_sensor("lvdt", "lvdt", "mm", 1e3, 50.0),
     Setting("ecu-current-gain", "coil.current_gain", "", 0.1, 10.0,
             "Gain of the ECU's current measurement, which the ECU uses for control."),
     Setting("ecu-current-offset", "coil.current_offset_A", "mA", -2000.0, 2000.0,
-            "Offset of the ECU's current measurement; shifts the true current."),
+            "Offset of the ECU's current measurement, which shifts the true current."),
     Setting("coil-sensor-offset", "coil.temperature_offset_K", "K", -100.0, 100.0,
             "Error of the coil's temperature sensor."),
     Setting("coil-heat-capacity", "damper.coil_heat_capacity_J_K", "J/K", 0.1, 1e5,
-            "Heat capacity of the coil, heated by I^2 R."),
+            "Heat capacity of the coil (heated by I^2 R)."),
     Setting("body-heat-capacity", "damper.heat_capacity_J_K", "J/K", 1.0, 1e6,
-            "Heat capacity of the damper's body, heated by F v."),
+            "Heat capacity of the damper's body (heated by F v)."),
     Setting("coil-to-body", "damper.coil_to_body_W_K", "W/K", 0.0, 1e4, "Thermal conductance from the coil to the "
         "body."),
 )  # fmt: skip

@@ -141,7 +141,7 @@ class SlcanClient(asyncio.Protocol):
             TypeError: the transport is no stream.
         """
         if not isinstance(transport, asyncio.Transport):
-            raise TypeError(f"slcan needs a stream transport, got {type(transport).__name__}")
+            raise TypeError(f"slcan requires a stream transport, got {type(transport).__name__}")
         self._transport = transport
         self._bus.joined(self)
 

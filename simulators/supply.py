@@ -238,7 +238,7 @@ class SupplyClient(asyncio.Protocol):
             TypeError: the transport is no stream.
         """
         if not isinstance(transport, asyncio.Transport):
-            raise TypeError(f"a supply needs a stream transport, got {type(transport).__name__}")
+            raise TypeError(f"a supply requires a stream transport, got {type(transport).__name__}")
         self._transport = transport
         self._supply.joined(self)
 

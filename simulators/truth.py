@@ -34,7 +34,7 @@ ROW = np.dtype(
 )
 CHANNELS = (
     ("displacement", "m", "True extension at the LVDT"),
-    ("velocity", "m/s", "True velocity there"),
+    ("velocity", "m/s", "True velocity at the LVDT"),
     ("force", "N", "True force at the load cell"),
     ("current", "A", "True coil current"),
     ("coil_temperature", "degC", "True coil temperature"),

@@ -70,7 +70,9 @@ class AssumedDamper:
             return ()
         hints = [*self._extrapolated(self.fit.tested, tuple(points))]
         if self.fit.adequate is False:
-            hints.append(f"{self.told} does not fit its own tests within their noise; forecasts have this error too")
+            hints.append(
+                f"{self.told} does not fit its own tests within measurement noise; forecasts contain this error as well"
+            )
         if self.fit.temperature is not None:
             hints.append(f"{self.told}: forecast at a constant damper temperature, "
                 f"{self.fit.temperature.reference_degC:.4g} degC")
@@ -89,7 +91,7 @@ class AssumedDamper:
             if most > (1.0 + BEYOND) * largest + LEAST.get(name, 0.0):
                 yield (
                     f"{self.told} was fitted to tests up to {largest:.3g} {unit}; the points reach {most:.3g} "
-                    f"{unit}, where the forces are extrapolated"
+                    f"{unit}, so their forces are extrapolated"
                 )
 
 

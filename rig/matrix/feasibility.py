@@ -95,9 +95,9 @@ def _against_travel(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[
     room_m, reached = command_room(matrix, bench)[:2], stopping_reach(point, matrix, bench)
     if travel_fits and not within(reached, room_m):
         text = (
-            f"stopping distance: a halt at {bench.actuator.halt_deceleration_m_s2:g} m/s^2 comes to rest between "
-            f"{show(reached.low_m, 'mm', 4)} and {show(reached.high_m, 'mm', 4)}; allowed {show(room_m[0], 'mm')} to "
-            f"{show(room_m[1], 'mm')}"
+            f"stopping distance: with a deceleration of {bench.actuator.halt_deceleration_m_s2:g} m/s^2, the rod stops "
+            f"between {show(reached.low_m, 'mm', 4)} and {show(reached.high_m, 'mm', 4)}; allowed: "
+            f"{show(room_m[0], 'mm')} to {show(room_m[1], 'mm')}"
         )
         fits = stop_fits(point, matrix, bench, room_m).text
         yield Reason("stopping-distance", f"{text}; {fits}" if fits else text)
@@ -122,7 +122,7 @@ def command_limit(point: TestPoint, matrix: Matrix, bench: Bench) -> tuple[float
         allowed[what] = slower * AMPLITUDE_STEP_M
     halted = _largest(steps, lambda smaller: _can_be_halted(smaller, matrix, bench), point)
     if halted < min(steps, slower):
-        allowed["the travel required for a halt"] = halted * AMPLITUDE_STEP_M
+        allowed["the distance required to stop"] = halted * AMPLITUDE_STEP_M
     what = min(allowed, key=lambda name: allowed[name])
     return allowed[what], what
 
@@ -167,7 +167,7 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     rate_Hz = min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
     if _beyond(SAMPLES_A_CYCLE * point.frequency_Hz, rate_Hz):
         samples = rate_Hz / point.frequency_Hz
-        text = f"{samples:.3g} samples per cycle at {rate_Hz:.4g} Hz; a loop requires {SAMPLES_A_CYCLE}"
+        text = f"{samples:.3g} samples per cycle at {rate_Hz:.4g} Hz; a loop requires at least {SAMPLES_A_CYCLE}"
         yield Reason("sampling", text)
     if point.waveform == "triangle" and not bench.actuator.makes_triangles:
         yield Reason("waveform", "triangle: the controller's function generator produces only sine waveforms")
@@ -178,8 +178,8 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     if _beyond(FEWEST_SETPOINTS, told):
         poll_ms = 1e3 * streamed_s
         text = (
-            f"{told:.3g} set-points per cycle at a poll interval of {poll_ms:.3g} ms; a motion requires "
-            f"{FEWEST_SETPOINTS}"
+            f"{told:.3g} set-points per cycle at a poll interval of {poll_ms:.3g} ms; at least {FEWEST_SETPOINTS} are "
+            "required"
         )
         if bench.clock.device_rate > 1.0:
             text += f". Fix: --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
@@ -191,8 +191,8 @@ def _of_steps(point: TestPoint, eta_1_s: float) -> Iterator[Reason]:
     hold_s, needed_s = 1.0 / point.frequency_Hz, SETTLING_LAGS / eta_1_s
     if _beyond(needed_s, hold_s):
         text = (
-            f"hold {show(hold_s, 'ms', 3)} is too short for the current to settle, because the time constant of the "
-            f"prior's coil is {show(1.0 / eta_1_s, 'ms', 3)}; allowed: from {show(needed_s, 'ms', 3)}. Fix: "
+            f"a hold of {show(hold_s, 'ms', 3)} is too short for the current to settle: the time constant of the coil "
+            f"in the prior is {show(1.0 / eta_1_s, 'ms', 3)}; required: at least {show(needed_s, 'ms', 3)}. Fix: "
             f'hold = "{math.ceil(1e3 * needed_s - 1e-6)} ms"'
         )
         yield Reason("current-settling", text)
@@ -201,9 +201,11 @@ def _of_steps(point: TestPoint, eta_1_s: float) -> Iterator[Reason]:
 def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reason]:
     """Whether sensors and set-points carry a signal's highest frequency, and whether there are set-points at all."""
     highest_Hz, rate_Hz = record.highest_Hz, min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
-    upto = f"per cycle of its highest frequency, {highest_Hz:.3g} Hz"
     if _beyond(SAMPLES_A_CYCLE * highest_Hz, rate_Hz):
-        text = f"{rate_Hz / highest_Hz:.3g} samples {upto}, at {rate_Hz:.4g} Hz; a signal requires {SAMPLES_A_CYCLE}"
+        text = (
+            f"{rate_Hz / highest_Hz:.3g} samples per cycle at the signal's highest frequency, {highest_Hz:.3g} Hz "
+            f"(sampling rate {rate_Hz:.4g} Hz); at least {SAMPLES_A_CYCLE} are required"
+        )
         yield Reason("sampling", text)
     streamed_s = bench.actuator.setpoints_s
     if streamed_s is None:
@@ -216,8 +218,8 @@ def _of_record(point: TestPoint, record: Record, bench: Bench) -> Iterator[Reaso
     if _beyond(FEWEST_SETPOINTS, told):
         poll_ms = 1e3 * streamed_s
         text = (
-            f"{told:.3g} set-points {upto}, at a poll interval of {poll_ms:.3g} ms; a signal requires "
-            f"{FEWEST_SETPOINTS}"
+            f"{told:.3g} set-points per cycle at the signal's highest frequency, {highest_Hz:.3g} Hz (poll interval "
+            f"{poll_ms:.3g} ms); at least {FEWEST_SETPOINTS} are required"
         )
         if bench.clock.device_rate > 1.0 and told * bench.clock.device_rate >= FEWEST_SETPOINTS:
             text += f". Fix: --speed {told * bench.clock.device_rate / FEWEST_SETPOINTS:.3g} or less"
@@ -231,7 +233,7 @@ def _ripple(reached: float, own: float, unit: str) -> str:
     """How much of what is reached the motion itself asks for; empty where that is all."""
     if not _beyond(reached, own):
         return ""
-    return f" ({own:.3g} {unit} for the motion itself, plus ramps, ramp-down, corners and streaming)"
+    return f" ({own:.3g} {unit} for the motion itself; the rest is due to ramps, ramp-down, corners and streaming)"
 
 
 def _when(point: TestPoint, which: int) -> str:
@@ -347,17 +349,16 @@ def _rate(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Itera
             need_Hz = needed * max(point.frequency_Hz for point in coarse)
             yield (
                 f"{some(coarse)}: only {fewest:.3g} samples per cycle from the {name} at {sensor.rate_Hz:.4g} Hz; "
-                f"identification from a {waveform} requires {needed:g}, which means {show(need_Hz, 'Hz')} here, "
-                "because the "
-                "force reverses within a few samples"
+                f"identification from a {waveform} requires {needed:g} (here: a rate of {show(need_Hz, 'Hz')}), "
+                "because the force reverses within a few samples"
             )
 
 
 def _bandwidth(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Iterator[str]:
     if sensor.bandwidth_Hz is not None and sensor.bandwidth_Hz > 0.5 * sensor.rate_Hz:
         yield (
-            f"{name}: declared bandwidth {show(sensor.bandwidth_Hz, 'Hz')} is above half its rate, "
-            f"{show(0.5 * sensor.rate_Hz, 'Hz')} (Nyquist): noise and hum above that frequency appear at lower "
+            f"{name}: the declared bandwidth, {show(sensor.bandwidth_Hz, 'Hz')}, is above the Nyquist frequency, "
+            f"{show(0.5 * sensor.rate_Hz, 'Hz')}: noise and hum above the Nyquist frequency are aliased to lower "
             "frequencies"
         )
     band_Hz, source = sensor.bandwidth_Hz, "declared bandwidth"
@@ -369,7 +370,7 @@ def _bandwidth(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> 
     if slow:
         fastest_Hz = max(point.frequency_Hz for point in slow)
         yield (
-            f"{some(slow)}: the {name} ({source} {show(band_Hz, 'Hz', 3)}) passes {math.floor(band_Hz / fastest_Hz)} "
-            f"harmonics of {show(fastest_Hz, 'Hz')}; the shape of a loop requires {HARMONICS}, which means "
-            f"{show(HARMONICS * fastest_Hz, 'Hz')} here"
+            f"{some(slow)}: the {name} ({source} {show(band_Hz, 'Hz', 3)}) passes only "
+            f"{math.floor(band_Hz / fastest_Hz)} harmonics of {show(fastest_Hz, 'Hz')}; the shape of a loop requires "
+            f"{HARMONICS} (here: a bandwidth of {show(HARMONICS * fastest_Hz, 'Hz')})"
         )

@@ -85,7 +85,7 @@ class HybridRoad(RoadFile):
     @classmethod
     def _computed(cls, value: object) -> object:
         shown = ", ".join(f"[{cls.heading}{name}]" for name in cls.kinds)
-        text = f"a hybrid test cannot use a recorded road. Fix: replace this table by one of {shown}"
+        text = f"a hybrid test cannot use a recorded road. Fix: replace this table with one of {shown}"
         raise PydanticCustomError("recorded_road", text)
 
     def problems(self) -> Iterator[Problem]:
@@ -98,7 +98,7 @@ class HybridRoad(RoadFile):
             table = getattr(self, name)
             if table is not None and table.duration_s > LONGEST_S:
                 yield (name, "duration"), (
-                    f"got {table.duration_s:g} s, allowed for a hybrid test: at most {LONGEST_S:g} s"
+                    f"got {table.duration_s:g} s; a hybrid test may last at most {LONGEST_S:g} s"
                 )
 
 
@@ -120,17 +120,18 @@ class HybridTable(Section):
         default=1.0, alias="most_current", description="maximum current for every law except passive"
     )
     sky_share: Annotated[float, Quantity("ratio", "0 %", "100 %")] = Field(
-        default=0.7, description="skyhook share in the laws hybrid and inverse: 100 % controls the body, 0 % the wheel"
+        default=0.7, description="skyhook share in the laws `hybrid` and `inverse`: at 100 % they control the body, "
+            "at 0 % the wheel"
     )
     law_damping_N_s_m: Annotated[float, Quantity("damping", "1 N s/m", "100 kN s/m")] = Field(
-        default=3000.0, alias="law_damping", description="damping that the law inverse requests"
+        default=3000.0, alias="law_damping", description="damping coefficient requested by the law `inverse`"
     )
     largest_delay_s: Delay = Field(
-        default=0.015, alias="largest_delay", description="largest actuator delay with which the test may start"
+        default=0.015, alias="largest_delay", description="largest actuator delay at which the test may start"
     )
     largest_energy_error: Annotated[float, Quantity("ratio", "1 %", "100 %")] = Field(
-        default=0.2, description="largest permitted energy added by the tracking error, as a share of the specimen's "
-            "work"
+        default=0.2, description="largest permitted energy added by the tracking error, as a share of the work "
+            "done by the specimen"
     )
     probe_amplitude_m: Annotated[float, Quantity("length", "0.1 mm", "10 mm")] = Field(
         default=1e-3, alias="probe_amplitude", description="amplitude of the sine motion used to measure the delay"
@@ -144,7 +145,7 @@ class HybridTable(Section):
         for entry, given in (("compensation", self.compensation), ("law", self.law)):
             for name in dict.fromkeys(given):
                 if tuple(given).count(name) > 1:
-                    yield (entry,), f"{name} is specified twice; keep one of them"
+                    yield (entry,), f"{name} is specified more than once; keep only one"
 
     def blind_to_current(self, prior: AssumedDamper) -> Iterator[Problem]:
         """Where the law `inverse` is asked for, and the assumed damper does not resist more with current."""
@@ -154,9 +155,9 @@ class HybridTable(Section):
         without_N, rise_N = prior.rise_N(most_A)
         if not rise_N > LEAST_RISE * abs(without_N):
             yield ("law",), (
-                f"inverse computes the current from the force, but the force of {prior.told} does not rise with "
-                f"current: at {SPEED_M_S:g} m/s {without_N:.4g} N at 0 A, {without_N + rise_N:.4g} N at {most_A:g} A. "
-                "Fix: use another law, or a fit to tests at several currents"
+                f"the law `inverse` computes the current from the force, but the force of {prior.told} does not rise "
+                f"with current (at {SPEED_M_S:g} m/s: {without_N:.4g} N at 0 A, {without_N + rise_N:.4g} N at "
+                f"{most_A:g} A). Fix: use another law, or a fit to tests at several currents"
             )
 
     def control(self, law: Law) -> Control:
@@ -222,35 +223,37 @@ class HybridTable(Section):
         against = []
         if bench.clock.device_rate != 1.0:
             rate = bench.clock.device_rate
-            against.append(("hybrid", f"the bench runs at {rate:g} times real time; a hybrid test requires 1"))
+            against.append(("hybrid", f"this bench runs at {rate:g} times real time; a hybrid test requires real time"))
         if law_named(point.law) != "passive" and (bench.ecu.by_hand or bench.ecu.url is not None):
             against.append(("hybrid", (
-                f"the law {point.law} commands the coil at every step, but this bench's current source is not on CAN. "
-                'Fix: law = ["passive"]'
+                f"the law `{point.law}` changes the coil current at every step, which requires a current source on "
+                'CAN. Fix: law = ["passive"]'
             )))
         extrapolated_s = car.critical_extrapolated_s() if point.compensator == "polynomial" else float("inf")
         if not self.largest_delay_s * DELAY_MARGIN <= extrapolated_s:
             against.append((
                 "hybrid-unstable", f"polynomial extrapolation over a delay of {1e3 * extrapolated_s:.1f} ms or more is "
                     f"unstable with this car and damper; largest_delay is {1e3 * self.largest_delay_s:g} ms, and the "
-                    f"test must be stable with {DELAY_MARGIN:g} times that delay. Fix: use the compensation model, ats "
-                    "or inverse, a smaller largest_delay, if the actuator achieves it, or a heavier wheel",
+                    f"test must be stable with {DELAY_MARGIN:g} times that delay. Fix: use the compensation method "
+                    "`model`, `ats` or `inverse`, a smaller largest_delay, if the actuator can achieve it, or a "
+                    "heavier wheel",
             ))
         critical_s, share = car.critical_delay_s(), 1.0 if point.compensator == "none" else LEFT_SHARE
         acting_s = share * self.largest_delay_s
         if not acting_s * DELAY_MARGIN <= critical_s:
             against.append((
-                "hybrid-unstable", f"unstable with a force {1e3 * critical_s:.1f} ms late; {1e3 * acting_s:.1f} ms "
-                    f"may occur ({100 * share:g} % of largest_delay {1e3 * self.largest_delay_s:g} ms), and "
-                    f"the test must be stable with {DELAY_MARGIN:g} times that delay. Fix: use a smaller "
-                    "largest_delay, if the actuator achieves it, or a heavier wheel",
+                "hybrid-unstable",
+                f"the test is unstable if the force is {1e3 * critical_s:.1f} ms late; a delay of {1e3 * acting_s:.1f} "
+                f"ms may occur ({100 * share:g} % of largest_delay, {1e3 * self.largest_delay_s:g} ms), and the test "
+                f"must be stable with {DELAY_MARGIN:g} times that delay. Fix: use a smaller largest_delay, if the "
+                "actuator can achieve it, or a heavier wheel",
             ))
         hop_Hz = car.highest_mode_Hz()
         if hop_Hz * poll_s * FEWEST_STEPS > 1.0:
             against.append((
-                "sampling", f"{1.0 / (hop_Hz * poll_s):.3g} steps in a period of the wheel ({hop_Hz:.3g} Hz) at a "
-                    f"poll of {1e3 * poll_s:g} ms; {FEWEST_STEPS} are required. Fix: use a shorter poll period or a "
-                    "softer tyre",
+                "sampling", f"{1.0 / (hop_Hz * poll_s):.3g} steps per period of the wheel vibration ({hop_Hz:.3g} Hz) "
+                    f"at a poll period of {1e3 * poll_s:g} ms; at least {FEWEST_STEPS} are required. Fix: use a "
+                    "shorter poll period or a softer tyre",
             ))
         return against + _of_road(self, prior, law_named(point.law), poll_s)
 
@@ -278,7 +281,7 @@ class HybridTable(Section):
         """
         poll_s, limits = bench.actuator.setpoints_s, bench.limits
         if poll_s is None:
-            raise ValueError("this bench's actuator does not follow set-points, so the plan rejects the test")
+            raise ValueError("this bench's actuator does not follow set-points, so it cannot run a hybrid test")
         car = self.quarter_car(prior, law_named(point.law), bench.fixture.moving_mass_kg)
         room = min(room_m[1] - point.centre_m, point.centre_m - room_m[0])
         bounds = Bounds(
@@ -296,16 +299,16 @@ def _of_road(table: HybridTable, prior: AssumedDamper, law: Law, poll_s: float) 
     travel_m = float(np.max(np.abs(ride.extension_m)))
     if not travel_m >= LEAST_TRAVEL_M:
         return [(
-            "hybrid", f"the road moves the damper by {1e3 * travel_m:.3g} mm, required: at least "
+            "hybrid", f"the road moves the damper by only {1e3 * travel_m:.3g} mm; required: at least "
                 f"{1e3 * LEAST_TRAVEL_M:g} mm. Fix: use a road with a higher profile (left side) that starts within "
                 "the duration and takes longer than a few milliseconds to cross",
         )]
     lost = table.quarter_car(prior, law).road_lost(poll_s)
     if not lost <= ROAD_LOST:
         return [(
-            "sampling", f"steps of {1e3 * poll_s:g} ms lose {100 * lost:.3g} % of the road's force, RMS; allowed: "
-                f"{100 * ROAD_LOST:g} %. Fix: use a longer bump or edge, a lower speed or last frequency, or a "
-                "shorter poll period",
+            "sampling", f"with steps of {1e3 * poll_s:g} ms, {100 * lost:.3g} % of the road's force (RMS) is lost; "
+                f"allowed: at most {100 * ROAD_LOST:g} %. Fix: use a longer bump or edge, a lower speed or last "
+                "frequency, or a shorter poll period",
         )]
     return []
 

@@ -203,28 +203,28 @@ class Matrix(Section):
         count += (self.friction is not None) + len(self.current_step)
         count += 0 if self.hybrid is None else len(self.hybrid.compensation) * len(self.hybrid.law)
         if count == 0:
-            yield (), "no test point is defined. Fix: complete [matrix] or add [[point]]"
+            yield (), "no test points are defined. Fix: complete [matrix], or add a [[point]]"
         if count > POINT_LIMIT:
             product_of = " x ".join(map(str, sizes))
             yield (), (
-                f"{count} test points; allowed: at most {POINT_LIMIT}; they are ({product_of} waveforms x currents x "
-                f"amplitudes x frequencies + {signals} signals + {len(self.extra)} [[point]]) x {sweep.repeats} "
-                "repeats. Fix: divide the matrix"
+                f"the matrix contains {count} test points: ({product_of} waveforms x currents x amplitudes x "
+                f"frequencies + {signals} signals + {len(self.extra)} [[point]]) x {sweep.repeats} repeats; allowed: "
+                f"at most {POINT_LIMIT}. Fix: split the matrix"
             )
 
     def _heat_known(self) -> Iterator[Problem]:
         if self.sweep.order != "by heat":
             return
         if self.temperature is None:
-            yield (), 'order = "by heat" requires [temperature] window'
+            yield (), 'order = "by heat" requires the entry window in [temperature]'
         if self.specimen.prior is None and self.specimen.max_force_N is None:
             yield (), 'order = "by heat" requires specimen.prior or specimen.max_force'
 
     def _damper_assumed(self) -> Iterator[Problem]:
         if self.hybrid is not None and self.specimen.prior is None:
             text = (
-                "is missing; the forecast for a hybrid test requires the expected damper. Fix: name a parameter set, "
-                'prior = "demo"'
+                "is missing; the forecast for a hybrid test requires an expected damper. Fix: specify a parameter "
+                'set, prior = "demo"'
             )
             text += ', or a fit in the folder of this file, prior = "fit.json"'
             yield ("specimen", "prior"), text
@@ -241,7 +241,7 @@ class Matrix(Section):
         if twice:
             shown = ", ".join(twice[:10]) + (", ..." if len(twice) > 10 else "")
             yield (), (
-                f"two points have the ID {shown}. Fix: give each [[point]] a unique ID (points without an ID are named "
+                f"duplicate point ID: {shown}. Fix: give each [[point]] a unique ID (points without an ID are named "
                 "p001, p002 ...; repeats add -2, -3 ...; case is ignored)"
             )
 
@@ -274,8 +274,8 @@ def load_files(matrix_path: Path, bench_path: Path) -> tuple[Matrix, Bench]:
         problems.append(error)
     if [error.kind for error in problems if isinstance(error, WrongKind)] == ["bench", "matrix"]:
         turned = f"rig plan {bench_path} --bench {matrix_path}"
-        raise FileProblem(str(matrix_path), ["matrix and bench file are swapped: this is the bench file. Fix: "
-            f"{turned}"])
+        raise FileProblem(str(matrix_path), ["the matrix file and the bench file are swapped: this is the bench "
+            f"file. Fix: {turned}"])
     if matrix is None or bench is None:
         raise problems[0] if len(problems) == 1 else FileProblems(problems)
     return matrix, bench

@@ -110,8 +110,8 @@ def kept(text: str, folder: Path) -> tuple[str, dict[str, bytes]]:
     if tomllib.loads(text) != _renamed(tomllib.loads(original), renamed):
         raise FileProblem(
             CampaignFolder.records,
-            ["the file name cannot be replaced in the copy. Fix: write the name in quotes without escapes, "
-             "and choose a name that is not also another value in the matrix file"],
+            ["the file name cannot be replaced in the copy of the matrix file. Fix: write the name in quotes without "
+             "escapes, and choose a name that is not also another value in the matrix file"],
         )
     return text, files
 

@@ -165,7 +165,7 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
     if bench.ecu.by_hand:
         currents_A = [0.0, *(item.point.first_current_A for item in points), 0.0]
         asked = sum(before_A != after_A for before_A, after_A in pairwise(currents_A))
-        warnings += (f"the current is set manually: the operator must change it {asked} times, in addition to 0 A at "
+        warnings += (f"the current is set manually: the operator must change it {asked} times, after setting 0 A at "
             "the start",)
     if matrix.temperature is None:
         return Plan(points, bench.name, specimen.serial_number, prediction, warnings=warnings)
@@ -227,15 +227,15 @@ def _judged_warm_up(
     if judged.energy_J is not None and ambient_degC < thermal.low_degC and reached_degC <= thermal.low_degC:
         text = (
             f"warm-up reaches only {reached_degC:.3g} degC, but the temperature window starts at "
-            f"{thermal.low_degC:.3g} "
-            "degC. Fix: lower the window or specify a stronger [temperature.warm_up]"
+            f"{thermal.low_degC:.3g} degC. Fix: lower the temperature window, or specify a [temperature.warm_up] "
+            "with more power"
         )
         causes.append(Reason("warm-up", text))
     limit_degC = bench.limits.coil_temperature_degC
     if thermal.high_degC > limit_degC:
         text = (
-            f"[temperature] window ends at {thermal.high_degC:.3g} degC; allowed by the bench's [limits] "
-            f"coil_temperature: up to {limit_degC:.3g} degC. Fix: lower the window"
+            f"[temperature] window ends at {thermal.high_degC:.3g} degC, but the bench's [limits] coil_temperature "
+            f"allows at most {limit_degC:.3g} degC. Fix: lower the temperature window"
         )
         causes.append(Reason("warm-up", text))
     return replace(judged, causes=tuple(causes), would_fit_m=fits_m)

@@ -42,16 +42,16 @@ def read_record(path: Path) -> tuple[FloatArray, FloatArray, str]:
     ]
     if not lines:
         raise FileProblem(str(path), ["the file is empty; expected a header line such as time_s,displacement_mm, "
-            "then rows"])
+            "followed by rows of numbers"])
     separator = max(SEPARATORS, key=lines[0][1].count)
     names = [name.strip().strip('"') for name in lines[0][1].split(separator)]
     places = {column: _place(path, names, column) for column in WANTED}
     rows, problems = _numbers(lines[1:], separator, [place for place, _ in places.values()], len(names))
     problems += _falling(rows)
     if not problems and len(rows) < FEWEST_ROWS:
-        problems.append(f"{len(rows)} rows; a motion requires at least {FEWEST_ROWS}")
+        problems.append(f"the file has {len(rows)} rows; a motion requires at least {FEWEST_ROWS}")
     if problems:
-        more = [f"{len(problems) - MOST_SHOWN} further wrong lines"] if len(problems) > MOST_SHOWN else []
+        more = [f"{len(problems) - MOST_SHOWN} further invalid lines"] if len(problems) > MOST_SHOWN else []
         raise FileProblem(str(path), [*problems[:MOST_SHOWN], *more])
     scale = np.array([scale for _, scale in places.values()])
     table = np.array([values for _, values in rows], np.float64) * scale
@@ -73,8 +73,8 @@ def _place(path: Path, names: list[str], column: str) -> tuple[int, float]:
         said = "no column" if not columns else f"{len(columns)} columns"
         known = ", ".join(f"{column}_{suffix}" for suffix in suffixes)
         raise FileProblem(
-            str(path), [f"line 1: {said} of {column} in {', '.join(names)[:80]!r}. Fix: name the column with its "
-                f"unit, such as {WANTED[column]} (one of {known})"],
+            str(path), [f"line 1: {said} for {column} in {', '.join(names)[:80]!r}. Fix: include the unit in the "
+                f"name of the column, such as {WANTED[column]} (one of {known})"],
         )
     return columns[0]
 
@@ -95,7 +95,7 @@ def _numbers(
         else:
             comma = "; the decimal separator must be a point" if separator != "," and "," in line else ""
             problems.append(
-                f"line {number}: {line.strip()[:60]!r} is not a row of {columns} columns with finite numbers{comma}"
+                f"line {number}: {line.strip()[:60]!r} is not a row with {columns} columns of finite numbers{comma}"
             )
     return rows, problems
 

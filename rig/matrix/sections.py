@@ -38,7 +38,7 @@ Cycles = Annotated[int, Field(ge=3, le=10_000, description="number of cycles at 
 RampCycles = Annotated[float, Field(ge=0.5, le=20.0)]
 Identifier = Annotated[
     str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"),
-    Wording("a letter or digit, then letters, digits, - or _ (32 at most)", "MR-001"),
+    Wording("a letter or digit, followed by letters, digits, - or _ (at most 32 characters)", "MR-001"),
 ]  # fmt: skip
 
 
@@ -73,7 +73,7 @@ class Specimen(Section):
             return value
         if value not in PARAMETER_SETS:
             known = _unknown("parameter set", value, sorted(PARAMETER_SETS))
-            raise ValueError(f"{known}; or a fit file, whose name ends in {ENDING}")
+            raise ValueError(f"{known}; a fit file (name ending in {ENDING}) is also accepted")
         _usable(PARAMETER_SETS.__getitem__, value)
         return value
 
@@ -155,7 +155,7 @@ class Sweep(Section):
         """Every signal that is asked for has its table, and no other."""
         for name in SIGNAL_NAMES:
             if name in self.waveform and name not in self.signals:
-                yield ("waveform",), f"{name} requires a table [matrix.{name}]; docs/files.md describes this table"
+                yield ("waveform",), f"{name} requires a table [matrix.{name}] (see docs/files.md)"
             if name in self.signals and name not in self.waveform:
                 yield (name,), f'the table is not used. Fix: write waveform = ["{name}"], or remove the table'
 
@@ -169,13 +169,15 @@ class Sweep(Section):
         given = {"amplitude": self.amplitude_m, "frequency": self.frequency_Hz, "current": self.current_A}
         if self.only_signals:
             if not self.current_A:
-                yield ("current",), 'is missing; write for example current = ["0 A"]'
-            text = "applies only to waveforms with cycles, but there is none; a signal has its own table"
+                yield ("current",), 'is missing. Fix: write, for example, current = ["0 A"]'
+            text = "applies only to cyclic waveforms, but no cyclic waveform is listed; signals have their own tables"
             yield from (((key,), text) for key in ("amplitude", "frequency") if given[key])
             return
         missing = [key for key, values in given.items() if not values]
         if missing and len(missing) < len(given):
-            yield (), f"{' and '.join(missing)} missing: specify amplitude, frequency and current, or none of them"
+            yield (), (
+                f"missing: {' and '.join(missing)}. Fix: specify amplitude, frequency and current, or none of them"
+            )
 
     def _seeded(self) -> Iterator[Problem]:
         if self.order == "random" and self.seed is None:
@@ -250,7 +252,7 @@ class CurrentStep(Section):
     @classmethod
     def _steps(cls, values: tuple[float, ...]) -> tuple[float, ...]:
         if any(first == second for first, second in itertools.pairwise(values)):
-            raise ValueError("two currents in succession are equal; a step requires two different currents")
+            raise ValueError("two consecutive currents are equal; a step requires two different currents")
         return values
 
 
@@ -332,7 +334,7 @@ class Campaign(Section):
     )
     demagnetise: bool = False
     require_skew: bool = Field(
-        default=False, description="refuse a bench whose load cell or LVDT format has no clock"
+        default=False, description="reject a bench if the data format of its load cell or LVDT contains no clock"
     )
 
 

@@ -106,8 +106,10 @@ class SweepTable(SignalTable):
     first_Hz: Frequency = Field(alias="first_frequency")
     last_Hz: Frequency = Field(alias="last_frequency")
     first_m: Amplitude = Field(alias="first_amplitude")
-    last_m: Amplitude | None = Field(default=None, alias="last_amplitude", description="default: the first amplitude")
-    duration_s: Duration = Field(alias="duration", description="duration, both ramps included")
+    last_m: Amplitude | None = Field(
+        default=None, alias="last_amplitude", description="amplitude at the end; default: the first amplitude"
+    )
+    duration_s: Duration = Field(alias="duration", description="duration, including both ramps")
     spacing: Literal["linear", "logarithmic"] = Field(
         default="linear", description="frequency and amplitude change by equal amounts (linear) or equal factors "
             "(logarithmic) per second"

@@ -41,9 +41,9 @@ class StopFit:
         """In words; empty where there is nothing."""
         fits = []
         if self.halt_deceleration_m_s2 is not None:
-            fits.append(f'halt_deceleration = "{self.halt_deceleration_m_s2:g} m/s^2" fits')
+            fits.append(f'halt_deceleration = "{self.halt_deceleration_m_s2:g} m/s^2" is sufficient')
         if self.centre_m is not None:
-            fits.append(f"a centre (mid_stroke) of {show(self.centre_m, 'mm')} fits")
+            fits.append(f"a centre (mid_stroke) of {show(self.centre_m, 'mm')} is sufficient")
         return "; ".join(fits)
 
 

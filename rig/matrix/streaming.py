@@ -97,8 +97,9 @@ def gap_warnings(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]:
     fastest_m_s = max(peaks(point, bench).speed_m_s for point in fast)
     return (
         f"{some(fast)}: if a set-point is lost, a drive that stops on its own decelerates from {fastest_m_s:.3g} m/s "
-        f"with about {a_speed * fastest_m_s:.3g} m/s^2 (position loop of 30 Hz), limit {limit_m_s2:.3g} m/s^2. Fix: "
-        f"limit the deceleration in the drive, or plan up to {limit_m_s2 / a_speed:.3g} m/s",
+        f"at about {a_speed * fastest_m_s:.3g} m/s^2 (with a position loop of 30 Hz); allowed: at most "
+        f"{limit_m_s2:.3g} m/s^2. Fix: limit the deceleration in the drive, or plan speeds of at most "
+        f"{limit_m_s2 / a_speed:.3g} m/s",
     )
 
 

@@ -105,7 +105,7 @@ def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]
     if unknown:
         raise FileProblem("--accept", [f"got {slug!r}, expected one of {', '.join(DOUBTS)}" for slug in unknown])
     if wanted.rate_Hz is not None and not 0.0 < wanted.rate_Hz < np.inf:
-        raise FileProblem("--rate", [f"{wanted.rate_Hz!r} Hz; expected a rate above 0"])
+        raise FileProblem("--rate", [f"got {wanted.rate_Hz!r} Hz, expected a rate above 0"])
     twice = list(_said_twice(files, wanted))
     if twice:
         raise FileProblem("import", twice)
@@ -127,12 +127,12 @@ def read_tests(files: Sequence[Path], wanted: WantedTests) -> list[ImportedTest]
 def _said_twice(files: Sequence[Path], wanted: WantedTests) -> Iterator[str]:
     """What is told in two ways, of which one would be left out in silence, or counted twice."""
     if wanted.rate_Hz is not None and "time" in wanted.columns:
-        yield f"--rate and --column time={wanted.columns['time']} both state the sample times. Fix: remove one"
+        yield f"--rate and --column time={wanted.columns['time']} both specify the sample times. Fix: remove one option"
     places = [Path(file).resolve() for file in files]
     for place in dict.fromkeys(place for place in places if places.count(place) > 1):
         yield (
-            f"{place} is given {places.count(place)} times. Fix: name each file only once, because copies would make "
-            "the intervals too narrow"
+            f"{place} is given {places.count(place)} times. Fix: specify each file only once, because duplicates would "
+            "make the confidence intervals too narrow"
         )
 
 
@@ -181,7 +181,9 @@ def _tests_of(
         table.setdefault("commanded_current", table["voltage"] * wanted.ampere_per_volt)
     parts, notes = _parts(opened, table["time"], wanted)
     if not parts:
-        raise FileProblem(str(file), [*notes, f"no part of the file has {FEWEST_ROWS} rows (read as {opened.read_as})"])
+        raise FileProblem(str(file), [
+            *notes, f"no part of the file has at least {FEWEST_ROWS} rows (read as {opened.read_as})"
+        ])
     tests = []
     for number, (start, stop) in enumerate(parts, start=1):
         part = "_".join([*([name] if name else []), *([f"part{number}"] if len(parts) > 1 else [])])
@@ -286,12 +288,12 @@ def _notes(breaks: Sequence[Break], count: int, parts: Sequence[tuple[int, int]]
     if events:
         yield f"{sum(one.count for one in events)} row(s) without numbers skipped ({_lines(events)})"
     if count > 1:
-        yield f"split into {count} parts there, one test each"
+        yield f"file split into {count} parts at these rows, one test each"
     elif headings:
-        yield "the parts were joined because the time continues"
+        yield "the parts before and after these headings were joined because the time continues"
     used = sum(stop - start for start, stop in parts)
     if used < rows:
-        yield f"{rows - used} rows in parts of fewer than {FEWEST_ROWS} rows skipped"
+        yield f"{rows - used} rows skipped: their parts have fewer than {FEWEST_ROWS} rows"
 
 
 def _opened(file: Path, wanted: WantedTests) -> tuple[list[tuple[str, ForeignFile]], str]:
@@ -319,8 +321,8 @@ def _choices(file: Path, opened: ForeignFile, wanted: WantedTests) -> dict[str, 
     try:
         check_wanted(wanted.columns, wanted.scales)
         if {"voltage", "commanded_current"} <= wanted.columns.keys():
-            raise FileProblem("--column", ["voltage and commanded_current both command the coil. Fix: name only one "
-                "of them"])
+            raise FileProblem("--column", ["voltage and commanded_current both specify the coil command. Fix: use "
+                "only one of them"])
         return choose(opened.columns, wanted.columns, opened.is_stamps, wanted.scales)
     except FileProblem as error:
         absent = [name for name in (*REQUIRED, "time") if name not in wanted.columns]
@@ -384,13 +386,14 @@ def _together(
         told = ", ".join(f"{opened.columns[choice.place].full or choice.column} {len(by_quantity[quantity])} samples"
                          for quantity, choice in choices.items())  # fmt: skip
         raise FileProblem(str(file), [
-            f"its channels were not sampled together: {told}. Fix: first resample the channels to a common time base "
+            f"the channels were not sampled together: {told}. Fix: first resample the channels to a common time base "
             "(MDF.resample)"
         ])  # fmt: skip
     time_s, channels = brought
     moved = [quantity for quantity in choices if not np.array_equal(by_quantity[quantity], by_quantity["displacement"])]
     return {"time": time_s, **channels}, [
-        *notes, f"{', '.join(moved)} interpolated to the times of displacement (each channel has its own times)"
+        *notes, f"{', '.join(moved)} interpolated to the sample times of displacement (each channel has its own "
+        "sample times)"
     ]  # fmt: skip
 
 
@@ -450,7 +453,7 @@ def _wrong_time(
         yield f"{opened.row_name(int(blank[0]) + first_row)}{column}: no time ({len(blank)} such line(s))"
         return
     if len(time_s) < FEWEST_ROWS:
-        yield f"{len(time_s)} rows; a test needs at least {FEWEST_ROWS}"
+        yield f"{len(time_s)} rows; a test requires at least {FEWEST_ROWS}"
         return
     wrong = np.flatnonzero(~(np.diff(time_s) > 0.0))
     if len(wrong):
@@ -479,7 +482,8 @@ def _empty(table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice])
     for quantity, choice in choices.items():
         if quantity not in {"time", "current", "commanded_current"} and not np.any(np.isfinite(table[quantity])):
             way_out = "name another column" if quantity in REQUIRED else "name another column, or omit the column"
-            yield f"column {choice.text!r}, as {quantity}: no number in any of {len(table[quantity])} rows; {way_out}"
+            none = f"none of {len(table[quantity])} rows contains a number"
+            yield f"column {choice.text!r}, as {quantity}: {none}; {way_out}"
 
 
 def _too_large(table: Mapping[str, FloatArray], source: Mapping[str, str]) -> Iterator[str]:
@@ -493,7 +497,7 @@ def _too_large(table: Mapping[str, FloatArray], source: Mapping[str, str]) -> It
         size = float(np.nanmax(values) - np.nanmin(values) if spans else np.nanmax(np.abs(values)))
         if size > limit:
             yield (
-                f"column {source[quantity]!r}, as {quantity}, {verb} {size:.4g} {unit}; a test has at most {limit:g} "
+                f"column {source[quantity]!r}, as {quantity}, {verb} {size:.4g} {unit}; expected at most {limit:g} "
                 f"{unit}: check the unit and the column of {quantity}. The numbers are probably in {LIKELY[quantity]}"
             )
 
@@ -519,13 +523,13 @@ def _nominal_A(
         return float(wanted.current_A or 0.0)
     named = pattern.search(name)
     if named is None:
-        raise ValueError(f"the name does not match {pattern.text!r}: no current in it")
+        raise ValueError(f"the file name does not match {pattern.text!r}, so it states no current")
     try:
         value = float((named["current"] or "").replace(",", "."))
     except ValueError as error:
-        raise ValueError(f"current {named['current']!r} in the file name is not a number (A)") from error
+        raise ValueError(f"the file name states the current {named['current']!r}, which is not a number") from error
     if not abs(value) <= LARGEST["current"][0]:
-        raise ValueError(f"current {value:g} A in the file name; a test has at most {LARGEST['current'][0]:g} A")
+        raise ValueError(f"the file name states {value:g} A; expected at most {LARGEST['current'][0]:g} A")
     return value
 
 
@@ -548,5 +552,5 @@ def _doubtful(table: Mapping[str, FloatArray], accept: Sequence[str]) -> Iterato
     for doubt in doubts(size):
         if doubt.slug not in accept:
             yield (f"{doubt.slug}: {doubt.value:.4g} {doubt.taken_as} is implausible for a damper test; "
-                f"the numbers are probably in {doubt.likely}. Write the unit after the column's name and "
-                f"a colon, or use --accept {doubt.slug}")  # fmt: skip
+                f"the numbers are probably in {doubt.likely}. Fix: write the unit after the column name "
+                f"and a colon, or use --accept {doubt.slug}")  # fmt: skip

@@ -113,8 +113,8 @@ def _spikes(test: TestSamples) -> Iterator[Reason]:
             continue
         first = places[0]
         yield suspect(
-            "sensor-spike", f"{len(places)} single {name} sample(s) deviate from the signal, the first at "
-                f"{test.time_s[first]:.6g} s with {factor * values[first]:.5g} {unit}: interference or a damaged row. "
+            "sensor-spike", f"{len(places)} isolated {name} sample(s) deviate from the signal (first: "
+                f"{factor * values[first]:.5g} {unit} at {test.time_s[first]:.6g} s): interference or a damaged row. "
                 "Fix: correct the value in the source file, or leave the cell empty",
         )
 
@@ -132,8 +132,8 @@ def _reversed(test: TestSamples, motion: MeasuredMotion | None) -> list[Reason]:
     return [invalid(
         "reversed-sign", "the measured force acts with the motion instead of against it: force or displacement has "
             "the wrong sign, or their columns are swapped (displacement increases with extension, a positive force "
-            "resists extension). Fix: import again with --scale force=-1 (a force positive in compression) or "
-            "--scale displacement=-1 (a displacement positive in compression)",
+            "resists extension). Fix: import again with --scale force=-1 (if force is positive in compression) or "
+            "--scale displacement=-1 (if displacement is positive in compression)",
     )]
 
 
@@ -149,7 +149,7 @@ def _unsteady(motion: MeasuredMotion | None) -> list[Reason]:
             continue
         least, most = float(np.min(values)), float(np.max(values))
         return [invalid(
-            "unsteady-motion", f"cycles {what} {least:.3g} to {most:.3g} {unit}: this is not a single motion. Fix: "
+            "unsteady-motion", f"the cycles {what} {least:.3g} to {most:.3g} {unit}: this is not a single motion. Fix: "
                 f"import a sweep with the waveform `random`; import each motion of {FEWEST_CYCLES} or more cycles as "
                 "a separate test",
             least=least, most=most,
@@ -167,7 +167,7 @@ def _drifting(test: TestSamples, motion: MeasuredMotion | None) -> Iterator[Reas
     shift_m = float(np.polyfit(np.arange(motion.cycles), middles_m, 1)[0])
     if abs(shift_m) > DRIFTING * motion.amplitude_m:
         yield suspect(
-            "unsteady-motion", f"the mean position of the motion shifts by {1e3 * shift_m:.3g} mm in each cycle (limit "
+            "unsteady-motion", f"the mean position of the motion shifts by {1e3 * shift_m:.3g} mm per cycle (limit "
             f"{1e3 * DRIFTING * motion.amplitude_m:.3g} mm): the amplitude, frequency and damping are therefore wrong. "
             "Fix: check the displacement sensor for drift; subtract the drift in the source file, or repeat the test",
             shift_m=shift_m,
@@ -196,10 +196,9 @@ def _current_off(test: TestSamples, motion: MeasuredMotion | None) -> list[Reaso
     if not off_A > limit_A:
         return []
     return [invalid(
-        "current-tracking", f"the current is off by {1e3 * off_A:.3g} mA from {test.nominal_current_A:.3g} A in "
-            f"some of the cycles (limit {1e3 * limit_A:.3g} mA): this is not a single test. Fix: exclude these "
-            "cycles; if the "
-            "current varies intentionally, import it with the waveform `random`",
+        "current-tracking", f"the current deviates by {1e3 * off_A:.3g} mA from {test.nominal_current_A:.3g} A in "
+            f"some cycles (limit {1e3 * limit_A:.3g} mA): this is not a single test. Fix: exclude these cycles; if the "
+            "current varies intentionally, import the test with the waveform `random`",
         off_A=off_A, limit_A=limit_A,
     )]
 

@@ -178,12 +178,12 @@ def _point_file(name: str, part: TestPart, said: Described) -> PointFile:
     if test.temperature_degC is not None and np.any(np.isfinite(test.temperature_degC)):
         low_degC, high_degC = float(np.nanmin(test.temperature_degC)), float(np.nanmax(test.temperature_degC))
         channels.append(AlignedChannel(
-            "coil_temperature", test.temperature_degC, "degC", "Temperature of coil or body",
+            "coil_temperature", test.temperature_degC, "degC", "Temperature of the coil or body",
             choices["temperature"].column,
         ))  # fmt: skip
     quality = PointQuality(
         verdict=assessment.verdict, lost_samples=assessment.lost, coil_low_degC=low_degC, coil_high_degC=high_degC,
-        skew=SkewQuality(value_s=0.0, std_s=0.0, method="as imported: a common time base, not checked"),
+        skew=SkewQuality(value_s=0.0, std_s=0.0, method="common time base, as imported; not checked"),
         motion=MotionQuality(cycles=0) if motion is None else MotionQuality(
             cycles=motion.cycles, amplitude_m=motion.amplitude_m, frequency_Hz=motion.frequency_Hz,
             mean_m=motion.mean_m, start_s=motion.start_s, end_s=motion.end_s,
@@ -217,8 +217,8 @@ def _current_source(test: ImportedTest) -> str:
     if test.current_measured:
         return "measured"
     if "voltage" in test.choices:
-        return f"not measured, see commanded_current: the driver's voltage ({test.choices['voltage'].column})"
-    return "as given, not measured" if test.commanded_A is None else "not measured, see commanded_current"
+        return f"not measured; see commanded_current (driver voltage {test.choices['voltage'].column})"
+    return "as specified; not measured" if test.commanded_A is None else "not measured; see commanded_current"
 
 
 def _size(test: ImportedTest, motion: MeasuredMotion | None) -> tuple[float, float]:

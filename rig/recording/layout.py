@@ -194,7 +194,7 @@ class PointContext:
             sensors = {name: SensorContext(**entry) for name, entry in raw.pop("sensors").items()}
             requested = raw.pop("point")
             if unknown := requested.keys() - NAMES:
-                raise ValueError(f"the journal header does not describe a point: point has {sorted(unknown)}")
+                raise ValueError(f"the journal header does not describe a point: unknown {sorted(unknown)}")
             context = cls(
                 point=TestPoint(**point_fields(requested)), commanded=commanded_of(requested), sensors=sensors, **raw
             )

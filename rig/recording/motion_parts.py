@@ -108,7 +108,7 @@ def check_one_motion(
     rows = [np.searchsorted(time_s, motion.stretch_s).tolist() for motion in steady]
     parts = [f"{_told(motion)} in rows {first} to {last}" for motion, (first, last) in zip(steady, rows, strict=True)]
     raise FileProblem(name, [
-        f"{len(steady)} motions in one table: {'; '.join(parts)}. Fix: create a separate point from each "
+        f"the table contains {len(steady)} motions: {'; '.join(parts)}. Fix: create a separate point for each "
         "motion with table.iloc[FIRST:LAST]"
     ])  # fmt: skip
 

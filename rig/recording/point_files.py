@@ -35,7 +35,7 @@ def name_problem(point_id: str) -> str:
     if not 1 <= len(point_id.encode("utf-8", "replace")) <= LONGEST_ID_BYTES:
         return f"{len(point_id)} characters; expected 1 to {LONGEST_ID_BYTES} bytes"
     if point_id.startswith(".") or any(letter in "/\\:" or not letter.isprintable() for letter in point_id):
-        return f"{point_id!r}; expected a name: printable, without / \\ : and without a leading dot"
+        return f"{point_id!r}; expected printable characters, without / \\ : and without a leading dot"
     return ""
 
 

@@ -226,7 +226,9 @@ class RecordedPoint(TestPoint):
     @property
     def _file(self) -> Path:
         if self.path is None:
-            raise FileProblem(self.id, ["this point was created in memory, without a file and without these data"])
+            raise FileProblem(self.id, [
+                "this point was created in memory: it has no file and does not contain these data"
+            ])
         return self.path
 
     @property
@@ -320,7 +322,7 @@ def _check_arrays(name: str, given: Mapping[str, FloatArray | None]) -> None:
     shapes = {key: np.shape(values) for key, values in given.items() if values is not None}
     wanted = shapes["time_s"]
     problems = [
-        f"{key} has shape {shape}, expected (n,) like time_s: {wanted}"
+        f"{key} has shape {shape}, expected (n,) as for time_s: {wanted}"
         for key, shape in shapes.items() if shape != wanted or len(shape) != 1
     ]
     if not problems and (wanted[0] < 2 or not np.all(np.diff(np.asarray(given["time_s"], np.float64)) > 0.0)):

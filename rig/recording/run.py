@@ -75,7 +75,7 @@ def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
     try:
         return name, tuple(float(item) for item in value.split("|"))
     except ValueError as error:
-        raise ValueError(f"{name} = {value!r} is not a number in the unit that its name states") from error
+        raise ValueError(f"{name} = {value!r}: expected a number in the unit that the name states") from error
 
 
 def _equal(point: object, name: str, wanted: str | float) -> bool:
@@ -201,8 +201,8 @@ def _without_copies(points: list[RecordedPoint]) -> tuple[list[RecordedPoint], t
         first = kept.setdefault((recording, point.id), point)
         if first is not point:
             copies.append(
-                f"{_stem(point)} left out: a copy (points/{_stem(point)}.h5 holds the same recording of {point.id} as "
-                f"points/{_stem(first)}.h5)"
+                f"{_stem(point)} left out as a copy (points/{_stem(point)}.h5 contains the same recording of "
+                f"{point.id} as points/{_stem(first)}.h5)"
             )
     return sorted(kept.values(), key=_stem), tuple(copies)
 
@@ -211,12 +211,15 @@ def _misplaced(points: Iterable[RecordedPoint], campaign: Mapping[str, Any]) -> 
     """Files that have another point's name, or come from another campaign: they are used, and named."""
     for point in points:
         if not _has_own_name(point):
-            yield f"points/{_stem(point)}.h5 holds the point {point.id}; it is used under that ID. Fix: rename the file"
+            yield (
+                f"points/{_stem(point)}.h5 contains the point {point.id} and is used under that ID. Fix: rename the "
+                "file"
+            )
         pairs = [(point.provenance.get(name), campaign.get(key)) for name, key in OF_CAMPAIGN.items()]
         if all(theirs and ours and theirs != ours for theirs, ours in pairs):
             yield (
                 f"points/{_stem(point)}.h5 was recorded in another campaign ({point.provenance['campaign']}), with "
-                "another bench or matrix. Fix: move it out of points/ unless it belongs here"
+                "another bench or matrix. Fix: move it out of points/ unless it belongs to this run"
             )
 
 
@@ -261,5 +264,5 @@ def _why_no_run(place: Path) -> str:
     points = CampaignFolder(place).points
     journals = unfinished(points) if points.is_dir() else []
     if journals:
-        return f"contains {len(journals)} journal(s) but no finished point. Fix: first run `rig recover` on this folder"
+        return f"contains {len(journals)} journal(s) but no finished points. Fix: run `rig recover` on this folder"
     return "this is not a run: it contains no points/*.h5"

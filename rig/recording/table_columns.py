@@ -70,9 +70,9 @@ class TableUnits:
         unit = named_unit(str(text), dimension)
         if unit is None:
             known = ", ".join(units_for(dimension))
-            raise ValueError(f"column {column!r}: {text!r} is not a unit of {dimension}; {known}")
+            raise ValueError(f"column {column!r}: {text!r} is not a unit of {dimension}; known units: {known}")
         if by_name is not None and by_name != unit[1]:
-            raise ValueError(f"column {column!r}: the name states {suffix}, but the unit is stated as {text}")
+            raise ValueError(f"column {column!r}: the name states {suffix}, but the stated unit is {text}")
         return unit[1]
 
 
@@ -98,7 +98,9 @@ def table_channels(
     """
     if not table.columns.is_unique:
         twice = sorted({str(name) for name in table.columns[table.columns.duplicated()]})
-        raise FileProblem(where, [f"the table has several columns {name!r}. Fix: rename all but one" for name in twice])
+        raise FileProblem(where, [
+            f"the table has several columns named {name!r}. Fix: rename all but one" for name in twice
+        ])
     attribute = table.attrs.get("units", {})
     known = TableUnits(units or {}, attribute if isinstance(attribute, Mapping) else {})
     time_s, time_column = table_time(table, where, known)
@@ -117,12 +119,12 @@ def table_channels(
         if values is None:
             continue
         if quantity in source:
-            problems.append(f"columns {source[quantity]!r} and {name!r} are both the {quantity}. Fix: remove one")
+            problems.append(f"columns {source[quantity]!r} and {name!r} both contain the {quantity}. Fix: remove one")
         channels[quantity], source[quantity] = values, name
-    problems += [f"the table has no column {name!r}; it has {list(table)}" for name in ("displacement", "force")
+    problems += [f"the table has no column {name!r}; its columns: {list(table)}" for name in ("displacement", "force")
                  if name not in channels and not problems]  # fmt: skip
     unused = [name for name in known.stated if name not in {*map(str, table), *channels, "time"}]
-    problems += [f"units: the table has no column {name!r}; it has {list(table)}" for name in unused]
+    problems += [f"units: the table has no column {name!r}; its columns: {list(table)}" for name in unused]
     if problems:
         raise FileProblem(where, problems)
     channels = {"time": time_s, **channels}
@@ -132,19 +134,18 @@ def table_channels(
         row = int(wrong[0]) + 1
         now_s, before_s = channels["time"][row], channels["time"][row - 1]
         raise FileProblem(where, [
-            f"row {row}: time {now_s:.9g} s is not after {before_s:.9g} s ({len(wrong)} such rows); it must "
-            "increase from row to row, and the time stamps do not have a uniform rate. Fix: sort the rows, or set "
-            "the time: "
-            "table.index = pd.Index(np.arange(len(table)) / rate_Hz, name='time_s')"
+            f"row {row}: time {now_s:.9g} s is not after {before_s:.9g} s ({len(wrong)} such rows); the time "
+            "must increase from row to row, and no uniform sampling rate was found. Fix: sort the rows, or set the "
+            "time: table.index = pd.Index(np.arange(len(table)) / rate_Hz, name='time_s')"
         ])
     doubts = list(implausible(channels, source, accept))
     if doubts:
-        way_out = "Fix: units={'displacement': 'mm', ...}; accept=(SLUG,) accepts the value as it is"
+        way_out = "Fix: specify units=dict(displacement='mm', ...), or accept=(SLUG,) to accept the value"
         raise FileProblem(where, [*doubts, way_out])
     if known.assumed:
         told = ", ".join(f"{name} in {unit}" for name, unit in known.assumed.items())
-        warnings.warn(f"{where}: columns without a unit are read in SI units: {told}. "
-            f"Specify the units: units={{'force': 'kN'}}, table.attrs['units'], or names such as "
+        warnings.warn(f"{where}: columns without a unit are assumed to be in SI units: {told}. "
+            "Specify the units with units=dict(force='kN'), with table.attrs['units'], or in names such as "
             "force_kN", stacklevel=3)  # fmt: skip
     return channels, times
 
@@ -235,8 +236,8 @@ def table_time(
     times = certain or bare
     if not times:
         raise FileProblem(where, [
-            f"the table has no time: its index ({table.index.name or 'without a name'}) counts rows. Fix: add a "
-            "column `time_s`, or set the index to the time in s: table.index = pd.Index(time_s, name='time_s')"
+            f"the table has no time: its index ({table.index.name or 'without a name'}) only numbers the rows. Fix: "
+            "add a column `time_s`, or set the index to the time in s: table.index = pd.Index(time_s, name='time_s')"
         ])  # fmt: skip
     column, time_s = times[0]
     if not certain:

@@ -146,7 +146,7 @@ def by_edges(local_s: FloatArray, reference_s: FloatArray) -> ClockModel:
         ValueError: there is no pair.
     """
     if len(local_s) == 0:
-        raise ValueError("no pair of edges available for fitting a clock")
+        raise ValueError("no pair of edges is available for fitting the clock")
     difference = reference_s - local_s
     slope_known = len(local_s) >= 2 and float(np.ptp(local_s)) >= SHORTEST_SPAN_S
     rough = difference - (_median_slope(local_s, difference) if slope_known else 0.0) * local_s

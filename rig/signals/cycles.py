@@ -108,7 +108,7 @@ def full_cycles(cycles: Cycles) -> Cycles:
     edges = np.diff(np.concatenate(([0], full.astype(np.int8), [0])))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if starts.size == 0:
-        raise NoCycles(f"none of {len(cycles)} cycles is at full amplitude: the motion was still in its ramp")
+        raise NoCycles(f"none of {len(cycles)} cycles reaches full amplitude: the motion was still ramping")
     longest = int(np.argmax(stops - starts))
     return cycles.between(int(starts[longest]), int(stops[longest]))
 

@@ -226,7 +226,7 @@ def savitzky_golay(time_s: FloatArray, displacement_m: FloatArray, window_s: flo
     spacing = float(np.median(np.diff(time_s)))
     half = max(round(window_s / spacing / 2.0), (degree + 2) // 2)
     if 2 * half + 1 > time_s.size:
-        raise NotDifferentiable(f"{time_s.size} samples; a window of {2 * half + 1} is required to differentiate them")
+        raise NotDifferentiable(f"{time_s.size} samples; differentiation requires a window of {2 * half + 1} samples")
     offsets = np.arange(-half, half + 1)
     inverse = np.linalg.pinv(np.vander(offsets / half, degree + 1, increasing=True))
     u, v, a = (_correlate(displacement_m, inverse[k]) for k in range(3))
@@ -270,7 +270,7 @@ def _refuse_gaps(t: FloatArray, frequency_Hz: float) -> None:
     longest = float(np.max(np.diff(t)))
     if longest > 0.5 / frequency_Hz:
         raise NotDifferentiable(
-            f"a gap of {longest:.3f} s in the displacement, more than half a cycle ({0.5 / frequency_Hz:.3f} s)"
+            f"a gap of {longest:.3f} s in the displacement is longer than half a cycle ({0.5 / frequency_Hz:.3f} s)"
         )
 
 

@@ -237,7 +237,7 @@ class LoadTrain:
         if most is None or usual.mean_N + noise_N >= KEPT_FORCE * most.mean_N:
             return None
         return (
-            f"the mean force of a cycle is {usual.mean_N:.4g} N, but at the same or lower current and speed it "
+            f"the mean force per cycle is {usual.mean_N:.4g} N, but at the same or lower current and speed it "
             f"was {most.mean_N:.4g} N"
         )
 

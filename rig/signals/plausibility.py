@@ -72,7 +72,7 @@ def _time(size: TestSize) -> Iterator[Doubt]:
     if size.cycle_s > LONGEST_CYCLE_s:
         yield Doubt("units-time", size.cycle_s, "s", "ms", 1e-3)
     elif size.cycle_s < SHORTEST_CYCLE_s:
-        yield Doubt("units-time", size.cycle_s, "s", "s, taken as ms", 1e3)
+        yield Doubt("units-time", size.cycle_s, "s", "s, not ms", 1e3)
 
 
 def _displacement(size: TestSize, *, timed: bool) -> Iterator[Doubt]:
@@ -88,7 +88,7 @@ def _displacement(size: TestSize, *, timed: bool) -> Iterator[Doubt]:
             for slow, small in ((SMALLEST_SPEED_m_s, 1e3 * SMALLEST_SPAN_m), (SLOW_m_s, SMALL_SPAN_m))
         )
     ):
-        yield Doubt("units-displacement", size.span_m, "m", "m, taken as mm", 1e3)
+        yield Doubt("units-displacement", size.span_m, "m", "m, not mm", 1e3)
 
 
 def _force(size: TestSize) -> Iterator[Doubt]:
@@ -97,7 +97,7 @@ def _force(size: TestSize) -> Iterator[Doubt]:
     if 0.0 < size.force_N < SMALLEST_FORCE_N:
         yield Doubt("units-force", size.force_N, "N", "kN", 1e3)
     elif size.force_N > LARGEST_FORCE_N:
-        yield Doubt("units-force", size.force_N, "N", "N, taken as kN", 1e-3)
+        yield Doubt("units-force", size.force_N, "N", "N, not kN", 1e-3)
 
 
 def _current(size: TestSize) -> Iterator[Doubt]:
@@ -106,4 +106,4 @@ def _current(size: TestSize) -> Iterator[Doubt]:
     if size.current_A > LARGEST_CURRENT_A:
         yield Doubt("units-current", size.current_A, "A", "mA", 1e-3)
     elif 0.0 < size.current_A < SMALLEST_CURRENT_A:
-        yield Doubt("units-current", size.current_A, "A", "A, taken as mA", 1e3)
+        yield Doubt("units-current", size.current_A, "A", "A, not mA", 1e3)

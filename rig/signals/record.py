@@ -186,7 +186,7 @@ def through_rows(time_s: FloatArray, position_m: FloatArray) -> FloatArray:
     from scipy.interpolate import CubicSpline
 
     if time_s[-1] - time_s[0] > LONGEST_S + STEP_S:
-        raise NoRecord(f"{time_s[-1] - time_s[0]:.4g} s long; at most {LONGEST_S:g} s")
+        raise NoRecord(f"{time_s[-1] - time_s[0]:.4g} s long; allowed: at most {LONGEST_S:g} s")
     closest = int(np.argmin(np.diff(time_s)))
     if not time_s[closest + 1] - time_s[closest] >= CLOSEST_S:
         raise NoRecord(f"rows {closest + 1} and {closest + 2} are less than {CLOSEST_S:g} s apart")
@@ -194,9 +194,8 @@ def through_rows(time_s: FloatArray, position_m: FloatArray) -> FloatArray:
     usual_s, widest = float(np.median(apart_s)), int(np.argmax(apart_s))
     if apart_s[widest] > LARGEST_GAP * usual_s:
         raise NoRecord(
-            f"between {time_s[widest]:.6g} s and {time_s[widest + 1]:.6g} s there are no rows for "
-            f"{apart_s[widest]:.3g} "
-            f"s, while the usual step is {usual_s:.3g} s; allowed: at most {LARGEST_GAP:g} times that"
+            f"no rows between {time_s[widest]:.6g} s and {time_s[widest + 1]:.6g} s: this gap of "
+            f"{apart_s[widest]:.3g} s exceeds {LARGEST_GAP:g} times the usual step of {usual_s:.3g} s"
         )
     spline = CubicSpline(time_s, position_m)
     fine_s = STEP_S / max(1, math.ceil(STEP_S / usual_s - 1e-6))
@@ -232,9 +231,9 @@ def _faded(
     moved = float(np.ptp(faded[left_s >= ramp_s - 0.5 * STEP_S])) / largest_m
     if not moved >= LEAST_MOTION:
         raise NoRecord(
-            f"no motion between the ramps, where the motion is evaluated and fitted: {100 * moved:.2g} % of the "
-            "largest distance "
-            f"from the centre, at least {100 * LEAST_MOTION:g} %; the movement may lie within a ramp of {ramp_s:g} s"
+            f"too little motion between the ramps, where the signal is evaluated and fitted: {100 * moved:.2g} % of "
+            f"the largest distance from the centre, expected at least {100 * LEAST_MOTION:g} %; the motion may be "
+            f"within a ramp of {ramp_s:g} s"
         )
     shape = np.asarray(faded / largest_m, np.float64)
     mark = hashlib.sha256(shape.tobytes()).hexdigest()

@@ -95,21 +95,21 @@ class SampleTimes:
     @property
     def told(self) -> str:
         """The time base in words; empty where the times are uniform as they are read."""
-        few = f"stamps in steps of {1e3 * self.resolution_s:.4g} ms" if self.resolution_s > 0.0 else "stamps"
+        few = f"time stamps in steps of {1e3 * self.resolution_s:.4g} ms" if self.resolution_s > 0.0 else "time stamps"
         if self.base is TimeBase.ROUNDED:
-            return f"{few} read as a uniform {self.rate_Hz:.5g} Hz"
+            return f"{few}, read as a uniform rate of {self.rate_Hz:.5g} Hz"
         if self.base is TimeBase.JITTER:
             return (
-                f"{few} that jitter by {1e3 * self.scatter_s:.3g} ms (standard deviation) read as a uniform "
-                f"{self.rate_Hz:.5g} Hz, which makes displacement and force smooth"
+                f"{few} with a jitter of {1e3 * self.scatter_s:.3g} ms (standard deviation), read as a uniform rate of "
+                f"{self.rate_Hz:.5g} Hz, at which displacement and force are smooth"
             )
         if self.base is TimeBase.IRREGULAR:
             left = (
-                f"an error of {1e3 * self.std_s:.3g} ms in each stamp is included in the intervals"
+                f"an error of {1e3 * self.std_s:.3g} ms in each time stamp is included in the intervals"
             ) if self.std_s > 0.0 else (
-                "displacement and force are smooth over them"
+                "displacement and force are smooth at these times"
             )
-            return f"{few} are not uniform ({1e3 * self.scatter_s:.3g} ms standard deviation), used as read: {left}"
+            return f"{few}, not uniform (standard deviation {1e3 * self.scatter_s:.3g} ms), used as read: {left}"
         return ""
 
 

@@ -168,7 +168,7 @@ def specimen_model(options: DamperOptions) -> tuple[DamperModel, dict[str, float
         name = "demo-" + base.replace("_", "-")
     chosen = dampers.parameter_set(name)
     if base and base != chosen.model:
-        raise ValueError(f"set {name!r} belongs to model {chosen.model!r}, not {base!r}")
+        raise ValueError(f"parameter set {name!r} belongs to model {chosen.model!r}, not {base!r}")
     hysteresis: Any = options.hysteresis or chosen.hysteresis
     model = dampers.model(options.model or chosen.model, hysteresis)
     values = {**chosen.values, **options.values}

@@ -31,17 +31,17 @@ FILE = click.Path(path_type=Path)
     ),
 )
 @click.option("--seeds", default="0:20", show_default=True, metavar="FIRST:END",
-              help="Range of scenarios to run, END excluded; a single number runs one scenario.")
+              help="Range of scenarios to run (END is excluded); a single number runs one scenario.")
 @click.option("--bench", type=FILE, help="Your bench file instead of the default simulated rig.")
 @click.option("--matrix", type=FILE, help="Your matrix file instead of random ones.")
 @click.option("--event", "events", multiple=True, metavar="WHAT[@T[+D]]",
-              help="An event instead of random ones (repeatable), lasting D s: a row of the fault matrix, T s after "
-                   "the "
-                   "first cycle begins; or application-killed, power-cut ..., T s after the start.")
+              help="Event to inject instead of random events (repeatable), for D s: a row of the fault matrix, T s "
+                   "after the first cycle begins, or application-killed, power-cut ..., T s after the start.")
 @click.option("--happening", multiple=True, hidden=True)  # name of earlier versions, kept until 2.0
 @click.option("--actuator", type=click.Choice(["tcp", "rtu"]),
               help="How the controller is connected.  [default: as your bench or the events require, otherwise random]")
-@click.option("--until", type=float, metavar="S", help="End each scenario after S virtual seconds and omit the checks.")
+@click.option("--until", type=float, metavar="S", help="End each scenario after S simulated seconds and omit "
+    "the checks.")
 @click.option("--trace", type=FILE, help="Write every step of a single scenario to this file.")
 @click.option("--shrink", is_flag=True, help="Reduce each failing scenario to the smallest one that still fails.")
 @click.option("--jobs", type=click.IntRange(1, 1024), default=os.cpu_count() or 1, show_default=True,
@@ -76,9 +76,9 @@ def _check_usage(seeds: range, ways: dict[str, Any]) -> None:
         UsageError: with what to write instead.
     """
     if ways["trace"] is not None and len(seeds) > 1:
-        raise click.UsageError(f"--trace writes only one scenario. Fix: --seeds {seeds[0]}")
+        raise click.UsageError(f"--trace accepts only one scenario. Fix: --seeds {seeds[0]}")
     if ways["shrink"] and (ways["until"] is not None or ways["trace"] is not None):
-        raise click.UsageError("--shrink needs a complete scenario and cannot be combined with --until or --trace")
+        raise click.UsageError("--shrink requires a complete scenario and cannot be combined with --until or --trace")
 
 
 def _check_trace(path: Path | None, asked: ScenarioRequest) -> None:
@@ -89,7 +89,7 @@ def _check_trace(path: Path | None, asked: ScenarioRequest) -> None:
     """
     for given in (asked.files.matrix, asked.files.bench):
         if path is not None and given is not None and path.exists() and path.samefile(given):
-            words = f"{path} is the file of --matrix or --bench. Fix: specify another file"
+            words = f"{path} is already used for --matrix or --bench. Fix: specify another file"
             raise click.BadParameter(words, param_hint="--trace")
 
 

@@ -119,7 +119,7 @@ class Transport(asyncio.Transport):
         self._paused = self._closing = self._left = False
         self._waiting = b""
         if end.inward is None or end.outward is None:
-            raise ValueError("a connection has two directions")
+            raise ValueError("a connection requires two directions")
         self._in: Stream = end.inward
         self._out: Stream = end.outward
         self._in.on_arrival = self._arriving

@@ -96,7 +96,7 @@ def rest_is_reached(view: View) -> Findings:
         if abs(current) > NO_CURRENT_A and not view.faults() & STUCK_CURRENT:
             yield f"the coil still has {current:.2f} A", view.session.rest_ns
         if pressure > 0 and (_without_pressure(view) or not _excused_pressure(view)):
-            yield f"exit code {view.session.exit_code} with the pressure on", view.session.rest_ns
+            yield f"exit code {view.session.exit_code} although the pressure is on", view.session.rest_ns
 
 
 def _without_pressure(view: View) -> bool:
@@ -133,7 +133,7 @@ def unarmed_stands_still(view: View) -> Findings:
         if np.max(np.abs(rows[:, 1])) > STILL_M_S:
             yield "the rod moved before arming", rows[np.argmax(np.abs(rows[:, 1])), 0]
         if np.max(rows[:, 5]) > 0:
-            yield "the pressure came before arming", rows[np.argmax(rows[:, 5]), 0]
+            yield "the pressure was on before arming", rows[np.argmax(rows[:, 5]), 0]
 
 
 def points_are_there(view: View) -> Findings:
@@ -183,7 +183,7 @@ def recorded_points_are_written(view: View) -> Findings:
     for line in view.lines:
         lost = [why for why in line.get("reasons") or () if why.startswith("not-written") and why != hurried]
         if line.get("event") == "judged" and line.get("file") is None and lost:
-            yield f"{line['id']}: an attempt has no file: {'; '.join(lost)[:300]}", float(line["host_ns"])
+            yield f"{line['id']}: no file exists for one attempt: {'; '.join(lost)[:300]}", float(line["host_ns"])
 
 
 LOSING = frozenset({*DISK, *DEATHS, "power-cut"})
@@ -208,7 +208,7 @@ def a_current_that_is_left_is_told(view: View) -> Findings:
     silent = stop is not None and not stop.current_zero and stop.current_left_A is None
     held = stop is not None and stop.kind != str(StopKind.PRESSURE_OFF)
     if (held and flows_A > bench.limits.current_A + MORE_A) or not (silent or source_is_hidden(view)):
-        yield f"{rows[-1, 2]:.2f} A in the coil at the end, but the rig is reported safe", rows[0, 0]
+        yield f"the coil current is {rows[-1, 2]:.2f} A at the end, but the rig is reported safe", rows[0, 0]
 
 
 def answer_agrees(view: View) -> Findings:
@@ -246,7 +246,7 @@ def recorded_is_what_was_there(view: View) -> Findings:
         force_N = TRUE_FORCE_N + TRUE_SHARE * np.ptp(rows[:, 4])
         for name, values, truth, allowed in (
             ("force", point.force_N, rows[:, 4], force_N),
-            ("force at its own times", point.force_samples.force_N, rows[:, 4], force_N),
+            ("force at its own sample times", point.force_samples.force_N, rows[:, 4], force_N),
             ("displacement", point.displacement_m, rows[:, 3], TRUE_TRAVEL_M),
         ):
             for end in (np.nanmin, np.nanmax):
@@ -266,7 +266,7 @@ def what_is_finished_is_not_run_again(view: View) -> Findings:
             finished.discard(str(line.get("file")))
     for line in view.lines:
         if line.get("event") == "point" and str(line["point"]) in finished:
-            yield f"{line['point']} is repeated although it was finished", float(line["host_ns"])
+            yield f"{line['point']} was repeated although it was finished", float(line["host_ns"])
 
 
 def limits_stop_the_rig(view: View) -> Findings:
@@ -326,7 +326,8 @@ def valid_is_measured_with_the_wanted_current(view: View) -> Findings:
         allowed_A = OTHER_CURRENT_A + OTHER_CURRENT_SHARE * abs(wanted_A)
         other = rows[np.abs(rows[:, 2] - wanted_A) > allowed_A]
         if len(other) > OTHER_CURRENT_S / EVERY_S:
-            words = f"valid at {wanted_A:g} A, for {EVERY_S * len(other):.2f} s it was {other[0, 2]:.3g} A"
+            other_s = EVERY_S * len(other)
+            words = f"valid at {wanted_A:g} A, although the current was {other[0, 2]:.3g} A for {other_s:.2f} s"
             yield f"{line['id']}: {words}", other[0, 0]
 
 

@@ -293,7 +293,8 @@ def a_stop_has_its_travel(view: View) -> Findings:
     beyond = (ends_m < low_m - STOPPING_M) | (ends_m > high_m + STOPPING_M)
     if np.any(beyond):
         end_m, at_ns = _worst(rows, beyond, ends_m)
-        yield f"a halt from here ends at {1e3 * end_m:.1f} mm, allowed {1e3 * low_m:g} to {1e3 * high_m:g} mm", at_ns
+        allowed = f"{1e3 * low_m:g} to {1e3 * high_m:g} mm"
+        yield f"a halt at this time would end at {1e3 * end_m:.1f} mm; allowed: {allowed}", at_ns
 
 
 def setpoints_go_on_from_each_other(view: View) -> Findings:
@@ -317,16 +318,17 @@ def setpoints_go_on_from_each_other(view: View) -> Findings:
         step_m = abs(now[1] - before[1])
         allowed_m = motion.fastest_m_s * passed_s + moving_m_s * TAKEN_LATE_S + OFF_M
         if step_m > allowed_m:
-            yield f"a set-point {1e3 * step_m:.1f} mm from the last one, {1e3 * passed_s:.0f} ms after it", now[0]
+            yield f"a set-point is {1e3 * step_m:.1f} mm from the previous one, {1e3 * passed_s:.0f} ms later", now[0]
             return
         off_m = abs(now[1] - rod_m[place])
         elsewhere = any(from_ns <= now[0] for from_ns, _ in displaced)
         if not elsewhere and off_m > OFF_M + max(moving_m_s, abs(rod_m_s[place])) * (LAG_S + TAKEN_LATE_S):
-            words = f"a set-point {1e3 * off_m:.1f} mm from the rod, {1e3 * passed_s:.0f} ms after the last one"
+            words = f"a set-point is {1e3 * off_m:.1f} mm from the rod, {1e3 * passed_s:.0f} ms after the previous one"
             yield words, now[0]
             return
         if now[0] - before[0] > FOLLOWS_AGAIN_NS and abs(now[2] - rod_m_s[place]) > gained_m_s:
-            yield f"a set-point at {now[2]:.3g} m/s for a rod at {rod_m_s[place]:.3g} m/s after a gap", now[0]
+            words = f"after a gap, the set-point speed is {now[2]:.3g} m/s, the rod speed {rod_m_s[place]:.3g} m/s"
+            yield words, now[0]
             return
 
 
@@ -346,7 +348,8 @@ def no_set_point_sets_a_stopped_rod_in_motion(view: View) -> Findings:
             continue
         fastest_m_s = np.max(np.abs(seen))
         if abs(now[2]) > fastest_m_s + STOPPED_M_S:
-            yield f"a set-point at {now[2]:.3g} m/s after a stop, for a rod at {fastest_m_s:.3g} m/s at most", now[0]
+            words = f"after a stop, the set-point speed is {now[2]:.3g} m/s, the rod's at most {fastest_m_s:.3g} m/s"
+            yield words, now[0]
             return
 
 
@@ -376,7 +379,8 @@ def a_stopped_rod_only_slows_down(view: View) -> Findings:
         if np.any(faster):
             speed_m_s, at_ns = _worst(after, faster, after[:, 1])
             since_s = 1e-9 * (at_ns - latched_ns)
-            yield f"{abs(speed_m_s):.3g} m/s again after the stop for {trip['slug']}, {since_s:.2f} s after it", at_ns
+            when = f"{since_s:.2f} s after the stop for {trip['slug']}"
+            yield f"the rod moves at {abs(speed_m_s):.3g} m/s again {when}", at_ns
 
 
 def _fading_m_s(passed: Rows, from_m_s: float, cycles: float) -> Rows:

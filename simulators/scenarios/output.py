@@ -130,7 +130,7 @@ class ProgressOutput:
         kinds = Counter(entry["invariant"] for entry in self.failed)
         named = ", ".join(f"{invariant} {count}" for invariant, count in kinds.most_common())
         line.append(f"{len(seeds)} failed ({named})", style=BAD)
-        return line.append(f". To reduce the first scenario: {self._asked.again(seeds[0])} --shrink")
+        return line.append(f". To reduce the first failing scenario: {self._asked.again(seeds[0])} --shrink")
 
     def answer(self) -> dict[str, Any]:
         """The object of `--json`."""

@@ -143,7 +143,7 @@ class FaultEvent:
                 raise FileProblem("--event", [expected]) from None
         if name.partition(":")[0] not in MATRIX:
             raise FileProblem("--event", [
-                f"{name!r} is no row of the fault matrix (`rig simulate --list-faults` lists them) nor one of "
+                f"{name!r} is neither a row of the fault matrix (see `rig simulate --list-faults`) nor one of "
                 f"{', '.join(AROUND)}"
             ])
         fault = parse_fault(text)

@@ -62,21 +62,21 @@ def what_is_proved_is_true(view: View) -> Findings:
         slips_ns = _unseen_slip_ns(view, t_ns)
         moving = moving_by_itself(view, t_ns - SEEN_NS, min(t_ns, slips_ns))
         if len(moving) and moving[-1, 0] == rows[-1, 0]:
-            yield f"standstill was confirmed at {abs(moving[-1, 1]):.3g} m/s", t_ns
+            yield f"standstill was confirmed while the rod moved at {abs(moving[-1, 1]):.3g} m/s", t_ns
         later = moving_by_itself(view, t_ns, min(t_ns + SHOWS_NS, slips_ns, view.restarted_ns(t_ns)))
         if len(later):
             yield f"standstill was confirmed before the rod moved again at {np.max(np.abs(later[:, 1])):.3g} m/s", t_ns
         heard = np.abs(view.between(t_ns - _heard_ns(view), t_ns)[:, 2])
         # A current that has begun since the last status was measured is not in the proof; it is reported later.
         if safe.get("current_zero") and np.min(heard) > ZERO_A:
-            yield f"0 A was confirmed at {heard[-1]:.2f} A", t_ns
+            yield f"0 A was confirmed while the current was {heard[-1]:.2f} A", t_ns
         if safe.get("current_left_A") is not None:
-            yield f"safe with {safe['current_left_A']:.2f} A measured", t_ns
+            yield f"reported safe although {safe['current_left_A']:.2f} A was measured", t_ns
         unproved = not safe.get("current_zero") and not view.by_hand
         if unproved and not view.faults() and not view.session.happened:
             yield "reported safe without confirmation of 0 A", t_ns
         if str(safe.get("stop")) == str(StopKind.PRESSURE_OFF) and rows[-1, 5] > 0.0:
-            yield "an S1 stop was confirmed with the pressure on", t_ns
+            yield "an S1 stop was confirmed while the pressure was on", t_ns
 
 
 def _unseen_slip_ns(view: View, t_ns: float) -> float:
@@ -102,7 +102,7 @@ def a_held_rod_stays(view: View) -> Findings:
         away = rows[(np.abs(rows[:, 3] - rows[0, 3]) > LEFT_M + STILL_TOLERANCE_M) & (rows[:, 5] > 0.0)]
         if len(away) > (LETS_GO_S + view.stalled_s) / EVERY_S and not _cannot_let_go(view, t_ns, away[-1, 0]):
             far_m = np.max(np.abs(away[:, 3] - rows[0, 3]))
-            yield f"a rod whose standstill was confirmed is driven {1e3 * far_m:.1f} mm away", away[0, 0]
+            yield f"the rod was driven {1e3 * far_m:.1f} mm away after standstill was confirmed", away[0, 0]
 
 
 def _cannot_let_go(view: View, from_ns: float, to_ns: float) -> bool:
@@ -140,7 +140,7 @@ def a_current_that_comes_back_is_told(view: View) -> Findings:
         rows = view.between(t_ns, min(view.restarted_ns(t_ns), view.session.ended_ns))
         flowing = rows[np.abs(rows[:, 2]) > ZERO_A]
         if safe.get("current_zero") and len(flowing) > COMES_BACK_S / EVERY_S:
-            yield f"{flowing[-1, 2]:.2f} A after 0 A was confirmed, without a report", flowing[0, 0]
+            yield f"after 0 A was confirmed, {flowing[-1, 2]:.2f} A flowed and was not reported", flowing[0, 0]
 
 
 PROOF_CHECKS: dict[str, Callable[[View], Findings]] = {

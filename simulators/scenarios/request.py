@@ -103,7 +103,8 @@ def seeds_of(text: str) -> range:
     match = _SEEDS.fullmatch(text)
     if match is None:
         raise click.BadParameter(
-            f"{text!r}: expected FIRST:END with 0 <= FIRST < END, such as 0:1000, or one seed", param_hint="--seeds"
+            f"{text!r}: expected FIRST:END with 0 <= FIRST < END, such as 0:1000, or a single seed",
+            param_hint="--seeds",
         )
     first = int(match[1])
     end = first + 1 if match[2] is None else int(match[2])
@@ -155,13 +156,13 @@ def _happening(text: str) -> FaultEvent:
         raise click.BadParameter("; ".join(error.problems), param_hint="--event") from None
     times_s = [time_s for time_s in (happening.at_s, happening.lasts_s) if time_s is not None]
     if not all(0.0 <= time_s <= LATEST_S for time_s in times_s):
-        raise click.BadParameter(f"{text!r}: allowed times: 0 to {LATEST_S:g} s", param_hint="--event")
+        raise click.BadParameter(f"{text!r}: times must be from 0 to {LATEST_S:g} s", param_hint="--event")
     what, lasts_s = happening.what, happening.lasts_s
     if what in LASTS and not lasts_s:
         example = f"{what}@{happening.at_s:g}+0.5"
         raise click.BadParameter(f"{text!r}: a duration is required, such as {example}", param_hint="--event")
     if happening.around and lasts_s is not None and what not in (*LASTS, "clock-step"):
-        words = f"{text!r}: has no duration. Fix: write {what}@{happening.at_s:g}"
+        words = f"{text!r}: this event has no duration. Fix: write {what}@{happening.at_s:g}"
         raise click.BadParameter(words, param_hint="--event")
     return happening
 
@@ -184,20 +185,20 @@ def _check_happenings(wanted: tuple[FaultEvent, ...], given: Given) -> None:
             problem = "requires a controller with a function generator; this bench streams set-points"
         elif needed is not None and needed != link and not (needed == STREAMED and given.streamed):
             has = "a controller cannot have both connections" if len(links) > 1 else (
-                f"this bench is connected by {link}"
+                f"this bench is connected over {link}"
             )
-            problem = f"requires a controller connected by {needed}; {has}"
+            problem = f"requires a controller connected over {needed}; {has}"
         elif given.supply and not happens_to_supply(happening.what):
             problem = (
-                "does not occur with a power supply as current source: there is no bus, and the supply's current "
+                "does not occur with a power supply as the current source: there is no bus, and the supply's current "
                 "continues without the host"
             )
         elif happening.what in ONLY_BY_SUPPLY and not given.supply:
-            problem = "requires a power supply as current source. Fix: specify a bench with --bench that has one"
+            problem = "requires a power supply as the current source. Fix: use --bench with a bench that has one"
         elif given.unmeasured and not happens_unmeasured(happening.what):
             problem = "does not occur if the current is not measured"
         elif happening.what in NEEDS_AUXILIARY and not given.auxiliary:
-            problem = "requires an auxiliary channel. Fix: specify a bench with --bench that has one"
+            problem = "requires an auxiliary channel. Fix: use --bench with a bench that has one"
         if problem:
             raise click.BadParameter(f"{happening.what!r}: {problem}", param_hint="--event")
 

@@ -233,7 +233,7 @@ class Scenario:
             self.ended = "as requested"
             return session
         if application.alive:
-            self.ended = f"session {number} does not finish"
+            self.ended = f"session {number} did not finish"
             return session
         rest_ns = self.kernel.now_ns + int(REST_S * 1e9)
         self.kernel.run(lambda: self.stage.at_rest or self.kernel.now_ns > rest_ns)

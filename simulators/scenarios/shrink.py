@@ -67,7 +67,7 @@ def tell_smallest(seed: int, asked: ScenarioRequest) -> None:
     plan = asked.plan(seed).fitted()
     ended = alone(plan)
     if not ended.failed:
-        say(f"seed {seed}: no failure this time", err=True)
+        say(f"seed {seed}: the failure did not recur", err=True)
         return
     smallest, _ = shrunk(plan, ended, lambda words: say(f"  seed {seed} {words}", err=True))
     say(_words(smallest, asked), err=True)

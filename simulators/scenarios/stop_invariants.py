@@ -152,12 +152,14 @@ def stop_stays_stopped(view: View) -> Findings:
         proved_ns = next((float(safe["t_ns"]) for safe in view.station("safe") if float(safe["t_ns"]) > t_ns), math.inf)
         late = moving_by_itself(view, t_ns + still_after_s * 1e9, min(until_ns, view.slips_ns(proved_ns)))
         if len(late) and not _cannot_be_stopped(view):
-            yield f"the rod moves {1e-9 * (late[0, 0] - t_ns):.1f} s after the stop for {trip['slug']}", late[0, 0]
+            after_s = 1e-9 * (late[0, 0] - t_ns)
+            yield f"the rod is still moving {after_s:.1f} s after the stop for {trip['slug']}", late[0, 0]
         gone_s = CURRENT_AFTER_S if view.hidden else CURRENT_AT_ONCE_S
         powered = view.between(float(trip["latched_ns"]) + gone_s * 1e9, until_ns)
         late = powered[np.abs(powered[:, 2]) > NO_CURRENT_A]
         if len(late) and not view.faults() & (STUCK_CURRENT | {"can-foreign"}) and not view.by_hand:
-            yield f"{late[0, 2]:.2f} A {1e-9 * (late[0, 0] - t_ns):.1f} s after the stop for {trip['slug']}", late[0, 0]
+            after_s = 1e-9 * (late[0, 0] - t_ns)
+            yield f"the current is {late[0, 2]:.2f} A {after_s:.1f} s after the stop for {trip['slug']}", late[0, 0]
 
 
 def first_cause_is_named(view: View) -> Findings:
@@ -172,9 +174,10 @@ def first_cause_is_named(view: View) -> Findings:
         return  # The operator came before the station knew of anything.
     told = {line["slug"] for line in view.station("trip", "also", "warning")}
     if answer.stopped_by in SEEN_BY_STATION - told:
-        yield f"stopped by {answer.stopped_by}, which the station did not report", float(trips[-1]["t_ns"])
+        yield f"the rig was stopped by {answer.stopped_by}, which the station did not report", float(trips[-1]["t_ns"])
     if answer.stopped_by != trips[-1]["slug"] and answer.stopped_by in later[1:]:
-        yield f"stopped by {answer.stopped_by}, the first cause was {trips[-1]['slug']}", float(trips[-1]["t_ns"])
+        words = f"reported as stopped by {answer.stopped_by}, but the first cause was {trips[-1]['slug']}"
+        yield words, float(trips[-1]["t_ns"])
 
 
 def no_start_after_a_foreign_stop(view: View) -> Findings:
@@ -186,14 +189,14 @@ def no_start_after_a_foreign_stop(view: View) -> Findings:
     ]
     for line in view.session.truth.log:
         if foreign and line.code in {Command.START.name, Command.MOVE_TO.name} and line.host_ns > min(foreign) + 20e6:
-            yield f"{line.code} after another master's stop", line.host_ns
+            yield f"{line.code} was sent after another master's stop", line.host_ns
             return
     motion = motion_of(view)
     ends_ns = HALTED_NS + (0.0 if motion is None else 1e9 * motion.fades_s)
     halted_ns = min(foreign, default=math.inf) + ends_ns
     for at_ns, _, velocity_m_s in view.session.truth.setpoints:
         if abs(velocity_m_s) > MOVING_M_S and halted_ns < at_ns < view.reset_ns(halted_ns - ends_ns):
-            yield f"a set-point at {velocity_m_s:.3g} m/s after another master's stop", at_ns
+            yield f"a set-point of {velocity_m_s:.3g} m/s was sent after another master's stop", at_ns
             return
 
 
@@ -308,7 +311,7 @@ def stops_have_a_cause(view: View) -> Findings:
             causes.add("ecu-overtemp")  # What opens the contactor too was not to be heard of: the ECU's own word is.
         if trip["slug"] not in causes and not (begun and trip["slug"] in OF_ANY_FAULT):
             yield (
-                f"stopped for {trip['slug']} ({trip['detail']}), but the events explain only {sorted(causes)}"
+                f"the rig stopped for {trip['slug']} ({trip['detail']}), but the events explain only {sorted(causes)}"
             ), latched_ns
 
 
@@ -345,7 +348,8 @@ def nothing_is_asked_while_stopped(view: View) -> Findings:
         for line in view.session.truth.log:
             if line.code in energising and latched_ns + 20e6 < line.host_ns < until_ns:
                 yield (
-                    f"{line.code} {1e-9 * (line.host_ns - latched_ns):.2f} s after the stop for {trip['slug']}",
+                    f"{line.code} was sent {1e-9 * (line.host_ns - latched_ns):.2f} s after the stop for "
+                    f"{trip['slug']}",
                     (line.host_ns),
                 )
 
@@ -417,10 +421,10 @@ def refused_before_it_moves(view: View) -> Findings:
         if (row := MATRIX.get(fault.partition(":")[0])) is not None and row.end is Ending.REFUSE
     ]
     if view.session.exit_code == EXIT_REFUSED and not view.faults() and not view.session.happened:
-        yield f"a healthy rig was refused: {view.session.refusal[1][:200]}", view.session.ended_ns
+        yield f"a campaign on a rig without faults was rejected: {view.session.refusal[1][:200]}", view.session.ended_ns
     for line in view.session.truth.log:
         if line.code == Command.START.name and any(at_ns < line.host_ns for at_ns, _ in refused):
-            yield f"a program was started with {', '.join(fault for _, fault in refused)}", line.host_ns
+            yield f"a program was started despite {', '.join(fault for _, fault in refused)}", line.host_ns
             return
 
 

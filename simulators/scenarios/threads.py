@@ -340,5 +340,5 @@ class Thread:
             RuntimeError: it was never started, or waits for itself.
         """
         if self._task is None or self._task is self._kernel.thread:
-            raise RuntimeError("cannot join a thread before it is started, or the current one")
+            raise RuntimeError("cannot join the current thread, or a thread that has not been started")
         self._ended.wait(timeout)

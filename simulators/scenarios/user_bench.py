@@ -164,7 +164,7 @@ def _unlike(bench: Bench) -> Iterator[str]:
     if ActuatorAddress.parse(actuator.url).kind not in LINKS:
         yield (
             f"actuator.url = \"{actuator.url}\": a manufacturer's own protocol cannot be simulated; "
-            "allowed in a scenario: modbus-tcp:// and modbus-rtu:. Fix: use a copy of this file with such a "
+            "allowed in a scenario: modbus-tcp:// and modbus-rtu:. Fix: use a copy of this file with a Modbus "
             "controller"
         )  # fmt: skip
     for key, group, name, device in (
@@ -211,11 +211,11 @@ def _stood_in(bench: Bench) -> Iterator[str]:
         yield "the manual current is set immediately; no process is killed and there is no power failure"
     elif bench.ecu.url is not None:
         yield (
-            "the supply is connected by TCP; the station is not killed and there is no power failure, because the "
+            "the supply is connected over TCP; the station is not killed and there is no power failure, because the "
             "current would continue"
         )
     elif bench.ecu.interface != "slcan":
-        yield f"the CAN bus is connected by slcan at {BITRATE // 1000} kbit/s instead of {bench.ecu.interface}"
+        yield f"the CAN bus is connected over slcan at {BITRATE // 1000} kbit/s instead of {bench.ecu.interface}"
     if bench.auxiliary:
         yield "auxiliary channels show the scaled rod travel"
 

@@ -174,7 +174,7 @@ def run_campaign(files: Files, faults: tuple[str, ...], seed: int, root: Path) -
         late = ", ".join(map(str, world.not_happened))
         raise EventNotReached(f"{late}: the campaign had already ended. Fix: use an earlier time or a longer matrix")
     if world.ended:
-        raise EventNotReached(f"the scenario ended before its campaign: {world.ended}")
+        raise EventNotReached(f"the scenario ended before its campaign ended: {world.ended}")
     session = world.sessions[0]
     answer = session.answer
     told, slug = session.refusal[1], session.refusal[0]

@@ -46,8 +46,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("rig", "the damper rig's controller")
     for name, what in ((BENCH, "bench file"), (MATRIX, "matrix file")):
         option = "--" + name.replace("_", "-")
-        group.addoption(option, dest=name, metavar="FILE", help=f"{what} of the fixtures; overrides the ini entry")
-        parser.addini(name, f"{what} of the fixtures `bench`, `matrix`, `campaign`, `scenario`; relative to its folder")
+        group.addoption(option, dest=name, metavar="FILE", help=f"{what} for the fixtures; overrides the ini entry")
+        parser.addini(
+            name, f"{what} for the fixtures `bench`, `matrix`, `campaign` and `scenario`; path relative to the ini file"
+        )
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -101,7 +103,7 @@ def bench(bench_path: Path | None) -> Bench:
     from rig.bench.model import Bench
 
     if bench_path is None:
-        pytest.fail("the fixture `bench` requires your bench file. Fix: specify the file in pytest's ini file, "
+        pytest.fail("the fixture `bench` requires a bench file. Fix: specify the file in pytest's ini file, "
             f"{BENCH} = FILE")
     return Bench.load(bench_path)
 

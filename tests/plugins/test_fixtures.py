@@ -60,7 +60,7 @@ def test_a_fault_by_its_slug_ends_the_campaign_as_its_row_says(
 def test_a_fault_that_does_not_happen_fails_the_test(campaign: RunCampaign) -> None:
     with pytest.raises(EventNotReached, match=r"estop@90: the campaign had already ended"):
         campaign("estop@90", matrix=MATRIX)
-    with pytest.raises(EventNotReached, match="'earthquake' is no row of the fault matrix"):
+    with pytest.raises(EventNotReached, match="'earthquake' is neither a row of the fault matrix"):
         campaign("earthquake@1", matrix=MATRIX)
 
 

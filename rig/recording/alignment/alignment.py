@@ -30,7 +30,7 @@ from rig.signals.interpolation import flags_at, monotone_at, status_at
 CONTROLLER_CHANNELS = range(Channel.POSITION, Channel.CONTROLLER_FORCE + 1)
 ECU_CLOCKED = ("coil_current", "ecu_state", "ecu_faults")
 OWN_SAMPLES = "the sensor's own samples"
-RESAMPLED = "monotone cubic through the sensor's own samples, never beyond the two adjacent samples"
+RESAMPLED = "monotone cubic interpolation of the sensor's own samples, never beyond the two adjacent samples"
 INTERPOLATED = "linear interpolation between the values received"
 NEIGHBOURS = 4
 MOST_FOR_A_MEDIAN = 20_000

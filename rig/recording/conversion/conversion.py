@@ -37,7 +37,7 @@ from rig.signals.estimate import Estimate
 
 UNMEASURED = {
     "operator": "constant: set manually and confirmed by the operator; not measured",
-    "set-point": f"the set-point sent, not measured; {INTERPOLATED}",
+    "set-point": f"set-point as sent, not measured; {INTERPOLATED}",
 }
 """How a current that no device measured was made, by who states it (`PointContext.current_told_by`)."""
 RAW_NAMES = {"current": "coil_current"}

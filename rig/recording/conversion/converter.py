@@ -150,7 +150,8 @@ class Converter:
             if left_s <= 0.0 or not select.select([process.stdout], [], [], left_s)[0]:
                 process.kill()
                 process.wait()
-                raise ConversionEnded("conversion-timeout", f"not finished within {timeout_s:.0f} s; cancelled")
+                text = f"the conversion did not finish within {timeout_s:.0f} s and was cancelled"
+                raise ConversionEnded("conversion-timeout", text)
             data = os.read(process.stdout.fileno(), 1 << 16)
             if not data:
                 return None

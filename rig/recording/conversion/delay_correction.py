@@ -94,17 +94,19 @@ def _change(point: RecordedPoint, skew: PointSkew | BehindArrivals, instruments:
     stated_s = skew.std_s if point.quality.skew.std_s is None else point.quality.skew.std_s
     if isinstance(skew, BehindArrivals):
         if stated_s > max(CERTAIN * skew.std_s, MATTERS_S) or after != before:
-            why = f"all points combined determine the delay between force and displacement to {1e3 * skew.std_s:.2g} ms"
-            return Change(f"{why}; the point's own signals determine the delay to {1e3 * stated_s:.2g} "
-                "ms", skew, reasons)
+            return Change(
+                f"all points combined determine the delay between force and displacement to within "
+                f"{1e3 * skew.std_s:.2g} ms; this point alone determines the delay to within {1e3 * stated_s:.2g} ms",
+                skew, reasons,
+            )
         return None
     off = abs(skew.shift_s) > max(CERTAIN * min(skew.std_s, stated_s), MATTERS_S)
     if off or skew.std_s > max(CERTAIN * stated_s, MATTERS_S):
         why = f"all points combined give a sensor delay of {1e3 * skew.delays.value_s:.3f} +- {1e3 * skew.std_s:.2g} ms"
         return Change(why, skew, reasons)
     if after != before:
-        return Change(f"with all points combined the verdict is {after.verdict}; for this "
-            f"point alone it was {before.verdict}", skew, reasons)
+        return Change(f"with all points combined, the verdict is {after.verdict}; for this "
+            f"point alone, the verdict was {before.verdict}", skew, reasons)
     return None
 
 
@@ -162,8 +164,8 @@ def _journal_of(path: Path, old: RecordedPoint) -> JournalContent:
     with opened(path) as file:
         group = file["entry/events"]
         if "host_ns" not in group or "journal_end" not in provenance:
-            raise FileProblem(str(path), ["does not contain the data from which it was created; the file is left "
-                "unchanged"])
+            raise FileProblem(str(path), ["does not contain the data that are required to rebuild it; the file "
+                "is left unchanged"])
         times = group["host_ns"][:].tolist()
         texts = [[text.decode("utf-8", "replace") for text in group[name][:].tolist()] for name in ("code", "text")]
     events = tuple(Event(time_ns, code, text.strip()) for time_ns, code, text in zip(times, *texts, strict=True))

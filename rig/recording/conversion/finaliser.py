@@ -74,7 +74,7 @@ class Finaliser:
             self._input.flush()
         except (OSError, ValueError) as error:
             self._answers.put(FinishedPoint(
-                journal.id, error=f"the finaliser process was lost: {error}", error_slug="conversion-crashed"
+                journal.id, error=f"the finaliser process does not respond: {error}", error_slug="conversion-crashed"
             ))
 
     def results(self) -> list[FinishedPoint]:
@@ -118,7 +118,8 @@ class Finaliser:
         try:
             problem = self._retimed.get(timeout=timeout_s)
         except queue.Empty:
-            raise TimeoutError(f"the points were not corrected to one sensor delay within {timeout_s:g} s") from None
+            text = f"the correction to a common sensor delay did not finish within {timeout_s:g} s"
+            raise TimeoutError(text) from None
         if problem:
             raise OSError(problem)
         return self.results()
@@ -157,7 +158,7 @@ class Finaliser:
                     continue
                 answered.add(answer["id"])
                 self._answers.put(FinishedPoint.from_json(answer))
-        gone = "the finaliser process stopped early; `rig recover` completes the files"
+        gone = "the finaliser process ended early; `rig recover` completes the files"
         for point_id in list(self._pending):
             if point_id not in answered:
                 self._answers.put(FinishedPoint(point_id, error=gone, error_slug="conversion-crashed"))

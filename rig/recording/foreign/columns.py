@@ -144,12 +144,12 @@ def _chosen(
     scaling = scaling_of(quantity, scales[quantity]) if quantity in scales else None
     if scaling is None and column.unapplied:
         raise ValueError(
-            f"its numbers are integers, and its property {column.unapplied} is not applied by the format. Fix: "
-            f"--scale {quantity}=FACTOR with that factor (1 if the numbers are already in their unit)"
+            f"the column contains integers, and the file format does not apply its property {column.unapplied}. Fix: "
+            f"use --scale {quantity}=FACTOR with this factor (1 if the numbers are already in their unit)"
         )
     if quantity == "time" and not given and stamps(place):
         if scaling is not None:
-            raise ValueError("time stamps have no factor. Fix: remove --scale time")
+            raise ValueError("a factor cannot be applied to time stamps. Fix: remove --scale time")
         return ColumnChoice(text, column.name, place, None, "", "")
     try:
         return ColumnChoice(text, column.name, place, *_scaled_unit(column, given, DIMENSION[quantity], scaling))
@@ -157,7 +157,7 @@ def _chosen(
         if quantity != "time":
             raise
         raise ValueError(
-            f"{error}. If it contains time stamps, their format is unknown. Fix: write them as 2026-12-31 "
+            f"{error}. If the column contains time stamps, their format is unknown. Fix: write them as 2026-12-31 "
             "23:59:59.123 or as seconds, or, for samples at a constant rate, use --rate instead of the column"
         ) from error
 
@@ -179,12 +179,14 @@ def _scaled_unit(
     stated = given or column.unit or _suffix_unit(column.name, dimension)
     if not scaling.per:
         if stated and stated.casefold() not in COUNTS:
-            raise ValueError(f"its unit is {stated!r}, but --scale gives {scaling.text!r}: expected counts")
+            raise ValueError(f"the unit of the column is {stated!r}, but --scale {scaling.text!r} requires counts")
         return Unit(dimension, scaling.factor), "counts", f"{scaling.text} as given"
     suffix = column.name.rpartition("_")[2] if "_" in column.name else ""
     own = named_unit(stated, scaling.per) if stated else named_unit(suffix or scaling.per_unit, scaling.per)
     if stated and own is None:
-        raise ValueError(f"its unit is {stated!r}, but --scale gives {scaling.text!r}: expected {scaling.per_unit}")
+        raise ValueError(
+            f"the unit of the column is {stated!r}, but --scale {scaling.text!r} requires {scaling.per_unit}"
+        )
     name, unit = own or (scaling.per_unit, units_for(scaling.per)[scaling.per_unit])
     return Unit(dimension, unit.scale * scaling.factor), name, f"{scaling.text} as given"
 
@@ -204,7 +206,7 @@ def _found(columns: Sequence[ForeignColumn], text: str) -> tuple[int, str]:
             full = [columns[place].full for place in places]
             apart = all(full) and len({*full}) == len(full)
             others = ", ".join(full if apart else [f"#{place + 1}" for place in places])
-            raise ValueError(f"{len(places)} columns have the name {wanted!r}. Fix: select one of them by {others}")
+            raise ValueError(f"{len(places)} columns have the name {wanted!r}. Fix: select one of them with {others}")
     shown = ", ".join(column.name for column in columns[:MOST_SHOWN])
     more = f" and {len(columns) - MOST_SHOWN} more" if len(columns) > MOST_SHOWN else ""
     raise ValueError(f"no column {(name if colon else text)!r}; columns: {shown}{more}")
@@ -226,21 +228,21 @@ def _unit(column: ForeignColumn, given: str, dimension: str) -> tuple[str, str]:
     Raises:
         ValueError: unknown, or not of the dimension.
     """
-    units = f"units: {', '.join(units_for(dimension))}"
+    units = f"known units: {', '.join(units_for(dimension))}"
     if given:
         return _of(given, dimension, f"{given!r} is not a unit of {dimension}; {units}"), "as given"
     by_name = _suffix_unit(column.name, dimension)
     if not column.unit:
         if not by_name:
-            raise ValueError("unknown unit. Fix: append the unit to the name (x_mm), write it after a colon "
+            raise ValueError("unknown unit. Fix: append the unit to the column name (x_mm), write it after a colon "
                 f"({column.name}:{units_of(dimension)[0]}), or specify a sensitivity with --scale")  # fmt: skip
         return by_name, "by its name"
-    problem = (f"the file states {column.unit!r}, which is not a unit of {dimension} ({units}). Fix: "
+    problem = (f"the file states the unit {column.unit!r}, which is not a unit of {dimension} ({units}). Fix: "
         "write the unit after a colon, or specify a sensitivity with --scale")  # fmt: skip
     by_file = _of(column.unit, dimension, problem)
     if by_name and by_name != by_file:
-        raise ValueError(f"its name states {by_name}, but the file {by_file}. Fix: write the correct unit after a "
-            "colon")
+        raise ValueError(f"the column name states {by_name}, but the file states {by_file}. Fix: write the correct "
+            "unit after a colon")
     return by_file, "the file says"
 
 
@@ -255,7 +257,7 @@ def _of(text: str, dimension: str, problem: str) -> str:
     unit = named_unit(text, dimension)
     if unit is None:
         mass = MASS_FOR_FORCE.get(text.strip("[]() ").casefold(), "") if dimension == "force" else ""
-        raise ValueError(problem + (f"; a force shown in {text} is {mass}" if mass else ""))
+        raise ValueError(problem + (f"; a force displayed in {text} has the unit {mass}" if mass else ""))
     return unit[0]
 
 

@@ -34,7 +34,7 @@ COMMA = re.compile(r"[+-]?(\d++,?\d*+|,\d++)([eE][+-]?\d++)?", re.IGNORECASE)
 NUMBER_LIKE = re.compile(r"[-+]?[\d.,'\s]*\d[\d.,'\s]*([eEdD][-+]?\d{1,3})?")
 """What is a number written in another way, and no word."""
 FORTRAN = re.compile(r"(?<![\w.,])[+-]?(\d++[.,]?\d*+|[.,]\d++)[dD][+-]?\d{1,3}(?![\w.])")
-FORTRAN_HINT = "has Fortran exponents with D: write them with E (sed -E 's/([0-9.])[Dd]([+-]?[0-9])/\\1E\\2/g')"
+FORTRAN_HINT = "has a Fortran exponent with D: write exponents with E (sed -E 's/([0-9.])[Dd]([+-]?[0-9])/\\1E\\2/g')"
 GROUPED = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?"), ",": re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?"),
 }  # fmt: skip
@@ -111,12 +111,11 @@ def decoded(file: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
     if b"\0" in data and not wanted.lower().replace("_", "-").startswith(("utf-16", "utf-32")):
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
         cut = (
-            " to the end of the file, as if recording ended with a loss of "
-            "power"
+            " up to the end of the file (possibly a loss of power during recording)"
         ) if not data[data.index(b"\0") :].strip(b"\0") else ""
         raise FileProblem(str(file), [
-            f"line {line}: zero bytes{cut}, which do not occur in {wanted.removesuffix('-sig')} text. Fix: repair or "
-            "remove that line, or use --encoding"
+            f"line {line}: zero bytes{cut}; {wanted.removesuffix('-sig')} text contains no zero bytes. Fix: repair or "
+            "remove this line, or use --encoding"
         ])  # fmt: skip
     try:
         return data.decode(wanted), wanted.removesuffix("-sig")
@@ -128,7 +127,7 @@ def decoded(file: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
             return data.decode("cp1252", errors="replace"), "cp1252"
         line = data.count(b"\n", 0, start) + 1
         shown = "UTF-8" if wanted == "utf-8-sig" else wanted
-        told = f"line {line}: not {shown} text. Fix: specify another encoding with --encoding, such as cp1252"
+        told = f"line {line}: not valid {shown} text. Fix: specify another encoding with --encoding, such as cp1252"
         raise FileProblem(str(file), [told]) from error
 
 
@@ -188,7 +187,7 @@ def layout_of(file: Path, text: str, encoding: str, said: Dialect) -> CsvLayout:
     if rows is None:
         fortran = next((hint for k, line in enumerate(lines) if (hint := _fortran_in(k + 1, line))), "")
         raise FileProblem(str(file), [
-            f"no rows of numbers in the first {len(lines)} lines (expected three or more, with two or more columns). "
+            f"no rows of numbers in the first {len(lines)} lines (expected at least three rows of two columns). "
             "Fix: "
             + (fortran or "specify the layout with --separator, --decimal and --header-line"),
         ])  # fmt: skip
@@ -348,16 +347,18 @@ def signs_of(file: Path, rows: Sequence[Sequence[str]], said: Dialect) -> tuple[
     decimal = stated or next(("," if cell.rfind(",") > cell.rfind(".") else "." for cell in both), "")
     commas = [cell for cell in cells if COMMA.fullmatch(cell) and "," in cell]
     points = [cell for cell in cells if POINT.fullmatch(cell) and "." in cell]
-    way_out = "--decimal ',' or --decimal . specifies the decimal separator, --thousands the thousands separator"
+    way_out = (
+        "Fix: specify the decimal separator with --decimal ',' or --decimal ., or the thousands separator with "
+        "--thousands"
+    )
     if not decimal and commas and points:
-        raise FileProblem(str(file), [f"{commas[0]!r} and {points[0]!r} both occur as numbers: {way_out}"])
+        raise FileProblem(str(file), [f"both {commas[0]!r} and {points[0]!r} occur as numbers. {way_out}"])
     unclear = commas or points
     if not decimal and unclear and all(_grouped("." if commas else ",", cell) for cell in unclear):
         whole = re.sub("[.,]", "", unclear[0])
         raise FileProblem(str(file), [
-            f"{unclear[0]!r} may be {whole} or a number with three decimals, like every other number with that "
-            "separator: "
-            f"{way_out}",
+            f"{unclear[0]!r} may be {whole} or a number with three decimals, like every other number with this "
+            f"separator. {way_out}",
         ])  # fmt: skip
     decimal = decimal or ("," if commas else ".")
     other = "," if decimal == "." else "."

@@ -90,7 +90,7 @@ class CsvFile:
 
     @property
     def _midnight(self) -> str:
-        return f", times of day pass midnight {self._midnights} x" if self._midnights else ""
+        return f", {self._midnights} change(s) of date at midnight" if self._midnights else ""
 
     def row_name(self, row: int) -> str:
         """See `ForeignFile.row_name`."""
@@ -200,8 +200,8 @@ class CsvFile:
         if events and self._said.event_rows == "refuse":
             raise FileProblem(str(self._file), [
                 *self._wrong_values(places),
-                f"{events} row(s) between rows of numbers contain text. Fix: if they are events or remarks, skip them "
-                "with --event-rows skip, or split the file there with --event-rows split",
+                f"{events} row(s) between rows of numbers contain text. Fix: if the rows are events or remarks, skip "
+                "them with --event-rows skip, or split the file at these rows with --event-rows split",
             ])  # fmt: skip
         if events > max(FEW_EVENTS, MOST_EVENTS * np.count_nonzero(good)):
             raise FileProblem(str(self._file), [
@@ -248,8 +248,8 @@ class CsvFile:
             units = _trimmed(layout.units_heading)
             if cells != names or (units and following != units):
                 raise FileProblem(str(self._file), [
-                    f"line {number + first}: another table starts: {', '.join(cells + following)[:200]}; the first "
-                    f"has {', '.join(names + units)[:200]}. Fix: save each table as a separate file",
+                    f"line {number + first}: another table starts, with {', '.join(cells + following)[:200]}; the "
+                    f"first table has {', '.join(names + units)[:200]}. Fix: save each table as a separate file",
                 ])  # fmt: skip
             return True
         return False
@@ -311,14 +311,14 @@ class CsvFile:
             cells = cells_of(row, layout.separator)
             problems = []
             if any(POINT.fullmatch(cell) for cell in cells[len(layout.names) :]):
-                problems.append(f"line {line}: {len(cells)} values for {len(layout.names)} columns")
+                problems.append(f"line {line}: {len(cells)} values, but only {len(layout.names)} columns")
             for place in places:
                 cell = cells[place] if place < len(cells) else ""
                 grouped = layout.thousands in {",", "."}
                 if cell.lower() not in NOTHING and not self.is_stamps(place) and not is_number(
                     cell, layout.decimal, grouped=grouped
                 ):
-                    hint = f"; the decimal separator is taken to be {layout.decimal!r} (--decimal, --thousands)"
+                    hint = f"; assumed decimal separator: {layout.decimal!r} (see --decimal and --thousands)"
                     hint = hint if "," in cell or "." in cell else ""
                     hint = f"; it {FORTRAN_HINT}" if FORTRAN.fullmatch(cell) else hint
                     name = self.columns[place].name

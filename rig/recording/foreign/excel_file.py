@@ -47,7 +47,7 @@ def open_workbook(file: Path, data: bytes, said: Dialect) -> list[tuple[str, She
     try:
         import openpyxl
     except ImportError as error:
-        raise FileProblem(str(file), [f"Excel workbooks need openpyxl: {INSTALL_FILES}"]) from error
+        raise FileProblem(str(file), [f"Excel workbooks require openpyxl: {INSTALL_FILES}"]) from error
     try:
         _check_parts(file, data)
         with warnings.catch_warnings():
@@ -55,17 +55,18 @@ def open_workbook(file: Path, data: bytes, said: Dialect) -> list[tuple[str, She
             book = openpyxl.load_workbook(stream(data), read_only=True, data_only=True, keep_links=False)
             sheets = {sheet.title: sheet for sheet in book.worksheets}
             if said.sheet not in {None, ALL_SHEETS, *sheets}:
-                raise FileProblem(str(file), [f"no sheet {said.sheet!r}; its sheets: {_quoted(sheets)}"])
+                raise FileProblem(str(file), [f"the workbook has no sheet {said.sheet!r}; its sheets: "
+                    f"{_quoted(sheets)}"])
             wanted = [said.sheet] if said.sheet in sheets else [
                 name for name, sheet in sheets.items() if _has_table(file, sheet, said)
             ]
             if said.sheet is None and len(wanted) > 1:
                 raise FileProblem(str(file), [
-                    f"{len(wanted)} sheets contain tables: {_quoted(wanted)}. Fix: --sheet NAME, or --sheet all for "
-                    "one test per sheet"
+                    f"{len(wanted)} sheets contain tables: {_quoted(wanted)}. Fix: use --sheet NAME, or --sheet all "
+                    "for one test per sheet"
                 ])  # fmt: skip
             if not wanted:
-                raise FileProblem(str(file), ["Excel workbook without rows of numbers; it has the sheets: "
+                raise FileProblem(str(file), ["the Excel workbook contains no rows of numbers; its sheets: "
                     f"{_quoted(sheets)}"])
             return [(name, SheetFile(file, sheets[name], said)) for name in wanted if name is not None]
     except FileProblem:

@@ -156,7 +156,7 @@ def read_foreign_bytes(file: Path) -> bytes:
         raise FileProblem(str(file), [kind])
     size = file.stat().st_size
     if size > LARGEST_BYTES:
-        raise FileProblem(str(file), [f"{size} bytes; at most {LARGEST_BYTES} are allowed"])
+        raise FileProblem(str(file), [f"the file has {size} bytes; at most {LARGEST_BYTES} are allowed"])
     try:
         data = file.read_bytes()
     except OSError as error:
@@ -186,7 +186,7 @@ def check_size(file: Path, numbers: int) -> None:
         FileProblem: it does.
     """
     if numbers > MOST_NUMBERS:
-        raise FileProblem(str(file), [f"declares {numbers} numbers; at most {MOST_NUMBERS} are allowed"])
+        raise FileProblem(str(file), [f"the file declares {numbers} numbers; at most {MOST_NUMBERS} are allowed"])
 
 
 def check_alike(file: Path, names: Sequence[str], rows: Sequence[int]) -> None:
@@ -197,7 +197,7 @@ def check_alike(file: Path, names: Sequence[str], rows: Sequence[int]) -> None:
     """
     if len(set(rows)) > 1:
         told = ", ".join(f"{name} {count}" for name, count in zip(names, rows, strict=True))
-        raise FileProblem(str(file), [f"its columns have different numbers of rows: {told}; a common time base is "
+        raise FileProblem(str(file), [f"the columns have different numbers of rows: {told}; a common time base is "
             "required"])
 
 

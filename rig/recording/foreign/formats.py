@@ -45,14 +45,14 @@ def _opened(file: Path, data: bytes, said: Dialect) -> list[tuple[str, ForeignFi
         return [("", opened)]
     known = what_it_is(data)
     if known is not None:
-        raise FileProblem(str(file), [f"it is {known[0]}, which cannot be imported. Fix: {known[1]}"])
+        raise FileProblem(str(file), [f"this file is {known[0]}, which cannot be imported. Fix: {known[1]}"])
     if data.removeprefix(b"\xef\xbb\xbf").startswith(LVM):
         return [("", LvmFile(file, data, said))]
     if said.encoding is None and b"\0" in data[:4096] and data[:2] not in {b"\xff\xfe", b"\xfe\xff"}:
         encoding = encoding_without_mark(data)
-        way_out = f"UTF-16 text without a byte order mark. Fix: --encoding {encoding}" if encoding else (
+        way_out = f"UTF-16 text without a byte order mark. Fix: use --encoding {encoding}" if encoding else (
             "a binary file of an unknown format. Fix: save the file as CSV with the program that wrote it")
-        raise FileProblem(str(file), [f"not a text file: it contains zero bytes; {way_out}"])
+        raise FileProblem(str(file), [f"the file contains zero bytes, so it is {way_out}"])
     return [("", CsvFile(file, data, said))]
 
 
@@ -82,5 +82,5 @@ def _from_archive(file: Path, data: bytes, said: Dialect) -> list[tuple[str, For
         raise FileProblem(str(file), unreadable("Excel workbook or ZIP archive", error)) from error
     if WORKBOOK in names:
         return list(open_workbook(file, data, said))
-    name, way_out = what_it_is(data, tuple(names)) or ("an empty ZIP archive", "give another file")
-    raise FileProblem(str(file), [f"it is {name}, which cannot be imported. Fix: {way_out}"])
+    name, way_out = what_it_is(data, tuple(names)) or ("an empty ZIP archive", "specify another file")
+    raise FileProblem(str(file), [f"this file is {name}, which cannot be imported. Fix: {way_out}"])

@@ -58,7 +58,7 @@ class LvmFile(CsvFile):
         if len({one.units for one in self._segments}) > 1:
             other = next(one for one in self._segments if one.units != self._segments[0].units)
             raise FileProblem(str(file), [
-                f"line {other.line}: this segment has the units {', '.join(other.units)}; the first has "
+                f"line {other.line}: this segment has the units {', '.join(other.units)}; the first segment has "
                 f"{', '.join(self._segments[0].units)}. Fix: save each segment as a separate file",
             ])  # fmt: skip
 
@@ -101,8 +101,8 @@ class LvmFile(CsvFile):
                 np.isfinite(segment.step_s[0]) and segment.step_s[0] > 0.0
             ):
                 raise FileProblem(str(self._file), [
-                    f"line {segment.line}: its channels were not sampled together: X0 {segment.first_s}, Delta_X "
-                    f"{segment.step_s} s. Fix: name a time column"
+                    f"line {segment.line}: the channels were not sampled together: X0 {segment.first_s}, Delta_X "
+                    f"{segment.step_s} s. Fix: specify a time column"
                 ])  # fmt: skip
             after_s = (at - begun[0]).total_seconds() if at is not None and begun[0] is not None else 0.0
             parts.append(after_s + segment.first_s[0] + segment.step_s[0] * np.arange(count))
@@ -118,7 +118,7 @@ class LvmFile(CsvFile):
         columns = self.values([*places, *mine])[len(places) :]
         if any(not np.array_equal(columns[0], one, equal_nan=True) for one in columns):
             raise FileProblem(str(self._file), [
-                "its channels have different columns X_Value: they were not sampled together. Fix: name channels "
+                "the channels have different X_Value columns: they were not sampled together. Fix: select channels "
                 "that share an X_Value column",
             ])
         return columns[0]

@@ -80,7 +80,8 @@ class MatFile(NoLines):
         except Exception as error:
             raise FileProblem(str(file), unreadable(self.read_as, error)) from error
         if not self._held:
-            raise FileProblem(str(file), [opaque or f"{self.read_as}: it contains no vector or matrix of real numbers"])
+            nothing = f"{self.read_as}: the file contains no vector or matrix of real numbers"
+            raise FileProblem(str(file), [opaque or nothing])
         self.columns: Sequence[ForeignColumn] = [ForeignColumn(name, units.get(name, "")) for name in self._held]
 
     def _add_tables(self, held: dict[str, Any]) -> dict[str, str]:
@@ -95,7 +96,7 @@ class MatFile(NoLines):
         except Exception:
             if not any(True for _ in columns_in(held)):
                 raise
-            self.read_as += ", a table in it cannot be read"
+            self.read_as += ", one table in the file cannot be read"
         return units
 
     def own_time(self, places: Sequence[int]) -> None:
@@ -129,8 +130,8 @@ def _check_elements(file: Path, data: bytes) -> None:
     check_size(file, unpacked // 8)
     if unpacked > max(SMALL_BYTES, LARGEST_RATIO * len(data)):
         raise FileProblem(str(file), [
-            f"contains {len(data) / 1e6:.3g} MB that unpack to {unpacked / 1e6:.4g} MB, more than {LARGEST_RATIO} "
-            "times as much. Fix: save only the columns of the test"
+            f"expands from {len(data) / 1e6:.3g} MB to {unpacked / 1e6:.4g} MB when unpacked, by a factor of more than "
+            f"{LARGEST_RATIO}. Fix: save only the columns of the test"
         ])
     holders = elements = 0
     for part in _plain(data, order):
@@ -139,7 +140,7 @@ def _check_elements(file: Path, data: bytes) -> None:
             if holders > MOST_HOLDERS or elements > MOST_ELEMENTS:
                 raise FileProblem(str(file), [
                     f"contains more than {MOST_HOLDERS} cells, structs or objects, or {MOST_ELEMENTS} elements. Fix: "
-                    "save only the columns"
+                    "save only the columns of the test"
                 ])  # fmt: skip
         place = 0
         while place + 8 <= len(part):
@@ -201,7 +202,7 @@ def _check_array(data: bytes, order: str, place: int, end: int, depth: int = 0) 
     """
     kind, start, stop, after = _element(data, order, place, end)
     if kind != ARRAY or depth > DEEPEST_ARRAYS:
-        raise ValueError(f"no array at byte {place}, or nested too deeply")
+        raise ValueError(f"no array at byte {place}, or arrays nested too deeply")
     if start == stop:
         return after
     if start + 16 > stop:
@@ -217,7 +218,7 @@ def _check_array(data: bytes, order: str, place: int, end: int, depth: int = 0) 
         for _ in range((3 if of_class == SPARSE else 1) + bool(flags & COMPLEX)):
             kind, _start, _stop, place = _element(data, order, place, stop)
             if kind not in NUMBERS and not (of_class == CHARACTERS and kind in TEXTS):
-                raise ValueError(f"the number type {kind}, which does not exist, is used before byte {place}")
+                raise ValueError(f"unknown number type {kind} before byte {place}")
     if depth and place != stop:
         raise ValueError(f"{stop - place} extra bytes in the array before byte {stop}")
     return after
@@ -241,7 +242,7 @@ def _element(data: bytes, order: str, place: int, end: int) -> tuple[int, int, i
 
 def _hdf5(file: Path, data: bytes) -> dict[str, Any]:
     if not is_hdf5(data):
-        raise FileProblem(str(file), ["is not a MATLAB file of version 5 or 7.3. Fix: save it with -v7 or -v7.3"])
+        raise FileProblem(str(file), ["is not a MATLAB file of version 5 or 7.3. Fix: save the file with -v7 or -v7.3"])
     with h5py.File(stream(data), "r") as held:
         arrays = dict(_arrays(held))
         check_size(file, sum(int(one.size or 0) for one in arrays.values()))
@@ -307,9 +308,9 @@ def _way_out(name: str, kind: str) -> str:
     name = name if name.isidentifier() else "T"
     table = f"timetable2table({name})" if kind == "timetable" else name
     if kind not in {"table", "timetable"}:
-        return f"variable {name!r} is a MATLAB object of class {kind!r}: save its numbers as vectors"
+        return f"variable {name!r} is a MATLAB object of class {kind!r}. Fix: save its numbers as vectors"
     return (
-        f"variable {name!r} is a MATLAB {kind}, which needs mat-io: {INSTALL_FILES}. Or, in MATLAB: "
+        f"variable {name!r} is a MATLAB {kind}, which requires mat-io: {INSTALL_FILES}. Or, in MATLAB: "
         f"s = table2struct({table}, "
         f"'ToScalar', true); save('a.mat', '-struct', 's'), or writetable({table}, 'a.csv')"
     )

@@ -54,7 +54,7 @@ class Mf4File(NoLines):
         try:
             from asammdf import MDF
         except ImportError as error:
-            raise FileProblem(str(file), [f"MDF files need asammdf: {INSTALL_FILES}"]) from error
+            raise FileProblem(str(file), [f"MDF files require asammdf: {INSTALL_FILES}"]) from error
         self._file = file
         try:
             with _quiet():
@@ -92,8 +92,8 @@ class Mf4File(NoLines):
                 end = -(-(first_bit + int(channel.bit_count)) // 8)
                 if int(channel.bit_count) > 0 and end > size:
                     raise FileProblem(str(self._file), [
-                        f"group {number}, channel {str(channel.name)!r} ends at byte {end} of records of {size} bytes: "
-                        "the file is damaged. Fix: export the file again"
+                        f"group {number}: channel {str(channel.name)!r} ends at byte {end}, but its records have "
+                        f"{size} bytes: the file is damaged. Fix: export the file again"
                     ])  # fmt: skip
 
     def _column(self, group: int, index: int) -> ForeignColumn:
@@ -129,7 +129,7 @@ class Mf4File(NoLines):
         if kind or known is None:
             what = kind or f"numbers in {unit!r}"
             raise FileProblem(str(self._file), [
-                f"group {group}: its master channel {str(master.name)!r} contains {what} instead of a time. Fix: "
+                f"group {group}: the master channel {str(master.name)!r} contains {what} instead of a time. Fix: "
                 "use --column time= with a time channel, or --rate"
             ])  # fmt: skip
         return known[1].scale
@@ -161,7 +161,7 @@ class Mf4File(NoLines):
         conversion = self._mdf.groups[group].channels[index].conversion
         if conversion is not None and getattr(conversion, "conversion_type", None) == ALGEBRAIC:
             raise FileProblem(str(self._file), [
-                f"channel {self.columns[place].name!r}: its values require a text formula in the file, which this "
+                f"channel {self.columns[place].name!r}: the values require a text formula in the file, which this "
                 "program does not evaluate. Fix: export the file with converted values"
             ])  # fmt: skip
         try:

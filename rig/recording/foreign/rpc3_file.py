@@ -45,19 +45,21 @@ class Rpc3File(NoLines):
             self._step_s, blocks = float(keys["DELTA_T"]), int(keys["NUM_HEADER_BLOCKS"])
             scales = [float(keys.get(f"SCALE.CHAN_{k + 1}", 1.0)) for k in range(min(channels, 4096))]
         except KeyError as error:
-            raise FileProblem(str(file), [f"RPC III file without the keyword {error}: it is damaged"]) from error
+            raise FileProblem(str(file), [f"the RPC III file is damaged: keyword {error} is missing"]) from error
         except ValueError as error:
-            raise FileProblem(str(file), [f"RPC III file: invalid number in its header: {error}"]) from error
+            raise FileProblem(str(file), [
+                f"the header of the RPC III file contains an invalid number: {error}"
+            ]) from error
         dtype, history = f"{ORDERS.get(form, '')}{TYPES.get(kind, '')}", keys.get("FILE_TYPE", "TIME_HISTORY")
         if len(dtype) != 3 or history != "TIME_HISTORY":
             raise FileProblem(str(file), [
-                f"RPC III file of FORMAT {form[:40]!r}, DATA_TYPE {kind[:40]!r}, FILE_TYPE {history[:40]!r}; expected "
-                f"a TIME_HISTORY in {', '.join(ORDERS)} of {', '.join(TYPES)}. Fix: export the file in one of these "
-                "forms, or as CSV"
+                f"the RPC III file has FORMAT {form[:40]!r}, DATA_TYPE {kind[:40]!r}, FILE_TYPE {history[:40]!r}; "
+                f"expected FORMAT {' or '.join(ORDERS)}, DATA_TYPE {' or '.join(TYPES)}, FILE_TYPE TIME_HISTORY. Fix: "
+                "export the file in one of these formats, or as CSV"
             ])  # fmt: skip
         if not (0 < channels <= 4096 and 0 < frame <= group and frames > 0 and blocks > 0 and self._step_s > 0.0
                 and math.isfinite(self._step_s)):  # fmt: skip
-            raise FileProblem(str(file), ["RPC III file: its header has impossible sizes: it is damaged"])
+            raise FileProblem(str(file), ["the RPC III file is damaged: its header states impossible sizes"])
         check_size(file, channels * (frames * frame + group))
         self._samples = _samples(file, data[BLOCK * blocks :], np.dtype(dtype), (channels, frames * frame, group))
         self._scales = scales if kind == "SHORT_INTEGER" else [1.0] * channels
@@ -105,7 +107,7 @@ def _samples(file: Path, body: bytes, dtype: np.dtype[np.generic], sizes: tuple[
     full, short = (groups + (rest > 0)) * group * channels, count * channels
     if held < short or (full != short and short < held < full):
         raise FileProblem(str(file), [
-            f"RPC III file: {held} numbers after the header, expected {full}: it is truncated or damaged"
+            f"the RPC III file is truncated or damaged: {held} numbers after the header, expected {full}"
         ])  # fmt: skip
     numbers = np.frombuffer(body, dtype, held)
     whole = numbers[: groups * group * channels].reshape(groups, channels, group).transpose(1, 0, 2)

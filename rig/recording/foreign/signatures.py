@@ -17,10 +17,10 @@ BEGINNINGS: tuple[tuple[bytes, str, str], ...] = (
     (b"SQLite format 3\0", "an SQLite database", "export the table of the test as CSV"),
     (b"%PDF", "a PDF document", "export the numerical data as CSV"),
     (b"\x1f\x8b", "a gzip archive", "unpack the file first (gunzip)"),
-    (b"BZh", "a bzip2 archive", "unpack it first (bunzip2)"),
+    (b"BZh", "a bzip2 archive", "unpack the file first (bunzip2)"),
     (b"\xfd7zXZ\0", "an xz archive", "unpack the file first (unxz)"),
-    (b"7z\xbc\xaf\x27\x1c", "a 7-Zip archive", "unpack it first"),
-    (b"Rar!", "a RAR archive", "unpack it first"),
+    (b"7z\xbc\xaf\x27\x1c", "a 7-Zip archive", "unpack the file first"),
+    (b"Rar!", "a RAR archive", "unpack the file first"),
     (b"\x89PNG", "a picture (PNG)", "export the numerical data as CSV"),
     (b"\xff\xd8\xff", "a picture (JPEG)", "export the numerical data as CSV"),
     (b"|CF,", "an imc FAMOS file", CSV),
@@ -37,9 +37,9 @@ IN_ARCHIVES = (
 )
 TEXTS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
     (re.compile(rb"\s*-1\s*\n\s*(15|55|58b?|82|151|164)\b"), "a universal file (UFF, UNV)", CSV),
-    (re.compile(rb"(?s)\s*(<\?xml[^>]*>\s*)?(<!--.{0,2000}?-->\s*)?<(usi:)?tdm\b"), "a TDM file of DIAdem",
+    (re.compile(rb"(?s)\s*(<\?xml[^>]*>\s*)?(<!--.{0,2000}?-->\s*)?<(usi:)?tdm\b"), "a DIAdem TDM file",
      "save the data as TDMS or CSV"),
-    (re.compile(rb"\s*<\?xml[^>]*>\s*(<\?mso[^>]*>\s*)?<Workbook\b"), "an Excel workbook in XML (2003)",
+    (re.compile(rb"\s*<\?xml[^>]*>\s*(<\?mso[^>]*>\s*)?<Workbook\b"), "an Excel 2003 XML workbook",
      "save the workbook as .xlsx or CSV"),
     (re.compile(rb"(?i)\s*(<!doctype html|<html|<table)\b"), "a web page (HTML), which some programs save with the "
         "extension .xls",

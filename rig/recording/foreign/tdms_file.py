@@ -46,7 +46,7 @@ class TdmsFile(NoLines):
         try:
             from nptdms import TdmsFile as Reader
         except ImportError as error:
-            raise FileProblem(str(file), [f"TDMS files need npTDMS: {INSTALL_FILES}"]) from error
+            raise FileProblem(str(file), [f"TDMS files require npTDMS: {INSTALL_FILES}"]) from error
         self._file, self.read_as = file, READ_AS
         try:
             with warnings.catch_warnings(), _logged() as remarks:
@@ -96,7 +96,7 @@ class TdmsFile(NoLines):
         if len(waves) > 1:
             told = ", ".join(f"{self.columns[place].name}: {_wave(self._channels[place].properties)}"
                              for place in places)  # fmt: skip
-            problem = f"its channels were not sampled together (start, step in s, start time): {told}"
+            problem = f"the channels were not sampled together (start, step in s, start time): {told}"
             raise FileProblem(str(self._file), [problem])
         (wave,) = waves
         if wave is None:
@@ -130,7 +130,8 @@ def _check_scales(file: Path, heads: Any) -> None:  # noqa: ANN401 - of a librar
         count = holder.properties.get(SCALES, 0)
         if not isinstance(count, (int, np.integer)) or not 0 <= int(count) <= MOST_SCALES:
             raise FileProblem(str(file), [
-                f"{SCALES} = {str(count)[:40]}, at most {MOST_SCALES}: the file is damaged. Fix: export the file again"
+                f"{SCALES} = {str(count)[:40]}, expected at most {MOST_SCALES}: the file is damaged. Fix: export "
+                "the file again"
             ])
 
 

@@ -141,7 +141,7 @@ class _Walk:
             where, info = f"{place}/{_printable(name)}", group.links.get_info(key)
             if info.type != h5py.h5l.TYPE_HARD:
                 kind = type(h5py.Group(group).get(name, getlink=True)).__name__
-                self.problems.append(f"{where}: {kind} refused; a recording must contain its data")
+                self.problems.append(f"{where}: a {kind} is not allowed; a recording must contain its data")
                 continue
             if info.u in self._walked:
                 continue  # stamps that channels share are one dataset with many names
@@ -152,13 +152,15 @@ class _Walk:
             elif isinstance(item, h5py.h5g.GroupID):
                 self.group(item, where)
             else:
-                self.problems.append(f"{where}: is neither a group nor a dataset")
+                self.problems.append(f"{where}: neither a group nor a dataset")
 
     def bomb(self) -> list[str]:
         """One line when all datasets together declare more than the file can hold compressed."""
         if self._declared <= max(64 * SMALL_BYTES, LARGEST_RATIO * self._file_bytes):
             return []
-        return [f"declares {self._declared} bytes in a file of {self._file_bytes}; refused as a decompression bomb"]
+        return [
+            f"declares {self._declared} bytes in a file of {self._file_bytes} bytes; rejected as a decompression bomb"
+        ]
 
     def _dataset(self, item: h5py.h5d.DatasetID, where: str) -> None:
         shape, kind, storage = item.shape, item.dtype, item.get_create_plist()
@@ -171,9 +173,11 @@ class _Walk:
         if chunks:
             texts += _chunk_problems(size, math.prod(chunks), kind.itemsize)
         if size > LARGEST_SAMPLES:
-            texts.append(f"declares {size} values; at most {LARGEST_SAMPLES}")
+            texts.append(f"declares {size} values; at most {LARGEST_SAMPLES} are allowed")
         elif declared > SMALL_BYTES and declared > held:
-            texts.append(f"declares {declared} bytes in a file of {self._file_bytes}; refused as a decompression bomb")
+            texts.append(
+                f"declares {declared} bytes in a file of {self._file_bytes} bytes; rejected as a decompression bomb"
+            )
         self.problems += [f"{where}: {text}" for text in texts]
 
 
@@ -207,17 +211,17 @@ def _storage_problems(storage: h5py.h5p.PropDCID, kind: np.dtype[Any], dimension
 def _chunk_problems(size: int, chunk_size: int, value_bytes: int) -> list[str]:
     texts = []
     if chunk_size * value_bytes > LARGEST_CHUNK_BYTES:
-        texts.append(f"chunks of {chunk_size * value_bytes} bytes; at most {LARGEST_CHUNK_BYTES}")
+        texts.append(f"chunks of {chunk_size * value_bytes} bytes; allowed: at most {LARGEST_CHUNK_BYTES}")
     if size // max(1, chunk_size) > MOST_CHUNKS:
-        texts.append(f"{size // max(1, chunk_size)} chunks; at most {MOST_CHUNKS}")
+        texts.append(f"{size // max(1, chunk_size)} chunks; at most {MOST_CHUNKS} are allowed")
     return texts
 
 
 def _type_problems(kind: np.dtype[Any]) -> list[str]:
     if kind.kind not in ALLOWED_KINDS:
-        return [f"type {kind} refused; expected numbers or fixed-length text"]
+        return [f"type {kind} is not allowed; expected numbers or fixed-length text"]
     largest = LARGEST_TEXT_BYTES if kind.kind == "S" else LARGEST_NUMBER_BYTES
-    return [f"elements of {kind.itemsize} bytes; at most {largest}"] if kind.itemsize > largest else []
+    return [f"elements of {kind.itemsize} bytes; allowed: at most {largest}"] if kind.itemsize > largest else []
 
 
 def _attribute_problems(place: h5py.h5g.GroupID | h5py.h5d.DatasetID) -> list[str]:
@@ -241,7 +245,7 @@ def _problems_of(attribute: h5py.h5a.AttrID) -> list[str]:
 
     size, shape = attribute.get_storage_size(), attribute.shape
     if size > LARGEST_ATTRIBUTE_BYTES:
-        return [f"{size} bytes; at most {LARGEST_ATTRIBUTE_BYTES}"]
+        return [f"{size} bytes; at most {LARGEST_ATTRIBUTE_BYTES} are allowed"]
     if len(shape) > 1:
         return [f"{len(shape)} dimensions; expected at most 1"]
     own = own_dtype(attribute.get_type())

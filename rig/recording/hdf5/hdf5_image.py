@@ -33,7 +33,7 @@ UNFILTERED_BYTES = 1024
 """A dataset up to this size is stored as it is: filters and an index of chunks would be longer than what they save."""
 MOST_ATTRIBUTES = 1000
 """Attributes that stay in their object's header, where they take least room."""
-QUALITY = "Quality: 1 overload, 2 fault, 4 gap, 8 NaN, 16 spike, 32 stale, 64 clock went back"
+QUALITY = "Quality: 1 overload, 2 fault, 4 gap, 8 NaN, 16 spike, 32 stale, 64 clock went backwards"
 EMPTY_FILE = bytes.fromhex(
     "894844460d0a1a0a0208080000000000000000003000000000000000e4000000000000006100000000000000cc3f68d5"
     "4f4844520220977e026b977e026b977e026b977e026b1613070005000200100004000007000000000000000000c33b6c"

@@ -70,7 +70,7 @@ class _ReadBack:
         else:
             same = dataset.shape == (len(wanted),) and self._holds(dataset, wanted)
         if not same:
-            raise ReadBackDiffers(f"{self._path}: /{place} read back differs from what was recorded")
+            raise ReadBackDiffers(f"{self._path}: the data read back from /{place} differ from the recorded data")
 
     def _holds(self, dataset: h5py.h5d.DatasetID, wanted: Values) -> bool:
         import h5py

@@ -131,7 +131,7 @@ def read_channel(path: Path, name: str) -> NDArray[Any] | None:
             return None
         if data[name].shape != data["time"].shape:
             raise FileProblem(str(path), [
-                f"/entry/data/{name} has shape {data[name].shape}, time has {data['time'].shape}",
+                f"/entry/data/{name} has shape {data[name].shape}, but time has {data['time'].shape}",
             ])
         return _values(path, data[name])
 
@@ -161,7 +161,7 @@ def read_raw(path: Path, name: str) -> dict[str, NDArray[Any]] | None:
         columns = {key: _values(path, dataset) for key, dataset in file[f"entry/raw/{name}"].items()}
     if len({len(column) for column in columns.values()}) > 1:
         lengths = {key: len(column) for key, column in columns.items()}
-        raise FileProblem(str(path), [f"/entry/raw/{name}: columns of different length: {lengths}"])
+        raise FileProblem(str(path), [f"/entry/raw/{name}: columns of different lengths: {lengths}"])
     return columns
 
 
@@ -191,7 +191,9 @@ def opened(path: Path, groups: Iterable[str] | None = None) -> Iterator[h5py.Fil
         version = _number(file.attrs.get("format_version"))
         if version is None or version > FORMAT_VERSION:
             shown = "none" if version is None else f"{version:g}"
-            raise FileProblem(str(path), [f"format_version: {shown}; this software reads up to {FORMAT_VERSION}"])
+            raise FileProblem(str(path), [
+                f"format_version: {shown}; this software reads versions up to {FORMAT_VERSION}"
+            ])
         if "entry/data/time" not in file:
             raise FileProblem(str(path), ["/entry/data/time is missing: this file is not a recorded point"])
         yield file

@@ -287,13 +287,13 @@ def _end_of_data(data: bytes | mmap, start: int) -> int:
 
 def _header(data: bytes | mmap, name: str) -> tuple[str, int]:
     if len(data) < HEADER.size:
-        raise JournalProblem(f"{name}: {len(data)} bytes, too short for a journal's header")
+        raise JournalProblem(f"{name}: {len(data)} bytes are too few for a journal header")
     magic, length, check = HEADER.unpack_from(data)
     text = data[HEADER.size:HEADER.size + length]
     if magic != HEADER_MAGIC:
         raise JournalProblem(f"{name}: this is not a journal: it begins with {magic!r}, expected {HEADER_MAGIC!r}")
     if len(text) != length or zlib.crc32(text) != check:
-        raise JournalProblem(f"{name}: the header is damaged or cut off")
+        raise JournalProblem(f"{name}: the header is damaged or truncated")
     return text.decode("utf-8", "replace"), HEADER.size + length
 
 
@@ -361,5 +361,5 @@ def _end(said: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever JSON holds
     """
     stopped_by, lost = said["stopped_by"], said["lost_records"]
     if not (stopped_by is None or isinstance(stopped_by, str)) or type(lost) is not int or not 0 <= lost < 1 << 62:
-        raise ValueError(f"this is not the end of a point: {said!r:.80}")
+        raise ValueError(f"this entry is not a valid end of a point: {said!r:.80}")
     return {"stopped_by": stopped_by, "lost_records": lost}

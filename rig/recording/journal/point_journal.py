@@ -183,7 +183,7 @@ class ChannelSplit:
         """
         self._numbers.update(np.unique(records["channel"]).tolist())
         if len(self._numbers) > MOST_CHANNELS:
-            raise JournalProblem(f"records from {len(self._numbers)} or more channels, expected at most "
+            raise JournalProblem(f"found records from at least {len(self._numbers)} channels, expected at most "
                 f"{MOST_CHANNELS}")
         if self._stored or self._bytes + records.nbytes > MOST_BYTES_IN_MEMORY:
             self._spill()
@@ -242,7 +242,7 @@ def checked_context(context: PointContext, name: str) -> PointContext:
     problems = _outside("point", vars(point), POINT, needed=tuple(POINT))
     problems += _outside("header", vars(context), CONTEXT, needed=("device_rate",))
     if not is_waveform(point.waveform):
-        problems.append(f"point: waveform = {point.waveform!r:.40}, expected its name")
+        problems.append(f"point: waveform = {point.waveform!r:.40}, expected the name of a waveform")
     for channel in ("force", "displacement"):
         if channel not in context.sensors:
             problems.append(f"no sensor {channel}")
@@ -281,8 +281,8 @@ def check_records(channels: Mapping[str, Records]) -> None:
             if least < low or greatest > high:
                 raise JournalProblem(f"{name}: {key} from {least} to {greatest}, expected {low} to {high}")
             if key == "host_ns" and greatest - least > LONGEST_NS:
-                raise JournalProblem(f"{name}: records {1e-9 * (greatest - least):.0f} s apart, which is implausible "
-                    "for one point")
+                raise JournalProblem(f"{name}: the records are {1e-9 * (greatest - least):.0f} s apart, which is "
+                    "implausible for one point")
 
 
 def _extremes(records: Records, key: str) -> tuple[int, int]:

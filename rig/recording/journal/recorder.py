@@ -90,7 +90,7 @@ class PointRecorder:
         """Why the recorder is not healthy; empty while it is."""
         if self._error is not None:
             return str(self._error)
-        return "" if self._thread.is_alive() else "the recorder's thread has stopped"
+        return "" if self._thread.is_alive() else "the recorder thread has stopped"
 
     def begin(self, context: PointContext, *, expected_s: float = 0.0) -> Path:
         """Open the journal of the point in `context` and record from here on.

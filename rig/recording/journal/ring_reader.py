@@ -52,7 +52,7 @@ class RingReader:
                 access = mmap.ACCESS_WRITE if recorder else mmap.ACCESS_READ
                 self._map = mmap.mmap(file.fileno(), 0, access=access)
         except (OSError, ValueError) as error:
-            raise RingProblem(f"{path}: the ring cannot be mapped: {error}") from error
+            raise RingProblem(f"{path}: the ring buffer cannot be mapped: {error}") from error
         self.capacity = self._check_header()
         # Aligned 8-byte items: one load or store each, never torn.
         self._header: NDArray[np.uint64] = np.frombuffer(self._map, np.uint64, HEADER_SIZE // 8)
@@ -62,7 +62,7 @@ class RingReader:
     def _check_header(self) -> int:
         header = self._map[:HEADER_SIZE]
         if len(header) < HEADER_SIZE or header[:8] != MAGIC:
-            raise RingProblem(f"{self.path}: this is not a ring: expected the magic number {MAGIC!r}, got "
+            raise RingProblem(f"{self.path}: this is not a ring buffer: expected the magic number {MAGIC!r}, got "
                 f"{header[:8]!r}")
         size, capacity = struct.unpack_from("<II", header, OFFSET_RECORD_SIZE)
         expected = HEADER_SIZE + capacity * RECORD_DTYPE.itemsize

@@ -143,7 +143,7 @@ def cross_checks(points: Sequence[Checked], auxiliaries: Sequence[str] = ()) -> 
     return (
         *_against_input(FORCE, points, doubted), *_zero_over_campaign(points, doubted),
         *_against_input(DISPLACEMENT, points, doubted), *_ecu(points, doubted),
-        *(CrossCheck(name, "everything", "the bench has no second instrument for this") for name in auxiliaries),
+        *(CrossCheck(name, "everything", "the bench has no second instrument for comparison") for name in auxiliaries),
     )
 
 
@@ -187,8 +187,8 @@ def _row(
     instrument: str, what: str, reference: str, difference: Estimate | None, unit: str, limit: _Limit,
 ) -> CrossCheck:
     if difference is None:
-        few = "no point with enough motion or enough samples for a comparison"
-        return CrossCheck(instrument, what, f"{few} the {reference}")
+        few = "no point has enough motion and enough samples for a comparison"
+        return CrossCheck(instrument, what, f"{few} with the {reference}")
     shown = f"{difference.signed} {unit}"
     if not limit.exceeded and PROVES * difference.std > limit.tolerance:
         return CrossCheck(instrument, what, f"{reference}: the value is too uncertain for a "
@@ -201,7 +201,8 @@ def _zero_over_campaign(points: Sequence[Checked], doubted: set[str]) -> list[Cr
     allowed = f"{points[0].tolerances.force_zero_change_N:.3g} N during the campaign"
     change = zero_change(points, deviations(len(points)))
     if change is None:
-        return [CrossCheck("load cell", "drift and crosstalk of its zero", "fewer than two points determine its zero")]
+        few = "the zero was determined at fewer than two points"
+        return [CrossCheck("load cell", "drift and crosstalk of its zero", few)]
     moved = "zero-change" in doubted
     rows = []
     for what, slug, slope, unit, missing in (

@@ -204,8 +204,8 @@ def _gains(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
         percent = Estimate(gain.value - 1.0, gain.std).times(100.0)
         return Reason(
             instruments.gain_slug, _kind(percent.value, 100.0 * tolerance),
-            f"the {instruments.sensor} reads {percent.signed} % more than the {instruments.reference} for the same "
-            f"change (allowed {100.0 * tolerance:g} %; {by}): {instruments.either}",
+            f"for the same change, the {instruments.sensor} differs by {percent.signed} % from the "
+            f"{instruments.reference} (allowed {100.0 * tolerance:g} %; {by}): {instruments.either}",
             {"gain": gain.value, "gain_std": gain.std, "tolerance": tolerance},
         )
 
@@ -246,9 +246,9 @@ def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict
     def told(lag: Estimate, by: str) -> Reason:
         return Reason(
             instruments.lag_slug, _kind(lag.value, tolerance_s),
-            f"{instruments.reference} and {instruments.sensor} disagree in time by {lag.times(-1e3).plain} ms, the "
-            f"input later than its declared delay (allowed {1e3 * tolerance_s:.2g} ms; {by}): it is not known which "
-            "of them is wrong",
+            f"the {instruments.reference} lags the {instruments.sensor} by {lag.times(-1e3).plain} ms, more than its "
+            f"declared delay explains (allowed {1e3 * tolerance_s:.2g} ms; {by}): it is not known which of them is "
+            "wrong",
             {"lag_s": lag.value, "lag_std_s": lag.std, "tolerance_s": tolerance_s},
         )
 

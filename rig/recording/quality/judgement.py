@@ -140,7 +140,9 @@ def _ending(evidence: PointEvidence) -> list[Reason]:
         reasons.append(invalid("INTERRUPTED", "the recording was interrupted; the data were recovered from the "
             "journal"))
     if evidence.overrun_records:
-        reasons.append(invalid("slow-consumer", f"{evidence.overrun_records} records overwritten before being read"))
+        reasons.append(invalid(
+            "slow-consumer", f"{evidence.overrun_records} records were overwritten before they were read"
+        ))
     if evidence.missing_blocks or evidence.damaged_bytes:
         reasons.append(invalid(
             "journal-damaged", f"{evidence.missing_blocks} blocks missing, {evidence.damaged_bytes} bytes unreadable",
@@ -163,8 +165,8 @@ def _sensor_reasons(evidence: PointEvidence) -> list[Reason]:
         if counts.faulty:
             reasons.append(invalid("sensor-fault", f"{counts.faulty} {name} samples flagged as faulty by the sensor"))
         if counts.spikes:
-            reasons.append(suspect("sensor-spike", f"{counts.spikes} {name} samples jump by more than the machine can "
-                "move"))
+            reasons.append(suspect("sensor-spike", f"{counts.spikes} {name} samples jump by more than is "
+                "possible on this machine"))
         reasons += _bandwidth(name, counts, evidence.wanted_frequency_Hz)
     return reasons
 
@@ -207,8 +209,8 @@ def _bandwidth(name: str, counts: SensorCounts, frequency_Hz: float) -> list[Rea
     if counts.bandwidth_Hz is not None and counts.bandwidth_Hz < HARMONICS_NEEDED * frequency_Hz:
         reasons.append(suspect(
             "bandwidth",
-            f"{name} passes {counts.bandwidth_Hz:g} Hz at most, {counts.bandwidth_Hz / frequency_Hz:.3g} times the "
-            f"test's {frequency_Hz:g} Hz ({HARMONICS_NEEDED} times are required)",
+            f"{name} has a bandwidth of {counts.bandwidth_Hz:g} Hz, only {counts.bandwidth_Hz / frequency_Hz:.3g} "
+            f"times the test frequency, {frequency_Hz:g} Hz (required: {HARMONICS_NEEDED} times)",
             bandwidth_Hz=counts.bandwidth_Hz, frequency_Hz=frequency_Hz,
         ))
     return reasons
@@ -263,7 +265,7 @@ def _current(evidence: PointEvidence) -> list[Reason]:
     if evidence.current_error_A > evidence.current_tolerance_A:
         return [invalid(
             "current-tracking",
-            f"the measured current is off by {1e3 * evidence.current_error_A:.3g} mA "
+            f"the measured current deviates from its target by {1e3 * evidence.current_error_A:.3g} mA "
             f"(limit {1e3 * evidence.current_tolerance_A:.3g} mA)",
         )]
     return []
@@ -276,8 +278,8 @@ def _temperature(evidence: PointEvidence) -> list[Reason]:
         measured = 0.0 if evidence.temperature_degC is None else 100.0 * share
         reasons.append(suspect(
             "no-temperature",
-            f"the coil temperature was measured over only {measured:.2g} % of the evaluated cycles, window "
-            f"{window[0]:g} to {window[1]:g} degC",
+            f"the coil temperature was measured during only {measured:.2g} % of the evaluated cycles (window: "
+            f"{window[0]:g} to {window[1]:g} degC)",
         ))
     if evidence.temperature_degC is None:
         return reasons
@@ -316,7 +318,7 @@ def _specimen(evidence: PointEvidence) -> list[Reason]:
     if change > CHANGE_SUSPECT and abs(evidence.change_N) > CHANGE_CERTAIN * evidence.change_std_N:
         reasons.append(Reason(
             "force-change", _worse(change > CHANGE_INVALID),
-            f"the force span changed by {100 * evidence.change_N / evidence.span_N:+.2g} % over the point (limit "
+            f"the force span changed by {100 * evidence.change_N / evidence.span_N:+.2g} % during the point (limit "
             f"{100 * CHANGE_INVALID:g} %)",
         ))
     return reasons

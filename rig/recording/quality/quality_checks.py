@@ -144,8 +144,8 @@ def _disorder(context: PointContext, alignment: Alignment) -> list[Reason]:
     return [
         Reason(
             "device-time", Kind.INVALID,
-            f"the device clock went back in {channel.disordered} of {len(channel.received)} {channel.name} samples "
-            f"({100 * channel.disordered / len(channel.received):.2g} %, limit {100 * LARGEST_DISORDER:g} %)",
+            f"the device clock went backwards in {channel.disordered} of {len(channel.received)} {channel.name} "
+            f"samples ({100 * channel.disordered / len(channel.received):.2g} %, limit {100 * LARGEST_DISORDER:g} %)",
         )
         for channel in channels if channel.disordered > LARGEST_DISORDER * len(channel.received)
     ]

@@ -159,12 +159,12 @@ def tracking_reasons(wanted: TestPoint, tracking: Tracking | None, *, stopped: b
         return []
     played_s = 0.0 if tracking is None else tracking.played_s
     if tracking is None or played_s < (1.0 - INCOMPLETE_SHARE) * wanted.record.duration_s:
-        text = f"{played_s:.4g} s of {wanted.record.duration_s:.4g} s were played and recorded"
+        text = f"only {played_s:.4g} s of {wanted.record.duration_s:.4g} s were played and recorded"
         return [invalid("signal-incomplete", text)]
     if tracking.nrms <= TRACKING_SUSPECT:
         return []
     text = (
-        f"tracking error of the rod {100 * tracking.nrms:.3g} % of the target, RMS, after correction "
+        f"RMS tracking error of the rod: {100 * tracking.nrms:.3g} % of the target, after correction "
         f"for a delay of {1e3 * tracking.delay_s:.3g} ms (limit {100 * TRACKING_INVALID:g} %); the rod reached "
         f"{100 * tracking.reached:.3g} % of the span"
     )

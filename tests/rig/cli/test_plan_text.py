@@ -148,7 +148,7 @@ def test_too_few_samples_for_identification_are_a_warning_with_the_limit(
     for warning, sensor in zip(result.warnings, ("load cell", "LVDT"), strict=False):
         fewest = 250 / float(frequency.split()[0])
         assert warning.startswith(f"p001: only {fewest:.3g} samples per cycle from the {sensor}")
-        assert f" {needed}, which means {needed * float(frequency.split()[0]):.3g} Hz" in warning
+        assert f" {needed} (here: a rate of {needed * float(frequency.split()[0]):.3g} Hz" in warning
 
 
 def test_the_limit_of_fifty_samples_is_where_the_recorded_velocity_loses_three_percent() -> None:
@@ -162,10 +162,10 @@ def test_the_limit_of_fifty_samples_is_where_the_recorded_velocity_loses_three_p
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"bandwidth_Hz": 60.0}, "p001: the load cell (declared bandwidth 60 Hz) passes 15 harmonics of 4 Hz"),
+        ({"bandwidth_Hz": 60.0}, "p001: the load cell (declared bandwidth 60 Hz) passes only 15 harmonics of 4 Hz"),
         ({"delay_s": 0.00225}, None),
-        ({"delay_s": 0.0045}, "(declared delay 4.5 ms, about 50 Hz) passes 12 harmonics of 4 Hz; the shape of"),
-        ({"bandwidth_Hz": 1000.0}, "load cell: declared bandwidth 1000 Hz is above half its rate, 125 Hz (Nyquist)"),
+        ({"delay_s": 0.0045}, "(declared delay 4.5 ms, about 50 Hz) passes only 12 harmonics of 4 Hz; the shape of"),
+        ({"bandwidth_Hz": 1000.0}, "the declared bandwidth, 1000 Hz, is above the Nyquist frequency, 125 Hz"),
         ({"bandwidth_Hz": 110.0, "delay_s": 0.1}, None),
     ],
 )

@@ -42,7 +42,7 @@ def test_every_format_says_whether_the_current_was_measured(
 
     point = RecordedPoint.from_arrays(
         time_s=T, displacement_m=X, force_N=FORCE, id="p001", waveform="sine", amplitude_m=0.01, frequency_Hz=1.114,
-        current_A=0.5, provenance={"current": "as given, not measured"} if given else {},
+        current_A=0.5, provenance={"current": "as specified; not measured"} if given else {},
     )  # fmt: skip
     monkeypatch.setattr(Run, "open", lambda path: Run(path, (point,)))
     for target in ("csv", "mat", "netcdf", "parquet", "mf4"):
@@ -52,7 +52,7 @@ def test_every_format_says_whether_the_current_was_measured(
     told |= {pd.read_csv(tmp_path / "points.csv")["current_source"][0]}
     told |= {loadmat(tmp_path / "p001.mat", simplify_cells=True)["point"]["current_source"]}
     told |= {pyarrow.parquet.read_table(tmp_path / "p001.parquet").schema.metadata[b"current_source"].decode()}
-    wanted = "as given, not measured" if given else "measured"
+    wanted = "as specified; not measured" if given else "measured"
     assert told == {wanted}
     with MDF(tmp_path / "p001.mf4") as data:
         assert f"current_source: {wanted}</TX>" in data.header.comment

@@ -187,7 +187,7 @@ def test_a_motion_that_a_halt_would_take_out_of_its_travel_is_refused_with_all_t
 def test_a_centre_that_leaves_a_halt_its_travel_is_named() -> None:
     bench = halting(4.0)
     (item,) = plan(one("40 mm", "2 Hz", specimen='mid_stroke = "42 mm"'), bench).points
-    centre = re.search(r"a centre \(mid_stroke\) of ([-\d.]+) mm fits", item.reasons[0])
+    centre = re.search(r"a centre \(mid_stroke\) of ([-\d.]+) mm is sufficient", item.reasons[0])
     assert centre is not None
     assert plan(one("40 mm", "2 Hz", specimen=f'mid_stroke = "{centre[1]} mm"'), bench).feasible
 
@@ -423,7 +423,7 @@ def test_a_window_above_the_limit_of_the_coil_temperature_is_refused() -> None:
     assert result.warm_up is not None
     assert not result.feasible
     assert [cause.slug for cause in result.warm_up.causes] == ["warm-up"]
-    assert "45 degC; allowed by the bench's [limits] coil_temperature: up to 44 degC" in result.warm_up.reasons[0]
+    assert "45 degC, but the bench's [limits] coil_temperature allows at most 44 degC" in result.warm_up.reasons[0]
 
 
 @pytest.mark.parametrize(("hold", "allowed"), [("60 ms", False), ("239 ms", False), ("240 ms", True)])

@@ -74,8 +74,8 @@ def test_by_heat_keeps_every_point_and_its_name(tmp_path: Path) -> None:
         ('[temperature]\nwindow = ["45 degC", "25 degC"]', "must be at least 2 K below"),
         ('[temperature]\nwindow = ["30 degC", "31 degC"]', "must be at least 2 K below"),
         ('[temperature]\nwindow = ["10 degC", "20 degC"]', "a damper does not cool to 20 degC"),
-        ('order = "by heat"', "requires [temperature] window"),
-        ('[[current_step]]\ncurrent = ["1 A", "1 A"]', "two currents in succession are equal"),
+        ('order = "by heat"', "requires the entry window in [temperature]"),
+        ('[[current_step]]\ncurrent = ["1 A", "1 A"]', "two consecutive currents are equal"),
         ("amplitude_tolerance = 0.01", "amplitude_tolerance"),
     ],
 )

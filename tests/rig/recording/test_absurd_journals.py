@@ -194,7 +194,7 @@ def test_a_hanging_journal_is_given_up_by_name_and_the_next_one_finished(campaig
     with Converter(timeout_s=1.0) as converter:
         first = converter.finish(held)
         assert first.error_slug == "conversion-timeout"
-        assert first.error.startswith("p001.journal: not finished within 1 s")
+        assert first.error.startswith("p001.journal: the conversion did not finish within 1 s")
         converter._timeout_s = 120.0  # however busy the machine is
         assert converter.finish(good).verdict == "valid"
         os.close(handle)

@@ -91,7 +91,7 @@ def test_lvm_segments_have_the_units_and_times_of_their_headers(x_columns: str, 
 def test_lvm_segments_that_began_later_are_tests_of_their_own_and_other_units_are_refused(tmp_path: Path) -> None:
     tests = read(tmp_path / "a.lvm", lvm(x_columns="No", begun=("25.94", "40.0")), LVM)
     assert [len(test.time_s) for test in tests] == [200, 200]
-    with pytest.raises(FileProblem, match="this segment has the units in, lbf; the first has mm, Newtons"):
+    with pytest.raises(FileProblem, match="this segment has the units in, lbf; the first segment has mm, Newtons"):
         read(tmp_path / "a.lvm", lvm(units="in\tlbf"), LVM)
 
 

@@ -136,7 +136,7 @@ def test_thousands_are_told_from_decimals_where_a_number_has_both(tmp_path: Path
 
 @pytest.mark.parametrize(("text", "columns", "problem"), [
     ("t_s;x;F_N\ns;mm;N\n", {"displacement": "x:N"}, "displacement=x:N: 'N' is not a unit of length"),
-    ("t_s;x_mm;F\ns;m;N\n", {"displacement": "x_mm"}, "its name states mm, but the file m"),
+    ("t_s;x_mm;F\ns;m;N\n", {"displacement": "x_mm"}, "the column name states mm, but the file states m"),
     ("t_s;x;F\ns;mm;N\n", {"displacement": "F"}, "the file states 'N', which is not a unit of length"),
     ("t_s;x_mm;x_mm\n", {"displacement": "x_mm"}, "2 columns have the name 'x_mm'"),
     ("t_s;x_mm;F_N\n", {"displacement": "y_mm"}, "no column 'y_mm'; columns: t_s, x_mm, F_N"),
@@ -363,7 +363,7 @@ def test_channels_of_a_bus_with_times_of_their_own_are_brought_together(tmp_path
         mdf.save(tmp_path / "a.mf4")
     test = read(tmp_path / "a.mf4", displacement="x", force="F", current="I")
     at = test.time_s + x_s[np.searchsorted(x_s, force_s[0])]
-    assert "force, current interpolated to the times of displacement" in test.read_as
+    assert "force, current interpolated to the sample times of displacement" in test.read_as
     assert np.count_nonzero(~np.isfinite(test.force_N)) < 5
     known = np.isfinite(test.force_N)
     assert test.force_N[known] == pytest.approx(800.0 * np.cos(2.0 * np.pi * at[known]), abs=1.5)
@@ -385,7 +385,7 @@ def test_a_channel_beyond_its_records_is_refused(version: str, tmp_path: Path) -
     data = bytearray(file.read_bytes())
     data[place : place + 2] = b"\xf0\xff"
     file.write_bytes(data)
-    with pytest.raises(FileProblem, match=r"ends at byte \d+ of records of 24 bytes"):
+    with pytest.raises(FileProblem, match=r"ends at byte \d+, but its records have 24 bytes"):
         read(file, displacement="x", force="F")
 
 

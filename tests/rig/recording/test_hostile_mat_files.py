@@ -102,7 +102,7 @@ def test_structs_are_read_and_version_4_is_named_as_what_it_is_not(tmp_path: Pat
     savemat(tmp_path / "a.mat", {"t_s": T, "x_m": X_M, "F_N": F_N, "notes": np.array([["a", 1], ["b", 2]], object)})
     assert read(tmp_path / "a.mat").force_N == pytest.approx(F_N)
     savemat(tmp_path / "b.mat", {"t_s": T, "x_m": X_M, "F_N": F_N}, format="4")
-    assert "is not a MATLAB file of version 5 or 7.3. Fix: save it with -v7" in problems(tmp_path / "b.mat")
+    assert "is not a MATLAB file of version 5 or 7.3. Fix: save the file with -v7" in problems(tmp_path / "b.mat")
 
 
 @pytest.mark.parametrize("compressed", [False, True])

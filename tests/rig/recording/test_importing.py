@@ -115,7 +115,7 @@ def test_wrong_columns_say_what_would_fit(tmp_path: Path, columns: dict[str, str
 
 @pytest.mark.parametrize(("options", "message"), [
     ({"current_A": None}, "unknown coil current"),
-    ({"current_from_name": "_(?P<current>[0-9]+)mA"}, "the name does not match"),
+    ({"current_from_name": "_(?P<current>[0-9]+)mA"}, "the file name does not match"),
     ({"current_from_name": "_([0-9.]+)A"}, "no group"),
     ({"current_from_name": "("}, "regular expression"),
 ])
@@ -165,7 +165,7 @@ def test_every_measured_test_is_imported_with_its_droop_and_true_frequency(tmp_p
 def test_values_no_damper_test_has_are_refused_with_their_column(tmp_path: Path) -> None:
     path = sine_file(tmp_path)
     message = refused(tmp_path, path, columns={**COLUMNS, "displacement": "x_mm:m"})
-    assert "column 'x_mm:m', as displacement, spans 10 m; a test has at most 2 m: check the unit" in message
+    assert "column 'x_mm:m', as displacement, spans 10 m; expected at most 2 m: check the unit" in message
     assert "column 'F:kN', as force, reaches 9e+05 N" in refused(tmp_path, changed(path, 500, "2.490,12.0,900"))
 
 
@@ -244,8 +244,8 @@ def test_a_column_without_a_number_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileProblem) as caught:
         import_tests([path], columns={**COLUMNS, "temperature": "T:degC"}, out=tmp_path / "out", current_A=0.5)
     force, temperature, _ = caught.value.problems
-    assert force.endswith("as force: no number in any of 2000 rows; name another column")
-    assert temperature.endswith("as temperature: no number in any of 2000 rows; name another column, or omit the "
+    assert force.endswith("as force: none of 2000 rows contains a number; name another column")
+    assert temperature.endswith("as temperature: none of 2000 rows contains a number; name another column, or omit the "
         "column")
     assert not (tmp_path / "out").exists()
 

@@ -61,7 +61,7 @@ def test_a_random_test_with_a_reversed_sign_is_invalid(tmp_path: Path) -> None:
 
 
 def test_a_voltage_beside_a_commanded_current_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileProblem, match="both command the coil"):
+    with pytest.raises(FileProblem, match="both specify the coil command"):
         import_tests(
             [random_file(tmp_path)], columns={**COLUMNS, "commanded_current": "Y:A"}, waveform="random", out=tmp_path
         )

@@ -71,7 +71,7 @@ def test_the_table_of_a_workbook_is_read(rows: list[list[object]], columns: dict
 
 def test_sheets_are_chosen_by_name_or_are_tests_each(tmp_path: Path) -> None:
     path = workbook(tmp_path / "a.xlsx", {"0.5A": TABLE, "1.0A": TABLE[:301]})
-    with pytest.raises(FileProblem, match=r"2 sheets contain tables: '0\.5A', '1\.0A'\. Fix: --sheet"):
+    with pytest.raises(FileProblem, match=r"2 sheets contain tables: '0\.5A', '1\.0A'\. Fix: use --sheet"):
         read(path, COLUMNS)
     with pytest.raises(FileProblem, match=r"no sheet 'x'; its sheets: '0\.5A', '1\.0A'"):
         read(path, COLUMNS, sheet="x")
@@ -252,12 +252,12 @@ def test_tables_and_timetables_of_matlab_are_read_with_their_own_times(version: 
 def test_tables_of_matlab_are_named_where_they_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     matlab_table(tmp_path / "a.mat")
     monkeypatch.setitem(sys.modules, "matio", None)
-    with pytest.raises(FileProblem, match=r"'T' is a MATLAB table, which needs mat-io: pip install(.|\n)*table2struct"):
+    with pytest.raises(FileProblem, match=r"'T' is a MATLAB table, which requires mat-io: pip(.|\n)*table2struct"):
         read(tmp_path / "a.mat", COLUMNS)
 
 
 def test_damaged_rpc3_files_are_named(tmp_path: Path) -> None:
-    for options, says in (({"drop": "DELTA_T"}, "without the keyword 'DELTA_T'"), ({"form": "ASCII"}, "expected")):
+    for options, says in (({"drop": "DELTA_T"}, "keyword 'DELTA_T' is missing"), ({"form": "ASCII"}, "expected")):
         rpc3(tmp_path / "a.rsp", **options)  # type: ignore[arg-type]
         with pytest.raises(FileProblem, match=says):
             read(tmp_path / "a.rsp", COLUMNS)

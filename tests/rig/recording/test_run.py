@@ -53,7 +53,7 @@ def test_a_filter_selects_the_points_that_meet_every_condition(run: Run, text: s
 @pytest.mark.parametrize(("text", "message"), [
     ("wavform=sine", "did you mean waveform"),
     ("waveform", "is not a condition"),
-    ("current_A=high", "current_A = 'high' is not a number"),
+    ("current_A=high", "current_A = 'high': expected a number"),
     ("", "is not a condition"),
 ])
 def test_a_wrong_filter_says_what_would_fit(run: Run, text: str, message: str) -> None:
@@ -106,7 +106,7 @@ def test_a_point_made_in_memory_has_the_wanted_current_and_central_differences()
 
 
 @pytest.mark.parametrize(("change", "says"), [
-    ({"force_N": np.zeros(7)}, r"force_N has shape \(7,\), expected \(n,\) like time_s: \(8,\)"),
+    ({"force_N": np.zeros(7)}, r"force_N has shape \(7,\), expected \(n,\) as for time_s: \(8,\)"),
     ({"displacement_m": np.zeros((8, 1))}, r"displacement_m has shape \(8, 1\)"),
     ({"velocity_m_s": np.zeros(9)}, "velocity_m_s has shape"),
     ({"time_s": np.repeat(np.arange(4.0), 2)}, "time_s must have"),

@@ -58,9 +58,9 @@ def test_units_factors_and_sensitivities_of_any_column(
     ({"force": "nan"}, ("x_m", "F_N"), "finite"),
     ({"force": "500"}, ("x_m", "F"), "unknown unit"),
     ({"force": "500 mm/V"}, ("x_m", "F"), "expected a unit of force"),
-    ({"force": "500 N/V"}, ("x_m", "F_N"), "expected V"),
-    ({"force": "500 N/V"}, ("x_m", "F:kN"), "expected V"),
-    ({"force": "0.25 N/count"}, ("x_m", "F_N"), "expected counts"),
+    ({"force": "500 N/V"}, ("x_m", "F_N"), "requires V"),
+    ({"force": "500 N/V"}, ("x_m", "F:kN"), "requires V"),
+    ({"force": "0.25 N/count"}, ("x_m", "F_N"), "requires counts"),
     ({"temperature": "2"}, ("x_m", "F_N"), "no temperature column is specified"),
 ])
 def test_scales_that_do_not_fit_are_refused(
@@ -119,7 +119,7 @@ def test_integers_with_a_factor_of_no_known_format_are_refused_until_it_is_given
     properties: dict[str, object], tmp_path: Path
 ) -> None:
     path = tdms(tmp_path / "a.tdms", properties)
-    with pytest.raises(FileProblem, match=r"is not applied by the format\. Fix: --scale force=FACTOR"):
+    with pytest.raises(FileProblem, match=r"does not apply its property .*\. Fix: use --scale force=FACTOR"):
         read(path, {}, displacement="x", force="F")
     assert read(path, {"force": 0.05}, displacement="x", force="F").force_N == pytest.approx(F_N, abs=0.03)
 

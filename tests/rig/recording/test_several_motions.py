@@ -186,8 +186,8 @@ def test_a_table_of_several_motions_is_no_point_and_their_rows_are_named() -> No
     t = np.arange(0.0, 20.0, 0.005)
     x_mm = steps_of_frequency(t)
     table = pd.DataFrame({"time_s": t, "displacement_mm": x_mm, "force_N": 0.4 * np.gradient(x_mm, t)})
-    with pytest.raises(FileProblem, match=r"2 motions in one table.*rows [0-9]+ to [0-9]+.*Fix: create a separate "
-        r"point"):
+    with pytest.raises(FileProblem, match=r"the table contains 2 motions.*rows [0-9]+ to [0-9]+.*Fix: create a "
+        r"separate point"):
         RecordedPoint.from_pandas(table, id="a", current_A=0.5)
     assert RecordedPoint.from_pandas(table.iloc[:1950], id="a", current_A=0.5).frequency_Hz == pytest.approx(1.0, 0.02)
     with pytest.raises(FileProblem, match="force: none of 4000 rows contains a number"):

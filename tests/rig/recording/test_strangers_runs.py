@@ -57,7 +57,7 @@ def test_a_copy_of_a_recording_is_left_out_and_named_and_takes_no_other_points_p
     stored(campaign, "p000", "p001", journal_check="a")
     stored(campaign, "p001", "p001", journal_check="a")
     stored(campaign, "p001-attempt2", "p001", journal_check="b")
-    with pytest.warns(DataWarning, match=r"p000 left out: a copy \(points/p000.h5 holds .* as points/p001.h5\)"):
+    with pytest.warns(DataWarning, match=r"p000 left out as a copy \(points/p000.h5 contains .* as points/p001.h5\)"):
         run = Run.open(campaign)
     assert [point.path.stem for point in run.points if point.path] == ["p001", "p001-attempt2"]
 
@@ -69,8 +69,8 @@ def test_files_with_swapped_names_and_of_another_campaign_are_named_and_used(cam
     with pytest.warns(DataWarning) as warned:
         run = Run.open(campaign)
     said = "\n".join(str(one.message) for one in warned)
-    assert "points/p001.h5 holds the point p010" in said
-    assert "points/p010.h5 holds the point p001" in said
+    assert "points/p001.h5 contains the point p010" in said
+    assert "points/p010.h5 contains the point p001" in said
     assert "points/p010.h5 was recorded in another campaign (theirs)" in said
     assert sorted(point.id for point in run.points) == ["p001", "p010"]
 

@@ -47,7 +47,7 @@ ACCEPTED: dict[str, tuple[Callable[[], pd.DataFrame], float]] = {
 }  # fmt: skip
 
 
-@pytest.mark.filterwarnings("ignore:.* columns without a unit are read in SI")
+@pytest.mark.filterwarnings("ignore:.* columns without a unit are assumed to be in SI")
 @pytest.mark.parametrize(("make", "first_s"), ACCEPTED.values(), ids=ACCEPTED)
 def test_a_time_is_read_in_seconds_wherever_it_stands(make: Callable[[], pd.DataFrame], first_s: float) -> None:
     point = RecordedPoint.from_pandas(make(), id="mine", current_A=0.5)
@@ -88,16 +88,16 @@ def test_a_table_is_taken_as_the_same_table_in_a_file(name: str, tmp_path: Path)
 
 
 REFUSED: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
-    "row numbers": (lambda: table(), "counts rows. Fix: add a column `time_s`"),
-    "filtered row numbers": (lambda: table().iloc[7:], "counts rows"),
-    "row numbers as floats": (lambda: table(np.arange(len(TIME_S), dtype=float)), "counts rows"),
-    "index named sample": (lambda: table(pd.Index(TIME_S, name="sample")), "its index (sample) counts rows"),
-    "texts": (lambda: table([f"{t:.4f}" for t in TIME_S]), "counts rows"),
+    "row numbers": (lambda: table(), "only numbers the rows. Fix: add a column `time_s`"),
+    "filtered row numbers": (lambda: table().iloc[7:], "only numbers the rows"),
+    "row numbers as floats": (lambda: table(np.arange(len(TIME_S), dtype=float)), "only numbers the rows"),
+    "index named sample": (lambda: table(pd.Index(TIME_S, name="sample")), "its index (sample) only numbers the rows"),
+    "texts": (lambda: table([f"{t:.4f}" for t in TIME_S]), "only numbers the rows"),
     "two levels": (
-        lambda: table(pd.MultiIndex.from_arrays([TIME_S, TIME_S], names=["time_s", "t"])), "counts rows",
+        lambda: table(pd.MultiIndex.from_arrays([TIME_S, TIME_S], names=["time_s", "t"])), "only numbers the rows",
     ),
     "column of texts": (lambda: table(time=["x"] * len(TIME_S)), "the time in 'time' is not a number"),
-    "column of row numbers": (lambda: table(time=np.arange(len(TIME_S))).set_axis(range(len(TIME_S))), "counts rows"),
+    "column of row numbers": (lambda: table(time=np.arange(len(TIME_S))).set_axis(range(len(TIME_S))), "only numbers"),
     "different time columns": (lambda: table(time_s=TIME_S, t_ms=TIME_S), "time columns: 'time_s', 't_ms'"),
     "backwards": (lambda: table(pd.Index(TIME_S[::-1], name="time_s")), "must increase from row to row"),
     "a date missing": (
@@ -159,7 +159,7 @@ def test_bare_numbers_are_taken_in_si_with_a_warning_and_wrong_units_are_refused
         with pytest.raises(FileProblem, match=says):
             RecordedPoint.from_pandas(made, id="mine", current_A=0.5, units=units)
     made = made.rename(columns={"force": "force_kN"}).assign(force_N=MOTION_M)
-    with pytest.raises(FileProblem, match="'force_kN' and 'force_N' are both the force"):
+    with pytest.raises(FileProblem, match="'force_kN' and 'force_N' both contain the force"):
         RecordedPoint.from_pandas(made, id="mine", current_A=0.5)
 
 

@@ -127,7 +127,8 @@ def test_a_rod_that_moves_on_with_nothing_to_press_it_just_then_did_not_stand(
 def test_a_rod_that_moves_when_its_standstill_is_proved_is_found_whatever_presses_on_it_later(shown: Shown) -> None:
     shown.notes("FAULT", JAMMED, 0.1)
     shown.moves(-0.5, 0.0, 6e-3)
-    assert [words for words, _ in what_is_proved_is_true(shown.view)] == ["standstill was confirmed at 0.006 m/s"]
+    (words,) = [words for words, _ in what_is_proved_is_true(shown.view)]
+    assert words == "standstill was confirmed while the rod moved at 0.006 m/s"
 
 
 @pytest.mark.parametrize(
@@ -183,7 +184,8 @@ def test_a_current_that_begins_after_the_last_status_was_measured_is_not_in_the_
 
 def test_a_current_that_has_not_gone_yet_is_in_the_proof(shown: Shown) -> None:
     shown.flows(-0.5, 0.002, 0.3)
-    assert [words for words, _ in what_is_proved_is_true(shown.view)] == ["0 A was confirmed at 0.30 A"]
+    (words,) = [words for words, _ in what_is_proved_is_true(shown.view)]
+    assert words == "0 A was confirmed while the current was 0.30 A"
 
 
 @pytest.mark.parametrize(

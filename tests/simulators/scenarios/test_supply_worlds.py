@@ -108,5 +108,5 @@ def test_what_needs_a_bus_or_outlives_its_host_does_not_happen_here(tmp_path: Pa
     assert drawn
     assert not drawn & {"can-busoff", "can-babble", "can-foreign", "ecu-overtemp", "station-killed", "power-cut"}
     for happening in ("can-babble@1", "station-killed@1"):
-        with pytest.raises(click.BadParameter, match="a power supply as current source"):
+        with pytest.raises(click.BadParameter, match="a power supply as the current source"):
             request_for(given, (happening,), None)

@@ -92,7 +92,7 @@ def test_a_world_has_the_sensors_that_the_bench_file_describes(tmp_path: Path) -
 
 def test_the_example_bench_is_reached_by_other_wires_and_that_is_told(tmp_path: Path) -> None:
     asked = request_for(files(tmp_path, DEMO), (), None)
-    assert "by slcan at 500 kbit/s instead of socketcan" in " ".join(asked.stood_in)
+    assert "over slcan at 500 kbit/s instead of socketcan" in " ".join(asked.stood_in)
     assert {asked.plan(seed).actuator for seed in range(30)} == {"tcp"}
     assert asked.again(7).startswith(f"rig scenarios --seeds 7 --bench {tmp_path}/my-bench.toml --matrix {tmp_path}")
 

@@ -214,19 +214,19 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
         (["--seeds", "a:b"], "expected FIRST:END"),
         (["--seeds", "-3:1"], "expected FIRST:END"),
         (["--seeds", "1_0:20"], "expected FIRST:END"),
-        (["--seeds", "1", "--event", "e-stop@3"], "is no row of the fault matrix"),
+        (["--seeds", "1", "--event", "e-stop@3"], "is neither a row of the fault matrix"),
         (["--seeds", "1", "--event", "power-cut@soon"], "write power-cut@SECONDS"),
-        (["--seeds", "1", "--event", "power-cut@nan"], "allowed times: 0 to"),
+        (["--seeds", "1", "--event", "power-cut@nan"], "times must be from 0 to"),
         (["--seeds", "1", "--event", "usb-renumber@1"], "named ports do not exist in a scenario"),
-        (["--seeds", "1", "--event", "rtu-crc@1", "--event", "modbus-reset@1"], "connected by tcp"),
+        (["--seeds", "1", "--event", "rtu-crc@1", "--event", "modbus-reset@1"], "connected over tcp"),
         (["--seeds", "1", "--event", "loadcell-pulled:auxiliary@1"], "requires an auxiliary channel"),
         (["--seeds", "1", "--event", "station-stalled@3"], "a duration is required, such as station-stalled@3+0.5"),
         (["--seeds", "1", "--event", "pause@3+0"], "a duration is required"),
         (["--seeds", "1", "--event", "disk-full@3+2"], "has no duration. Fix: write disk-full@3"),
-        (["--seeds", "1", "--event", "rtu-crc@1", "--actuator", "tcp"], "this bench is connected by tcp"),
+        (["--seeds", "1", "--event", "rtu-crc@1", "--actuator", "tcp"], "this bench is connected over tcp"),
         (["--seeds", "1", "--until", "nan"], "expected a number of seconds above 0"),
-        (["--seeds", "0:2", "--trace", "steps"], "--trace writes only one"),
-        (["--seeds", "1", "--shrink", "--until", "3"], "--shrink needs"),
+        (["--seeds", "0:2", "--trace", "steps"], "--trace accepts only one"),
+        (["--seeds", "1", "--shrink", "--until", "3"], "--shrink requires"),
         (["--matrix", "nowhere.toml"], "nowhere.toml: there is no such file"),
         (["--bench", "nowhere.toml"], "nowhere.toml: there is no such file"),
     ],
@@ -264,7 +264,7 @@ def test_a_world_that_fails_is_told_with_the_command_that_runs_it_again(
     assert [(entry["seed"], entry["invariant"], entry["at_s"]) for entry in answer["failed"]] == [(17, "points", 12.5)]
     assert answer["failed"][0]["again"] == again
     assert answer["rig_hours"] == 0.02
-    assert err.rstrip().endswith(f"1 failed (points 1). To reduce the first scenario: {again} --shrink")
+    assert err.rstrip().endswith(f"1 failed (points 1). To reduce the first failing scenario: {again} --shrink")
 
 
 def test_a_world_that_breaks_the_simulation_is_a_failure_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
