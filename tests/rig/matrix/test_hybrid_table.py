@@ -206,9 +206,9 @@ def test_a_wrong_value_beside_a_needless_table_is_told_with_it(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("bump", "slug", "said"),
     [
-        ('length = "2 m"\nsides = "right"', "hybrid", "by 0 mm"),
-        ('length = "2 m"\nstart = "9000 m"', "hybrid", "by 0 mm"),
-        ('length = "20 cm"', "sampling", "steps of 10 ms lose"),
+        ('length = "2 m"\nsides = "right"', "hybrid", "by only 0 mm"),
+        ('length = "2 m"\nstart = "9000 m"', "hybrid", "by only 0 mm"),
+        ('length = "20 cm"', "sampling", "with steps of 10 ms"),
     ],
 )
 def test_a_road_that_never_comes_or_is_over_between_two_steps_is_refused(

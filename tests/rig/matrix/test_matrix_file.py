@@ -138,7 +138,7 @@ def test_a_wrong_entry_is_refused_with_its_place_and_what_would_fit(tmp_path: Pa
 def test_two_points_of_one_name_are_refused(tmp_path: Path) -> None:
     extra = '[[point]]\nid = "P003"\namplitude = "5 mm"\nfrequency = "3 Hz"\ncurrent = "1 A"\n'
     (found,) = problems(tmp_path, HEAD + SWEEP + extra)
-    assert "two points have the ID p003" in found
+    assert "duplicate point ID: p003" in found
 
 
 def test_a_list_entry_is_named_by_its_number(tmp_path: Path) -> None:
