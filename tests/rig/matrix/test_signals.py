@@ -160,7 +160,7 @@ def test_a_jump_in_a_file_is_faster_than_the_rig_and_told_where(tmp_path: Path) 
         ("time_s,displacement_mm\n0,0\n1e300,1\n2e300,3\n3e300,0\n", "line 3: '1e300,1' is not a row"),
         ("time_us,displacement_mm\n0,0\n1e-310,1\n2e-310,3\n3e-310,0\n", "rows 1 and 2 are less than 1e-09 s apart"),
         ("time_s;displacement_mm\n0,00;0,0\n0,01;1,5\n", "line 2: .*; the decimal separator must be a point"),
-        ("time_s,displacement_mm\n" + "".join(f"{k / 10},5\n" for k in range(50)), "too little motion between the ramps"),
+        ("time_s,displacement_mm\n" + "".join(f"{k / 10},5\n" for k in range(50)), "motion between the ramps"),
     ],
 )  # fmt: skip
 def test_a_file_that_is_no_motion_is_refused_with_its_line(tmp_path: Path, drive: str, said: str) -> None:
