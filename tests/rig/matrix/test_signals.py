@@ -148,7 +148,7 @@ def test_a_jump_in_a_file_is_faster_than_the_rig_and_told_where(tmp_path: Path) 
     ("drive", "said"),
     [
         ("", "is empty"),
-        ("t,x\n0,1\n", "no column of time"),
+        ("t,x\n0,1\n", "no column for time"),
         ("time_s,displacement\n0,1\n", "displacement_mm"),
         (rows().replace("\n1.0000,", "\n1.0000,nan,").replace("nan,", "nan#", 1), "line 102"),
         (rows().replace("\n1.0000,-0.000000", "\n1.0000,nan"), "line 102: '1.0000,nan' is not a row"),

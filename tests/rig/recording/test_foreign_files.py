@@ -137,7 +137,7 @@ def test_thousands_are_told_from_decimals_where_a_number_has_both(tmp_path: Path
 @pytest.mark.parametrize(("text", "columns", "problem"), [
     ("t_s;x;F_N\ns;mm;N\n", {"displacement": "x:N"}, "displacement=x:N: 'N' is not a unit of length"),
     ("t_s;x_mm;F\ns;m;N\n", {"displacement": "x_mm"}, "the column name states mm, but the file states m"),
-    ("t_s;x;F\ns;mm;N\n", {"displacement": "F"}, "the file states 'N', which is not a unit of length"),
+    ("t_s;x;F\ns;mm;N\n", {"displacement": "F"}, "the file states the unit 'N', which is not a unit of length"),
     ("t_s;x_mm;x_mm\n", {"displacement": "x_mm"}, "2 columns have the name 'x_mm'"),
     ("t_s;x_mm;F_N\n", {"displacement": "y_mm"}, "no column 'y_mm'; columns: t_s, x_mm, F_N"),
 ])
