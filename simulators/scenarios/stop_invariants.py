@@ -52,8 +52,10 @@ MOVING_M_S = 0.02
 OVERRUN_S, STARTED_NS = 0.3, 1e9
 SEEN_LATER = frozenset({
     "load-train", "stop-ignored", "current-stuck", "coil-open-short", "current-tracking", "second-master:jumps",
+    "actuator-frozen:slips",
 })  # fmt: skip
-"""Rows that show only when a loop has changed, a motion is to end, or a current is to flow; jumps spoil the point."""
+"""Rows that show only when a loop has changed, a motion is to end, or a current is to flow; jumps spoil the point; a
+slip shows when it is larger than what delays explain at the speed of the motion."""
 OTHER_NAMES = {
     "can-busoff:lost": {"can-lost"},
     "current-tracking": {"load-train"},
