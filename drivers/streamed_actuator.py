@@ -8,7 +8,8 @@ The device holds by itself until the first motion, from then on it follows, at r
 pressure is lowered, it has tripped, or it was halted by a command of its own; the next motion begins where the rod is.
 
 A set-point leaves only if the rod can reach it (`SetpointGuard`). What was sent and not acknowledged counts as not
-taken. After a time without a set-point that was taken:
+taken, nor does what was acknowledged without its counter by a device that repeats counters. After a time without a
+set-point that was taken:
 
     up to 1.6 periods, and     the motion goes on
     6 ms after the period
@@ -66,6 +67,8 @@ LATEST_S = 0.006
 """A set-point that comes later after the last one than this many periods, or than a period and this time (wall s), is
 sent only after the rod was measured: meanwhile the device has gone on at the last speed, or held the last position, and
 only the rod shows which."""
+PROMPT_ANSWERS = 20
+"""A device that repeated the counter at once so often in a row does so always."""
 LOOKS_APART_PERIODS = 0.5
 RESTS_M = 1e-3
 """A rod at rest that is farther from the set-point it was to hold is held where it is; one that goes no farther during
@@ -132,6 +135,7 @@ class StreamedActuator:
         self._lag = ServoLag()
         self._lead = None if getattr(device, "takes_speed", True) else SetpointLead(limits, self._period_s)
         self._seen: tuple[float, float] | None = None
+        self._prompt = self._missing = 0
         self._following = False
         self._refused = False
         self._stopped = self._withheld = False
@@ -362,9 +366,11 @@ class StreamedActuator:
         braking = self._source.state is State.HALTING
         setpoint = self._guard.reachable(setpoint, now_s, self._source.fastest_m_s, braking=braking)
         self.last, self.taken_m = setpoint, math.nan
-        status = self._sent(setpoint, now_s, watchdog_counter)
-        self._refused = self.broken_off = False
-        self._guard.taken(setpoint, now_s)
+        status, took = self._sent(setpoint, now_s, watchdog_counter)
+        self._refused = False
+        if took:
+            self.broken_off = False
+            self._guard.taken(setpoint, now_s)
         self._lag.add(setpoint, status.position_m)
         self.taken_m = status.setpoint_m
         return self._shown(status)
@@ -379,8 +385,11 @@ class StreamedActuator:
             self._withheld = high_m - low_m < RESTING_M and abs(high_m - held_m) > RESTS_M
         return self._withheld
 
-    def _sent(self, setpoint: Setpoint, now_s: float, watchdog_counter: int | None) -> ActuatorStatus:
+    def _sent(self, setpoint: Setpoint, now_s: float, watchdog_counter: int | None) -> tuple[ActuatorStatus, bool]:
         """Send a set-point, as the device takes it.
+
+        Returns:
+            The status, and whether the device took the set-point as far as it shows.
 
         Raises:
             RequestRefused: the device does not take it.
@@ -396,9 +405,28 @@ class StreamedActuator:
             if lead is not None:
                 lead.lost(sent.position_m)  # the device may have taken it, and refused the read that follows
             raise
-        if lead is not None:
+        took = self._took(status, watchdog_counter)
+        if lead is not None and took:
             lead.taken(sent.position_m, now_s)
-        return status
+        elif lead is not None:
+            lead.lost(sent.position_m)
+        return status, took
+
+    def _took(self, status: ActuatorStatus, watchdog_counter: int | None) -> bool:
+        """Whether the device took a set-point that it acknowledged, where it always repeats the counter at once.
+
+        A single answer without it may be a late one of a slow device, from which no conclusion is drawn for some time.
+        """
+        if watchdog_counter is None or not self._device.capabilities.echo:
+            return True
+        if status.watchdog_echo == watchdog_counter:
+            self._prompt = 0 if self._missing == 1 else self._prompt + 1
+            self._missing = 0
+            return True
+        self._missing += 1
+        if self._prompt < PROMPT_ANSWERS:
+            self._prompt = 0
+        return self._prompt == 0
 
     def _measure(self, status: ActuatorStatus, asked_s: float) -> bool:
         """After a gap: go on, or brake, from where the rod is; False while that is not known.

@@ -309,7 +309,7 @@ def running(rod: Rod, order: Program | Move, until_s: float) -> StreamedActuator
 def polled(rod: Rod, driver: StreamedActuator, seconds: float) -> None:
     for _ in range(round(seconds / 0.01)):
         with contextlib.suppress(RequestRefused):
-            driver.exchange(len(rod.taken))
+            driver.exchange(round(1e3 * rod.now_s) % 0x10000)
         rod.now_s += 0.01
 
 
@@ -463,6 +463,64 @@ class Deaf(Rod):
             self.taken = taken
             return self.read_status()
         return status
+
+
+class Echoing(Rod):
+    """It repeats the counter of the last set-point that it took, and loses some."""
+
+    capabilities = replace(Rod.capabilities, echo=True)
+    loses = 0
+    late = 0
+    echo = 0
+
+    def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
+        taken, before = list(self.taken), self.echo
+        status = super().follow(setpoint, watchdog_counter)
+        self.echo = watchdog_counter or 0
+        if self.loses:
+            self.loses -= 1
+            self.taken, self.echo = taken, before
+            status = self.answered()
+        elif self.late:
+            self.late -= 1
+            return status._replace(watchdog_echo=before)
+        return status._replace(watchdog_echo=self.echo)
+
+
+@pytest.mark.parametrize("lost", [4, 8, 15])
+@pytest.mark.parametrize("phase_s", [0.7, 0.8, 0.95, 1.05])
+@pytest.mark.parametrize("stop", [None, Command.FADE_STOP])
+def test_set_points_that_are_lost_and_acknowledged_are_a_gap_where_the_device_repeats_its_counter(
+    monkeypatch: pytest.MonkeyPatch, lost: int, phase_s: float, stop: Command | None
+) -> None:
+    """Seed 1101153: after four lost set-points the next one of the fade was a step of 2.2 mm, at 0.11 m/s."""
+    rod = Echoing()
+    monkeypatch.setattr(clock, "elapsed_ns", lambda: round(1e9 * rod.now_s))
+    driver = running(rod, SINE, phase_s)
+    count, rod.loses = len(rod.taken), lost
+    polled(rod, driver, 0.03)
+    if stop is not None:
+        driver.send(stop)
+    polled(rod, driver, 0.5)
+    assert rod.loses == 0
+    step_m, change_m_s = jumps(rod, len(rod.taken) - count + 1)
+    assert step_m < 0.06 * 60.0 * 0.01**2
+    assert change_m_s < 60.0 * 0.01
+
+
+def test_a_device_that_repeats_its_counter_late_is_followed_as_one_that_took_the_set_point(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rod = Echoing()
+    monkeypatch.setattr(clock, "elapsed_ns", lambda: round(1e9 * rod.now_s))
+    driver = running(rod, SINE, 0.7)
+    for _ in range(10):
+        rod.late = 1
+        polled(rod, driver, 0.05)
+    rod.looked.clear()
+    rod.late = 20
+    polled(rod, driver, 0.2)
+    assert (rod.looked, driver.breaks, driver.in_motion) == ([], 0, True)
 
 
 @pytest.mark.parametrize("stop", [Command.FADE_STOP, Command.HALT])
