@@ -13,6 +13,7 @@ from rig.campaign.results import RigState
 from rig.errors import EXIT_REFUSED
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.faults.row import Ending, StopKind
+from simulators.beyond_limits import MOST_SLIP_M, SLIP_M_S
 from simulators.scenarios.motion_invariants import motion_of
 from simulators.scenarios.plan import DISK, FOREIGN, OF_THE_STATION, SIGNALS
 from simulators.scenarios.proof_invariants import moving_by_itself
@@ -52,10 +53,10 @@ MOVING_M_S = 0.02
 OVERRUN_S, STARTED_NS = 0.3, 1e9
 SEEN_LATER = frozenset({
     "load-train", "stop-ignored", "current-stuck", "coil-open-short", "current-tracking", "second-master:jumps",
-    "actuator-frozen:slips",
 })  # fmt: skip
-"""Rows that show only when a loop has changed, a motion is to end, or a current is to flow; jumps spoil the point; a
-slip shows when it is larger than what delays explain at the speed of the motion."""
+"""Rows that show only when a loop has changed, a motion is to end, or a current is to flow; jumps spoil the point."""
+GROWS_S = {"actuator-frozen:slips": MOST_SLIP_M / SLIP_M_S}
+"""For so long a slip may be smaller than what delays explain at the speed of the motion."""
 OTHER_NAMES = {
     "can-busoff:lost": {"can-lost"},
     "current-tracking": {"load-train"},
@@ -72,6 +73,7 @@ OTHER_NAMES = {
     "sensor-stuck:lvdt": {"sensor-saturated"},
     "modbus-mismatch": {"rtu-crc"},
     "stop-ignored:pressure": {"hydraulics"},
+    "setpoints-late": {"modbus-halfopen"},  # several slow answers in a row: no fresh value for as long
     "setpoints-lost": {"speed-limit"},  # a device that takes them again jumps to the newest one
     "sample-gap": {"loadcell-pulled"},
     "sample-gap:lvdt": {"lvdt-pulled"},
@@ -376,7 +378,7 @@ def a_fault_ends_the_motion(view: View) -> Findings:
             continue
         rows = view.between(at_ns, min(until_ns, at_ns + 1e9 * view.lasts_s(fault)))
         moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
-        if moved_s > max(UNNOTICED_S, UNNOTICED_TIMES * (row.limit_s or 0.0)):
+        if moved_s > max(UNNOTICED_S, UNNOTICED_TIMES * (row.limit_s or 0.0)) + GROWS_S.get(fault, 0.0):
             yield f"{fault}: the rod continued to move for {moved_s:.1f} s", at_ns
 
 

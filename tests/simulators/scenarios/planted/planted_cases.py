@@ -78,6 +78,7 @@ def without(case: Case) -> tuple[dict[str, str], set[str]]:
     return failed, {name for name, _ in marks}
 
 
+LONG = matrix_text("0.5 A", amplitude="6 mm", frequency="4 Hz", cycles=14)
 PULLED = ("loadcell-pulled@0.5",)
 KILLED = ("application-killed@5",)
 NAMED = """format = 1
@@ -158,7 +159,7 @@ CASES: dict[str, Case] = {
     "acceleration-limit": Case("acceleration", ("second-master:jumps@0.3", "sigint@4")),
     "current-limit": Case("limits", ("current-stuck:full@0.5",)),
     "coil-temperature": Case("limits", ("ecu-overtemp:coil@0.5",)),
-    "positions-compared": Case("moves-on", ("actuator-frozen:slips@0.1",)),
+    "positions-compared": Case("moves-on", ("actuator-frozen:slips@0.1",), matrix=LONG),
     "standstill-proved": Case("true-proof", PULLED),
     "place-held": Case(
         "held", ("ecu-overtemp@0.5+8", "actuator-frozen:slips@2", "sigterm@9"), 3, matrix=COOLS, bench=FLOATS
@@ -182,6 +183,7 @@ CASES: dict[str, Case] = {
     "fade-by-clock": Case("slows-down", BUSY, 3, matrix=SINE, bench=STREAMED),
     "rod-not-measured": Case("setpoints", BUSY, 3, matrix=SINE, bench=STREAMED),
     "old-measurement": Case("set-in-motion", ("setpoints-late@0.5+0.33",), 3, matrix=SINE, bench=STREAMED),
+    "counted-as-taken": Case("set-in-motion", ("modbus-write-lost@1.0+0.06",), matrix=SINE, bench=STREAMED),
     "lost-set-points": Case("slows-down", ("modbus-write-lost@0.5+0.25",), 3, matrix=SWEEP, bench=STREAMED),
     "fades-nothing": Case("slows-down", PULLED, 3, matrix=SINE, bench=STREAMED),
     "stopping-distance": Case("stopping-distance", matrix=FAST, bench=LONG_HALT),
