@@ -380,10 +380,14 @@ class StreamedActuator:
 
         The device holds the rod by itself. The next motion begins where it does.
         """
-        if self._stopped and not self._withheld and not self.in_motion and len(self._polled_m) == RESTING_POLLS:
-            low_m, high_m, held_m = min(self._polled_m), max(self._polled_m), self._source.last.position_m
-            self._withheld = high_m - low_m < RESTING_M and abs(high_m - held_m) > RESTS_M
+        if self._stopped and not self._withheld and not self.in_motion and self._rests():
+            self._withheld = abs(max(self._polled_m) - self._source.last.position_m) > RESTS_M
         return self._withheld
+
+    def _rests(self) -> bool:
+        """The rod is at rest, by its last positions."""
+        polled_m = self._polled_m
+        return len(polled_m) == RESTING_POLLS and max(polled_m) - min(polled_m) < RESTING_M
 
     def _sent(self, setpoint: Setpoint, now_s: float, watchdog_counter: int | None) -> tuple[ActuatorStatus, bool]:
         """Send a set-point, as the device takes it.
@@ -436,8 +440,11 @@ class StreamedActuator:
             asked_s: when that was requested (s of the device's time).
         """
         if not self.in_motion:
+            if self._stopped and not self._rests():
+                return False
             held_m, now_s = self._source.last.position_m, self._now_s()
-            if math.isfinite(status.position_m) and abs(status.position_m - held_m) > RESTS_M:
+            # After a stop the rod may have been proved to stand still: nothing sets it in motion again.
+            if abs(status.position_m - held_m) > (RESTING_M if self._stopped else RESTS_M):
                 self._source.rest(status.position_m)
             self._guard.measured(self._source.last, now_s, catch_up=False)
             if self._lead is not None:

@@ -302,7 +302,8 @@ def setpoints_go_on_from_each_other(view: View) -> Findings:
     motion, given = motion_of(view), view.session.truth.setpoints
     if motion is None or len(given) < 2:
         return
-    rows, others, displaced = _ours(view), _not_ours(view), view.spans(SLIPPING)
+    others = _not_ours(view, motion.at_their_own_speed)
+    rows, displaced = _ours(view), view.spans(SLIPPING)
     if not len(rows):
         return
     gained_m_s = OFF_M_S + motion.bench.limits.acceleration_m_s2 * 2.0 * TAKEN_LATE_S

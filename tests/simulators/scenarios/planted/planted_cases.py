@@ -184,7 +184,6 @@ CASES: dict[str, Case] = {
     "rod-not-measured": Case("setpoints", BUSY, 3, matrix=SINE, bench=STREAMED),
     "old-measurement": Case("set-in-motion", ("setpoints-late@0.5+0.33",), 3, matrix=SINE, bench=STREAMED),
     "counted-as-taken": Case("set-in-motion", ("modbus-write-lost@1.0+0.06",), matrix=SINE, bench=STREAMED),
-    "lost-set-points": Case("slows-down", ("modbus-write-lost@0.5+0.25",), 3, matrix=SWEEP, bench=STREAMED),
     "fades-nothing": Case("slows-down", PULLED, 3, matrix=SINE, bench=STREAMED),
     "stopping-distance": Case("stopping-distance", matrix=FAST, bench=LONG_HALT),
     "pressure-assumed": Case("rest", ("stop-ignored:pressure@0.3", "loadcell-pulled@0.5")),
