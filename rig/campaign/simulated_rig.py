@@ -112,7 +112,8 @@ class SimulatedRig:
 
         Raises:
             RigError: it does not take `options.simulator_args`.
-            Refused: it ended before it was ready, or was not ready in time; the end of its log is in the message.
+            Refused: it ended before it was ready, or was not ready in time (the message states which); the end of
+                its log is in the message.
         """
         truth_path, log_path = CampaignFolder(folder).truth, CampaignFolder(folder).simulator_log
         keep_truth(CampaignFolder(folder))
@@ -135,6 +136,9 @@ class SimulatedRig:
         if not line:
             _end(process)
             tail = log_path.read_text(encoding="utf-8", errors="replace")[-2000:].strip()
+            if line is None:
+                raise Refused("simulator", f"the simulated rig was not ready within {START_TIMEOUT_S:.0f} s. Fix: "
+                    f"close other programs that use the processor, then repeat the command. Its output:\n{tail}")
             if process.returncode == EXIT_USAGE:
                 raise RigError(f"arguments for the simulated rig (after --): {tail}")
             raise Refused(
@@ -185,6 +189,8 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
 
 
 def keep_truth(folder: CampaignFolder) -> None:
@@ -233,8 +239,8 @@ def _await_end(part: Path) -> None:
         os.close(handle)
 
 
-def _first_line(process: subprocess.Popen[bytes], timeout_s: float, waiting: Callable[[float], None]) -> str:
-    """The first line of standard output without its end; empty when the process ends or is silent."""
+def _first_line(process: subprocess.Popen[bytes], timeout_s: float, waiting: Callable[[float], None]) -> str | None:
+    """The first line of standard output without its end; empty when the process ends, None when it is silent."""
     if process.stdout is None:
         return ""
     began_ns = monotonic_ns()
@@ -249,6 +255,8 @@ def _first_line(process: subprocess.Popen[bytes], timeout_s: float, waiting: Cal
         line += chunk
         if b"\n" in line:
             return line.split(b"\n", 1)[0].decode("utf-8", "replace").strip()
+    else:
+        return None
     return ""
 
 

@@ -59,7 +59,8 @@ class Plot:
             else:
                 raise ValueError(f"{file.name}: got {file.suffix or 'no extension'}, expected .svg, .pdf or .png")
         except ImportError as error:
-            raise RigError(f"{file.name}: {error.name} is not installed. Fix: {how_to_install('pdf')}") from error
+            package = "Pillow" if error.name == "PIL" else error.name
+            raise RigError(f"{file.name}: {package} is not installed. Fix: {how_to_install('pdf')}") from error
         file.write_bytes(content)
         return file
 

@@ -104,7 +104,7 @@ def _result(journal: Path) -> dict[str, Any]:
         return {"cut_off": True, "points": list(points.values())}
     stop = result.get("stop")
     stands = str(stop.get("stands") or "") if isinstance(stop, dict) else ""
-    lines = [text for text in (str(result.get("detail") or ""), stands) if text]
+    lines = [text for text in (str(result.get("detail") or ""), stands[:1].upper() + stands[1:]) if text]
     lines += [str(one.get("text", "")) for one in _objects(result.get("findings"))]
     return {**{key: result.get(key) for key in KEYS}, "points": list(points.values()), "lines": lines}
 

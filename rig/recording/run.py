@@ -265,4 +265,6 @@ def _why_no_run(place: Path) -> str:
     journals = unfinished(points) if points.is_dir() else []
     if journals:
         return f"contains {len(journals)} journal(s) but no finished points. Fix: run `rig recover` on this folder"
+    if CampaignFolder(place).description.is_file():
+        return "no points were recorded: the campaign ended before its first point"
     return "this is not a run: it contains no points/*.h5"

@@ -33,7 +33,7 @@ function opinion() {
   if (invalid.length) return ["bad", "✗", "NOT OK", `invalid points: ${invalid.join(", ")}${todo}`];
   const doubt = suspect.length ? `; suspect points: ${suspect.join(", ")}` : "";
   if (state.asked) return ["wait", "?", "SET CURRENT", `${question(state.asked)}${doubt}`];
-  if (state.held) return ["wait", "Ⅱ", "READY", "waiting for Start"];
+  if (state.held) return ["wait", "Ⅱ", "READY", standing.mine ? "press Start to begin" : standing.role === "viewer" || standing.holder ? "waiting for Start" : "to begin, take control, then press Start"];
   if (state.phase === "paused") return ["wait", "Ⅱ", "PAUSED", `press Resume to continue${doubt}`];
   const what = `${state.phase || ""}${state.paused ? "; the campaign will pause after this point" : ""}`;
   if (suspect.length) return ["bad", "?", "CHECK", `suspect points: ${suspect.join(", ")}; ${what}`];

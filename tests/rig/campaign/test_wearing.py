@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from pathlib import Path
 
 import pytest
 
-from rig.campaign.simulated_rig import wearing
-from rig.errors import FileProblem
+from rig.campaign import simulated_rig
+from rig.campaign.results import CampaignOptions
+from rig.campaign.simulated_rig import SimulatedRig, wearing
+from rig.errors import FileProblem, Refused
+from rig.matrix.sections import Specimen
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
@@ -58,3 +62,19 @@ def test_a_supply_of_the_bench_is_worn_too(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     path.write_text(text[: text.index("[ecu]")] + ecu + text[text.index("[load_cell]") :], encoding="utf-8")
     assert after("--supply", wearing(path)) == ["rs-hmp"]
+
+
+@pytest.mark.parametrize(("does", "cause"), [("exec sleep 30", "not ready within 0 s"), ("exit 9", "exit code 9")])
+def test_a_start_that_takes_too_long_is_not_reported_as_an_exit_code(
+    does: str, cause: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "simulator.sh"
+    program.write_text(f"#!/bin/sh\n{does}\n", encoding="ascii")
+    program.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(program))
+    if "sleep" in does:
+        monkeypatch.setattr(simulated_rig, "START_TIMEOUT_S", 0.2)
+    specimen = Specimen.model_validate({"serial_number": "S", "stroke": "170 mm", "mid_stroke": "0 mm"})
+    with pytest.raises(Refused, match=cause) as refused:
+        SimulatedRig.start(tmp_path, CampaignOptions(tmp_path / "matrix.toml", tmp_path), specimen, lambda _: None)
+    assert refused.value.slug == "simulator"

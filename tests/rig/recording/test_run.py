@@ -77,6 +77,9 @@ def test_paths_that_are_no_run_are_told_apart(run: Run, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileProblem, match="not a run"):
         Run.open(tmp_path / "empty")
+    (tmp_path / "empty" / "campaign.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(FileProblem, match="no points were recorded"):
+        Run.open(tmp_path / "empty")
     points = tmp_path / "broken" / "points"
     points.mkdir(parents=True)
     (points / "p001.journal").touch()
@@ -124,7 +127,7 @@ def test_arrays_that_are_no_samples_of_one_time_base_are_refused(change: dict[st
 def test_a_table_with_two_columns_of_one_name_is_refused() -> None:
     time_s = np.arange(100) / 50.0
     table = pd.DataFrame({"displacement": np.sin(9.0 * time_s), "force": time_s}, index=pd.Index(time_s, name="time_s"))
-    with pytest.raises(FileProblem, match="several columns 'force'"):
+    with pytest.raises(FileProblem, match="several columns named 'force'"):
         RecordedPoint.from_pandas(pd.concat([table, table[["force"]]], axis=1), id="p", current_A=0.0)
 
 
@@ -145,7 +148,7 @@ def test_a_table_that_is_no_test_says_why() -> None:
     time_s = np.arange(0.0, 1.0, 0.004)
     table = pd.DataFrame({"displacement": 0.0 * time_s, "F": 99.0 * time_s}, index=pd.Index(time_s, name="time_s"))
     table.attrs["units"] = {"displacement": "m", "force": "N"}
-    with pytest.raises(FileProblem, match="no column 'force'; it has \\['displacement', 'F'\\]"):
+    with pytest.raises(FileProblem, match="no column 'force'; its columns: \\['displacement', 'F'\\]"):
         RecordedPoint.from_pandas(table, id="mine", current_A=0.5)
-    with pytest.raises(FileProblem, match="is not after"):
+    with pytest.raises(FileProblem, match="must increase from row to row"):
         RecordedPoint.from_pandas(table.rename(columns={"F": "force"})[::-1], id="mine", current_A=0.5)
